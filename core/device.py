@@ -1,0 +1,198 @@
+"""Devices: any planar five-bar with its brakes and sensors, from its file to what the kernels read.
+
+Lengths in m, masses in kg, angles in rad (joint order A, E, B, C). A device that cannot exist is refused here:
+no tip position at which both arms close, or a mass matrix that has no inverse.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from core.brake_file import BrakeFile, parse_brake, read_brake_text
+from core.device_file import ELBOWS, DeviceFile, Geometry, Link, Sensing
+from core.errors import InputError
+from core.files import Pair, parse_toml, read_text
+from core.mechanism import JOINTS, Arm, Brakes, Mechanism
+from core.workspace import why_impossible
+
+SHIPPED_FOLDER = Path(__file__).resolve().parent / "devices"
+RAD_S_PER_RPM = 2.0 * math.pi / 60.0
+
+#: m. Our choice: bases closer than this count as one axis (g_E and g_C are then parallel to rounding).
+COAXIAL_WITHIN = 1e-9
+
+
+@dataclass(frozen=True)
+class Device:
+    """A device, ready for the kernels, with the files it came from."""
+
+    name: str
+    mechanism: Mechanism
+    brakes: Brakes
+    braked: str  # letters of the braked joints in the order A, E, B, C, e.g. "AEB"
+    force_normalised_N: float
+    assumed: bool  # some of its numbers are assumed: say so wherever they are shown
+    text: str  # the device file in full
+    brake_texts: dict[str, str]  # name (as in [brakes]) -> the brake file in full
+    sensing: Sensing | None
+    calibration: np.ndarray | None  # (6, 6) of the force sensor
+
+
+def shipped_devices() -> list[str]:
+    """Names of the devices that come with the product."""
+    return sorted(file.stem for file in SHIPPED_FOLDER.glob("*.toml"))
+
+
+def load_device(name_or_path: str | Path, folder: Path | None = None) -> Device:
+    """A shipped device by its name, or a device file by its path (relative to `folder` or the current folder)."""
+    if str(name_or_path) in shipped_devices():
+        path = SHIPPED_FOLDER / f"{name_or_path}.toml"
+    else:
+        path = (folder or Path()) / name_or_path
+        if not str(name_or_path) or not path.is_file():
+            raise InputError(
+                f"unknown device {str(name_or_path)!r}: neither a shipped device ({', '.join(shipped_devices())}) "
+                "nor a file"
+            )
+    text = read_text(path)
+    file = parse_toml(text, DeviceFile, str(path))
+    references = [getattr(file.brakes, joint) for joint in file.braked]
+    brake_texts = {r: read_brake_text(r, path.parent, f"{path}: brakes") for r in dict.fromkeys(references)}
+    return build_device(text, brake_texts, str(path), path.parent)
+
+
+def build_device(text: str, brake_texts: dict[str, str], where: str, folder: Path | None = None) -> Device:
+    """A device from its files' texts, as a session stores them; `where` names the device file in refusals.
+
+    A force-sensor calibration is read from `folder`; None leaves it out.
+    """
+    file = parse_toml(text, DeviceFile, where)
+    brakes: dict[str, BrakeFile] = {}
+    for joint in file.braked:
+        reference = getattr(file.brakes, joint)
+        if reference not in brake_texts:
+            raise InputError(f"{where}: brakes.{joint}: the brake file {reference!r} is missing")
+        brakes[joint] = parse_brake(brake_texts[reference], f"brake file {reference}")
+    mechanism = build_mechanism(file)
+    if reason := why_impossible(mechanism):
+        raise InputError(f"{where}: {reason}")
+    return Device(
+        name=file.name,
+        mechanism=mechanism,
+        brakes=build_brakes(brakes),
+        braked=file.braked,
+        force_normalised_N=force_normalised(file.geometry, brakes),
+        assumed="assumed" in {file.provenance, *(brake.provenance for brake in brakes.values())},
+        text=text,
+        brake_texts=dict(brake_texts),
+        sensing=file.sensing,
+        calibration=_calibration(file, folder, where),
+    )
+
+
+def build_mechanism(file: DeviceFile) -> Mechanism:
+    """The linkage as the kernels read it."""
+    g, m = file.geometry, file.mass
+    side_1, side_2 = ELBOWS[g.elbows]
+
+    def arm(
+        base: Pair, lengths: Pair, links: tuple[Link, Link], elbow_mass: float, joints: str, side: float
+    ) -> Arm:
+        (length_1, length_2), (link_1, link_2) = lengths, links
+        base_rotor, elbow_rotor = (m.rotor_inertia_kg_m2 if j in file.braked else 0.0 for j in joints)
+        com_1, inertia_1 = centre_and_inertia(link_1, length_1)
+        com_2, inertia_2 = centre_and_inertia(link_2, length_2)
+        return Arm(
+            base_x=base[0],
+            base_y=base[1],
+            length_1=length_1,
+            length_2=length_2,
+            side=side,
+            proximal=inertia_1
+            + link_1.mass_kg * com_1**2
+            + (elbow_mass + link_2.mass_kg) * length_1**2
+            + base_rotor
+            + elbow_rotor,
+            distal=inertia_2 + link_2.mass_kg * com_2**2 + elbow_rotor,
+            coupling=link_2.mass_kg * com_2 / length_2,
+            rotor=elbow_rotor,
+        )
+
+    stops = [getattr(file.limits, f"theta_{joint}_rad") for joint in JOINTS]
+    return Mechanism(
+        arm_1=arm(g.base_A_m, (g.L_AE_m, g.L_ED_m), (m.AE, m.ED), m.joint_E_kg, "AE", side_1),
+        arm_2=arm(g.base_B_m, (g.L_BC_m, g.L_CD_m), (m.BC, m.CD), m.joint_C_kg, "BC", side_2),
+        tip_mass=m.tip_kg,
+        coaxial=math.dist(g.base_A_m, g.base_B_m) <= COAXIAL_WITHIN,
+        margin=file.limits.margin,
+        theta_low=np.array([stop[0] if stop else -math.inf for stop in stops]),
+        theta_high=np.array([stop[1] if stop else math.inf for stop in stops]),
+        has_theta_stops=any(stop is not None for stop in stops),
+    )
+
+
+def centre_and_inertia(link: Link, length: float) -> tuple[float, float]:
+    """Centre of mass (m, from the proximal joint) and inertia about it (kg m2); L/2, m L^2 / 12 if left out."""
+    com = 0.5 * length if link.com_m is None else link.com_m
+    inertia = link.mass_kg * length**2 / 12.0 if link.inertia_kg_m2 is None else link.inertia_kg_m2
+    return com, inertia
+
+
+def build_brakes(files: dict[str, BrakeFile]) -> Brakes:
+    """The brakes of a device as the kernels read them; zeros at joints without one."""
+    arrays = Brakes(
+        present=np.zeros(4),
+        current_max=np.zeros(4),
+        k=np.zeros((4, 5)),
+        knee=np.zeros(4),
+        omega_0=np.zeros(4),
+        floor=np.zeros(4),
+        rise=np.zeros((4, 7)),
+        fall=np.zeros((4, 7)),
+        play=np.zeros(4),
+    )
+    for joint, brake in files.items():
+        i = JOINTS.index(joint)
+        arrays.present[i] = 1.0
+        arrays.current_max[i] = brake.current_max_A
+        arrays.k[i] = brake.k
+        arrays.knee[i] = brake.knee_A
+        arrays.omega_0[i] = brake.omega_0_rpm * RAD_S_PER_RPM
+        arrays.floor[i] = brake.floor_rpm * RAD_S_PER_RPM
+        arrays.rise[i] = (brake.rise.a_avg_s, *brake.rise.a)
+        arrays.fall[i] = (brake.fall.a_avg_s, *brake.fall.a)
+        arrays.play[i] = math.radians(brake.backlash_deg)
+    return arrays
+
+
+def force_normalised(geometry: Geometry, brakes: dict[str, BrakeFile]) -> float:
+    """The smallest force (N) that every brake can exert at its largest current anywhere in the workspace.
+
+    Section IV of the paper. A torque reaches the tip over a moment arm no longer than the proximal link (A, B) or
+    the shorter link of the arm (E, C), so this is the least of K(current_max) over that arm.
+    """
+    longest_arm = {
+        "A": geometry.L_AE_m,
+        "E": min(geometry.L_AE_m, geometry.L_ED_m),
+        "B": geometry.L_BC_m,
+        "C": min(geometry.L_BC_m, geometry.L_CD_m),
+    }
+    return min(brake.torque_gain(brake.current_max_A) / longest_arm[joint] for joint, brake in brakes.items())
+
+
+def _calibration(file: DeviceFile, folder: Path | None, where: str) -> np.ndarray | None:
+    """The 6 x 6 matrix that the device file names, or None."""
+    name = file.sensing.force.calibration if file.sensing and file.sensing.force else None
+    if name is None or folder is None:
+        return None
+    text = read_text(folder / name)
+    rows = [line.replace(",", " ").split() for line in text.splitlines() if line.strip()]
+    try:
+        matrix = np.array([[float(cell) for cell in row] for row in rows])
+    except ValueError:
+        matrix = np.empty(0)
+    if matrix.shape != (6, 6) or not np.all(np.isfinite(matrix)):
+        raise InputError(f"{where}: sensing.force.calibration: {name} does not hold 6 x 6 finite numbers")
+    return matrix

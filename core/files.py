@@ -1,0 +1,111 @@
+"""Strict TOML files: unknown keys, wrong types and numbers that are not finite are refused in one clear sentence.
+
+A file format is a tree of `Table`s. Every refusal is an `InputError` that names file, key and reason.
+"""
+
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import msgspec
+
+from core.errors import InputError
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+Pair = tuple[float, float]
+
+
+class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """One table of a file: its fields are the keys it may hold; a field without a default is required."""
+
+
+T = TypeVar("T", bound=Table)
+
+_TYPE_WORDS = {
+    "float": "a number", "int": "a whole number", "str": "text", "array": "a list", "object": "a table",
+    "bool": "true or false", "null": "nothing",
+}  # fmt: skip
+_AT = re.compile(r"^(?P<message>.*?)(?: - at `\$\.?(?P<key>.*)`)?$", re.DOTALL)
+_MISSING = re.compile(r"^Object missing required field `(.*)`$")
+_UNKNOWN = re.compile(r"^Object contains unknown field `(.*)`$")
+_TYPE = re.compile(r"^Expected `([^`]*)`, got `([^`]*)`$")
+_BOUND = re.compile(r"^Expected `(?:float|int)(?: \| null)?` (>=|>|<=|<) (\S+)$")
+_LENGTH = re.compile(r"^Expected `array` of length (?:(?:>=|<=) )?(\d+)(?:, got \d+)?$")
+_BOUND_WORDS = {">": "greater than", ">=": "at least", "<": "less than", "<=": "at most"}
+
+
+def read_text(path: Path) -> str:
+    """The text of a UTF-8 file with its line ends as "\\n"; an InputError where it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not a text file in UTF-8") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "the path is not valid"
+        raise InputError(f"{path}: cannot be read ({(reason or 'unknown reason').lower()})") from None
+
+
+def parse_toml(text: str, kind: type[T], where: str) -> T:
+    """`text` as a table of the given kind; `where` names the file in refusals."""
+    try:
+        content = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        raise InputError(f"{where}: is not valid TOML: {str(error) or 'nested too deeply'}") from None
+    _refuse_not_finite(content, "", where)
+    try:
+        return msgspec.convert(content, kind)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{where}: {_sentence(str(error), content)}") from None
+
+
+def read_toml(path: Path, kind: type[T]) -> tuple[T, str]:
+    """The file as a table of the given kind, and its text in full."""
+    text = read_text(path)
+    return parse_toml(text, kind, str(path)), text
+
+
+def one_of(value: str, choices: tuple[str, ...], key: str) -> None:
+    """For `__post_init__` of a table: a ValueError (it becomes the file's InputError) unless value is a choice."""
+    if value not in choices:
+        raise ValueError(f"{key} must be one of {', '.join(choices)}, not {value!r}")
+
+
+def _refuse_not_finite(value: Any, key: str, where: str) -> None:
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            _refuse_not_finite(inner, f"{key}.{name}" if key else name, where)
+    elif isinstance(value, list):
+        for i, inner in enumerate(value):
+            _refuse_not_finite(inner, f"{key}[{i}]", where)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise InputError(f"{where}: {key} must be finite, not {value}")
+
+
+def _sentence(message: str, content: dict[str, Any]) -> str:
+    """msgspec's message in our words; `content` is the file, to show the value at fault."""
+    match = _AT.match(message)
+    assert match is not None  # the pattern matches any text
+    reason, key = match["message"], match["key"] or ""
+    inside = f"{key}." if key else ""
+    if found := _MISSING.match(reason):
+        return f"the required key {inside}{found[1]} is missing"
+    if found := _UNKNOWN.match(reason):
+        return f"unknown key {inside}{found[1]}"
+    if found := _TYPE.match(reason):
+        wanted = " or ".join(_TYPE_WORDS.get(t, t) for t in found[1].split(" | ") if t != "null")
+        return f"{key} must be {wanted}, not {_TYPE_WORDS.get(found[2], found[2])}"
+    if found := _BOUND.match(reason):
+        return f"{key} must be {_BOUND_WORDS[found[1]]} {float(found[2]):g}, not {_value(content, key)!r}"
+    if found := _LENGTH.match(reason):
+        return f"{key} must hold {found[1]} values, not {len(_value(content, key))}"
+    return f"{key}: {reason}" if key else reason
+
+
+def _value(content: Any, key: str) -> Any:
+    """The value at a key such as `mass.AE.com_m` or `geometry.base_A_m[0]`."""
+    for name, index in re.findall(r"([^.\[\]]+)|\[(\d+)\]", key):
+        content = content[name] if name else content[int(index)]
+    return content

@@ -1,0 +1,298 @@
+"""Where inside a step the next event lies, located to rounding.
+
+An event is a moment at which the pattern of stick and slip ends. Each kind has a value that stays >= 0 until then:
+    0-3    rate of a slipping joint, in its sense             (it stops)
+    4      speed along the SDOF path of a held joint          (the whole device stops)
+    5, 6   what a held joint can still hold, either way       (it breaks loose)
+    7-10   what is left of a brake's backlash                 (its torque sets in)
+    11-15  gap to a hard stop                                 (impact)
+An event inside the step is seen by its value at the end, or by a dip of its cubic Hermite (a parabola for 5 and 6)
+below zero in between: two crossings inside one step must not be missed.
+"""
+
+import math
+
+from core.brake import lagged_yield
+from core.jit import kernel
+from core.smooth import joint_acceleration, rk4
+from core.stick_slip import same_line
+from core.stops import stop_gap
+
+NONE = -1
+SPEED, LOOSE_PLUS, LOOSE_MINUS, PLAY, STOP = 4, 5, 6, 7, 11
+
+#: Iterations to locate one event; bracketed, so it ends in any case. Smaller: events are not located to rounding.
+MAX_LOCATE = 40
+#: rad/s, m/s, N m, rad, sine: a value this far below zero is rounding, not an event. Larger: events are seen late.
+#: Smaller: rounding is taken for events.
+ROUNDING = 1e-12
+#: As above: an event located no nearer than this to zero was a graze, and motion goes on. Larger: a dip that does not
+#: reach zero sticks the brake.
+GRAZING = 1e-10
+
+
+@kernel
+def tangent(state, at):
+    """Unit tangent of the held joint's SDOF path at a state or trial, turned counter-clockwise from the row g."""
+    j = state.held
+    gx, gy = at.g[j, 0], at.g[j, 1]
+    one_over = 1.0 / math.sqrt(gx * gx + gy * gy)
+    return -gy * one_over, gx * one_over
+
+
+@kernel
+def path_speed(state, at):
+    """Speed along the held joint's SDOF path (m/s), signed by `tangent`."""
+    tx, ty = tangent(state, at)
+    return tx * at.tip[2] + ty * at.tip[3]
+
+
+@kernel
+def path_sense(state):
+    """Sense of motion along the SDOF path at the start of the step: of the speed, or from rest of the acceleration."""
+    tx, ty = tangent(state, state)
+    speed = tx * state.tip[2] + ty * state.tip[3]
+    if speed == 0.0:
+        speed = tx * state.acceleration[0] + ty * state.acceleration[1]
+    return 1.0 if speed >= 0.0 else -1.0
+
+
+@kernel
+def held_limits(brakes, mechanism, state, at, elapsed, lagged):
+    """What the held joint's line can hold against + and - motion, `elapsed` seconds into the step (N m)."""
+    j = state.held
+    plus, minus = 0.0, 0.0
+    square = at.g[j, 0] * at.g[j, 0] + at.g[j, 1] * at.g[j, 1]
+    for i in range(5):
+        if state.active[i] == 0 or not same_line(i, j, mechanism.coaxial):
+            continue
+        against_plus, against_minus = state.cost_plus[i], state.cost_minus[i]
+        if lagged != 0 and i < 4 and brakes.present[i] > 0.0:
+            held = lagged_yield(state.lag, i, elapsed)
+            if state.contact[i] <= 0.0 and (brakes.play[i] == 0.0 or state.edge[i] > 0.0):
+                against_plus = held
+            if state.contact[i] >= 0.0 and (brakes.play[i] == 0.0 or state.edge[i] < 0.0):
+                against_minus = held
+        ratio = (at.g[i, 0] * at.g[j, 0] + at.g[i, 1] * at.g[j, 1]) / square
+        if ratio > 0.0:
+            plus += ratio * against_plus
+            minus += ratio * against_minus
+        else:
+            plus -= ratio * against_minus
+            minus -= ratio * against_plus
+    return plus, minus
+
+
+@kernel
+def event_value(brakes, mechanism, state, trial, kind, elapsed, lagged):
+    """Value of one kind of event at the end of the trial, `elapsed` seconds into the step."""
+    if kind < SPEED:
+        return state.sign[kind] * trial.rate[kind]
+    if kind == SPEED:
+        return path_sense(state) * path_speed(state, trial)
+    if kind < PLAY:
+        plus, minus = held_limits(brakes, mechanism, state, trial, elapsed, lagged)
+        return trial.line_torque + plus if kind == LOOSE_PLUS else minus - trial.line_torque
+    if kind < STOP:
+        i = kind - PLAY
+        left = brakes.play[i] - state.play[i] if state.sign[i] > 0.0 else state.play[i]
+        return left - state.sign[i] * trial.turned[i]
+    stop_gap(mechanism, state.distal_side, trial.tip[0], trial.tip[1], trial.theta, trial.gap, trial.gap_side)
+    return trial.gap[kind - STOP]
+
+
+@kernel
+def start_value(brakes, mechanism, state, trial, kind, lagged):
+    """Value of one kind of event at the start of the step."""
+    if kind < SPEED:
+        return state.sign[kind] * state.rate[kind]
+    if kind == SPEED:
+        return path_sense(state) * path_speed(state, state)
+    if kind < PLAY:
+        plus, minus = held_limits(brakes, mechanism, state, state, 0.0, lagged)
+        return state.line_torque + plus if kind == LOOSE_PLUS else minus - state.line_torque
+    if kind < STOP:
+        i = kind - PLAY
+        return brakes.play[i] - state.play[i] if state.sign[i] > 0.0 else state.play[i]
+    stop_gap(mechanism, state.distal_side, state.tip[0], state.tip[1], trial.theta, trial.gap, trial.gap_side)
+    return trial.gap[kind - STOP]
+
+
+@kernel
+def hermite_zero(v0, d0, v1, d1, h):
+    """First time in (0, h] at which the cubic through (v0, slope d0) and (v1, slope d1) falls below zero; -1: never.
+
+    v0 >= 0 up to rounding. Found by the sign at the end or at the interior minimum, then by bracketed Newton steps.
+    """
+    a = 2.0 * (v0 - v1) + h * (d0 + d1)
+    b = 3.0 * (v1 - v0) - h * (2.0 * d0 + d1)
+    c = h * d0
+    low, high = 0.0, 1.0
+    if v1 >= -ROUNDING:
+        square = b * b - 3.0 * a * c
+        if square <= 0.0:
+            return -1.0
+        root = math.sqrt(square)
+        high = (root - b) / (3.0 * a) if b <= 0.0 and a != 0.0 else -c / (b + root)  # where the cubic is convex
+        if not (0.0 < high < 1.0) or ((a * high + b) * high + c) * high + v0 >= -ROUNDING:
+            return -1.0
+    s = 0.5 * (low + high)
+    if v0 > 0.0 and v1 < 0.0:
+        s = v0 / (v0 - v1)
+    for _ in range(12):
+        value = ((a * s + b) * s + c) * s + v0
+        if value > 0.0 or (value == 0.0 and s < 0.5 * high):
+            low = s
+        else:
+            high = s
+        slope = (3.0 * a * s + 2.0 * b) * s + c
+        step = value / slope if slope != 0.0 else 2.0
+        if abs(step) < 1e-12:
+            break
+        s = s - step
+        if not (low < s < high):
+            s = 0.5 * (low + high)
+    return s * h
+
+
+@kernel
+def parabola_zero(v0, vm, v1, h):
+    """First time in (0, h] at which the parabola through v0, vm (middle), v1 falls below zero; -1: never. v0 >= 0."""
+    a = 2.0 * (v0 + v1 - 2.0 * vm)
+    b = v1 - v0 - a
+    if not (math.isfinite(a) and math.isfinite(b)):
+        return -1.0  # a stop holds without end
+    if v1 >= -ROUNDING:
+        if a <= 0.0 or b >= 0.0 or -b >= 2.0 * a or v0 - 0.25 * b * b / a >= -ROUNDING:
+            return -1.0
+    root = math.sqrt(max(b * b - 4.0 * a * v0, 0.0))
+    s = 2.0 * v0 / (root - b) if root - b > 0.0 else 0.5
+    return min(max(s, 0.0), 1.0) * h
+
+
+@kernel
+def first_event(mechanism, brakes, state, trial, step, lagged):
+    """The first event inside the step, from start and end alone: (kind, estimated time); NONE where there is none."""
+    kind, first = NONE, math.inf
+    for i in range(4):
+        sign = state.sign[i]
+        if sign == 0.0 or state.active[i] == 0:
+            continue
+        v0, v1 = sign * state.rate[i], sign * trial.rate[i]
+        d0, d1 = sign * joint_acceleration(state, i), sign * joint_acceleration(trial, i)
+        if v1 < -ROUNDING or (d0 < 0.0 and d1 > 0.0):
+            s = hermite_zero(v0, d0, v1, d1, step)
+            if 0.0 <= s < first:
+                kind, first = i, s
+        if brakes.play[i] > 0.0 and state.edge[i] == 0.0:
+            v0 = brakes.play[i] - state.play[i] if sign > 0.0 else state.play[i]
+            v1 = v0 - sign * trial.turned[i]
+            if v1 < -ROUNDING:
+                s = hermite_zero(v0, -sign * state.rate[i], v1, -sign * trial.rate[i], step)
+                if 0.0 <= s < first:
+                    kind, first = PLAY + i, s
+    if state.held >= 0:
+        sense = path_sense(state)
+        tx, ty = tangent(state, state)
+        d0 = sense * (tx * state.acceleration[0] + ty * state.acceleration[1])
+        v1 = sense * path_speed(state, trial)
+        tx, ty = tangent(state, trial)
+        d1 = sense * (tx * trial.acceleration[0] + ty * trial.acceleration[1])
+        if v1 < -ROUNDING or (d0 < 0.0 and d1 > 0.0):
+            s = hermite_zero(sense * path_speed(state, state), d0, v1, d1, step)
+            if 0.0 <= s <= first:
+                kind, first = SPEED, s
+        plus0, minus0 = held_limits(brakes, mechanism, state, state, 0.0, lagged)
+        plus1, minus1 = held_limits(brakes, mechanism, state, trial, step, lagged)
+        plus, minus = 0.5 * (plus0 + plus1), 0.5 * (minus0 + minus1)
+        torque0, torque1, middle = state.line_torque, trial.line_torque, trial.middle_torque
+        s = parabola_zero(torque0 + plus0, middle + plus, torque1 + plus1, step)
+        if 0.0 <= s < first:
+            kind, first = LOOSE_PLUS, s
+        s = parabola_zero(minus0 - torque0, minus - middle, minus1 - torque1, step)
+        if 0.0 <= s < first:
+            kind, first = LOOSE_MINUS, s
+    stop, when = first_stop(mechanism, state, trial, step)
+    if stop != NONE and when < first:
+        kind, first = stop, when
+    return kind, first
+
+
+@kernel
+def first_stop(mechanism, state, trial, step):
+    """The first hard stop that the trial has run beyond: (kind, estimated time); NONE where there is none."""
+    m1, m2 = mechanism.arm_1, mechanism.arm_2
+    sine_1 = -m1.side * trial.s_1 / (m1.length_1 * m1.length_2)
+    sine_2 = -m2.side * trial.s_2 / (m2.length_1 * m2.length_2)
+    g = trial.g
+    between = g[0, 0] * g[2, 1] - g[0, 1] * g[2, 0]
+    sine_d = state.distal_side * trial.s_1 * trial.s_2 * between / (m1.length_2 * m2.length_2)
+    if min(min(sine_1, sine_2), sine_d) >= mechanism.margin and mechanism.has_theta_stops == 0:
+        return NONE, 0.0
+    kind, first = NONE, math.inf
+    stop_gap(mechanism, state.distal_side, trial.tip[0], trial.tip[1], trial.theta, trial.gap, trial.gap_side)
+    for j in range(5):
+        if trial.gap[j] < -ROUNDING and not (state.held >= 0 and same_line(j, state.held, mechanism.coaxial)):
+            kind, first = STOP + j, 0.5 * step
+    return kind, first
+
+
+@kernel
+def locate(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged):
+    """Shrink the trial to the first event: (kind, its time). The trial is left there, the event's value at rounding.
+
+    Bracketed secant steps on re-integrated trials; where another event turns out to come before, that one is taken.
+    """
+    for _ in range(8):
+        guess = locate_one(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged)
+        other, when = first_event(mechanism, brakes, state, trial, guess, lagged)
+        if guess == 0.0 or other == NONE or other == kind or when >= guess:
+            break
+        kind, step, guess = other, guess, when
+    if event_value(brakes, mechanism, state, trial, kind, guess, lagged) > GRAZING:
+        kind = NONE  # it came close to zero and turned back
+    return kind, guess
+
+
+@kernel
+def locate_one(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged):
+    """Time in [0, step] at which the value of one kind of event reaches zero."""
+    low, at_low = 0.0, start_value(brakes, mechanism, state, trial, kind, lagged)
+    high, at_high = step, -math.inf
+    if at_low <= ROUNDING:
+        # it starts at zero: find a time at which it has risen above, or take the event as present already
+        s = step
+        risen = False
+        for _ in range(MAX_LOCATE):
+            s *= 0.5
+            if rk4(mechanism, brakes, hand, state, trial, t, s, lagged):
+                value = event_value(brakes, mechanism, state, trial, kind, s, lagged)
+                if value > ROUNDING:
+                    risen = True
+                    break
+                high = s
+        if not risen:
+            rk4(mechanism, brakes, hand, state, trial, t, 0.0, lagged)
+            return 0.0
+        low, at_low = s, value
+        guess = 0.5 * (low + high)
+    s = guess if low < guess < high else 0.5 * (low + high)
+    last, at_last = low, at_low
+    for _ in range(MAX_LOCATE):
+        if not rk4(mechanism, brakes, hand, state, trial, t, s, lagged):
+            high, at_high = s, -math.inf
+            s = 0.5 * (low + high)
+            continue
+        value = event_value(brakes, mechanism, state, trial, kind, s, lagged)
+        if abs(value) <= 1e-15:
+            break
+        if value > 0.0:
+            low, at_low = s, value
+        else:
+            high, at_high = s, value
+        if high - low <= 4e-16 * step:
+            break
+        ahead = s - value * (s - last) / (value - at_last) if value != at_last else math.inf
+        last, at_last = s, value
+        s = ahead if low < ahead < high else 0.5 * (low + high)
+    return s

@@ -1,0 +1,56 @@
+"""The constants of one five-bar and its brakes, as the kernels read them (SI units, radians).
+
+Joint order everywhere: A, E, B, C. Arm 1 is A-E-D, arm 2 is B-C-D, D is the tip.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+JOINTS = "AEBC"
+A, E, B, C = range(4)
+
+
+class Arm(NamedTuple):
+    """One arm: base joint, proximal link, elbow, distal link.
+
+    With e1 = elbow - base, e2 = tip - elbow, rates w1, w2 of the two links (absolute), its kinetic energy is
+    1/2 proximal w1^2 + (coupling e1.e2 - rotor) w1 w2 + 1/2 distal w2^2.
+    """
+
+    base_x: float
+    base_y: float
+    length_1: float  # m, proximal link
+    length_2: float  # m, distal link
+    side: float  # +1: the elbow lies to the left of base -> tip; -1: to the right
+    proximal: float  # kg m2: I_1 + m_1 c_1^2 + (m_elbow + m_2) L_1^2 + base rotor + elbow rotor
+    distal: float  # kg m2: I_2 + m_2 c_2^2 + elbow rotor
+    coupling: float  # kg: m_2 c_2 / L_2
+    rotor: float  # kg m2: rotor inertia at a braked elbow (it turns at w2 - w1), else 0
+
+
+class Mechanism(NamedTuple):
+    """The linkage: two arms, the tip, and where it must stop."""
+
+    arm_1: Arm
+    arm_2: Arm
+    tip_mass: float  # kg, point mass at D
+    coaxial: bool  # bases coincide: g_E and g_C are parallel at every tip
+    margin: float  # hard stop: |sin| of both elbows and of the angle between the distal links
+    theta_low: np.ndarray  # (4,) rad, -inf where there is no stop
+    theta_high: np.ndarray  # (4,) rad, +inf where there is no stop
+    has_theta_stops: bool
+
+
+class Brakes(NamedTuple):
+    """The MR brake of each joint, Eqs. (2), (4) and the backlash; arrays in joint order, zero where there is none."""
+
+    present: np.ndarray  # (4,) 1.0 where the joint carries a brake
+    current_max: np.ndarray  # (4,) A
+    k: np.ndarray  # (4, 5) N m per A^.., Eq. (2)
+    knee: np.ndarray  # (4,) A, the 0.2 A of Eq. (2)
+    omega_0: np.ndarray  # (4,) rad/s, Eq. (4)
+    floor: np.ndarray  # (4,) rad/s: Eq. (4) is extrapolated down to here, then constant
+    rise: np.ndarray  # (4, 7) s: a_avg, a_1 .. a_6 of Eq. (4), rising (rates in rpm inside the formula)
+    fall: np.ndarray  # (4, 7) s: the same, falling
+    play: np.ndarray  # (4,) rad, width of the backlash

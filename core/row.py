@@ -1,0 +1,24 @@
+"""The columns of the tick log: one float64 row a tick, written by the tick kernel, read by recorder and screens."""
+
+from core.mechanism import JOINTS
+
+PHASES = ("approach", "hold", "move", "end")
+APPROACH, HOLD, MOVE, END = range(4)
+
+T = 0
+PHASE = 1
+TIP_X, TIP_Y = 2, 3
+TIP_VX, TIP_VY = 4, 5
+TIP_AX, TIP_AY = 6, 7
+HAND_FX, HAND_FY = 8, 9
+CURRENT = 10  # four columns, joints A, E, B, C
+TORQUE = 14  # four columns, joints A, E, B, C
+STUCK = 18  # bits 1 A, 2 E, 4 B, 8 C
+DECISION = 19
+LATENESS_US = 20
+ENERGY_HAND, ENERGY_BRAKES, ENERGY_KINETIC, ENERGY_STOPS = 21, 22, 23, 24
+TARGET_X, TARGET_Y = 25, 26  # where the hand (pointer or virtual) wants to be
+WIDTH = 27
+
+#: bits of the `stuck` column -> letters
+STUCK_LETTERS = tuple("".join(j for i, j in enumerate(JOINTS) if bits >> i & 1) for bits in range(16))

@@ -1,0 +1,220 @@
+"""Smooth motion between events: one fixed-step RK4 in tip coordinates with the pattern of stick and slip held fixed.
+
+The pattern: a slipping brake pushes with a known torque against its sense, a stuck one is the constraint
+g . a = -gdot . v. Work, heat and joint angles are integrated with the same stages, so the ledger closes to the
+order of the method.
+"""
+
+import math
+
+import numpy as np
+
+from core.brake import begin_lag, lagged_yield
+from core.dynamics import motion
+from core.hand import hand_force
+from core.jit import kernel
+from core.pattern import store
+from core.stick_slip import solve_mass
+
+#: Where a stage may be evaluated: |sin| of both elbows above this share of the margin. Larger: fast impacts are cut
+#: into many short steps. Smaller: a stage comes near the singular position and its acceleration means nothing.
+REACH = 0.3
+
+TRIAL = np.dtype(
+    [
+        ("tip", "f8", (4,)),
+        ("acceleration", "f8", (2,)),
+        ("hand_force", "f8", (2,)),
+        ("mass", "f8", (3,)),
+        ("bias_force", "f8", (2,)),
+        ("g", "f8", (5, 2)),
+        ("rate", "f8", (5,)),
+        ("bias", "f8", (5,)),
+        ("line_torque", "f8"),
+        ("middle_torque", "f8"),  # N m, what holds the stuck joint in the middle of the step
+        ("s_1", "f8"),
+        ("s_2", "f8"),
+        ("turned", "f8", (4,)),  # rad, how far each joint turned
+        ("heat", "f8", (4,)),  # J
+        ("work", "f8"),  # J, by the hand
+        ("slip", "f8", (3, 4)),  # N m, torque of the slipping brakes at the start, middle and end of the step
+        # work space of the stops
+        ("theta", "f8", (4,)),
+        ("gap", "f8", (5,)),
+        ("gap_side", "f8", (5,)),
+    ]
+)
+
+
+@kernel
+def begin(brakes, state, currents, step, lagged):
+    """Freeze each brake's lag for the coming step (only where the scene has one)."""
+    if lagged == 0:
+        return
+    for i in range(4):
+        if brakes.present[i] > 0.0:
+            rate, acceleration = 0.0, 0.0
+            if state.sign[i] != 0.0:
+                rate = state.rate[i]
+                acceleration = joint_acceleration(state, i)
+            begin_lag(brakes, i, currents[i], state.torque_yield[i], rate, acceleration, step, state.lag)
+
+
+@kernel
+def joint_acceleration(at, i):
+    """Angular acceleration of joint i (rad/s2) in a state or trial: g . a + gdot . v."""
+    return at.g[i, 0] * at.acceleration[0] + at.g[i, 1] * at.acceleration[1] + at.bias[i]
+
+
+@kernel
+def slip_torques(brakes, state, elapsed, lagged, slip):
+    """Torque of each slipping brake `elapsed` seconds into the step: slip (4,), N m; 0 for the others."""
+    for i in range(4):
+        sign = state.sign[i]
+        if sign == 0.0 or state.active[i] == 0:
+            slip[i] = 0.0
+            continue
+        held = state.cost_plus[i] if sign > 0.0 else state.cost_minus[i]
+        if lagged != 0 and (brakes.play[i] == 0.0 or state.edge[i] * sign > 0.0):
+            held = lagged_yield(state.lag, i, elapsed)
+        slip[i] = -sign * held
+
+
+@kernel
+def row_of(q, j):
+    """Row g and bias gdot . v of joint j (0 .. 4) in a `Motion`."""
+    if j == 0:
+        return q.g_ax, q.g_ay, q.bias_a
+    if j == 1:
+        return q.g_ex, q.g_ey, q.bias_e
+    if j == 2:
+        return q.g_bx, q.g_by, q.bias_b
+    if j == 3:
+        return q.g_cx, q.g_cy, q.bias_c
+    return (
+        q.g_bx + q.g_cx - q.g_ax - q.g_ex,
+        q.g_by + q.g_cy - q.g_ay - q.g_ey,
+        q.bias_b + q.bias_c - q.bias_a - q.bias_e,
+    )
+
+
+@kernel
+def stage(mechanism, hand, arm_mass, held, slip, t, x, y, vx, vy):
+    """One evaluation of the equations of motion: (ax, ay, holding torque, sensed hand force fx, fy, Motion)."""
+    q = motion(mechanism, x, y, vx, vy)
+    fx, fy = hand_force(hand, t, x, y, vx, vy)
+    rx = fx - q.bias_x + slip[0] * q.g_ax + slip[1] * q.g_ex + slip[2] * q.g_bx + slip[3] * q.g_cx
+    ry = fy - q.bias_y + slip[0] * q.g_ay + slip[1] * q.g_ey + slip[2] * q.g_by + slip[3] * q.g_cy
+    mxx, mxy, myy = q.mass_xx + arm_mass, q.mass_xy, q.mass_yy + arm_mass
+    ax, ay = solve_mass(mxx, mxy, myy, rx, ry)
+    torque = 0.0
+    if held >= 0:
+        gx, gy, bias = row_of(q, held)
+        hx, hy = solve_mass(mxx, mxy, myy, gx, gy)
+        torque = -(gx * ax + gy * ay + bias) / (gx * hx + gy * hy)
+        ax += hx * torque
+        ay += hy * torque
+    return ax, ay, torque, fx - arm_mass * ax, fy - arm_mass * ay, q
+
+
+@kernel
+def rk4(mechanism, brakes, hand, state, trial, t, dt, lagged):
+    """One RK4 step of dt seconds from `state` into `trial`; False where a stage left the region where the arms close.
+
+    The first stage is the acceleration that the state already holds; the last evaluation, at the end, is the next
+    step's first.
+    """
+    arm_mass = hand.grips[0].mass
+    held = state.held
+    first, middle, last = trial.slip[0], trial.slip[0], trial.slip[0]
+    slip_torques(brakes, state, 0.0, lagged, first)
+    if lagged != 0:
+        middle, last = trial.slip[1], trial.slip[2]
+        slip_torques(brakes, state, 0.5 * dt, lagged, middle)
+        slip_torques(brakes, state, dt, lagged, last)
+    half = 0.5 * dt
+    x, y, vx, vy = state.tip[0], state.tip[1], state.tip[2], state.tip[3]
+    ax1, ay1 = state.acceleration[0], state.acceleration[1]
+    x2, y2, vx2, vy2 = x + half * vx, y + half * vy, vx + half * ax1, vy + half * ay1
+    ax2, ay2, torque2, hx2, hy2, q2 = stage(mechanism, hand, arm_mass, held, middle, t + half, x2, y2, vx2, vy2)
+    x3, y3, vx3, vy3 = x + half * vx2, y + half * vy2, vx + half * ax2, vy + half * ay2
+    ax3, ay3, torque3, hx3, hy3, q3 = stage(mechanism, hand, arm_mass, held, middle, t + half, x3, y3, vx3, vy3)
+    x4, y4, vx4, vy4 = x + dt * vx3, y + dt * vy3, vx + dt * ax3, vy + dt * ay3
+    ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, hand, arm_mass, held, last, t + dt, x4, y4, vx4, vy4)
+    sixth = dt / 6.0
+    trial.tip[0] = x + sixth * (vx + 2.0 * (vx2 + vx3) + vx4)
+    trial.tip[1] = y + sixth * (vy + 2.0 * (vy2 + vy3) + vy4)
+    trial.tip[2] = vx + sixth * (ax1 + 2.0 * (ax2 + ax3) + ax4)
+    trial.tip[3] = vy + sixth * (ay1 + 2.0 * (ay2 + ay3) + ay4)
+    trial.work = sixth * (
+        state.hand_force[0] * vx
+        + state.hand_force[1] * vy
+        + 2.0 * (hx2 * vx2 + hy2 * vy2 + hx3 * vx3 + hy3 * vy3)
+        + hx4 * vx4
+        + hy4 * vy4
+    )
+    book_joint(trial, 0, sixth, first, middle, last, state.rate[0], q2.rate_a, q3.rate_a, q4.rate_a)
+    book_joint(trial, 1, sixth, first, middle, last, state.rate[1], q2.rate_e, q3.rate_e, q4.rate_e)
+    book_joint(trial, 2, sixth, first, middle, last, state.rate[2], q2.rate_b, q3.rate_b, q4.rate_b)
+    book_joint(trial, 3, sixth, first, middle, last, state.rate[3], q2.rate_c, q3.rate_c, q4.rate_c)
+    trial.middle_torque = 0.5 * (torque2 + torque3)
+    if held >= 0:
+        keep_on_line(mechanism, state, trial, held)
+    tip = trial.tip
+    ax, ay, torque, hx, hy, q = stage(mechanism, hand, arm_mass, held, last, t + dt, tip[0], tip[1], tip[2], tip[3])
+    trial.acceleration[0], trial.acceleration[1] = ax, ay
+    trial.hand_force[0], trial.hand_force[1] = hx, hy
+    trial.line_torque = torque
+    trial.s_1, trial.s_2 = q.s_1, q.s_2
+    store(trial, q)
+    m1, m2 = mechanism.arm_1, mechanism.arm_2
+    limit = REACH * mechanism.margin
+    least_1 = min(min(abs(q2.s_1), abs(q3.s_1)), min(abs(q4.s_1), abs(q.s_1)))
+    least_2 = min(min(abs(q2.s_2), abs(q3.s_2)), min(abs(q4.s_2), abs(q.s_2)))
+    if held >= 0:
+        trial.rate[held] = 0.0
+    closes = least_1 > limit * m1.length_1 * m1.length_2 and least_2 > limit * m2.length_1 * m2.length_2
+    return closes and math.isfinite(tip[0] + tip[1] + tip[2] + tip[3])
+
+
+@kernel
+def book_joint(trial, i, sixth, first, middle, last, w1, w2, w3, w4):
+    """Angle turned and heat of joint i over the step, from the four stages."""
+    trial.turned[i] = sixth * (w1 + 2.0 * (w2 + w3) + w4)
+    trial.heat[i] = -sixth * (first[i] * w1 + 2.0 * middle[i] * (w2 + w3) + last[i] * w4)
+
+
+@kernel
+def keep_on_line(mechanism, state, at, j):
+    """Put a tip back on the SDOF path of held joint j, position and velocity (removes the method's error only)."""
+    tip = at.tip
+    if j < 4:
+        rx, ry = tip[0] - state.circle[0], tip[1] - state.circle[1]
+        one_over = 1.0 / math.sqrt(rx * rx + ry * ry)
+        nx, ny = rx * one_over, ry * one_over
+        tip[0], tip[1] = state.circle[0] + state.circle[2] * nx, state.circle[1] + state.circle[2] * ny
+    else:
+        nx, ny = keep_distal_angle(mechanism, state, tip)
+    along = nx * tip[2] + ny * tip[3]
+    tip[2] -= along * nx
+    tip[3] -= along * ny
+
+
+@kernel
+def keep_distal_angle(mechanism, state, tip):
+    """Move the tip along row D onto the margin between the distal links; the unit normal of that path there."""
+    q = motion(mechanism, tip[0], tip[1], 0.0, 0.0)
+    gx, gy, _ = row_of(q, 4)
+    square = gx * gx + gy * gy
+    m1, m2 = mechanism.arm_1, mechanism.arm_2
+    sine = q.s_1 * q.s_2 * (q.g_ax * q.g_by - q.g_ay * q.g_bx) / (m1.length_2 * m2.length_2)
+    cosine = q.s_1 * q.s_2 * (q.g_ax * q.g_bx + q.g_ay * q.g_by) / (m1.length_2 * m2.length_2)
+    angle = math.atan2(sine, cosine)
+    target = math.asin(mechanism.margin)
+    if cosine < 0.0:
+        target = math.pi - target
+    move = (state.distal_side * target - angle) / square
+    tip[0] += gx * move
+    tip[1] += gy * move
+    one_over = 1.0 / math.sqrt(square)
+    return gx * one_over, gy * one_over

@@ -1,0 +1,168 @@
+"""The `stepping` integrator: one implicit time step over velocities, first order, never fails.
+
+    v+ = argmin 1/2 (v - v_free)' M (v - v_free) + h sum of costs
+with the exact stick-slip solver; a spring-damper hand is taken implicitly, so no stiffness is too large. It serves by
+itself, and as what `event` falls back to.
+"""
+
+import math
+
+from core.brake import lagged_yield
+from core.hand import cap_scale, hand_force, spring_force
+from core.jit import kernel
+from core.pattern import enter_line, look, set_costs, settle_edges, strike
+from core.smooth import begin, keep_on_line
+from core.stick_slip import FREE, STILL, same_line, solve_at_rest, solve_mass
+from core.stops import stop_gap
+
+#: Step times the hand's fastest rate above which RK4 is not trusted with it (its stability ends at 2.8, its accuracy
+#: well before). Larger: a stiff hand gains energy in the integrator. Smaller: order is given up without need.
+STIFF = 1.0
+
+
+@kernel
+def stiffer_than(state, hand, step):
+    """True where the hand's spring-damper is too stiff for an explicit step of that length."""
+    grip = hand.grips[0]
+    if grip.spring == 0:
+        return False
+    mass = state.mass
+    least = least_eigenvalue(mass[0], mass[1], mass[2]) + grip.mass
+    k, d = grip.stiffness, grip.damping
+    stiffness, damping = max(k[0], k[2]) + abs(k[1]), max(d[0], d[2]) + abs(d[1])
+    return step * step * stiffness > STIFF * STIFF * least or step * damping > STIFF * least
+
+
+@kernel
+def least_eigenvalue(xx, xy, yy):
+    """The smaller eigenvalue of a symmetric 2 x 2 matrix."""
+    return 0.5 * (xx + yy - math.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy))
+
+
+@kernel
+def advance_stepping(mechanism, brakes, hand, state, trial, currents, t, h, lagged):
+    """Move the state from t to t + h (s) in one implicit step. Expects the state's quantities at t."""
+    tip, mass, grip = state.tip, state.mass, hand.grips[0]
+    begin(brakes, state, currents, h, lagged)
+    if lagged != 0:
+        for i in range(4):
+            if brakes.present[i] > 0.0:
+                state.torque_yield[i] = lagged_yield(state.lag, i, h)
+    set_costs(brakes, state)
+    vx, vy = tip[2], tip[3]
+    mxx, mxy, myy = mass[0] + grip.mass, mass[1], mass[2] + grip.mass
+    fx, fy = hand_force(hand, t + h, tip[0], tip[1], vx, vy)
+    cxx = cxy = cyy = 0.0  # the hand's own resistance to a change of velocity, h (damping + h stiffness)
+    if grip.spring != 0:
+        sx, sy = spring_force(grip, tip[0], tip[1], vx, vy)
+        if cap_scale(grip, sx, sy) == 1.0:
+            cxx = h * (grip.damping[0] + h * grip.stiffness[0])
+            cxy = h * (grip.damping[1] + h * grip.stiffness[1])
+            cyy = h * (grip.damping[2] + h * grip.stiffness[2])
+            fx -= h * (grip.stiffness[0] * vx + grip.stiffness[1] * vy)
+            fy -= h * (grip.stiffness[1] * vx + grip.stiffness[2] * vy)
+    px = (mxx + cxx) * vx + (mxy + cxy) * vy + h * (fx - state.bias_force[0])
+    py = (mxy + cxy) * vx + (myy + cyy) * vy + h * (fy - state.bias_force[1])
+    for i in range(5):
+        state.cost_plus[i] *= h
+        state.cost_minus[i] *= h
+    held, ux, uy = solve_at_rest(
+        mxx + cxx,
+        mxy + cxy,
+        myy + cyy,
+        state.g,
+        state.active,
+        state.cost_plus,
+        state.cost_minus,
+        mechanism.coaxial,
+        px,
+        py,
+        state.sign,
+    )
+    state.held = held
+    if held >= 0:
+        enter_line(mechanism, state, held)
+    tip[2], tip[3] = ux, uy
+    move(mechanism, state, trial, h, grip.mass)
+    book(brakes, state, ux - vx, uy - vy, fx - cxx * (ux - vx) / h - cxy * (uy - vy) / h,
+         fy - cxy * (ux - vx) / h - cyy * (uy - vy) / h, ux, uy, h, grip.mass)  # fmt: skip
+    for i in range(4):
+        if brakes.play[i] > 0.0 and state.sign[i] != 0.0:
+            drift_in_backlash(brakes, state, i, h * (state.g[i, 0] * ux + state.g[i, 1] * uy))
+    look(mechanism, state)
+
+
+@kernel
+def book(brakes, state, dvx, dvy, fx, fy, ux, uy, h, arm_mass):
+    """Ledger of one implicit step: work by the hand, heat of each slipping brake, over the displacement h u."""
+    state.hand_force[0], state.hand_force[1] = fx - arm_mass * dvx / h, fy - arm_mass * dvy / h
+    state.acceleration[0], state.acceleration[1] = dvx / h, dvy / h
+    state.work_hand += h * (state.hand_force[0] * ux + state.hand_force[1] * uy)
+    for i in range(4):
+        if state.active[i] != 0 and state.sign[i] != 0.0 and brakes.present[i] > 0.0:
+            rate = state.g[i, 0] * ux + state.g[i, 1] * uy
+            cost = state.cost_plus[i] if rate > 0.0 else state.cost_minus[i]  # already times h
+            if not math.isinf(cost):
+                state.heat[i] += cost * abs(rate)
+
+
+@kernel
+def move(mechanism, state, trial, h, arm_mass):
+    """Displace the tip by h v; stay on the held joint's SDOF path; strike a hard stop that lies in the way."""
+    tip = state.tip
+    if state.held == STILL:
+        return
+    x, y = tip[0], tip[1]
+    speed = math.sqrt(tip[2] * tip[2] + tip[3] * tip[3])
+    tip[0], tip[1] = x + h * tip[2], y + h * tip[3]
+    if state.held >= 0:
+        keep_on_line(mechanism, state, state, state.held)
+        kept = math.sqrt(tip[2] * tip[2] + tip[3] * tip[3])
+        if kept > 0.0:
+            tip[2] *= speed / kept
+            tip[3] *= speed / kept
+    for j in range(5):
+        if state.contact[j] != 0.0 and not (state.held >= 0 and same_line(j, state.held, mechanism.coaxial)):
+            state.contact[j] = 0.0
+    struck = worst_stop(mechanism, state, trial, tip[0], tip[1])
+    if struck < 0:
+        return
+    # bisect the way for the last place before the stop; what is left of the step is lost (first order)
+    low, high = 0.0, 1.0
+    ex, ey = tip[0] - x, tip[1] - y
+    for _ in range(60):
+        s = 0.5 * (low + high)
+        j = worst_stop(mechanism, state, trial, x + s * ex, y + s * ey)
+        if j >= 0:
+            high, struck = s, j
+        else:
+            low = s
+    tip[0], tip[1] = x + low * ex, y + low * ey
+    worst_stop(mechanism, state, trial, x + high * ex, y + high * ey)
+    side = trial.gap_side[struck]
+    look(mechanism, state)
+    strike(mechanism, state, struck, side, arm_mass)
+
+
+@kernel
+def worst_stop(mechanism, state, trial, x, y):
+    """The joint that lies furthest beyond its stop at (x, y), not counting one that the tip slides along; -1: none."""
+    stop_gap(mechanism, state.distal_side, x, y, trial.theta, trial.gap, trial.gap_side)
+    worst, least = -1, 0.0
+    for j in range(5):
+        if state.contact[j] == 0.0 and trial.gap[j] < least:
+            worst, least = j, trial.gap[j]
+    return worst
+
+
+@kernel
+def drift_in_backlash(brakes, state, i, turned):
+    """Move brake i through its play (first order: an edge reached inside the step counts from the next one)."""
+    if state.edge[i] * turned >= 0.0 and state.edge[i] != 0.0:
+        return
+    state.edge[i] = 0.0
+    state.play[i] += turned
+    if state.play[i] >= brakes.play[i]:
+        state.play[i], state.edge[i] = brakes.play[i], 1.0
+    elif state.play[i] <= 0.0:
+        state.play[i], state.edge[i] = 0.0, -1.0

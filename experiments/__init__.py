@@ -1,0 +1,1 @@
+"""The experiment: plan, trials, simulated operator, recordings, metrics, tables, figures; no hardware, no Qt."""

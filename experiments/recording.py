@@ -1,0 +1,101 @@
+"""Recordings: written as a stream while a trial runs, kept as Parquet once closed and verified, read from either.
+
+`recording_form` says what is in one, `recording_writer` how it grows, `recording_reader` what survives damage.
+"""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from core.errors import InputError
+from experiments.recording_form import SEAL, TEXT_COLUMNS, make_schema, same_content, seal
+from experiments.recording_form import Recording as Recording
+from experiments.recording_form import recording_columns as recording_columns
+from experiments.recording_reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_parquet
+from experiments.recording_reader import read_recording as read_recording
+from experiments.recording_writer import RecordingWriter as RecordingWriter
+from experiments.recording_writer import sync_folder
+
+
+def convert_to_parquet(path: str | Path, sync: bool = True) -> Path:
+    """Turn a closed, undamaged stream into Parquet, compare the two, remove the stream; returns the new path.
+
+    Never overwrites: a Parquet file that is there already must hold the same (then only the stream is removed).
+    InputError if the stream is cut, damaged, or the other file differs; the stream then stays.
+    """
+    path = Path(path)
+    target = path.with_suffix(PARQUET_SUFFIX)
+    if path.suffix != STREAM_SUFFIX:
+        raise InputError(f"{path}: only a {STREAM_SUFFIX} stream can be converted")
+    stream = read_recording(path)
+    if stream.damaged:
+        raise InputError(f"{path}: damaged, not converted: {'; '.join(stream.damaged)}")
+    if not stream.complete:
+        raise InputError(f"{path}: has no end record, not converted")
+    if not target.exists():
+        partial = target.with_name(f".{target.name}.partial")
+        try:
+            _write_new(partial, _parquet_bytes(stream), sync)
+            back = read_parquet(partial)
+            if not back.whole or not same_content(back, stream):
+                raise OSError(f"{partial}: what was read back differs from the stream")
+            _rename_new(partial, target)
+        finally:
+            partial.unlink(missing_ok=True)
+        if sync:
+            sync_folder(target.parent)
+    else:
+        there = read_parquet(target)
+        if not there.whole or not same_content(there, stream):
+            raise InputError(f"{target}: exists already and differs from {path.name}, neither was touched")
+    path.unlink()
+    return target
+
+
+def _parquet_bytes(recording: Recording) -> bytes:
+    schema = make_schema(recording.braked, recording.metadata, recording.words["decision"])
+    arrays = [
+        pa.DictionaryArray.from_arrays(pa.array(codes), pa.array(recording.words[name], pa.string()))
+        if name in TEXT_COLUMNS
+        else pa.array(codes)
+        for name, codes in recording.columns.items()
+    ]
+    sink = pa.BufferOutputStream()
+    with pq.ParquetWriter(
+        sink,
+        schema,
+        compression="snappy",  # on noisy doubles zstd saves a tenth of the space for twice the time
+        use_dictionary=list(TEXT_COLUMNS),
+        write_statistics=False,
+    ) as writer:
+        writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
+        about: dict[str, Any] = {"outcome": json.dumps(recording.outcome, sort_keys=True), "crc32": SEAL.decode()}
+        writer.add_key_value_metadata(about)
+    data = sink.getvalue().to_pybytes()
+    footer = len(data) - 8 - int.from_bytes(data[-8:-4], "little")
+    return seal(data, footer)
+
+
+def _write_new(path: Path, data: bytes, sync: bool) -> None:
+    path.unlink(missing_ok=True)  # left by a crash
+    with path.open("xb") as file:
+        file.write(data)
+        file.flush()
+        if sync:
+            os.fsync(file.fileno())
+
+
+def _rename_new(source: Path, target: Path) -> None:
+    """Give a file its name in one step; FileExistsError rather than taking another file's."""
+    try:
+        os.link(source, target)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links: the session's lock keeps others away
+        if target.exists():
+            raise FileExistsError(target) from None
+        source.rename(target)
