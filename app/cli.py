@@ -8,13 +8,13 @@ import json
 import os
 import signal
 import sys
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import NoReturn
 
 from app import __version__
+from app.progress import Progress, announce_first_use
 from core.errors import InputError
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
@@ -68,7 +68,7 @@ def make_parser() -> argparse.ArgumentParser:
     """The verbs and their arguments."""
     parser = _Parser(
         prog="phd",
-        description="A passive haptic display you can run an experiment on: with the five-bar on the bench, or none.",
+        description="A passive haptic display you can run an experiment on: with or without the five-bar.",
         epilog="phd alone opens the app. Every verb explains itself: phd simulate --help",
         allow_abbrev=False,
     )
@@ -129,9 +129,6 @@ def _label(text: str) -> str:
     return text
 
 
-# --- run ---------------------------------------------------------------------------------------------------------
-
-
 def _add_run(verbs) -> None:
     verb = _add_verb(
         verbs,
@@ -163,17 +160,14 @@ def _run(args: argparse.Namespace) -> int:
     return window.run(args) or DONE
 
 
-# --- study -------------------------------------------------------------------------------------------------------
-
-
 def _add_study(verbs) -> None:
     verb = _add_verb(
         verbs,
         "study",
         _study,
         "run the paper's whole study with simulated operators",
-        "Per operator: 2 segments x 2 devices x 5 controllers x 3 trials. Leaves recordings, trials.csv, box plots,\n"
-        "statistics, and which of the paper's findings hold. The same seed gives the same trials.csv.",
+        "Per operator: 2 segments x 2 devices x 5 controllers x 3 trials. Leaves recordings, trials.csv,\n"
+        "box plots and statistics. The same seed gives the same trials.csv.",
         "phd study --operators 3 --seed 1 --out study-1",
     )
     verb.add_argument("--operators", type=_whole_number(1), default=3, metavar="N", help="how many (default: 3)")
@@ -201,7 +195,7 @@ def _study(args: argparse.Namespace) -> int:
     devices = _devices(args)
     from experiments.study import run_study
 
-    _announce_first_use()
+    announce_first_use()
     with Progress("study") as progress:
         summary = run_study(
             args.out,
@@ -214,9 +208,6 @@ def _study(args: argparse.Namespace) -> int:
         )
     _print_summary(summary, args.json)
     return DONE
-
-
-# --- simulate ----------------------------------------------------------------------------------------------------
 
 
 def _add_simulate(verbs) -> None:
@@ -240,7 +231,7 @@ def _simulate(args: argparse.Namespace) -> int:
     from experiments.simulate import open_scene, simulate
 
     def announced(scene):
-        _announce_first_use()
+        announce_first_use()
         return open_scene(scene)
 
     with Progress("simulating") as progress:
@@ -256,9 +247,6 @@ def _simulate(args: argparse.Namespace) -> int:
             f"{summary['events']} events, {summary['fallbacks']} fallbacks"
         )
     return DONE
-
-
-# --- analyze -----------------------------------------------------------------------------------------------------
 
 
 def _add_analyze(verbs) -> None:
@@ -284,9 +272,6 @@ def _analyze(args: argparse.Namespace) -> int:
     return DONE
 
 
-# --- what verbs share --------------------------------------------------------------------------------------------
-
-
 def _print_summary(summary: dict, as_json: bool) -> None:
     if as_json:
         print(json.dumps(summary))
@@ -298,38 +283,6 @@ def _print_summary(summary: dict, as_json: bool) -> None:
                 if isinstance(value, float)
                 else f"{key:{width}}  {value}"
             )
-
-
-def _announce_first_use() -> None:
-    from core.jit import first_use
-
-    if first_use() and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0"):
-        print("compiling kernels (first use, about 15 s)", file=sys.stderr, flush=True)
-
-
-class Progress:
-    """A progress bar on stderr, on a terminal only, for what takes over a second; called with the share done."""
-
-    CELLS = 30
-
-    def __init__(self, says: str) -> None:
-        self.says, self.start, self.shown = says, time.monotonic(), ""
-
-    def __call__(self, share: float) -> None:
-        if not sys.stderr.isatty() or time.monotonic() - self.start < 1.0:
-            return
-        full = round(share * self.CELLS)
-        line = f"\r{self.says} [{'#' * full}{'.' * (self.CELLS - full)}] {share:4.0%}"
-        if line != self.shown:
-            print(line, end="", file=sys.stderr, flush=True)
-            self.shown = line
-
-    def __enter__(self) -> "Progress":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self.shown:
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -95,25 +95,35 @@ def _range(state, i):
 
 @kernel
 def share_on_line(state, j, torque, coaxial):
-    """Split the torque that holds joint j, on its own rate, between j and the joints on its line (E with C)."""
+    """Split the torque that holds joint j, on its own rate, among the joints on its line (E, C, D on coaxial bases).
+
+    The same least sum; joints that reach their limit stay there and the others take the rest.
+    """
     square = state.g[j, 0] * state.g[j, 0] + state.g[j, 1] * state.g[j, 1]
-    partner = -1
-    for i in range(5):
-        if i != j and state.active[i] != 0 and same_line(i, j, coaxial):
-            partner = i
-    if partner < 0 or state.active[j] == 0:
-        state.torque[j] = torque
-        return
-    ratio = (state.g[partner, 0] * state.g[j, 0] + state.g[partner, 1] * state.g[j, 1]) / square
-    m1, h1 = _range(state, j)
-    m2, h2 = _range(state, partner)
-    left = (torque - m1 - ratio * m2) / (h1 * h1 + ratio * ratio * h2 * h2) if h1 + h2 > 0.0 else 0.0
-    other = m2 + h2 * h2 * ratio * left
-    other = min(max(other, -state.cost_plus[partner]), state.cost_minus[partner])
-    own = torque - ratio * other
-    own = min(max(own, -state.cost_plus[j]), state.cost_minus[j])
-    state.torque[j] = own
-    state.torque[partner] = (torque - own) / ratio
+    clamped = 0
+    for _ in range(3):
+        rest, weight = torque, 0.0
+        for i in range(5):
+            if state.active[i] != 0 and same_line(i, j, coaxial):
+                ratio = (state.g[i, 0] * state.g[j, 0] + state.g[i, 1] * state.g[j, 1]) / square
+                if clamped >> i & 1:
+                    rest -= ratio * state.torque[i]
+                else:
+                    middle, half = _range(state, i)
+                    rest -= ratio * middle
+                    weight += ratio * ratio * half * half
+        more = 0
+        for i in range(5):
+            if state.active[i] != 0 and same_line(i, j, coaxial) and not clamped >> i & 1:
+                ratio = (state.g[i, 0] * state.g[j, 0] + state.g[i, 1] * state.g[j, 1]) / square
+                middle, half = _range(state, i)
+                share = middle + (half * half * ratio * rest / weight if weight > 0.0 else 0.0)
+                state.torque[i] = min(max(share, -state.cost_plus[i]), state.cost_minus[i])
+                if share != state.torque[i]:
+                    more |= 1 << i
+        if more == 0:
+            break
+        clamped |= more
 
 
 @kernel

@@ -101,7 +101,7 @@ def resolve(mechanism, brakes, hand, state, t):
     else:
         if state.held == STILL:
             state.held = FREE
-        for i in range(4):
+        for i in range(5):
             if state.active[i] != 0 and state.sign[i] * state.rate[i] < RATE_ROUNDING and not on_held_line(mechanism, state, i):
                 if state.rate[i] == 0.0 and state.held == FREE:
                     meet(mechanism, state, i, fx, fy, arm_mass)
@@ -166,7 +166,7 @@ def enter_line(mechanism, state, j):
     x, y = state.tip[0], state.tip[1]
     arm = mechanism.arm_1 if j < 2 else mechanism.arm_2
     cx, cy = arm.base_x, arm.base_y
-    if j == 0 or j == 2:
+    if j == 0 or j == 2:  # the others turn about a base: E, C, and D on coaxial bases
         e1x, e1y, _, _, _ = links(arm, x, y)
         cx, cy = cx + e1x, cy + e1y
     state.circle[0], state.circle[1] = cx, cy
@@ -243,7 +243,9 @@ def strike(mechanism, state, j, side, arm_mass):
     state.work_hand += arm_before - 0.5 * arm_mass * (tip[2] * tip[2] + tip[3] * tip[3])
     look(mechanism, state)
     state.held = STILL if tip[2] == 0.0 and tip[3] == 0.0 else FREE
-    for i in range(4):
+    for i in range(5):
+        if same_line(i, j, mechanism.coaxial):
+            state.rate[i] = 0.0  # exactly: `meet` says how it goes on
         rate = state.rate[i]
         state.sign[i] = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)
 

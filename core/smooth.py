@@ -188,7 +188,7 @@ def book_joint(trial, i, sixth, first, middle, last, w1, w2, w3, w4):
 def keep_on_line(mechanism, state, at, j):
     """Put a tip back on the SDOF path of held joint j, position and velocity (removes the method's error only)."""
     tip = at.tip
-    if j < 4:
+    if j < 4 or mechanism.coaxial != 0:
         rx, ry = tip[0] - state.circle[0], tip[1] - state.circle[1]
         one_over = 1.0 / math.sqrt(rx * rx + ry * ry)
         nx, ny = rx * one_over, ry * one_over

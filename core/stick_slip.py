@@ -25,8 +25,11 @@ FREE = -1  # no joint held; 0 .. 4: that joint is held and the tip moves along i
 
 @kernel
 def same_line(i, j, coaxial):
-    """True where rows i and j are parallel at every tip: a joint with itself, and E with C on coaxial bases."""
-    return i == j or (coaxial != 0 and ((i == 1 and j == 3) or (i == 3 and j == 1)))
+    """True where rows i and j are parallel at every tip: a joint with itself, and E, C, D on coaxial bases.
+
+    With coaxial bases those three angles depend on the distance from base to tip alone.
+    """
+    return i == j or (coaxial != 0 and (i == 1 or i >= 3) and (j == 1 or j >= 3))
 
 
 @kernel

@@ -121,7 +121,7 @@ def acceleration_weighted_rms(acceleration: np.ndarray) -> float | None:
 
 
 def sparc(speed: np.ndarray) -> float | None:
-    """Spectral arc length of a speed profile (n,), nearer 0 is smoother (Balasubramanian et al. 2015).
+    """Spectral arc length of a speed profile (n,); nearer 0 is smoother (Balasubramanian et al. 2015).
 
     Cut-off 10 Hz, threshold 0.05, pad level 4. None if nothing moved.
     """

@@ -4,7 +4,6 @@
 """
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from experiments.recording_form import recording_columns as recording_columns
 from experiments.recording_reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_parquet
 from experiments.recording_reader import read_recording as read_recording
 from experiments.recording_writer import RecordingWriter as RecordingWriter
-from experiments.recording_writer import sync_folder
+from experiments.whole_files import give_new_name, written_beside
 
 
 def convert_to_parquet(path: str | Path, sync: bool = True) -> Path:
@@ -37,17 +36,11 @@ def convert_to_parquet(path: str | Path, sync: bool = True) -> Path:
     if not stream.complete:
         raise InputError(f"{path}: has no end record, not converted")
     if not target.exists():
-        partial = target.with_name(f".{target.name}.partial")
-        try:
-            _write_new(partial, _parquet_bytes(stream), sync)
+        with written_beside(target, _parquet_bytes(stream), sync) as partial:
             back = read_parquet(partial)
             if not back.whole or not same_content(back, stream):
                 raise OSError(f"{partial}: what was read back differs from the stream")
-            _rename_new(partial, target)
-        finally:
-            partial.unlink(missing_ok=True)
-        if sync:
-            sync_folder(target.parent)
+            give_new_name(partial, target)
     else:
         there = read_parquet(target)
         if not there.whole or not same_content(there, stream):
@@ -78,24 +71,3 @@ def _parquet_bytes(recording: Recording) -> bytes:
     data = sink.getvalue().to_pybytes()
     footer = len(data) - 8 - int.from_bytes(data[-8:-4], "little")
     return seal(data, footer)
-
-
-def _write_new(path: Path, data: bytes, sync: bool) -> None:
-    path.unlink(missing_ok=True)  # left by a crash
-    with path.open("xb") as file:
-        file.write(data)
-        file.flush()
-        if sync:
-            os.fsync(file.fileno())
-
-
-def _rename_new(source: Path, target: Path) -> None:
-    """Give a file its name in one step; FileExistsError rather than taking another file's."""
-    try:
-        os.link(source, target)
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without links: the session's lock keeps others away
-        if target.exists():
-            raise FileExistsError(target) from None
-        source.rename(target)

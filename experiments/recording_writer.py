@@ -24,6 +24,7 @@ from experiments.recording_form import (
     seal,
     stream_header,
 )
+from experiments.whole_files import sync_folder
 
 BATCH_ROWS = 1000  # most rows in a batch: what a damaged byte can cost. Smaller: slower, larger files
 WRITE_INTERVAL_S = 0.1  # rows wait at most this long (and for the next call): what a kill can cost
@@ -215,13 +216,3 @@ class RecordingWriter:
             self._release()
             raise
         self.bytes_written += written
-
-
-def sync_folder(folder: Path) -> None:
-    """Bring the names in a folder to the disk."""
-    with contextlib.suppress(OSError):  # not every system can; the files themselves are on the disk
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)

@@ -23,7 +23,7 @@ NOT_YET = ("karnopp",)
 
 #: Relative. duration and output interval may miss a whole number of output intervals and steps by this much.
 WHOLE_WITHIN = 1e-9
-#: s. Times closer than this are one time: a schedule row at a step's edge, the last row of a force file at the end.
+#: s. Times closer than this are one time (schedule row and step edge, end of a force file and of the scene).
 TIME_WITHIN = 1e-9
 
 

@@ -1,7 +1,7 @@
 """`phd simulate`: run a scene and stream its motion to a CSV file.
 
-The rows come from a `RowSource` chunk by chunk, so memory stays flat however long the scene is. The file is created
-exclusively, and removed again if the run does not reach its end.
+The rows come from a `RowSource` chunk by chunk, so memory stays flat however long the scene is. The file is
+created exclusively, and removed again if the run does not reach its end.
 """
 
 import time

@@ -6,7 +6,6 @@ where there was nothing to measure. The same rows give the same bytes.
 
 import csv
 import io
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path, PurePosixPath
@@ -15,6 +14,7 @@ import numpy as np
 
 from core.errors import InputError
 from experiments.metrics import Metrics
+from experiments.whole_files import give_new_name, written_beside
 
 STATUSES = ("done", "timeout", "aborted", "redone", "recovered")
 #: Trials whose measures count in tables of results and box plots: a time-out keeps its measures (and is marked).
@@ -93,21 +93,14 @@ def write_table(path: str | Path, rows: Iterable[TrialRow], replacing: bool = Fa
     """
     path = Path(path)
     data = table_bytes(rows)
-    partial = path.with_name(f".{path.name}.partial")
     try:
         if path.exists() and not replacing:
-            raise InputError(f"{path}: exists already, nothing was written")
-        try:
-            with partial.open("wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
+            raise FileExistsError(path)
+        with written_beside(path, data) as partial:
             if replacing:
                 partial.replace(path)
             else:
-                os.link(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
+                give_new_name(partial, path)
     except FileExistsError:
         raise InputError(f"{path}: exists already, nothing was written") from None
     except OSError as error:
@@ -121,7 +114,7 @@ def append_row(path: str | Path, row: TrialRow) -> None:
 
 
 def read_table(path: str | Path) -> list[TrialRow]:
-    """The rows of a table, with their types. Columns after the known ones are passed over. InputError if it is none."""
+    """The rows of a table, with their types; columns after the known ones are passed over. InputError if it is none."""
     path = Path(path)
     try:
         with path.open(encoding="utf-8", newline="") as file:
