@@ -109,7 +109,7 @@ def weighted_amplitudes(acceleration: np.ndarray) -> np.ndarray:
 
 
 def acceleration_dft_sum(acceleration: np.ndarray) -> float | None:
-    """Weighted sum of the DFT of the acceleration (n, 2), m/s2. Noise makes it grow as the root of the duration."""
+    """Weighted sum of the DFT of the acceleration (n, 2), m/s2. Noise makes it grow as the root of duration."""
     weighted = weighted_amplitudes(acceleration)
     return float(np.sum(weighted)) if len(weighted) else None
 

@@ -108,20 +108,6 @@ def is_sealed(message: bytes, digits: bytes | None, start: int = 0) -> bool:
     return digits == b"%08x" % crc32(rest, crc32(message[:at] + SEAL))
 
 
-def stream_header(stream: bytes) -> bytes:
-    """The bytes before the first batch, or all if none follows: schema, dictionaries; b"" if unreadable."""
-    source = pa.BufferReader(stream)
-    at = 0
-    try:
-        while pa.ipc.read_message(source).type != "record batch":
-            at = source.tell()
-    except EOFError:
-        pass
-    except (pa.ArrowException, OSError):
-        return b""
-    return stream[:at]
-
-
 @dataclass(frozen=True)
 class Recording:
     """One trial as recorded. Text columns hold codes: `words[name][code]` is the text."""

@@ -15,11 +15,11 @@ from core.errors import InputError
 from experiments.recording_form import (
     MARKER,
     STREAM_END,
+    TEXT_COLUMNS,
     Recording,
     as_arrays,
     describe,
     is_sealed,
-    stream_header,
 )
 
 STREAM_SUFFIX, PARQUET_SUFFIX = ".arrows", ".parquet"
@@ -67,14 +67,14 @@ def read_stream(path: Path) -> Recording:
     """Every whole batch of a stream, and what is wrong with the rest."""
     data = path.read_bytes()
     damaged: list[str] = []
-    header = stream_header(data)
+    header = _whole_header(data)
+    if not header:
+        return Recording(path, damaged=["header: cut or damaged, no row can be trusted"])
+    schema = pa.ipc.open_stream(header).schema
     try:
-        schema = pa.ipc.open_stream(header).schema
         described = describe(schema.metadata)
-        if not is_sealed(header, schema.metadata.get(b"crc32")):
-            raise ValueError("it does not match its checksum")
-    except (pa.ArrowException, OSError, ValueError) as error:
-        return Recording(path, damaged=[f"header: cut or damaged ({error}), no row can be trusted"])
+    except ValueError as error:
+        return Recording(path, damaged=[f"header: {error}"])
 
     batches: list[pa.RecordBatch] = []
     outcome: dict[str, Any] = {}
@@ -112,6 +112,20 @@ def read_stream(path: Path) -> Recording:
 
 def _span(first: int, last: int) -> str:
     return str(first) if last == first else f"{first} to {last}"
+
+
+def _whole_header(data: bytes) -> bytes:
+    """The first messages of a stream, as many as their checksum covers; b"" if they are cut or damaged."""
+    source = pa.BufferReader(data)
+    try:
+        pa.ipc.read_message(source)
+        digits = (pa.ipc.open_stream(data).schema.metadata or {}).get(b"crc32")
+        for _ in TEXT_COLUMNS:  # each has its dictionary
+            pa.ipc.read_message(source)
+    except (pa.ArrowException, OSError, EOFError, ValueError):
+        return b""
+    header = data[: source.tell()]
+    return header if is_sealed(header, digits) else b""
 
 
 class _Batch(NamedTuple):

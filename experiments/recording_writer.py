@@ -22,7 +22,6 @@ from experiments.recording_form import (
     make_schema,
     recording_columns,
     seal,
-    stream_header,
 )
 from experiments.whole_files import sync_folder
 
@@ -71,7 +70,7 @@ class RecordingWriter:
         self._sync = sync
 
         self._stream.write_batch(self._batch(np.empty((0, row.WIDTH))))
-        header = seal(stream_header(self._taken()))
+        header = seal(_before_first_batch(self._taken()))
         try:
             self._file = os.open(
                 self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644
@@ -216,3 +215,12 @@ class RecordingWriter:
             self._release()
             raise
         self.bytes_written += written
+
+
+def _before_first_batch(stream: bytes) -> bytes:
+    """The schema and the dictionaries at the start of a stream."""
+    source = pa.BufferReader(stream)
+    end = 0
+    while pa.ipc.read_message(source).type != "record batch":
+        end = source.tell()
+    return stream[:end]

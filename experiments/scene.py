@@ -103,7 +103,7 @@ class Scene:
     initial_velocity: np.ndarray  # (2,) m/s
     schedule_t: np.ndarray  # (n,) s, rising, the first <= 0; each row holds from its time on
     schedule: np.ndarray  # (n, 4) yield torque in N m (ideal) or current in A (static, mr)
-    force_t: np.ndarray  # (m,) s, rising, covers the scene; linear in between
+    force_t: np.ndarray  # (m,) s, rising; linear in between, held beyond the ends (a constant has one knot)
     force: np.ndarray  # (m, 2) N
 
     @property
@@ -214,7 +214,7 @@ def _check_commands(values: np.ndarray, device: Device, fidelity: str, where) ->
 def _force(file: SceneFile, path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Knots (m,), s, and forces (m, 2), N, of what the hand does."""
     if file.force.file is None:
-        return np.array([0.0, file.duration_s]), np.array([file.force.constant_N or (0.0, 0.0)] * 2)
+        return np.zeros(1), np.array([file.force.constant_N or (0.0, 0.0)])
     name = path.parent / file.force.file
     table = read_number_table(name, f"{path}: force.file")
     if table.columns != ("t_s", "fx_N", "fy_N"):

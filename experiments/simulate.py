@@ -32,8 +32,15 @@ T, X, Y, VX, VY, TORQUE, STUCK, WIDTH = 0, 1, 2, 3, 4, 5, 9, 10
 class RowSource(Protocol):
     """A scene being simulated."""
 
-    events: int  # stick-slip events so far
-    fallbacks: int  # steps that the event integrator handed to the implicit one
+    @property
+    def events(self) -> int:
+        """Stick-slip events so far."""
+        ...
+
+    @property
+    def fallbacks(self) -> int:
+        """Steps so far that the event integrator handed to the implicit one."""
+        ...
 
     def run_chunk(self, rows: int) -> npt.NDArray[np.float64]:
         """The next output rows (rows, WIDTH); the first call begins at t = 0."""
@@ -54,9 +61,40 @@ class Summary:
 
 def open_scene(scene: Scene) -> RowSource:
     """The simulator, at the start of a scene."""
-    from core.simulator import Simulation
+    return _Run(scene)
 
-    return Simulation(scene)
+
+class _Run:
+    """The simulator behind `RowSource`; imported here, where the kernels are first needed."""
+
+    def __init__(self, scene: Scene) -> None:
+        from core.hand import new_hand
+        from core.simulator import Simulation
+
+        self.scene, self.row = scene, 0
+        self.simulation = Simulation(
+            scene.device,
+            (scene.initial_tip[0], scene.initial_tip[1]),
+            (scene.initial_velocity[0], scene.initial_velocity[1]),
+            scene.fidelity,
+            scene.integrator,
+            new_hand(scene.force_t, scene.force),
+        )
+
+    def run_chunk(self, rows: int) -> npt.NDArray[np.float64]:
+        scene, first = self.scene, self.row
+        self.row += rows
+        return self.simulation.rows(
+            rows, scene.step_s, scene.output_every, scene.schedule_t, scene.schedule, first, scene.rows - 1
+        )
+
+    @property
+    def events(self) -> int:
+        return self.simulation.ledger().events
+
+    @property
+    def fallbacks(self) -> int:
+        return self.simulation.ledger().fallbacks
 
 
 def simulate(
@@ -123,6 +161,6 @@ def write_rows(file: BinaryIO, times: np.ndarray, chunk: np.ndarray, braked: str
     columns += [chunk[:, TORQUE + JOINTS.index(joint)] for joint in braked]
     bits = pa.array(chunk[:, STUCK].astype(np.int8))
     stuck = pa.DictionaryArray.from_arrays(bits, list(STUCK_LETTERS)).cast(pa.string())
-    arrays = [pa.array(np.ascontiguousarray(column)) for column in columns]
+    arrays = [pa.array(column + 0.0) for column in columns]  # + 0.0: no "-0" where a torque is zero
     table = pa.table([*arrays, stuck], names=column_names(braked))
     pa_csv.write_csv(table, file, pa_csv.WriteOptions(include_header=False, quoting_style="none"))

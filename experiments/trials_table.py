@@ -9,12 +9,15 @@ import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from core.errors import InputError
-from experiments.metrics import Metrics
 from experiments.whole_files import give_new_name, written_beside
+
+if TYPE_CHECKING:
+    from experiments.metrics import Metrics
 
 STATUSES = ("done", "timeout", "aborted", "redone", "recovered")
 #: Trials whose measures count in tables of results and box plots: a time-out keeps its measures (and is marked).
@@ -47,7 +50,7 @@ class TrialRow:
     unreachable_share: float | None = None
     recording: str = ""  # path relative to the file that the row stands in, with "/"
 
-    def with_metrics(self, metrics: Metrics) -> "TrialRow":
+    def with_metrics(self, metrics: "Metrics") -> "TrialRow":
         """The same row with the measures of its trial."""
         return replace(self, **metrics._asdict())
 
@@ -110,11 +113,14 @@ def write_table(path: str | Path, rows: Iterable[TrialRow], replacing: bool = Fa
 def append_row(path: str | Path, row: TrialRow) -> None:
     """Add a row at the end, making the table if there is none; the rows before are kept as they are."""
     path = Path(path)
-    write_table(path, [*(read_table(path) if path.exists() else []), row], replacing=True)
+    before = read_table(path) if path.exists() else []
+    if before and path.read_bytes() != table_bytes(before):
+        raise InputError(f"{path}: was changed by hand or by another version, adding a row would lose something")
+    write_table(path, [*before, row], replacing=True)
 
 
 def read_table(path: str | Path) -> list[TrialRow]:
-    """The rows of a table, with their types; columns after the known ones are passed over. InputError if it is none."""
+    """The rows of a table, with their types; columns after the known ones are passed over. InputError if none."""
     path = Path(path)
     try:
         with path.open(encoding="utf-8", newline="") as file:

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all: written beside their place, brought to the disk, then named in one step."""
+"""Files that appear whole or not at all: written beside their place, brought to the disk, named in one step."""
 
 import contextlib
 import os
@@ -8,7 +8,7 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def written_beside(target: Path, data: bytes, sync: bool = True) -> Iterator[Path]:
-    """A file with `data` beside `target`, to be looked at and then given its name; removed at the end if it was not.
+    """A file with `data` beside `target`, to be looked at, then given its name; removed at the end if it was not.
 
     sync: wait until it is on the disk. OSError if it cannot be written.
     """

@@ -104,6 +104,21 @@ def test_settled_counts_a_force_along_beta_as_increasing_also_when_the_tip_moves
     assert h[1] == influence(*f, *v, SETTLED.no_effect, False)[1]
 
 
+@pytest.mark.parametrize("rules", [SETTLED, LITERAL])
+def test_a_component_below_a_fiftieth_of_the_force_has_no_effect(rules):
+    for small, effect in ((0.0199, 0), (0.0201, 1)):
+        large = math.sqrt(1.0 - small**2)
+        for force in (0.1, 30.0):
+            assert influence(force * small, force * large, 0.1, 0.1, rules.no_effect, rules.along_beta) == (
+                effect,
+                1,
+            )
+            assert influence(force * large, force * small, 0.1, 0.1, rules.no_effect, rules.along_beta) == (
+                1,
+                effect,
+            )
+
+
 def test_only_brakes_that_slow_the_undesired_component_are_ranked_and_those_that_help_come_first():
     ranked = sorted(((x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)), key=lambda h: -priority(*h))
     assert ranked[:3] == [(1, -1), (0, -1), (-1, -1)]

@@ -71,6 +71,12 @@ def test_settled_1_at_rest_the_impending_motion_decides_whatever_the_velocity_no
         assert at_rest[1] == pytest.approx(noisy[1], abs=1e-12)
 
 
+@pytest.mark.parametrize(("force", "felt"), [(0.49, False), (0.51, True)])
+def test_settled_1_a_hand_is_felt_above_half_a_newton(force, felt):
+    code, _ = decision(make_controller(4, FORCE), 0.0, 0.42, (0.0, 0.0), (force, 0.0))
+    assert (code >= control.USE_PROPORTIONAL) == felt
+
+
 def test_settled_1_a_hand_along_the_path_starts_where_literally_it_stays_locked():
     f = (38.0, 0.01)  # along the path, outward by a hair: a tip at rest left of the path
     code, current = decision(make_controller(4, FORCE, "literal"), 0.0, 0.402, (0, 0), f)
@@ -130,6 +136,24 @@ def test_settled_4_a_hand_that_slows_the_tip_down_is_not_led_back():
     assert weak[0] == 1.0
     decision(make_controller(2, FORCE), 0.0, 0.41, (0.004, 0.0), (-1.1, 0.0), memory=weak)
     assert weak[0] == -1.0
+
+
+def test_the_proportional_controller_locks_if_no_brake_helps_an_outward_push_or_the_tip_moves_back():
+    helps = np.array([[3.0, 3.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])  # brake A only
+    out_ahead, out_back, in_ahead, in_back = (0.1, 0.1), (-0.05, 0.1), (0.1, -0.005), (-0.1, -0.04)
+    none = np.zeros((4, 2))
+    for rules in RULE_SETS:
+        for v, f, g, expected in [
+            (out_ahead, (1, 5), helps, control.USE_CAPPED),  # a brake that helps is used, not the lock
+            (out_ahead, (1, 5), none, control.LOCK_NONE_SELECTED),
+            (out_ahead, (1, -5), none, control.RELEASE_NONE_SELECTED),
+            (out_back, (1, 5), helps, control.LOCK_BACK),
+            (out_back, (1, 5), none, control.LOCK_NONE_SELECTED),
+            (in_back, (1, -5), none, control.LOCK_BACK_NONE_SELECTED),
+            (in_ahead, (1, -5), none, control.RELEASE_NONE_SELECTED),
+        ]:
+            code, _ = decision(make_controller(4, FORCE, rules), 0.0, 0.4001, v, f, g)
+            assert control.DECISIONS[code] == control.DECISIONS[expected], (rules, v, f)
 
 
 def test_settled_5_moving_back_locks_only_beyond_5_mm_s_and_four_times_the_velocity_noise():

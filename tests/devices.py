@@ -1,0 +1,242 @@
+"""Five-bars for tests of the mechanics, and their physics by a route of its own.
+
+`FiveBar` holds the numbers of a device file. What is written here comes from link geometry (angles by the law of
+cosines, the ten-coordinate form of Eq. (5)), not from the code under test. Joint order A, E, B, C.
+"""
+
+import math
+import tomllib
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from core.device import SHIPPED_FOLDER, Device, build_device
+from core.mechanism import JOINTS
+
+BRAKE_TEXT = (SHIPPED_FOLDER.parent / "brake_files" / "mrb-2107-3.toml").read_text()
+#: signs of theta_E, theta_C
+OUT = {"out": (-1.0, 1.0), "in": (1.0, -1.0), "left": (-1.0, -1.0), "right": (1.0, 1.0)}
+LINKS = ("AE", "ED", "BC", "CD")
+
+
+def rods(mass: float, lengths: tuple[float, ...]) -> tuple[tuple[float, float, float], ...]:
+    """Uniform rods: (mass, com, inertia) of each link."""
+    return tuple((mass, 0.5 * length, mass * length**2 / 12.0) for length in lengths)
+
+
+def slope(function, p: np.ndarray, direction: np.ndarray, h: float = 2e-4):
+    """Directional derivative by differences, fourth order."""
+    near = function(p + h * direction) - function(p - h * direction)
+    far = function(p + 2 * h * direction) - function(p - 2 * h * direction)
+    return (8 * near - far) / (12 * h)
+
+
+@dataclass(frozen=True)
+class FiveBar:
+    """A five-bar as its file says it (SI)."""
+
+    base_a: tuple[float, float] = (-0.05, 0.0)
+    base_b: tuple[float, float] = (0.05, 0.0)
+    lengths: tuple[float, ...] = (0.27, 0.30, 0.27, 0.30)  # AE, ED, BC, CD
+    links: tuple[tuple[float, float, float], ...] = rods(0.3, (0.27, 0.30, 0.27, 0.30))
+    tip: float = 0.3
+    elbow_masses: tuple[float, float] = (0.0, 0.0)  # at E, at C
+    rotor: float = 1e-4
+    braked: str = "AEBC"
+    elbows: str = "out"
+    limits: str = "margin = 0.3"
+    name: str = "bench four-brake"
+
+    @property
+    def text(self) -> str:
+        """The device file."""
+        names = zip(LINKS, self.lengths, strict=True)
+        masses = zip(LINKS, self.links, strict=True)
+        return "\n".join(
+            [f'name = "{self.name}"', "[geometry]"]
+            + [f"base_{j}_m = [{x!r}, {y!r}]" for j, (x, y) in (("A", self.base_a), ("B", self.base_b))]
+            + [f"L_{link}_m = {length!r}" for link, length in names]
+            + [f'elbows = "{self.elbows}"', "[mass]"]
+            + [f"{n} = {{mass_kg = {m!r}, com_m = {c!r}, inertia_kg_m2 = {i!r}}}" for n, (m, c, i) in masses]
+            + [f"tip_kg = {self.tip!r}", f"rotor_inertia_kg_m2 = {self.rotor!r}"]
+            + [f"joint_{j}_kg = {m!r}" for j, m in zip("EC", self.elbow_masses, strict=True)]
+            + ["[limits]", self.limits, "[brakes]"]
+            + [f'{j} = "test-brake"' for j in self.braked]
+        )
+
+    @cached_property
+    def device(self) -> Device:
+        """The device that the code under test builds from the file."""
+        return build_device(self.text, {"test-brake": BRAKE_TEXT}, self.name)
+
+    @property
+    def rotors(self) -> np.ndarray:
+        """Rotor inertia of each joint (4,), kg m2."""
+        return self.rotor * np.array([float(j in self.braked) for j in JOINTS])
+
+    def angles(self, p: np.ndarray) -> np.ndarray:
+        """theta (4,) at a tip, by the law of cosines; NaN out of reach."""
+        theta = []
+        for base, (proximal, distal), bend in zip(
+            (self.base_a, self.base_b), (self.lengths[:2], self.lengths[2:]), OUT[self.elbows], strict=True
+        ):
+            reach = math.hypot(p[0] - base[0], p[1] - base[1])
+            cosine = (reach**2 - proximal**2 - distal**2) / (2 * proximal * distal)
+            if not -1.0 < cosine < 1.0:
+                return np.full(4, math.nan)
+            elbow = bend * math.acos(cosine)
+            turned = math.atan2(distal * math.sin(elbow), proximal + distal * math.cos(elbow))
+            theta += [math.atan2(p[1] - base[1], p[0] - base[0]) - turned, elbow]
+        return np.array(theta)
+
+    def sines(self, p: np.ndarray) -> np.ndarray:
+        """Sines (3,) of elbow E, elbow C and the angle between the distal links at a tip."""
+        a, e, b, c = self.angles(p)
+        return np.sin([e, c, b + c - a - e])
+
+    def is_open(self, p: np.ndarray, least: float = 0.35) -> bool:
+        """True where every sine keeps `least` from zero."""
+        return bool(np.all(np.abs(self.sines(p)) >= least) and p[1] > 0.05)
+
+    def open_tips(self, rng: np.random.Generator, n: int, least: float = 0.35) -> np.ndarray:
+        """n random tips (n, 2) well inside the workspace."""
+        found: list[np.ndarray] = []
+        for _ in range(20000):
+            p = rng.uniform((-0.5, 0.05), (0.5, 0.6))
+            if self.is_open(p, least):
+                found.append(p)
+                if len(found) == n:
+                    break
+        assert len(found) == n, "no such tips"
+        return np.array(found)
+
+    def jacobians(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """J1, J2 (2, 2) of Eqs. (9) and (10)."""
+        a, e, b, c = self.angles(p)
+        both = []
+        for base, elbow, (one, two) in ((a, e, self.lengths[:2]), (b, c, self.lengths[2:])):
+            end = np.array([-two * math.sin(base + elbow), two * math.cos(base + elbow)])
+            both.append(np.column_stack([end + one * np.array([-math.sin(base), math.cos(base)]), end]))
+        return both[0], both[1]
+
+    def rows(self, p: np.ndarray) -> np.ndarray:
+        """g (4, 2): joint rates = g v."""
+        one, two = self.jacobians(p)
+        return np.vstack([np.linalg.inv(one), np.linalg.inv(two)])
+
+    def kinetic(self, p: np.ndarray, v: np.ndarray) -> float:
+        """Kinetic energy (J) summed over bodies: four links, elbow masses, rotors, tip."""
+        a, e, b, c = self.angles(p)
+        rates = self.rows(p) @ v
+        total = 0.5 * self.tip * (v @ v) + 0.5 * float(self.rotors @ rates**2)
+        for theta, bend, rate, bending, k in ((a, e, rates[0], rates[1], 0), (b, c, rates[2], rates[3], 2)):
+            (m1, c1, i1), (m2, c2, i2) = self.links[k], self.links[k + 1]
+            u1 = np.array([-math.sin(theta), math.cos(theta)]) * rate
+            u2 = np.array([-math.sin(theta + bend), math.cos(theta + bend)]) * (rate + bending)
+            elbow, com = self.lengths[k] * u1, self.lengths[k] * u1 + c2 * u2
+            total += 0.5 * (m1 * c1**2 + i1) * rate**2 + 0.5 * self.elbow_masses[k // 2] * (elbow @ elbow)
+            total += 0.5 * m2 * (com @ com) + 0.5 * i2 * (rate + bending) ** 2
+        return total
+
+    def acceleration(
+        self, p: np.ndarray, v: np.ndarray, force: np.ndarray, torque: np.ndarray, rigid: tuple[int, ...] = ()
+    ) -> np.ndarray:
+        """Tip acceleration from Eq. (5): ten coordinates, eight constraints, one more for each `rigid` joint.
+
+        Coordinates: theta_AE, theta_BC, ED x, y, theta, CD x, y, theta, handle x, y.
+        """
+        a, e, b, c = self.angles(p)
+        wa, we, wb, wc = self.rows(p) @ v
+        rotor = self.rotors
+        mass, q = np.zeros((10, 10)), np.zeros(10)
+        lines: list[np.ndarray] = []
+        right: list[float] = []
+        arms = ((0, 2, a, a + e, wa, wa + we, 0), (1, 5, b, b + c, wb, wb + wc, 2))
+        for prox, dist, t1, t2, w1, w2, k in arms:
+            (m1, c1, i1), (m2, c2, i2) = self.links[k], self.links[k + 1]
+            l1, l2, turn = self.lengths[k], self.lengths[k + 1], dist + 2
+            mass[prox, prox] = i1 + m1 * c1**2 + self.elbow_masses[k // 2] * l1**2 + rotor[k] + rotor[k + 1]
+            mass[dist, dist] = mass[dist + 1, dist + 1] = m2
+            mass[turn, turn] = i2 + rotor[k + 1]
+            mass[prox, turn] = mass[turn, prox] = -rotor[k + 1]
+            q[prox] += torque[k] - torque[k + 1]
+            q[turn] += torque[k + 1]
+            for axis in range(2):
+                shift = 0.5 * math.pi * axis  # cos(t - shift): cos for x, sin for y
+                line = np.zeros(10)  # elbow by the proximal link = elbow by the distal one
+                line[prox] = -l1 * math.sin(t1 - shift)
+                line[dist + axis], line[turn] = -1.0, -c2 * math.sin(t2 - shift)
+                lines.append(line)
+                right.append(l1 * w1**2 * math.cos(t1 - shift) + c2 * w2**2 * math.cos(t2 - shift))
+                line = np.zeros(10)  # tip by the distal link = handle
+                line[dist + axis], line[turn], line[8 + axis] = 1.0, -(l2 - c2) * math.sin(t2 - shift), -1.0
+                lines.append(line)
+                right.append((l2 - c2) * w2**2 * math.cos(t2 - shift))
+        mass[8, 8] = mass[9, 9] = self.tip
+        q[8:] = force
+        for j in rigid:
+            line = np.zeros(10)
+            line[0 if j < 2 else 1] = -1.0 if j in (1, 3) else 1.0
+            if j in (1, 3):
+                line[4 if j == 1 else 7] = 1.0
+            lines.append(line)
+            right.append(0.0)
+        n = len(lines)
+        whole = np.zeros((10 + n, 10 + n))
+        whole[:10, :10] = mass
+        whole[10:, :10] = np.array(lines)
+        whole[:10, 10:] = -whole[10:, :10].T
+        return np.linalg.solve(whole, np.concatenate([q, right]))[8:10]
+
+
+def shipped(name: str) -> FiveBar:
+    """A shipped device's numbers, read from its file."""
+    data = tomllib.loads((SHIPPED_FOLDER / f"{name}.toml").read_text())
+    geometry, mass = data["geometry"], data["mass"]
+    return FiveBar(
+        tuple(geometry["base_A_m"]),
+        tuple(geometry["base_B_m"]),
+        tuple(geometry[f"L_{link}_m"] for link in LINKS),
+        tuple((mass[k]["mass_kg"], mass[k]["com_m"], mass[k]["inertia_kg_m2"]) for k in LINKS),
+        mass["tip_kg"],
+        (mass.get("joint_E_kg", 0.0), mass.get("joint_C_kg", 0.0)),
+        mass["rotor_inertia_kg_m2"],
+        "".join(j for j in JOINTS if j in data["brakes"]),
+        geometry["elbows"],
+        name=name,
+    )
+
+
+THREE, FOUR = shipped("three-brake"), shipped("four-brake")
+BENCH_FOUR = FiveBar()
+BENCH_THREE = replace(
+    BENCH_FOUR,
+    base_a=(0.0, 0.0),
+    base_b=(0.0, 0.0),
+    lengths=(0.30,) * 4,
+    links=rods(0.3, (0.30,) * 4),
+    braked="AEB",
+    name="bench three-brake",
+)
+BENCH = (BENCH_THREE, BENCH_FOUR)
+FIXED = (THREE, FOUR, BENCH_THREE, BENCH_FOUR)
+
+
+def random_five_bar(seed: int) -> FiveBar:
+    """A five-bar of random sizes, masses and elbows; every fourth has coaxial bases."""
+    rng = np.random.default_rng(seed)
+    for _ in range(1000):
+        half = 0.0 if seed % 4 == 0 else rng.uniform(0.01, 0.12)
+        lengths = tuple(rng.uniform(0.2, 0.35, 4).tolist())
+        shape = rng.uniform((0.05, 0.2, 0.02), (1.0, 0.8, 0.2), (4, 3)).tolist()
+        links = tuple((m, x * length, m * length**2 * k) for (m, x, k), length in zip(shape, lengths, strict=True))
+        bar = FiveBar(
+            (-half, 0.0), (half, rng.uniform(-0.02, 0.02) if half else 0.0), lengths, links,
+            rng.uniform(0.1, 1.0), tuple(rng.uniform(0.0, 1.5, 2).tolist()), rng.uniform(0.0, 1e-3),
+            ("AEB", "AEBC", "ABC", "AEC")[seed // 4 % 4], ("out", "out", "left", "right")[seed % 4],
+            name=f"random-{seed}",
+        )  # fmt: skip
+        if any(bar.is_open(p, 0.4) for p in rng.uniform((-0.4, 0.1), (0.4, 0.55), (40, 2))):
+            return bar
+    raise AssertionError("no five-bar with a workspace")

@@ -1,0 +1,339 @@
+"""A recording gives back what was written, every tick of it, or says plainly what is missing."""
+
+import json
+import os
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from core import row
+from core.control import DECISIONS
+from core.errors import InputError
+from experiments import recording_writer
+from experiments.recording import RecordingWriter, convert_to_parquet, read_recording, recording_columns
+from experiments.recording_form import same_content
+
+NAMES = (
+    "t_s, phase, tip_x_m, tip_y_m, tip_vx_m_s, tip_vy_m_s, tip_ax_m_s2, tip_ay_m_s2, hand_fx_N, hand_fy_N, "
+    "current_A_A, current_E_A, current_B_A, current_C_A, torque_A_N_m, torque_E_N_m, torque_B_N_m, torque_C_N_m, "
+    "stuck, decision, lateness_us, energy_hand_J, energy_brakes_J, energy_kinetic_J, energy_stops_J, "
+    "target_x_m, target_y_m"
+).split(", ")
+
+
+def ticks(n, seed=0):
+    """n plausible rows of the tick log."""
+    generator = np.random.default_rng(seed)
+    rows = generator.normal(size=(n, row.WIDTH))
+    rows[:, row.T] = np.arange(n) / 1000.0
+    rows[:, row.PHASE] = np.arange(n) * 4 // max(n, 1)
+    rows[:, row.STUCK] = generator.integers(0, 16, n)
+    rows[:, row.DECISION] = generator.integers(0, len(DECISIONS), n)
+    return rows
+
+
+def record(path, rows, braked="AEB", outcome=None, pieces=1):
+    with RecordingWriter(path, braked, {"participant": "01"}, sync=False) as writer:
+        for piece in np.array_split(rows, pieces):
+            writer.write(piece)
+        writer.close(outcome or {"status": "done"})
+    return path
+
+
+def batch_ends(path):
+    """The byte after each message of a stream, the first entry after the header, and the rows up to there."""
+    source = pa.BufferReader(path.read_bytes())
+    stream = pa.ipc.open_stream(source)
+    schema_and_dictionaries = pa.BufferReader(path.read_bytes())
+    while pa.ipc.read_message(schema_and_dictionaries).type != "record batch":
+        ends = [(schema_and_dictionaries.tell(), 0)]
+    for batch in stream:
+        ends.append((source.tell(), ends[-1][1] + batch.num_rows))
+    return ends
+
+
+def assert_holds(recording, rows):
+    """The recording holds exactly these rows, bit by bit."""
+    for name, place in recording_columns(recording.braked):
+        assert np.array_equal(recording.column(name), rows[:, place], equal_nan=True), name
+
+
+@pytest.mark.parametrize("braked", ["AEBC", "AEB", "A", "", "BC"])
+def test_columns_are_the_promised_ones_without_those_of_missing_brakes(tmp_path, braked):
+    rows = ticks(50)
+    recording = read_recording(record(tmp_path / "run-001.arrows", rows, braked))
+    missing = {f"{kind}_{joint}_{unit}" for joint in "AEBC" if joint not in braked
+               for kind, unit in (("current", "A"), ("torque", "N_m"))}  # fmt: skip
+    assert list(recording.columns) == [name for name in NAMES if name not in missing]
+    assert_holds(recording, rows)
+
+
+def test_reading_back_gives_every_tick_the_words_and_what_was_said_about_the_trial(tmp_path):
+    rows = ticks(3456)
+    rows[7, row.HAND_FX] = np.nan  # a sensor that failed is recorded as it was
+    rows[8, row.HAND_FX] = -np.inf
+    recording = read_recording(record(tmp_path / "run-001.arrows", rows, pieces=7, outcome={"status": "timeout"}))
+    assert recording.whole and recording.rows == 3456
+    assert_holds(recording, rows)
+    assert recording.metadata == {"participant": "01"} and recording.outcome == {"status": "timeout"}
+    assert list(recording.text("decision")) == [DECISIONS[int(code)] for code in rows[:, row.DECISION]]
+    assert list(recording.text("stuck")) == [row.STUCK_LETTERS[int(code)] for code in rows[:, row.STUCK]]
+    assert np.array_equal(recording.in_phase("move"), rows[:, row.PHASE] == row.MOVE)
+    with pytest.raises(InputError, match="current_C_A"):
+        recording.column("current_C_A")
+
+
+def test_any_arrow_program_reads_the_stream_and_finds_its_end_record(tmp_path):
+    path = record(tmp_path / "run-001.arrows", ticks(2500))
+    with pa.ipc.open_stream(path) as stream:
+        batches = []
+        with pytest.raises(StopIteration):
+            while True:
+                batches.append(stream.read_next_batch_with_custom_metadata())
+    *ticks_of, (last, about) = batches
+    assert [batch.num_rows for batch, _ in ticks_of] == [1000, 1000, 500]
+    assert last.num_rows == 0 and last.schema == ticks_of[0][0].schema and about["end"] == b"end"
+    assert [int(about["sequence"]) for _, about in batches] == [0, 1, 2, 3]
+    assert all(set(about) >= {b"crc32", b"rows", b"first_row"} for _, about in batches)
+    assert ticks_of[0][0].schema.field("phase").type == pa.dictionary(pa.int8(), pa.string())
+
+
+def test_checksum_of_a_batch_is_the_zip_checksum_of_its_bytes_without_the_digits(tmp_path):
+    import zlib
+
+    path = record(tmp_path / "run-001.arrows", ticks(1500))
+    data = path.read_bytes()
+    source = pa.BufferReader(data)
+    stream = pa.ipc.open_stream(source)
+    start = batch_ends(path)[0][0]
+    for _ in range(3):
+        _, about = stream.read_next_batch_with_custom_metadata()
+        message = data[start : source.tell()]
+        start = source.tell()
+        digits = about["crc32"]
+        assert message.count(digits) == 1
+        assert int(digits, 16) == zlib.crc32(message.replace(digits, b"\x18" * 8))
+
+
+def test_a_stream_cut_anywhere_gives_back_every_whole_batch_and_lacks_its_end(tmp_path):
+    rows = ticks(700)
+    path = tmp_path / "run-001.arrows"
+    with RecordingWriter(path, "AEB", {}, sync=False) as writer:
+        for piece in np.array_split(rows, 5):
+            writer.write(piece)
+            writer.flush()
+    data = path.read_bytes()
+    ends = batch_ends(path)
+    generator = np.random.default_rng(1)
+    edges = [end + shift for end, _ in ends for shift in (-1, 0, 1)]
+    cuts = {0, 1, len(data) - 1, len(data) - 8, *edges, *map(int, generator.integers(0, len(data), 120))}
+    for cut in sorted(cut for cut in cuts if cut < len(data)):
+        path.write_bytes(data[:cut])
+        recording = read_recording(path)
+        whole = max((count for end, count in ends if end <= cut), default=0)
+        assert not recording.complete and not recording.whole, cut
+        assert recording.rows == whole, cut
+        if whole:
+            assert_holds(recording, rows[:whole])
+        if cut >= ends[0][0]:
+            assert recording.damaged == [], cut  # a clean cut is no damage
+        with pytest.raises(InputError, match="not converted"):
+            convert_to_parquet(path)
+
+
+@pytest.mark.parametrize("suffix", [".arrows", ".parquet"])
+def test_no_changed_bit_goes_unnoticed_and_no_changed_row_is_returned(tmp_path, suffix):
+    rows = ticks(300)
+    path = tmp_path / "run-001.arrows"
+    with RecordingWriter(path, "AEB", {"participant": "01"}, sync=False) as writer:
+        for piece in np.array_split(rows, 3):
+            writer.write(piece)
+            writer.flush()
+        writer.close({"status": "done"})
+    header_end = batch_ends(path)[0][0]
+    if suffix == ".parquet":
+        path = convert_to_parquet(path)
+    data = path.read_bytes()
+    generator = np.random.default_rng(2)
+    places = {*map(int, generator.integers(0, len(data), 250)), *range(len(data) - 60, len(data))}
+    if suffix == ".arrows":
+        places |= {*range(0, header_end, 29), *range(header_end, header_end + 2000, 13)}
+    for place in sorted(places):
+        flipped = bytearray(data)
+        flipped[place] ^= 1 << int(generator.integers(8))
+        path.write_bytes(flipped)
+        recording = read_recording(path)
+        assert not recording.whole, place
+        if suffix == ".arrows" and recording.rows:  # what is returned is a selection of the true rows
+            kept = np.searchsorted(rows[:, row.T], recording.column("t_s"))
+            assert len(kept) >= 200
+            assert_holds(recording, rows[kept])
+
+
+def test_damage_inside_costs_one_batch_and_names_it(tmp_path):
+    rows = ticks(500)
+    path = tmp_path / "run-001.arrows"
+    with RecordingWriter(path, "AEB", {}, sync=False) as writer:
+        for piece in np.array_split(rows, 5):
+            writer.write(piece)
+            writer.flush()
+    data = bytearray(path.read_bytes())
+    ends = batch_ends(path)
+    for place in (ends[2][0] - 30, ends[1][0] + 5, ends[1][0]):  # a value, the message's length, its marker
+        flipped = bytearray(data)
+        flipped[place] ^= 0x40
+        path.write_bytes(flipped)
+        recording = read_recording(path)
+        assert recording.complete and not recording.whole
+        assert recording.damaged == ["batch 1 (rows 100 to 199): damaged"]
+        assert_holds(recording, np.delete(rows, np.s_[100:200], axis=0))
+
+
+def test_an_existing_file_is_never_overwritten(tmp_path):
+    path = record(tmp_path / "run-001.arrows", ticks(10))
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="exists already"):
+        RecordingWriter(path, "AEB", {})
+    assert path.read_bytes() == before
+    with pytest.raises(InputError, match="cannot be created"):
+        RecordingWriter(tmp_path / "no folder" / "run-001.arrows", "AEB", {})
+
+
+@pytest.mark.parametrize("braked, metadata", [("BA", {}), ("X", {}), ("AA", {}), ("A", {"x": object()})])
+def test_a_recording_that_cannot_be_described_is_refused_before_a_file_exists(tmp_path, braked, metadata):
+    with pytest.raises(InputError, match="recording"):
+        RecordingWriter(tmp_path / "run-001.arrows", braked, metadata)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_exception_in_the_trial_keeps_its_ticks_without_an_end(tmp_path):
+    rows = ticks(150)
+    path = tmp_path / "run-001.arrows"
+    with pytest.raises(ZeroDivisionError), RecordingWriter(path, "AEB", {}) as writer:
+        writer.write(rows)
+        raise ZeroDivisionError
+    recording = read_recording(path)
+    assert not recording.complete and recording.damaged == [] and recording.rows == 150
+    with pytest.raises(ValueError, match="closed"):
+        writer.write(rows)
+
+
+def test_rows_reach_the_file_in_time_for_a_kill_and_the_disk_in_time_for_a_power_cut(tmp_path, monkeypatch):
+    now, syncs = [100.0], []
+    monkeypatch.setattr(recording_writer.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(recording_writer.os, "fsync", lambda handle: syncs.append(now[0]))
+    path = tmp_path / "run-001.arrows"
+    writer = RecordingWriter(path, "AEB", {})
+    syncs.clear()
+    for chunk in np.array_split(ticks(2000), 100):  # 20 ticks every 20 ms, as while a person moves
+        now[0] += 0.02
+        writer.write(chunk)
+        assert writer.rows - writer.rows_written <= 120
+    assert read_recording(path).rows >= 1880  # while it is still open
+    assert 5 <= len(syncs) <= 8  # 2 s; at most every 0.25 s
+    assert min(np.diff(syncs)) >= 0.25 and max(np.diff(syncs)) < 0.25 + 0.03
+    writer.close()
+    assert read_recording(path).rows == 2000
+
+
+def test_rows_given_are_copied(tmp_path):
+    ring, path = ticks(10), tmp_path / "run-001.arrows"
+    rows = ring.copy()
+    with RecordingWriter(path, "AEB", {}, sync=False) as writer:
+        writer.write(ring)
+        ring[:] = np.nan
+    assert_holds(read_recording(path), rows)
+
+
+def test_a_full_disk_is_said_and_leaves_whole_batches(tmp_path, monkeypatch):
+    rows, path = ticks(3000), tmp_path / "run-001.arrows"
+    writer = RecordingWriter(path, "AEB", {}, sync=False)
+    writer.write(rows[:2000])
+    write, room = os.write, [5000]
+
+    def write_until_full(handle, data):
+        taken = min(len(data), room[0])
+        room[0] -= taken
+        if not taken:
+            raise OSError(28, "No space left on device")
+        return write(handle, data[:taken])
+
+    monkeypatch.setattr(recording_writer.os, "write", write_until_full)
+    with pytest.raises(OSError, match="No space left"):
+        writer.write(rows[2000:])
+    writer.close({"status": "done"})  # has nothing left to do, and must not claim a whole recording
+    recording = read_recording(path)
+    assert recording.rows == 2000 and not recording.complete and recording.damaged == []
+
+
+def test_a_tick_with_a_code_without_a_word_is_refused(tmp_path):
+    for column, value in ((row.DECISION, len(DECISIONS)), (row.PHASE, 0.5), (row.STUCK, -1), (row.PHASE, np.nan)):
+        rows = ticks(1500)
+        rows[3, column] = value
+        writer = RecordingWriter(tmp_path / f"run-{column}-{value}.arrows", "AEB", {}, sync=False)
+        with pytest.raises(ValueError, match="without a word"):
+            writer.write(rows)
+
+
+def test_parquet_holds_the_same_as_the_stream_which_then_goes(tmp_path):
+    rows = ticks(2345)
+    rows[5, row.HAND_FX], rows[6, row.HAND_FX] = np.nan, -0.0
+    path = record(tmp_path / "run-001.arrows", rows, "AEBC")
+    stream = read_recording(path)
+    target = convert_to_parquet(path)
+    assert target == tmp_path / "run-001.parquet" and sorted(tmp_path.iterdir()) == [target]
+    back = read_recording(target)
+    assert back.whole and same_content(back, stream)
+    table = pq.read_table(target)  # any Parquet reader
+    assert table.column_names == NAMES and table.num_rows == 2345
+    assert table.column("decision").to_pylist() == list(stream.text("decision"))
+    assert json.loads(table.schema.metadata[b"phd"])["metadata"] == {"participant": "01"}
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_a_recording_of_hardly_anything_survives_conversion(tmp_path, count):
+    path = record(tmp_path / "run-001.arrows", ticks(count))
+    assert read_recording(path).whole
+    back = read_recording(convert_to_parquet(path))
+    assert back.whole and back.rows == count and back.words["decision"] == DECISIONS
+
+
+def test_conversion_never_overwrites_and_finishes_what_a_crash_left(tmp_path):
+    rows = ticks(100)
+    stream = record(tmp_path / "run-001.arrows", rows)
+    data = stream.read_bytes()
+    target = convert_to_parquet(stream)
+    kept = target.read_bytes()
+    stream.write_bytes(data)  # as if killed between naming the new file and removing the stream
+    (tmp_path / ".run-001.parquet.partial").write_bytes(b"half")
+    assert convert_to_parquet(stream) == target
+    assert target.read_bytes() == kept and not stream.exists()
+
+    other = record(tmp_path / "run-001.arrows", ticks(100, seed=5))
+    with pytest.raises(InputError, match="differs"):
+        convert_to_parquet(other)
+    assert target.read_bytes() == kept and other.exists()
+
+
+def test_same_content_looks_at_every_bit_and_word(tmp_path):
+    recordings = []
+    for k, change in enumerate([None, (row.TIP_X, 1e-300), (row.TIP_X, -0.0), (row.DECISION, 1.0)]):
+        rows = ticks(20)
+        rows[3, [row.TIP_X, row.DECISION]] = 0.0
+        if change:
+            rows[3, change[0]] = change[1]
+        recordings.append(read_recording(record(tmp_path / f"run-{k}.arrows", rows)))
+    first, *others = recordings
+    assert same_content(first, first) and not any(same_content(first, other) for other in others)
+
+
+def test_what_is_no_recording_is_refused_in_one_sentence(tmp_path):
+    (tmp_path / "x.txt").write_text("x")
+    for path in (tmp_path / "x.txt", tmp_path / "none.arrows", tmp_path / "none.parquet"):
+        with pytest.raises(InputError, match=path.name):
+            read_recording(path)
+    pq.write_table(pa.table({"t_s": [0.0]}), tmp_path / "foreign.parquet")
+    foreign = read_recording(tmp_path / "foreign.parquet")
+    assert foreign.rows == 0 and foreign.damaged and not foreign.complete
