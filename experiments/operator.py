@@ -29,9 +29,14 @@ OPERATOR = np.dtype(
         ("bias", "f8"),  # m, lateral offset of the virtual path, this trial
         ("curvature", "f8"),  # m, lateral bow of the virtual path
         ("seen_gain", "f8"),  # 1/s, correction of the seen error
-        ("felt_gain", "f8"),  # correction of the felt error, share
+        ("felt_gain", "f8"),  # share of the felt sideways pull that is given up at once
+        ("stall_rate", "f8"),  # 1/s, at which a sideways push is given up while the tip stands still
+        ("stall_way", "f8"),  # m, the tip stands still when it moved less in the time between felt and seen
         ("seen_ticks", "i8"),  # delay of what is seen
         ("felt_ticks", "i8"),  # delay of what is felt
+        ("effort_rate", "f8"),  # N/s, at which a push along the path grows while the tip stands still
+        ("effort_max", "f8"),  # N
+        ("effort_ease", "f8"),  # 1/s, at which it is given up once the tip moves
         ("dead_zone", "f8"),  # m, seen errors below it are left alone
         ("lead_max", "f8"),  # m, the virtual hand waits for a tip that lags more
         ("noise_share", "f8"),  # force noise, share of the force
@@ -43,6 +48,7 @@ OPERATOR = np.dtype(
         ("progress", "f8"),  # 0 .. 1 of the minimum-jerk movement
         ("origin", "f8", (2,)),  # m, where the approach began
         ("approach_s", "f8"),
+        ("effort", "f8"),  # N
         ("offset", "f8", (2,)),  # m, correction learned from what is seen, in x and y
         ("noise", "f8", (2,)),
         ("ring", "f8", (_RING, 2)),  # m, past tip positions
@@ -107,6 +113,11 @@ def new_operator(person: Person, generator: np.random.Generator) -> np.recarray:
         felt_gain=person.felt_gain,
         seen_ticks=130,
         felt_ticks=60,
+        stall_rate=2.0,
+        stall_way=0.0003,
+        effort_rate=10.0,
+        effort_max=25.0,
+        effort_ease=8.0,
         dead_zone=0.001,
         lead_max=0.06,
         noise_share=person.noise_share,
@@ -154,7 +165,7 @@ def begin_approach(operator, x, y, start_x, start_y):
     distance = math.sqrt((start_x - x) * (start_x - x) + (start_y - y) * (start_y - y))
     operator.approach_s = max(0.6, distance / operator.approach_speed)
     operator.progress = 0.0
-    operator.offset[0] = operator.offset[1] = 0.0
+    operator.offset[0] = operator.offset[1] = operator.effort = 0.0
     operator.noise[0] = operator.noise[1] = 0.0
     for i in range(operator.ring.shape[0]):
         operator.ring[i, 0], operator.ring[i, 1] = x, y
@@ -176,7 +187,7 @@ def operate(operator, grip, path, phase, tick, phase_tick, x, y, noise):
     else:
         felt_x, felt_y = operator.ring[felt, 0], operator.ring[felt, 1]
         follow(operator, grip, path, phase, phase_tick, x, y, seen_x, seen_y, felt_x, felt_y)
-    tremble(operator, grip, x, y, tick, noise[tick % noise.shape[0], 0], noise[tick % noise.shape[0], 1])
+    tremble(operator, grip, path, x, y, tick, noise[tick % noise.shape[0], 0], noise[tick % noise.shape[0], 1])
 
 
 @kernel
@@ -224,7 +235,16 @@ def follow(operator, grip, path, phase, phase_tick, x, y, seen_x, seen_y, felt_x
     correct(operator, missing * tx + seen_across * ty, missing * ty - seen_across * tx)
     wander = 4.0 * share * (1.0 - share)
     across = operator.bias * wander + operator.curvature * math.sin(2.0 * math.pi * share)
-    across -= operator.felt_gain * felt_across
+    pull = across + tx * operator.offset[1] - ty * operator.offset[0] - felt_across
+    across -= operator.felt_gain * pull
+    stands = math.hypot(felt_x - seen_x, felt_y - seen_y) < operator.stall_way
+    if phase == MOVE and stands and phase_tick * TICK_S > 2.0 * operator.reaction_s:
+        give = operator.stall_rate * TICK_S * pull
+        operator.offset[0] += give * ty
+        operator.offset[1] -= give * tx
+        operator.effort = min(operator.effort + operator.effort_rate * TICK_S, operator.effort_max)
+    else:
+        operator.effort -= operator.effort_ease * TICK_S * operator.effort
     along = share * path.length
     grip.target[0] = path.x0 + along * tx - across * ty + operator.offset[0]
     grip.target[1] = path.y0 + along * ty + across * tx + operator.offset[1]
@@ -233,8 +253,8 @@ def follow(operator, grip, path, phase, phase_tick, x, y, seen_x, seen_y, felt_x
 
 
 @kernel
-def tremble(operator, grip, x, y, tick, draw_x, draw_y):
-    """The noisy part of the force: low-passed noise in proportion to the arm's pull, and tremor."""
+def tremble(operator, grip, path, x, y, tick, draw_x, draw_y):
+    """The rest of the force: effort, low-passed noise in proportion to the arm's pull, and tremor."""
     decay = math.exp(-operator.noise_rate * TICK_S)
     spread = math.sqrt(1.0 - decay * decay)
     operator.noise[0] = decay * operator.noise[0] + spread * draw_x
@@ -244,5 +264,5 @@ def tremble(operator, grip, x, y, tick, draw_x, draw_y):
     fx, fy = k[0] * dx + k[1] * dy, k[1] * dx + k[2] * dy
     pull = operator.noise_share * min(math.sqrt(fx * fx + fy * fy), grip.force_max)
     angle = operator.tremor_phase + operator.tremor_rate * TICK_S * tick
-    grip.held[0] = pull * operator.noise[0] + operator.tremor_force * math.sin(angle)
-    grip.held[1] = pull * operator.noise[1] + operator.tremor_force * math.sin(1.1 * angle + 1.0)
+    grip.held[0] = operator.effort * path.tangent_x + pull * operator.noise[0] + operator.tremor_force * math.sin(angle)
+    grip.held[1] = operator.effort * path.tangent_y + pull * operator.noise[1] + operator.tremor_force * math.sin(1.1 * angle + 1.0)

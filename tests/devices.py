@@ -25,7 +25,7 @@ def rods(mass: float, lengths: tuple[float, ...]) -> tuple[tuple[float, float, f
     return tuple((mass, 0.5 * length, mass * length**2 / 12.0) for length in lengths)
 
 
-def slope(function, p: np.ndarray, direction: np.ndarray, h: float = 2e-4):
+def slope(function, p: np.ndarray, direction: np.ndarray, h: float = 5e-5):
     """Directional derivative by differences, fourth order."""
     near = function(p + h * direction) - function(p - h * direction)
     far = function(p + 2 * h * direction) - function(p - 2 * h * direction)

@@ -1,4 +1,4 @@
-"""Device and brake files: what they mean, and that a device which cannot exist is refused in one sentence."""
+"""Device files: what they mean, and that a device which cannot exist is refused in one sentence."""
 
 import math
 import re
@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.brake_file import SHIPPED_FOLDER as BRAKE_FOLDER
-from core.brake_file import parse_brake
 from core.device import build_device, load_device, shipped_devices
 from core.errors import InputError
 from core.mechanism import JOINTS, A, B, C, E
@@ -79,17 +78,6 @@ def test_every_brake_can_exert_the_normalised_force_wherever_the_tip_can_be():
                 assert 5.3 * np.hypot(*g[JOINTS.index(joint)]) >= dev.force_normalised_N * (1 - 1e-12)
 
 
-def test_shipped_brake_follows_its_gain_and_time_constants_as_printed_beside_them():
-    brake = parse_brake(BRAKE, "brake")
-    gains = [brake.torque_gain(current) for current in (0.0, 0.2, 0.6, 1.0)]
-    assert gains == pytest.approx([0.35, 1.0, 3.4, 5.3])
-    for w in (-3.0, 0.0, 2.9):
-        for current in (0.0, 0.5, 1.0):
-            square = (w - 3.0) ** 2 * (1.0 + current)
-            assert brake.rise.below_omega_0(current, w) == pytest.approx(0.030 + 0.004 * square)
-            assert brake.fall.below_omega_0(current, w) == pytest.approx(0.020 + 0.002 * square)
-
-
 def test_kernels_get_radians_and_zeros_where_there_is_no_brake():
     b = THREE.brakes
     assert list(b.present) == [1, 1, 1, 0]
@@ -132,7 +120,7 @@ def test_housings_and_rotors_are_zero_unless_said():
 )
 def test_elbows_lie_on_the_named_sides(elbows, left_1, left_2):
     m = device(('elbows = "out"', f'elbows = "{elbows}"')).mechanism
-    assert (m.arm_1.side, m.arm_2.side) == (1.0 if left_1 else -1.0, 1.0 if left_2 else -1.0)
+    assert (m.arm_1.side > 0, m.arm_2.side > 0) == (left_1, left_2)
 
 
 def test_a_device_without_a_brake_at_every_joint_keeps_the_joint_order():
@@ -293,49 +281,6 @@ def test_a_device_that_cannot_be_is_refused(changes, says):
     assert str(refusal.value).startswith("my.toml: ") and "\n" not in str(refusal.value)
 
 
-BAD_BRAKES = {
-    "negative off torque": ("0.35,", "-0.35,", "k gives a negative torque at zero current"),
-    "falls below the knee": ("k = .3.25", "k = [-1", "must rise with the current"),
-    "falls above the knee": (
-        r"-1\.5625, 7\.25, -0\.3875",
-        "-8.75, 7.25, -0.1",
-        "must rise with the current up to",
-    ),
-    "jumps at the knee": (r"-0\.3875", "-0.3", "jumps from 1 to 1.0875 N m at knee_A"),
-    "negative time": (r"0\.066\]", "-0.066]", r"rise\.a gives a time constant of -"),
-    "dips below zero inside": (r"0\.002, 0\.002, 0\.038", "0.002, 0.002, 0.017", r"fall\.a gives a time constant"),
-    "no time above": ("a_avg_s = 0.030", "a_avg_s = 0", r"rise\.a_avg_s must be greater than 0"),
-    "floor above omega_0": (r"floor_rpm = 0\.125", "floor_rpm = 9", "must not exceed omega_0_rpm"),
-    "no current": ("current_max_A = 1.0", "current_max_A = 0.0", "current_max_A must be greater than 0"),
-    "five coefficients": (r"0\.066\]", "0.066, 1]", r"rise\.a must hold 6 values, not 7"),
-    "unknown key": ("knee_A", "knee_mA = 1\nknee_A", "unknown key knee_mA"),
-    "backlash": ("backlash_deg = 0.75", "backlash_deg = -1", "backlash_deg must be at least 0"),
-}
-
-
-@pytest.mark.parametrize("pattern, replacement, says", BAD_BRAKES.values(), ids=BAD_BRAKES)
-def test_a_brake_that_cannot_be_is_refused(pattern, replacement, says):
-    with pytest.raises(InputError, match=says):
-        parse_brake(changed(BRAKE, (pattern, replacement)), "my-brake.toml")
-
-
-@given(st.floats(0.01, 20), st.floats(0, 5), st.floats(-30, 30), st.floats(-30, 30), st.floats(0.05, 0.9))
-def test_an_accepted_brake_has_a_torque_that_rises_all_the_way(k1, k2, k3, k4, knee):
-    k5 = k1 * knee + k2 - (k3 * knee + k4) * knee
-    text = changed(
-        BRAKE, (r"(?m)^k = .*$", f"k = [{k1}, {k2}, {k3}, {k4}, {k5}]"), ("knee_A = 0.2", f"knee_A = {knee}")
-    )
-    currents = np.linspace(0.0, 1.0, 201)
-    torque = np.where(currents < knee, k1 * currents + k2, (k3 * currents + k4) * currents + k5)
-    rises = bool(np.all(np.diff(torque) > -1e-9))
-    try:
-        parse_brake(text, "brake")
-        assert rises
-    except InputError:
-        slopes = 2 * k3 * np.array([knee, 1.0]) + k4
-        assert slopes.min() <= 1e-9
-
-
 def test_an_unknown_device_is_named_with_those_that_exist(tmp_path: Path):
     with pytest.raises(InputError, match="unknown device 'five-brake'.*four-brake, three-brake"):
         load_device("five-brake")
@@ -351,13 +296,6 @@ def test_an_unknown_brake_is_named_with_the_file_that_asks(tmp_path: Path):
         load_device(tmp_path / "mine.toml")
 
 
-def test_a_file_that_is_not_text_is_refused(tmp_path: Path):
-    (tmp_path / "mine.toml").write_bytes(b"\xff\xfe\x00name")
-    with pytest.raises(InputError, match="UTF-8"):
-        load_device(tmp_path / "mine.toml")
-
-
 def test_shipped_files_say_assumed_to_a_reader_as_well():
     for text in (THREE.text, FOUR.text, BRAKE):
         assert tomllib.loads(text)["provenance"] == "assumed"
-        assert "assumed" in text.split("\n", 2)[1] + text.split("\n", 1)[0]

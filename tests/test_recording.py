@@ -1,45 +1,18 @@
 """A recording gives back what was written, every tick of it, or says plainly what is missing."""
 
-import json
 import os
+import zlib
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
+from recorded import NAMES, assert_holds, record, ticks
 
 from core import row
 from core.control import DECISIONS
 from core.errors import InputError
 from experiments import recording_writer
-from experiments.recording import RecordingWriter, convert_to_parquet, read_recording, recording_columns
-from experiments.recording_form import same_content
-
-NAMES = (
-    "t_s, phase, tip_x_m, tip_y_m, tip_vx_m_s, tip_vy_m_s, tip_ax_m_s2, tip_ay_m_s2, hand_fx_N, hand_fy_N, "
-    "current_A_A, current_E_A, current_B_A, current_C_A, torque_A_N_m, torque_E_N_m, torque_B_N_m, torque_C_N_m, "
-    "stuck, decision, lateness_us, energy_hand_J, energy_brakes_J, energy_kinetic_J, energy_stops_J, "
-    "target_x_m, target_y_m"
-).split(", ")
-
-
-def ticks(n, seed=0):
-    """n plausible rows of the tick log."""
-    generator = np.random.default_rng(seed)
-    rows = generator.normal(size=(n, row.WIDTH))
-    rows[:, row.T] = np.arange(n) / 1000.0
-    rows[:, row.PHASE] = np.arange(n) * 4 // max(n, 1)
-    rows[:, row.STUCK] = generator.integers(0, 16, n)
-    rows[:, row.DECISION] = generator.integers(0, len(DECISIONS), n)
-    return rows
-
-
-def record(path, rows, braked="AEB", outcome=None, pieces=1):
-    with RecordingWriter(path, braked, {"participant": "01"}, sync=False) as writer:
-        for piece in np.array_split(rows, pieces):
-            writer.write(piece)
-        writer.close(outcome or {"status": "done"})
-    return path
+from experiments.recording import RecordingWriter, convert_to_parquet, read_recording
 
 
 def batch_ends(path):
@@ -52,12 +25,6 @@ def batch_ends(path):
     for batch in stream:
         ends.append((source.tell(), ends[-1][1] + batch.num_rows))
     return ends
-
-
-def assert_holds(recording, rows):
-    """The recording holds exactly these rows, bit by bit."""
-    for name, place in recording_columns(recording.braked):
-        assert np.array_equal(recording.column(name), rows[:, place], equal_nan=True), name
 
 
 @pytest.mark.parametrize("braked", ["AEBC", "AEB", "A", "", "BC"])
@@ -101,8 +68,6 @@ def test_any_arrow_program_reads_the_stream_and_finds_its_end_record(tmp_path):
 
 
 def test_checksum_of_a_batch_is_the_zip_checksum_of_its_bytes_without_the_digits(tmp_path):
-    import zlib
-
     path = record(tmp_path / "run-001.arrows", ticks(1500))
     data = path.read_bytes()
     source = pa.BufferReader(data)
@@ -275,65 +240,3 @@ def test_a_tick_with_a_code_without_a_word_is_refused(tmp_path):
         writer = RecordingWriter(tmp_path / f"run-{column}-{value}.arrows", "AEB", {}, sync=False)
         with pytest.raises(ValueError, match="without a word"):
             writer.write(rows)
-
-
-def test_parquet_holds_the_same_as_the_stream_which_then_goes(tmp_path):
-    rows = ticks(2345)
-    rows[5, row.HAND_FX], rows[6, row.HAND_FX] = np.nan, -0.0
-    path = record(tmp_path / "run-001.arrows", rows, "AEBC")
-    stream = read_recording(path)
-    target = convert_to_parquet(path)
-    assert target == tmp_path / "run-001.parquet" and sorted(tmp_path.iterdir()) == [target]
-    back = read_recording(target)
-    assert back.whole and same_content(back, stream)
-    table = pq.read_table(target)  # any Parquet reader
-    assert table.column_names == NAMES and table.num_rows == 2345
-    assert table.column("decision").to_pylist() == list(stream.text("decision"))
-    assert json.loads(table.schema.metadata[b"phd"])["metadata"] == {"participant": "01"}
-
-
-@pytest.mark.parametrize("count", [0, 1])
-def test_a_recording_of_hardly_anything_survives_conversion(tmp_path, count):
-    path = record(tmp_path / "run-001.arrows", ticks(count))
-    assert read_recording(path).whole
-    back = read_recording(convert_to_parquet(path))
-    assert back.whole and back.rows == count and back.words["decision"] == DECISIONS
-
-
-def test_conversion_never_overwrites_and_finishes_what_a_crash_left(tmp_path):
-    rows = ticks(100)
-    stream = record(tmp_path / "run-001.arrows", rows)
-    data = stream.read_bytes()
-    target = convert_to_parquet(stream)
-    kept = target.read_bytes()
-    stream.write_bytes(data)  # as if killed between naming the new file and removing the stream
-    (tmp_path / ".run-001.parquet.partial").write_bytes(b"half")
-    assert convert_to_parquet(stream) == target
-    assert target.read_bytes() == kept and not stream.exists()
-
-    other = record(tmp_path / "run-001.arrows", ticks(100, seed=5))
-    with pytest.raises(InputError, match="differs"):
-        convert_to_parquet(other)
-    assert target.read_bytes() == kept and other.exists()
-
-
-def test_same_content_looks_at_every_bit_and_word(tmp_path):
-    recordings = []
-    for k, change in enumerate([None, (row.TIP_X, 1e-300), (row.TIP_X, -0.0), (row.DECISION, 1.0)]):
-        rows = ticks(20)
-        rows[3, [row.TIP_X, row.DECISION]] = 0.0
-        if change:
-            rows[3, change[0]] = change[1]
-        recordings.append(read_recording(record(tmp_path / f"run-{k}.arrows", rows)))
-    first, *others = recordings
-    assert same_content(first, first) and not any(same_content(first, other) for other in others)
-
-
-def test_what_is_no_recording_is_refused_in_one_sentence(tmp_path):
-    (tmp_path / "x.txt").write_text("x")
-    for path in (tmp_path / "x.txt", tmp_path / "none.arrows", tmp_path / "none.parquet"):
-        with pytest.raises(InputError, match=path.name):
-            read_recording(path)
-    pq.write_table(pa.table({"t_s": [0.0]}), tmp_path / "foreign.parquet")
-    foreign = read_recording(tmp_path / "foreign.parquet")
-    assert foreign.rows == 0 and foreign.damaged and not foreign.complete

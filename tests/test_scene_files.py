@@ -188,3 +188,9 @@ def test_a_refused_row_is_named_by_its_line_past_empty_ones(tmp_path: Path):
     (tmp_path / "t.csv").write_text("t_s,A\n\n\n0,1\n\n1,1\n")
     table = read_number_table(tmp_path / "t.csv", "scene")
     assert [table.line(row) for row in range(2)] == [4, 6]
+
+
+def test_a_file_that_is_not_text_is_refused(tmp_path: Path):
+    (tmp_path / "scene.toml").write_bytes(b"\xff\xfe\x00name")
+    with pytest.raises(InputError, match="UTF-8"):
+        read_scene(tmp_path / "scene.toml")

@@ -21,8 +21,7 @@ from core.velocity_field import (
 )
 
 pytestmark = pytest.mark.nojit
-settings.register_profile("kernels", deadline=None)  # the first call compiles
-settings.load_profile("kernels")
+law = settings(deadline=None)  # the first call compiles
 
 coordinate = st.floats(-0.5, 0.5)
 point = st.tuples(coordinate, coordinate)
@@ -47,6 +46,7 @@ def test_a_segment_without_length_or_with_numbers_that_are_none_is_refused(start
         line(start, end)
 
 
+@law
 @given(segments, point)
 def test_progress_along_and_distance_across_lead_back_to_the_point(path, at):
     progress, distance, tx, ty = nearest(path, *at)
@@ -69,6 +69,7 @@ def beta_angle(distance, n, t, width=BLEND_WIDTH):
     return math.atan2(bx * n[0] + by * n[1], bx * t[0] + by * t[1])
 
 
+@law
 @given(angle, st.sampled_from([1.0, -1.0]), st.floats(0.0, 0.2))
 def test_the_angle_of_the_field_grows_linearly_with_distance_to_a_right_angle_at_the_boundary(direction, side, d):
     t = (math.cos(direction), math.sin(direction))
@@ -82,6 +83,7 @@ def test_the_field_on_the_path_is_the_path_and_beyond_the_boundary_straight_to_i
     assert desired_direction(0.3, 0.0, -1.0, 1.0, 0.0, BLEND_WIDTH) == (0.0, -1.0)
 
 
+@law
 @given(segments, point, point, angle, st.floats(0.1, 40.0), st.sampled_from([SETTLED, LITERAL]))
 def test_a_small_step_along_the_field_never_leads_away_from_the_path(path, at, v, push, force, rules):
     fx, fy = force * math.cos(push), force * math.sin(push)
@@ -96,6 +98,7 @@ def test_a_small_step_along_the_field_never_leads_away_from_the_path(path, at, v
         assert abs(nearer) < field.distance, "n points towards the path"
 
 
+@law
 @given(segments, point, angle, st.floats(1.5, 40.0), st.sampled_from([SETTLED, LITERAL]))
 def test_a_push_along_the_path_sets_the_travel_sense_and_the_field_never_opposes_it(path, at, push, force, rules):
     fx, fy = force * math.cos(push), force * math.sin(push)
@@ -111,6 +114,7 @@ def test_literally_the_travel_sense_is_the_sign_of_the_force_along_and_kept_at_z
         assert travel_sense(last, 0.0, 0.3, LITERAL) == last
 
 
+@law
 @given(st.sampled_from([1.0, -1.0]), st.floats(-40, 40), st.floats(-0.5, 0.5))
 def test_settled_4_the_travel_sense_turns_only_for_a_clear_push_that_the_motion_does_not_contradict(last, f, v):
     sense = travel_sense(last, f, v, SETTLED)
@@ -136,6 +140,7 @@ def test_settled_6_on_the_path_the_last_side_is_kept_and_the_first_is_the_left_o
     assert (backwards.t_x, backwards.n_y) == (-1.0, 1.0), "left of a tangent that points to the start"
 
 
+@law
 @given(segments, st.floats(-1.0, 2.0), st.sampled_from([1.0, -1.0]))
 def test_rounding_does_not_choose_the_side_of_a_tip_on_the_path(path, share, side):
     x = path.x0 + share * (path.x1 - path.x0)
