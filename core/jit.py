@@ -47,4 +47,4 @@ def first_use() -> bool:
 
 #: Every kernel: compiled once, cached, without the interpreter lock, division by zero gives inf (no hidden branch).
 #: No flag that assumes finite numbers.
-kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
+kernel = numba.njit(cache=True, nogil=True, error_model="numpy", _nrt=False)

@@ -66,7 +66,7 @@ def read_number_table(path: Path, asked_by: str) -> NumberTable:
 
 
 def _numbers(body: str, columns: tuple[str, ...]) -> np.ndarray:
-    """The rows (n, columns) of a CSV body; ArrowInvalid unless every cell is a number (which may be nan or inf)."""
+    """The rows (n, columns) of a CSV body; ArrowInvalid unless every cell is a number (nan and inf pass)."""
     table = pa_csv.read_csv(
         pa.py_buffer(body.encode()),
         pa_csv.ReadOptions(column_names=list(columns)),

@@ -139,7 +139,10 @@ def read_scene(path: str | Path) -> Scene:
     intervals = _whole(file.duration_s, interval, f"{path}: duration_s", "output intervals")
     if not tip_is_free(device.mechanism, *file.initial_tip_m):
         x, y = file.initial_tip_m
-        raise InputError(f"{path}: initial_tip_m: the tip of {device.name} cannot be at ({x:g}, {y:g}) m")
+        raise InputError(
+            f"{path}: initial_tip_m: the tip of {device.name} cannot be at ({x:g}, {y:g}) m: "
+            "out of reach, beyond a hard stop, or not in y > 0"
+        )
     schedule_t, schedule = _schedule(file, device, path)
     force_t, force = _force(file, path)
     return Scene(

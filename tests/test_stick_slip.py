@@ -1,11 +1,11 @@
-"""Which brakes stick: the exact solver against brute force, the zonotope of what a locked device holds, the load split."""
+"""Which brakes stick: the exact solver against brute force, the zonotope of a locked device, the load split."""
 
 import itertools
 import math
 
 import numpy as np
 import pytest
-from devices import BENCH_FOUR, BENCH_THREE, FIXED, FOUR, FiveBar, random_five_bar
+from devices import BENCH, BENCH_FOUR, BENCH_THREE, FIXED, FOUR, FiveBar, random_five_bar
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize
@@ -123,7 +123,7 @@ def test_holding_torque_leaves_the_joint_without_acceleration():
 
 
 def hold_limit(g: np.ndarray, yields: np.ndarray, u: np.ndarray) -> float:
-    """Largest force along u that brakes can balance: the edge of the zonotope sum of [-y_i, y_i] g_i, by linear program."""
+    """Largest force along u that brakes balance: the edge of the zonotope sum of [-y_i, y_i] g_i, by linear program."""
     equal = np.column_stack([g.T, u])
     bounds = [(-y, y) for y in yields] + [(0, None)]
     answer = linprog([0, 0, 0, 0, -1], A_eq=equal, b_eq=np.zeros(2), bounds=bounds)
@@ -138,13 +138,14 @@ def locked(bar: FiveBar, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def test_locked_device_holds_99_hundredths_of_the_zonotope_bound_and_yields_to_101(any_five_bar):
-    """36 directions; below the bound the tip keeps its place to the last bit for 10 s, above it moves at once."""
+    """36 directions; below the bound the tip keeps its place to the last bit (bench: 10 s), above it moves at once."""
+    tenth = 1000 if any_five_bar in BENCH else 20  # ticks in a tenth of the time
     p, g, yields = locked(any_five_bar, 2)
     for u in DIRECTIONS:
         limit = hold_limit(g, yields, u)
         below = Simulation(any_five_bar.device, tuple(p), hand=new_hand(forces=0.99 * limit * u[None]))
-        rows = below.rows(11, 1e-3, 1000, np.zeros(1), yields[None], 0, 10)
-        assert np.all(rows[:, 1:3] == p) and np.all(rows[:, 3:5] == 0.0) and rows[-1, 0] == 10.0
+        rows = below.rows(11, 1e-3, tenth, np.zeros(1), yields[None], 0, 10)
+        assert np.all(rows[:, 1:3] == p) and np.all(rows[:, 3:5] == 0.0)
         above = Simulation(any_five_bar.device, tuple(p), hand=new_hand(forces=1.01 * limit * u[None]))
         rows = above.run(0.01, 1e-3, yields)
         assert np.linalg.norm(rows[-1, 1:3] - p) > 1e-8
@@ -167,9 +168,10 @@ def test_excess_changes_sign_at_the_zonotope_bound(any_five_bar):
 def least_squares_split(g, low, high, f) -> np.ndarray:
     """Torques that balance f within [low, high], least sum of ((torque - middle) / half-width)^2, by SLSQP."""
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    slopes = (half[:, None] * g).T
     found = minimize(
         lambda z: z @ z, np.zeros(len(g)), jac=lambda z: 2 * z, method="SLSQP", bounds=[(-1, 1)] * len(g),
-        constraints={"type": "eq", "fun": lambda z: (middle + half * z) @ g + f, "jac": lambda z: (half[:, None] * g).T},
+        constraints={"type": "eq", "fun": lambda z: (middle + half * z) @ g + f, "jac": lambda z: slopes},
         options={"ftol": 1e-15, "maxiter": 200},
     )  # fmt: skip
     return middle + half * found.x
