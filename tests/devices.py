@@ -240,3 +240,24 @@ def random_five_bar(seed: int) -> FiveBar:
         if any(bar.is_open(p, 0.4) for p in rng.uniform((-0.4, 0.1), (0.4, 0.55), (40, 2))):
             return bar
     raise AssertionError("no five-bar with a workspace")
+
+
+def waves(x: tuple[float, float], y: tuple[float, float]) -> np.ndarray:
+    """Scene force (ax sin 2 pi fx t, ay sin(2 pi fy t - pi/2) = -ay cos 2 pi fy t) for `wave_hand`: (amplitude, Hz)."""
+    return np.array([[x[0], 2 * math.pi * x[1], 0.0], [y[0], 2 * math.pi * y[1], -0.5 * math.pi]])
+
+
+S1 = waves((6.0, 2.0), (6.0, 1.4))
+S4 = waves((15.0, 1.0), (-10.0, 0.7))
+
+
+def yields(bar: FiveBar, slipping: float, **locked: float) -> np.ndarray:
+    """Commands (4,): `slipping` N m on every brake but the named ones."""
+    return np.array([locked.get(j, slipping) if j in bar.braked else 0.0 for j in JOINTS])
+
+
+def switching(bar: FiveBar, duration: float, high: float = 5.0, low: float = 0.3) -> tuple[np.ndarray, np.ndarray]:
+    """Schedule of scene S4: every 10 ms the next brake alone at `high`, in the order A, B, E(, C)."""
+    order = [j for j in "ABEC" if j in bar.braked]
+    times = np.arange(round(duration / 0.01)) * 0.01
+    return times, np.array([yields(bar, low, **{order[k % len(order)]: high}) for k in range(len(times))])

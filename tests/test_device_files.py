@@ -214,7 +214,6 @@ def test_one_moving_body_alone_leaves_the_tip_without_inertia():
 
 # refusals
 
-
 BAD_DEVICES = {
     "negative length": (
         [("L_AE_m = 0.2794", "L_AE_m = -0.2")],

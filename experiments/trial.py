@@ -1,0 +1,120 @@
+"""One trial on a simulated device, tick by tick: the same for a simulated operator and for a hand at the mouse."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from core import row
+from core.control import Controller, make_controller, new_memory
+from core.device import Device
+from core.hand import Hand, spring_hand
+from core.path import Path, line
+from core.simulator import Simulation
+from experiments.operator import OPERATOR, Person, new_operator, take_handle
+from experiments.plan import PlannedTrial, Segment
+from experiments.tick import REASONS, RUNNING, STATUSES, new_run, run_ticks
+from core.state import new_record
+
+#: Draws of noise per axis for one trial; a longer trial goes round.
+NOISE_DRAWS = 1 << 16
+
+
+@dataclass(frozen=True)
+class MouseHand:
+    """The spring by which the pointer pulls the handle. Assumed: soft enough to feel, capped to what an arm does."""
+
+    stiffness: float = 200.0  # N/m
+    damping: float = 8.0  # N s/m
+    force_max: float = 40.0  # N
+    mass: float = 0.0  # kg: a pointer has no arm behind it
+
+    def hand(self) -> Hand:
+        """The spring-damper for the simulator."""
+        return spring_hand(
+            (self.stiffness, 0.0, self.stiffness), (self.damping, 0.0, self.damping), self.force_max, self.mass
+        )
+
+
+class Trial:
+    """One trial of the plan on a simulated device that stays as the last trial left it."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        planned: PlannedTrial,
+        segment: Segment,
+        rules: str,
+        low_gain: float,
+        person: Person | None = None,
+        generator: np.random.Generator | None = None,
+    ) -> None:
+        """person and generator: a simulated operator; None: the hand's target is set from outside (`aim`)."""
+        self.simulation, self.planned = simulation, planned
+        self.path: Path = line(segment.start, segment.end)
+        self.controller: Controller = make_controller(
+            planned.controller, simulation.device.force_normalised_N, rules, low_gain
+        )
+        self._memory = new_memory()
+        self._run = new_run(simulation.fidelity, simulation.integrator, person is not None)
+        self._operator, self._noise = new_record(OPERATOR), np.zeros((1, 2))
+        if person is not None and generator is not None:
+            self._operator = new_operator(person, generator)
+            self._noise = generator.standard_normal((NOISE_DRAWS, 2))
+            take_handle(person, self.path, simulation.hand.grips)
+        self._abort_reason = ""
+        self._before = simulation.ledger()
+
+    def aim(self, x: float, y: float) -> None:
+        """Where the hand wants the handle to be (m), from now on; its velocity counts as zero."""
+        self.simulation.hand.grips["target"][0] = (x, y, 0.0, 0.0)
+
+    def run(self, rows: np.ndarray) -> int:
+        """Run ticks into rows (n, row.WIDTH) until they are full or the trial is finished; how many were run."""
+        s = self.simulation
+        return int(
+            run_ticks(
+                self.path, self.controller, s.mechanism, s.brakes, s.hand, s.state, s.trial,
+                self._run, self._operator, self._noise, self._memory, rows,
+            )
+        )  # fmt: skip
+
+    def abort(self, reason: str) -> None:
+        """Stop at the next tick, brakes off; the trial ends as aborted with this reason."""
+        self._abort_reason = reason
+        self._run["stop"][0] = 1
+
+    @property
+    def finished(self) -> bool:
+        """Whether the last tick has been run."""
+        return bool(self._run["finished"][0])
+
+    @property
+    def phase(self) -> str:
+        """The phase of the tick to come."""
+        return row.PHASES[int(self._run["phase"][0])]
+
+    @property
+    def ticks(self) -> int:
+        """Ticks run so far."""
+        return int(self._run["tick"][0])
+
+    def outcome(self) -> dict:
+        """How the trial ended, for the end record: status, reason, and what the simulator counted."""
+        status = int(self._run["status"][0])
+        reason = REASONS[int(self._run["reason"][0])]
+        now, before = self.simulation.ledger(), self._before
+        return {
+            "status": STATUSES[status] if status != RUNNING else "aborted",
+            "reason": (self._abort_reason or reason) if STATUSES[status] == "aborted" else reason,
+            "events": now.events - before.events,
+            "fallbacks": now.fallbacks - before.fallbacks,
+            "energy_residual_J": now.residual - before.residual,
+            "energy_added_max_J": now.added_by_brakes,
+        }
+
+
+def new_simulation(device: Device, tip: tuple[float, float], hand: Hand | None = None) -> Simulation:
+    """The device as a session uses it: full brake model, at rest at `tip`, brakes off."""
+    return Simulation(device, tip, fidelity="mr", integrator="event", hand=hand)
+
+

@@ -1,0 +1,163 @@
+"""The hard cases, each with the law it must keep: never a NaN, never energy from a brake, never beyond a stop."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from devices import BENCH_FOUR, BENCH_THREE, FOUR, S1, S4, FiveBar, random_five_bar, rods, switching, yields
+from scipy.optimize import brentq
+
+from core.hand import Hand, new_hand, spring_hand, wave_hand
+from core.simulator import Simulation, stops_of
+
+START = (0.05, 0.40)
+#: J; a brake's heat is summed from powers of one sign, so not even rounding may make it negative
+FROM_A_BRAKE = 0.0
+
+
+def tethered(wave: np.ndarray, stiffness: float = 60.0, damping: float = 3.0) -> Hand:
+    """A hand that shakes the handle, on a soft spring that keeps it in the workspace."""
+    hand = spring_hand((stiffness, 0.0, stiffness), (damping, 0.0, damping), target=START)
+    hand.grips["wave"][0], hand.grips["waves"][0] = wave, 1
+    return hand
+
+
+def check(simulation: Simulation, rows: np.ndarray, beyond: float = 1e-9) -> None:
+    """The laws that hold in every case."""
+    assert np.all(np.isfinite(rows))
+    ledger = simulation.ledger()
+    assert ledger.added_by_brakes <= FROM_A_BRAKE
+    assert min(ledger.heat) >= 0.0 and ledger.lost_at_stops >= 0.0
+    every = max(1, len(rows) // 2000)
+    for x, y in rows[::every, 1:3]:
+        assert np.min(stops_of(simulation.device, x, y)) >= -beyond
+
+
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+@pytest.mark.parametrize("joint", "AEB")
+def test_one_locked_brake_keeps_its_angle_for_a_minute(bench, joint, integrator):
+    hand = tethered(S1)
+    simulation = Simulation(bench.device, START, integrator=integrator, hand=hand)
+    rows = simulation.rows(6001, 1e-3, 10, np.zeros(1), yields(bench, 0.3, **{joint: 5.6})[None], 0, 6000)
+    angle = np.array([bench.angles(p)["AEBC".index(joint)] for p in rows[:, 1:3]])
+    assert np.ptp(rows[:, 1:3], axis=0).max() > 1e-3
+    assert np.max(np.abs(angle - angle[0])) < 1e-9
+    check(simulation, rows)
+
+
+@pytest.mark.parametrize("share", [1 - 1e-15, 1.0, 1 + 1e-15, 1 + 1e-9, 1 + 1e-6])
+def test_start_at_the_yield_limit_moves_no_further_than_the_excess_pushes(bench, share):
+    """The edge of what the brakes hold: a force along g_A that one brake alone balances, to the last bit and beyond."""
+    g = bench.rows(np.array(START))
+    for i, joint in enumerate("AEB"):
+        force = share * 2.0 * g[i]
+        simulation = Simulation(bench.device, START, hand=new_hand(forces=force[None]))
+        rows = simulation.run(0.05, 1e-3, yields(bench, 0.0, **{joint: 2.0}))
+        mass = np.linalg.inv([[simulation.state.mass[0, 0], simulation.state.mass[0, 1]], simulation.state.mass[0, 1:]])
+        pushed = 0.5 * max(share - 1, 1e-15) * np.linalg.norm(force) * np.linalg.norm(mass, 2) * 0.05**2
+        angle = [bench.angles(p)[i] for p in rows[:, 1:3]]
+        assert abs(angle[-1] - angle[0]) <= 20 * pushed + 1e-12
+        check(simulation, rows)
+
+
+def test_brakes_on_one_line_hold_together():
+    """E and C on coaxial bases: the reach stays up to y_E |g_E| + y_C |g_C|, while the tip may turn about the bases."""
+    bar = replace(BENCH_THREE, braked="AEBC", name="coaxial four-brake")
+    p = np.array(START)
+    g, out = bar.rows(p), p / np.linalg.norm(p)
+    held = 2.0 * abs(g[1] @ out) + 1.0 * abs(g[3] @ out)
+    for share, stays in ((0.99, True), (1.01, False)):
+        force = share * held * out + 0.5 * np.array([out[1], -out[0]])
+        for integrator in ("event", "stepping"):
+            simulation = Simulation(bar.device, START, integrator=integrator, hand=new_hand(forces=force[None]))
+            rows = simulation.run(0.2, 1e-3, np.array([0.0, 2.0, 0.0, 1.0]))
+            reach = np.linalg.norm(rows[:, 1:3], axis=1)
+            assert np.linalg.norm(rows[-1, 1:3] - p) > 1e-3
+            assert (abs(reach[-1] - reach[0]) < 1e-12) == stays
+            assert set(rows[1:-1, 9].astype(int)) == ({10} if stays else {0})
+            if stays:
+                assert rows[:, 6] / 2.0 == pytest.approx(rows[:, 8] * np.sign(g[1] @ g[3]) / 1.0, rel=1e-9)
+            check(simulation, rows)
+
+
+def parallel_tip() -> np.ndarray:
+    """A tip of the four-brake bench device at which the rows of E and B are parallel."""
+
+    def sine(x: float) -> float:
+        g = BENCH_FOUR.rows(np.array([x, 0.38]))
+        return g[1, 0] * g[2, 1] - g[1, 1] * g[2, 0]
+
+    xs = np.linspace(-0.15, 0.15, 200)
+    xs = [x for x in xs if BENCH_FOUR.is_open(np.array([x, 0.38]))]
+    k = next(k for k in range(len(xs) - 1) if sine(xs[k]) * sine(xs[k + 1]) < 0.0)
+    return np.array([brentq(sine, xs[k], xs[k + 1], xtol=1e-16), 0.38])
+
+
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+def test_brakes_parallel_at_an_instant_stay_passive_there(integrator):
+    """Start at the tip where two locked brakes line up, pushed across their line: it jams within a short way."""
+    p = parallel_tip()
+    line = BENCH_FOUR.rows(p)[1]
+    across = np.array([-line[1], line[0]]) / np.linalg.norm(line)
+    for force in (5.0 * across, -5.0 * across, 5.0 * across + 1e-3 * line):
+        end = []
+        for step in (1e-3, 5e-4):
+            simulation = Simulation(BENCH_FOUR.device, tuple(p), integrator=integrator, hand=new_hand(forces=force[None]))
+            rows = simulation.run(1.0, step, np.array([0.0, 5.6, 5.6, 0.0]))
+            check(simulation, rows)
+            end.append(rows[-1, 1:3])
+        assert np.linalg.norm(end[0] - p) < 0.03
+        assert end[0] == pytest.approx(end[1], abs=2e-6 if integrator == "event" else 2e-3)
+
+
+def test_reversal_inside_the_backlash_at_a_millionth_of_a_radian_per_second():
+    """A force that overcomes the off torque by a hair, to and fro: only the off torque answers, the play never jumps."""
+    for bar in (BENCH_THREE, BENCH_FOUR):
+        p = np.array(START)
+        g = bar.rows(p)
+        u = np.array([1.0, 0.3])
+        currents = np.array([0.5 * (j in bar.braked) for j in "AEBC"])
+        low, high = 0.0, 100.0  # the force at which the resting tip comes loose
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            trial = Simulation(bar.device, START, fidelity="mr", hand=new_hand(forces=middle * u[None]))
+            low, high = (middle, high) if not np.any(trial.run(2e-3, 1e-3, currents)[-1, 3:5]) else (low, middle)
+        wave = np.array([[high * u[0], 20.0, 0.0], [high * u[1], 20.0, 0.0]]) * [1.0 + 2e-4, 1.0, 1.0]
+        simulation = Simulation(bar.device, START, fidelity="mr", hand=wave_hand(wave))
+        rows = simulation.run(2.0, 1e-3, currents)
+        rates = np.abs(rows[:, 3:5] @ g.T).max()
+        moving = rows[:, 3:5] @ u
+        assert 1e-7 < rates < 1e-4
+        assert moving.max() > 0.0 > moving.min()
+        assert np.max(np.abs(rows[:, 5:9])) <= 0.35 * (1 + 1e-12)
+        half = np.radians(0.75) / 2
+        assert np.all(np.abs(simulation.state.play[0][currents > 0] - half) < 1e-4)
+        check(simulation, rows)
+
+
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_arms_folded_and_stretched_stay_inside_the_hard_stops(any_five_bar, integrator, friction):
+    """Pushed for 2 s in 12 directions against every stop there is, a constant force, fast and slow impacts."""
+    p = START if any_five_bar.name[0] != "r" else tuple(any_five_bar.open_tips(np.random.default_rng(1), 1)[0])
+    for k in range(12):
+        force = (30.0 if k % 2 else 5.0) * np.array([math.cos(k * math.pi / 6 + 0.1), math.sin(k * math.pi / 6 + 0.1)])
+        simulation = Simulation(any_five_bar.device, p, integrator=integrator, hand=new_hand(forces=force[None]))
+        rows = simulation.run(2.0, 1e-3, yields(any_five_bar, friction))
+        check(simulation, rows)
+        assert simulation.ledger().lost_at_stops > 0.0
+
+
+def test_joint_stops_in_the_device_file_hold():
+    bar = replace(BENCH_FOUR, limits="theta_A_rad = [1.6, 2.5]\ntheta_E_rad = [-1.9, -1.0]\ntheta_C_rad = [0.9, 1.9]")
+    theta = bar.angles(np.array(START))
+    for k in range(12):
+        force = 20.0 * np.array([math.cos(k * math.pi / 6), math.sin(k * math.pi / 6)])
+        simulation = Simulation(bar.device, START, hand=new_hand(forces=force[None]))
+        rows = simulation.run(2.0, 1e-3, yields(bar, 0.2))
+        check(simulation, rows)
+        for p in rows[:, 1:3]:
+            theta = bar.angles(p)
+            for i, (low, high) in ((0, (1.6, 2.5)), (1, (-1.9, -1.0)), (3, (0.9, 1.9))):
+                assert low - 1e-9 <= theta[i] <= high + 1e-9
