@@ -1,0 +1,30 @@
+"""`phd analyze`: every number and figure again, from the recordings alone."""
+
+import argparse
+from pathlib import Path
+
+from app.progress import Progress
+from app.verbs.common import add_verb, print_summary
+
+
+def add(verbs) -> None:
+    verb = add_verb(
+        verbs,
+        "analyze",
+        analyze_verb,
+        "rebuild every number and figure of a study from its recordings alone",
+        "Writes into a new folder; never touches the files of DIR.",
+        "phd analyze study-1 --out study-1-again",
+    )
+    verb.add_argument("dir", type=Path, metavar="DIR", help="a folder that phd study or phd run has written")
+    verb.add_argument("--out", type=Path, metavar="OUT", help="a new folder (default: DIR/analysis-N)")
+    verb.add_argument("--json", action="store_true", help="print the summary as JSON")
+
+
+def analyze_verb(args: argparse.Namespace) -> int:
+    from experiments.analyze import analyze
+
+    with Progress("analyzing") as progress:
+        summary = analyze(args.dir, args.out, progress=progress)
+    print_summary(summary, args.json)
+    return 0

@@ -1,0 +1,70 @@
+"""What the verbs share: how one is added, the devices it names, how its figures are printed."""
+
+import argparse
+import json
+from collections.abc import Callable
+
+from core.errors import InputError
+
+DEFAULT_DEVICES = ["three-brake", "four-brake"]
+
+
+def add_verb(verbs, name: str, do: Callable[[argparse.Namespace], int], says: str, more: str, example: str):
+    verb = verbs.add_parser(
+        name,
+        help=says,
+        description=f"{says[0].upper()}{says[1:]}.\n\n{more}",
+        epilog=f"example:\n  {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    verb.set_defaults(do=do)
+    return verb
+
+
+def add_devices(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument(
+        "--device",
+        nargs="+",
+        action="extend",
+        metavar="NAME|PATH",
+        help=f"shipped devices by name, or device files by path (default: {' '.join(DEFAULT_DEVICES)})",
+    )
+
+
+def devices_of(args: argparse.Namespace) -> list:
+    from core.device import load_device
+
+    devices = [load_device(device) for device in args.device or DEFAULT_DEVICES]
+    names = [device.name for device in devices]
+    if len(set(names)) < len(names):
+        raise InputError(f"--device: two devices have the same name ({', '.join(names)})")
+    return devices
+
+
+def whole_number_of(at_least: int) -> Callable[[str], int]:
+    def whole_number(text: str) -> int:
+        if not text.isascii() or not text.isdecimal() or int(text) < at_least:
+            raise argparse.ArgumentTypeError(f"must be a whole number of at least {at_least}, not {text!r}")
+        return int(text)
+
+    return whole_number
+
+
+def label(text: str) -> str:
+    if not (text.isascii() and text.isalnum()):
+        raise argparse.ArgumentTypeError(f"must be letters and digits only, not {text!r}")
+    return text
+
+
+def print_summary(summary: dict, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(summary))
+    else:
+        width = max(map(len, summary), default=0)
+        for key, value in summary.items():
+            print(
+                f"{key.replace('_', ' '):{width}}  {value:.4g}"
+                if isinstance(value, float)
+                else f"{key:{width}}  {value}"
+            )

@@ -1,0 +1,47 @@
+"""`phd simulate`: one scene, no operator."""
+
+import argparse
+from dataclasses import asdict
+from pathlib import Path
+
+from app.progress import Progress, announce_first_use
+from app.verbs.common import add_verb, print_summary
+
+
+def add(verbs) -> None:
+    verb = add_verb(
+        verbs,
+        "simulate",
+        simulate_verb,
+        "simulate one scene without an operator",
+        "A scene file names a device, a brake schedule and a hand force; the motion goes to a CSV file.",
+        "phd simulate scene.toml --out motion.csv",
+    )
+    verb.add_argument("scene", type=Path, metavar="SCENE.toml", help="the scene file")
+    verb.add_argument("--out", type=Path, required=True, metavar="FILE.csv", help="a new file")
+    verb.add_argument("--json", action="store_true", help="print the summary as JSON")
+
+
+def simulate_verb(args: argparse.Namespace) -> int:
+    from experiments.scene import read_scene
+
+    scene = read_scene(args.scene)
+    from experiments.simulate import open_scene, simulate
+
+    def announced(scene):
+        announce_first_use()
+        return open_scene(scene)
+
+    with Progress("simulating") as progress:
+        summary = asdict(simulate(scene, args.out, announced, progress))
+    if args.json:
+        told = {"device": scene.device.name, "assumed": scene.device.assumed, "fidelity": scene.fidelity}
+        print_summary(told | {"integrator": scene.integrator} | summary, True)
+    else:
+        assumed = " (assumed)" if scene.device.assumed else ""
+        print(
+            f"{args.out}: {summary['rows']} rows, device {scene.device.name}{assumed}, "
+            f"{summary['simulated_s']:g} s simulated in {summary['wall_s']:.3g} s: {summary['steps']} steps, "
+            f"{summary['events']} events, {summary['fallbacks']} fallbacks"
+        )
+    return 0
