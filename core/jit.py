@@ -1,26 +1,44 @@
 """The jit decorator of every kernel, and where compiled kernels are kept.
 
-numba's on-disk cache looks only at the file of the function itself: when a kernel that it calls lives in another
-file and changes, the cache serves stale code. So the cache folder is named by a hash of all kernel sources.
+numba's on-disk cache looks only at the file of the function itself: when a kernel that it calls, or a constant that it
+uses, lives in another file and changes, the cache serves stale code. So the cache folder is named by a hash of every
+file that holds a kernel and of all that these import from this project.
 """
 
 import hashlib
 import os
+import re
 import tempfile
 from pathlib import Path
 
 import numba
 
 _ROOT = Path(__file__).resolve().parent.parent
-_PACKAGES_WITH_KERNELS = ("core", "experiments")
+_IMPORT = re.compile(r"^\s*from ((?:core|experiments)[.\w]*) import (.+)|^\s*import ((?:core|experiments)[.\w]*)", re.M)
+
+
+def kernel_sources(root: Path = _ROOT) -> list[Path]:
+    """Every file with a kernel, and every file of this project that one of these imports, however indirectly."""
+    files = {file for package in ("core", "experiments") for file in (root / package).rglob("*.py")}
+    found = {file for file in files if "@kernel\n" in file.read_text(encoding="utf-8")}
+    waiting = list(found)
+    while waiting:
+        for module, names, plain in _IMPORT.findall(waiting.pop().read_text(encoding="utf-8")):
+            base = root.joinpath(*(module or plain).split("."))
+            candidates = [base.with_suffix(".py"), base / "__init__.py"]
+            candidates += [base / f"{name}.py" for name in re.findall(r"\w+", names)]
+            for file in candidates:
+                if file in files and file not in found:
+                    found.add(file)
+                    waiting.append(file)
+    return sorted(found)
 
 
 def source_hash(root: Path = _ROOT) -> str:
-    """Hash of every source file that may hold a kernel (hex, 16 digits)."""
+    """Hash of everything that compiled kernels depend on (hex, 16 digits)."""
     digest = hashlib.sha256()
-    for package in _PACKAGES_WITH_KERNELS:
-        for file in sorted((root / package).rglob("*.py")):
-            digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
+    for file in kernel_sources(root):
+        digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
 
 
@@ -46,5 +64,6 @@ def first_use() -> bool:
 
 
 #: Every kernel: compiled once, cached, without the interpreter lock, division by zero gives inf (no hidden branch).
-#: No flag that assumes finite numbers.
+#: No flag that assumes finite numbers. Without numba's run-time for arrays (_nrt) a kernel that allocates does not
+#: compile: that nothing is allocated per tick is checked by the compiler, and arrays cost no reference counting.
 kernel = numba.njit(cache=True, nogil=True, error_model="numpy", _nrt=False)

@@ -81,7 +81,7 @@ def test_brakes_on_one_line_hold_together():
             check(simulation, rows)
 
 
-ODD = random_five_bar(5)  # its rows E and B line up at some tips; those of the shipped devices never do
+ODD = random_five_bar(6)  # its rows E and B line up at some tips; those of the shipped devices never do
 
 
 def parallel_tip() -> np.ndarray:
