@@ -3,7 +3,7 @@
 Ten coordinates, eight constraints, as a readable reference for the reduced form of core/dynamics.py (the same physics
 by another route; it is not built for speed).
 
-    q = theta_AE, theta_BC, then x, y (centre of mass) and theta of link ED, the same of link CD, then x, y of the handle
+    q = theta_AE, theta_BC, ED x, y, theta, CD x, y, theta, handle x, y (x, y of a link at its centre of mass)
 
 All angles are absolute, so M is constant: diagonal, but for the rotor of a brake at an elbow, which turns at the
 difference of two links' rates. The four vector constraints A qdot = 0: elbow E as a point of AE and of ED, elbow C as
