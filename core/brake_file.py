@@ -36,7 +36,6 @@ class BrakeFile(Table, frozen=True):
     """One brake as its file says it."""
 
     name: Annotated[str, msgspec.Meta(min_length=1)]
-    provenance: Annotated[str, msgspec.Meta(min_length=1)]  # where the numbers come from; "assumed": not measured
     current_max_A: Positive
     k: tuple[float, float, float, float, float]
     knee_A: NotNegative
@@ -45,6 +44,7 @@ class BrakeFile(Table, frozen=True):
     rise: TimeConstant
     fall: TimeConstant
     backlash_deg: Annotated[float, msgspec.Meta(ge=0, lt=360)]
+    provenance: str = ""  # where the numbers come from; "assumed": not measured
 
     def __post_init__(self) -> None:
         self._check_torque_gain()

@@ -46,7 +46,7 @@ def _split(state, fx, fy, pattern):
                 return math.inf
             continue
         gx, gy = state.g[i, 0], state.g[i, 1]
-        middle, half = _range(state, i)
+        middle, half = reach_of(state, i)
         if clamp > 0:
             if half == _STOP:
                 return math.inf
@@ -71,7 +71,7 @@ def _split(state, fx, fy, pattern):
         code //= 3
         if state.active[i] == 0:
             continue
-        middle, half = _range(state, i)
+        middle, half = reach_of(state, i)
         if clamp > 0:
             cost += 1.0
             continue
@@ -85,7 +85,7 @@ def _split(state, fx, fy, pattern):
 
 
 @kernel
-def _range(state, i):
+def reach_of(state, i):
     """(middle, half-width) of the torques of joint i, [-cost_plus, cost_minus]; (0, _STOP) at a stop."""
     plus, minus = state.cost_plus[i], state.cost_minus[i]
     if math.isinf(plus) or math.isinf(minus):
@@ -109,14 +109,14 @@ def share_on_line(state, j, torque, coaxial):
                 if clamped >> i & 1:
                     rest -= ratio * state.torque[i]
                 else:
-                    middle, half = _range(state, i)
+                    middle, half = reach_of(state, i)
                     rest -= ratio * middle
                     weight += ratio * ratio * half * half
         more = 0
         for i in range(5):
             if state.active[i] != 0 and same_line(i, j, coaxial) and not clamped >> i & 1:
                 ratio = (state.g[i, 0] * state.g[j, 0] + state.g[i, 1] * state.g[j, 1]) / square
-                middle, half = _range(state, i)
+                middle, half = reach_of(state, i)
                 share = middle + (half * half * ratio * rest / weight if weight > 0.0 else 0.0)
                 state.torque[i] = min(max(share, -state.cost_plus[i]), state.cost_minus[i])
                 if share != state.torque[i]:

@@ -15,6 +15,7 @@ from core.device import Device
 from core.event import advance_event
 from core.hand import Hand, new_hand
 from core.jit import kernel
+from core.karnopp import DELTA_OMEGA, advance_karnopp, resolve_in_band
 from core.pattern import look, resolve
 from core.smooth import TRIAL
 from core.state import new_record, new_state, pack_brakes, pack_mechanism
@@ -24,8 +25,8 @@ from core.stops import distal_sine, stop_gap
 
 FIDELITIES = ("ideal", "static", "mr")
 IDEAL, STATIC, MR = range(3)
-INTEGRATORS = ("event", "stepping")
-EVENT, STEPPING = range(2)
+INTEGRATORS = ("event", "stepping", "karnopp")
+EVENT, STEPPING, KARNOPP = range(3)
 
 #: s; a schedule row this near to a step's edge is that edge (DESIGN of the scene file)
 EDGE_S = 1e-9
@@ -51,9 +52,12 @@ def advance(mechanism, brakes, hand, state, trial, commands, t, h, fidelity, int
     lagged = 1 if fidelity == MR else 0
     if integrator == EVENT:
         advance_event(mechanism, brakes, hand, state, trial, commands, t, h, lagged)
-    else:
+    elif integrator == STEPPING:
         state.steps += 1
         advance_stepping(mechanism, brakes, hand, state, trial, commands, t, h, lagged)
+    else:
+        state.steps += 1
+        advance_karnopp(mechanism, brakes, hand, state, trial, commands, t, h, lagged)
 
 
 @kernel
@@ -114,7 +118,10 @@ def run_rows(
                 while cursor + 1 < times.shape[0] and times[cursor + 1] <= t + EDGE_S:
                     cursor += 1
                 apply(brakes, state, values[cursor], fidelity)
-                resolve(mechanism, brakes, hand, state, t)
+                if integrator == KARNOPP:
+                    resolve_in_band(mechanism, brakes, hand, state, t)
+                else:
+                    resolve(mechanism, brakes, hand, state, t)
                 if s == 0 and t == k * step:
                     rows[r, 0] = t
                     for i in range(4):
@@ -159,6 +166,7 @@ class Simulation:
         integrator: str = "event",
         hand: Hand | None = None,
         backlash: bool = True,
+        delta_omega: float = DELTA_OMEGA,
     ):
         self.device = device
         self.fidelity = FIDELITIES.index(fidelity)
@@ -168,6 +176,7 @@ class Simulation:
         self.hand = hand if hand is not None else new_hand()
         self.trial = new_record(TRIAL)
         self.state = new_state(*tip, *velocity)
+        self.state["delta_omega"][0] = delta_omega
         start(self.mechanism, self.brakes, self.state, self.fidelity)
 
     def rows(self, n: int, step: float, per_row: int, times: np.ndarray, values: np.ndarray,

@@ -21,6 +21,7 @@ STATE = np.dtype(
         ("sign", "f8", (5,)),  # sense in which each joint slips, 0 while it is held
         ("contact", "f8", (5,)),  # hard stop: -1 at the low one, +1 at the high one, 0 away from both
         ("distal_side", "f8"),  # sign of the sine between the distal links, fixed at the start
+        ("delta_omega", "f8"),  # rad/s, band of Eq. (6) (`karnopp` only)
         ("torque", "f8", (5,)),  # N m, signed, what each brake does
         ("torque_yield", "f8", (4,)),  # N m, what each brake can hold now (outside the backlash)
         ("edge", "f8", (4,)),  # backlash: +1 at the upper edge of the play, -1 at the lower, 0 inside

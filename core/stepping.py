@@ -124,10 +124,17 @@ def move(mechanism, state, trial, h, arm_mass):
     for j in range(5):
         if state.contact[j] != 0.0 and not (state.held >= 0 and same_line(j, state.held, mechanism.coaxial)):
             state.contact[j] = 0.0
+    stop_on_the_way(mechanism, state, trial, x, y, arm_mass)
+
+
+@kernel
+def stop_on_the_way(mechanism, state, trial, x, y, arm_mass):
+    """Strike a hard stop that lies between (x, y) and the tip (first order: what is left of the step is lost)."""
+    tip = state.tip
     struck = worst_stop(mechanism, state, trial, tip[0], tip[1])
     if struck < 0:
         return
-    # bisect the way for the last place before the stop; what is left of the step is lost (first order)
+    # bisect the way for the last place before the stop
     low, high = 0.0, 1.0
     ex, ey = tip[0] - x, tip[1] - y
     for _ in range(60):

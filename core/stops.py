@@ -35,6 +35,11 @@ def stop_gap(mechanism, distal_side, x, y, theta, gap, contact_side):
     if mechanism.has_theta_stops and s1 != 0.0 and s2 != 0.0:
         joint_angles(mechanism, x, y, theta)
         for j in range(4):
+            if math.isinf(mechanism.theta_low[j]):
+                continue
+            # the turn in which the angle is nearest to the middle of its range
+            middle = 0.5 * (mechanism.theta_low[j] + mechanism.theta_high[j])
+            theta[j] -= 2.0 * math.pi * math.floor((theta[j] - middle) / (2.0 * math.pi) + 0.5)
             low, high = theta[j] - mechanism.theta_low[j], mechanism.theta_high[j] - theta[j]
             if low < gap[j]:
                 gap[j], contact_side[j] = low, -1.0
@@ -50,18 +55,6 @@ def elbow_stop(arm, margin, along, s, j, gap, contact_side):
     if s == 0.0:
         gap[j] = -1.0
     contact_side[j] = arm.side if along > 0.0 else -arm.side
-
-
-@kernel
-def smallest_gap(mechanism, distal_side, x, y):
-    """The smallest distance to any margin, in units of sine (theta stops left out); negative beyond one."""
-    _, _, a2x, a2y, s1 = links(mechanism.arm_1, x, y)
-    _, _, b2x, b2y, s2 = links(mechanism.arm_2, x, y)
-    m1, m2 = mechanism.arm_1, mechanism.arm_2
-    across = distal_side * (a2x * b2y - a2y * b2x) / (m1.length_2 * m2.length_2)
-    sine_1 = -m1.side * s1 / (m1.length_1 * m1.length_2)
-    sine_2 = -m2.side * s2 / (m2.length_1 * m2.length_2)
-    return min(min(sine_1, sine_2), across) - mechanism.margin
 
 
 @kernel

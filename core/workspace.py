@@ -60,7 +60,10 @@ def tip_is_free(mechanism: Mechanism, x: npt.ArrayLike, y: npt.ArrayLike) -> Mas
         free = free & (np.abs(sine) >= mechanism.margin * (1.0 - 1e-12))  # NaN (out of reach) compares as False
     if mechanism.has_theta_stops:
         for i, theta in enumerate((*pose_1.angles(), *pose_2.angles())):
-            free = free & (theta >= mechanism.theta_low[i]) & (theta <= mechanism.theta_high[i])
+            low, high = mechanism.theta_low[i], mechanism.theta_high[i]
+            if np.isfinite(low):  # in the turn nearest to the middle of the range
+                theta = theta - 2.0 * np.pi * np.floor((theta - 0.5 * (low + high)) / (2.0 * np.pi) + 0.5)
+                free = free & (theta >= low) & (theta <= high)
     return np.asarray(free)
 
 

@@ -18,8 +18,7 @@ from core.workspace import tip_is_free
 from experiments.number_table import read_number_table
 
 FIDELITIES = ("ideal", "static", "mr")
-INTEGRATORS = ("event", "stepping")
-NOT_YET = ("karnopp",)
+INTEGRATORS = ("event", "stepping", "karnopp")
 
 #: Relative. duration and output interval may miss a whole number of output intervals and steps by this much.
 WHOLE_WITHIN = 1e-9
@@ -75,10 +74,6 @@ class SceneFile(Table, frozen=True):
 
     def __post_init__(self) -> None:
         one_of(self.fidelity, FIDELITIES, "fidelity")
-        if self.integrator in NOT_YET:
-            raise ValueError(
-                f"integrator {self.integrator!r} is not available yet; use {' or '.join(INTEGRATORS)}"
-            )
         one_of(self.integrator, INTEGRATORS, "integrator")
         right, wrong = (
             ("torque_N_m", "current_amperes") if self.fidelity == "ideal" else ("current_amperes", "torque_N_m")

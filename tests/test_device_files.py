@@ -297,3 +297,18 @@ def test_an_unknown_brake_is_named_with_the_file_that_asks(tmp_path: Path):
 def test_shipped_files_say_assumed_to_a_reader_as_well():
     for text in (THREE.text, FOUR.text, BRAKE):
         assert tomllib.loads(text)["provenance"] == "assumed"
+
+
+def test_a_theta_stop_means_the_same_in_every_turn():
+    """A range across pi, and the same range a turn lower, allow the same tips; one just short of pi allows fewer."""
+    def stopped(low: float, high: float):
+        return device((r"margin = 0.3 ", f"margin = 0.3\ntheta_A_rad = [{low}, {high}]\n"))
+
+    across, lower, short = stopped(1.6, 3.5), stopped(1.6 - 2 * math.pi, 3.5 - 2 * math.pi), stopped(1.6, 2.9)
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, 41), np.linspace(0.02, 0.6, 41))
+    allowed = tip_is_free(across.mechanism, x, y)
+    np.testing.assert_array_equal(allowed, tip_is_free(lower.mechanism, x, y))
+    assert 0 < tip_is_free(short.mechanism, x, y).sum() < allowed.sum()
+    for px, py in list(zip(x[allowed], y[allowed], strict=True))[::25]:
+        np.testing.assert_allclose(stops_of(across, px, py), stops_of(lower, px, py), atol=1e-12)
+        assert stops_of(across, px, py).min() >= -1e-12

@@ -1,0 +1,221 @@
+"""Figs. 4 and 5: the paths that single locked brakes leave (SDOF paths), over the workspace within the hard stops."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from core.device import Device
+from core.mechanism import JOINTS, Arm, Mechanism
+from core.workspace import Array, ArmPose, arm_pose, free_tips
+from experiments.figures import QUIET, TEXT, new_figure
+from experiments.paper_figures.sheet import (
+    CM,
+    JOINT_COLOURS,
+    JOINT_LINES,
+    foot_in,
+    panels,
+    parameters_of,
+    plain,
+    small_print,
+    title,
+)
+
+GRID = 301  # points each way of a map: 2 to 3 mm
+CIRCLE_POINTS = 2881  # of an SDOF path: 1/8 degree apart
+SPACING_DEG = 15.0  # between the locked angles of neighbouring SDOF paths
+PAD_M = 0.03  # around a workspace
+Y_UNIT_M = 0.1  # y > 0 counts as a stop too: this far above it, no other stop is further away
+
+
+class Workspace(NamedTuple):
+    """The tips within the hard stops: those on one side of the singular positions (the larger part)."""
+
+    mechanism: Mechanism
+    side: float  # sign of the sine from distal link ED to CD
+    x: Array  # (n,) m
+    y: Array  # (n,) m
+    room: Array  # (n, n), > 0 inside; rows are y
+    home: tuple[float, float]  # m, the tip furthest from all stops
+
+    def room_at(self, x: Array, y: Array) -> Array:
+        """How far tips are from the nearest stop, in units of sine (theta stops: rad; y: 10 cm); negative outside."""
+        return room(self.mechanism, self.side, x, y)
+
+
+def _poses(mechanism: Mechanism, x: Array, y: Array) -> tuple[ArmPose, ArmPose]:
+    return arm_pose(mechanism.arm_1, x, y), arm_pose(mechanism.arm_2, x, y)
+
+
+def _sines(mechanism: Mechanism, x: Array, y: Array) -> tuple[Array, Array, Array]:
+    """|sin| of both elbows and the signed sine from ED to CD; 0 out of reach."""
+    first, second = mechanism.arm_1, mechanism.arm_2
+    pose_1, pose_2 = _poses(mechanism, x, y)
+    between = pose_1.e2[0] * pose_2.e2[1] - pose_1.e2[1] * pose_2.e2[0]
+    sines = (
+        np.abs(pose_1.s) / (first.length_1 * first.length_2),
+        np.abs(pose_2.s) / (second.length_1 * second.length_2),
+        between / (first.length_2 * second.length_2),
+    )
+    return tuple(np.nan_to_num(sine) for sine in sines)
+
+
+def joint_angles(mechanism: Mechanism, x: Array, y: Array) -> Array:
+    """Joint angles (4, ...), rad, at many tips; NaN out of reach."""
+    pose_1, pose_2 = _poses(mechanism, x, y)
+    return np.array([*pose_1.angles(), *pose_2.angles()])
+
+
+def room(mechanism: Mechanism, side: float, x: Array, y: Array) -> Array:
+    """`Workspace.room_at` on one side of the singular positions."""
+    elbow_1, elbow_2, between = _sines(mechanism, x, y)
+    least = np.minimum(np.minimum(elbow_1, elbow_2), side * between) - mechanism.margin
+    least = np.minimum(least, y / Y_UNIT_M)
+    if mechanism.has_theta_stops:
+        for i, theta in enumerate(joint_angles(mechanism, x, y)):
+            for gap in (theta - mechanism.theta_low[i], mechanism.theta_high[i] - theta):
+                least = np.minimum(least, np.nan_to_num(gap, nan=-1.0, posinf=math.inf))
+    return least
+
+
+def workspace_of(mechanism: Mechanism) -> Workspace:
+    """The workspace on a grid."""
+    tips = free_tips(mechanism)
+    between = _sines(mechanism, tips[:, 0], tips[:, 1])[2]
+    side = 1.0 if np.count_nonzero(between > 0.0) * 2 >= len(tips) else -1.0
+    tips = tips[between * side > 0.0]
+    low, high = tips.min(axis=0) - PAD_M, tips.max(axis=0) + PAD_M
+    x, y = np.linspace(low[0], high[0], GRID), np.linspace(low[1], high[1], GRID)
+    home = tips[np.argmax(room(mechanism, side, tips[:, 0], tips[:, 1]))]
+    return Workspace(mechanism, side, x, y, room(mechanism, side, *np.meshgrid(x, y)), (home[0], home[1]))
+
+
+def arm_of(mechanism: Mechanism, joint: str) -> Arm:
+    return mechanism.arm_1 if joint in "AE" else mechanism.arm_2
+
+
+def sdof_path(workspace: Workspace, joint: str, angle: float) -> Array:
+    """Tips (n, 2), m, at which `joint` has an angle (rad), in the order of travel; NaN where outside the stops.
+
+    With A or B locked the tip turns about elbow E or C, with E or C locked about base A or B.
+    """
+    arm = arm_of(workspace.mechanism, joint)
+    cx, cy, radius = arm.base_x, arm.base_y, arm.length_2
+    if joint in "AB":
+        cx, cy = cx + arm.length_1 * math.cos(angle), cy + arm.length_1 * math.sin(angle)
+    else:
+        one, two = arm.length_1, arm.length_2
+        radius = math.sqrt(one * one + two * two + 2.0 * one * two * math.cos(angle))
+    turn = np.linspace(-math.pi, math.pi, CIRCLE_POINTS) - 0.5 * math.pi  # begins behind the bases
+    x, y = cx + radius * np.cos(turn), cy + radius * np.sin(turn)
+    off = joint_angles(workspace.mechanism, x, y)[JOINTS.index(joint)] - angle
+    here = np.abs(np.sin(0.5 * off)) < 1e-6  # the other elbow solution lies on the same circle
+    return np.where((here & (workspace.room_at(x, y) >= 0.0))[:, None], np.column_stack((x, y)), np.nan)
+
+
+def sdof_family(workspace: Workspace, joint: str, spacing: float) -> list[Array]:
+    """The SDOF paths of a joint at all multiples of `spacing` (rad) that it takes in the workspace."""
+    x, y = np.meshgrid(workspace.x, workspace.y)
+    inside = workspace.room >= 0.0
+    theta = joint_angles(workspace.mechanism, x[inside], y[inside])[JOINTS.index(joint)]
+    numbers = range(math.ceil(theta.min() / spacing), math.floor(theta.max() / spacing) + 1)
+    paths = (sdof_path(workspace, joint, k * spacing) for k in numbers)
+    return [path for path in paths if np.any(np.isfinite(path))]
+
+
+def draw_outline(axes: Axes, workspace: Workspace, colour: str = QUIET, width: float = 1.0) -> None:
+    """The hard stops' limit of the workspace, in cm."""
+    axes.contour(
+        CM * workspace.x, CM * workspace.y, workspace.room, levels=[0.0], colors=[colour], linewidths=[width]
+    )
+
+
+def draw_linkage(axes: Axes, mechanism: Mechanism, tip: tuple[float, float], letters: bool = True) -> None:
+    """The links with the tip somewhere (m), in cm."""
+    for arm, base, elbow in ((mechanism.arm_1, "A", "E"), (mechanism.arm_2, "B", "C")):
+        pose = arm_pose(arm, np.array(tip[0]), np.array(tip[1]))
+        at = np.array([[arm.base_x, arm.base_y], [arm.base_x + pose.e1[0], arm.base_y + pose.e1[1]], tip]) * CM
+        axes.plot(at[:, 0], at[:, 1], "-", color=TEXT, linewidth=2.2, alpha=0.75, zorder=5, solid_capstyle="round")
+        axes.plot(at[:, 0], at[:, 1], "o", color=TEXT, markersize=5, markerfacecolor="white", zorder=6)
+        if letters:
+            out = -1.0 if arm is mechanism.arm_1 else 1.0
+            if mechanism.coaxial:
+                base = "A, B"
+            if not (mechanism.coaxial and arm is mechanism.arm_2):
+                place = (0, -11) if mechanism.coaxial else (12 * out, -2)
+                _letter(axes, base, at[0], place)
+            _letter(axes, elbow, at[1], (11 * out, 2))
+    if letters:
+        _letter(axes, "D", CM * np.array(tip), (0, 12))
+
+
+def _letter(axes: Axes, letter: str, at: Array, offset: tuple[float, float]) -> None:
+    box = {"boxstyle": "round,pad=0.12", "facecolor": "white", "edgecolor": "none"}
+    axes.annotate(letter, at, offset, textcoords="offset points", ha="center", va="center", zorder=7, bbox=box)
+
+
+def extent_m(workspace: Workspace, bases: bool) -> tuple[float, float, float, float]:
+    """What a plot shows: x low, high, y low, high (m), with the bases or without."""
+    m = workspace.mechanism
+    bottom = min(workspace.y[0], m.arm_1.base_y - 0.05, m.arm_2.base_y - 0.05) if bases else workspace.y[0]
+    return workspace.x[0], workspace.x[-1], bottom, workspace.y[-1]
+
+
+def in_cm(axes: Axes, workspace: Workspace, bases: bool = True) -> None:
+    """Equal axes in cm around a workspace, and around the bases where they are shown."""
+    left, right, bottom, top = extent_m(workspace, bases)
+    axes.set_xlim(CM * left, CM * right)
+    axes.set_ylim(CM * bottom, CM * top)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (cm)")
+    axes.set_ylabel("y (cm)")
+
+
+def height_for(workspace: Workspace, width_in: float, bases: bool = True) -> float:
+    """Height (in) of equal axes of a width (in)."""
+    left, right, bottom, top = extent_m(workspace, bases)
+    return float(width_in * (top - bottom) / (right - left))
+
+
+def draw_sdof_paths(device: Device) -> Figure:
+    """Figs. 4 and 5 for any device."""
+    workspace = workspace_of(device.mechanism)
+    text = (
+        f"{parameters_of(device)} Each line: the tip's path with one brake locked, every {SPACING_DEG:g}° of that "
+        "joint's angle. Grey: the limit set by the hard stops. Black: the linkage, tip D."
+    )
+    width, sides, above = 6.4, (0.6, 0.15), 0.85
+    foot = foot_in(text, width) + 0.5
+    figure = new_figure(width, foot + above + height_for(workspace, width - sum(sides)))
+    small_print(figure, text)
+    axes = panels(figure, 1, 1, (*sides, foot, above))[0, 0]
+    plain(axes, grid=False)
+    handles = []
+    for joint in device.braked:
+        colour, line = JOINT_COLOURS[joint], JOINT_LINES[joint]
+        for path in sdof_family(workspace, joint, math.radians(SPACING_DEG)):
+            axes.plot(CM * path[:, 0], CM * path[:, 1], color=colour, linestyle=line, linewidth=1.0)
+        about = {"A": "E", "B": "C", "E": "A", "C": "B"}[joint]
+        handles.append(
+            Line2D([], [], color=colour, linestyle=line, linewidth=1.6, label=f"{joint} locked: about {about}")
+        )
+    draw_outline(axes, workspace)
+    draw_linkage(axes, device.mechanism, workspace.home)
+    in_cm(axes, workspace)
+    title(axes, f"SDOF paths, {device.name}")
+    figure.legend(
+        handles=handles,
+        loc="upper left",
+        bbox_to_anchor=(sides[0] / width, 1.0 - 0.1 / figure.get_figheight()),
+        ncols=len(handles),
+        frameon=False,
+        handlelength=3.0,
+        columnspacing=1.2,
+        borderpad=0.0,
+        borderaxespad=0.0,
+        fontsize=8.0,
+    )
+    return figure
