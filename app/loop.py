@@ -89,7 +89,7 @@ class Loop:
                 case Aim(x, y):
                     self.pointer = (x, y)
                 case Start():
-                    self._start = message
+                    self._start, self._abort = message, ""
                 case Abort(reason):
                     self._abort = reason
                 case Quit(reason):
@@ -121,14 +121,14 @@ class Loop:
         finally:
             recorder.close()
             self.keep(trial, recorder)
+            self._start = None  # asked for while the trial ran: not meant for the next one
 
     def run(self, trial: Trial, recorder: Recorder) -> None:
         """One trial in real time, from its first tick to its last."""
         tip = tip_of(trial)
         grasp = Grasp(tip, self.pointer)
         self.mailbox.send(Begun(trial.planned, tip))
-        self._abort, self._start, stopping = "", None, False
-        rows, block, ticks = np.empty((MOST_AT_ONCE, row.WIDTH)), [], 0
+        rows, block, ticks, stopping = np.empty((MOST_AT_ONCE, row.WIDTH)), [], 0, False
         gc.collect()
         gc.disable()
         pace = Pace()

@@ -12,7 +12,7 @@ RPM_PER_RAD_S = 60.0 / (2.0 * math.pi)
 
 @kernel
 def torque_gain(brakes, i, current):
-    """Torque gain K, Eq. (2): the steady torque (N m) of brake i at a current (A). At I = 0 it is k_2, the off torque."""
+    """Torque gain K, Eq. (2): steady torque (N m) of brake i at a current (A). At I = 0 it is k_2, the off torque."""
     k = brakes.k
     if current < brakes.knee[i]:
         return k[i, 0] * current + k[i, 1]

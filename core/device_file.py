@@ -65,10 +65,13 @@ class Limits(Table, frozen=True):
     def __post_init__(self) -> None:
         for joint in JOINTS:
             stop = getattr(self, f"theta_{joint}_rad")
-            if stop is not None and not (-2.0 * math.pi <= stop[0] < stop[1] <= 2.0 * math.pi and stop[1] - stop[0] < 2.0 * math.pi):
+            if stop is None:
+                continue
+            turn = 2.0 * math.pi
+            if not (-turn <= stop[0] < stop[1] <= turn and stop[1] - stop[0] < turn):
                 raise ValueError(
-                    f"theta_{joint}_rad must be [low, high], low < high, within -2 pi .. 2 pi and less than a turn apart, "
-                    f"not {list(stop)}"
+                    f"theta_{joint}_rad must be [low, high] with low < high, within -2 pi .. 2 pi and less than a turn "
+                    f"apart, not {list(stop)}"
                 )
 
 

@@ -5,8 +5,8 @@
 
 Every stage decides anew, as a fixed-step Simulink model would, and nothing looks for the moment of an event. So it is
 first order across them, and a stuck joint keeps whatever rate it had inside the band: it creeps, by at most
-delta_omega (`event` and `stepping` hold the angle instead). A brake so strong that one step carries its joint across
-the whole band never sticks but chatters; see DELTA_OMEGA.
+delta_omega (`event` and `stepping` hold the angle instead; hard stops do here, too). A brake so strong that one step
+carries its joint across the whole band never sticks but chatters; see DELTA_OMEGA.
 
 Three or more stuck brakes: the paper refers to a lumped-actuator approach that it does not give. Our choice: the split
 of core/load_sharing.py, least sum of (torque / yield)^2; the brake that this overloads most slips at its yield, and
@@ -20,8 +20,8 @@ from core.dynamics import motion
 from core.hand import hand_force
 from core.jit import kernel
 from core.load_sharing import leave_stops_their_share, reach_of
-from core.pattern import set_costs, store
-from core.smooth import begin
+from core.pattern import enter_line, set_costs, store
+from core.smooth import begin, keep_on_line
 from core.stepping import drift_in_backlash, stop_on_the_way
 from core.stick_slip import FREE, STILL, holding_torque, same_line, solve_mass
 
@@ -47,7 +47,8 @@ def friction(mechanism, state, fx, fy, mxx, mxy, myy):
     g, torque, sign = state.g, state.torque, state.sign
     for i in range(5):
         torque[i] = sign[i] = 0.0
-        if state.active[i] == 0 or abs(state.rate[i]) < state.delta_omega:
+        can_hold = state.active[i] != 0 and (state.cost_plus[i] > 0.0 or state.cost_minus[i] > 0.0)
+        if state.active[i] == 0 or (can_hold and abs(state.rate[i]) < state.delta_omega):
             continue
         sign[i] = 1.0 if state.rate[i] > 0.0 else -1.0
         limit = state.cost_plus[i] if sign[i] > 0.0 else state.cost_minus[i]
@@ -72,6 +73,8 @@ def friction(mechanism, state, fx, fy, mxx, mxy, myy):
             break
         sign[worst] = -1.0 if torque[worst] > 0.0 else 1.0
         torque[worst] = state.cost_minus[worst] if torque[worst] > 0.0 else -state.cost_plus[worst]
+    if state.held == STILL:
+        return 0.0, 0.0
     rx, ry = fx, fy
     for i in range(5):
         rx += g[i, 0] * torque[i]
@@ -199,6 +202,13 @@ def advance_karnopp(mechanism, brakes, hand, state, trial, currents, t, h, lagge
             drift_in_backlash(brakes, state, i, trial.turned[i])
     for j in range(5):
         if state.sign[j] != 0.0:
-            state.contact[j] = 0.0  # it slides away from its stop
-    stop_on_the_way(mechanism, state, trial, x, y, arm_mass)
+            state.contact[j] = 0.0  # it leaves its stop
+        elif state.contact[j] != 0.0:
+            if state.held == STILL:
+                tip[0], tip[1], tip[2], tip[3] = x, y, 0.0, 0.0  # held against a stop: nothing creeps
+            else:
+                keep_on_line(mechanism, state, state, j)
+    struck = stop_on_the_way(mechanism, state, trial, x, y, arm_mass)
+    if struck >= 0:
+        enter_line(mechanism, state, struck)
     store(state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))

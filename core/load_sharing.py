@@ -33,7 +33,7 @@ def share_at_rest(state, fx, fy):
 
 @kernel
 def _split(state, fx, fy, pattern):
-    """Split with the joints clamped as the base-3 digits of `pattern` say; its cost, or inf where it is not feasible."""
+    """Split with the joints clamped as the base-3 digits of `pattern` say; its cost, inf where not feasible."""
     rx, ry = -fx, -fy
     sxx = sxy = syy = 0.0
     code = pattern

@@ -129,11 +129,11 @@ def move(mechanism, state, trial, h, arm_mass):
 
 @kernel
 def stop_on_the_way(mechanism, state, trial, x, y, arm_mass):
-    """Strike a hard stop that lies between (x, y) and the tip (first order: what is left of the step is lost)."""
+    """Strike a hard stop between (x, y) and the tip (first order: the rest of the step is lost); its joint, or -1."""
     tip = state.tip
     struck = worst_stop(mechanism, state, trial, tip[0], tip[1])
     if struck < 0:
-        return
+        return struck
     # bisect the way for the last place before the stop
     low, high = 0.0, 1.0
     ex, ey = tip[0] - x, tip[1] - y
@@ -149,6 +149,7 @@ def stop_on_the_way(mechanism, state, trial, x, y, arm_mass):
     side = trial.gap_side[struck]
     look(mechanism, state)
     strike(mechanism, state, struck, side, arm_mass)
+    return struck
 
 
 @kernel

@@ -264,5 +264,7 @@ def tremble(operator, grip, path, x, y, tick, draw_x, draw_y):
     fx, fy = k[0] * dx + k[1] * dy, k[1] * dx + k[2] * dy
     pull = operator.noise_share * min(math.sqrt(fx * fx + fy * fy), grip.force_max)
     angle = operator.tremor_phase + operator.tremor_rate * TICK_S * tick
-    grip.held[0] = operator.effort * path.tangent_x + pull * operator.noise[0] + operator.tremor_force * math.sin(angle)
-    grip.held[1] = operator.effort * path.tangent_y + pull * operator.noise[1] + operator.tremor_force * math.sin(1.1 * angle + 1.0)
+    tremor_x = operator.tremor_force * math.sin(angle)
+    tremor_y = operator.tremor_force * math.sin(1.1 * angle + 1.0)
+    grip.held[0] = operator.effort * path.tangent_x + pull * operator.noise[0] + tremor_x
+    grip.held[1] = operator.effort * path.tangent_y + pull * operator.noise[1] + tremor_y

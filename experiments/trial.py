@@ -10,10 +10,10 @@ from core.device import Device
 from core.hand import Hand, spring_hand
 from core.path import Path, line
 from core.simulator import Simulation
+from core.state import new_record
 from experiments.operator import OPERATOR, Person, new_operator, take_handle
 from experiments.plan import PlannedTrial, Segment
 from experiments.tick import REASONS, RUNNING, STATUSES, new_run, run_ticks
-from core.state import new_record
 
 #: Draws of noise per axis for one trial; a longer trial goes round.
 NOISE_DRAWS = 1 << 16

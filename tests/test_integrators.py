@@ -134,13 +134,13 @@ def independent(bar: FiveBar, velocity, force, torque, duration: float, rigid: t
 @pytest.mark.parametrize("bar", FIXED, ids=lambda bar: bar.name)
 def test_slipping_brakes_follow_the_ten_coordinate_form(bar):
     """All slipping with constant signs: DOP853 on the constrained form with constant torques."""
-    v, force = np.array([0.35, -0.12]), np.array([9.0, -3.0])
+    v, force = np.array([0.35, 0.2]), np.array([4.0, 2.0])
     cost = yields(bar, 0.2)
     signs = np.sign(bar.rows(np.array(START)) @ v)
     simulation = Simulation(bar.device, START, tuple(v), hand=new_hand(forces=force[None]))
-    rows = simulation.run(0.1, 5e-4, cost)
+    rows = simulation.run(0.05, 5e-4, cost)
     assert simulation.ledger().events == 0
-    expected = independent(bar, v, force, -signs * cost, 0.1)
+    expected = independent(bar, v, force, -signs * cost, 0.05)
     assert rows[-1, 1:5] == pytest.approx(expected, abs=2e-10)
 
 
@@ -165,9 +165,8 @@ def test_locked_brake_equals_rigid_joint(bar, joint, integrator):
 def test_halving_the_step_moves_no_event_by_more_than_a_step(bench):
     """The stuck brakes at each millisecond are the same, but within a step of a change."""
     for scene in SCENES:
-        coarse, fine = (
-            Simulation(bench.device, START, hand=wave_hand(S4 if scene == "S4" else S1)) for _ in range(2)
-        )
+        wave = S4 if scene == "S4" else S1
+        coarse, fine = (Simulation(bench.device, START, hand=wave_hand(wave)) for _ in range(2))
         times, values = (HOLDS, yields(bench, 0.3, A=5.6 if scene == "S2" else 0.3)[None])
         if scene == "S4":
             times, values = switching(bench, 2.0)
@@ -188,7 +187,7 @@ def test_steps_from_ten_microseconds_to_twenty_milliseconds_stay_near_the_motion
     rows = simulation.rows(26, step, per_row, times, values, 0, 25)
     assert np.all(np.isfinite(rows))
     away = np.linalg.norm(rows[:, 1:3] - reference[::4, 1:3], axis=1).max()
-    assert away < (max(1e-9, 5e-3 * (step / 2e-2) ** 3) if integrator == "event" else 20.0 * step**0.9)
+    assert away < (max(1e-8, 5e-3 * (step / 2e-2) ** 3) if integrator == "event" else 20.0 * step**0.9)
     assert simulation.ledger().added_by_brakes == 0.0
 
 

@@ -1,6 +1,7 @@
 """`phd run`, or `phd` alone: the app."""
 
 import argparse
+import tempfile
 from pathlib import Path
 
 from app.verbs.common import add_devices, add_verb, devices_of, label
@@ -17,7 +18,12 @@ def add(verbs) -> None:
         "phd run --device three-brake --participant 01 --data-dir data",
     )
     add_devices(verb)
-    verb.add_argument("--participant", type=label, default="01", metavar="01", help="who moves the handle")
+    verb.add_argument(
+        "--participant",
+        type=label,
+        metavar="01",
+        help="who moves the handle (default: the first number without a session)",
+    )
     verb.add_argument(
         "--data-dir",
         type=Path,
@@ -28,11 +34,30 @@ def add(verbs) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from experiments.session import check_reach, free_participant, refuse_existing
+
     args.devices = devices_of(args)
+    check_reach(args.devices)
+    check_writable(args.data_dir)
+    if args.participant is None:
+        args.participant = free_participant(args.data_dir)
+    refuse_existing(args.data_dir, args.participant)
     try:
         from app import window
     except ImportError as error:
         if ".so" not in str(error):
             raise
         raise InputError(f"the window cannot be opened, a system library is missing: {error}") from None
-    return window.run(args) or 0
+    return window.run(args)
+
+
+def check_writable(folder: Path) -> None:
+    """InputError unless files can be made in a folder that need not exist yet; nothing is left there."""
+    place = folder
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    try:
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written to ({(error.strerror or str(error)).lower()})") from None

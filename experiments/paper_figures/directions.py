@@ -36,8 +36,8 @@ from experiments.paper_figures.sheet import (
 from experiments.paper_figures.workspace import Workspace, draw_outline, height_for, in_cm, workspace_of
 
 HALF_TURN = math.pi
-LEAST_DEG, MOST_DEG, LEVEL_DEG = 210.0, 300.0, 10.0  # of the maps' common scale; beyond it: the end's colour
-LABEL_APART_M = 0.035
+LEAST_DEG, MOST_DEG, LEVEL_DEG = 220.0, 320.0, 10.0  # of the maps' common scale; beyond it: the end's colour
+LABEL_APART_M = 0.045
 
 
 def gaps(lines: npt.ArrayLike) -> Array:

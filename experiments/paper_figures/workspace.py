@@ -28,6 +28,7 @@ GRID = 301  # points each way of a map: 2 to 3 mm
 CIRCLE_POINTS = 2881  # of an SDOF path: 1/8 degree apart
 SPACING_DEG = 15.0  # between the locked angles of neighbouring SDOF paths
 PAD_M = 0.03  # around a workspace
+HOME_PULL = 0.05  # 1/m; among tips equally far from the stops the one in front of the bases is home
 Y_UNIT_M = 0.1  # y > 0 counts as a stop too: this far above it, no other stop is further away
 
 
@@ -39,7 +40,7 @@ class Workspace(NamedTuple):
     x: Array  # (n,) m
     y: Array  # (n,) m
     room: Array  # (n, n), > 0 inside; rows are y
-    home: tuple[float, float]  # m, the tip furthest from all stops
+    home: tuple[float, float]  # m, the tip furthest from all stops, in front of the bases
 
     def room_at(self, x: Array, y: Array) -> Array:
         """How far tips are from the nearest stop, in units of sine (theta stops: rad; y: 10 cm); negative outside."""
@@ -89,7 +90,8 @@ def workspace_of(mechanism: Mechanism) -> Workspace:
     tips = tips[between * side > 0.0]
     low, high = tips.min(axis=0) - PAD_M, tips.max(axis=0) + PAD_M
     x, y = np.linspace(low[0], high[0], GRID), np.linspace(low[1], high[1], GRID)
-    home = tips[np.argmax(room(mechanism, side, tips[:, 0], tips[:, 1]))]
+    off_centre = np.abs(tips[:, 0] - 0.5 * (mechanism.arm_1.base_x + mechanism.arm_2.base_x))
+    home = tips[np.argmax(room(mechanism, side, tips[:, 0], tips[:, 1]) - HOME_PULL * off_centre)]
     return Workspace(mechanism, side, x, y, room(mechanism, side, *np.meshgrid(x, y)), (home[0], home[1]))
 
 
@@ -187,7 +189,7 @@ def draw_sdof_paths(device: Device) -> Figure:
         f"{parameters_of(device)} Each line: the tip's path with one brake locked, every {SPACING_DEG:g}° of that "
         "joint's angle. Grey: the limit set by the hard stops. Black: the linkage, tip D."
     )
-    width, sides, above = 6.4, (0.6, 0.15), 0.85
+    width, sides, above = 6.4, (0.6, 0.15), 0.7
     foot = foot_in(text, width) + 0.5
     figure = new_figure(width, foot + above + height_for(workspace, width - sum(sides)))
     small_print(figure, text)
@@ -200,7 +202,7 @@ def draw_sdof_paths(device: Device) -> Figure:
             axes.plot(CM * path[:, 0], CM * path[:, 1], color=colour, linestyle=line, linewidth=1.0)
         about = {"A": "E", "B": "C", "E": "A", "C": "B"}[joint]
         handles.append(
-            Line2D([], [], color=colour, linestyle=line, linewidth=1.6, label=f"{joint} locked: about {about}")
+            Line2D([], [], color=colour, linestyle=line, linewidth=1.6, label=f"{joint} locked, about {about}")
         )
     draw_outline(axes, workspace)
     draw_linkage(axes, device.mechanism, workspace.home)
@@ -212,8 +214,8 @@ def draw_sdof_paths(device: Device) -> Figure:
         bbox_to_anchor=(sides[0] / width, 1.0 - 0.1 / figure.get_figheight()),
         ncols=len(handles),
         frameon=False,
-        handlelength=3.0,
-        columnspacing=1.2,
+        handlelength=2.4,
+        columnspacing=1.0,
         borderpad=0.0,
         borderaxespad=0.0,
         fontsize=8.0,
