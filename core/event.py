@@ -20,13 +20,16 @@ from core.locate import (
 from core.pattern import RATE_ROUNDING, enter_line, finish, meet, release, set_costs, settle_edges, strike
 from core.smooth import begin, rk4
 from core.stepping import advance_stepping, stiffer_than
-from core.stick_slip import FREE, STILL, largest_excess, solve_at_rest
+from core.stick_slip import STILL, largest_excess, solve_at_rest
 
 #: Events in one step after which its rest is given to `stepping` (chatter). Larger: a Zeno sequence costs more before
 #: it is cut. Smaller: busy but regular steps lose their order.
 MAX_EVENTS = 24
 #: s; a step cut below this because the arms do not close is given to `stepping`.
 SHORTEST = 1e-8
+#: N; a hand that pushes a resting tip this little beyond what the brakes hold does not move it yet. Larger: the tip
+#: leaves rest late. Zero: rounding decides whether it has left, and the solver may not agree.
+REST_ROUNDING = 1e-12
 
 
 @kernel
@@ -38,6 +41,7 @@ def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged)
         rest = h - elapsed
         if events > MAX_EVENTS or stiffer_than(state, hand, rest):
             state.fallbacks += 1
+            state.events += events
             advance_stepping(mechanism, brakes, hand, state, trial, currents, t + elapsed, rest, lagged)
             return
         now = t + elapsed
@@ -60,7 +64,7 @@ def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged)
             if longest < SHORTEST:
                 events = MAX_EVENTS + 1
             continue
-        kind, guess = first_event(mechanism, brakes, state, trial, step, lagged)
+        kind, guess = first_event(mechanism, brakes, state, trial, step, lagged, 0)
         if kind != NONE:
             kind, step = locate(mechanism, brakes, hand, state, trial, now, step, kind, guess, lagged)
         accept(mechanism, brakes, state, trial, step, lagged)
@@ -112,6 +116,7 @@ def accept(mechanism, brakes, state, trial, step, lagged):
         state.bias_force[i] = trial.bias_force[i]
         state.acceleration[i] = trial.acceleration[i]
         state.hand_force[i] = trial.hand_force[i]
+    state.carry[0] = state.carry[1] = 0.0
     state.line_torque = trial.line_torque
     state.work_hand += trial.work
     age_yields(brakes, state, step, lagged)
@@ -131,7 +136,8 @@ def happen(mechanism, brakes, hand, state, trial, kind, t):
         state.edge[i] = state.sign[i]
         state.play[i] = brakes.play[i] if state.sign[i] > 0.0 else 0.0
         set_costs(brakes, state)
-    if kind == SPEED or (kind < SPEED and comes_to_rest(brakes, state)) or (tip[2] == 0.0 and tip[3] == 0.0):
+    at_rest = tip[2] == 0.0 and tip[3] == 0.0
+    if kind == SPEED or at_rest or (kind < SPEED and comes_to_rest(brakes, state)):
         stop_moving(state)
         from_rest(mechanism, state, fx, fy, arm_mass)
     elif kind >= STOP:
@@ -208,13 +214,13 @@ def still_until(mechanism, brakes, hand, state, t, step, lagged):
     Seen at the middle and the end of the step, then bisected to rounding.
     """
     low, high = 0.0, 0.5 * step
-    if excess_at(mechanism, brakes, hand, state, t, high, lagged) <= 0.0:
+    if excess_at(mechanism, brakes, hand, state, t, high, lagged) <= REST_ROUNDING:
         low, high = high, step
-        if excess_at(mechanism, brakes, hand, state, t, step, lagged) <= 0.0:
+        if excess_at(mechanism, brakes, hand, state, t, step, lagged) <= REST_ROUNDING:
             return step
     for _ in range(60):
         middle = 0.5 * (low + high)
-        if excess_at(mechanism, brakes, hand, state, t, middle, lagged) > 0.0:
+        if excess_at(mechanism, brakes, hand, state, t, middle, lagged) > REST_ROUNDING:
             high = middle
         else:
             low = middle

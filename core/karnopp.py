@@ -208,7 +208,7 @@ def advance_karnopp(mechanism, brakes, hand, state, trial, currents, t, h, lagge
                 tip[0], tip[1], tip[2], tip[3] = x, y, 0.0, 0.0  # held against a stop: nothing creeps
             else:
                 keep_on_line(mechanism, state, state, j)
-    struck = stop_on_the_way(mechanism, state, trial, x, y, arm_mass)
+    struck = stop_on_the_way(mechanism, state, trial, x, y, h, arm_mass)
     if struck >= 0:
         enter_line(mechanism, state, struck)
     store(state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))

@@ -15,17 +15,30 @@ _STOP = 1e6  # N m, half-width that stands for a stop: so much stronger than a b
 _ROUNDING = 1e-9  # relative: a split at the bound of what the joints hold is accepted this far beyond it
 
 
+#: What `_split` answers instead of a next try.
+_BEST, _NO_SPLIT = -1, -2
+
+
 @kernel
 def share_at_rest(state, fx, fy):
-    """Fill state.torque (5,) with the split that balances the force f (N) on a resting tip, all joints held."""
-    if _split(state, fx, fy, 0) < math.inf:
-        return
-    best, best_pattern = math.inf, 0
-    for pattern in range(1, 243):  # each joint free, clamped at its + limit, or at its - limit
-        cost = _split(state, fx, fy, pattern)
-        if cost < best:
-            best, best_pattern = cost, pattern
-    _split(state, fx, fy, best_pattern)
+    """Fill state.torque (5,) with the split that balances the force f (N) on a resting tip, all joints held.
+
+    Joints beyond their limits are clamped, and let go again where that is worse (an active-set search). Convex, so the
+    first split that keeps all limits and all optimality conditions is the one; if the search goes round in circles, all
+    243 sets of clamps are tried.
+    """
+    pattern = 0
+    for _ in range(8):
+        pattern = _split(state, fx, fy, pattern)
+        if pattern == _BEST:
+            return
+        if pattern == _NO_SPLIT:
+            break
+    for pattern in range(243):
+        if _split(state, fx, fy, pattern) == _BEST:
+            return
+    # at the bound to rounding: no set of clamps balances the force exactly; take the split without any, cut to limits
+    _split(state, fx, fy, 0)
     for i in range(5):
         if state.active[i] != 0:
             state.torque[i] = min(max(state.torque[i], -state.cost_plus[i]), state.cost_minus[i])
@@ -33,7 +46,10 @@ def share_at_rest(state, fx, fy):
 
 @kernel
 def _split(state, fx, fy, pattern):
-    """Split with the joints clamped as the base-3 digits of `pattern` say; its cost, inf where not feasible."""
+    """Split with joints clamped as the base-3 digits of `pattern` say (1: at their + limit, 2: at their - limit).
+
+    _BEST if it is the solution, _NO_SPLIT if the free joints cannot balance the force, else the pattern to try next.
+    """
     rx, ry = -fx, -fy
     sxx = sxy = syy = 0.0
     code = pattern
@@ -43,13 +59,13 @@ def _split(state, fx, fy, pattern):
         code //= 3
         if state.active[i] == 0:
             if clamp > 0:
-                return math.inf
+                return _NO_SPLIT
             continue
         gx, gy = state.g[i, 0], state.g[i, 1]
         middle, half = reach_of(state, i)
         if clamp > 0:
             if half == _STOP:
-                return math.inf
+                return _NO_SPLIT
             state.torque[i] = middle + (half if clamp == 1 else -half)
             rx -= gx * state.torque[i]
             ry -= gy * state.torque[i]
@@ -62,26 +78,26 @@ def _split(state, fx, fy, pattern):
             syy += square * gy * gy
     det = sxx * syy - sxy * sxy
     if det <= 1e-12 * (sxx * syy):
-        return math.inf
+        return _NO_SPLIT
     zx, zy = (syy * rx - sxy * ry) / det, (sxx * ry - sxy * rx) / det
-    cost = 0.0
-    code = pattern
+    code, place, change = pattern, 1, 0
     for i in range(5):
         clamp = code % 3
         code //= 3
-        if state.active[i] == 0:
-            continue
-        middle, half = reach_of(state, i)
-        if clamp > 0:
-            cost += 1.0
-            continue
-        share = half * (state.g[i, 0] * zx + state.g[i, 1] * zy)
-        state.torque[i] = middle + half * share
-        cost += share * share
-        over = _ROUNDING * max(half, 1e-3)
-        if state.torque[i] < -state.cost_plus[i] - over or state.torque[i] > state.cost_minus[i] + over:
-            cost = math.inf
-    return cost
+        if state.active[i] != 0:
+            middle, half = reach_of(state, i)
+            share = half * (state.g[i, 0] * zx + state.g[i, 1] * zy)
+            if clamp == 0:
+                state.torque[i] = middle + half * share
+                over = _ROUNDING * max(half, 1e-3)
+                if state.torque[i] > state.cost_minus[i] + over:
+                    change += place
+                elif state.torque[i] < -state.cost_plus[i] - over:
+                    change += 2 * place
+            elif (clamp == 1 and share < 1.0 - _ROUNDING) or (clamp == 2 and share > _ROUNDING - 1.0):
+                change -= clamp * place
+        place *= 3
+    return _BEST if change == 0 else pattern + change
 
 
 @kernel

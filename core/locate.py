@@ -171,8 +171,11 @@ def parabola_zero(v0, vm, v1, h):
 
 
 @kernel
-def first_event(mechanism, brakes, state, trial, step, lagged):
-    """The first event inside the step, from start and end alone: (kind, estimated time); NONE where there is none."""
+def first_event(mechanism, brakes, state, trial, step, lagged, seen):
+    """The first event inside the step, from start and end alone: (kind, estimated time); NONE where there is none.
+
+    Kinds whose bit is in `seen` are passed over.
+    """
     kind, first = NONE, math.inf
     for i in range(4):
         sign = state.sign[i]
@@ -180,11 +183,11 @@ def first_event(mechanism, brakes, state, trial, step, lagged):
             continue
         v0, v1 = sign * state.rate[i], sign * trial.rate[i]
         d0, d1 = sign * joint_acceleration(state, i), sign * joint_acceleration(trial, i)
-        if v1 < -ROUNDING or (d0 < 0.0 and d1 > 0.0):
+        if (v1 < -ROUNDING or (d0 < 0.0 and d1 > 0.0)) and not seen >> i & 1:
             s = hermite_zero(v0, d0, v1, d1, step)
             if 0.0 <= s < first:
                 kind, first = i, s
-        if brakes.play[i] > 0.0 and state.edge[i] == 0.0:
+        if brakes.play[i] > 0.0 and state.edge[i] == 0.0 and not seen >> (PLAY + i) & 1:
             v0 = brakes.play[i] - state.play[i] if sign > 0.0 else state.play[i]
             v1 = v0 - sign * trial.turned[i]
             if v1 < -ROUNDING:
@@ -198,7 +201,7 @@ def first_event(mechanism, brakes, state, trial, step, lagged):
         v1 = sense * path_speed(state, trial)
         tx, ty = tangent(state, trial)
         d1 = sense * (tx * trial.acceleration[0] + ty * trial.acceleration[1])
-        if v1 < -ROUNDING or (d0 < 0.0 and d1 > 0.0):
+        if (v1 < -ROUNDING or (d0 < 0.0 and d1 > 0.0)) and not seen >> SPEED & 1:
             s = hermite_zero(sense * path_speed(state, state), d0, v1, d1, step)
             if 0.0 <= s <= first:
                 kind, first = SPEED, s
@@ -207,19 +210,19 @@ def first_event(mechanism, brakes, state, trial, step, lagged):
         plus, minus = 0.5 * (plus0 + plus1), 0.5 * (minus0 + minus1)
         torque0, torque1, middle = state.line_torque, trial.line_torque, trial.middle_torque
         s = parabola_zero(torque0 + plus0, middle + plus, torque1 + plus1, step)
-        if 0.0 <= s < first:
+        if 0.0 <= s < first and not seen >> LOOSE_PLUS & 1:
             kind, first = LOOSE_PLUS, s
         s = parabola_zero(minus0 - torque0, minus - middle, minus1 - torque1, step)
-        if 0.0 <= s < first:
+        if 0.0 <= s < first and not seen >> LOOSE_MINUS & 1:
             kind, first = LOOSE_MINUS, s
-    stop, when = first_stop(mechanism, state, trial, step)
+    stop, when = first_stop(mechanism, state, trial, step, seen)
     if stop != NONE and when < first:
         kind, first = stop, when
     return kind, first
 
 
 @kernel
-def first_stop(mechanism, state, trial, step):
+def first_stop(mechanism, state, trial, step, seen):
     """The first hard stop that the trial has run beyond: (kind, estimated time); NONE where there is none."""
     m1, m2 = mechanism.arm_1, mechanism.arm_2
     sine_1 = -m1.side * trial.s_1 / (m1.length_1 * m1.length_2)
@@ -232,6 +235,8 @@ def first_stop(mechanism, state, trial, step):
     kind, first = NONE, math.inf
     stop_gap(mechanism, state.distal_side, trial.tip[0], trial.tip[1], trial.theta, trial.gap, trial.gap_side)
     for j in range(5):
+        if seen >> (STOP + j) & 1:
+            continue
         if trial.gap[j] < -ROUNDING and not (state.held >= 0 and same_line(j, state.held, mechanism.coaxial)):
             kind, first = STOP + j, 0.5 * step
     return kind, first
@@ -243,14 +248,20 @@ def locate(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged):
 
     Bracketed secant steps on re-integrated trials; where another event turns out to come before, that one is taken.
     """
-    for _ in range(8):
+    seen = 0
+    for _ in range(STOP + 5):
         guess = locate_one(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged)
-        other, when = first_event(mechanism, brakes, state, trial, guess, lagged)
-        if guess == 0.0 or other == NONE or other == kind or when >= guess:
+        if guess == 0.0:
+            break
+        # a graze came close to zero and turned back
+        grazed = event_value(brakes, mechanism, state, trial, kind, guess, lagged) > GRAZING
+        seen |= 1 << kind
+        other, when = first_event(mechanism, brakes, state, trial, guess, lagged, seen)
+        if other == NONE:
+            if grazed:
+                kind = NONE
             break
         kind, step, guess = other, guess, when
-    if event_value(brakes, mechanism, state, trial, kind, guess, lagged) > GRAZING:
-        kind = NONE  # it came close to zero and turned back
     return kind, guess
 
 
@@ -258,7 +269,7 @@ def locate(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged):
 def locate_one(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged):
     """Time in [0, step] at which the value of one kind of event reaches zero."""
     low, at_low = 0.0, start_value(brakes, mechanism, state, trial, kind, lagged)
-    high, at_high = step, -math.inf
+    high = step
     if at_low <= ROUNDING:
         # it starts at zero: find a time at which it has risen above, or take the event as present already
         s = step
@@ -280,7 +291,7 @@ def locate_one(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagg
     last, at_last = low, at_low
     for _ in range(MAX_LOCATE):
         if not rk4(mechanism, brakes, hand, state, trial, t, s, lagged):
-            high, at_high = s, -math.inf
+            high = s
             s = 0.5 * (low + high)
             continue
         value = event_value(brakes, mechanism, state, trial, kind, s, lagged)
@@ -289,7 +300,7 @@ def locate_one(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagg
         if value > 0.0:
             low, at_low = s, value
         else:
-            high, at_high = s, value
+            high = s
         if high - low <= 4e-16 * step:
             break
         ahead = s - value * (s - last) / (value - at_last) if value != at_last else math.inf

@@ -93,8 +93,9 @@ def resolve(mechanism, brakes, hand, state, t):
     set_costs(brakes, state)
     if tip[2] == 0.0 and tip[3] == 0.0:
         held, _, _ = solve_at_rest(
-            mxx, mxy, myy, state.g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial, fx, fy, state.sign
-        )
+            mxx, mxy, myy, state.g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial,
+            fx, fy, state.sign,
+        )  # fmt: skip
         state.held = held
         if held >= 0:
             enter_line(mechanism, state, held)
@@ -102,11 +103,14 @@ def resolve(mechanism, brakes, hand, state, t):
         if state.held == STILL:
             state.held = FREE
         for i in range(5):
-            if state.active[i] != 0 and state.sign[i] * state.rate[i] < RATE_ROUNDING and not on_held_line(mechanism, state, i):
-                if state.rate[i] == 0.0 and state.held == FREE:
-                    meet(mechanism, state, i, fx, fy, arm_mass)
-                elif abs(state.rate[i]) > RATE_ROUNDING or state.sign[i] == 0.0:
-                    state.sign[i] = 1.0 if state.rate[i] > 0.0 else -1.0
+            rate = state.rate[i]
+            if state.active[i] == 0 or state.sign[i] * rate >= RATE_ROUNDING or on_held_line(mechanism, state, i):
+                continue
+            at_rest = rate == 0.0 or (state.sign[i] == 0.0 and abs(rate) <= RATE_ROUNDING)
+            if at_rest and state.held == FREE:
+                meet(mechanism, state, i, fx, fy, arm_mass)
+            elif abs(rate) > RATE_ROUNDING or state.sign[i] == 0.0:
+                state.sign[i] = 1.0 if rate > 0.0 else -1.0
         if state.held >= 0:
             meet(mechanism, state, state.held, fx, fy, arm_mass)
     settle_edges(brakes, state)

@@ -36,7 +36,7 @@ ROW_WIDTH = 10  # t, x, y, vx, vy, torque A, E, B, C, stuck bits
 
 @kernel
 def apply(brakes, state, commands, fidelity):
-    """Stage: yields from the commands (4,): yield torques (ideal), currents at once (static), or through the lag (mr)."""
+    """Stage: yields from the commands (4,): yield torques (ideal), currents (static); mr has its lag."""
     if fidelity == IDEAL:
         for i in range(4):
             state.torque_yield[i] = commands[i]
@@ -101,8 +101,9 @@ def start(mechanisms, brake_records, states, fidelity):
 
 @kernel
 def run_rows(
-    mechanisms, brake_records, hand, states, trials, times, values, first_row, last_row, per_row, step, fidelity, integrator, rows
-):
+    mechanisms, brake_records, hand, states, trials, times, values,
+    first_row, last_row, per_row, step, fidelity, integrator, rows,
+):  # fmt: skip
     """Fill rows (n, ROW_WIDTH) from row `first_row` on, advancing `per_row` steps after each but `last_row`.
 
     times (m,), values (m, 4): the command schedule; a row inside a step splits it.

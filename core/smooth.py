@@ -203,18 +203,21 @@ def keep_on_line(mechanism, state, at, j):
 @kernel
 def keep_distal_angle(mechanism, state, tip):
     """Move the tip along row D onto the margin between the distal links; the unit normal of that path there."""
-    q = motion(mechanism, tip[0], tip[1], 0.0, 0.0)
-    gx, gy, _ = row_of(q, 4)
-    square = gx * gx + gy * gy
     m1, m2 = mechanism.arm_1, mechanism.arm_2
-    sine = q.s_1 * q.s_2 * (q.g_ax * q.g_by - q.g_ay * q.g_bx) / (m1.length_2 * m2.length_2)
-    cosine = q.s_1 * q.s_2 * (q.g_ax * q.g_bx + q.g_ay * q.g_by) / (m1.length_2 * m2.length_2)
-    angle = math.atan2(sine, cosine)
-    target = math.asin(mechanism.margin)
-    if cosine < 0.0:
-        target = math.pi - target
-    move = (state.distal_side * target - angle) / square
-    tip[0] += gx * move
-    tip[1] += gy * move
-    one_over = 1.0 / math.sqrt(square)
+    gx, gy = 1.0, 0.0
+    for _ in range(4):  # Newton steps from a place that is off by the method's error only
+        q = motion(mechanism, tip[0], tip[1], 0.0, 0.0)
+        gx, gy, _ = row_of(q, 4)
+        square = gx * gx + gy * gy
+        sine = q.s_1 * q.s_2 * (q.g_ax * q.g_by - q.g_ay * q.g_bx) / (m1.length_2 * m2.length_2)
+        cosine = q.s_1 * q.s_2 * (q.g_ax * q.g_bx + q.g_ay * q.g_by) / (m1.length_2 * m2.length_2)
+        target = math.asin(mechanism.margin)
+        if cosine < 0.0:
+            target = math.pi - target
+        off = state.distal_side * target - math.atan2(sine, cosine)
+        tip[0] += gx * off / square
+        tip[1] += gy * off / square
+        if abs(off) < 1e-9:
+            break
+    one_over = 1.0 / math.sqrt(gx * gx + gy * gy)
     return gx * one_over, gy * one_over

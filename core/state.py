@@ -10,6 +10,7 @@ STATE = np.dtype(
         # joints in the order A, E, B, C, and D (the angle between the distal links) where there are five
         ("tip", "f8", (4,)),  # m, m/s: x, y, vx, vy
         ("acceleration", "f8", (2,)),  # m/s2
+        ("carry", "f8", (2,)),  # m/s, `stepping`: what the turn of a held joint's path took from the velocity
         ("hand_force", "f8", (2,)),  # N, what a sensor between handle and hand reads
         ("mass", "f8", (3,)),  # kg, tip mass matrix xx, xy, yy of the device
         ("bias_force", "f8", (2,)),  # N, velocity terms b

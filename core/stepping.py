@@ -10,9 +10,9 @@ import math
 from core.brake import lagged_yield
 from core.hand import cap_scale, hand_force, spring_force
 from core.jit import kernel
-from core.pattern import enter_line, look, set_costs, settle_edges, strike
+from core.pattern import enter_line, look, set_costs, strike
 from core.smooth import begin, keep_on_line
-from core.stick_slip import FREE, STILL, same_line, solve_at_rest, solve_mass
+from core.stick_slip import STILL, same_line, solve_at_rest
 from core.stops import stop_gap
 
 #: Step times the hand's fastest rate above which RK4 is not trusted with it (its stability ends at 2.8, its accuracy
@@ -61,6 +61,8 @@ def advance_stepping(mechanism, brakes, hand, state, trial, currents, t, h, lagg
             cyy = h * (grip.damping[2] + h * grip.stiffness[2])
             fx -= h * (grip.stiffness[0] * vx + grip.stiffness[1] * vy)
             fy -= h * (grip.stiffness[1] * vx + grip.stiffness[2] * vy)
+    vx, vy = vx + state.carry[0], vy + state.carry[1]
+    state.carry[0] = state.carry[1] = 0.0
     px = (mxx + cxx) * vx + (mxy + cxy) * vy + h * (fx - state.bias_force[0])
     py = (mxy + cxy) * vx + (myy + cyy) * vy + h * (fy - state.bias_force[1])
     for i in range(5):
@@ -83,53 +85,63 @@ def advance_stepping(mechanism, brakes, hand, state, trial, currents, t, h, lagg
     if held >= 0:
         enter_line(mechanism, state, held)
     tip[2], tip[3] = ux, uy
+    x, y = tip[0], tip[1]
+    dvx, dvy = (ux - vx) / h, (uy - vy) / h
+    fx -= cxx * dvx + cxy * dvy
+    fy -= cxy * dvx + cyy * dvy
+    state.acceleration[0], state.acceleration[1] = dvx, dvy
+    state.hand_force[0], state.hand_force[1] = fx - grip.mass * dvx, fy - grip.mass * dvy
+    for j in range(5):
+        for k in range(2):
+            trial.g[j, k] = state.g[j, k]
     move(mechanism, state, trial, h, grip.mass)
-    book(brakes, state, ux - vx, uy - vy, fx - cxx * (ux - vx) / h - cxy * (uy - vy) / h,
-         fy - cxy * (ux - vx) / h - cyy * (uy - vy) / h, ux, uy, h, grip.mass)  # fmt: skip
-    for i in range(4):
-        if brakes.play[i] > 0.0 and state.sign[i] != 0.0:
-            drift_in_backlash(brakes, state, i, h * (state.g[i, 0] * ux + state.g[i, 1] * uy))
+    book(brakes, state, trial, tip[0] - x, tip[1] - y, h)
     look(mechanism, state)
 
 
 @kernel
-def book(brakes, state, dvx, dvy, fx, fy, ux, uy, h, arm_mass):
-    """Ledger of one implicit step: work by the hand, heat of each slipping brake, over the displacement h u."""
-    state.hand_force[0], state.hand_force[1] = fx - arm_mass * dvx / h, fy - arm_mass * dvy / h
-    state.acceleration[0], state.acceleration[1] = dvx / h, dvy / h
-    state.work_hand += h * (state.hand_force[0] * ux + state.hand_force[1] * uy)
+def book(brakes, state, trial, dx, dy, h):
+    """Ledger and backlash of one implicit step over the way (dx, dy) that the tip went, by the rows at its start."""
+    state.work_hand += state.hand_force[0] * dx + state.hand_force[1] * dy
     for i in range(4):
-        if state.active[i] != 0 and state.sign[i] != 0.0 and brakes.present[i] > 0.0:
-            rate = state.g[i, 0] * ux + state.g[i, 1] * uy
-            cost = state.cost_plus[i] if rate > 0.0 else state.cost_minus[i]  # already times h
+        if brakes.present[i] > 0.0 and state.active[i] != 0 and state.sign[i] != 0.0:
+            turned = trial.g[i, 0] * dx + trial.g[i, 1] * dy
+            cost = state.cost_plus[i] if turned > 0.0 else state.cost_minus[i]  # already times h
             if not math.isinf(cost):
-                state.heat[i] += cost * abs(rate)
+                state.heat[i] += cost / h * abs(turned)
+            if brakes.play[i] > 0.0:
+                drift_in_backlash(brakes, state, i, turned)
 
 
 @kernel
 def move(mechanism, state, trial, h, arm_mass):
-    """Displace the tip by h v; stay on the held joint's SDOF path; strike a hard stop that lies in the way."""
+    """Displace the tip by h v; stay on the held joint's SDOF path; strike a hard stop that lies in the way.
+
+    On that path the velocity is turned to the new tangent. What the turn took away stays in `carry` and goes back into
+    the next step's momentum: the held joint must provide it, out of its yield, as in any time-stepping scheme.
+    """
     tip = state.tip
     if state.held == STILL:
         return
     x, y = tip[0], tip[1]
-    speed = math.sqrt(tip[2] * tip[2] + tip[3] * tip[3])
-    tip[0], tip[1] = x + h * tip[2], y + h * tip[3]
+    ux, uy = tip[2], tip[3]
+    tip[0], tip[1] = x + h * ux, y + h * uy
     if state.held >= 0:
         keep_on_line(mechanism, state, state, state.held)
-        kept = math.sqrt(tip[2] * tip[2] + tip[3] * tip[3])
+        speed, kept = math.sqrt(ux * ux + uy * uy), math.sqrt(tip[2] * tip[2] + tip[3] * tip[3])
         if kept > 0.0:
             tip[2] *= speed / kept
             tip[3] *= speed / kept
+        state.carry[0], state.carry[1] = ux - tip[2], uy - tip[3]
     for j in range(5):
         if state.contact[j] != 0.0 and not (state.held >= 0 and same_line(j, state.held, mechanism.coaxial)):
             state.contact[j] = 0.0
-    stop_on_the_way(mechanism, state, trial, x, y, arm_mass)
+    stop_on_the_way(mechanism, state, trial, x, y, h, arm_mass)
 
 
 @kernel
-def stop_on_the_way(mechanism, state, trial, x, y, arm_mass):
-    """Strike a hard stop between (x, y) and the tip (first order: the rest of the step is lost); its joint, or -1."""
+def stop_on_the_way(mechanism, state, trial, x, y, h, arm_mass):
+    """Strike a hard stop between (x, y) and the tip and slide along it for the rest of the step; its joint, or -1."""
     tip = state.tip
     struck = worst_stop(mechanism, state, trial, tip[0], tip[1])
     if struck < 0:
@@ -147,8 +159,16 @@ def stop_on_the_way(mechanism, state, trial, x, y, arm_mass):
     tip[0], tip[1] = x + low * ex, y + low * ey
     worst_stop(mechanism, state, trial, x + high * ex, y + high * ey)
     side = trial.gap_side[struck]
+    state.carry[0] = state.carry[1] = 0.0
     look(mechanism, state)
     strike(mechanism, state, struck, side, arm_mass)
+    if state.held != STILL:
+        hit_x, hit_y, rest = tip[0], tip[1], (1.0 - low) * h
+        enter_line(mechanism, state, struck)
+        tip[0], tip[1] = hit_x + rest * tip[2], hit_y + rest * tip[3]
+        keep_on_line(mechanism, state, state, struck)
+        if worst_stop(mechanism, state, trial, tip[0], tip[1]) >= 0:
+            tip[0], tip[1] = hit_x, hit_y  # another stop: what is left of the step is lost
     return struck
 
 
