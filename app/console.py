@@ -19,19 +19,11 @@ from PySide6.QtWidgets import (
 )
 
 from app import theme
+from app.labels import breakable, line
 from app.plan_grid import PlanGrid, describe
 from experiments.plan import PlannedTrial
 
 REASONS = ("stopped by the experimenter", "the participant asked", "the participant was distracted", "a mistake")
-
-
-def line(text: str = "", name: str = "", size: int = theme.NORMAL, bold: bool = False) -> QLabel:
-    """A line of text that breaks rather than being cut."""
-    label = QLabel(text, objectName=name)
-    label.setFont(theme.font(size, bold))
-    label.setWordWrap(True)
-    label.setTextFormat(Qt.TextFormat.PlainText)
-    return label
 
 
 class KeyButton(QPushButton):
@@ -111,7 +103,7 @@ class Console(QFrame):
     ) -> None:
         """Where the session stands."""
         self.grid.show_plan(plan, statuses, coming.run if coming else None, running)
-        self.progress.setText(f"{len(statuses)} of {len(plan)} trials over")
+        self.progress.setText(f"{len(statuses)} of {len(plan)} trials" if plan else "")
         if coming is None:
             self.coming.setText("The plan is done" if plan else "")
             self.cell.setText("")
@@ -124,7 +116,7 @@ class Console(QFrame):
         self.notice.setObjectName("bad" if bad else "caution")
         self.notice.style().unpolish(self.notice)
         self.notice.style().polish(self.notice)
-        self.notice.setText(notice)
+        self.notice.setText(breakable(notice))
 
     def allow(self, start: bool, abort: bool, participant: bool) -> None:
         """What can be asked for now."""

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from app import theme
+from app.labels import OneLine
 from app.live_boxes import LiveBoxes
 from app.traces import Trace
 from core import row
@@ -32,10 +33,7 @@ class FiguresPanel(QWidget):
         self._button.setToolTip("Box plots as PNG, SVG and PDF and the trials as CSV, into a new folder")
         self._button.setStyleSheet("padding: 3px 10px")
         self._button.clicked.connect(self.export_asked)
-        self._note = QLabel(self._legend(configurations), objectName="quiet")
-        self._legend_text = self._note.text()
-        self._note.setFont(theme.font(theme.SMALL))
-        self._note.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.note = OneLine(self._legend(configurations), "quiet")
 
         results = QFrame(objectName="panel")
         inside = QVBoxLayout(results)
@@ -44,7 +42,7 @@ class FiguresPanel(QWidget):
         for plot in self.boxes:
             inside.addWidget(plot, 1)
         foot = QHBoxLayout()
-        foot.addWidget(self._note, 1)
+        foot.addWidget(self.note, 1)
         foot.addWidget(self._button)
         inside.addLayout(foot)
         layout = QVBoxLayout(self)
@@ -84,7 +82,5 @@ class FiguresPanel(QWidget):
         self._button.setEnabled(allowed)
 
     def say(self, sentence: str) -> None:
-        """What became of an export; empty: the legend again."""
-        text = sentence or self._legend_text
-        self._note.setToolTip(text)
-        self._note.setText(text)
+        """What became of an export."""
+        self.note.setText(sentence)

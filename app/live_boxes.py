@@ -91,7 +91,8 @@ class LiveBoxes(QWidget):
         painter.setBrush(theme.colour(colour, 0.75 if filled else 0.12))
         top = self._y(box.q3)
         painter.drawRoundedRect(QRectF(x - half, top, width, max(self._y(box.q1) - top, 1.0)), 1.5, 1.5)
-        painter.setPen(QPen(theme.colour("#ffffff" if filled else colour), 2.0))
+        flat = self._y(box.q1) - top < 4.0  # one trial: a line in the controller's colour
+        painter.setPen(QPen(theme.colour("#ffffff" if filled and not flat else colour), 2.0))
         painter.drawLine(QPointF(x - half, self._y(box.median)), QPointF(x + half, self._y(box.median)))
         painter.setPen(pen)
         painter.setBrush(Qt.BrushStyle.NoBrush)

@@ -7,6 +7,7 @@ import numpy as np
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QWidget
 
 from app import theme
+from app.labels import OneLine
 from app.messages import Ticks
 from core import row
 
@@ -20,9 +21,9 @@ class StatusLine(QFrame):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent, objectName="panel")
-        self.lamp, self.recording, self.timing = QLabel("●"), QLabel("Nothing recorded yet"), QLabel("")
-        self.timing.setObjectName("quiet")
-        for label in (self.lamp, self.recording, self.timing):
+        self.lamp, self.recording = QLabel("●"), OneLine("Nothing recorded yet")
+        self.timing = QLabel("", objectName="quiet")
+        for label in (self.lamp, self.timing):
             label.setFont(theme.font(theme.SMALL))
         layout = QHBoxLayout(self)
         layout.setContentsMargins(12, 6, 12, 6)

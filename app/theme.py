@@ -51,8 +51,10 @@ QFrame#panel QLabel, QFrame#panel QCheckBox {{ background: transparent; }}
 QLabel#quiet {{ color: {QUIET}; }}
 QLabel#caution {{ color: {CAUTION}; }}
 QLabel#bad {{ color: {BAD}; }}
-QLabel#banner {{ background: #3a1c1a; color: {BAD}; border: 1px solid {BAD}; border-radius: {RADIUS}px; padding: 8px 12px; }}
-QPushButton {{ background: #242c35; border: 1px solid {LINE}; border-radius: 4px; padding: 7px 12px; text-align: left; }}
+QLabel#banner {{ background: #3a1c1a; color: #ff9c8c; border: 1px solid {BAD}; border-radius: {RADIUS}px;
+    padding: 8px 12px; }}
+QPushButton {{ background: #242c35; border: 1px solid {LINE}; border-radius: 4px; padding: 7px 12px;
+    text-align: left; }}
 QPushButton:hover {{ border-color: {QUIET}; }}
 QPushButton:disabled {{ color: #5b6672; background: {PANEL}; }}
 QPushButton#start:enabled {{ background: {ACCENT_DARK}; border-color: {ACCENT}; }}
@@ -61,7 +63,8 @@ QLineEdit, QComboBox {{ background: {GROUND}; border: 1px solid {LINE}; border-r
     selection-background-color: {ACCENT_DARK}; }}
 QLineEdit:focus, QComboBox:focus {{ border-color: {ACCENT}; }}
 QLineEdit:disabled, QComboBox:disabled {{ color: {QUIET}; }}
-QComboBox QAbstractItemView {{ background: {PANEL}; border: 1px solid {LINE}; selection-background-color: {ACCENT_DARK}; }}
+QComboBox QAbstractItemView {{ background: {PANEL}; border: 1px solid {LINE};
+    selection-background-color: {ACCENT_DARK}; }}
 """
 
 

@@ -6,13 +6,14 @@ highest value of each message instead of every tick, no live grid.
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QPointF, Qt
+from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QPainter
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from app import theme
 
 WINDOW_S = 10.0  # shown
+PADDING = 0.04  # of the range, above and below
 RANGES = (1.0, 2.0, 5.0)  # times a power of ten: where a range can end
 
 
@@ -92,30 +93,29 @@ class _Plot(pg.PlotWidget):
         self.setMouseEnabled(False, False)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setStyleSheet("background: transparent")
         self.setMinimumHeight(48)
         self.getPlotItem().setContentsMargins(0, 0, 0, 0)
-        self.getViewBox().setDefaultPadding(0.0)
         self.setXRange(-WINDOW_S, 0.0, padding=0.0)
         self.curve = self.plot(pen=pg.mkPen(colour, width=1))
-        self.curve.setClipToView(False)
 
     def set_range(self, end: float) -> None:
+        """Show values from 0 to `end`."""
         self.end = end
-        self.setYRange(0.0, end, padding=0.04)
+        self.setYRange(0.0, end, padding=PADDING)
+        self.resetCachedContent()
         self.viewport().update()
 
-    def drawBackground(self, painter: QPainter, rect) -> None:
+    def drawBackground(self, painter: QPainter, rect: QRectF) -> None:
+        """The still lines; painted once for each size and range."""
         super().drawBackground(painter, rect)
         painter.save()
         painter.resetTransform()
-        view = self.getViewBox()
+        painter.setFont(theme.font(theme.SMALL))
         for share in (0.0, 0.5, 1.0):
-            y = self.mapFromScene(view.mapViewToScene(QPointF(0.0, share * self.end))).y() + 0.5
+            y = round(self.height() * (1.0 + PADDING - share) / (1.0 + 2.0 * PADDING)) - 0.5
             painter.setPen(theme.colour(theme.LINE))
             painter.drawLine(QPointF(0.0, y), QPointF(float(self.width()), y))
-            if share == 1.0:
-                painter.setPen(theme.colour(theme.QUIET))
-                painter.setFont(theme.font(theme.SMALL))
-                width = painter.fontMetrics().horizontalAdvance(f"{self.end:g}")
-                painter.drawText(QPointF(self.width() - width - 1.0, y + 12.0), f"{self.end:g}")
+        painter.setPen(theme.colour(theme.QUIET))
+        painter.drawText(QPointF(0.0, y + 13.0), f"{self.end:g}")
         painter.restore()

@@ -5,7 +5,6 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Protocol
 
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QKeySequence, QShortcut
@@ -13,21 +12,20 @@ from PySide6.QtWidgets import (
     QApplication,
     QFileDialog,
     QHBoxLayout,
-    QLabel,
     QMessageBox,
     QVBoxLayout,
     QWidget,
 )
 
-from app import theme
-from app.console import Console, line
+from app import theme, words
+from app.console import Console
 from app.export import Export
 from app.figures_panel import FiguresPanel
+from app.labels import breakable, line
 from app.loop_process import LoopProcess
 from app.messages import Abort, Aim, Begun, Ended, Failed, Prepared, Refused, Start, Ticks
 from app.status_line import StatusLine
 from app.workspace_view import WorkspaceView
-from core import row
 from core.device import Device
 from core.errors import InputError
 from experiments.plan import SEGMENTS, PlannedTrial, make_plan
@@ -35,27 +33,6 @@ from experiments.session import Choices, refuse_existing, session_folder
 from experiments.trials_table import TrialRow
 
 FRAME_MS = 16
-PHASE_LINES = {
-    row.APPROACH: ("Move to the start", "the green ring"),
-    row.HOLD: ("Hold", ""),
-    row.MOVE: ("Go", "Follow the line to the orange ring"),
-    row.END: ("", ""),
-}
-ENDINGS = {"done": "Well done", "timeout": "Time is up", "aborted": "Stopped"}
-TAKE_IT = "Touch the white handle with the pointer to take hold of it"
-LOOP_DIED = (
-    "The control loop has stopped. Brakes off. What it recorded is kept; close this window and open it again to go on."
-)
-
-
-class LoopLink(Protocol):
-    """What the window needs of the control loop."""
-
-    @property
-    def alive(self) -> bool: ...
-    def send(self, message: object) -> None: ...
-    def receive(self) -> list: ...
-    def stop(self, reason: str) -> None: ...
 
 
 class Window(QWidget):
@@ -63,7 +40,7 @@ class Window(QWidget):
 
     def __init__(
         self,
-        loop: LoopLink,
+        loop: LoopProcess,
         devices: Sequence[Device],
         data_dir: Path,
         participant: str,
@@ -78,7 +55,6 @@ class Window(QWidget):
         self._plan: tuple[PlannedTrial, ...] = ()
         self._coming: PlannedTrial | None = None
         self._prepared = self._asked = self._running = self._over = False
-        self._phase = -1
 
         self.setWindowTitle("phd")
         self.console = Console(participant)
@@ -197,10 +173,10 @@ class Window(QWidget):
                     self._stop(f"{sentence[0].upper()}{sentence[1:]}")
         self._show_ticks(rows)
         if not alive and not self._over:
-            self._stop(LOOP_DIED)
+            self._stop(words.LOOP_DIED)
 
     def _begin(self, message: Begun) -> None:
-        self._asked, self._running, self._coming, self._phase = False, True, message.planned, -1
+        self._asked, self._running, self._coming = False, True, message.planned
         self.figures.clear()
         self.status.begin()
         self.view.show_trial(
@@ -214,41 +190,26 @@ class Window(QWidget):
             if self._coming:
                 self.figures.add(message.rows, SEGMENTS[self._coming.segment])
             self.status.add(message)
-        if messages:
-            self._phase = int(messages[-1].rows[-1, row.PHASE])
-            large, small = PHASE_LINES[self._phase]
-            if self._phase == row.APPROACH and not messages[-1].taken:
-                small = TAKE_IT
-            if self._phase != row.END:
-                self.view.say(large, small)
+        if messages and (said := words.during(messages[-1])):
+            self.view.say(*said)
 
     def _end(self, message: Ended) -> None:
         self._running, self._coming = False, message.next
         self.rows.append(message.row)
-        self.view.show_rest(message.tip) if self._same_configuration(message) else self._show_coming(message.tip)
-        self.view.say(ENDINGS.get(message.row.status, ""), self._what_next(message))
+        if words.changes_configuration(message):
+            self._show_coming(message.tip)
+        else:
+            self.view.show_rest(message.tip)  # path and trail stay to be looked at
+        self.view.say(*words.after(message))
         self.figures.show_results(self.rows)
         self.status.end(len(self.rows), session_folder(self._data_dir, message.row.participant))
-        if message.reason:
-            self.console.say(f"Trial {message.row.run} {message.row.status}: {message.reason}")
-        elif not self._same_configuration(message) and message.next:
-            self.console.say(f"Configuration changes to {message.next.configuration}. Start continues.")
+        self.console.say(words.for_experimenter(message))
         self._show_plan()
-
-    def _same_configuration(self, message: Ended) -> bool:
-        return message.next is None or message.next.configuration == message.row.configuration
-
-    def _what_next(self, message: Ended) -> str:
-        if message.next is None:
-            return "That was the last trial. Thank you."
-        if not self._same_configuration(message):
-            return f"Configuration changes to {message.next.configuration} · Space continues"
-        return "Space starts the next trial"
 
     def _stop(self, sentence: str) -> None:
         """No more trials: say so in red."""
         self._over, self._running, self._asked = True, False, False
-        self.banner.setText(sentence)
+        self.banner.setText(breakable(sentence))
         self.banner.show()
         self.view.show_rest(self.view.tip)
         self.view.say("")
@@ -275,7 +236,7 @@ class Window(QWidget):
         )
         self.figures.allow_export(bool(self.rows) and not self._running)
         if idle and not self.rows:
-            ready = "Space starts the first trial" if self._prepared else "Preparing .."
+            ready = words.FIRST if self._prepared else words.PREPARING
             self.view.say("", ready if self._coming else "")
 
     # the end

@@ -25,6 +25,9 @@ FORCE_RED_N = 20.0  # the spring is green when slack, red from here on
 MARGIN_M = 0.03  # around the linkage on all segments
 TEXT_PX = 92  # kept free at the top for the participant's line
 RING_PX, HANDLE_PX, POINTER_PX, JOINT_PX = 11.0, 7.5, 6.0, 12.0
+FOOT_PX = 30  # kept free at the bottom for the notes
+LEGEND = ((theme.BRAKE_OFF, "brake off"), (theme.BRAKE_SLIPPING, "slipping"), (theme.BRAKE_STUCK, "stuck"))
+ASSUMED = "parameters assumed"
 TRAIL_MOST = 4000  # points; a longer trail is thinned out
 
 
@@ -80,7 +83,8 @@ class WorkspaceView(QWidget):
     def show_trial(self, device: Device, segment: Segment, tip: Point) -> None:
         """Another path or device, the handle at rest at `tip` with the brakes off."""
         self._device, self._segment, self.tip = device, segment, tip
-        self._on, self._stuck, self._taken, self._force_N = (False,) * 4, 0, False, 0.0
+        self._take(False)
+        self._on, self._stuck, self._force_N = (False,) * 4, 0, 0.0
         self._background = None
         self.clear_trail()
 
@@ -88,7 +92,8 @@ class WorkspaceView(QWidget):
         """The newest of ticks (n, row.WIDTH): handle, force, brakes; their way as a trail during `move`."""
         now = rows[-1]
         self.tip = (float(now[row.TIP_X]), float(now[row.TIP_Y]))
-        self._taken, self._force_N = taken, math.hypot(now[row.HAND_FX], now[row.HAND_FY])
+        self._take(taken)
+        self._force_N = math.hypot(now[row.HAND_FX], now[row.HAND_FY])
         self._on = tuple(bool(now[row.CURRENT + i] > 0.0) for i in range(4))
         self._stuck = int(now[row.STUCK])
         if now[row.PHASE] == row.MOVE:
@@ -99,9 +104,16 @@ class WorkspaceView(QWidget):
 
     def show_rest(self, tip: Point) -> None:
         """The handle stands at `tip`, brakes off, nobody holds it; the trail stays to be looked at."""
-        self.tip, self._taken, self._force_N = tip, False, 0.0
+        self._take(False)
+        self.tip, self._force_N = tip, 0.0
         self._on, self._stuck = (False,) * 4, 0
         self.update()
+
+    def _take(self, taken: bool) -> None:
+        """With the handle in hand the ring is the pointer; the system's own arrow would only cover it."""
+        if taken != self._taken:
+            self._taken = taken
+            self.setCursor(Qt.CursorShape.BlankCursor if taken else Qt.CursorShape.ArrowCursor)
 
     def clear_trail(self) -> None:
         """Forget the way so far."""
@@ -123,13 +135,13 @@ class WorkspaceView(QWidget):
 
     def _scale(self) -> float:
         """Pixels per metre."""
-        room = max(self.height() - TEXT_PX, 1)
+        room = max(self.height() - TEXT_PX - FOOT_PX, 1)
         return min(self.width() / self._extent.width(), room / self._extent.height())
 
     def to_screen(self, point: Point) -> QPointF:
         """Where a place of the workspace (m) is on the widget (px)."""
         scale, centre = self._scale(), self._extent.center()
-        middle_y = TEXT_PX + 0.5 * (self.height() - TEXT_PX)
+        middle_y = 0.5 * (self.height() + TEXT_PX - FOOT_PX)
         return QPointF(0.5 * self.width() + scale * (point[0] - centre.x()),
                        middle_y - scale * (point[1] - centre.y()))  # fmt: skip
 
@@ -138,7 +150,7 @@ class WorkspaceView(QWidget):
         scale, centre = self._scale(), self._extent.center()
         x = min(max(place.x(), 0.0), float(self.width()))
         y = min(max(place.y(), 0.0), float(self.height()))
-        middle_y = TEXT_PX + 0.5 * (self.height() - TEXT_PX)
+        middle_y = 0.5 * (self.height() + TEXT_PX - FOOT_PX)
         return centre.x() + (x - 0.5 * self.width()) / scale, centre.y() + (middle_y - y) / scale
 
     # events
@@ -183,7 +195,7 @@ class WorkspaceView(QWidget):
         painter.setFont(theme.font(theme.SMALL))
         for i in range(-20, 21):
             at = self.to_screen((0.1 * i, 0.1 * i))
-            if TEXT_PX < at.y() < self.height() - 14:
+            if i >= 0 and TEXT_PX < at.y() < self.height() - FOOT_PX:
                 painter.setPen(QPen(theme.colour(theme.LINE, 0.55), 1.0))
                 painter.drawLine(QPointF(58.0, at.y()), QPointF(self.width() - 14.0, at.y()))
                 painter.setPen(theme.colour(theme.QUIET, 0.75))
@@ -191,11 +203,8 @@ class WorkspaceView(QWidget):
                 painter.drawText(box, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, f"{10 * i} cm")
             if 60 < at.x() < self.width() - 14:
                 painter.setPen(QPen(theme.colour(theme.LINE, 0.55), 1.0))
-                painter.drawLine(QPointF(at.x(), float(TEXT_PX)), QPointF(at.x(), self.height() - 14.0))
-        if self._device.assumed:
-            painter.setPen(theme.colour(theme.CAUTION, 0.85))
-            box = QRectF(self.rect()).adjusted(14.0, 0.0, -14.0, -8.0)
-            painter.drawText(box, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignBottom, "parameters assumed")
+                painter.drawLine(QPointF(at.x(), float(TEXT_PX)), QPointF(at.x(), float(self.height() - FOOT_PX)))
+        self._paint_notes(painter)
         start, end = self.to_screen(self._segment.start), self.to_screen(self._segment.end)
         pen = QPen(theme.colour("#ffffff", 0.92), 3.0)
         pen.setCapStyle(Qt.PenCapStyle.RoundCap)
@@ -207,6 +216,20 @@ class WorkspaceView(QWidget):
             painter.drawEllipse(place, RING_PX, RING_PX)
         painter.end()
         return pixmap
+
+    def _paint_notes(self, painter: QPainter) -> None:
+        """Bottom line: what the brakes' colours mean, and that the device's numbers are assumed."""
+        y, x = self.height() - 16.0, 18.0
+        for shade, word in LEGEND:
+            painter.setPen(QPen(theme.colour(shade), 2.5))
+            painter.drawEllipse(QPointF(x + 4.0, y), 5.0, 5.0)
+            painter.setPen(theme.colour(theme.QUIET))
+            painter.drawText(QPointF(x + 15.0, y + 4.0), word)
+            x += 29.0 + painter.fontMetrics().horizontalAdvance(word)
+        if self._device.assumed:
+            painter.setPen(theme.colour(theme.CAUTION, 0.85))
+            width = painter.fontMetrics().horizontalAdvance(ASSUMED)
+            painter.drawText(QPointF(self.width() - 14.0 - width, y + 4.0), ASSUMED)
 
     def _paint_linkage(self, painter: QPainter) -> None:
         """Arms faintly, each brake in the colour of what it does."""

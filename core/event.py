@@ -155,7 +155,7 @@ def happen(mechanism, brakes, hand, state, trial, kind, t):
 
 @kernel
 def comes_to_rest(brakes, state):
-    """True where every braked joint's rate is zero to rounding, two of them at least: then the tip itself is at rest."""
+    """True where every braked joint's rate is zero to rounding, and there are two at least: the tip is at rest."""
     resting, moving = 0, 0
     for i in range(4):
         if brakes.present[i] > 0.0:

@@ -73,12 +73,21 @@ def set_costs(brakes, state):
 
 
 @kernel
+def slip_torque(state, i):
+    """Torque of joint i in the sense in which it slips (N m); 0 where it does not, or has nothing but a stop."""
+    torque = 0.0
+    if state.active[i] != 0 and state.sign[i] != 0.0:
+        torque = -state.cost_plus[i] if state.sign[i] > 0.0 else state.cost_minus[i]
+    return 0.0 if math.isinf(torque) else torque
+
+
+@kernel
 def slipping_force(state, held, coaxial):
     """Force of the slipping brakes on the tip, sum of g_i torque_i over joints off the held line (N)."""
     fx = fy = 0.0
     for i in range(4):
-        if state.sign[i] != 0.0 and not (held >= 0 and same_line(i, held, coaxial)):
-            torque = -state.cost_plus[i] if state.sign[i] > 0.0 else state.cost_minus[i]
+        if not (held >= 0 and same_line(i, held, coaxial)):
+            torque = slip_torque(state, i)
             fx += state.g[i, 0] * torque
             fy += state.g[i, 1] * torque
     return fx, fy
@@ -104,9 +113,12 @@ def resolve(mechanism, brakes, hand, state, t):
             state.held = FREE
         for i in range(5):
             rate = state.rate[i]
-            if state.active[i] == 0 or state.sign[i] * rate >= RATE_ROUNDING or on_held_line(mechanism, state, i):
+            if state.active[i] == 0 or on_held_line(mechanism, state, i):
                 continue
-            at_rest = rate == 0.0 or (state.sign[i] == 0.0 and abs(rate) <= RATE_ROUNDING)
+            at_stop = state.contact[i] != 0.0 and state.contact[i] * rate > -RATE_ROUNDING
+            if not at_stop and state.sign[i] * rate >= RATE_ROUNDING:
+                continue
+            at_rest = at_stop or rate == 0.0 or (state.sign[i] == 0.0 and abs(rate) <= RATE_ROUNDING)
             if at_rest and state.held == FREE:
                 meet(mechanism, state, i, fx, fy, arm_mass)
             elif abs(rate) > RATE_ROUNDING or state.sign[i] == 0.0:
@@ -206,9 +218,7 @@ def finish(mechanism, state, fx, fy, arm_mass):
         leave_stops_their_share(state)
         return
     for i in range(5):
-        state.torque[i] = 0.0
-        if state.sign[i] != 0.0 and state.active[i] != 0 and i < 4:
-            state.torque[i] = -state.cost_plus[i] if state.sign[i] > 0.0 else state.cost_minus[i]
+        state.torque[i] = slip_torque(state, i) if i < 4 else 0.0
     sx, sy = slipping_force(state, held, mechanism.coaxial)
     rx, ry = fx + sx - state.bias_force[0], fy + sy - state.bias_force[1]
     mxx, mxy, myy = mass[0] + arm_mass, mass[1], mass[2] + arm_mass

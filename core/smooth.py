@@ -38,6 +38,8 @@ TRIAL = np.dtype(
         ("heat", "f8", (4,)),  # J
         ("work", "f8"),  # J, by the hand
         ("slip", "f8", (3, 4)),  # N m, torque of the slipping brakes at the start, middle and end of the step
+        ("held", "i8"),  # `stepping`: the pattern after the step
+        ("sign", "f8", (5,)),
         # work space of the stops
         ("theta", "f8", (4,)),
         ("gap", "f8", (5,)),

@@ -35,18 +35,28 @@ def convert_to_parquet(path: str | Path, sync: bool = True) -> Path:
         raise InputError(f"{path}: damaged, not converted: {'; '.join(stream.damaged)}")
     if not stream.complete:
         raise InputError(f"{path}: has no end record, not converted")
+    save_as_parquet(stream, target, sync)
+    path.unlink()
+    return target
+
+
+def save_as_parquet(recording: Recording, target: Path, sync: bool = True) -> None:
+    """Write a recording as Parquet and read it back to compare; one that is there already must hold the same.
+
+    InputError if the file that is there differs (neither is touched); OSError if it cannot be written.
+    """
     if not target.exists():
-        with written_beside(target, _parquet_bytes(stream), sync) as partial:
+        with written_beside(target, _parquet_bytes(recording), sync) as partial:
             back = read_parquet(partial)
-            if not back.whole or not same_content(back, stream):
-                raise OSError(f"{partial}: what was read back differs from the stream")
+            if not back.whole or not same_content(back, recording):
+                raise OSError(f"{partial}: what was read back differs from {recording.path.name}")
             give_new_name(partial, target)
     else:
         there = read_parquet(target)
-        if not there.whole or not same_content(there, stream):
-            raise InputError(f"{target}: exists already and differs from {path.name}, neither was touched")
-    path.unlink()
-    return target
+        if not there.whole or not same_content(there, recording):
+            raise InputError(
+                f"{target}: exists already and differs from {recording.path.name}, neither was touched"
+            )
 
 
 def _parquet_bytes(recording: Recording) -> bytes:

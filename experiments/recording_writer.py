@@ -23,7 +23,7 @@ from experiments.recording_form import (
     recording_columns,
     seal,
 )
-from experiments.whole_files import sync_folder
+from experiments.whole_files import is_wrong_path, sync_folder
 
 BATCH_ROWS = 1000  # most rows in a batch: what a damaged byte can cost. Smaller: slower, larger files
 WRITE_INTERVAL_S = 0.1  # rows wait at most this long (and for the next call): what a kill can cost
@@ -47,7 +47,7 @@ class RecordingWriter:
         decisions: tuple[str, ...] = DECISIONS,
         sync: bool = True,
     ) -> None:
-        """Create `path`; InputError if it exists or cannot be created.
+        """Create `path`; InputError if it exists or cannot be there, OSError if the disk takes no more.
 
         braked: letters of the braked joints, "AEB". metadata: anything JSON holds, known before the trial.
         decisions: code -> text. sync = False leaves the time of writing to the system: for simulated trials, whose
@@ -78,6 +78,8 @@ class RecordingWriter:
         except FileExistsError:
             raise InputError(f"{self.path}: exists already, a recording is never overwritten") from None
         except OSError as error:
+            if not is_wrong_path(error):
+                raise
             raise InputError(f"{self.path}: the recording cannot be created: {error.strerror}") from None
         self._open = True
         try:

@@ -1,22 +1,16 @@
-"""A participant's session: its folder, its plan, its trials in order, and what is kept of them.
+"""A participant's session: its plan, its trials in order, and what is kept of them (files: see `session_files`).
 
-    DATA/sub-01/ses-01/session.json        plan, hash, seed, settings, device and brake files in full, versions
-                       journal.jsonl       one line an event, on the disk before the next one
-                       trials/run-001.arrows -> run-001.parquet once closed and verified
-                       trials.csv          one row a trial
-    DATA/trials.csv                        the rows of all participants
-
-Nothing is overwritten: every file is new, tables are replaced whole.
+Nothing is overwritten: every file is new, tables are replaced whole. One live process may write in a session.
 """
 
 import importlib.metadata
 import json
-import os
 import platform
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -25,7 +19,7 @@ from core.device import Device
 from core.errors import InputError
 from core.hand import Hand
 from core.simulator import Simulation, stops_of
-from experiments.metrics import NO_METRICS, trial_metrics
+from experiments.journal import write_event
 from experiments.operator import Person
 from experiments.plan import (
     SEGMENTS,
@@ -35,10 +29,25 @@ from experiments.plan import (
     plan_hash,
     plan_to_json,
 )
-from experiments.recording import Recording, RecordingWriter, convert_to_parquet, read_recording
+from experiments.recording import STREAM_SUFFIX, RecordingWriter, convert_to_parquet, read_recording
+from experiments.recover import recover_session
+from experiments.session_files import (
+    STORED,
+    TABLE,
+    hold_lock,
+    is_half_created,
+    open_trials,
+    read_stored,
+    rows_of,
+    run_path,
+    runs_used,
+)
+from experiments.session_files import session_folder as session_folder
+from experiments.session_files import write_pooled_table as write_pooled_table
 from experiments.trial import MouseHand, Trial, new_simulation
-from experiments.trials_table import TrialRow, append_row, read_table, write_table
-from experiments.whole_files import written_beside
+from experiments.trial_row import row_of
+from experiments.trials_table import TrialRow, append_row
+from experiments.whole_files import is_wrong_path, written_beside
 
 LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 
@@ -53,18 +62,15 @@ class Choices:
 
     def note(self, assumed: bool) -> str:
         """What every figure says of them."""
-        return f"{self.rules} rules, low gain {self.low_gain:g} N s/m" + (", parameters assumed" if assumed else "")
-
-
-def session_folder(data_dir: Path, participant: str) -> Path:
-    """Where a participant's session is kept."""
-    return data_dir / f"sub-{participant}" / "ses-01"
+        return f"{self.rules} rules, low gain {self.low_gain:g} N s/m" + (
+            ", parameters assumed" if assumed else ""
+        )
 
 
 def refuse_existing(data_dir: Path, participant: str) -> None:
     """InputError if this participant has a session already."""
     folder = session_folder(data_dir, participant)
-    if folder.exists():
+    if folder.exists() and not is_half_created(folder):
         raise InputError(f"{folder}: exists already, a session is never overwritten; name another participant")
 
 
@@ -90,7 +96,7 @@ def check_reach(devices: Sequence[Device]) -> None:
 
 
 class Session:
-    """One participant's session in progress."""
+    """One participant's session in progress; it holds the session's lock until `close` or the end of the process."""
 
     def __init__(
         self,
@@ -108,21 +114,78 @@ class Session:
         """
         check_reach(devices)
         refuse_existing(data_dir, participant)
+        self._take_up(data_dir, participant, devices, choices, person, sync)
+        self.plan = make_plan(participant, choices.seed, tuple(self.devices))
+        try:
+            (self.folder / "trials").mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            if not is_wrong_path(error):
+                raise
+            raise InputError(f"{self.folder}: cannot be created ({(error.strerror or '').lower()})") from None
+        self._lock = hold_lock(self.folder)
+        try:
+            refuse_existing(data_dir, participant)  # another process was faster
+            about = json.dumps(self._about(), indent=1, sort_keys=True).encode() + b"\n"
+            with written_beside(self.folder / STORED, about, sync) as partial:
+                partial.rename(self.folder / STORED)
+            self.journal("created", plan=plan_hash(self.plan))
+        except BaseException:
+            self.close()
+            raise
+
+    @classmethod
+    def resume(cls, data_dir: Path, participant: str, sync: bool = True) -> Self:
+        """Go on with a session that was interrupted, by its stored plan, seed, devices and choices.
+
+        What a crash left is recovered first; `next_planned` then gives the first trial of the plan that is not
+        settled. The simulated devices start afresh, at rest, with the play and the yield of a device just switched
+        on: so the trials after a crash are not the ones that an uninterrupted session would have run, bit by bit.
+        InputError if there is no such session, it cannot be read, or a live process has it.
+        """
+        folder = session_folder(data_dir, participant)
+        stored = read_stored(folder)
+        about = stored.about
+        try:
+            choices = Choices(about["seed"], about["rules"], about["low_gain"])
+            person = Person(**about["person"]) if about["person"] else None
+            mouse = MouseHand(**about["mouse"]) if about["mouse"] else MouseHand()
+        except (KeyError, TypeError) as error:
+            raise InputError(f"{folder / STORED}: is damaged ({type(error).__name__}: {error})") from None
+        session = cls.__new__(cls)
+        session._take_up(data_dir, participant, stored.devices, choices, person, sync)
+        session.plan, session._mouse = stored.plan, mouse
+        session._lock = hold_lock(folder)
+        try:
+            recover_session(folder, sync)
+            session.rows = rows_of(folder)
+            if still_open := len(open_trials(session.plan, session.rows)):
+                session.journal("resumed", open=still_open)
+        except BaseException:
+            session.close()
+            raise
+        return session
+
+    def _take_up(
+        self,
+        data_dir: Path,
+        participant: str,
+        devices: Sequence[Device],
+        choices: Choices,
+        person: Person | None,
+        sync: bool,
+    ) -> None:
         self.data_dir, self.participant, self.choices, self.person = data_dir, participant, choices, person
         self.devices = {device.name: device for device in devices}
-        self.plan = make_plan(participant, choices.seed, tuple(self.devices))
         self.folder = session_folder(data_dir, participant)
+        self.plan: tuple[PlannedTrial, ...] = ()
         self.rows: list[TrialRow] = []
+        self._mouse = MouseHand()
         self._sync = sync
         self._simulations: dict[str, Simulation] = {}
-        try:
-            (self.folder / "trials").mkdir(parents=True)
-        except OSError as error:
-            raise InputError(f"{self.folder}: cannot be created ({(error.strerror or '').lower()})") from None
-        about = json.dumps(self._about(), indent=1, sort_keys=True).encode() + b"\n"
-        with written_beside(self.folder / "session.json", about, sync) as partial:
-            partial.rename(self.folder / "session.json")
-        self.journal("created", plan=plan_hash(self.plan))
+
+    def close(self) -> None:
+        """Let other processes have the session."""
+        self._lock.release()
 
     def _about(self) -> dict:
         return {
@@ -130,7 +193,7 @@ class Session:
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
             "hand": "operator" if self.person else "mouse",
             "person": self.person._asdict() if self.person else None,
-            "mouse": None if self.person else asdict(MouseHand()),
+            "mouse": None if self.person else asdict(self._mouse),
             "fidelity": "mr",
             **asdict(self.choices),
             "plan": plan_to_json(self.plan),
@@ -138,7 +201,8 @@ class Session:
             "segments": {str(number): segment._asdict() for number, segment in SEGMENTS.items()},
             "controllers": {str(number): preset._asdict() for number, preset in PRESETS.items()},
             "devices": {
-                device.name: {"file": device.text, "brakes": device.brake_texts} for device in self.devices.values()
+                device.name: {"file": device.text, "brakes": device.brake_texts}
+                for device in self.devices.values()
             },
             "assumed": self.assumed,
             "versions": {"phd": _version("phd"), "python": platform.python_version()}
@@ -152,16 +216,23 @@ class Session:
 
     def journal(self, event: str, **about: object) -> None:
         """Append one line: what happened, and when."""
-        line = json.dumps({"time": datetime.now(UTC).isoformat(timespec="milliseconds"), "event": event, **about})
-        with (self.folder / "journal.jsonl").open("a", encoding="utf-8") as file:
-            file.write(line + "\n")
-            if self._sync:
-                file.flush()
-                os.fsync(file.fileno())
+        write_event(self.folder, event, self._sync, **about)
 
     def next_planned(self) -> PlannedTrial | None:
-        """The next trial of the plan that has no row yet; None: all are done."""
-        return self.plan[len(self.rows)] if len(self.rows) < len(self.plan) else None
+        """The first trial of the plan that is not settled; None: all are. It takes the next free run number if a
+        crash has used up its own: same cell of the plan, another recording."""
+        waiting = open_trials(self.plan, self.rows)
+        if not waiting:
+            return None
+        used = runs_used(self.folder) | {row.run for row in self.rows}
+        if waiting[0].run not in used:
+            return waiting[0]
+        return waiting[0]._replace(run=max(used | {trial.run for trial in self.plan}) + 1)
+
+    @property
+    def settled(self) -> int:
+        """How many trials of the plan are settled."""
+        return len(self.plan) - len(open_trials(self.plan, self.rows))
 
     def simulation(self, configuration: str) -> Simulation:
         """The simulated device of a configuration; it stays as the last trial left it."""
@@ -169,7 +240,7 @@ class Session:
             start = SEGMENTS[1].start
             end = SEGMENTS[1].end
             middle = (0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]))
-            hand: Hand | None = None if self.person else MouseHand().hand()
+            hand: Hand | None = None if self.person else self._mouse.hand()
             self._simulations[configuration] = new_simulation(self.devices[configuration], middle, hand)
             self._simulations[configuration].hand.grips["target"][0, :2] = middle
         return self._simulations[configuration]
@@ -198,9 +269,13 @@ class Session:
             "assumed": device.assumed,
             "plan_sha256": plan_hash(self.plan),
         }
-        name = self.folder / "trials" / f"run-{planned.run:03d}.arrows"
+        name = run_path(self.folder, planned.run, STREAM_SUFFIX)
         writer = RecordingWriter(name, device.braked, metadata, sync=self._sync)
-        self.journal("trial begun", run=planned.run)
+        try:
+            self.journal("trial begun", **planned._asdict())
+        except OSError:
+            writer.abandon()
+            raise
         return trial, writer
 
     def finish(self, trial: Trial, writer: RecordingWriter) -> TrialRow:
@@ -208,32 +283,10 @@ class Session:
         writer.close(trial.outcome())
         recording = read_recording(convert_to_parquet(writer.path, sync=self._sync))
         row = row_of(recording, self.folder)
-        append_row(self.folder / "trials.csv", row)
+        append_row(self.folder / TABLE, row)
         self.rows.append(row)
         self.journal("trial ended", run=row.run, status=row.status, reason=trial.outcome()["reason"])
         return row
-
-
-def row_of(recording: Recording, folder: Path) -> TrialRow:
-    """A trial's row, from its recording alone; `folder`: where the table that gets it stands."""
-    about, outcome = recording.metadata, recording.outcome
-    start, end = tuple(about["start_m"]), tuple(about["end_m"])
-    moved = recording.in_phase("move").any()
-    metrics = trial_metrics(recording, start, end, about["controller"]) if moved else NO_METRICS
-    place = os.path.relpath(recording.path, folder).replace(os.sep, "/")
-    return TrialRow(
-        about["participant"], about["run"], about["block"], about["configuration"], about["controller"],
-        about["segment"], about["repetition"], outcome["status"], recording=place,
-    ).with_metrics(metrics)  # fmt: skip
-
-
-def write_pooled_table(data_dir: Path) -> list[TrialRow]:
-    """Rewrite DATA/trials.csv from the sessions' tables; its rows."""
-    rows = []
-    for table in sorted(data_dir.glob("sub-*/ses-*/trials.csv")):
-        rows += [row.seen_from(table.parent.relative_to(data_dir).as_posix()) for row in read_table(table)]
-    write_table(data_dir / "trials.csv", rows, replacing=True)
-    return rows
 
 
 def _version(package: str) -> str:

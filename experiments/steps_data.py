@@ -52,11 +52,12 @@ class Step:
 def read_steps(path: Path) -> list[Step]:
     """All steps of a file, one for each step_index; a refusal names the line."""
     table = read_number_table(path, "the measured steps")
-    missing = [column for column in COLUMNS if column not in table.columns]
+    columns = [column.strip('"') for column in table.columns]
+    missing = [column for column in COLUMNS if column not in columns]
     if missing:
         raise InputError(f"{path}: line 1: the header lacks {', '.join(missing)}")
     t, current_from, current_to, speed, torque, index = (
-        table.values[:, table.columns.index(column)] for column in COLUMNS
+        table.values[:, columns.index(column)] for column in COLUMNS
     )
     _refuse(table, current_from < 0.0, "current_from_A must be at least 0")
     _refuse(table, current_to < 0.0, "current_to_A must be at least 0")
@@ -91,14 +92,14 @@ def read_steps(path: Path) -> list[Step]:
     return steps
 
 
-def average_repeats(steps: Iterable[Step]) -> list[Step]:
-    """The mean of the repeats of each step, as in the paper (three of each), in order of currents and speed."""
+def repeats_together(steps: Iterable[Step]) -> list[list[Step]]:
+    """The steps, those that differ in the index alone in one list; in order of currents and speed."""
     ordered = sorted(steps, key=lambda step: step.key)
-    return [_mean(list(repeats)) for _, repeats in groupby(ordered, key=lambda step: step.key)]
+    return [list(repeats) for _, repeats in groupby(ordered, key=lambda step: step.key)]
 
 
-def _mean(repeats: list[Step]) -> Step:
-    """The mean torque on the clock of the shortest, over the time that all of them cover."""
+def mean_step(repeats: list[Step]) -> Step:
+    """The mean of the repeats of a step, as in the paper, on the clock of the shortest of them."""
     if len(repeats) == 1:
         return repeats[0]
     first = min(repeats, key=lambda step: float(step.t[-1]))

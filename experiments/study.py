@@ -1,7 +1,9 @@
-"""`phd study`: the paper's whole study with simulated operators, from plan to box plots."""
+"""`phd study`: the paper's whole study with simulated operators, from plan to box plots; goes on after a crash."""
 
+import contextlib
+import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +14,18 @@ from core.device import Device
 from core.errors import InputError
 from experiments.boxplots import draw_boxplots
 from experiments.operator import draw_person
-from experiments.plan import participant_index
-from experiments.session import Choices, Session, check_reach, write_pooled_table
+from experiments.plan import PlannedTrial, participant_index
+from experiments.session import Choices, Session, check_reach, session_folder, write_pooled_table
+from experiments.session_files import LOCK, STORED, hold_lock
+from experiments.study_file import STUDY, StudyPlan, read_study, refuse_other, write_study
 from experiments.tick import TICK_S
+from experiments.trial import Trial
 from experiments.trials_table import TrialRow
+from experiments.whole_files import is_wrong_path
 
 #: Ticks run at a time: long enough that a call costs nothing, short enough that an interrupt is heard.
 CHUNK_TICKS = 8192
+FIGURES = "figures"
 
 
 def run_study(
@@ -34,41 +41,107 @@ def run_study(
     out = Path(out)
     check_reach(devices)
     make_empty(out)
-    choices = Choices(seed, rules, low_gain)
-    began = time.perf_counter()
-    simulating, ticks, done = 0.0, 0, 0
-    rows = np.empty((CHUNK_TICKS, row.WIDTH))
-    for operator in range(1, operators + 1):
-        label = f"{operator:02d}"
-        generator = np.random.default_rng(np.random.SeedSequence([seed, participant_index(label)]))
-        session = Session(out, label, devices, choices, draw_person(generator), sync=False)
-        for planned in session.plan:
+    with hold_lock(out):
+        study = StudyPlan(operators, seed, tuple(devices), rules, low_gain)
+        write_study(out, study)
+        return _Run(out, study, progress).carry_out()
+
+
+def resume_study(out: Path, asked: Mapping[str, object], progress: Callable[[float], None] | None = None) -> dict:
+    """Go on with an interrupted study as it was begun: what a crash left is recovered, then every trial of the plan
+    that is not settled is run. A study that is complete is left as it is. The summary.
+
+    asked: field of StudyPlan -> value, for what was asked for by name: it must be what the study was begun with.
+    An operator whose session was cut runs the rest with devices just switched on, so these trials are not the ones
+    of an uninterrupted study, bit by bit; those of operators not begun, or done, are.
+    InputError if there is no study, it differs from what was asked, or a live process has it.
+    """
+    out = Path(out)
+    study = read_study(out)
+    refuse_other(out, study, asked)
+    with hold_lock(out):
+        return _Run(out, study, progress).carry_out()
+
+
+class _Run:
+    """One call's part of a study."""
+
+    def __init__(self, out: Path, study: StudyPlan, progress: Callable[[float], None] | None) -> None:
+        self.out, self.study, self.progress = out, study, progress
+        self.rows = np.empty((CHUNK_TICKS, row.WIDTH))
+        self.simulating, self.ticks, self.trials = 0.0, 0, 0
+
+    def carry_out(self) -> dict:
+        """Run what is not done yet, then the table and the figures."""
+        began = time.perf_counter()
+        for operator in range(1, self.study.operators + 1):
+            with contextlib.closing(self._session(f"{operator:02d}")) as session:
+                while planned := session.next_planned():
+                    self._run_trial(session, planned)
+                    settled = session.settled / len(session.plan)
+                    if self.progress:
+                        self.progress((operator - 1 + settled) / self.study.operators)
+        table = write_pooled_table(self.out)
+        if self.trials or not (self.out / FIGURES).exists():
+            self._draw(table)
+        return {
+            "out": str(self.out),
+            "trials": len(table),
+            **{f"done_controller_{number}": share_done(table, number) for number in PRESETS},
+            "recovered": sum(r.status == "recovered" for r in table),
+            "rules": self.study.rules,
+            "low_gain_N_s_m": self.study.low_gain,
+            "parameters": "assumed" if self.study.assumed else "as in the files",
+            "simulated_s": self.ticks * TICK_S,
+            "simulation_wall_s": self.simulating,
+            "wall_s": time.perf_counter() - began,
+        }
+
+    def _session(self, label: str) -> Session:
+        if (session_folder(self.out, label) / STORED).exists():
+            return Session.resume(self.out, label, sync=False)
+        study = self.study
+        generator = np.random.default_rng(np.random.SeedSequence([study.seed, participant_index(label)]))
+        choices = Choices(study.seed, study.rules, study.low_gain)
+        return Session(self.out, label, study.devices, choices, draw_person(generator), sync=False)
+
+    def _run_trial(self, session: Session, planned: PlannedTrial) -> None:
+        """One trial, from its first tick to its row. OSError, as one sentence, if the disk takes no more."""
+        try:
             trial, writer = session.begin(planned)
             with writer:
-                while not trial.finished:
-                    start = time.perf_counter()
-                    n = trial.run(rows)
-                    simulating += time.perf_counter() - start
-                    writer.write(rows[:n])
-                ticks += trial.ticks
+                self._run_ticks(trial, writer)
                 session.finish(trial, writer)
-            done += 1
-            if progress:
-                progress(done / (operators * len(session.plan)))
-    table = write_pooled_table(out)
-    assumed = any(device.assumed for device in devices)
-    draw_boxplots(table, out / "figures", choices.note(assumed) + ", simulated operators")
-    return {
-        "out": str(out),
-        "trials": len(table),
-        **{f"done_controller_{number}": share_done(table, number) for number in PRESETS},
-        "rules": rules,
-        "low_gain_N_s_m": low_gain,
-        "parameters": "assumed" if assumed else "as in the files",
-        "simulated_s": ticks * TICK_S,
-        "simulation_wall_s": simulating,
-        "wall_s": time.perf_counter() - began,
-    }
+        except OSError as error:
+            if is_wrong_path(error):
+                raise
+            with contextlib.suppress(OSError):
+                session.journal("trial cut off", run=planned.run, reason=error.strerror or str(error))
+            raise OSError(
+                error.errno,
+                f"{error.strerror or error}, so the study stopped in run {planned.run} of participant "
+                f"{session.participant}; all that was recorded is kept, phd study --resume goes on from there",
+                str(self.out),
+            ) from error
+        self.trials += 1
+
+    def _run_ticks(self, trial: Trial, writer) -> None:
+        while not trial.finished:
+            start = time.perf_counter()
+            n = trial.run(self.rows)
+            self.simulating += time.perf_counter() - start
+            writer.write(self.rows[:n])
+        self.ticks += trial.ticks
+
+    def _draw(self, table: Sequence[TrialRow]) -> None:
+        """The box plots; the folder appears whole, in place of one from before a crash."""
+        folder = self.out / f".{FIGURES}.partial"
+        shutil.rmtree(folder, ignore_errors=True)
+        choices = Choices(self.study.seed, self.study.rules, self.study.low_gain)
+        draw_boxplots(table, folder, choices.note(self.study.assumed) + ", simulated operators")
+        if (self.out / FIGURES).exists():
+            shutil.rmtree(self.out / FIGURES)
+        folder.rename(self.out / FIGURES)
 
 
 def share_done(rows: Sequence[TrialRow], controller: int) -> float:
@@ -78,12 +151,14 @@ def share_done(rows: Sequence[TrialRow], controller: int) -> float:
 
 
 def make_empty(folder: Path) -> None:
-    """A new or empty folder; InputError otherwise."""
+    """A new or empty folder, or one in which a study was killed before it was stored; InputError otherwise."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise InputError(f"{folder}: is not empty, a study needs a new or empty folder")
+        if {path.name for path in folder.iterdir()} - {".writable", LOCK, f".{STUDY}.partial"}:
+            raise InputError(f"{folder}: is not empty, a study needs a new or empty folder (or --resume)")
         (folder / ".writable").touch()
         (folder / ".writable").unlink()
     except OSError as error:
+        if not is_wrong_path(error):
+            raise
         raise InputError(f"{folder}: cannot be used ({(error.strerror or str(error)).lower()})") from None

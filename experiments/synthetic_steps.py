@@ -87,7 +87,8 @@ def write_steps(steps: Iterable[Step], path: Path) -> None:
         blocks.append([step.t, *marks[:3], step.torque, marks[3]])
     columns = [pa.array(np.concatenate(parts)) for parts in zip(*blocks, strict=True)]
     with path.open("xb") as file:
-        pa_csv.write_csv(pa.table(columns, names=list(COLUMNS)), file, pa_csv.WriteOptions(quoting_style="none"))
+        file.write((",".join(COLUMNS) + "\n").encode())
+        pa_csv.write_csv(pa.table(columns, names=list(COLUMNS)), file, pa_csv.WriteOptions(include_header=False))
 
 
 def _ripple_amplitudes(bench: Bench) -> np.ndarray:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from core.errors import InputError
-from experiments.whole_files import give_new_name, written_beside
+from experiments.whole_files import give_new_name, is_wrong_path, written_beside
 
 if TYPE_CHECKING:
     from experiments.metrics import Metrics
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 STATUSES = ("done", "timeout", "aborted", "redone", "recovered")
 #: Trials whose measures count in tables of results and box plots: a time-out keeps its measures (and is marked).
 COUNTED = ("done", "timeout")
+#: Trials that settle their cell of the plan: after any other the cell is run again.
+SETTLED = ("done", "timeout", "aborted")
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,9 @@ class TrialRow:
     sparc: float | None = None
     switches_per_s: float | None = None
     unreachable_share: float | None = None
-    recording: str = ""  # path relative to the file that the row stands in, with "/"
+    recording: str = ""  # path relative to the file that the row stands in, with "/"; empty: nothing could be kept
+    energy_residual_J: float | None = None  # what the ledger leaves unexplained
+    energy_added_max_J: float | None = None  # the most that any brake added in a step: must be none
 
     def with_metrics(self, metrics: "Metrics") -> "TrialRow":
         """The same row with the measures of its trial."""
@@ -60,6 +64,7 @@ class TrialRow:
 
 
 COLUMNS = tuple(column.name for column in fields(TrialRow))
+_FIRST_COLUMNS = COLUMNS[: COLUMNS.index("recording") + 1]  # the least that a table has: later ones came later
 _KINDS = {column.name: column.type for column in fields(TrialRow)}
 
 
@@ -92,7 +97,7 @@ def table_bytes(rows: Iterable[TrialRow], header: bool = True) -> bytes:
 def write_table(path: str | Path, rows: Iterable[TrialRow], replacing: bool = False) -> None:
     """Write a whole table in one step: whoever looks sees the old one or the new one, and so after a crash.
 
-    InputError if the file exists, unless `replacing`, or if it cannot be written.
+    InputError if the file exists, unless `replacing`, or cannot be there; OSError if the disk takes no more.
     """
     path = Path(path)
     data = table_bytes(rows)
@@ -107,6 +112,8 @@ def write_table(path: str | Path, rows: Iterable[TrialRow], replacing: bool = Fa
     except FileExistsError:
         raise InputError(f"{path}: exists already, nothing was written") from None
     except OSError as error:
+        if not is_wrong_path(error):
+            raise
         raise InputError(f"{path}: the table cannot be written: {error.strerror}") from None
 
 
@@ -127,7 +134,8 @@ def read_table(path: str | Path) -> list[TrialRow]:
             lines = list(csv.reader(file))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: the table cannot be read: {error}") from None
-    if not lines or tuple(lines[0][: len(COLUMNS)]) != COLUMNS:
+    known = min(len(lines[0]), len(COLUMNS)) if lines else 0
+    if known < len(_FIRST_COLUMNS) or tuple(lines[0][:known]) != COLUMNS[:known]:
         raise InputError(f"{path}: the first line does not name the columns of a trials table")
     return [_row(path, number, lines[0], cells) for number, cells in enumerate(lines[1:], start=2)]
 
@@ -136,7 +144,7 @@ def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -
     if len(cells) != len(header):
         raise InputError(f"{path}: line {number} has {len(cells)} cells, not {len(header)}")
     values: dict[str, object] = {}
-    for column, cell in zip(COLUMNS, cells, strict=False):
+    for column, cell in zip(COLUMNS, cells, strict=False):  # an older table lacks the later columns
         kind = _KINDS[column]
         try:
             if kind is str:

@@ -1,9 +1,19 @@
 """Files that appear whole or not at all: written beside their place, brought to the disk, named in one step."""
 
 import contextlib
+import errno
 import os
 from collections.abc import Iterator
 from pathlib import Path
+
+PARTIAL_FILES = ".*.partial"  # what a crash in the middle of writing leaves
+
+
+def is_wrong_path(error: OSError) -> bool:
+    """Whether the path that was asked for is at fault, rather than a disk that is full or broken."""
+    return isinstance(
+        error, FileNotFoundError | FileExistsError | NotADirectoryError | IsADirectoryError | PermissionError
+    ) or error.errno in (errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL, errno.ELOOP)
 
 
 @contextlib.contextmanager
@@ -13,8 +23,9 @@ def written_beside(target: Path, data: bytes, sync: bool = True) -> Iterator[Pat
     sync: wait until it is on the disk. OSError if it cannot be written.
     """
     partial = target.with_name(f".{target.name}.partial")
+    partial.unlink(missing_ok=True)  # left by a crash; it may be a second name of a file that is whole
     try:
-        with partial.open("wb") as file:  # one left by a crash is overwritten
+        with partial.open("xb") as file:
             file.write(data)
             file.flush()
             if sync:
@@ -36,6 +47,21 @@ def give_new_name(partial: Path, target: Path) -> None:
         if target.exists():
             raise FileExistsError(target) from None
         partial.rename(target)
+
+
+def set_aside(path: Path, word: str) -> Path:
+    """Give a file the first free name of path.WORD, path.WORD-2, ..: nothing is overwritten; the new name."""
+    number = 1
+    while True:
+        target = path.with_name(f"{path.name}.{word}" + (f"-{number}" if number > 1 else ""))
+        try:
+            give_new_name(path, target)
+        except FileExistsError:
+            if not path.samefile(target):  # else: a crash came between the two names
+                number += 1
+                continue
+        path.unlink(missing_ok=True)  # it has two names where the file system has links
+        return target
 
 
 def sync_folder(folder: Path) -> None:

@@ -32,16 +32,12 @@ from experiments.paper_figures.directions import (
 )
 from experiments.paper_figures.release import RELEASE_S, places, release
 from experiments.paper_figures.selection import clearest_choice, five_forces
-from experiments.paper_figures.velocity import desired_directions
 from experiments.paper_figures.workspace import sdof_family, workspace_of
 
 DEVICES = {bar.name: bar for bar in (THREE, FOUR)}
 devices = pytest.mark.parametrize("bar", DEVICES.values(), ids=DEVICES)
 lines_of_force = st.lists(st.floats(0.0, math.pi), min_size=1, max_size=5)
 BRAKE = brake_of(BRAKE_TEXT, "shipped")
-
-
-# Fig. 1
 
 
 @pytest.mark.parametrize("count", range(1, 7))
@@ -93,9 +89,6 @@ def test_force_lines_are_those_of_the_rows_of_the_force_map(bar):
             assert row[0] * math.sin(angle) - row[1] * math.cos(angle) == pytest.approx(0.0, abs=1e-9 * np.hypot(*row))
 
 
-# Figs. 4 and 5
-
-
 @devices
 def test_an_sdof_path_keeps_the_angle_of_its_joint_and_stays_between_the_hard_stops(bar):
     workspace = workspace_of(bar.device.mechanism)
@@ -118,14 +111,11 @@ def test_an_sdof_path_keeps_the_angle_of_its_joint_and_stays_between_the_hard_st
 def test_the_workspace_drawn_is_where_the_tip_is_free_on_one_side_of_the_singular_positions(bar):
     workspace = workspace_of(bar.device.mechanism)
     x, y = np.meshgrid(workspace.x[::7], workspace.y[::7])
-    free, inside = tip_is_free(bar.device.mechanism, x, y), workspace.room[::7, ::7] >= 0.0
+    free, inside = tip_is_free(bar.device.mechanism, x, y), workspace.room[::7, ::7] > 0.0
     assert np.any(inside) and np.all(free[inside])
     for tip in np.column_stack((x[free & ~inside], y[free & ~inside])):
         assert bar.sines(tip)[2] * workspace.side < 0.0
     assert bar.is_open(np.array(workspace.home), 0.5)
-
-
-# Figs. 9 and 10
 
 
 @pytest.mark.parametrize("speed", [0.5, 4.0, 64.0])
@@ -185,9 +175,6 @@ def test_the_papers_wording_of_the_backlash_drives_the_joint_after_each_reversal
         assert np.any(power[reversal : reversal + 50] > 0.0)
 
 
-# Fig. 11
-
-
 @pytest.mark.parametrize("locked", ["", "A", "C"])
 def test_a_release_starts_at_rest_and_turns_the_locked_joint_by_its_backlash_at_most(locked):
     starts, anchor = places(workspace_of(FOUR.device.mechanism))
@@ -198,20 +185,6 @@ def test_a_release_starts_at_rest_and_turns_the_locked_joint_by_its_backlash_at_
     turned = np.abs(angles - angles[0]).max(axis=0)
     play = math.radians(BRAKE.file.backlash_deg)
     assert [joint for joint, turn in zip(JOINTS, turned, strict=True) if turn <= play] == list(locked)
-
-
-# Figs. 12 to 14
-
-
-def test_desired_directions_point_straight_to_the_path_outside_the_boundary_and_along_it_on_the_path():
-    tips, beta = desired_directions()
-    away = tips[:, 1] - 0.40
-    assert np.allclose(np.hypot(*beta.T), 1.0)
-    outside, on = np.abs(away) >= 0.05 - 1e-12, np.abs(away) < 1e-12
-    assert np.any(outside) and np.any(on)
-    assert np.allclose(beta[outside], np.column_stack((0.0 * away, -np.sign(away)))[outside])
-    assert np.allclose(beta[on], [1.0, 0.0])
-    assert np.all(beta[:, 0] >= -1e-12), "never against the hand force"
 
 
 @devices
@@ -233,9 +206,6 @@ def test_the_five_forces_give_the_papers_influence_matrix_and_the_coupling_one_i
     assert example.influence.tolist() == [[1, 0, -1, -1, -1], [-1, -1, -1, 0, 1]]
     assert np.all(example.directions @ np.array(example.v) < 0.0), "every brake opposes the motion"
     assert example.selected == 0 and example.ranks == [3, 2, 1, 0, 0]
-
-
-# Files
 
 
 @pytest.fixture
@@ -267,11 +237,9 @@ def words(figure) -> str:
     return " ".join(text.get_text() for text in figure.texts)
 
 
-def test_what_rests_on_assumed_parameters_says_so_and_what_does_not_does_not(coarse):
+def test_what_rests_on_assumed_parameters_says_so_and_what_does_not_does_not():
     measured = {"measured": re.sub(r'provenance = "assumed"', 'provenance = "bench"', BRAKE_TEXT)}
     text = re.sub('"test-brake"', '"measured"', THREE.text)
-    for device, assumed in ((FOUR.device, True), (build_device(text, measured, "own"), False)):
-        assert device.assumed == (assumed or "assumed" in device.text)
     free = {"fig01_unachievable_directions", "fig12_velocity_field", "fig14_proportional_selection"}
     for picture in pictures([build_device('provenance = "assumed"\n' + FOUR.text, {"test-brake": BRAKE_TEXT}, "own")]):
         assert ("Assumed parameters: " in words(picture.draw())) == (picture.name not in free), picture.name
@@ -293,14 +261,12 @@ def test_any_five_bar_can_be_drawn_one_brake_odd_name_theta_stops_and_all(coarse
 
 
 def test_the_same_device_gives_the_same_bytes(coarse):
-    for form, part in itertools.product(("png", "pdf"), ("workspace", "time_constants", "sdof_paths")):
-        twice = [
-            figure_bytes(picture.draw(), form)
-            for _ in range(2)
-            for picture in pictures([FOUR.device])
-            if part in picture.name
-        ]
-        assert len(twice) == 2 and twice[0] == twice[1]
+    for picture in pictures([FOUR.device]):
+        if re.search("workspace|time_constants|release", picture.name):
+            once, again = (
+                [figure_bytes(figure, form) for form in ("png", "pdf")] for figure in (picture.draw(), picture.draw())
+            )
+            assert once == again, picture.name
 
 
 def test_a_failure_while_writing_leaves_no_file_and_no_folder(tmp_path: Path):

@@ -13,7 +13,8 @@ def add(verbs) -> None:
         "analyze",
         analyze_verb,
         "rebuild every number and figure of a study from its recordings alone",
-        "Writes into a new folder; never touches the files of DIR.",
+        "Writes into a new folder; never touches the files of DIR. A recording that is damaged is left out and named,\n"
+        "and what that changes in each box is said, compared with the trials.csv of DIR.",
         "phd analyze study-1 --out study-1-again",
     )
     verb.add_argument("dir", type=Path, metavar="DIR", help="a folder that phd study or phd run has written")
@@ -26,5 +27,12 @@ def analyze_verb(args: argparse.Namespace) -> int:
 
     with Progress("analyzing") as progress:
         summary = analyze(args.dir, args.out, progress=progress)
-    print_summary(summary, args.json)
+    if args.json:
+        print_summary(summary, True)
+        return 0
+    lists = {name: entries for name, entries in summary.items() if isinstance(entries, list)}
+    print_summary({**summary, **{name: len(entries) for name, entries in lists.items()}}, False)
+    for name, entries in lists.items():
+        for entry in entries:
+            print(f"{name.replace('_', ' ')}: {entry}")
     return 0

@@ -1,11 +1,16 @@
 """`phd run`, or `phd` alone: the app."""
 
 import argparse
+import os
+import sys
 import tempfile
 from pathlib import Path
 
 from app.verbs.common import add_devices, add_verb, devices_of, label
 from core.errors import InputError
+
+#: On Linux one of these says where a window can be; without any, Qt would end the process with a core dump.
+SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
 
 
 def add(verbs) -> None:
@@ -42,6 +47,8 @@ def run(args: argparse.Namespace) -> int:
     if args.participant is None:
         args.participant = free_participant(args.data_dir)
     refuse_existing(args.data_dir, args.participant)
+    if sys.platform == "linux" and not any(map(os.environ.get, SCREENS)):
+        raise InputError("there is no screen to open a window on: none of DISPLAY, WAYLAND_DISPLAY is set")
     try:
         from app import window
     except ImportError as error:

@@ -151,6 +151,6 @@ def draw_time_constants(brake: Brake) -> Figure:
             axis._axinfo["grid"].update(color=LINE, linewidth=0.6)
         figure.text(
             left / width, 1.0 - 0.3 / height, f"{says.capitalize()} time constant, Eq. (4), {brake.name}",
-            fontsize=TITLE,
+            fontsize=TITLE, parse_math=False,
         )  # fmt: skip
     return figure

@@ -44,13 +44,17 @@ def step_response(brake: Brake, steps: Sequence[tuple[float, float]], times: Arr
     return torque
 
 
+def _two_panels(figure: Figure, foot: float) -> np.ndarray:
+    """What is commanded above, the torque below, over the same time."""
+    margins = (0.6, 0.2, foot + 0.5, 0.4)
+    return panels(figure, 2, 1, margins, (0.0, 0.55), height_ratios=(1, 2.2), sharex=True)[:, 0]
+
+
 def draw_current_steps(brake: Brake) -> Figure:
     """Fig. 9, the model's output."""
     figure = new_figure(6.4, 5.0)
     foot = small_print(figure, f"{parameters_of(brake)} Model only, Eqs. (1), (2) and (4), at constant speed.")
-    upper, lower = panels(
-        figure, 2, 1, (0.6, 0.2, foot + 0.5, 0.4), (0.0, 0.55), height_ratios=(1, 2.2), sharex=True
-    )[:, 0]
+    upper, lower = _two_panels(figure, foot)
     largest = brake.file.current_max_A
     steps = [(t, share * largest) for t, share in STEPS]
     upper.step([*(t for t, _ in steps), STEPS_END_S], [*(i for _, i in steps), 0.0], where="post", color=TEXT)
@@ -134,9 +138,7 @@ def draw_sinusoidal_motion(brake: Brake) -> Figure:
     times, angles, ours, worded = times[seen], angles[seen], ours[seen], worded[seen]
     driving = worded * np.gradient(angles) > 0.0
 
-    upper, lower = panels(
-        figure, 2, 1, (0.6, 0.2, foot + 0.5, 0.4), (0.0, 0.55), height_ratios=(1, 2.2), sharex=True
-    )[:, 0]
+    upper, lower = _two_panels(figure, foot)
     upper.plot(times, np.degrees(angles), color=TEXT)
     upper.set_ylabel("angle (°)")
     title(upper, "Joint angle")

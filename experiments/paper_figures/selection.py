@@ -1,5 +1,6 @@
 """Figs. 13 and 14: how SDOF and proportional velocity control choose a brake, drawn from what the kernels return."""
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -51,15 +52,18 @@ def sdof_choice(device: Device, tip: tuple[float, float], alpha: float, distance
 
 def clearest_choice(device: Device) -> SdofChoice:
     """Of a set of tips and paths the one that is best to read: two valid brakes if it can be, lines well apart."""
-    home = workspace_of(device.mechanism).home
+    workspace = workspace_of(device.mechanism)
+    home = workspace.home
     best, clearest = -math.inf, None
-    for dx in (-0.08, -0.05, -0.02, 0.02, 0.05, 0.08):
-        for alpha_deg in range(15, 61, 5):
-            for distance in (-0.028, -0.022):
-                choice = sdof_choice(device, (home[0] + dx, home[1] - 0.04), math.radians(alpha_deg), distance)
-                score = _clearness(choice)
-                if score > best:
-                    best, clearest = score, choice
+    for dx, dy in itertools.product((-0.08, -0.05, -0.02, 0.0, 0.02, 0.05, 0.08), (-0.06, -0.03, 0.0)):
+        tip = home[0] + dx, home[1] + dy
+        if workspace.room_at(*map(np.array, tip)) <= 0.0:
+            continue
+        for alpha_deg, distance in itertools.product(range(15, 51, 5), (-0.030, -0.026, -0.022, -0.018)):
+            choice = sdof_choice(device, tip, math.radians(alpha_deg), distance)
+            score = _clearness(choice)
+            if score > best:
+                best, clearest = score, choice
     assert clearest is not None
     return clearest
 
@@ -67,7 +71,8 @@ def clearest_choice(device: Device) -> SdofChoice:
 def _clearness(choice: SdofChoice) -> float:
     """Smallest angle (rad) between any two arrows of the picture, less a penalty for other than two valid brakes."""
     field = choice.field
-    angles = [math.atan2(y, x) for x, y in ((field.t_x, field.t_y), (field.n_x, field.n_y), (field.beta_x, field.beta_y))]
+    drawn = ((field.t_x, field.t_y), (field.n_x, field.n_y), (field.beta_x, field.beta_y))
+    angles = [math.atan2(y, x) for x, y in drawn]
     angles.append(angles[0] + math.pi)
     for x, y in choice.directions.values():
         angles += [math.atan2(y, x), math.atan2(-y, -x)]
@@ -106,22 +111,29 @@ def draw_sdof_choice(device: Device) -> Figure:
     axes.add_patch(Wedge((0, 0), 1.0, begin, end, facecolor="#e7ebef", edgecolor="none"))
     # the path, at its distance: one unit is 5 cm, the boundary
     away = field.distance / BLEND_WIDTH
-    ends = [(away * field.n_x + s * field.t_x, away * field.n_y + s * field.t_y) for s in (-1.25, 1.25)]
+    ends = [(away * field.n_x + s * field.t_x, away * field.n_y + s * field.t_y) for s in (-1.25, 0.8)]
     axes.plot(*zip(*ends, strict=True), color=PATH, linewidth=2.4, zorder=2)
-    place = (ends[1][0] - 0.12 * field.t_x + 0.08 * field.n_x, ends[1][1] - 0.12 * field.t_y + 0.08 * field.n_y)
-    _beside(axes, "desired path", place, rotation=math.degrees(t), rotation_mode="anchor")
+    along, beside = -0.55, 0.07
+    place = (
+        away * field.n_x + along * field.t_x + beside * field.n_x,
+        away * field.n_y + along * field.t_y + beside * field.n_y,
+    )
+    axes.text(
+        *place, "desired path", rotation=math.degrees(t), rotation_mode="anchor", ha="center", va="bottom", zorder=4,
+        bbox={"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none"},
+    )  # fmt: skip
     _draw_alpha(axes, ends[0], choice.alpha)
     for angle, letter in ((t, "t"), (n, "n")):
         arrow(axes, (0, 0), _polar(0.62, angle), QUIET, 1.2)
         _beside(axes, f"${letter}$", _polar(0.69, angle), QUIET)
     for joint, p in choice.directions.items():
         _draw_sdof_line(axes, joint, p, choice.senses[joint], joint == choice.selected)
-    arrow(axes, (0, 0), _polar(0.85, beta), DESIRED, 2.6, zorder=6)
+    arrow(axes, (0, 0), _polar(0.85, beta), DESIRED, 2.6)
     _beside(axes, r"$v_{des}$", _polar(0.94, beta), DESIRED, fontsize=11)
     axes.plot([0, 0.4], [0, 0], color=QUIET, linewidth=0.8, linestyle=(0, (2, 2)))
     low, high = sorted((0.0, math.degrees(beta)))
     axes.add_patch(Arc((0, 0), 0.6, 0.6, theta1=low, theta2=high, color=DESIRED, linewidth=1.2))
-    _beside(axes, r"$\beta$", _polar(0.36, 0.5 * beta), DESIRED)
+    _beside(axes, r"$\beta$", _polar(0.37, 0.3 * beta), DESIRED)
     axes.plot(0, 0, "o", color=TEXT, markersize=7, zorder=8)
     axes.set_xlim(-1.35, 1.35)
     axes.set_ylim(-1.22, 1.22)
@@ -147,7 +159,7 @@ def _draw_sdof_line(axes: Axes, joint: str, p: tuple[float, float], sense: float
         return
     x, y = sense * p[0], sense * p[1]
     axes.plot([-x, 0], [-y, 0], **dashed)
-    arrow(axes, (0, 0), (x, y), colour, 2.6 if selected else 1.6, zorder=5)
+    arrow(axes, (0, 0), (x, y), colour, 2.6 if selected else 1.6)
     said = "selected" if selected else "valid"
     _beside(axes, f"$p_{joint}$\n{said}", (1.14 * x, 1.12 * y), colour, linespacing=1.1)
 
@@ -165,9 +177,9 @@ class Forces(NamedTuple):
 
 
 EXAMPLE_BETA_DEG = 20.0
-EXAMPLE_VELOCITY_DEG = 35.0  # from beta
+EXAMPLE_VELOCITY_DEG = 40.0  # from beta
 #: Force directions from beta, degrees, in the order of the columns of Eq. (14); our choice of angles.
-EXAMPLE_FORCES_DEG = (-63.0, -90.0, -135.0, 180.0, 148.0)
+EXAMPLE_FORCES_DEG = (-66.0, -90.0, -135.0, 180.0, 148.0)
 
 
 def five_forces() -> Forces:
@@ -198,9 +210,9 @@ def draw_five_forces() -> Figure:
     foot = small_print(
         figure,
         "Schematic; directions, H and the choice are what the controller's functions return. Dotted: the normal to v; "
-        "a brake's force lies on its far side from v. Under each force its column of H, Eq. (14): does it increase (1), "
-        "decrease (−1) or leave (0) the size of the component of v along and across the desired velocity. Taken first: "
-        "[1 −1], then [0 −1], then [−1 −1]; others never.",
+        "a brake's force lies on its far side from v. Beside each force its column of H, Eq. (14): does it increase "
+        "(1), decrease (−1) or leave (0) the size of the component of v along and across the desired velocity. Taken "
+        "first: [1 −1], then [0 −1], then [−1 −1]; others never.",
     )
     axes = panels(figure, 1, 1, (0.1, 0.1, foot + 0.1, 0.4))[0, 0]
     title(axes, "Proportional velocity control")
@@ -213,31 +225,29 @@ def draw_five_forces() -> Figure:
         _beside(axes, letter, _polar(1.2, angle), QUIET)
     across = direction + 0.5 * math.pi
     axes.plot(
-        *zip(_polar(1.15, across), _polar(-1.15, across), strict=True), color=TEXT, linewidth=1.3,
+        *zip(_polar(1.1, across), _polar(-1.1, across), strict=True), color=TEXT, linewidth=1.3,
         linestyle=(0, (1, 2)),
     )  # fmt: skip
     scale = 0.85 / math.hypot(*example.v)
     tip_v = (scale * example.v[0], scale * example.v[1])
     on_x = (scale * example.v_beta[0] * bx, scale * example.v_beta[0] * by)
     on_y = (tip_v[0] - on_x[0], tip_v[1] - on_x[1])
+    arrow(axes, (0, 0), (0.95 * bx, 0.95 * by), DESIRED, 3.4)
+    _beside(axes, r"$v_{des}$", (0.9 * bx + 0.05, 0.9 * by - 0.11), DESIRED, fontsize=11)
     for foot_point, letter, shift in ((on_x, r"$v_{\beta x}$", (0.02, -0.1)), (on_y, r"$v_{\beta y}$", (-0.13, 0.0))):
-        axes.plot(
-            *zip(tip_v, foot_point, strict=True), color=VELOCITY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=2
-        )
+        axes.plot(*zip(tip_v, foot_point, strict=True), color=VELOCITY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=2)
         arrow(axes, (0, 0), foot_point, VELOCITY, 1.4)
         _beside(axes, letter, (foot_point[0] + shift[0], foot_point[1] + shift[1]), VELOCITY, fontsize=10)
     arrow(axes, (0, 0), tip_v, VELOCITY, 2.6)
     _beside(axes, "$v$", _polar(0.93, direction), VELOCITY, fontsize=12)
-    arrow(axes, (0, 0), (0.62 * bx, 0.62 * by), DESIRED, 2.6, zorder=6)
-    _beside(axes, r"$v_{des}$", (0.52 * bx + 0.05, 0.52 * by - 0.1), DESIRED, fontsize=11)
     for i, force in enumerate(example.directions):
         chosen = i == example.selected
         colour = "#d55e00" if chosen else TEXT if example.ranks[i] else QUIET
         arrow(axes, (0, 0), (0.8 * force[0], 0.8 * force[1]), colour, 2.6 if chosen else 1.6)
         h_x, h_y = example.influence[:, i]
         said = {3: "selected" if chosen else "first", 2: "second", 1: "third", 0: "never"}[example.ranks[i]]
-        label = f"$F_{i + 1}$  [{h_x} {h_y}]".replace("-", "−") + f"\n{said}"
-        _beside(axes, label, (1.06 * force[0], 1.0 * force[1]), colour, linespacing=1.25)
+        place = (1.08 * force[0], 1.02 * force[1] - (0.06 if force[1] < -0.5 else 0.0))
+        _beside(axes, f"$F_{i + 1}$  $[{h_x}\\ {h_y}]^T$\n{said}", place, colour, linespacing=1.3)
     axes.plot(0, 0, "o", color=TEXT, markersize=7, zorder=8)
     axes.set_xlim(-1.42, 1.32)
     axes.set_ylim(-1.25, 1.25)

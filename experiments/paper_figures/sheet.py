@@ -50,7 +50,7 @@ def small_print(figure: Figure, text: str) -> float:
     width, height = figure.get_size_inches()
     lines = _wrapped(text, width)
     for i, line in enumerate(reversed(lines)):
-        figure.text(0.15 / width, (0.1 + LINE_IN * i) / height, line, fontsize=SMALL, color=QUIET)
+        figure.text(0.15 / width, (0.1 + LINE_IN * i) / height, line, fontsize=SMALL, color=QUIET, parse_math=False)
     return foot_in(text, width)
 
 
@@ -88,7 +88,7 @@ def panels(
 
 
 def title(axes: Axes, text: str) -> None:
-    axes.set_title(text, loc="left", fontsize=TITLE, pad=6)
+    axes.set_title(text, loc="left", fontsize=TITLE, pad=6, parse_math=False)
 
 
 def plain(axes: Axes, grid: bool = True) -> None:
@@ -103,4 +103,5 @@ def plain(axes: Axes, grid: bool = True) -> None:
 def arrow(axes: Axes, start: Sequence[float], end: Sequence[float], colour: str, width: float = 1.6, **more) -> None:
     """An arrow from start to end in data coordinates."""
     style = {"arrowstyle": "-|>,head_width=0.22,head_length=0.5", "shrinkA": 0, "shrinkB": 0, "mutation_scale": 12}
-    axes.annotate("", end, start, arrowprops=style | {"color": colour, "linewidth": width} | more)
+    properties = style | {"color": colour, "linewidth": width} | more
+    axes.annotate("", end, start, arrowprops=properties, annotation_clip=False)

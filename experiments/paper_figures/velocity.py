@@ -32,13 +32,13 @@ def desired_directions() -> tuple[Array, Array]:
 
 def draw_velocity_field() -> Figure:
     """Fig. 12."""
-    figure = new_figure(6.4, 5.4)
+    figure = new_figure(6.4, 5.3)
     foot = small_print(
         figure,
         "Directions only. Shaded: the 5 cm boundary, within which the direction is blended linearly (its angle) from "
         "straight to the path to along it. The sense along the path is that of the hand force, here to the right.",
     )
-    axes = panels(figure, 1, 1, (0.6, 0.2, foot + 0.5, 0.75))[0, 0]
+    axes = panels(figure, 1, 1, (0.6, 0.5, foot + 0.5, 0.75))[0, 0]
     plain(axes, grid=False)
     low, high = CM * (PATH_Y_M - BLEND_WIDTH), CM * (PATH_Y_M + BLEND_WIDTH)
     axes.axhspan(low, high, color="#e7ebef", linewidth=0)
@@ -55,7 +55,8 @@ def draw_velocity_field() -> Figure:
     axes.set_ylabel("y (cm)")
     title(axes, "Velocity field of the path y = 40 cm")
     top = CM * (PATH_Y_M + HALF_HEIGHT_M) + 2.6
-    arrow(axes, (6.5, top), (10.0, top), "#0072b2", annotation_clip=False)
+    arrow(axes, (6.5, top), (10.0, top), "#0072b2")
     axes.text(10.5, top, "hand force", va="center", color="#0072b2")
-    axes.text(-CM * HALF_WIDTH_M - 1.2, CM * PATH_Y_M + 0.25, "path", color="#d55e00", fontsize=8.0, zorder=6)
+    axes.text(CM * HALF_WIDTH_M + 1.8, CM * PATH_Y_M, "path", color="#d55e00", va="center")
+    axes.set_yticks(np.arange(30.0, 51.0, 5.0))
     return figure

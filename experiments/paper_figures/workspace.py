@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from core.device import Device
 from core.mechanism import JOINTS, Arm, Mechanism
-from core.workspace import Array, ArmPose, arm_pose, free_tips
+from core.workspace import ArmPose, Array, arm_pose, free_tips
 from experiments.figures import QUIET, TEXT, new_figure
 from experiments.paper_figures.sheet import (
     CM,
@@ -28,6 +28,7 @@ GRID = 301  # points each way of a map: 2 to 3 mm
 CIRCLE_POINTS = 2881  # of an SDOF path: 1/8 degree apart
 SPACING_DEG = 15.0  # between the locked angles of neighbouring SDOF paths
 PAD_M = 0.03  # around a workspace
+BELOW_BASES_M = 0.075  # of a plot that shows the bases
 HOME_PULL = 0.05  # 1/m; among tips equally far from the stops the one in front of the bases is home
 Y_UNIT_M = 0.1  # y > 0 counts as a stop too: this far above it, no other stop is further away
 
@@ -115,13 +116,13 @@ def sdof_path(workspace: Workspace, joint: str, angle: float) -> Array:
     x, y = cx + radius * np.cos(turn), cy + radius * np.sin(turn)
     off = joint_angles(workspace.mechanism, x, y)[JOINTS.index(joint)] - angle
     here = np.abs(np.sin(0.5 * off)) < 1e-6  # the other elbow solution lies on the same circle
-    return np.where((here & (workspace.room_at(x, y) >= 0.0))[:, None], np.column_stack((x, y)), np.nan)
+    return np.where((here & (workspace.room_at(x, y) > 0.0))[:, None], np.column_stack((x, y)), np.nan)
 
 
 def sdof_family(workspace: Workspace, joint: str, spacing: float) -> list[Array]:
     """The SDOF paths of a joint at all multiples of `spacing` (rad) that it takes in the workspace."""
     x, y = np.meshgrid(workspace.x, workspace.y)
-    inside = workspace.room >= 0.0
+    inside = workspace.room > 0.0
     theta = joint_angles(workspace.mechanism, x[inside], y[inside])[JOINTS.index(joint)]
     numbers = range(math.ceil(theta.min() / spacing), math.floor(theta.max() / spacing) + 1)
     paths = (sdof_path(workspace, joint, k * spacing) for k in numbers)
@@ -130,9 +131,7 @@ def sdof_family(workspace: Workspace, joint: str, spacing: float) -> list[Array]
 
 def draw_outline(axes: Axes, workspace: Workspace, colour: str = QUIET, width: float = 1.0) -> None:
     """The hard stops' limit of the workspace, in cm."""
-    axes.contour(
-        CM * workspace.x, CM * workspace.y, workspace.room, levels=[0.0], colors=[colour], linewidths=[width]
-    )
+    axes.contour(CM * workspace.x, CM * workspace.y, workspace.room, levels=[0.0], colors=[colour], linewidths=[width])
 
 
 def draw_linkage(axes: Axes, mechanism: Mechanism, tip: tuple[float, float], letters: bool = True) -> None:
@@ -149,7 +148,7 @@ def draw_linkage(axes: Axes, mechanism: Mechanism, tip: tuple[float, float], let
             if not (mechanism.coaxial and arm is mechanism.arm_2):
                 place = (0, -11) if mechanism.coaxial else (12 * out, -2)
                 _letter(axes, base, at[0], place)
-            _letter(axes, elbow, at[1], (11 * out, 2))
+            _letter(axes, elbow, at[1], (-11 * arm.side, 2))
     if letters:
         _letter(axes, "D", CM * np.array(tip), (0, 12))
 
@@ -162,7 +161,9 @@ def _letter(axes: Axes, letter: str, at: Array, offset: tuple[float, float]) -> 
 def extent_m(workspace: Workspace, bases: bool) -> tuple[float, float, float, float]:
     """What a plot shows: x low, high, y low, high (m), with the bases or without."""
     m = workspace.mechanism
-    bottom = min(workspace.y[0], m.arm_1.base_y - 0.05, m.arm_2.base_y - 0.05) if bases else workspace.y[0]
+    bottom = (
+        min(workspace.y[0], m.arm_1.base_y - BELOW_BASES_M, m.arm_2.base_y - BELOW_BASES_M) if bases else workspace.y[0]
+    )
     return workspace.x[0], workspace.x[-1], bottom, workspace.y[-1]
 
 
@@ -189,7 +190,7 @@ def draw_sdof_paths(device: Device) -> Figure:
         f"{parameters_of(device)} Each line: the tip's path with one brake locked, every {SPACING_DEG:g}° of that "
         "joint's angle. Grey: the limit set by the hard stops. Black: the linkage, tip D."
     )
-    width, sides, above = 6.4, (0.6, 0.15), 0.7
+    width, sides, above = 6.4, (0.6, 0.15), 0.6
     foot = foot_in(text, width) + 0.5
     figure = new_figure(width, foot + above + height_for(workspace, width - sum(sides)))
     small_print(figure, text)

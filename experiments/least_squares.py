@@ -1,0 +1,79 @@
+"""Linear least squares with 95 % intervals that come from the scatter of the values about the fit."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+Array = npt.NDArray[np.float64]
+
+CONFIDENCE = 0.95
+#: Relative. A singular value below this share of the largest is zero; so is scatter below this share of the values.
+ZERO = 1e-9
+
+
+class LinearFit(NamedTuple):
+    """Numbers in the order of the rows of `contrasts`."""
+
+    coefficients: Array  # (p,)
+    values: Array  # (q,) contrasts @ coefficients
+    half_widths: Array  # (q,) of their 95 % intervals
+    fitted: Array  # (n,)
+    residuals: Array  # (n,) value - fitted
+
+
+def undetermined(design: Array, names: Sequence[str]) -> list[str]:
+    """The coefficients (of p names) that values with this design (n, p), n >= 1, leave open.
+
+    All of them where there are no more values than coefficients: an exact fit does not tell how far to trust it.
+    """
+    scale = np.max(np.abs(design), axis=0)
+    _, singular, right = np.linalg.svd(design / np.where(scale > 0.0, scale, 1.0))
+    rank = int(np.sum(singular > ZERO * singular[0]))
+    loose = np.any(np.abs(right[rank:]) > np.sqrt(ZERO), axis=0)
+    if not np.any(loose) and len(design) <= len(names):
+        return list(names)
+    return [name for name, bad in zip(names, loose, strict=True) if bad]
+
+
+def fit_linear(design: Array, values: Array, weights: Array, contrasts: Array | None = None) -> LinearFit:
+    """Minimise sum of weights * (values - design @ coefficients)^2; design (n, p), values and weights (n,).
+
+    The weights need to be right up to a common factor: the residuals give that. contrasts (q, p): what to report, by
+    default each coefficient. `undetermined` must have named none of them.
+    """
+    contrasts = np.eye(design.shape[1]) if contrasts is None else contrasts
+    root = np.sqrt(weights)
+    inverse = np.linalg.pinv(design * root[:, None])  # (p, n)
+    coefficients = inverse @ (values * root)
+    fitted = design @ coefficients
+    residuals = values - fitted
+    freedom = len(values) - design.shape[1]
+    deviation = np.sqrt(np.sum(weights * residuals**2) / freedom)
+    spread = np.linalg.norm(contrasts @ inverse, axis=1) * deviation
+    half_widths = stats.t.ppf(0.5 + CONFIDENCE / 2.0, freedom) * spread
+    return LinearFit(coefficients, contrasts @ coefficients, half_widths, fitted, residuals)
+
+
+def variance_by_group(
+    design: Array, values: Array, groups: npt.NDArray[np.int_], turns: int = 30
+) -> npt.NDArray[np.float64]:
+    """(m,) variance of the values in each group, from the residuals of the fit that weights them by it.
+
+    Each group's sum of squares is divided by its size less its share of the coefficients. groups: 0 .. m - 1.
+    """
+    variance = np.ones(int(groups.max()) + 1)
+    smallest = (ZERO * float(np.max(np.abs(values)))) ** 2
+    for _ in range(turns):
+        root = 1.0 / np.sqrt(variance)[groups]
+        x = design * root[:, None]
+        inverse = np.linalg.pinv(x)
+        residuals = values - design @ (inverse @ (values * root))
+        freedom = np.bincount(groups, 1.0 - np.einsum("ij,ji->i", x, inverse))
+        squares = np.bincount(groups, residuals**2)
+        pooled = np.sum(squares) / np.sum(freedom)
+        own = freedom > 0.5  # less says nothing about the group
+        variance = np.maximum(np.where(own, squares / np.where(own, freedom, 1.0), pooled), smallest)
+    return variance

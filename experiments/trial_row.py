@@ -1,0 +1,38 @@
+"""A trial's row of the table, from its recording alone."""
+
+import os
+from pathlib import Path
+
+from core.errors import InputError
+from experiments.metrics import NO_METRICS, trial_metrics
+from experiments.recording import Recording
+from experiments.trials_table import TrialRow
+
+#: What a recording must say of its trial.
+NEEDED = (
+    "participant", "run", "block", "configuration", "controller", "segment", "repetition", "start_m", "end_m",
+)  # fmt: skip
+
+
+def row_of(recording: Recording, folder: Path) -> TrialRow:
+    """A trial's row, from its recording alone; `folder`: where the table that gets it stands."""
+    about, outcome = recording.metadata, recording.outcome
+    for key in NEEDED:
+        if key not in about:
+            raise InputError(f"{recording.path}: the metadata lack {key}")
+    if "status" not in outcome:
+        raise InputError(f"{recording.path}: the end record lacks the status")
+    start, end = tuple(about["start_m"]), tuple(about["end_m"])
+    metrics = NO_METRICS
+    if recording.in_phase("move").any():
+        try:
+            metrics = trial_metrics(recording, start, end, about["controller"])
+        except InputError:  # ticks are missing in between: nothing that needs an even grid can be said
+            if outcome["status"] != "recovered":
+                raise
+    place = os.path.relpath(recording.path, folder).replace(os.sep, "/")
+    return TrialRow(
+        about["participant"], about["run"], about["block"], about["configuration"], about["controller"],
+        about["segment"], about["repetition"], outcome["status"], recording=place,
+        energy_residual_J=outcome.get("energy_residual_J"), energy_added_max_J=outcome.get("energy_added_max_J"),
+    ).with_metrics(metrics)  # fmt: skip
