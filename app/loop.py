@@ -80,6 +80,8 @@ class Loop:
             if self._start and not self._end:
                 asked, self._start = self._start, None
                 self.start(asked.participant)
+        if self.session is not None:
+            self.session.close()
         self.mailbox.close()
 
     def listen(self, wait_s: float = 0.0) -> None:

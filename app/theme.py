@@ -10,6 +10,7 @@ GROUND, PANEL, LINE, TEXT, QUIET = "#12161b", "#1a2027", "#2a323c", "#e6eaee", "
 CANVAS = "#0d1115"  # the workspace: darker than the panels, so that what moves stands out
 GOOD, BAD, CAUTION = "#3fb68b", "#e5604d", "#e0a33e"
 BRAKE_OFF, BRAKE_SLIPPING, BRAKE_STUCK = "#5b6672", "#e69f00", "#d55e00"
+ARM, ARM_CORE, POINTER = "#2e363f", "#505b67", "#c6ced6"
 START_RING, END_RING = GOOD, "#e69f00"
 TRACE, ACCENT, ACCENT_DARK = "#58b4e8", "#4f9de0", "#1f4b7a"
 CONTROLLER = {1: "#9aa5b1", 2: "#e69f00", 3: "#f0c75e", 4: "#4f9de0", 5: "#8ec7f2"}

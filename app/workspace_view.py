@@ -85,7 +85,6 @@ class WorkspaceView(QWidget):
         self._device, self._segment, self.tip = device, segment, tip
         self._take(False)
         self._on, self._stuck, self._force_N = (False,) * 4, 0, 0.0
-        self._background = None
         self.clear_trail()
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
@@ -97,6 +96,8 @@ class WorkspaceView(QWidget):
         self._on = tuple(bool(now[row.CURRENT + i] > 0.0) for i in range(4))
         self._stuck = int(now[row.STUCK])
         if now[row.PHASE] == row.MOVE:
+            if self._trail and self._background is not None:
+                self._paint_trail(self._background, [self._trail[-1], self.tip])
             self._trail.append(self.tip)
             if len(self._trail) > TRAIL_MOST:
                 self._trail = self._trail[::2]
@@ -118,6 +119,7 @@ class WorkspaceView(QWidget):
     def clear_trail(self) -> None:
         """Forget the way so far."""
         self._trail.clear()
+        self._background = None
         self.update()
 
     def say(self, large: str, small: str = "") -> None:
@@ -176,7 +178,6 @@ class WorkspaceView(QWidget):
         painter.drawPixmap(0, 0, self._background)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         self._paint_linkage(painter)
-        self._paint_trail(painter)
         self._paint_hand(painter)
         self._paint_text(painter)
 
@@ -215,6 +216,8 @@ class WorkspaceView(QWidget):
             painter.setPen(QPen(theme.colour(ring), 3.0))
             painter.drawEllipse(place, RING_PX, RING_PX)
         painter.end()
+        if len(self._trail) > 1:
+            self._paint_trail(pixmap, self._trail)
         return pixmap
 
     def _paint_notes(self, painter: QPainter) -> None:
@@ -237,12 +240,12 @@ class WorkspaceView(QWidget):
         if not places:
             return
         at = {joint: self.to_screen(place) for joint, place in places.items()}
-        for width, shade in ((7.0, theme.colour("#39434e", 0.75)), (2.0, theme.colour("#66727f", 0.75))):
-            pen = QPen(shade, width)
-            pen.setCapStyle(Qt.PenCapStyle.RoundCap)
+        for width, shade in ((7.0, theme.ARM), (2.0, theme.ARM_CORE)):
+            pen = QPen(theme.colour(shade), width)
+            pen.setCapStyle(Qt.PenCapStyle.FlatCap)  # flat and opaque, line by line: a twentieth of the time
             painter.setPen(pen)
-            for base, elbow in (("A", "E"), ("B", "C")):
-                painter.drawPolyline(QPolygonF([at[base], at[elbow], at["D"]]))
+            for one, other in ("AE", "ED", "BC", "CD"):
+                painter.drawLine(at[one], at[other])
         painter.setFont(theme.font(theme.SMALL, bold=True))
         painter.setBrush(theme.colour(theme.CANVAS))
         drawn: list[QPointF] = []
@@ -264,10 +267,12 @@ class WorkspaceView(QWidget):
             box = QRectF(place.x() - radius, place.y() - radius, 2 * radius, 2 * radius)
             painter.drawText(box, Qt.AlignmentFlag.AlignCenter, joint)
 
-    def _paint_trail(self, painter: QPainter) -> None:
-        if len(self._trail) > 1:
-            painter.setPen(QPen(theme.colour(theme.TRACE, 0.6), 1.5))
-            painter.drawPolyline(QPolygonF([self.to_screen(point) for point in self._trail]))
+    def _paint_trail(self, pixmap: QPixmap, points: Sequence[Point]) -> None:
+        """Add a piece of the way to the background: a long trail costs no more than a short one."""
+        painter = QPainter(pixmap)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(theme.colour(theme.TRACE, 0.7), 1.5))
+        painter.drawPolyline(QPolygonF([self.to_screen(point) for point in points]))
 
     def _paint_hand(self, painter: QPainter) -> None:
         """Handle, pointer and, once it is taken, the spring between them in the colour of its force."""
@@ -275,18 +280,14 @@ class WorkspaceView(QWidget):
         pointer = self.to_screen(self.pointer) if self.pointer else None
         if pointer and self._taken:
             share = min(self._force_N / FORCE_RED_N, 1.0)
-            shade = (
-                theme.mixed(theme.GOOD, theme.CAUTION, 2.0 * share)
-                if share < 0.5
-                else theme.mixed(theme.CAUTION, theme.BAD, 2.0 * share - 1.0)
-            )
-            painter.setPen(QPen(shade, 2.0))
+            ends = (theme.GOOD, theme.CAUTION) if share < 0.5 else (theme.CAUTION, theme.BAD)
+            painter.setPen(QPen(theme.mixed(*ends, 2.0 * share % 1.0 if share < 1.0 else 1.0), 2.0))
             painter.drawLine(handle, pointer)
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(theme.colour("#ffffff"))
         painter.drawEllipse(handle, HANDLE_PX, HANDLE_PX)
         if pointer:
-            painter.setPen(QPen(theme.colour("#c6ced6"), 2.0))
+            painter.setPen(QPen(theme.colour(theme.POINTER), 2.0))
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawEllipse(pointer, POINTER_PX, POINTER_PX)
 

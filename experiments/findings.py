@@ -86,7 +86,7 @@ class Comparison(NamedTuple):
         if self.found is None:
             return f"{self.where} ({self.reason})"
         digits = 2 if self.unit == "mm" else 0
-        middle, low, high = (f"{value:+.{digits}f}" for value in self.found[1:])
+        middle, low, high = (f"{round(value, digits) + 0.0:+.{digits}f}" for value in self.found[1:])
         return f"{self.where} {middle} {self.unit} ({low} to {high})"
 
 

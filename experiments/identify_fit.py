@@ -10,7 +10,14 @@ from typing import NamedTuple
 import numpy as np
 
 from core.errors import InputError
-from experiments.least_squares import Array, LinearFit, fit_linear, undetermined, variance_by_group
+from experiments.least_squares import (
+    Array,
+    LinearFit,
+    fit_linear,
+    undetermined,
+    variance_by_group,
+    weights_with_ripple,
+)
 from experiments.step_response import FALL, REACH, RISE, Measured
 from experiments.steps_data import Step
 
@@ -82,7 +89,8 @@ def fit_time_constants(
     """a_avg and a_1 .. a_6 of the time constants, Eq. (4), rising and falling apart; omega_0 in rpm.
 
     The current is the one stepped to, omega_L is log2 of the speed in rpm. Our choice: a weight of (change of the
-    torque)^2 / a, which is how well white noise lets a be told from a transient.
+    torque)^2 / a, which is how well white noise lets a be told from a transient, less where the scatter grows with
+    the speed: the faster the shaft, the more of the ripple falls into a transient.
     """
     fits = {}
     for direction in (RISE, FALL):
@@ -172,10 +180,12 @@ def _fit(found: Sequence[Measured], design: Array, gain: LinearFit) -> LinearFit
     """Least squares of the time constants; the weights follow the fit, from typical constants on."""
     values = np.array([one.time_constant for one in found])
     typical = np.array([one.typical for one in found])
+    speeds = np.array([one.step.speed_rpm for one in found])
     squares = np.array([torque_change(one.step, gain) for one in found]) ** 2
-    fit = fit_linear(design, values, squares / typical)
-    for _ in range(2):
-        fit = fit_linear(design, values, squares / np.clip(fit.fitted, typical / REACH, typical * REACH))
+    expected = typical
+    for _ in range(3):
+        fit = fit_linear(design, values, weights_with_ripple(design, values, squares / expected, speeds))
+        expected = np.clip(fit.fitted, typical / REACH, typical * REACH)
     return fit
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy import stats
+from scipy.optimize import minimize_scalar
 
 Array = npt.NDArray[np.float64]
 
@@ -41,19 +42,23 @@ def undetermined(design: Array, names: Sequence[str]) -> list[str]:
 def fit_linear(design: Array, values: Array, weights: Array, contrasts: Array | None = None) -> LinearFit:
     """Minimise sum of weights * (values - design @ coefficients)^2; design (n, p), values and weights (n,).
 
-    The weights need to be right up to a common factor: the residuals give that. contrasts (q, p): what to report, by
-    default each coefficient. `undetermined` must have named none of them.
+    The residuals give the common factor of the weights. Their ratios may be a little wrong: each interval rests on
+    the larger of two deviations, one that trusts them and one from the values' own residuals over their leverage
+    ("HC2"). contrasts (q, p): what to report, by default each coefficient. `undetermined` must have named none.
     """
     contrasts = np.eye(design.shape[1]) if contrasts is None else contrasts
     root = np.sqrt(weights)
-    inverse = np.linalg.pinv(design * root[:, None])  # (p, n)
+    x = design * root[:, None]
+    inverse = np.linalg.pinv(x)  # (p, n)
     coefficients = inverse @ (values * root)
     fitted = design @ coefficients
     residuals = values - fitted
+    squares = (residuals * root) ** 2
     freedom = len(values) - design.shape[1]
-    deviation = np.sqrt(np.sum(weights * residuals**2) / freedom)
-    spread = np.linalg.norm(contrasts @ inverse, axis=1) * deviation
-    half_widths = stats.t.ppf(0.5 + CONFIDENCE / 2.0, freedom) * spread
+    kept = np.maximum(1.0 - np.einsum("ij,ji->i", x, inverse), ZERO)
+    pull = (contrasts @ inverse) ** 2
+    variance = np.maximum(np.sum(pull, axis=1) * np.sum(squares) / freedom, pull @ (squares / kept))
+    half_widths = stats.t.ppf(0.5 + CONFIDENCE / 2.0, freedom) * np.sqrt(variance)
     return LinearFit(coefficients, contrasts @ coefficients, half_widths, fitted, residuals)
 
 
@@ -77,3 +82,24 @@ def variance_by_group(
         own = freedom > 0.5  # less says nothing about the group
         variance = np.maximum(np.where(own, squares / np.where(own, freedom, 1.0), pooled), smallest)
     return variance
+
+
+def weights_with_ripple(design: Array, values: Array, weights: Array, speed: Array) -> Array:
+    """(n,) weights / (1 + (speed / s)^2), with the s that makes the residuals likeliest (restricted likelihood).
+
+    Scatter that has a constant part, and one of ripple that grows with the speed (n,) of the shaft.
+    """
+
+    def scaled(log_s: float) -> Array:
+        return weights / (1.0 + (speed / np.exp(log_s)) ** 2)
+
+    def unlikely(log_s: float) -> float:
+        root = np.sqrt(scaled(log_s))
+        x, y = design * root[:, None], values * root
+        q, r = np.linalg.qr(x)
+        squares = max(float(np.sum((y - q @ (q.T @ y)) ** 2)), (ZERO * float(np.linalg.norm(y))) ** 2)
+        determinants = 2.0 * float(np.sum(np.log(np.abs(np.diag(r))))) - 2.0 * float(np.sum(np.log(root)))
+        return (len(y) - x.shape[1]) * np.log(squares) + determinants
+
+    bounds = np.log([np.min(speed) / 8.0, np.max(speed) * 8.0])
+    return scaled(minimize_scalar(unlikely, bounds=bounds, method="bounded", options={"xatol": 0.01}).x)

@@ -26,8 +26,9 @@ SHOWN = {
 READ = (
     "A difference is taken within each participant; in brackets stands its 95 % interval for the median participant "
     "(below six participants: the range of them all); % is of the uncontrolled median. Similar: within 15 %. "
-    "Negligible in accuracy: at most 0.5 mm. A statement holds only if every device and every measure of the thing says so; "
-    "where they disagree, the interval is too wide, or under 90 % of the trials reached the end, one cannot tell."
+    "Negligible in accuracy: at most 0.5 mm. A statement holds only if every device and every measure of one thing "
+    "says so; where they disagree, the interval is too wide, or under 90 % of the trials reached the end, one cannot "
+    "tell."
 )
 
 

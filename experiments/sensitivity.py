@@ -95,10 +95,9 @@ def sensitivity(rows: Sequence[TrialRow], variants: Variants | None = None) -> l
     for thing, named in DEFINITIONS.items():
         definitions = (*named, *SMOOTHNESS) if thing == "smoothness" and variants else named
         for configuration in configurations_of(rows):
-            base: dict[int, float] = {}
+            base = _means(rows, values, configuration, definitions[0])
             for definition in definitions:
                 means = _means(rows, values, configuration, definition)
-                base = base or means
                 common = [controller for controller in base if controller in means]
                 if len(common) < 2:
                     continue

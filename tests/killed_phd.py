@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PIECE, ROWS = 40, 200_000
+PIECE, ROWS = 40, 20_000
 
 
 class KilledPhd:
@@ -73,6 +73,8 @@ def do(job: dict) -> int:
 
 def serve(blocks: int) -> None:
     """Do jobs until stdin ends."""
+    import tempfile
+
     from sessions import DEVICES, new_session, run
 
     import app.verbs.recover  # noqa: F401  (everything that a job needs is there before the first)
@@ -81,8 +83,6 @@ def serve(blocks: int) -> None:
     from core import row  # noqa: F401
     from experiments import session as sessions
     from experiments.plan import make_plan
-
-    import tempfile
 
     sessions.make_plan = partial(make_plan, blocks=blocks)
     with tempfile.TemporaryDirectory() as folder:  # compiles, or loads, the kernels

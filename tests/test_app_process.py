@@ -12,10 +12,13 @@ import pytest
 from synthetic_hand import SyntheticHand
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
-from PySide6.QtCore import QPointF, Qt
+from PySide6.QtCore import QEvent, QPointF, Qt
+from PySide6.QtGui import QMouseEvent
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QWidget
 
 from app import words
+from app.cli import main
 from app.loop import WINDOW_DIED
 from app.loop_process import LoopProcess
 from app.messages import Ticks
@@ -65,6 +68,15 @@ def point(window: Window, place: tuple[float, float]) -> None:
     QTest.mouseMove(window.view, window.view.to_screen(place).toPoint())
 
 
+def drag(view: QWidget, place: QPointF) -> None:
+    """A pointer that moves with its button down: its events reach the view from outside the window too."""
+    left = Qt.MouseButton.LeftButton
+    event = QMouseEvent(
+        QEvent.Type.MouseMove, place, view.mapToGlobal(place), left, left, Qt.KeyboardModifier.NoModifier
+    )
+    QApplication.sendEvent(view, event)
+
+
 def watch(window: Window, monkeypatch) -> list[np.ndarray]:
     """The newest tick that the window has shown, as the only element of a list."""
     newest: list[np.ndarray] = []
@@ -98,7 +110,7 @@ def test_a_whole_mouse_trial_is_recorded_measured_and_done(opened, monkeypatch, 
             tick = newest[0]
             if tick[row.PHASE] == row.MOVE and not jumped:  # out of the window in one jump, dragging, and back
                 jumped = True
-                QTest.mouseMove(window.view, QPointF(5000.0, -5000.0).toPoint())
+                drag(window.view, QPointF(5000.0, -5000.0))
                 QTest.qWait(60)
                 last = time.monotonic()
             point(window, hand((tick[row.TIP_X], tick[row.TIP_Y]), int(tick[row.PHASE]), dt))
@@ -118,7 +130,8 @@ def test_a_whole_mouse_trial_is_recorded_measured_and_done(opened, monkeypatch, 
     moving = recording.in_phase("move")
     assert np.hypot(*(tip[moving][0] - segment.start)) <= 0.003
     assert np.hypot(*(tip[recording.in_phase("end")][0] - segment.end)) <= 0.010
-    assert np.hypot(recording.column("hand_fx_N"), recording.column("hand_fy_N")).max() <= 40.0 + 1e-9
+    force = np.hypot(recording.column("hand_fx_N"), recording.column("hand_fy_N"))
+    assert 20.0 < force.max() <= 40.0 + 1e-9  # the jump was felt, as far as the cap lets it
     metrics = trial_metrics(recording, segment.start, segment.end, planned.controller)
     assert metrics.path_error_m == result.path_error_m
     assert result.duration_s == pytest.approx(1e-3 * np.count_nonzero(moving), abs=2e-3)
@@ -193,9 +206,9 @@ def children(pid: int) -> list[int]:
 
 def test_ctrl_c_closes_window_and_loop_and_leaves_nothing(tmp_path: Path) -> None:
     with phd("--data-dir", tmp_path / "data") as window:
-        wait_until(lambda: len(children(window.pid)) > 0)
+        wait_until(lambda: len(children(window.pid)) > 1)  # the loop, and Python's own tracker of resources
         below = children(window.pid)
-        time.sleep(2.0)
+        time.sleep(1.0)
         window.send_signal(signal.SIGINT)
         assert window.wait(20.0) == 130, window.stderr.read()
     wait_until(lambda: all(map(gone, below)), 10.0)
@@ -205,18 +218,18 @@ def test_ctrl_c_closes_window_and_loop_and_leaves_nothing(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("make", "arguments", "says"),
     [
-        ("data/sub-07/ses-01/", ["--participant", "07"], "exists already"),
+        ("data/sub-07/ses-01/session.json", ["--participant", "07"], "exists already"),
         ("data", [], "data: cannot be written to"),
     ],
 )
-def test_what_cannot_be_recorded_is_refused_before_any_window(tmp_path: Path, make, arguments, says) -> None:
+def test_what_cannot_be_recorded_is_refused_before_any_window(
+    tmp_path: Path, monkeypatch, capsys, make, arguments, says
+) -> None:
+    monkeypatch.setattr("app.window.run", lambda args: pytest.fail("a window was opened"))
     place = tmp_path / make
-    if make.endswith("/"):
-        place.mkdir(parents=True)
-    else:
-        place.touch()
-    with phd("--data-dir", tmp_path / "data", *arguments) as window:
-        said = window.stderr.read()
-        assert window.wait(30.0) == 2
+    place.parent.mkdir(parents=True, exist_ok=True)
+    place.touch()
+    assert main(["run", "--data-dir", str(tmp_path / "data"), *arguments]) == 2
+    said = capsys.readouterr().err
     assert says in said and said.startswith("phd: ") and said.count("\n") == 1
-    assert [path for path in tmp_path.rglob("*") if path.is_file()] == ([] if make.endswith("/") else [place])
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [place]

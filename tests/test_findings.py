@@ -265,6 +265,9 @@ def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
     assert "Settled rules, parameters assumed. 12 participants, 720 trials that count; all reached the end." in page
     assert all(f"| {s.number} | {s.text} | **" in page for s in STATEMENTS)
     assert len(page) < 12_000  # a page or two
+    (against_none,) = [line for line in page.splitlines() if line.startswith("| three-brake | SDOF |")]
+    error, force, acceleration = (float(cell.split()[0]) for cell in against_none.split("|")[3:6])
+    assert error < 0.0 < min(force, acceleration)  # SDOF: less error than none, more force, rougher
 
     (tmp_path / "c").mkdir()
     (tmp_path / "c" / "report.md").write_text("mine")

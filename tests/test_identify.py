@@ -69,8 +69,8 @@ def test_95_percent_intervals_cover_the_truth_and_are_narrow_under_ripple_and_no
     values = np.array([[row.value for row in one.parameters()] for one in found])
     half_widths = np.array([[row.half_width for row in one.parameters()] for one in found])
     covered = np.mean(np.abs(values - truth(BRAKE)) <= half_widths, axis=0)
-    # of 40 intervals that hold in 90 .. 99 %, fewer than 31 hold in 1 of 10 000 cases
-    assert np.all(covered >= 31 / SEEDS), covered
+    # of 40 intervals that hold in 90 % of all cases, fewer than 32 do once in 25 times; of 19 numbers none may
+    assert np.all(covered >= 32 / SEEDS), covered
     assert 0.92 <= covered.mean() <= 0.985
     assert [one.omega_0_rpm for one in found] == [8.0] * SEEDS
     names = [row.name for row in found[0].parameters()]
@@ -270,7 +270,7 @@ WRONG_FILES = {
     "time falls": (HEADER + "0,0,1,2,1,0\n1,0,1,2,1,0\n0.5,0,1,2,1,0\n", "line 4: t_s must rise within a step"),
     "few rows": (
         HEADER + "0,0,1,2,1,0\n1,0,1,2,1,0\n",
-        "step_index 0, 0 to 1 A at 2 rpm: has 2 rows after the current has changed",
+        "step_index 0, 0 to 1 A at 2 rpm: has 2 rows after",
     ),
 }
 

@@ -38,7 +38,11 @@ case "$*" in
     "-m pip"*)
         echo "pip $*" >>"$LOG"
         echo "pip talks"
-        while [ -n "${PIP_WAITS_FOR-}" ] && [ ! -e "$PIP_WAITS_FOR" ]; do sleep 0.01; done
+        left=3000 # an abandoned one ends by itself
+        while [ -n "${PIP_WAITS_FOR-}" ] && [ ! -e "$PIP_WAITS_FOR" ] && [ $left -gt 0 ]; do
+            sleep 0.01 || exit 1
+            left=$((left - 1))
+        done
         [ -z "${PIP_FAILS-}" ] || exit 1
         for tool in ruff mypy lint-imports; do
             printf '#!/bin/sh\\n[ "$FAILING_TOOL" != %s ]\\n' $tool >"$here/$tool"

@@ -215,10 +215,12 @@ def test_a_window_that_is_gone_ends_the_trial_and_its_recording_is_kept(tmp_path
 
 
 def test_a_participant_with_a_session_is_refused_and_another_one_can_start(session: Session) -> None:
-    (session.data / "sub-01" / "ses-01").mkdir(parents=True)
+    folder = session.data / "sub-01" / "ses-01"
+    folder.mkdir(parents=True)
+    (folder / "session.json").write_text("{}")
     session.mailbox.send(Start("01"))
     assert "exists already" in session.until(Refused).sentence
-    assert not any((session.data / "sub-01" / "ses-01").iterdir())
+    assert [path.name for path in folder.iterdir()] == ["session.json"]
     assert session.begin("02").planned.run == 1
 
 

@@ -18,7 +18,8 @@ def add(verbs) -> None:
         "run the paper's whole study with simulated operators",
         "Per operator: 2 segments x 2 devices x 5 controllers x 3 trials. Leaves recordings, trials.csv,\n"
         "box plots and statistics. The same seed gives the same trials.csv. An interrupted study goes on with\n"
-        "--resume: the trial that was cut off is kept as recovered and run again.",
+        "--resume: the trial that was cut off is kept as recovered and run again. That operator's further trials\n"
+        "start from devices just switched on: not the ones, bit by bit, of a study that was not interrupted.",
         "phd study --operators 3 --seed 1 --out study-1",
     )
     verb.add_argument(
