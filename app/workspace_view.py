@@ -130,7 +130,6 @@ class WorkspaceView(QWidget):
 
     @property
     def said(self) -> str:
-        """The participant's line."""
         return self._large
 
     # metres and pixels

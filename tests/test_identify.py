@@ -69,7 +69,7 @@ def test_95_percent_intervals_cover_the_truth_and_are_narrow_under_ripple_and_no
     values = np.array([[row.value for row in one.parameters()] for one in found])
     half_widths = np.array([[row.half_width for row in one.parameters()] for one in found])
     covered = np.mean(np.abs(values - truth(BRAKE)) <= half_widths, axis=0)
-    # of 40 intervals that hold in 90 % of all cases, fewer than 32 do once in 25 times; of 19 numbers none may
+    # of 40 intervals that hold in 90 % of all cases, fewer than 32 do once in 65 times
     assert np.all(covered >= 32 / SEEDS), covered
     assert 0.92 <= covered.mean() <= 0.985
     assert [one.omega_0_rpm for one in found] == [8.0] * SEEDS
@@ -81,7 +81,7 @@ def test_95_percent_intervals_cover_the_truth_and_are_narrow_under_ripple_and_no
 def test_more_ripple_widens_the_intervals():
     calm = numbers(synthetic_steps(BRAKE, 3, BENCH._replace(ripple_N_m=0.1)))[1]
     rough = numbers(synthetic_steps(BRAKE, 3, BENCH._replace(ripple_N_m=2.0)))[1]
-    assert np.all(rough[[5, 12]] > 3.0 * calm[[5, 12]])
+    assert np.all(rough[[5, 12]] > 1.5 * calm[[5, 12]])
 
 
 def test_ripple_that_repeats_with_the_shaft_leaves_the_steady_torque_alone_over_whole_revolutions():
@@ -196,17 +196,24 @@ def test_undetermined_names_the_null_space_alone():
     assert undetermined(np.column_stack([x, x**2])[:2], "ab") == ["a", "b"]  # nothing left over
 
 
-def test_intervals_of_a_straight_line_agree_with_scipy():
+def test_intervals_of_a_straight_line_are_scipys_or_wider_where_the_scatter_is_uneven():
     from scipy import stats
 
-    rng = np.random.default_rng(4)
-    x = np.linspace(0.0, 3.0, 12)
-    y = 1.0 + 2.0 * x + rng.standard_normal(12)
-    fit = fit_linear(np.column_stack([x, np.ones(12)]), y, np.full(12, 7.0))  # a common weight changes nothing
-    line = stats.linregress(x, y)
     reach = stats.t.ppf(0.975, 10)
-    assert fit.values == pytest.approx([line.slope, line.intercept])
-    assert fit.half_widths == pytest.approx([reach * line.stderr, reach * line.intercept_stderr])
+    x = np.linspace(0.0, 3.0, 12)
+    away = x - x.mean()
+    leverage = 1.0 / 12 + away**2 / np.sum(away**2)
+    wider = []
+    for seed in range(20):
+        y = 1.0 + 2.0 * x + np.random.default_rng(seed).standard_normal(12)
+        fit = fit_linear(np.column_stack([x, np.ones(12)]), y, np.full(12, 7.0))  # a common weight changes nothing
+        line = stats.linregress(x, y)
+        assert fit.values == pytest.approx([line.slope, line.intercept])
+        scatter = (y - line.intercept - line.slope * x) ** 2 / (1.0 - leverage)
+        uneven = math.sqrt(np.sum((away / np.sum(away**2)) ** 2 * scatter))
+        assert fit.half_widths[0] == pytest.approx(reach * max(line.stderr, uneven))
+        wider.append(uneven > line.stderr)
+    assert any(wider) and not all(wider)
 
 
 # --- the file and the command
