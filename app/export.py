@@ -43,9 +43,7 @@ class Export(QObject):
         """Whether one is running."""
         return self._thread is not None and self._thread.is_alive()
 
-    def start(
-        self, rows: Sequence[TrialRow], session: Path, folder: Path, note: str, devices: Sequence[str]
-    ) -> None:
+    def start(self, rows: Sequence[TrialRow], session: Path, folder: Path, note: str, devices: Sequence[str]) -> None:
         """Begin to write; a signal tells the end."""
         job = (tuple(rows), session, folder, note, tuple(devices))
         self._thread = threading.Thread(target=self._work, args=job, name="export")

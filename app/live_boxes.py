@@ -79,9 +79,7 @@ class LiveBoxes(QWidget):
             box = QRectF(self._x(controller) - 0.5 * self._step(), self.height() - 15.0, self._step(), 15.0)
             painter.drawText(box, Qt.AlignmentFlag.AlignCenter, label)
 
-    def _paint_box(
-        self, painter: QPainter, box: Box, x: float, width: float, colour: str, filled: bool
-    ) -> None:
+    def _paint_box(self, painter: QPainter, box: Box, x: float, width: float, colour: str, filled: bool) -> None:
         half = 0.5 * width
         pen = QPen(theme.colour(colour), 1.4)
         painter.setPen(pen)

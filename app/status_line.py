@@ -70,7 +70,7 @@ class StatusLine(QFrame):
         """There is no loop any more."""
         self._light(theme.BAD)
         self.recording.setText("Not recording")
-        self.timing.setText("No control loop")
+        self.timing.setText("")
 
 
 def grouped(number: int) -> str:

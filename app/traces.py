@@ -14,7 +14,7 @@ from app import theme
 
 WINDOW_S = 10.0  # shown
 PADDING = 0.04  # of the range, above and below
-RANGES = (1.0, 2.0, 5.0)  # times a power of ten: where a range can end
+RANGES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)  # times a power of ten: where a range can end
 
 
 def range_for(value: float, least: float) -> float:
