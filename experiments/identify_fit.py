@@ -51,8 +51,8 @@ def gain_row(current: float) -> list[float]:
 def fit_torque_gain(found: Sequence[Measured], where: str) -> LinearFit:
     """k_1 .. k_5 of the torque gain, Eq. (2), from the steady torques, each at the current stepped to.
 
-    Our choice: K is continuous at the knee (0.2 A), else it has no inverse there. Each speed has a weight of its own,
-    from its scatter: where a step turns less than a revolution, ripple is an offset.
+    Our choice: K is continuous at the knee (0.2 A), else it has no inverse there. Weights from the scatter:
+    where a step turns less than a revolution, ripple is an offset, and the less it turns the larger.
     """
     design = np.array([gain_row(one.step.current_to) for one in found])
     values = np.array([one.steady_torque for one in found])
@@ -64,12 +64,16 @@ def fit_torque_gain(found: Sequence[Measured], where: str) -> LinearFit:
             f"takes steps to four currents, one of them below {KNEE_A:g} A and two above, and more than four steps"
         )
     contrasts = np.vstack([np.eye(4), [KNEE_A, 1.0, -(KNEE_A**2), -KNEE_A]])
-    return fit_linear(design, values, _weights_by_speed(found), contrasts)
+    return fit_linear(design, values, _weights_by_turns(found), contrasts)
 
 
-def _weights_by_speed(found: Sequence[Measured]) -> Array:
-    """(n,) weights of the steady torques; the scatter at each speed is that of the single repeats about the fit."""
-    speeds, groups = np.unique([one.step.speed_rpm for one in found], return_inverse=True)
+def _weights_by_turns(found: Sequence[Measured]) -> Array:
+    """(n,) weights of the steady torques, from the scatter of the single repeats about the fit.
+
+    One for all that are averages of whole revolutions, else one for each speed.
+    """
+    kinds = [0.0 if one.turns else one.step.speed_rpm for one in found]
+    groups = np.unique(kinds, return_inverse=True)[1]
     repeats = [len(one.repeated_torques) for one in found]
     design = np.repeat([gain_row(one.step.current_to) for one in found], repeats, axis=0)
     torques = np.concatenate([one.repeated_torques for one in found])

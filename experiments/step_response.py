@@ -22,6 +22,9 @@ FEWEST_IN_TRANSIENT = 3  # samples within one time constant
 BLOCKS = 20  # block means within one time constant: the mean of an exponential is one, and few samples are quick
 #: A time constant this many times the typical one of its speed, or its inverse, was not found.
 REACH = 6.0
+#: Further than this factor from the typical one it is ripple's more than the brake's: neither the length of the
+#: transient nor what is left of it in the steady torque follow it.
+NEAR = 2.0
 
 
 class Measured(NamedTuple):
@@ -32,6 +35,7 @@ class Measured(NamedTuple):
     time_constant: float  # s; nan: not found
     steady_torque: float  # N m
     repeated_torques: list[float]  # N m, of each repeat
+    turns: int  # whole revolutions that the steady torque is the average of; 0: less than one
 
     @property
     def direction(self) -> str:
@@ -48,8 +52,10 @@ def measure(steps: Iterable[Step], where: str) -> list[Measured]:
         typical = typical_time_constant([step for step, _ in alike], where)
         for step, repeats in alike:
             a, height = time_constant_of_step(step, typical)
-            torque, *torques = (steady_torque(one, STEADY * typical, a, height) for one in [step, *repeats])
-            found.append(Measured(step, typical, a, torque, torques))
+            begin = min(STEADY * typical, 0.9 * float(step.t[-1]))
+            height = height if typical / NEAR < a < typical * NEAR else 0.0
+            torque, *torques = (steady_torque(one, begin, a, height) for one in [step, *repeats])
+            found.append(Measured(step, typical, a, torque, torques, whole_turns(step, begin)))
     return found
 
 
@@ -94,7 +100,7 @@ def time_constant_of_step(step: Step, typical: float) -> tuple[float, float]:
         return math.nan, 0.0
     log = logs[best]
     for _ in range(2):  # the second time over 8 time constants of its own
-        explain = _exponential(step, TRANSIENT * min(max(math.exp(log), 0.5 * typical), 2.0 * typical))
+        explain = _exponential(step, TRANSIENT * min(max(math.exp(log), typical / NEAR), typical * NEAR))
         near = log + np.array([-1.0, 1.0]) * (logs[1] - logs[0])
         log = minimize_scalar(_unexplained, args=(explain,), bounds=near, method="bounded").x
     return math.exp(log), explain(log)[0]
@@ -126,16 +132,20 @@ def _exponential(step: Step, window: float) -> Callable[[float], tuple[float, fl
     return explain
 
 
+def whole_turns(step: Step, begin: float) -> int:
+    """How many whole revolutions the shaft turns from `begin` (s) on."""
+    return math.floor((step.t[-1] - begin) * step.speed_rpm / 60.0)
+
+
 def steady_torque(step: Step, begin: float, a: float, height: float) -> float:
     """Average steady torque (N m) from `begin` (s) on, less what is left of the transient height * exp(-t/a).
 
     Our choice: over the last whole revolutions, where the shaft turns at least one: ripple that repeats with the
     shaft averages out.
     """
-    revolution = 60.0 / step.speed_rpm
-    turns = math.floor((step.t[-1] - begin) / revolution)
+    turns = whole_turns(step, begin)
     if turns >= 1:
-        begin = float(step.t[-1]) - turns * revolution
+        begin = float(step.t[-1]) - turns * 60.0 / step.speed_rpm
     used = step.t > begin
     left = height * np.exp(-step.t[used] / a) if height else 0.0
     return float(np.mean(step.torque[used] - left))
