@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QCloseEvent, QKeySequence, QShortcut
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeySequence, QShortcut
 from PySide6.QtWidgets import (
     QApplication,
     QFileDialog,
@@ -96,7 +96,8 @@ class Window(QWidget):
         layout.addWidget(self.banner)
         layout.addLayout(middle, 1)
         layout.addWidget(self.status)
-        self.resize(1440, 810)
+        room = QGuiApplication.primaryScreen().availableSize()
+        self.resize(min(1440, room.width()), min(810, room.height()))
 
     # what the person asks for
 
