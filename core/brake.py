@@ -81,15 +81,21 @@ def begin_lag(brakes, i, current, torque_yield, rate, acceleration, step, lag):
     for edge in (brakes.omega_0[i], brakes.floor[i]):
         if (start - edge) * (end - edge) < 0.0:
             split = min(split, step * (edge - start) / (end - start))
-    first = time_constant(brakes, i, current, start + (end - start) * 0.5 * split / step, rising)
-    second = first
-    if split < step:
-        second = time_constant(brakes, i, current, start + (end - start) * 0.5 * (split / step + 1.0), rising)
     lag[i, 0] = gain
     lag[i, 1] = torque_yield
-    lag[i, 2] = 1.0 / first if first > 0.0 else math.inf
     lag[i, 3] = split
-    lag[i, 4] = 1.0 / second if second > 0.0 else math.inf
+    if split == step:
+        lag[i, 2] = lag[i, 4] = inverse(time_constant(brakes, i, current, 0.5 * (start + end), rising))
+        return
+    share = 0.5 * split / step
+    lag[i, 2] = inverse(time_constant(brakes, i, current, start + (end - start) * share, rising))
+    lag[i, 4] = inverse(time_constant(brakes, i, current, start + (end - start) * (share + 0.5), rising))
+
+
+@kernel
+def inverse(seconds):
+    """1/a; infinite for a brake without lag, a <= 0."""
+    return 1.0 / seconds if seconds > 0.0 else math.inf
 
 
 @kernel

@@ -11,7 +11,7 @@ and Q1, Q2 act on the tip through the same rows.
 
 from typing import NamedTuple
 
-from core.jit import kernel
+from core.jit import inlined, kernel
 from core.linkage import links
 
 
@@ -62,7 +62,7 @@ class Motion(NamedTuple):
     s_2: float  # m2, L_BC L_CD sin(theta_C)
 
 
-@kernel
+@inlined
 def arm_terms(arm, x, y, vx, vy):
     """One arm's inertia, bias force, rows and rates at tip (x, y) with velocity (vx, vy)."""
     e1x, e1y, e2x, e2y, s = links(arm, x, y)
@@ -98,7 +98,7 @@ def arm_terms(arm, x, y, vx, vy):
     )
 
 
-@kernel
+@inlined
 def motion(mechanism, x, y, vx, vy):
     """`Motion` at tip (x, y), m, and velocity (vx, vy), m/s. Not finite where the tip is out of reach."""
     p = arm_terms(mechanism.arm_1, x, y, vx, vy)

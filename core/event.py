@@ -4,8 +4,7 @@ Feasible by construction: after an event the motion is what the stick-slip probl
 A step with too many events (chatter) or a hand too stiff for RK4 is given to `stepping`, and that is counted.
 """
 
-from core.brake import lagged_yield
-from core.hand import hand_force
+from core.hand import changes_by_itself, hand_force
 from core.jit import kernel
 from core.locate import (
     LOOSE_MINUS,
@@ -18,7 +17,7 @@ from core.locate import (
     locate,
 )
 from core.pattern import RATE_ROUNDING, enter_line, finish, meet, release, set_costs, settle_edges, strike
-from core.smooth import begin, rk4
+from core.smooth import age_yields, begin, rk4
 from core.stepping import advance_stepping, stiffer_than
 from core.stick_slip import STILL, largest_excess, solve_at_rest
 
@@ -36,6 +35,7 @@ REST_ROUNDING = 1e-12
 def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged):
     """Move the state from t to t + h (s). Expects the pattern resolved at t; leaves the quantities of t + h."""
     state.steps += 1
+    state.settled = 0
     elapsed, events, longest = 0.0, 0, h
     while elapsed < h:
         rest = h - elapsed
@@ -64,7 +64,8 @@ def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged)
             if longest < SHORTEST:
                 events = MAX_EVENTS + 1
             continue
-        kind, guess = first_event(mechanism, brakes, state, trial, step, lagged, 0)
+        trial.seen = 0
+        kind, guess = first_event(mechanism, brakes, state, trial, step, lagged)
         if kind != NONE:
             kind, step = locate(mechanism, brakes, hand, state, trial, now, step, kind, guess, lagged)
         accept(mechanism, brakes, state, trial, step, lagged)
@@ -77,21 +78,9 @@ def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged)
             set_costs(brakes, state)
             finish(mechanism, state, fx, fy, hand.grips[0].mass)
     state.events += events
-
-
-@kernel
-def age_yields(brakes, state, elapsed, lagged):
-    """Let the yields follow their lag to `elapsed` seconds into the step."""
     if lagged != 0:
-        from_lag(brakes, state, elapsed, state.torque_yield)
-
-
-@kernel
-def from_lag(brakes, state, elapsed, yields):
-    """Yields (4,), N m, `elapsed` seconds into the step."""
-    for i in range(4):
-        if brakes.present[i] > 0.0:
-            yields[i] = lagged_yield(state.lag, i, elapsed)
+        set_costs(brakes, state)
+    state.settled = 0 if state.held == STILL else 1
 
 
 @kernel
@@ -118,8 +107,10 @@ def accept(mechanism, brakes, state, trial, step, lagged):
         state.hand_force[i] = trial.hand_force[i]
     state.carry[0] = state.carry[1] = 0.0
     state.line_torque = trial.line_torque
+    if lagged != 0:
+        for i in range(4):
+            state.torque_yield[i] = trial.torque_yield[1, i]
     state.work_hand += trial.work
-    age_yields(brakes, state, step, lagged)
 
 
 @kernel
@@ -199,10 +190,9 @@ def from_rest(mechanism, state, fx, fy, arm_mass):
 
 @kernel
 def excess_at(mechanism, brakes, hand, state, t, elapsed, lagged):
-    """How much the hand pushes a resting tip beyond what the brakes hold, `elapsed` seconds into the step."""
-    if lagged != 0:
-        from_lag(brakes, state, elapsed, state.torque_yield)
-        set_costs(brakes, state)
+    """How much the hand pushes a resting tip beyond what the brakes hold, `elapsed` seconds into the step (N)."""
+    age_yields(brakes, state, elapsed, lagged)
+    set_costs(brakes, state)
     fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
     return largest_excess(state.g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial, fx, fy)
 
@@ -213,6 +203,8 @@ def still_until(mechanism, brakes, hand, state, t, step, lagged):
 
     Seen at the middle and the end of the step, then bisected to rounding.
     """
+    if lagged == 0 and not changes_by_itself(hand):
+        return step
     low, high = 0.0, 0.5 * step
     if excess_at(mechanism, brakes, hand, state, t, high, lagged) <= REST_ROUNDING:
         low, high = high, step

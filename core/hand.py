@@ -76,6 +76,20 @@ def spring_hand(
 @kernel
 def hand_force(hand, t, x, y, vx, vy):
     """Force of the hand (arm side) at time t, s, for a tip state; (fx, fy) in N."""
+    px, py = prescribed_force(hand, t)
+    sx, sy = grip_force(hand.grips[0], x, y, vx, vy)
+    return px + sx, py + sy
+
+
+@kernel
+def changes_by_itself(hand):
+    """True where the force on a tip at rest may change within a step: a table or a wave (a spring's target is held)."""
+    return hand.times.shape[0] > 1 or hand.grips[0].waves == 1
+
+
+@kernel
+def prescribed_force(hand, t):
+    """The part of the hand force that depends on time alone, (fx, fy) in N."""
     grip = hand.grips[0]
     n = hand.times.shape[0]
     if n == 1:
@@ -94,12 +108,17 @@ def hand_force(hand, t, x, y, vx, vy):
     if grip.waves == 1:
         fx += grip.wave[0, 0] * math.sin(grip.wave[0, 1] * t + grip.wave[0, 2])
         fy += grip.wave[1, 0] * math.sin(grip.wave[1, 1] * t + grip.wave[1, 2])
-    if grip.spring == 1:
-        sx, sy = spring_force(grip, x, y, vx, vy)
-        scale = cap_scale(grip, sx, sy)
-        fx += grip.held[0] + scale * sx
-        fy += grip.held[1] + scale * sy
     return fx, fy
+
+
+@kernel
+def grip_force(grip, x, y, vx, vy):
+    """The part of the hand force that depends on the tip: spring-damper and what it holds over a tick (N)."""
+    if grip.spring == 0:
+        return 0.0, 0.0
+    sx, sy = spring_force(grip, x, y, vx, vy)
+    scale = cap_scale(grip, sx, sy)
+    return grip.held[0] + scale * sx, grip.held[1] + scale * sy
 
 
 @kernel

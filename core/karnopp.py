@@ -15,13 +15,12 @@ the others share the rest.
 
 import math
 
-from core.brake import lagged_yield
 from core.dynamics import motion
 from core.hand import hand_force
 from core.jit import kernel
 from core.load_sharing import leave_stops_their_share, reach_of
 from core.pattern import enter_line, set_costs, store
-from core.smooth import begin, keep_on_line
+from core.smooth import age_yields, begin, keep_on_line
 from core.stepping import drift_in_backlash, stop_on_the_way
 from core.stick_slip import FREE, STILL, holding_torque, same_line, solve_mass
 
@@ -135,17 +134,13 @@ def hold(mechanism, state, rx, ry, mxx, mxy, myy):
 
 
 @kernel
-def evaluate(mechanism, brakes, hand, state, t, elapsed, x, y, vx, vy, lagged):
-    """One stage at t + elapsed, s: fills the state's rows, rates, torques, acceleration and sensed hand force."""
+def evaluate(mechanism, brakes, hand, state, t, x, y, vx, vy):
+    """One stage at time t, s: fills the state's rows, rates, torques, acceleration and sensed hand force."""
     q = motion(mechanism, x, y, vx, vy)
     store(state, q)
-    if lagged != 0:
-        for i in range(4):
-            if brakes.present[i] > 0.0:
-                state.torque_yield[i] = lagged_yield(state.lag, i, elapsed)
     set_costs(brakes, state)
     arm_mass = hand.grips[0].mass
-    fx, fy = hand_force(hand, t + elapsed, x, y, vx, vy)
+    fx, fy = hand_force(hand, t, x, y, vx, vy)
     mxx, mxy, myy = q.mass_xx + arm_mass, q.mass_xy, q.mass_yy + arm_mass
     ax, ay = friction(mechanism, state, fx - q.bias_x, fy - q.bias_y, mxx, mxy, myy)
     state.acceleration[0], state.acceleration[1] = ax, ay
@@ -166,7 +161,7 @@ def book_stage(state, trial, vx, vy, share):
 def resolve_in_band(mechanism, brakes, hand, state, t):
     """Stage: torques by Eq. (6) at time t for the yields now in the state."""
     tip = state.tip
-    evaluate(mechanism, brakes, hand, state, t, 0.0, tip[0], tip[1], tip[2], tip[3], 0)
+    evaluate(mechanism, brakes, hand, state, t, tip[0], tip[1], tip[2], tip[3])
     leave_stops_their_share(state)
 
 
@@ -179,16 +174,18 @@ def advance_karnopp(mechanism, brakes, hand, state, trial, currents, t, h, lagge
         trial.heat[i] = trial.turned[i] = 0.0
     x, y, vx, vy = tip[0], tip[1], tip[2], tip[3]
     sixth, half = h / 6.0, 0.5 * h
-    ax, ay = evaluate(mechanism, brakes, hand, state, t, 0.0, x, y, vx, vy, lagged)
+    ax, ay = evaluate(mechanism, brakes, hand, state, t, x, y, vx, vy)
     book_stage(state, trial, vx, vy, sixth)
     ux, uy = vx + half * ax, vy + half * ay
-    bx, by = evaluate(mechanism, brakes, hand, state, t, half, x + half * vx, y + half * vy, ux, uy, lagged)
+    age_yields(brakes, state, half, lagged)
+    bx, by = evaluate(mechanism, brakes, hand, state, t + half, x + half * vx, y + half * vy, ux, uy)
     book_stage(state, trial, ux, uy, 2.0 * sixth)
     wx, wy = vx + half * bx, vy + half * by
-    cx, cy = evaluate(mechanism, brakes, hand, state, t, half, x + half * ux, y + half * uy, wx, wy, lagged)
+    cx, cy = evaluate(mechanism, brakes, hand, state, t + half, x + half * ux, y + half * uy, wx, wy)
     book_stage(state, trial, wx, wy, 2.0 * sixth)
     zx, zy = vx + h * cx, vy + h * cy
-    dx, dy = evaluate(mechanism, brakes, hand, state, t, h, x + h * wx, y + h * wy, zx, zy, lagged)
+    age_yields(brakes, state, h, lagged)
+    dx, dy = evaluate(mechanism, brakes, hand, state, t + h, x + h * wx, y + h * wy, zx, zy)
     book_stage(state, trial, zx, zy, sixth)
     tip[0] = x + sixth * (vx + 2.0 * (ux + wx) + zx)
     tip[1] = y + sixth * (vy + 2.0 * (uy + wy) + zy)

@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
-from core.jit import kernel
+from core.jit import inlined, kernel
 
 
-@kernel
+@inlined
 def links(arm, x, y):
     """Vectors of the two links (e1x, e1y, e2x, e2y, S) for a tip at (x, y), m and m2.
 

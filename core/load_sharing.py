@@ -115,6 +115,9 @@ def share_on_line(state, j, torque, coaxial):
 
     The same least sum; joints that reach their limit stay there and the others take the rest.
     """
+    if coaxial == 0:  # no line is shared
+        state.torque[j] = min(max(torque, -state.cost_plus[j]), state.cost_minus[j])
+        return
     square = state.g[j, 0] * state.g[j, 0] + state.g[j, 1] * state.g[j, 1]
     clamped = 0
     for _ in range(3):

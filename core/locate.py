@@ -12,7 +12,7 @@ below zero in between: two crossings inside one step must not be missed.
 
 import math
 
-from core.brake import lagged_yield
+from core.crossing import ROUNDING, hermite_zero, parabola_zero
 from core.jit import kernel
 from core.smooth import joint_acceleration, rk4
 from core.stick_slip import same_line
@@ -23,11 +23,11 @@ SPEED, LOOSE_PLUS, LOOSE_MINUS, PLAY, STOP = 4, 5, 6, 7, 11
 
 #: Iterations to locate one event; bracketed, so it ends in any case. Smaller: events are not located to rounding.
 MAX_LOCATE = 40
-#: rad/s, m/s, N m, rad, sine: a value this far below zero is rounding, not an event. Larger: events are seen late.
-#: Smaller: rounding is taken for events.
-ROUNDING = 1e-12
-#: As above: an event located no nearer than this to zero was a graze, and motion goes on. Larger: a dip that does not
-#: reach zero sticks the brake.
+#: As `ROUNDING`, where an event counts as located. Larger: a joint sticks while it still turns, and the order drowns.
+#: Smaller: rounding is chased in vain.
+LOCATED = 1e-14
+#: As `ROUNDING`: an event located no nearer than this to zero was a graze, and motion goes on. Larger: a dip that does
+#: not reach zero sticks the brake.
 GRAZING = 1e-10
 
 
@@ -58,8 +58,8 @@ def path_sense(state):
 
 
 @kernel
-def held_limits(brakes, mechanism, state, at, elapsed, lagged):
-    """What the held joint's line can hold against + and - motion, `elapsed` seconds into the step (N m)."""
+def held_limits(brakes, mechanism, state, at, yields, lagged):
+    """What the held joint's line can hold against + and - motion with brakes that yield at `yields` (4,), N m."""
     j = state.held
     plus, minus = 0.0, 0.0
     square = at.g[j, 0] * at.g[j, 0] + at.g[j, 1] * at.g[j, 1]
@@ -68,7 +68,7 @@ def held_limits(brakes, mechanism, state, at, elapsed, lagged):
             continue
         against_plus, against_minus = state.cost_plus[i], state.cost_minus[i]
         if lagged != 0 and i < 4 and brakes.present[i] > 0.0:
-            held = lagged_yield(state.lag, i, elapsed)
+            held = yields[i]
             if state.contact[i] <= 0.0 and (brakes.play[i] == 0.0 or state.edge[i] > 0.0):
                 against_plus = held
             if state.contact[i] >= 0.0 and (brakes.play[i] == 0.0 or state.edge[i] < 0.0):
@@ -91,7 +91,7 @@ def event_value(brakes, mechanism, state, trial, kind, elapsed, lagged):
     if kind == SPEED:
         return path_sense(state) * path_speed(state, trial)
     if kind < PLAY:
-        plus, minus = held_limits(brakes, mechanism, state, trial, elapsed, lagged)
+        plus, minus = held_limits(brakes, mechanism, state, trial, trial.torque_yield[1], lagged)
         return trial.line_torque + plus if kind == LOOSE_PLUS else minus - trial.line_torque
     if kind < STOP:
         i = kind - PLAY
@@ -102,6 +102,19 @@ def event_value(brakes, mechanism, state, trial, kind, elapsed, lagged):
 
 
 @kernel
+def event_slope(state, trial, kind):
+    """Rate of change of `event_value` at the end of the trial, where the trial knows it; else 0."""
+    if kind < SPEED:
+        return state.sign[kind] * joint_acceleration(trial, kind)
+    if kind == SPEED:
+        tx, ty = tangent(state, trial)
+        return path_sense(state) * (tx * trial.acceleration[0] + ty * trial.acceleration[1])
+    if PLAY <= kind < STOP:
+        return -state.sign[kind - PLAY] * trial.rate[kind - PLAY]
+    return 0.0
+
+
+@kernel
 def start_value(brakes, mechanism, state, trial, kind, lagged):
     """Value of one kind of event at the start of the step."""
     if kind < SPEED:
@@ -109,7 +122,7 @@ def start_value(brakes, mechanism, state, trial, kind, lagged):
     if kind == SPEED:
         return path_sense(state) * path_speed(state, state)
     if kind < PLAY:
-        plus, minus = held_limits(brakes, mechanism, state, state, 0.0, lagged)
+        plus, minus = held_limits(brakes, mechanism, state, state, state.torque_yield, lagged)
         return state.line_torque + plus if kind == LOOSE_PLUS else minus - state.line_torque
     if kind < STOP:
         i = kind - PLAY
@@ -119,63 +132,12 @@ def start_value(brakes, mechanism, state, trial, kind, lagged):
 
 
 @kernel
-def hermite_zero(v0, d0, v1, d1, h):
-    """First time in (0, h] at which the cubic through (v0, slope d0) and (v1, slope d1) falls below zero; -1: never.
-
-    v0 >= 0 up to rounding. Found by the sign at the end or at the interior minimum, then by bracketed Newton steps.
-    """
-    a = 2.0 * (v0 - v1) + h * (d0 + d1)
-    b = 3.0 * (v1 - v0) - h * (2.0 * d0 + d1)
-    c = h * d0
-    low, high = 0.0, 1.0
-    if v1 >= -ROUNDING:
-        square = b * b - 3.0 * a * c
-        if square <= 0.0:
-            return -1.0
-        root = math.sqrt(square)
-        high = (root - b) / (3.0 * a) if b <= 0.0 and a != 0.0 else -c / (b + root)  # where the cubic is convex
-        if not (0.0 < high < 1.0) or ((a * high + b) * high + c) * high + v0 >= -ROUNDING:
-            return -1.0
-    s = 0.5 * (low + high)
-    if v0 > 0.0 and v1 < 0.0:
-        s = v0 / (v0 - v1)
-    for _ in range(12):
-        value = ((a * s + b) * s + c) * s + v0
-        if value > 0.0 or (value == 0.0 and s < 0.5 * high):
-            low = s
-        else:
-            high = s
-        slope = (3.0 * a * s + 2.0 * b) * s + c
-        step = value / slope if slope != 0.0 else 2.0
-        if abs(step) < 1e-12:
-            break
-        s = s - step
-        if not (low < s < high):
-            s = 0.5 * (low + high)
-    return s * h
-
-
-@kernel
-def parabola_zero(v0, vm, v1, h):
-    """First time in (0, h] at which the parabola through v0, vm (middle), v1 falls below zero; -1: never. v0 >= 0."""
-    a = 2.0 * (v0 + v1 - 2.0 * vm)
-    b = v1 - v0 - a
-    if not (math.isfinite(a) and math.isfinite(b)):
-        return -1.0  # a stop holds without end
-    if v1 >= -ROUNDING:
-        if a <= 0.0 or b >= 0.0 or -b >= 2.0 * a or v0 - 0.25 * b * b / a >= -ROUNDING:
-            return -1.0
-    root = math.sqrt(max(b * b - 4.0 * a * v0, 0.0))
-    s = 2.0 * v0 / (root - b) if root - b > 0.0 else 0.5
-    return min(max(s, 0.0), 1.0) * h
-
-
-@kernel
-def first_event(mechanism, brakes, state, trial, step, lagged, seen):
+def first_event(mechanism, brakes, state, trial, step, lagged):
     """The first event inside the step, from start and end alone: (kind, estimated time); NONE where there is none.
 
-    Kinds whose bit is in `seen` are passed over.
+    Kinds whose bit is in trial.seen are passed over.
     """
+    seen = trial.seen
     kind, first = NONE, math.inf
     for i in range(4):
         sign = state.sign[i]
@@ -205,8 +167,8 @@ def first_event(mechanism, brakes, state, trial, step, lagged, seen):
             s = hermite_zero(sense * path_speed(state, state), d0, v1, d1, step)
             if 0.0 <= s <= first:
                 kind, first = SPEED, s
-        plus0, minus0 = held_limits(brakes, mechanism, state, state, 0.0, lagged)
-        plus1, minus1 = held_limits(brakes, mechanism, state, trial, step, lagged)
+        plus0, minus0 = held_limits(brakes, mechanism, state, state, state.torque_yield, lagged)
+        plus1, minus1 = held_limits(brakes, mechanism, state, trial, trial.torque_yield[1], lagged)
         plus, minus = 0.5 * (plus0 + plus1), 0.5 * (minus0 + minus1)
         torque0, torque1, middle = state.line_torque, trial.line_torque, trial.middle_torque
         s = parabola_zero(torque0 + plus0, middle + plus, torque1 + plus1, step)
@@ -225,12 +187,14 @@ def first_event(mechanism, brakes, state, trial, step, lagged, seen):
 def first_stop(mechanism, state, trial, step, seen):
     """The first hard stop that the trial has run beyond: (kind, estimated time); NONE where there is none."""
     m1, m2 = mechanism.arm_1, mechanism.arm_2
-    sine_1 = -m1.side * trial.s_1 / (m1.length_1 * m1.length_2)
-    sine_2 = -m2.side * trial.s_2 / (m2.length_1 * m2.length_2)
-    g = trial.g
+    g, margin = trial.g, mechanism.margin
     between = g[0, 0] * g[2, 1] - g[0, 1] * g[2, 0]
-    sine_d = state.distal_side * trial.s_1 * trial.s_2 * between / (m1.length_2 * m2.length_2)
-    if min(min(sine_1, sine_2), sine_d) >= mechanism.margin and mechanism.has_theta_stops == 0:
+    clear = (
+        -m1.side * trial.s_1 >= margin * m1.length_1 * m1.length_2
+        and -m2.side * trial.s_2 >= margin * m2.length_1 * m2.length_2
+        and state.distal_side * trial.s_1 * trial.s_2 * between >= margin * m1.length_2 * m2.length_2
+    )
+    if clear and mechanism.has_theta_stops == 0:
         return NONE, 0.0
     kind, first = NONE, math.inf
     stop_gap(mechanism, state.distal_side, trial.tip[0], trial.tip[1], trial.theta, trial.gap, trial.gap_side)
@@ -246,17 +210,16 @@ def first_stop(mechanism, state, trial, step, seen):
 def locate(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged):
     """Shrink the trial to the first event: (kind, its time). The trial is left there, the event's value at rounding.
 
-    Bracketed secant steps on re-integrated trials; where another event turns out to come before, that one is taken.
+    Bracketed Newton or secant steps on re-integrated trials; where another event comes before, that one is taken.
     """
-    seen = 0
     for _ in range(STOP + 5):
         guess = locate_one(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged)
         if guess == 0.0:
             break
         # a graze came close to zero and turned back
         grazed = event_value(brakes, mechanism, state, trial, kind, guess, lagged) > GRAZING
-        seen |= 1 << kind
-        other, when = first_event(mechanism, brakes, state, trial, guess, lagged, seen)
+        trial.seen |= 1 << kind
+        other, when = first_event(mechanism, brakes, state, trial, guess, lagged)
         if other == NONE:
             if grazed:
                 kind = NONE
@@ -295,7 +258,7 @@ def locate_one(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagg
             s = 0.5 * (low + high)
             continue
         value = event_value(brakes, mechanism, state, trial, kind, s, lagged)
-        if abs(value) <= 1e-15:
+        if abs(value) <= LOCATED:
             break
         if value > 0.0:
             low, at_low = s, value
@@ -303,7 +266,10 @@ def locate_one(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagg
             high = s
         if high - low <= 4e-16 * step:
             break
-        ahead = s - value * (s - last) / (value - at_last) if value != at_last else math.inf
+        slope = event_slope(state, trial, kind)
+        if slope == 0.0:
+            slope = (value - at_last) / (s - last)
+        ahead = s - value / slope
         last, at_last = s, value
         s = ahead if low < ahead < high else 0.5 * (low + high)
     return s

@@ -8,7 +8,7 @@ import math
 
 from core.dynamics import motion
 from core.hand import hand_force
-from core.jit import kernel
+from core.jit import inlined, kernel
 from core.linkage import links
 from core.load_sharing import leave_stops_their_share, share_at_rest, share_on_line
 from core.stick_slip import (
@@ -24,6 +24,9 @@ from core.stick_slip import (
 #: rad/s; a slipping rate this far on the wrong side of zero is rounding left by the location of an event, not motion.
 #: Larger: a real reversal is taken for rounding. Smaller: rounding is taken for a reversal and the brake chatters.
 RATE_ROUNDING = 1e-12
+#: Relative; a hand force this near to the last one is the same, taken at a time that differs by rounding. Larger: a
+#: small change between two calls is overlooked for a step. Smaller: nothing breaks, a pattern is worked out again.
+HAND_ROUNDING = 1e-9
 
 
 @kernel
@@ -33,7 +36,7 @@ def look(mechanism, state):
     store(state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))
 
 
-@kernel
+@inlined
 def store(state, q):
     """Copy a `Motion` into the state's arrays; row D is the rate of the angle between the distal links."""
     g, rate, bias = state.g, state.rate, state.bias
@@ -51,7 +54,11 @@ def store(state, q):
 
 @kernel
 def set_costs(brakes, state):
-    """What each joint holds against + and - motion now: yield, off torque inside the backlash, infinite at a stop."""
+    """What each joint holds against + and - motion now: yield, off torque inside the backlash, infinite at a stop.
+
+    False where that is what it was before.
+    """
+    changed = False
     for i in range(4):
         held = state.torque_yield[i]
         plus = minus = held
@@ -61,15 +68,18 @@ def set_costs(brakes, state):
                 plus = off
             if state.edge[i] >= 0.0:
                 minus = off
+        if state.contact[i] == 0.0 and (state.cost_plus[i] != plus or state.cost_minus[i] != minus):
+            changed = True
         state.cost_plus[i], state.cost_minus[i] = plus, minus
         state.active[i] = 1 if brakes.present[i] > 0.0 else 0
     state.cost_plus[4] = state.cost_minus[4] = 0.0
     state.active[4] = 0
     for j in range(5):
         if state.contact[j] > 0.0:
-            state.cost_plus[j], state.active[j] = math.inf, 1
+            state.cost_plus[j], state.active[j], changed = math.inf, 1, True
         elif state.contact[j] < 0.0:
-            state.cost_minus[j], state.active[j] = math.inf, 1
+            state.cost_minus[j], state.active[j], changed = math.inf, 1, True
+    return changed
 
 
 @kernel
@@ -95,11 +105,20 @@ def slipping_force(state, held, coaxial):
 
 @kernel
 def resolve(mechanism, brakes, hand, state, t):
-    """Stage: the pattern at time t for the yields now in the state; fills held, sign, acceleration and torque."""
+    """Stage: the pattern at time t for the yields now in the state; fills held, sign, acceleration and torque.
+
+    Where the last step left the pattern of a moving tip settled and nothing has changed since, it stands.
+    """
+    changed = set_costs(brakes, state)
+    if state.settled != 0 and not changed and hand.grips[0].spring == 0:
+        for i in range(4):
+            state.torque[i] = slip_torque(state, i)
+        if state.held >= 0:
+            share_on_line(state, state.held, state.line_torque, mechanism.coaxial)
+        return
     tip, mass, arm_mass = state.tip, state.mass, hand.grips[0].mass
     fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
     mxx, mxy, myy = mass[0] + arm_mass, mass[1], mass[2] + arm_mass
-    set_costs(brakes, state)
     if tip[2] == 0.0 and tip[3] == 0.0:
         held, _, _ = solve_at_rest(
             mxx, mxy, myy, state.g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial,
@@ -127,6 +146,16 @@ def resolve(mechanism, brakes, hand, state, t):
             meet(mechanism, state, state.held, fx, fy, arm_mass)
     settle_edges(brakes, state)
     finish(mechanism, state, fx, fy, arm_mass)
+
+
+@kernel
+def hand_changed(hand, state, t):
+    """True where the hand force at time t is not the one under which the last step ended: it is another hand."""
+    fx, fy = hand_force(hand, t, state.tip[0], state.tip[1], state.tip[2], state.tip[3])
+    arm_mass = hand.grips[0].mass
+    dx = fx - arm_mass * state.acceleration[0] - state.hand_force[0]
+    dy = fy - arm_mass * state.acceleration[1] - state.hand_force[1]
+    return not abs(dx) + abs(dy) <= HAND_ROUNDING * (1.0 + abs(fx) + abs(fy))
 
 
 @kernel
@@ -262,4 +291,3 @@ def strike(mechanism, state, j, side, arm_mass):
             state.rate[i] = 0.0  # exactly: `meet` says how it goes on
         rate = state.rate[i]
         state.sign[i] = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)
-

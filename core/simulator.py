@@ -16,7 +16,7 @@ from core.event import advance_event
 from core.hand import Hand, new_hand
 from core.jit import kernel
 from core.karnopp import DELTA_OMEGA, advance_karnopp, resolve_in_band
-from core.pattern import look, resolve
+from core.pattern import hand_changed, look, resolve
 from core.smooth import TRIAL
 from core.state import new_record, new_state, pack_brakes, pack_mechanism
 from core.stepping import advance_stepping
@@ -110,6 +110,8 @@ def run_rows(
     """
     mechanism, brakes, state, trial = mechanisms[0], brake_records[0], states[0], trials[0]
     cursor = 0
+    if state.settled != 0 and hand_changed(hand, state, first_row * per_row * step):
+        state.settled = 0
     for r in range(rows.shape[0]):
         row = first_row + r
         for s in range(per_row):

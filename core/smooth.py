@@ -11,8 +11,8 @@ import numpy as np
 
 from core.brake import begin_lag, lagged_yield
 from core.dynamics import motion
-from core.hand import hand_force
-from core.jit import kernel
+from core.hand import grip_force, prescribed_force
+from core.jit import inlined, kernel
 from core.pattern import store
 from core.stick_slip import solve_mass
 
@@ -37,9 +37,10 @@ TRIAL = np.dtype(
         ("turned", "f8", (4,)),  # rad, how far each joint turned
         ("heat", "f8", (4,)),  # J
         ("work", "f8"),  # J, by the hand
-        ("slip", "f8", (3, 4)),  # N m, torque of the slipping brakes at the start, middle and end of the step
+        ("torque_yield", "f8", (2, 4)),  # N m, at the middle and end of the step (only where there is a lag)
         ("held", "i8"),  # `stepping`: the pattern after the step
         ("sign", "f8", (5,)),
+        ("seen", "i8"),  # bits of the kinds of events that need not be looked for any more
         # work space of the stops
         ("theta", "f8", (4,)),
         ("gap", "f8", (5,)),
@@ -63,26 +64,67 @@ def begin(brakes, state, currents, step, lagged):
 
 
 @kernel
+def age_yields(brakes, state, elapsed, lagged):
+    """Let the yields follow their lag to `elapsed` seconds into the step."""
+    if lagged != 0:
+        for i in range(4):
+            if brakes.present[i] > 0.0:
+                state.torque_yield[i] = lagged_yield(state.lag, i, elapsed)
+
+
+@inlined
 def joint_acceleration(at, i):
     """Angular acceleration of joint i (rad/s2) in a state or trial: g . a + gdot . v."""
     return at.g[i, 0] * at.acceleration[0] + at.g[i, 1] * at.acceleration[1] + at.bias[i]
 
 
 @kernel
-def slip_torques(brakes, state, elapsed, lagged, slip):
-    """Torque of each slipping brake `elapsed` seconds into the step: slip (4,), N m; 0 for the others."""
+def lagged_yields(brakes, lag, step, middle, end):
+    """Yields (4,), N m, in the middle and at the end of a step: one exponential where the time constant is one."""
+    for i in range(4):
+        if brakes.present[i] > 0.0:
+            middle[i] = lagged_yield(lag, i, 0.5 * step)
+            if 0.0 < step <= lag[i, 3] and lag[i, 1] != lag[i, 0]:
+                gone = (middle[i] - lag[i, 0]) / (lag[i, 1] - lag[i, 0])
+                end[i] = lag[i, 0] + (middle[i] - lag[i, 0]) * gone
+            else:
+                end[i] = lagged_yield(lag, i, step)
+
+
+@inlined
+def slip_torques(brakes, state, yields, lagged):
+    """Torques of the slipping brakes A, E, B, C while they yield at `yields` (4,), N m; 0 for the others."""
+    a = e = b = c = 0.0
     for i in range(4):
         sign = state.sign[i]
         if sign == 0.0 or state.active[i] == 0:
-            slip[i] = 0.0
             continue
         held = state.cost_plus[i] if sign > 0.0 else state.cost_minus[i]
         if lagged != 0 and (brakes.play[i] == 0.0 or state.edge[i] * sign > 0.0):
-            held = lagged_yield(state.lag, i, elapsed)
-        slip[i] = -sign * held
+            held = yields[i]
+        torque = -sign * held
+        if i == 0:
+            a = torque
+        elif i == 1:
+            e = torque
+        elif i == 2:
+            b = torque
+        else:
+            c = torque
+    return a, e, b, c
 
 
-@kernel
+@inlined
+def distal_row(q):
+    """Row g and bias gdot . v of D, the angle between the distal links."""
+    return (
+        q.g_bx + q.g_cx - q.g_ax - q.g_ex,
+        q.g_by + q.g_cy - q.g_ay - q.g_ey,
+        q.bias_b + q.bias_c - q.bias_a - q.bias_e,
+    )
+
+
+@inlined
 def row_of(q, j):
     """Row g and bias gdot . v of joint j (0 .. 4) in a `Motion`."""
     if j == 0:
@@ -93,18 +135,18 @@ def row_of(q, j):
         return q.g_bx, q.g_by, q.bias_b
     if j == 3:
         return q.g_cx, q.g_cy, q.bias_c
-    return (
-        q.g_bx + q.g_cx - q.g_ax - q.g_ex,
-        q.g_by + q.g_cy - q.g_ay - q.g_ey,
-        q.bias_b + q.bias_c - q.bias_a - q.bias_e,
-    )
+    return distal_row(q)
 
 
-@kernel
-def stage(mechanism, hand, arm_mass, held, slip, t, x, y, vx, vy):
-    """One evaluation of the equations of motion: (ax, ay, holding torque, sensed hand force fx, fy, Motion)."""
+@inlined
+def stage(mechanism, grip, held, slip, px, py, x, y, vx, vy):
+    """One evaluation of the equations of motion under the prescribed force p and the grip.
+
+    Returns (ax, ay, holding torque, sensed hand force fx, fy, Motion).
+    """
     q = motion(mechanism, x, y, vx, vy)
-    fx, fy = hand_force(hand, t, x, y, vx, vy)
+    sx, sy = grip_force(grip, x, y, vx, vy)
+    fx, fy, arm_mass = px + sx, py + sy, grip.mass
     rx = fx - q.bias_x + slip[0] * q.g_ax + slip[1] * q.g_ex + slip[2] * q.g_bx + slip[3] * q.g_cx
     ry = fy - q.bias_y + slip[0] * q.g_ay + slip[1] * q.g_ey + slip[2] * q.g_by + slip[3] * q.g_cy
     mxx, mxy, myy = q.mass_xx + arm_mass, q.mass_xy, q.mass_yy + arm_mass
@@ -126,23 +168,25 @@ def rk4(mechanism, brakes, hand, state, trial, t, dt, lagged):
     The first stage is the acceleration that the state already holds; the last evaluation, at the end, is the next
     step's first.
     """
-    arm_mass = hand.grips[0].mass
+    grip = hand.grips[0]
     held = state.held
-    first, middle, last = trial.slip[0], trial.slip[0], trial.slip[0]
-    slip_torques(brakes, state, 0.0, lagged, first)
+    first = slip_torques(brakes, state, state.torque_yield, lagged)
+    middle, last = first, first
     if lagged != 0:
-        middle, last = trial.slip[1], trial.slip[2]
-        slip_torques(brakes, state, 0.5 * dt, lagged, middle)
-        slip_torques(brakes, state, dt, lagged, last)
+        lagged_yields(brakes, state.lag, dt, trial.torque_yield[0], trial.torque_yield[1])
+        middle = slip_torques(brakes, state, trial.torque_yield[0], lagged)
+        last = slip_torques(brakes, state, trial.torque_yield[1], lagged)
     half = 0.5 * dt
+    px, py = prescribed_force(hand, t + half)
+    qx, qy = prescribed_force(hand, t + dt)
     x, y, vx, vy = state.tip[0], state.tip[1], state.tip[2], state.tip[3]
     ax1, ay1 = state.acceleration[0], state.acceleration[1]
     x2, y2, vx2, vy2 = x + half * vx, y + half * vy, vx + half * ax1, vy + half * ay1
-    ax2, ay2, torque2, hx2, hy2, q2 = stage(mechanism, hand, arm_mass, held, middle, t + half, x2, y2, vx2, vy2)
+    ax2, ay2, torque2, hx2, hy2, q2 = stage(mechanism, grip, held, middle, px, py, x2, y2, vx2, vy2)
     x3, y3, vx3, vy3 = x + half * vx2, y + half * vy2, vx + half * ax2, vy + half * ay2
-    ax3, ay3, torque3, hx3, hy3, q3 = stage(mechanism, hand, arm_mass, held, middle, t + half, x3, y3, vx3, vy3)
+    ax3, ay3, torque3, hx3, hy3, q3 = stage(mechanism, grip, held, middle, px, py, x3, y3, vx3, vy3)
     x4, y4, vx4, vy4 = x + dt * vx3, y + dt * vy3, vx + dt * ax3, vy + dt * ay3
-    ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, hand, arm_mass, held, last, t + dt, x4, y4, vx4, vy4)
+    ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, grip, held, last, qx, qy, x4, y4, vx4, vy4)
     sixth = dt / 6.0
     trial.tip[0] = x + sixth * (vx + 2.0 * (vx2 + vx3) + vx4)
     trial.tip[1] = y + sixth * (vy + 2.0 * (vy2 + vy3) + vy4)
@@ -155,35 +199,37 @@ def rk4(mechanism, brakes, hand, state, trial, t, dt, lagged):
         + hx4 * vx4
         + hy4 * vy4
     )
-    book_joint(trial, 0, sixth, first, middle, last, state.rate[0], q2.rate_a, q3.rate_a, q4.rate_a)
-    book_joint(trial, 1, sixth, first, middle, last, state.rate[1], q2.rate_e, q3.rate_e, q4.rate_e)
-    book_joint(trial, 2, sixth, first, middle, last, state.rate[2], q2.rate_b, q3.rate_b, q4.rate_b)
-    book_joint(trial, 3, sixth, first, middle, last, state.rate[3], q2.rate_c, q3.rate_c, q4.rate_c)
+    rate = state.rate
+    turned, heat = trial.turned, trial.heat
+    turned[0], heat[0] = booked(sixth, first[0], middle[0], last[0], rate[0], q2.rate_a, q3.rate_a, q4.rate_a)
+    turned[1], heat[1] = booked(sixth, first[1], middle[1], last[1], rate[1], q2.rate_e, q3.rate_e, q4.rate_e)
+    turned[2], heat[2] = booked(sixth, first[2], middle[2], last[2], rate[2], q2.rate_b, q3.rate_b, q4.rate_b)
+    turned[3], heat[3] = booked(sixth, first[3], middle[3], last[3], rate[3], q2.rate_c, q3.rate_c, q4.rate_c)
     trial.middle_torque = 0.5 * (torque2 + torque3)
     if held >= 0:
         keep_on_line(mechanism, state, trial, held)
     tip = trial.tip
-    ax, ay, torque, hx, hy, q = stage(mechanism, hand, arm_mass, held, last, t + dt, tip[0], tip[1], tip[2], tip[3])
+    ax, ay, torque, hx, hy, end = stage(mechanism, grip, held, last, qx, qy, tip[0], tip[1], tip[2], tip[3])
     trial.acceleration[0], trial.acceleration[1] = ax, ay
     trial.hand_force[0], trial.hand_force[1] = hx, hy
     trial.line_torque = torque
-    trial.s_1, trial.s_2 = q.s_1, q.s_2
-    store(trial, q)
+    trial.s_1, trial.s_2 = end.s_1, end.s_2
+    store(trial, end)
     m1, m2 = mechanism.arm_1, mechanism.arm_2
     limit = REACH * mechanism.margin
-    least_1 = min(min(abs(q2.s_1), abs(q3.s_1)), min(abs(q4.s_1), abs(q.s_1)))
-    least_2 = min(min(abs(q2.s_2), abs(q3.s_2)), min(abs(q4.s_2), abs(q.s_2)))
+    least_1 = min(min(abs(q2.s_1), abs(q3.s_1)), min(abs(q4.s_1), abs(end.s_1)))
+    least_2 = min(min(abs(q2.s_2), abs(q3.s_2)), min(abs(q4.s_2), abs(end.s_2)))
     if held >= 0:
         trial.rate[held] = 0.0
     closes = least_1 > limit * m1.length_1 * m1.length_2 and least_2 > limit * m2.length_1 * m2.length_2
     return closes and math.isfinite(tip[0] + tip[1] + tip[2] + tip[3])
 
 
-@kernel
-def book_joint(trial, i, sixth, first, middle, last, w1, w2, w3, w4):
-    """Angle turned and heat of joint i over the step, from the four stages."""
-    trial.turned[i] = sixth * (w1 + 2.0 * (w2 + w3) + w4)
-    trial.heat[i] = -sixth * (first[i] * w1 + 2.0 * middle[i] * (w2 + w3) + last[i] * w4)
+@inlined
+def booked(sixth, first, middle, last, w1, w2, w3, w4):
+    """Angle that a joint turned (rad) and its heat (J) over the step, from torques and rates of the four stages."""
+    turned = sixth * (w1 + 2.0 * (w2 + w3) + w4)
+    return turned, -sixth * (first * w1 + 2.0 * middle * (w2 + w3) + last * w4)
 
 
 @kernel
@@ -209,7 +255,7 @@ def keep_distal_angle(mechanism, state, tip):
     gx, gy = 1.0, 0.0
     for _ in range(4):  # Newton steps from a place that is off by the method's error only
         q = motion(mechanism, tip[0], tip[1], 0.0, 0.0)
-        gx, gy, _ = row_of(q, 4)
+        gx, gy, _ = distal_row(q)
         square = gx * gx + gy * gy
         sine = q.s_1 * q.s_2 * (q.g_ax * q.g_by - q.g_ay * q.g_bx) / (m1.length_2 * m2.length_2)
         cosine = q.s_1 * q.s_2 * (q.g_ax * q.g_bx + q.g_ay * q.g_by) / (m1.length_2 * m2.length_2)

@@ -43,6 +43,7 @@ STATE = np.dtype(
         ("cost_minus", "f8", (5,)),  # N m, against - motion
         ("active", "i8", (5,)),  # 1: the joint carries a brake or touches a stop
         ("lag", "f8", (4, 5)),
+        ("settled", "i8"),  # 1: the last step left pattern, acceleration and torques of a moving tip as they are now
         ("line_torque", "f8"),  # N m, what holds the stuck joint on its own rate, brakes and stop together
     ]
 )

@@ -53,6 +53,7 @@ def advance_stepping(mechanism, brakes, hand, state, trial, currents, t, h, lagg
 
     Expects the state's quantities at t.
     """
+    state.settled = 0
     elapsed, step, halvings = 0.0, h, 0
     while elapsed < h:
         step = min(step, h - elapsed)
@@ -71,12 +72,12 @@ def implicit_velocity(mechanism, brakes, hand, state, trial, t, h, lagged):
     """The velocity after one implicit step of h seconds: trial.tip[2:]; its size (m/s). The state keeps its motion."""
     tip, mass, grip = state.tip, state.mass, hand.grips[0]
     for i in range(4):
-        trial.slip[0, i] = state.torque_yield[i]
+        trial.torque_yield[0, i] = state.torque_yield[i]
         if lagged != 0 and brakes.present[i] > 0.0:
             state.torque_yield[i] = lagged_yield(state.lag, i, h)
     set_costs(brakes, state)
     for i in range(4):
-        state.torque_yield[i] = trial.slip[0, i]
+        state.torque_yield[i] = trial.torque_yield[0, i]
     vx, vy = tip[2] + state.carry[0], tip[3] + state.carry[1]
     mxx, mxy, myy = mass[0] + grip.mass, mass[1], mass[2] + grip.mass
     fx, fy = hand_force(hand, t + h, tip[0], tip[1], tip[2], tip[3])

@@ -17,7 +17,7 @@ Joints here are A, E, B, C and a fifth, D: the angle between the distal links, w
 
 import math
 
-from core.jit import kernel
+from core.jit import inlined, kernel
 
 STILL = -2  # all held: the tip does not move
 FREE = -1  # no joint held; 0 .. 4: that joint is held and the tip moves along its SDOF path
@@ -53,15 +53,25 @@ def ray_excess(g, active, cost_plus, cost_minus, coaxial, j, tx, ty, fx, fy):
 def largest_excess(g, active, cost_plus, cost_minus, coaxial, fx, fy):
     """Largest `ray_excess` over all rays, per unit length: at most 0 exactly when all joints hold the force f.
 
-    With symmetric costs this is the facet test of the zonotope sum of [-y_i, y_i] g_i.
+    With symmetric costs this is the facet test of the zonotope sum of [-y_i, y_i] g_i. -inf without any joint.
     """
     largest = -math.inf
     for j in range(5):
-        if active[j] != 0:
-            length = math.sqrt(g[j, 0] * g[j, 0] + g[j, 1] * g[j, 1])
-            tx, ty = -g[j, 1] / length, g[j, 0] / length
-            largest = max(largest, ray_excess(g, active, cost_plus, cost_minus, coaxial, j, tx, ty, fx, fy))
-            largest = max(largest, ray_excess(g, active, cost_plus, cost_minus, coaxial, j, -tx, -ty, fx, fy))
+        if active[j] == 0:
+            continue
+        tx, ty = -g[j, 1], g[j, 0]
+        there = fx * tx + fy * ty  # along the ray, and the other way
+        back = -there
+        for i in range(5):
+            if active[i] != 0 and not same_line(i, j, coaxial):
+                rate = g[i, 0] * tx + g[i, 1] * ty
+                if rate > 0.0:
+                    there -= cost_plus[i] * rate
+                    back -= cost_minus[i] * rate
+                elif rate < 0.0:
+                    there += cost_minus[i] * rate
+                    back += cost_plus[i] * rate
+        largest = max(largest, max(there, back) / math.sqrt(tx * tx + ty * ty))
     return largest
 
 
@@ -73,6 +83,10 @@ def solve_at_rest(mxx, mxy, myy, g, active, cost_plus, cost_minus, coaxial, fx, 
     With no active joint the answer is FREE. Exact but for rounding; no tolerance, no iteration.
     """
     best, held, ax, ay = 0.0, STILL, 0.0, 0.0
+    if -math.inf < largest_excess(g, active, cost_plus, cost_minus, coaxial, fx, fy) <= 0.0:
+        for i in range(5):
+            sign[i] = 0.0
+        return held, ax, ay
     any_active = False
     for j in range(5):
         if active[j] == 0:
@@ -128,7 +142,7 @@ def solve_at_rest(mxx, mxy, myy, g, active, cost_plus, cost_minus, coaxial, fx, 
     return held, ax, ay
 
 
-@kernel
+@inlined
 def solve_mass(mxx, mxy, myy, fx, fy):
     """Acceleration a with M a = f."""
     scale = 1.0 / (mxx * myy - mxy * mxy)

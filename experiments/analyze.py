@@ -10,9 +10,11 @@ from core.errors import InputError
 from experiments.boxplots import MEASURES, boxes, draw_boxplots
 from experiments.figures import CONTROLLER_LABELS
 from experiments.recording import read_recording
+from experiments.report import write_report
+from experiments.sensitivity import of_recording
 from experiments.session import Choices
 from experiments.trial_row import row_of
-from experiments.trials_table import TrialRow, read_table, write_table
+from experiments.trials_table import COUNTED, TrialRow, read_table, write_table
 
 
 def find_recordings(folder: Path) -> list[Path]:
@@ -25,7 +27,7 @@ def find_recordings(folder: Path) -> list[Path]:
 
 
 def analyze(folder: Path, out: Path | None = None, progress: Callable[[float], None] | None = None) -> dict:
-    """Write trials.csv and the figures into a new folder (default DIR/analysis-N); the summary.
+    """Write trials.csv, the figures and the report into a new folder (default DIR/analysis-N); the summary.
 
     A recording that is damaged or was cut off is left out and named, here and on the figures, and `changed` says what
     that does to each box. InputError if there is nothing to analyze.
@@ -52,7 +54,10 @@ def analyze(folder: Path, out: Path | None = None, progress: Callable[[float], N
         write_table(out / "trials.csv", rows)
         if rows:
             without = f", {count_of(left_out, 'recording')} left out" if left_out else ""
-            draw_boxplots(rows, out / "figures", " / ".join(sorted(notes)) + without)
+            note = " / ".join(sorted(notes)) + without
+            draw_boxplots(rows, out / "figures", note)
+            if any(row.status in COUNTED for row in rows):
+                write_report(rows, out / "report", note, of_recording(out))
     except BaseException:
         if not any(out.iterdir()):
             out.rmdir()

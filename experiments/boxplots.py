@@ -26,6 +26,7 @@ from experiments.figures import (
     new_figure,
 )
 from experiments.trials_table import COUNTED, TrialRow
+from experiments.whole_files import is_wrong_path
 
 WHISKER = 1.5  # box lengths
 QUARTILE_METHOD = "linear"  # NumPy's name; MATLAB's is "hazen" and differs
@@ -130,6 +131,8 @@ def draw_boxplots(
             with path.open("xb") as file:
                 file.write(data)
     except OSError as error:
+        if not is_wrong_path(error):
+            raise
         raise InputError(f"{folder}: the figures cannot be written: {error.strerror}") from None
     return paths
 

@@ -15,7 +15,7 @@ from experiments.sensitivity import Variants, sensitivity, swapped
 from experiments.statements import CONTROLLER
 from experiments.statistics import MEASURES, POOLED, Result, statistics
 from experiments.trials_table import COUNTED, TrialRow
-from experiments.whole_files import give_new_name, written_beside
+from experiments.whole_files import give_new_name, is_wrong_path, written_beside
 
 #: Column -> its name, unit, value in the unit / value in the table, decimals.
 SHOWN = {
@@ -59,6 +59,8 @@ def write_report(
             with written_beside(folder / name, text.encode(), sync=False) as partial:
                 give_new_name(partial, folder / name)
     except OSError as error:
+        if not is_wrong_path(error):
+            raise
         raise InputError(f"{folder}: the report cannot be written: {error.strerror}") from None
     return [folder / name for name in texts]
 

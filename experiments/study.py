@@ -13,8 +13,10 @@ from core.control import PRESETS
 from core.device import Device
 from core.errors import InputError
 from experiments.boxplots import draw_boxplots
+from experiments.findings import CANNOT_TELL, FAILS, HOLDS, findings
 from experiments.operator import draw_person
 from experiments.plan import PlannedTrial, participant_index
+from experiments.report import write_report
 from experiments.session import Choices, Session, check_reach, session_folder, write_pooled_table
 from experiments.session_files import LOCK, STORED, hold_lock
 from experiments.study_file import STUDY, StudyPlan, read_study, refuse_other, write_study
@@ -25,7 +27,7 @@ from experiments.whole_files import is_wrong_path
 
 #: Ticks run at a time: long enough that a call costs nothing, short enough that an interrupt is heard.
 CHUNK_TICKS = 8192
-FIGURES = "figures"
+FIGURES, REPORT = "figures", "report"
 
 
 def run_study(
@@ -82,13 +84,14 @@ class _Run:
                     if self.progress:
                         self.progress((operator - 1 + settled) / self.study.operators)
         table = write_pooled_table(self.out)
-        if self.trials or not (self.out / FIGURES).exists():
-            self._draw(table)
+        if self.trials or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
+            self._conclude(table)
         return {
             "out": str(self.out),
             "trials": len(table),
             **{f"done_controller_{number}": share_done(table, number) for number in PRESETS},
             "recovered": sum(r.status == "recovered" for r in table),
+            "findings": verdicts(table),
             "rules": self.study.rules,
             "low_gain_N_s_m": self.study.low_gain,
             "parameters": "assumed" if self.study.assumed else "as in the files",
@@ -133,15 +136,23 @@ class _Run:
             writer.write(self.rows[:n])
         self.ticks += trial.ticks
 
-    def _draw(self, table: Sequence[TrialRow]) -> None:
-        """The box plots; the folder appears whole, in place of one from before a crash."""
-        folder = self.out / f".{FIGURES}.partial"
-        shutil.rmtree(folder, ignore_errors=True)
+    def _conclude(self, table: Sequence[TrialRow]) -> None:
+        """Box plots and report; each folder appears whole, in place of one from before a crash."""
         choices = Choices(self.study.seed, self.study.rules, self.study.low_gain)
-        draw_boxplots(table, folder, choices.note(self.study.assumed) + ", simulated operators")
-        if (self.out / FIGURES).exists():
-            shutil.rmtree(self.out / FIGURES)
-        folder.rename(self.out / FIGURES)
+        note = choices.note(self.study.assumed) + ", simulated operators"
+        for name, write in ((FIGURES, draw_boxplots), (REPORT, write_report)):
+            folder = self.out / f".{name}.partial"
+            shutil.rmtree(folder, ignore_errors=True)
+            write(table, folder, note)
+            shutil.rmtree(self.out / name, ignore_errors=True)
+            folder.rename(self.out / name)
+
+
+def verdicts(rows: Sequence[TrialRow]) -> str:
+    """How many of the paper's statements the data support, in words."""
+    found = [finding.verdict for finding in findings(rows)]
+    counts = [f"{verdict}: {found.count(verdict)}" for verdict in (HOLDS, FAILS, CANNOT_TELL)]
+    return ", ".join(counts) + f" (of the paper's {len(found)}; why: {REPORT}/report.md)"
 
 
 def share_done(rows: Sequence[TrialRow], controller: int) -> float:

@@ -9,8 +9,10 @@ from core.control import Controller, make_controller, new_memory
 from core.device import Device
 from core.hand import Hand, spring_hand
 from core.path import Path, line
+from core.pattern import look
 from core.simulator import Simulation
 from core.state import new_record
+from core.stick_slip import STILL
 from experiments.operator import OPERATOR, Person, new_operator, take_handle
 from experiments.plan import PlannedTrial, Segment
 from experiments.tick import REASONS, RUNNING, STATUSES, new_run, run_ticks
@@ -62,6 +64,7 @@ class Trial:
             self._noise = generator.standard_normal((NOISE_DRAWS, 2))
             take_handle(person, self.path, simulation.hand.grips)
         self._abort_reason = ""
+        come_to_rest(simulation)
         self._before = simulation.ledger()
 
     def aim(self, x: float, y: float) -> None:
@@ -118,3 +121,11 @@ def new_simulation(device: Device, tip: tuple[float, float], hand: Hand | None =
     return Simulation(device, tip, fidelity="mr", integrator="event", hand=hand)
 
 
+def come_to_rest(simulation: Simulation) -> None:
+    """Our choice: between trials the handle comes to rest where it is; yields and backlash stay as they were."""
+    state = simulation.state
+    state["tip"][0, 2:] = 0.0
+    state["carry"][0] = 0.0
+    state["held"][0] = STILL
+    state["added_by_brakes"][0] = 0.0
+    look(simulation.mechanism[0], state[0])

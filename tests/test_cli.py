@@ -96,7 +96,7 @@ def test_wrong_files_give_one_sentence_exit_2_and_nothing_written(
 
 WRONG_ARGUMENTS = {
     "no verb of that name": (["fly"], "invalid choice: 'fly'"),
-    "verb of a later version": (["bench"], "invalid choice: 'bench'"),
+    "verb of a later version": (["emulate"], "invalid choice: 'emulate'"),
     "no scene": (["simulate", "--out", "o.csv"], "required: SCENE.toml"),
     "no output": (["simulate", "scene.toml"], "required: --out"),
     "unknown option": (["simulate", "scene.toml", "--out", "o.csv", "--fast"], "unrecognized arguments: --fast"),

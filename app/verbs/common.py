@@ -63,8 +63,5 @@ def print_summary(summary: dict, as_json: bool) -> None:
     else:
         width = max(map(len, summary), default=0)
         for key, value in summary.items():
-            print(
-                f"{key.replace('_', ' '):{width}}  {value:.4g}"
-                if isinstance(value, float)
-                else f"{key:{width}}  {value}"
-            )
+            shown = f"{value:.4g}" if isinstance(value, float) else value
+            print(f"{key.replace('_', ' '):{width}}  {shown}")
