@@ -9,7 +9,7 @@ def announce_first_use() -> None:
     from core.jit import first_use
 
     if first_use() and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0"):
-        print("compiling kernels (first use, about 15 s)", file=sys.stderr, flush=True)
+        print("compiling kernels (first use, about half a minute)", file=sys.stderr, flush=True)
 
 
 class Progress:

@@ -23,7 +23,8 @@ def table(result: dict) -> str:
     """All integrators at 1 ms, the check of the reference, delta_omega, the fall-back and the costs."""
     lines = [
         f"{'':40}  us a  4 acc.              RMS     largest S3 creep         fall-",
-        f"{'integrator':15} {'device':18} scene  step      us  ratio    error m     error m      m/s  events backs  order",
+        f"{'integrator':15} {'device':18} scene  step      us  ratio    error m     error m      m/s  events backs"
+        "  order",
     ]
     for row in (row for row in result["rows"] if row["step_s"] == TABLE_STEP_S):
         four = row["four_accelerations_us"]
