@@ -6,10 +6,7 @@ Two crossings inside one step must not be missed: the interior minimum counts as
 import math
 
 from core.jit import kernel
-
-#: rad/s, m/s, N m, rad, sine: a value this far below zero is rounding, not an event. Larger: events are seen late.
-#: Smaller: rounding is taken for events.
-ROUNDING = 1e-12
+from core.solver_numbers import ROUNDING
 
 
 @kernel

@@ -16,19 +16,11 @@ from core.locate import (
     first_event,
     locate,
 )
-from core.pattern import RATE_ROUNDING, enter_line, finish, meet, release, set_costs, settle_edges, strike
+from core.pattern import enter_line, finish, meet, release, set_costs, settle_edges, strike
 from core.smooth import age_yields, begin, rk4
+from core.solver_numbers import MAX_EVENTS, RATE_ROUNDING, REST_ROUNDING, SHORTEST
 from core.stepping import advance_stepping, stiffer_than
 from core.stick_slip import STILL, largest_excess, solve_at_rest
-
-#: Events in one step after which its rest is given to `stepping` (chatter). Larger: a Zeno sequence costs more before
-#: it is cut. Smaller: busy but regular steps lose their order.
-MAX_EVENTS = 24
-#: s; a step cut below this because the arms do not close is given to `stepping`.
-SHORTEST = 1e-8
-#: N; a hand that pushes a resting tip this little beyond what the brakes hold does not move it yet. Larger: the tip
-#: leaves rest late. Zero: rounding decides whether it has left, and the solver may not agree.
-REST_ROUNDING = 1e-12
 
 
 @kernel

@@ -21,19 +21,9 @@ from core.jit import kernel
 from core.load_sharing import leave_stops_their_share, reach_of
 from core.pattern import enter_line, set_costs, store
 from core.smooth import age_yields, begin, keep_on_line
+from core.solver_numbers import HELD_ROUNDING, PARALLEL_ROWS
 from core.stepping import drift_in_backlash, stop_on_the_way
 from core.stick_slip import FREE, STILL, holding_torque, same_line, solve_mass
-
-#: rad/s, delta_omega of Eq. (6), the rate below which a joint counts as at rest; a scene may choose its own. Larger:
-#: stuck joints creep faster and slow motion sticks. Smaller: a joint passes through the band between two evaluations,
-#: and a brake chatters about zero where it should stick (it sticks for sure where one step changes the rate by less).
-DELTA_OMEGA = 1e-3
-#: Relative; rows whose area is below this share of their lengths' product are parallel for this instant. Larger: a
-#: well-held tip slips. Smaller: torques are rounding over rounding.
-_PARALLEL = 1e-9
-#: Relative; a stuck torque this far beyond the yield is rounding. Larger: brakes hold more than they can. Smaller:
-#: rounding lets a brake slip that is just held.
-_ROUNDING = 1e-12
 
 
 @kernel
@@ -62,7 +52,7 @@ def friction(mechanism, state, fx, fy, mxx, mxy, myy):
                 rx += g[i, 0] * torque[i]
                 ry += g[i, 1] * torque[i]
         hold(mechanism, state, rx, ry, mxx, mxy, myy)
-        worst, most = -1, 1.0 + _ROUNDING
+        worst, most = -1, 1.0 + HELD_ROUNDING
         for i in range(5):
             if state.active[i] != 0 and sign[i] == 0.0:
                 limit = state.cost_minus[i] if torque[i] > 0.0 else state.cost_plus[i]
@@ -109,7 +99,7 @@ def hold(mechanism, state, rx, ry, mxx, mxy, myy):
     if lead < 0:
         return
     det = sxx * syy - sxy * sxy
-    if several and det > _PARALLEL * sxx * syy:
+    if several and det > PARALLEL_ROWS * sxx * syy:
         state.held = STILL
         zx, zy = (syy * nx - sxy * ny) / det, (sxx * ny - sxy * nx) / det
         for i in range(5):

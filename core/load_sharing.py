@@ -9,11 +9,8 @@ that it can, before any brake.
 import math
 
 from core.jit import kernel
+from core.solver_numbers import SPLIT_ROUNDING, STOP_STRENGTH
 from core.stick_slip import same_line
-
-_STOP = 1e6  # N m, half-width that stands for a stop: so much stronger than a brake that the brake is left no load
-_ROUNDING = 1e-9  # relative: a split at the bound of what the joints hold is accepted this far beyond it
-
 
 #: What `_split` answers instead of a next try.
 _BEST, _NO_SPLIT = -1, -2
@@ -64,7 +61,7 @@ def _split(state, fx, fy, pattern):
         gx, gy = state.g[i, 0], state.g[i, 1]
         middle, half = reach_of(state, i)
         if clamp > 0:
-            if half == _STOP:
+            if half == STOP_STRENGTH:
                 return _NO_SPLIT
             state.torque[i] = middle + (half if clamp == 1 else -half)
             rx -= gx * state.torque[i]
@@ -89,12 +86,12 @@ def _split(state, fx, fy, pattern):
             share = half * (state.g[i, 0] * zx + state.g[i, 1] * zy)
             if clamp == 0:
                 state.torque[i] = middle + half * share
-                over = _ROUNDING * max(half, 1e-3)
+                over = SPLIT_ROUNDING * max(half, 1e-3)
                 if state.torque[i] > state.cost_minus[i] + over:
                     change += place
                 elif state.torque[i] < -state.cost_plus[i] - over:
                     change += 2 * place
-            elif (clamp == 1 and share < 1.0 - _ROUNDING) or (clamp == 2 and share > _ROUNDING - 1.0):
+            elif (clamp == 1 and share < 1.0 - SPLIT_ROUNDING) or (clamp == 2 and share > SPLIT_ROUNDING - 1.0):
                 change -= clamp * place
         place *= 3
     return _BEST if change == 0 else pattern + change
@@ -102,10 +99,10 @@ def _split(state, fx, fy, pattern):
 
 @kernel
 def reach_of(state, i):
-    """(middle, half-width) of the torques of joint i, [-cost_plus, cost_minus]; (0, _STOP) at a stop."""
+    """(middle, half-width) of the torques of joint i, [-cost_plus, cost_minus]; (0, STOP_STRENGTH) at a stop."""
     plus, minus = state.cost_plus[i], state.cost_minus[i]
     if math.isinf(plus) or math.isinf(minus):
-        return 0.0, _STOP
+        return 0.0, STOP_STRENGTH
     return 0.5 * (minus - plus), 0.5 * (plus + minus)
 
 

@@ -12,23 +12,16 @@ below zero in between: two crossings inside one step must not be missed.
 
 import math
 
-from core.crossing import ROUNDING, hermite_zero, parabola_zero
+from core.crossing import hermite_zero, parabola_zero
 from core.jit import kernel
 from core.smooth import joint_acceleration, rk4
+from core.solver_numbers import GRAZING, LOCATED, MAX_LOCATE, ROUNDING
 from core.stick_slip import same_line
 from core.stops import stop_gap
 
 NONE = -1
 SPEED, LOOSE_PLUS, LOOSE_MINUS, PLAY, STOP = 4, 5, 6, 7, 11
 
-#: Iterations to locate one event; bracketed, so it ends in any case. Smaller: events are not located to rounding.
-MAX_LOCATE = 40
-#: As `ROUNDING`, where an event counts as located. Larger: a joint sticks while it still turns, and the order drowns.
-#: Smaller: rounding is chased in vain.
-LOCATED = 1e-14
-#: As `ROUNDING`: an event located no nearer than this to zero was a graze, and motion goes on. Larger: a dip that does
-#: not reach zero sticks the brake.
-GRAZING = 1e-10
 
 
 @kernel

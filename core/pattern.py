@@ -11,6 +11,7 @@ from core.hand import hand_force
 from core.jit import inlined, kernel
 from core.linkage import links
 from core.load_sharing import leave_stops_their_share, share_at_rest, share_on_line
+from core.solver_numbers import HAND_ROUNDING, RATE_ROUNDING
 from core.stick_slip import (
     FREE,
     STILL,
@@ -20,13 +21,6 @@ from core.stick_slip import (
     solve_at_rest,
     solve_mass,
 )
-
-#: rad/s; a slipping rate this far on the wrong side of zero is rounding left by the location of an event, not motion.
-#: Larger: a real reversal is taken for rounding. Smaller: rounding is taken for a reversal and the brake chatters.
-RATE_ROUNDING = 1e-12
-#: Relative; a hand force this near to the last one is the same, taken at a time that differs by rounding. Larger: a
-#: small change between two calls is overlooked for a step. Smaller: nothing breaks, a pattern is worked out again.
-HAND_ROUNDING = 1e-9
 
 
 @kernel

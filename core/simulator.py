@@ -15,9 +15,10 @@ from core.device import Device
 from core.event import advance_event
 from core.hand import Hand, new_hand
 from core.jit import kernel
-from core.karnopp import DELTA_OMEGA, advance_karnopp, resolve_in_band
+from core.karnopp import advance_karnopp, resolve_in_band
 from core.pattern import hand_changed, look, resolve
 from core.smooth import TRIAL
+from core.solver_numbers import DELTA_OMEGA
 from core.state import new_record, new_state, pack_brakes, pack_mechanism
 from core.stepping import advance_stepping
 from core.stick_slip import STILL, same_line

@@ -14,11 +14,8 @@ from core.dynamics import motion
 from core.hand import grip_force, prescribed_force
 from core.jit import inlined, kernel
 from core.pattern import store
+from core.solver_numbers import REACH
 from core.stick_slip import solve_mass
-
-#: Where a stage may be evaluated: |sin| of both elbows above this share of the margin. Larger: fast impacts are cut
-#: into many short steps. Smaller: a stage comes near the singular position and its acceleration means nothing.
-REACH = 0.3
 
 TRIAL = np.dtype(
     [

@@ -12,20 +12,9 @@ from core.hand import cap_scale, hand_force, spring_force
 from core.jit import kernel
 from core.pattern import enter_line, look, set_costs, strike
 from core.smooth import begin, keep_on_line
+from core.solver_numbers import LONGEST_WAY, MOST_HALVINGS, STIFF, TOUCHING
 from core.stick_slip import STILL, same_line, solve_at_rest
 from core.stops import stop_gap
-
-#: Step times the hand's fastest rate above which RK4 is not trusted with it (its stability ends at 2.8, its accuracy
-#: well before). Larger: a stiff hand gains energy in the integrator. Smaller: order is given up without need.
-STIFF = 1.0
-#: m; a step over a longer way is halved until it is shorter, since the mass matrix belongs to a place. Larger: fast
-#: motion gains or loses energy as the mass changes under it. Smaller: fast motion costs more steps.
-LONGEST_WAY = 0.005
-#: Sine or rad; a joint this near to its stop touches it. Larger: a joint is held short of its stop. Smaller: rounding
-#: hides that it lies against the stop, and it is struck anew each step.
-TOUCHING = 1e-10
-#: Halvings of one step at most.
-MOST_HALVINGS = 12
 
 
 @kernel

@@ -5,9 +5,9 @@ import pytest
 from devices import BENCH_FOUR, BENCH_THREE, S1, S4, switching, yields
 
 from core.hand import new_hand, wave_hand
-from core.karnopp import DELTA_OMEGA
 from core.mechanism import JOINTS
 from core.simulator import Simulation, stops_of
+from core.solver_numbers import DELTA_OMEGA
 
 START = (0.05, 0.40)
 
