@@ -13,8 +13,9 @@ import msgspec
 
 from core.errors import InputError
 
-Positive = Annotated[float, msgspec.Meta(gt=0)]
-NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+#: In SI units nothing here is larger than a million: such a number is a slip of the pen, and would overflow later.
+Positive = Annotated[float, msgspec.Meta(gt=0, le=1e6)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0, le=1e6)]
 Pair = tuple[float, float]
 
 

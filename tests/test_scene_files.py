@@ -172,7 +172,7 @@ BAD_LINES = {
     "tip out of reach": (r"\[0.05, 0.40\]", "[0.05, 4.0]", r"the tip of three-brake cannot be at \(0.05, 4\)"),
     "tip within the margin": (r"\[0.05, 0.40\]", "[0.0, 0.605]", "initial_tip_m: the tip"),
     "tip behind the bases": (r"\[0.05, 0.40\]", "[0.05, -0.4]", "initial_tip_m: the tip"),
-    "steps beyond count": ("0.02", "1e300", "too many output intervals"),
+    "longer than a million seconds": ("0.02", "1e300", "duration_s must be at most"),
     "no TOML": ("= 0.02", "=", "is not valid TOML"),
 }  # fmt: skip
 
