@@ -233,3 +233,11 @@ def test_what_cannot_be_recorded_is_refused_before_any_window(
     said = capsys.readouterr().err
     assert says in said and said.startswith("phd: ") and said.count("\n") == 1
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [place]
+
+
+def test_a_screen_that_does_not_answer_is_one_sentence_and_exit_2(tmp_path):
+    environment = {**os.environ, "DISPLAY": ":7763", "QT_QPA_PLATFORM": "xcb"}
+    command = [sys.executable, "-m", "app.cli", "run", "--data-dir", str(tmp_path / "data")]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
+    assert "no usable screen (DISPLAY=:7763" in done.stderr and not (tmp_path / "data").exists()

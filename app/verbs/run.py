@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -55,7 +56,17 @@ def run(args: argparse.Namespace) -> int:
         if ".so" not in str(error):
             raise
         raise InputError(f"the window cannot be opened, a system library is missing: {error}") from None
+    check_screen()
     return window.run(args)
+
+
+def check_screen() -> None:
+    """InputError unless Qt can open a screen: tried in a process of its own, for Qt ends the process if it cannot."""
+    code = "from PySide6.QtGui import QGuiApplication; QGuiApplication([])"
+    tried = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    if tried.returncode != 0:
+        named = ", ".join(f"{name}={os.environ[name]}" for name in (*SCREENS, "QT_QPA_PLATFORM") if name in os.environ)
+        raise InputError(f"the window cannot be opened: Qt finds no usable screen ({named})")
 
 
 def check_writable(folder: Path) -> None:
