@@ -14,14 +14,16 @@ from pathlib import Path
 import numba
 
 _ROOT = Path(__file__).resolve().parent.parent
-_IMPORT = re.compile(r"^\s*from ((?:core|experiments)[.\w]*) import (.+)|^\s*import ((?:core|experiments)[.\w]*)", re.M)
+_PACKAGES = ("core", "experiments", "hardware", "app")
+_OURS = rf"(?:{'|'.join(_PACKAGES)})[.\w]*"
+_IMPORT = re.compile(rf"^\s*from ({_OURS}) import (.+)|^\s*import ({_OURS})", re.M)
 
-_DECORATED = re.compile(r"^@(?:kernel|inlined)$", re.M)
+_DECORATED = re.compile(r"^\s*@(?:kernel|inlined|native|intrinsic)$", re.M)
 
 
 def kernel_sources(root: Path = _ROOT) -> list[Path]:
     """Every file with a kernel, and every file of this project that one of these imports, however indirectly."""
-    files = {file for package in ("core", "experiments") for file in (root / package).rglob("*.py")}
+    files = {file for package in _PACKAGES for file in (root / package).rglob("*.py")}
     found = {file for file in files if _DECORATED.search(file.read_text(encoding="utf-8"))}
     waiting = list(found)
     while waiting:

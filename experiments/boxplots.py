@@ -1,7 +1,7 @@
 """Box plots of a study, as Figs. 16 to 18 of the paper: five controllers, each in two configurations."""
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -99,11 +99,13 @@ def draw_boxplots(
     note: str,
     configurations: Sequence[str] | None = None,
     measures: Sequence[Measure] = MEASURES,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> list[Path]:
     """Draw every measure as PNG, SVG and PDF and all in one wide PNG into `out_folder`; returns the paths.
 
     note: what was used, as "settled rules, low gain 5 N s/m, parameters assumed"; it stands on every figure.
     configurations: the first is drawn filled, the second open; by default as the table first names them.
+    progress: called with the share that is drawn; whatever it raises ends the work before anything is written.
     InputError before anything is written if a file exists already or there is nothing to draw.
     """
     folder = Path(out_folder)
@@ -117,14 +119,18 @@ def draw_boxplots(
             raise InputError(f"{path}: exists already, no figure was written")
 
     with matplotlib.rc_context(STYLE):
-        drawn = []
+        drawn: list[bytes] = []
         for measure in measures:
             figure = new_figure(6.4, 4.5)
             _draw(figure, rows, [measure], configurations, note)
-            drawn += [figure_bytes(figure, form) for form in FORMATS]
+            for form in FORMATS:
+                progress(len(drawn) / len(paths))
+                drawn.append(figure_bytes(figure, form))
+        progress(len(drawn) / len(paths))
         figure = new_figure(5.0 * len(measures), 4.5)
         _draw(figure, rows, measures, configurations, note)
         drawn.append(figure_bytes(figure, "png"))
+    progress(1.0)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for path, data in zip(paths, drawn, strict=True):

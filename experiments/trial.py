@@ -1,6 +1,7 @@
 """One trial on a simulated device, tick by tick: the same for a simulated operator and for a hand at the mouse."""
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,6 +38,22 @@ class MouseHand:
         )
 
 
+class Arguments(NamedTuple):
+    """What `run_ticks` takes before the rows, in its order: a trial as the control loop gets it."""
+
+    path: Path
+    controller: Controller
+    mechanism: np.recarray
+    brakes: np.recarray
+    hand: Hand
+    state: np.recarray
+    trial: np.recarray
+    run: np.recarray
+    operator: np.recarray
+    noise: np.ndarray
+    memory: np.ndarray
+
+
 class Trial:
     """One trial of the plan on a simulated device that stays as the last trial left it."""
 
@@ -64,6 +81,7 @@ class Trial:
             self._noise = generator.standard_normal((NOISE_DRAWS, 2))
             take_handle(person, self.path, simulation.hand.grips)
         self._abort_reason = ""
+        self.timing: dict[str, Any] | None = None  # of a live trial, for the end record: how late its ticks were
         come_to_rest(simulation)
         self._before = simulation.ledger()
 
@@ -73,12 +91,14 @@ class Trial:
 
     def run(self, rows: np.ndarray) -> int:
         """Run ticks into rows (n, row.WIDTH) until they are full or the trial is finished; how many were run."""
+        return int(run_ticks(*self.arguments(), rows))
+
+    def arguments(self) -> Arguments:
+        """The trial as the kernels see it; what they change is changed here."""
         s = self.simulation
-        return int(
-            run_ticks(
-                self.path, self.controller, s.mechanism, s.brakes, s.hand, s.state, s.trial,
-                self._run, self._operator, self._noise, self._memory, rows,
-            )
+        return Arguments(
+            self.path, self.controller, s.mechanism, s.brakes, s.hand, s.state, s.trial,
+            self._run, self._operator, self._noise, self._memory,
         )  # fmt: skip
 
     def abort(self, reason: str) -> None:
@@ -113,6 +133,7 @@ class Trial:
             "fallbacks": now.fallbacks - before.fallbacks,
             "energy_residual_J": now.residual - before.residual,
             "energy_added_max_J": now.added_by_brakes,
+            **({"timing": self.timing} if self.timing else {}),
         }
 
 

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from core.jit import source_hash
+
 ROOT = Path(__file__).resolve().parent.parent
 CALLEE = (
     "from core.jit import kernel\nfrom core.number import NUMBER\n\n\n"
@@ -39,6 +41,19 @@ def answer(tree: Path) -> tuple[float, bool]:
     )
     value, cold = done.stdout.split()
     return float(value), cold == "True"
+
+
+def test_kernels_of_every_package_count(tmp_path):
+    tree = small_tree(tmp_path)
+    (tree / "app").mkdir()
+    (tree / "app" / "loop.py").write_text("from app.numbers import N\nif N:\n    @kernel\n    def f(): ...\n")
+    (tree / "app" / "numbers.py").write_text("N = 1\n")
+    (tree / "app" / "window.py").write_text("import app.loop\n")
+    before = source_hash(tree)
+    (tree / "app" / "window.py").write_text("import app.loop\nX = 1\n")
+    assert source_hash(tree) == before
+    (tree / "app" / "numbers.py").write_text("N = 2\n")
+    assert source_hash(tree) != before
 
 
 def test_a_changed_kernel_file_or_constant_never_serves_stale_code(tmp_path):

@@ -1,288 +1,344 @@
-"""The window, offscreen, without a loop: what it shows of what it is told, and what it sends of what is done to it."""
+"""The console, offscreen, on a fake bench: what it shows of what it is told, what it sends of what is done to it."""
 
 import gc
-import os
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
-from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
-from PySide6.QtGui import QMouseEvent
+from fake_bench import DEVICES, GREEN, PLAN, RED, movement, opened, pulse, ready, result, running, ticks
+from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLabel, QWidget
+from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
 
-from app import theme, words
-from app.labels import OneLine
-from app.messages import Abort, Aim, Begun, Ended, Failed, Prepared, Proof, Refused, Start, Ticks
-from app.traces import WINDOW_S
-from app.window import Window
-from app.workspace_view import TRAIL_MOST
+from app.live import messages as m
+from app.screens import words
+from app.screens.card import REDO_REASONS
+from app.screens.plan_grid import MARKS
 from core import row
-from core.device import load_device
-from experiments.plan import SEGMENTS, PlannedTrial, make_plan
-from experiments.session import Choices
-from experiments.trials_table import TrialRow, read_table
+from core.control import PRESETS
 
-DEVICES = [load_device("three-brake"), load_device("four-brake")]
-PLAN = make_plan("01", 1, ("three-brake", "four-brake"))
-TIP = (0.02, 0.39)
-
-
-class FakeLoop:
-    """A loop that says what the test wants and remembers what it was sent."""
-
-    def __init__(self) -> None:
-        self.alive, self.sent, self.inbox, self.stopped = True, [], [], ""
-
-    def send(self, message: object) -> None:
-        self.sent.append(message)
-
-    def receive(self) -> list:
-        messages, self.inbox = self.inbox, []
-        return messages
-
-    def stop(self, reason: str) -> None:
-        self.stopped = reason
-
-
-class Opened:
-    """A window and its fake loop."""
-
-    def __init__(self, qtbot, data: Path) -> None:
-        theme.dress(QApplication.instance())
-        self.loop, self.closing = FakeLoop(), True
-        self.window = Window(self.loop, DEVICES, data, "01", Choices(), ask=lambda: self.closing)  # type: ignore[arg-type]
-        qtbot.addWidget(self.window)
-        self.window.resize(1280, 720)
-        self.window.show()
-
-    def hear(self, *messages: object) -> Window:
-        self.loop.inbox += messages
-        self.window._tick()
-        return self.window
-
-    def run(self, trial: PlannedTrial = PLAN[0]) -> Window:
-        return self.hear(Prepared(), Begun(trial, TIP))
-
-
-def ticks(phase: int, n: int = 16, taken: bool = True, **columns: float) -> Ticks:
-    rows = np.zeros((n, row.WIDTH))
-    rows[:, row.T] = 1e-3 * np.arange(n)
-    rows[:, row.PHASE] = phase
-    rows[:, row.TIP_X], rows[:, row.TIP_Y] = TIP
-    for name, value in columns.items():
-        rows[:, getattr(row, name)] = value
-    return Ticks(rows, taken, Proof("run-001.arrows", 1234, 250_000, 0.1))
-
-
-def ended(status: str = "done", trial: PlannedTrial = PLAN[0], reason: str = "", error: float = 0.002) -> Ended:
-    result = TrialRow(
-        "01", trial.run, trial.block, trial.configuration, trial.controller, trial.segment, trial.repetition, status,
-        path_error_m=error, mean_tip_force_N=3.0, acceleration_dft_sum=40.0, recording="trials/run-001.parquet",
-    )  # fmt: skip
-    return Ended(result, reason, next(iter(PLAN[trial.run :]), None), TIP)
-
-
-def drag(view: QWidget, place: QPointF) -> None:
-    """A pointer that moves with its button down: its events reach the view from outside the window too."""
-    left = Qt.MouseButton.LeftButton
-    event = QMouseEvent(
-        QEvent.Type.MouseMove, place, view.mapToGlobal(place), left, left, Qt.KeyboardModifier.NoModifier
-    )
-    QApplication.sendEvent(view, event)
+KEY = Qt.Key
+RERIG = "Take the three-brake linkage off and mount the four-brake one; turn each joint once by hand."
 
 
 @pytest.fixture
-def opened(qtbot, tmp_path: Path):
-    opened = Opened(qtbot, tmp_path)
-    yield opened
-    opened.closing = True
-    opened.window.close()
-    assert opened.loop.stopped
+def screens(qtbot):
+    yield from opened_screens()
 
 
-def test_start_waits_for_the_loop_and_then_names_the_participant(opened: Opened) -> None:
-    window = opened.window
-    QTest.keyClick(window, Qt.Key.Key_Space)
-    assert not window.console.start.isEnabled() and opened.loop.sent == []
-    opened.hear(Prepared())
-    QTest.mouseClick(window.console.start, Qt.MouseButton.LeftButton)
-    assert opened.loop.sent == [Start("01")]
-    QTest.keyClick(window, Qt.Key.Key_Space)  # asked already
-    assert opened.loop.sent == [Start("01")]
+# ------------------------------------------------------------------------------------------------- pre-flight, start
 
 
-def test_the_participant_reads_one_word_at_each_phase(opened: Opened) -> None:
-    window = opened.run()
-    opened.hear(ticks(row.APPROACH, taken=False))
-    assert window.view.said == "Move to the start" and window.view._small == words.TAKE_IT
-    said = []
-    for phase in (row.APPROACH, row.HOLD, row.MOVE, row.END):
-        opened.hear(ticks(phase))
-        said.append(window.view.said)
-    assert said == ["Move to the start", "Hold", "Go", "Go"]
-    assert opened.hear(ended()).view.said == "Well done"
+@pytest.mark.parametrize("state", [m.BAD, m.WAITING])
+def test_no_trial_starts_while_a_check_is_red_or_waiting_and_the_reason_is_readable(screens: Screens, state) -> None:
+    check = m.Check("Disk", state, "12 MB free", "Free some space.")
+    console = screens.hear(opened(), ready(checks=(*GREEN[:3], check, GREEN[4])))
+    assert screens.press(KEY.Key_Space) == [] and not console.panel.start.isEnabled()
+    assert any("12 MB free" in text for text in visible_texts(console))
+    assert console.preflight.advice.isVisible() == (state == m.BAD)
+    if state == m.BAD:
+        assert "Disk: 12 MB free. Free some space." in console.preflight.advice.text()
+    screens.hear(ready())
+    assert screens.press(KEY.Key_Space) == [m.Start()]
 
 
-def test_traces_handle_and_proof_follow_the_ticks(opened: Opened) -> None:
-    window = opened.run(next(trial for trial in PLAN if trial.segment == 1))
-    opened.hear(ticks(row.MOVE, TIP_X=0.03, TIP_Y=0.397, HAND_FX=3.0, HAND_FY=-4.0, LATENESS_US=50.0))
-    assert window.figures.error.newest == pytest.approx(3.0)  # mm below the line y = 0.40 m
-    assert window.figures.force.newest == pytest.approx(5.0)
-    assert window.view.tip == (0.03, 0.397)
-    assert "run-001.arrows" in window.status.recording.text() and "0.25 MB" in window.status.recording.text()
-    assert "p50 50" in window.status.timing.text() and "0 missed" in window.status.timing.text()
+def test_a_caution_is_shown_and_does_not_block(screens: Screens) -> None:
+    late = m.Check("Loop", m.CAUTION, "1 kHz, p99 1,067 µs", "Close other programs.")
+    console = screens.hear(opened(), ready(checks=(*GREEN[:2], late, *GREEN[3:])))
+    assert "Close other programs." in console.preflight.pills[2].toolTip()
+    assert screens.press(KEY.Key_Space) == [m.Start()]
 
 
-def test_the_end_of_a_trial_reaches_grid_boxes_and_buttons(opened: Opened) -> None:
-    window = opened.run()
-    assert window.console.abort.isEnabled() and not window.console.participant.isEnabled()
-    opened.hear(ended())
-    assert window.console.grid.statuses == {1: "done"} and window.console.grid.next == 2
-    assert window.figures.boxes[0].found[(PLAN[0].controller, "three-brake")].median == pytest.approx(2.0)
-    assert window.console.start.isEnabled() and not window.console.abort.isEnabled()
-    assert not window.console.participant.isEnabled()  # one session, one participant
+def test_a_red_check_differs_from_a_green_one_by_more_than_its_colour(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(checks=RED))
+    marks = [pill.mark.text() for pill in console.preflight.pills]
+    assert len({marks[0], marks[1], marks[2], marks[4]}) == 4
 
 
-def test_escape_aborts_with_the_reason_in_the_box_and_the_reason_is_shown(opened: Opened) -> None:
-    window = opened.run()
-    window.console.reason.setCurrentText("the chair broke")
-    QTest.keyClick(window, Qt.Key.Key_Escape)
-    assert opened.loop.sent == [Abort("the chair broke")]
-    opened.hear(ended("aborted", reason="the chair broke"))
-    assert "the chair broke" in window.console.notice.text()
-    assert window.view.said == "Stopped" and window.console.grid.statuses == {1: "aborted"}
+@pytest.mark.parametrize("where", ["console", "participant"])
+def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_shown(screens: Screens, where) -> None:
+    screens.hear(opened(), running())
+    window = getattr(screens, where)
+    window.show()
+    screens.press(KEY.Key_Escape, window)
+    (cause,) = screens.bench.off_causes
+    assert "Esc" in cause and where in cause
+    console = screens.hear(ready(1, brakes_off=cause))
+    assert cause in console.preflight.advice.text() and not console.panel.start.isEnabled()
+    assert screens.press(KEY.Key_Space) == [] and screens.press(KEY.Key_B) == [m.AllowBrakes()]
 
 
-def test_the_pointer_is_sent_in_metres_and_stays_inside_what_is_drawn(opened: Opened) -> None:
-    view = opened.window.view
-    place = (0.05, 0.3)
-    QTest.mouseMove(view, view.to_screen(place).toPoint())
-    assert opened.loop.sent[-1] == pytest.approx(place, abs=0.002)
-    low, high = view.to_workspace(QPointF(0, view.height())), view.to_workspace(QPointF(view.width(), 0))
-    drag(view, QPointF(9000.0, -9000.0))
-    assert opened.loop.sent[-1] == Aim(high[0], high[1])
-    assert all(low[i] < high[i] < 1.0 for i in range(2))
-    count = len(opened.loop.sent)
-    QTest.mouseMove(opened.window.console, QPoint(20, 300))  # elsewhere in the window: the target stays
-    assert len(opened.loop.sent) == count and view.pointer == high
+def test_escape_while_a_reason_is_asked_for_during_a_trial_is_still_brakes_off(screens: Screens) -> None:
+    console = screens.hear(opened(), running())
+    screens.press(KEY.Key_A)
+    screens.press(KEY.Key_Escape, console.cards.question.own)
+    assert len(screens.bench.off_causes) == 1 and console.cards.question is None
 
 
-def test_a_place_on_the_screen_is_a_place_in_the_workspace(opened: Opened) -> None:
-    view = opened.window.view
-    for place in ((-0.1, 0.4), (0.08, 0.42), (0.0, 0.0)):
-        assert view.to_workspace(view.to_screen(place)) == pytest.approx(place, abs=1e-12)
-    a, b, c = (view.to_screen(place) for place in ((0.0, 0.3), (0.1, 0.3), (0.0, 0.4)))
-    assert b.x() - a.x() == pytest.approx(a.y() - c.y())  # true to scale, y away from the person
+# ------------------------------------------------------------------------------------------------- redo, skip, abort ..
 
 
-def test_a_typed_participant_with_a_session_is_refused_in_a_sentence(opened: Opened, tmp_path: Path) -> None:
-    folder = tmp_path / "sub-02" / "ses-01"
-    folder.mkdir(parents=True)
-    (folder / "session.json").write_text("{}")
-    window = opened.hear(Prepared())
-    for typed, says in (("02", "exists already"), ("0 2", "letters and digits")):
-        window.console.participant.setText(typed)
-        assert says in window.console.notice.text() and not window.console.start.isEnabled()
-    window.console.participant.setText("03")
-    assert window.console.notice.text() == "" and window.console.start.isEnabled()
-    opened.hear(Refused("data: cannot be written to"))
-    assert "cannot be written to" in window.console.notice.text() and window.console.start.isEnabled()
+def test_redo_names_the_last_run_and_its_reason(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(5))
+    assert screens.press(KEY.Key_R) == [] and "run 5" in console.cards.question.title.text()
+    assert screens.press(KEY.Key_2, console.cards.question.own) == [m.Redo(5, REDO_REASONS[1])]
+    assert console.cards.question is None
 
 
-def test_another_configuration_is_announced_and_start_goes_on(opened: Opened) -> None:
-    last = PLAN[29]
-    assert PLAN[30].configuration != last.configuration
-    window = opened.run(last)
-    opened.hear(ended(trial=last))
-    assert "Configuration changes to four-brake" in window.console.notice.text()
-    assert window.view._device.name == "four-brake" and window.console.start.isEnabled()
+def test_a_run_that_was_redone_is_not_redone_again(screens: Screens) -> None:
+    rows = (result(PLAN[0]), result(PLAN[1], "redone"))
+    screens.hear(opened(), ready(rows=rows, coming=PLAN[1]))
+    screens.press(KEY.Key_R)
+    assert screens.press(KEY.Key_1, screens.console.cards.question.own)[0].run == 1
 
 
-def test_after_the_last_trial_nothing_more_can_be_started(opened: Opened) -> None:
-    window = opened.run(PLAN[-1])
-    opened.hear(ended(trial=PLAN[-1]))
-    assert not window.console.start.isEnabled() and window.view._small == words.ALL_DONE
+def test_skip_takes_a_reason_in_ones_own_words_and_never_none(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(5))
+    screens.press(KEY.Key_S)
+    question = console.cards.question
+    assert screens.press(KEY.Key_Return, question.own) == [] and not question.confirm.isEnabled()
+    QTest.keyClicks(question.own, "a spare part is missing")  # letters that are commands elsewhere
+    assert screens.press(KEY.Key_Return, question.own) == [m.Skip("a spare part is missing")]
+
+
+def test_an_abort_question_goes_when_its_trial_has_ended(screens: Screens) -> None:
+    console = screens.hear(opened(), running())
+    screens.press(KEY.Key_A)
+    assert console.cards.question is not None
+    screens.hear(ready(1))
+    assert console.cards.question is None and screens.press(KEY.Key_A) == []
+
+
+def test_abort_sends_the_reason_while_the_trial_runs(screens: Screens) -> None:
+    console = screens.hear(opened(), running())
+    QTest.mouseClick(console.panel.abort, Qt.MouseButton.LeftButton)
+    sent = screens.press(KEY.Key_1, console.cards.question.own)
+    assert len(sent) == 1 and isinstance(sent[0], m.Abort) and sent[0].reason
+
+
+def test_pause_is_asked_for_and_taken_back(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    assert screens.press(KEY.Key_P) == [m.Pause(True)]
+    console = screens.hear(ready(1, paused=True))
+    assert screens.press(KEY.Key_Space) == [] and not console.panel.start.isEnabled()
+    assert screens.press(KEY.Key_P) == [m.Pause(False)]
+
+
+def test_a_note_is_typed_without_setting_anything_off(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(3))
+    screens.press(KEY.Key_N)
+    QTest.keyClicks(console.panel.note, "prs nab t")
+    assert screens.bench.sent == []
+    assert screens.press(KEY.Key_Return, console.panel.note) == [m.Note("prs nab t")]
+    screens.hear(ready(3, notes=("13:02 prs nab t",)))
+    assert "13:02 prs nab t" in console.panel.notes.toPlainText()
+
+
+# ------------------------------------------------------------------------------------------------- what is shown
+
+
+def test_the_grid_marks_each_status_and_the_running_trial(screens: Screens) -> None:
+    rows = tuple(map(result, PLAN[:5], ("done", "timeout", "aborted", "redone", "recovered")))
+    console = screens.hear(opened(), running(5, rows=rows))
+    grid = console.panel.grid
+    assert [grid.statuses[run] for run in range(1, 6)] == ["done", "timeout", "aborted", "redone", "recovered"]
+    assert grid.marked == 6 and grid.running
+    assert "3 done" in console.panel.done.text()  # a redone and a recovered one come again
+    assert len(set(MARKS.values())) == len(MARKS)
+
+
+def test_a_repeated_trial_fills_the_cell_of_the_first(screens: Screens) -> None:
+    again = PLAN[3]._replace(run=61)
+    rows = (*map(result, PLAN[:3]), result(PLAN[3], "redone"), result(again, "done"))
+    console = screens.hear(opened(), ready(rows=rows, coming=PLAN[4]))
+    assert console.panel.grid.statuses[4] == "done" and len(console.panel.grid.statuses) == 4
+
+
+def test_a_window_that_comes_later_shows_the_same(screens: Screens) -> None:
+    screens.hear(opened(), ready(0))
+    screens.hear(running(0))
+    now = (opened(), running(12, notes=("13:02 slower",)), pulse())
+    first = visible_texts(screens.hear(*now))
+    later = Screens()
+    assert visible_texts(later.hear(*now)) == first
+    later.close()
+
+
+def test_proof_of_recording_is_readable(screens: Screens) -> None:
+    console = screens.hear(opened(), running(22), pulse("run-023.arrows"))
+    said = console.proof.recording.text()
+    assert all(part in said for part in ("run-023.arrows", "18\u2009412 rows", "4.2 MB", "0.1 s ago", "22 earlier"))
+    assert "seed 1" in console.proof.origin.text() and opened().plan_sha256[:4] in console.proof.origin.text()
+
+
+def test_ticks_reach_workspace_traces_and_ledger(screens: Screens) -> None:
+    over = next(i for i, trial in enumerate(PLAN) if trial.segment == 1)
+    console = screens.hear(opened(), running(over))
+    screens.tick(ticks(row.MOVE, TIP_X=0.03, TIP_Y=0.397, HAND_FX=3.0, HAND_FY=-4.0, ENERGY_BRAKES=0.5))
+    assert console.traces.error.newest == pytest.approx((3.0,))  # mm below the line y = 0.40 m
+    assert console.traces.force.newest == pytest.approx((5.0,))
+    assert console.centre.workspace.view.tip == (0.03, 0.397)
+    assert console.centre.large.text() == "Go"
+
+
+def test_the_pointer_over_the_workspace_is_sent_in_metres(screens: Screens) -> None:
+    console = screens.hear(opened(), running())
+    view = console.centre.workspace.view
+    point(view, view.to_screen((0.05, 0.3)))
+    assert screens.bench.aimed[-1] == pytest.approx((0.05, 0.3), abs=1e-6)
+
+
+def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
+    seen = []
+    names = {preset.name for preset in PRESETS.values()}
+    for over, trial in enumerate(PLAN[:10]):
+        console = screens.hear(opened(), running(over, blind=True))
+        screens.tick(movement(trial.segment, "AEB", 0.4))
+        texts = visible_texts(console)
+        told = [text for text in texts if not text.startswith("SDOF directions")]  # the name of a layer
+        assert not any(name in text for name in names for text in told)
+        assert console.traces.currents.hidden and not console.energy.isVisible()
+        seen.append([text for text in texts if "segment" in text and f"{trial.segment}" in text])
+        screens.press(KEY.Key_R)
+    assert all(seen)
+    screens.hear(running(9))
+    assert any(PRESETS[PLAN[9].controller].name in text for text in visible_texts(screens.console))
+
+
+# ------------------------------------------------------------------------------------------------- waiting
+
+
+def test_a_re_rig_says_what_to_do_and_waits_for_its_confirmation(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(30, stage=m.RERIG, wait_for=RERIG))
+    texts = visible_texts(console)
+    assert RERIG in texts and "Change to four-brake" in texts and not console.panel.start.isEnabled()
+    assert screens.press(KEY.Key_Return, console.cards.notice.buttons[0]) == [m.Confirm()]
+    screens.hear(ready(30))
+    assert console.cards.notice is None
+
+
+def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    console = screens.hear(opened(), ready(12, stage=m.BREAK, wait_s=60.0, wait_for="The participant rests."))
+    assert "1:00" in console.cards.notice.title.text() and screens.press(KEY.Key_Space) == []
+    now[0] += 30.0
+    screens.hear()
+    assert "0:30" in console.cards.notice.title.text()
+    now[0] += 30.1
+    screens.hear()
+    assert screens.press(KEY.Key_Space) == [m.Confirm()]
+
+
+def test_the_end_of_the_plan_is_said_and_nothing_more_starts(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(60, stage=m.FINISHED))
+    assert "The plan is done" in visible_texts(console) and not console.panel.start.isEnabled()
+
+
+def test_a_blind_session_is_opened_by_somebody_with_a_name(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(60, stage=m.FINISHED, blind=True))
+    QTest.mouseClick(console.cards.notice.buttons[1], Qt.MouseButton.LeftButton)
+    question = console.cards.question
+    assert screens.press(KEY.Key_Return, question.own) == []
+    QTest.keyClicks(question.own, "R. Book")
+    assert screens.press(KEY.Key_Return, question.own) == [m.Unblind("R. Book")]
+
+
+# ------------------------------------------------------------------------------------------------- the end
 
 
 @pytest.mark.parametrize("death", ["silent", "said"])
-def test_the_end_of_the_loop_is_said_in_red_and_stops_everything(opened: Opened, death: str) -> None:
-    window = opened.run()
+def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Screens, death: str) -> None:
+    console = screens.hear(opened(), running(3))
     if death == "silent":
-        opened.loop.alive = False
-        opened.hear()
-        assert window.banner.text() == words.LOOP_DIED
+        screens.bench.alive = False
+        screens.hear()
+        assert console.banner.text() == words.BENCH_DIED
     else:
-        opened.hear(Failed("the disk is full"))
-        assert window.banner.text() == "The disk is full"
-    assert window.banner.isVisible()
-    assert not window.console.start.isEnabled() and not window.console.abort.isEnabled()
+        screens.hear(ready(3, stage=m.FAILED, said="The disk is full.", said_bad=True))
+        assert console.banner.text() == "The disk is full."
+    assert console.banner.isVisible()
+    screens.press(KEY.Key_Escape)
+    assert len(screens.bench.off_causes) == 1  # zero current can be asked for even then
+    assert all(screens.press(key) == [] for key in (KEY.Key_Space, KEY.Key_R, KEY.Key_S, KEY.Key_P, KEY.Key_A))
 
 
-def test_closing_while_a_trial_is_recorded_asks_first(opened: Opened) -> None:
-    window = opened.run()
-    opened.closing = False
-    assert not window.close() and window.isVisible() and not opened.loop.stopped
-    opened.closing = True
-    assert window.close() and opened.loop.stopped == "the window was closed"
+def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
+    console = screens.hear(opened(), running())
+    assert not console.close() and console.isVisible() and not screens.bench.stopped
+    go_on, close = console.cards.question.buttons
+    go_on.click()
+    assert console.isVisible() and console.cards.question is None
+    console.close()
+    console.cards.question.buttons[1].click()
+    assert not console.isVisible() and screens.bench.stopped == "the window was closed"
 
 
-def test_results_are_exported_into_a_new_folder_and_never_over_another(opened: Opened, tmp_path: Path, qtbot) -> None:
-    window = opened.run()
-    opened.hear(ended())
-    folder = tmp_path / "results"
-    for says in ("files written", "not empty"):
-        window.export_to(folder)
-        qtbot.waitUntil(lambda says=says: says in window.figures.note.text(), timeout=60_000)
-    kinds = {path.suffix for path in folder.iterdir()}
-    assert kinds == {".png", ".svg", ".pdf", ".csv"}
-    (exported,) = read_table(folder / "trials.csv")
-    assert (folder / exported.recording).resolve() == tmp_path / "sub-01" / "ses-01" / "trials" / "run-001.parquet"
+def test_closing_between_trials_just_closes(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(3))
+    assert console.close() and screens.bench.stopped
 
 
-@pytest.mark.parametrize(("width", "height"), [(1280, 720), (1600, 900), (1920, 1080)])
-def test_no_text_is_cut_at_any_size(opened: Opened, width: int, height: int) -> None:
-    window = opened.run(PLAN[28])
-    opened.hear(ticks(row.MOVE), ended("aborted", PLAN[29], "the participant was distracted by a long sentence"))
-    window.resize(width, height)
-    QTest.qWait(50)
-    assert (window.width(), window.height()) == (width, height)  # nothing asks for more room
-    for label in window.findChildren(QLabel):
-        if not label.isVisible() or isinstance(label, OneLine):  # these shorten themselves and say so
-            continue
-        if label.wordWrap():
-            assert label.height() >= label.heightForWidth(label.width()), label.text()
-        else:
-            assert label.width() >= label.sizeHint().width(), label.text()
+# ------------------------------------------------------------------------------------------------- drawing
 
 
-def test_frames_do_not_use_up_references_to_none(opened: Opened) -> None:
+STATES = {
+    "preparing": (m.Snapshot(m.PREPARING),),
+    "start": (opened(""), m.Snapshot(m.NO_SESSION, checks=GREEN)),
+    "resume": (opened(""), m.Snapshot(m.NO_SESSION, checks=RED, resumable=("01", "02"), said="no", said_bad=True)),
+    "red": (opened(), ready(12, checks=RED)),
+    "running": (opened(), running(37, notes=("13:02 slower", "13:05 a longer note about what happened")), pulse()),
+    "said": (opened(), ready(9, said="Run 9: the participant was distracted by a long sentence that goes on.")),
+    "paused": (opened(), ready(9, paused=True)),
+    "brakes off": (opened(), ready(9, brakes_off="the watchdog of the board")),
+    "re-rig": (opened(), ready(30, stage=m.RERIG, wait_for=RERIG)),
+    "break": (opened(), ready(12, stage=m.BREAK, wait_s=60.0, wait_for="The participant rests.")),
+    "questions": (opened(), ready(10, stage=m.QUESTIONS)),
+    "finished": (opened(), ready(60, stage=m.FINISHED, blind=True)),
+    "failed": (opened(), ready(9, stage=m.FAILED, said="The disk is full: /a/long/path/to/data takes no more.")),
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_no_text_is_cut_at_any_size(screens: Screens, state: str) -> None:
+    console = screens.hear(*STATES[state])
+    for width, height in ((1280, 720), (1600, 900), (1920, 1080)):
+        console.resize(width, height)
+        settle(console)
+        assert (console.width(), console.height()) == (width, height)  # nothing asks for more room
+        assert cut_texts(console) == []
+
+
+def test_no_text_of_a_question_is_cut(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(22))
+    for key in (KEY.Key_R, KEY.Key_S):
+        screens.press(key)
+        settle(console)
+        assert console.cards.question is not None and cut_texts(console) == []
+
+
+def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:
     """With some versions of Qt's binding a live plot loses references to None until the process dies."""
-    window = opened.run()
+    console = screens.hear(opened(), running())
+    rows = movement(PLAN[0].segment, "AEB", 1.4)
 
-    def frames(n: int) -> None:
-        for _ in range(n):
-            opened.hear(ticks(row.MOVE))
-            window.grab()
+    def frames(some: np.ndarray) -> None:
+        for part in np.array_split(some, len(some) // 16):
+            screens.tick(part)
+            console.grab()
 
-    frames(10)
+    frames(rows[:160])
     gc.collect()
     before = sys.getrefcount(None)
-    frames(60)
+    frames(rows[160:1120])
     gc.collect()
     assert abs(sys.getrefcount(None) - before) < 60  # less than one a frame
 
 
-def test_what_is_drawn_does_not_grow_with_the_length_of_a_trial(opened: Opened) -> None:
-    window = opened.run()
-    for second in range(0, 60, 2):
-        message = ticks(row.MOVE)
-        for part in range(100):
-            message.rows[:, row.T] = second + 0.02 * part + 1e-3 * np.arange(16)
-            window.view.show_ticks(message.rows, True)
-            window.figures.add(message.rows, SEGMENTS[1])
-    assert len(window.view._trail) <= TRAIL_MOST
-    assert len(window.figures.force._times) <= 2 * WINDOW_S / 0.02 + 2
+def test_places_on_the_workspace_are_true_to_scale(screens: Screens) -> None:
+    view = screens.hear(opened(), running()).centre.workspace.view
+    for place in ((-0.1, 0.4), (0.08, 0.42), (0.0, 0.0)):
+        assert view.to_plane(view.to_screen(place)) == pytest.approx(place, abs=1e-9)
+    a, b, c = (view.to_screen(place) for place in ((0.0, 0.3), (0.1, 0.3), (0.0, 0.4)))
+    assert b.x() - a.x() == pytest.approx(a.y() - c.y())  # y away from the person
+    assert isinstance(a, QPointF) and len(DEVICES) == 2

@@ -7,7 +7,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from app.verbs.common import add_devices, add_verb, devices_of, label
+from app.verbs.common import add_verb, label, whole_number_of
 from core.errors import InputError
 
 #: On Linux one of these says where a window can be; without any, Qt would end the process with a core dump.
@@ -20,44 +20,80 @@ def add(verbs) -> None:
         "run",
         run,
         "open the app and run trials (the same as phd alone)",
-        "The simulated device is moved with the mouse: the pointer pulls the handle on a spring.",
-        "phd run --device three-brake --participant 01 --data-dir data",
-    )
-    add_devices(verb)
-    verb.add_argument(
-        "--participant",
-        type=label,
-        metavar="01",
-        help="who moves the handle (default: the first number without a session)",
+        "Two windows: the console, and the participant's view on the second screen (on one screen: F11).\n"
+        "The simulated device is moved with the mouse: the pointer pulls the handle on a spring.\n"
+        "An interrupted session is offered to be resumed.",
+        "phd run --participant 01 --data-dir data\n  phd run my.toml --print-plan",
     )
     verb.add_argument(
-        "--data-dir",
-        type=Path,
-        default=Path("data"),
-        metavar="DIR",
-        help="where sessions are kept (default: data)",
+        "protocol", nargs="?", default="paper", metavar="PROTOCOL.toml",
+        help="a protocol file, or a shipped one by its name (default: paper)",
+    )  # fmt: skip
+    verb.add_argument(
+        "--device", nargs="+", action="extend", metavar="NAME|PATH",
+        help="devices in place of the protocol's: shipped ones by name, or device files by path",
+    )  # fmt: skip
+    verb.add_argument(
+        "--input", choices=("mouse", "operator"), default="mouse",
+        help="where the hand force comes from: the mouse (default), or a simulated operator",
+    )  # fmt: skip
+    verb.add_argument("--rules", choices=("settled", "literal"), help="in place of the protocol's")
+    verb.add_argument(
+        "--low-gain", type=float, metavar="5|500",
+        help="N s/m, of the proportional controller of least gain, in place of the protocol's",
+    )  # fmt: skip
+    verb.add_argument(
+        "--seed", type=whole_number_of(0), metavar="1", help="of the order of trials, in place of the protocol's"
+    )
+    verb.add_argument(
+        "--participant", type=label, metavar="01",
+        help="who moves the handle (default: the first without a session)",
+    )  # fmt: skip
+    verb.add_argument(
+        "--data-dir", type=Path, default=Path("data"), metavar="DIR", help="where sessions are kept (default: data)"
+    )
+    verb.add_argument(
+        "--print-plan", action="store_true", help="print every trial of the participant, in order, and end: no window"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    from experiments.session import check_reach, free_participant, refuse_existing
+    from app.live.before_protocol import load_protocol, unfinished_sessions
+    from experiments.session import free_participant, refuse_existing
 
-    args.devices = devices_of(args)
-    check_reach(args.devices)
+    protocol = load_protocol(
+        args.protocol, devices=args.device, rules=args.rules, low_gain=args.low_gain, seed=args.seed
+    )
+    participant = args.participant or free_participant(args.data_dir)
+    if args.print_plan:
+        from experiments.plan_text import print_plan
+
+        print(print_plan(protocol, participant), end="")
+        return 0
     check_writable(args.data_dir)
-    if args.participant is None:
-        args.participant = free_participant(args.data_dir)
-    refuse_existing(args.data_dir, args.participant)
+    if participant not in unfinished_sessions(args.data_dir):  # those can be resumed
+        refuse_existing(args.data_dir, participant)
     if sys.platform == "linux" and not any(map(os.environ.get, SCREENS)):
         raise InputError("there is no screen to open a window on: none of DISPLAY, WAYLAND_DISPLAY is set")
     try:
-        from app import window
+        from app.live.setup import Setup
+        from app.screens import windows
     except ImportError as error:
         if ".so" not in str(error):
             raise
         raise InputError(f"the window cannot be opened, a system library is missing: {error}") from None
     check_screen()
-    return window.run(args)
+    setup = Setup(
+        args.data_dir.absolute(), whole(args.protocol), tuple(map(whole, args.device)) if args.device else None,
+        args.rules, args.low_gain, args.seed, args.input,
+    )  # fmt: skip
+    return windows.run(setup, participant)
+
+
+def whole(name_or_path: str) -> str:
+    """A file by its whole path, for another process; a shipped name as it is."""
+    path = Path(name_or_path)
+    return str(path.absolute()) if path.is_file() else name_or_path
 
 
 def check_screen() -> None:

@@ -1,0 +1,65 @@
+"""The pre-flight row: what has to be right before a trial may start."""
+
+import shutil
+import tempfile
+from pathlib import Path
+
+from app.live.messages import BAD, CAUTION, GOOD, WAITING, Check, Timing
+from app.live.scheduling import ADVICE
+
+#: bytes. Our choice: a trial takes 7 MB at most, a session of 60 well under the lower one
+LOW, TOO_LOW = 2_000_000_000, 200_000_000
+#: us. Our choice: what a loop without privilege keeps on an idle machine; later ticks are still in the recording
+LATE_US = 200.0
+
+
+def check_device(simulated: bool, why_off: str) -> Check:
+    """Whether currents may flow. why_off: the cause of a brakes-off, or ""."""
+    if why_off:
+        return Check("Device", BAD, "brakes off", f"Brakes off: {why_off}. Allow the brakes again when that is past.")
+    return Check("Device", GOOD, "simulated" if simulated else "connected")
+
+
+def check_hand(hand: str) -> Check:
+    """hand: "mouse", "operator"."""
+    return Check("Hand", GOOD, {"operator": "simulated operator"}.get(hand, hand))
+
+
+def check_loop(tried: Timing | None, dead: bool) -> Check:
+    """tried: how it kept its deadlines in half a second without work; None: not yet."""
+    if dead:
+        return Check("Loop", WAITING, "starting again")
+    if tried is None:
+        return Check("Loop", WAITING, "preparing")
+    text = f"1 kHz, p99 {tried.p99_us:.0f} us"
+    if tried.p99_us <= LATE_US and tried.missed == 0:
+        return Check("Loop", GOOD, text)
+    advice = "Ticks come late: close other programs."
+    return Check("Loop", CAUTION, text, advice if tried.scheduling.startswith("real-time") else f"{advice} {ADVICE}")
+
+
+def check_disk(folder: Path) -> tuple[Check, int]:
+    """Whether the data folder can be written to and has room; and its free bytes."""
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    free = shutil.disk_usage(folder).free
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"phd")
+            file.flush()
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        return Check("Disk", BAD, reason, f"{folder} cannot be written to: {reason}."), free
+    text = f"{free / 1e9:.0f} GB free" if free >= 1e10 else f"{free / 1e9:.1f} GB free"
+    if free < TOO_LOW:
+        return Check("Disk", BAD, text, f"Make room on the disk of {folder}: there must be 0.2 GB."), free
+    if free < LOW:
+        return Check("Disk", CAUTION, text, f"Make room on the disk of {folder}."), free
+    return Check("Disk", GOOD, text), free
+
+
+def check_recording(broken: str, last: str) -> Check:
+    """broken: why no more can be recorded, or ""; last: the name of the last recording that was verified, or ""."""
+    if broken:
+        return Check("Recording", BAD, "failed", broken)
+    return Check("Recording", GOOD, f"{last} verified" if last else "ready")

@@ -1,0 +1,89 @@
+"""The conductor's end of the control loop: start it, give it trials, see whether it lives, end it."""
+
+import contextlib
+import pickle
+import queue
+import subprocess
+import threading
+
+from app.live.jobs import DEFAULT, REAL_TIME, Done, Prepared, Run, Tried, Try
+from app.live.process import start_python
+from app.live.ring import Ring
+
+#: Seconds without a tick after which a running loop counts as hung. Our choice: a stall below it is in the lateness.
+HUNG_S = 2.0
+END_S = 3.0  # longest wait for it to end by itself
+
+
+class LoopProcess:
+    """A control loop in a process of its own, on the conductor's ring."""
+
+    def __init__(self, ring: Ring, real_time: bool = True) -> None:
+        """Start it; its first answer is Prepared. real_time: it tries scheduling that needs a privilege."""
+        self._ring = ring
+        self._process = start_python(
+            "app.live.loop", str(ring.path), REAL_TIME if real_time else DEFAULT,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        )  # fmt: skip
+        self._answers: queue.SimpleQueue[Prepared | Tried | Done | None] = queue.SimpleQueue()
+        self._reader = threading.Thread(target=self._read, name="loop's answers", daemon=True)
+        self._reader.start()
+        self.running = False  # a trial
+        self.dead = False  # seen by the end of its output, at once
+
+    @property
+    def pid(self) -> int:
+        """Its process number."""
+        return self._process.pid
+
+    @property
+    def hung(self) -> bool:
+        """Whether it runs a trial and has had no tick for long."""
+        return self.running and self._ring.loop_silent_s > HUNG_S
+
+    def send(self, job: Try | Run) -> None:
+        """Give it something to do; one that is dead is seen by `dead`."""
+        self.running = isinstance(job, Run)
+        with contextlib.suppress(BrokenPipeError):
+            assert self._process.stdin is not None
+            pickle.dump(job, self._process.stdin)
+            self._process.stdin.flush()
+
+    def receive(self) -> list[Prepared | Tried | Done]:
+        """What it has answered since the last time."""
+        answers = []
+        while not self._answers.empty():
+            answer = self._answers.get()
+            if answer is None:
+                self.dead = True
+            else:
+                answers.append(answer)
+                self.running &= not isinstance(answer, Done)
+        return answers
+
+    def kill(self) -> None:
+        """End it at once, whatever it does."""
+        self._process.kill()
+        self.close()
+
+    def close(self) -> None:
+        """Let it end; kill it if it does not."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.close()
+        try:
+            self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._reader.join()
+        self.running, self.dead = False, True
+
+    def _read(self) -> None:
+        with self._process.stdout as answers:  # type: ignore[union-attr]
+            while True:
+                try:
+                    self._answers.put(pickle.load(answers))
+                except (EOFError, pickle.UnpicklingError, OSError):
+                    break
+        self._answers.put(None)

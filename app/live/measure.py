@@ -1,0 +1,112 @@
+"""How late the control loop's ticks are on this machine: real trials of a simulated operator, one after the other.
+
+Timed figures depend on what else runs: they are said, never judged.
+"""
+
+import contextlib
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from app.live.before_protocol import load_protocol, new_trial
+from app.live.jobs import Done, Prepared, Tried
+from app.live.loop_process import LoopProcess
+from app.live.place import Place
+from app.live.process import start_python
+from app.live.recorder import timing_of
+from app.live.ring import Ring
+from app.live.scheduling import leave_core
+from app.live.trial_run import TrialRun
+from experiments.operator import draw_person
+from experiments.plan import PlannedTrial
+from experiments.trial import Trial, new_simulation
+
+LOOK_S = 0.02
+WAIT_S = 600.0  # longest wait for the loop to compile its kernels, or for a trial to end
+
+
+def measure(
+    seconds: float, hogs: int = 0, real_time: bool = True, progress: Callable[[float], None] | None = None
+) -> dict:
+    """Run the loop for so long: its lateness (us), missed ticks, and the scheduling that it got.
+
+    hogs: processes beside it that do nothing but compute. real_time: try scheduling that needs a privilege. No window
+    draws, unless the caller has one. OSError if the loop dies or does not answer.
+    """
+    most, ticks, pieces = round(1000 * seconds), 0, []
+    place = Place()
+    ring = Ring(place.ring, create=True)
+    loop = LoopProcess(ring, real_time)
+    try:
+        prepared = _answer(loop, ring)
+        assert isinstance(prepared, Prepared)
+        leave_core(prepared.core)
+        with _hogs(hogs):
+            for trial in _trials():
+                run = TrialRun(ring, loop, trial.planned, trial, None)
+
+                def look(run: TrialRun = run, before: int = ticks) -> None:
+                    now = before + len(run.recorder.lateness_us)
+                    if now >= most:
+                        run.stop("measured for long enough")
+                    if progress:
+                        progress(min(1.0, now / most))
+
+                try:
+                    done = _answer(loop, ring, look)
+                finally:
+                    run.recorder.close()
+                assert isinstance(done, Done)
+                run.ended(done, prepared.scheduling)
+                pieces.append(run.recorder.lateness_us)
+                ticks += len(pieces[-1])
+                if ticks >= most:
+                    break
+        timing = timing_of(np.concatenate(pieces), prepared.scheduling)
+        return {**timing._asdict(), "ticks": ticks, "hogs": hogs}
+    finally:
+        leave_core(-1)
+        loop.close()
+        place.remove()
+
+
+def _answer(loop: LoopProcess, ring: Ring, look: Callable[[], None] = lambda: None) -> Prepared | Tried | Done:
+    """The loop's next answer. OSError if there is none."""
+    deadline = time.monotonic() + WAIT_S
+    while time.monotonic() < deadline:
+        ring.beat()
+        if answers := loop.receive():
+            return answers[0]
+        if loop.dead or loop.hung:
+            raise OSError("the control loop died" if loop.dead else "the control loop hung")
+        look()
+        time.sleep(LOOK_S)
+    raise OSError("the control loop does not answer")
+
+
+def _trials() -> Iterator[Trial]:
+    """Trials of one simulated operator, without end."""
+    protocol = load_protocol()
+    generator = np.random.default_rng(1)
+    person = draw_person(generator)
+    device = protocol.devices[0]
+    simulation = new_simulation(device, next(iter(protocol.paths.values())).start_m)
+    while True:
+        for segment, path in protocol.paths.items():
+            for number, preset in protocol.controllers.items():
+                planned = PlannedTrial(0, 0, device.name, number, segment, 1)
+                yield new_trial(simulation, planned, path, preset, protocol.rules, protocol.trial, person, generator)
+
+
+@contextlib.contextmanager
+def _hogs(n: int) -> Iterator[None]:
+    """Processes that only compute; they end with us."""
+    processes = [start_python("app.live.hog", stdin=subprocess.PIPE) for _ in range(n)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.communicate()

@@ -1,0 +1,90 @@
+"""Keeps a control loop at hand: starts it, tries it, gives it trials, and starts a new one when it dies."""
+
+from app.live.checks import check_loop
+from app.live.jobs import Done, Prepared, Tried, Try
+from app.live.loop_process import LoopProcess
+from app.live.messages import Check, Timing
+from app.live.recorder import timing_of
+from app.live.ring import Ring
+from app.live.scheduling import leave_core
+from app.live.trial_run import TrialRun
+from experiments.plan import PlannedTrial
+from experiments.recording import RecordingWriter
+from experiments.trial import Trial
+
+TRY_TICKS = 500  # half a second of deadlines, before the first trial
+MOST_STARTS = 3  # loops in a row that die before they are ready
+DIED = "the control loop ended unexpectedly"
+HUNG = "the control loop hung and was ended"
+NEVER = f"the control loop cannot be started: it died {MOST_STARTS} times while it was being prepared"
+
+
+class Runner:
+    """One trial at a time, on the loop that lives."""
+
+    def __init__(self, ring: Ring, loop: LoopProcess, real_time: bool) -> None:
+        """loop: the first one, already started. real_time: try scheduling that needs a privilege."""
+        self._ring, self._loop, self._real_time = ring, loop, real_time
+        self._starts = 1
+        self._scheduling = ""
+        self._tried: Timing | None = None
+        self._last: Timing | None = None  # of the last trial
+        self.run: TrialRun | None = None
+        self.broken = ""  # why no loop can be had
+
+    @property
+    def ready(self) -> bool:
+        """Whether a trial may start."""
+        return self._tried is not None and self.run is None
+
+    def start(self, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None) -> None:
+        """Run a trial; the writer is the runner's until the run has ended or is lost."""
+        self.run = TrialRun(self._ring, self._loop, planned, trial, writer)
+
+    def watch(self) -> tuple[TrialRun | None, str]:
+        """The run that has come to its end, if one has, and "" or why the loop was lost with it."""
+        if self.run is not None:
+            self.run.watch()
+        for answer in self._loop.receive():
+            match answer:
+                case Prepared(scheduling, core):
+                    self._scheduling, self._starts = scheduling, 0
+                    leave_core(core)
+                    self._loop.send(Try(TRY_TICKS))
+                case Tried(lateness_us):
+                    self._tried = timing_of(lateness_us, self._scheduling)
+                case Done():
+                    assert self.run is not None
+                    run, self.run = self.run, None
+                    run.ended(answer, self._scheduling)
+                    self._last = run.timing(self._scheduling)
+                    return run, ""
+        if self._loop.dead or self._loop.hung:
+            return self._replace()
+        return None, ""
+
+    def _replace(self) -> tuple[TrialRun | None, str]:
+        why = DIED if self._loop.dead else HUNG
+        self._loop.kill()
+        run, self.run, self._tried = self.run, None, None
+        if self._starts >= MOST_STARTS:
+            self.broken = NEVER
+            return run, NEVER
+        self._starts += 1
+        self._loop = LoopProcess(self._ring, self._real_time)
+        return run, why
+
+    @property
+    def timing(self) -> Timing | None:
+        """The loop's lateness over the running trial, or the last, or the half second without one."""
+        now = self.run.timing(self._scheduling) if self.run else None
+        return now or self._last or self._tried
+
+    @property
+    def check(self) -> Check:
+        """For the pre-flight row."""
+        return check_loop(self._tried, self._loop.dead)
+
+    def close(self) -> None:
+        """End the loop."""
+        self._loop.close()

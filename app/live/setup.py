@@ -1,0 +1,33 @@
+"""What a bench is started with."""
+
+import json
+from pathlib import Path
+from typing import NamedTuple, Self
+
+HANDS = ("mouse", "operator")  # operator: a simulated person, for sessions without a hand
+
+
+class Setup(NamedTuple):
+    """Choices of the command line; None: as the protocol says."""
+
+    data_dir: Path
+    protocol: str = "paper"  # a shipped one by name, or a file
+    devices: tuple[str, ...] | None = None
+    rules: str | None = None
+    low_gain: float | None = None  # N s/m
+    seed: int | None = None
+    hand: str = "mouse"
+    real_time: bool = True  # try scheduling that needs a privilege
+    sync: bool = True  # wait for the disk itself
+    patience_s: float = 60.0  # that a conductor with an open session waits for another window. Our choice
+
+    def to_json(self) -> str:
+        """As text, for a command line."""
+        return json.dumps({**self._asdict(), "data_dir": str(self.data_dir)})
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """The same again."""
+        fields = json.loads(text)
+        devices = fields["devices"]
+        return cls(**{**fields, "data_dir": Path(fields["data_dir"]), "devices": devices and tuple(devices)})

@@ -1,0 +1,91 @@
+"""One live trial, from the moment it is given to the loop until its row is in the table."""
+
+import time
+
+from app.live.jobs import Done, Run, changed
+from app.live.loop_process import LoopProcess
+from app.live.messages import Point, Timing
+from app.live.recorder import Recorder
+from app.live.ring import BRAKES_OFF, CONDUCTOR_SILENT, RING_FULL, STOPPED, Ring
+from experiments.plan import PlannedTrial
+from experiments.recording import RecordingWriter
+from experiments.recover import recover_session
+from experiments.session import Session
+from experiments.session_files import rows_of
+from experiments.trial import Trial
+from experiments.trials_table import TrialRow
+
+SILENT = "the process that records did not answer for half a second"
+
+
+class TrialRun:
+    """A trial that the loop runs now."""
+
+    def __init__(
+        self, ring: Ring, loop: LoopProcess, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None
+    ) -> None:
+        """Start it. writer: None for a trial that is not kept."""
+        self.planned, self.trial, self.began_s = planned, trial, time.monotonic()
+        self._ring, self._reason = ring, ""
+        trial.aim(*tip_of(trial))  # nothing pulls until the pointer has touched the handle
+        ring.begin_trial()
+        self.recorder = Recorder(ring, writer)
+        loop.send(Run(trial.arguments()))
+
+    def stop(self, reason: str) -> None:
+        """End it at its next tick, brakes off; the first reason stands."""
+        self._reason = self._reason or reason
+        self._ring.control.stop = 1
+
+    def watch(self) -> None:
+        """End it if its recording takes no more."""
+        if self.recorder.error:
+            self.stop(self.recorder.error)
+
+    def ended(self, answer: Done, scheduling: str) -> None:
+        """The loop has run its last tick: the trial is as the loop left it, and every tick is with the writer."""
+        self.recorder.close()
+        for ours, theirs in zip(changed(self.trial.arguments()), answer.changed, strict=True):
+            ours[...] = theirs
+        if reason := self._why():
+            self.trial.abort(reason)
+        timing = self.recorder.timing(scheduling)
+        if timing is not None:
+            lost = int(self._ring.control.dropped)
+            self.trial.timing = {**timing._asdict(), "ticks": len(self.recorder.lateness_us), "lost": lost}
+
+    def keep(self, session: Session) -> TrialRow:
+        """Close and verify the recording and make its row. OSError or InputError if it is not whole."""
+        if self.recorder.error:
+            raise OSError(self.recorder.error)
+        assert self.recorder.writer is not None
+        return session.finish(self.trial, self.recorder.writer)
+
+    def rescue(self, session: Session | None, sync: bool) -> None:
+        """The loop is gone: every tick that it has run becomes a recovered recording; the cell is open again."""
+        self.recorder.close()
+        if self.recorder.writer is None or session is None:
+            return
+        self.recorder.writer.abandon()
+        recover_session(session.folder, sync)
+        session.rows[:] = rows_of(session.folder)
+
+    def timing(self, scheduling: str) -> Timing | None:
+        """How late its ticks have been so far."""
+        return self.recorder.timing(scheduling)
+
+    def _why(self) -> str:
+        """Why the loop ended it early; "": it did not."""
+        reasons = {
+            STOPPED: self._reason,
+            BRAKES_OFF: f"brakes off: {self._ring.why_off}",
+            CONDUCTOR_SILENT: SILENT,
+            RING_FULL: f"the disk could not keep up: it took nothing for {len(self._ring.rows) // 1000} s",
+        }
+        return reasons.get(int(self._ring.control.cause), "")
+
+
+def tip_of(trial: Trial) -> Point:
+    """Where the handle is, m."""
+    tip = trial.simulation.state["tip"][0]
+    return float(tip[0]), float(tip[1])

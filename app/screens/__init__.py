@@ -1,0 +1,1 @@
+"""The windows: participant, console, results."""

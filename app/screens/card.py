@@ -1,0 +1,133 @@
+"""A card in the middle of the workspace: a question with its reasons, the re-rig, the break, the end.
+
+In the window, never a window of its own: nothing is covered for good, every answer has a key.
+"""
+
+from collections.abc import Callable, Sequence
+
+from PySide6.QtCore import QEvent, QObject, Qt, Signal
+from PySide6.QtGui import QKeyEvent
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLineEdit, QPushButton, QVBoxLayout, QWidget
+
+from app.screens import theme
+from app.screens.labels import KeyButton, breakable, line
+
+WIDTH_PX = 400
+
+ABORT_REASONS = ("the participant asked", "the participant was distracted", "something was wrong with the device")
+REDO_REASONS = ("the participant was distracted", "the participant had not understood", "something disturbed the trial")
+SKIP_REASONS = ("the participant asked", "short of time", "something is wrong with this condition")
+
+
+class Card(QFrame):
+    """Title, text and, below them, whatever a subclass adds; it stays in the middle of its parent."""
+
+    def __init__(self, title: str, text: str, parent: QWidget) -> None:
+        super().__init__(parent, objectName="card")
+        self.title, self.text = line(title, size=theme.HEAD, bold=True), line(breakable(text), "quiet")
+        self.text.setVisible(bool(text))
+        self.inside = QVBoxLayout(self)
+        self.inside.setContentsMargins(20, 16, 20, 18)
+        self.inside.setSpacing(8)
+        self.inside.addWidget(self.title)
+        self.inside.addWidget(self.text)
+        parent.installEventFilter(self)
+
+    def button(self, text: str, do: Callable[[], None], main: bool = False) -> QPushButton:
+        """One more button at the bottom of the card."""
+        made = QPushButton(text, objectName="main" if main else "")
+        made.setFont(theme.font(theme.NORMAL, bold=main))
+        made.setMinimumHeight(34)
+        made.setAutoDefault(True)
+        made.clicked.connect(lambda: do())
+        return made
+
+    def appear(self) -> None:
+        """Take its place and come to the front."""
+        self.show()
+        self.place()
+        self.raise_()
+
+    def place(self) -> None:
+        """Into the middle of the parent."""
+        parent = self.parentWidget()
+        self.setFixedWidth(min(WIDTH_PX, max(parent.width() - 2 * theme.GAP, 280)))
+        height = self.heightForWidth(self.width()) if self.hasHeightForWidth() else self.sizeHint().height()
+        self.setFixedHeight(min(max(height, self.minimumSizeHint().height()), max(parent.height() - 8, 120)))
+        self.move((parent.width() - self.width()) // 2, max((parent.height() - self.height()) // 2, 4))
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if watched is self.parentWidget() and event.type() == QEvent.Type.Resize and not self.isHidden():
+            self.place()
+        return super().eventFilter(watched, event)
+
+
+class Question(Card):
+    """What to do, and why: 1, 2, 3 or words of one's own and Enter; Escape leaves it."""
+
+    answered = Signal(str)
+    left = Signal()
+
+    def __init__(self, title: str, text: str, reasons: Sequence[str], do: str, parent: QWidget) -> None:
+        """do: what the button says."""
+        super().__init__(title, text, parent)
+        self.reasons = tuple(reasons)
+        for number, reason in enumerate(self.reasons, start=1):
+            button = KeyButton(reason[0].upper() + reason[1:], str(number))
+            button.clicked.connect(lambda _=False, chosen=reason: self.answered.emit(chosen))
+            self.inside.addWidget(button)
+        self.own = QLineEdit()
+        self.own.setPlaceholderText("Another reason")
+        self.own.setAccessibleName("Another reason")
+        self.own.setMaxLength(200)
+        self.own.textChanged.connect(lambda text: self.confirm.setEnabled(bool(text.strip())))
+        self.own.returnPressed.connect(self._answer)
+        self.own.installEventFilter(self)
+        self.confirm = self.button(f"{do}  Enter", self._answer, main=True)
+        self.confirm.setEnabled(False)
+        self.cancel = self.button("Leave it  Esc", self.left.emit)
+        row = QHBoxLayout()
+        row.setSpacing(8)
+        row.addWidget(self.cancel)
+        row.addStretch(1)
+        row.addWidget(self.confirm)
+        self.inside.addWidget(self.own)
+        self.inside.addSpacing(4)
+        self.inside.addLayout(row)
+
+    def appear(self) -> None:
+        super().appear()
+        self.own.setFocus()
+
+    def _answer(self) -> None:
+        if reason := self.own.text().strip():
+            self.answered.emit(reason)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Digits choose while nothing is typed."""
+        if watched is self.own and event.type() == QEvent.Type.KeyPress and isinstance(event, QKeyEvent):
+            number = event.key() - Qt.Key.Key_0
+            if not self.own.text() and 1 <= number <= len(self.reasons):
+                self.answered.emit(self.reasons[number - 1])
+                return True
+        return super().eventFilter(watched, event)
+
+
+class Notice(Card):
+    """What has to be done or is over, with buttons; the first is the one that Enter presses."""
+
+    def __init__(self, title: str, text: str, buttons: Sequence[tuple[str, Callable[[], None]]], parent: QWidget):
+        super().__init__(title, text, parent)
+        row = QHBoxLayout()
+        row.setSpacing(8)
+        row.addStretch(1)
+        self.buttons = [self.button(says, do, main=i == 0) for i, (says, do) in enumerate(buttons)]
+        for made in reversed(self.buttons):
+            row.addWidget(made)
+        self.inside.addSpacing(4)
+        self.inside.addLayout(row)
+
+    def appear(self) -> None:
+        super().appear()
+        if self.buttons:
+            self.buttons[0].setFocus()

@@ -1,0 +1,252 @@
+"""The experimenter's window: pre-flight, plan, workspace, traces, proof of recording; questions and notices in cards.
+
+It shows what the bench says and asks the bench for what the experimenter wants; it decides nothing.
+"""
+
+import time
+
+import numpy as np
+from PySide6.QtCore import Signal
+from PySide6.QtGui import QCloseEvent, QGuiApplication
+from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QVBoxLayout, QWidget
+
+from app.live import messages as m
+from app.screens import theme
+from app.screens.cards import Cards
+from app.screens.centre import Centre
+from app.screens.commands import Commands
+from app.screens.energy_panel import EnergyPanel
+from app.screens.keys import bind
+from app.screens.labels import breakable, line
+from app.screens.preflight import Preflight
+from app.screens.proof_line import ProofLine
+from app.screens.questionnaire import Questionnaire
+from app.screens.session_panel import SessionPanel
+from app.screens.start_page import StartPage
+from app.screens.timing_strip import TimingStrip
+from app.screens.traces import Traces
+from experiments.plan import PlannedTrial
+
+RIGHT_PX = 372
+SMALLEST = (1024, 640)
+LARGEST = (1680, 1000)
+
+
+class ConsoleWindow(QWidget):
+    """The whole window."""
+
+    participant_asked = Signal()  # show or hide the participant's window
+    closed = Signal()
+
+    def __init__(self, bench, participant: str = "01", parent: QWidget | None = None) -> None:
+        """bench: the window's end of the live bench; participant: offered for a new session."""
+        super().__init__(parent)
+        self.setWindowTitle("phd")
+        self.bench = bench
+        self.opened: m.Opened | None = None
+        self.snapshot = m.Snapshot(m.PREPARING)
+        self.preflight, self.proof = Preflight(), ProofLine()
+        self.energy, self.timing, self.traces = EnergyPanel(), TimingStrip(), Traces()
+        self.panel, self.centre = SessionPanel(), Centre()
+        self.start_page = StartPage(participant)
+        self.questions = Questionnaire()
+        self.participant_answers = False  # the questions stand on the participant's own window
+        self.banner = line("", "banner", theme.TITLE, bold=True)
+        self.banner.hide()
+        self.trying = False  # a practice trial without a session is looked at
+        self._shown: PlannedTrial | None = None  # the trial that the workspace is set up for
+        self._lay_out()
+        self.cards = Cards(self.centre)
+        self.commands = Commands(self)
+        self._connect()
+        self.dead = self._closing = False
+        self._refresh()
+
+    def _lay_out(self) -> None:
+        right = QWidget()
+        right.setFixedWidth(RIGHT_PX)
+        column = QVBoxLayout(right)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(10)
+        column.addWidget(self.traces, 4)
+        column.addWidget(self.timing, 1)
+        left = QVBoxLayout()
+        left.setSpacing(10)
+        left.addWidget(self.panel, 1)
+        left.addWidget(self.energy)
+        desk = QWidget()
+        middle = QHBoxLayout(desk)
+        middle.setContentsMargins(0, 0, 0, 0)
+        middle.setSpacing(theme.GAP)
+        middle.addLayout(left)
+        middle.addWidget(self.centre, 1)
+        middle.addWidget(right)
+        self.desk = desk
+        self.pages = QStackedWidget()
+        self.pages.addWidget(self.start_page)
+        self.pages.addWidget(desk)
+        self.pages.addWidget(self.questions)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(theme.GAP, theme.GAP, theme.GAP, theme.GAP)
+        layout.setSpacing(10)
+        layout.addWidget(self.banner)
+        layout.addWidget(self.preflight)
+        layout.addWidget(self.pages, 1)
+        layout.addWidget(self.proof)
+        room = QGuiApplication.primaryScreen().availableSize()
+        self.setMinimumSize(min(SMALLEST[0], room.width()), min(SMALLEST[1], room.height()))
+        self.resize(min(LARGEST[0], room.width()), min(LARGEST[1], room.height()))
+
+    def _connect(self) -> None:
+        do = self.commands
+        for signal, command in (
+            (self.preflight.brakes_off_asked, lambda: do.brakes_off("the button of the console")),
+            (self.preflight.brakes_allowed, do.allow_brakes),
+            (self.panel.start_asked, do.start),
+            (self.panel.redo_asked, do.redo),
+            (self.panel.skip_asked, do.skip),
+            (self.panel.pause_asked, do.pause),
+            (self.panel.abort_asked, do.abort),
+            (self.panel.noted, do.note),
+            (self.start_page.session_asked, do.open_session),
+            (self.start_page.practice_asked, do.practice),
+            (self.questions.answered, do.answer),
+            (self.centre.results_asked, do.results),
+            (self.centre.participant_asked, self.participant_asked),
+            (self.centre.back_asked, do.back),
+            (self.centre.aimed, self.bench.aim),
+        ):
+            signal.connect(command)
+        bind(self, self.keys())
+
+    def keys(self) -> dict:
+        """What each key does here."""
+        do = self.commands
+        return {
+            "start": do.start,
+            "escape": lambda: do.escape("Esc on the console"),
+            "allow brakes": do.allow_brakes,
+            "redo": do.redo,
+            "skip": do.skip,
+            "pause": do.pause,
+            "abort": do.abort,
+            "note": do.write_note,
+            "results": do.results,
+            "participant": self.participant_asked.emit,
+        }
+
+    # ------------------------------------------------------------------------------------------- what the bench says
+
+    def show_opened(self, opened: m.Opened) -> None:
+        """A session, or a protocol before one."""
+        self.opened = opened
+        self._shown = None
+        self.centre.show_opened(opened)
+        self.proof.show_opened(opened)
+        self._refresh()
+
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
+        """Where the session is now."""
+        before, self.snapshot = self.snapshot, snapshot
+        if snapshot.stage not in (m.NO_SESSION, m.RUNNING, m.PREPARING):
+            self.trying = False
+        self.commands.follow(before, snapshot)
+        if snapshot.stage == m.QUESTIONS != before.stage:
+            self.questions.clear()
+        self._refresh()
+        self._show_trial(before)
+
+    def _show_trial(self, before: m.Snapshot) -> None:
+        """The workspace: the running trial, else the coming one unless there is a trail to look at."""
+        snapshot, opened = self.snapshot, self.opened
+        if opened is None:
+            return
+        now = snapshot.running
+        begins = now is not None and (before.running != now or before.stage != m.RUNNING)
+        coming = snapshot.coming
+        if (
+            now is None
+            and coming is not None
+            and self._shown is None
+            or (
+                now is None and coming is not None and self._shown.configuration != coming.configuration  # type: ignore[union-attr]
+            )
+        ):
+            now, begins = coming, True
+        if begins and now is not None:
+            self._shown = now
+            device = next(device for device in opened.devices if device.name == now.configuration)
+            self.centre.begin(now, snapshot.tip)
+            self.traces.show_trial(device, opened.paths[now.segment])
+            self.energy.clear()
+            self.timing.clear()
+        elif snapshot.running is None:
+            self.centre.rest(snapshot.tip)
+
+    def show_pulse(self, pulse: m.Pulse) -> None:
+        """Proof of recording, and timing."""
+        self.proof.show_pulse(pulse)
+        self.timing.show_timing(pulse.timing)
+
+    def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
+        """Ticks (n, row.WIDTH) of the running trial; taken: the pointer has hold of the handle."""
+        if not len(rows) or self.dead or self.snapshot.running is None:
+            return
+        self.centre.show_ticks(rows, taken)
+        self.traces.add(rows)
+        self.energy.add(rows)
+        self.timing.add(rows)
+
+    def show_time(self) -> None:
+        """What only the clock changes: the countdown of a break."""
+        self.cards.show_time(time.monotonic())
+
+    def show_dead(self, sentence: str) -> None:
+        """There is no bench any more."""
+        self.dead = True
+        last = self.snapshot
+        self.snapshot = m.Snapshot(
+            m.FAILED, last.rows, blind=last.blind, notes=last.notes, said=sentence, said_bad=True
+        )
+        self.proof.show_dead()
+        if self.centre.workspace is not None and self.centre.workspace.view.tip is not None:
+            self.centre.rest(self.centre.workspace.view.tip)
+        self._refresh()
+
+    def _refresh(self) -> None:
+        """Everything that Opened and Snapshot say."""
+        snapshot, opened = self.snapshot, self.opened
+        failed = snapshot.stage == m.FAILED
+        self.banner.setText(breakable(snapshot.said) if failed else "")
+        self.banner.setVisible(failed)
+        self.preflight.show_session(opened, snapshot)
+        self.start_page.show_session(opened, snapshot)
+        before_session = opened is None or not opened.participant
+        at_start = before_session and not self.trying and snapshot.stage != m.RUNNING
+        asks = snapshot.stage == m.QUESTIONS and not self.participant_answers
+        self.pages.setCurrentWidget(self.start_page if at_start else self.questions if asks else self.desk)
+        if opened is None:
+            return
+        self.panel.show_session(opened, snapshot, self.trying)
+        self.centre.show_session(opened, snapshot, self.trying)
+        self.traces.set_blind(snapshot.blind)
+        self.energy.setVisible(not snapshot.blind)  # what the brakes took would tell the controllers apart
+        self.cards.show_session(opened, snapshot, self.commands)
+
+    # ------------------------------------------------------------------------------------------- the end
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """While something is recorded, ask first."""
+        if self.snapshot.stage == m.RUNNING and not self.snapshot.practice and not self._closing and not self.dead:
+            event.ignore()
+            self.showNormal() if self.isMinimized() else self.show()
+            self.raise_()
+            self.cards.ask_to_close(self.close_anyway)
+            return
+        event.accept()
+        self.closed.emit()
+
+    def close_anyway(self) -> None:
+        """The question has been answered."""
+        self._closing = True
+        self.close()

@@ -1,0 +1,129 @@
+"""What can be laid over the workspace: the velocity field, the SDOF directions, the forces that can be reached."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from core.control import BLEND_WIDTH
+from core.device import Device
+from core.linkage import tip_force_map
+from core.path import Path, line, nearest
+from core.rules import SETTLED, Rules
+from core.sdof import nearest_valid_brake, sdof_direction, valid_sense
+from core.velocity_field import SIDE, TRAVEL, Field, field_at, new_memory
+from core.workspace import tip_is_free
+
+MOVES_M_S = 0.002  # slower than this there is no present motion to act against
+AT_REST_RAD_S = 1e-9  # a joint that turns more slowly is stuck
+
+
+class Needle(NamedTuple):
+    """The desired direction at one place, m and a unit vector."""
+
+    x: float
+    y: float
+    beta_x: float
+    beta_y: float
+
+
+class Direction(NamedTuple):
+    """The way that one locked brake leaves the tip: a unit vector and its valid sense (0: neither)."""
+
+    joint: int  # in the order A, E, B, C
+    p_x: float
+    p_y: float
+    sense: float
+    chosen: bool  # the valid one nearest to the desired direction
+
+
+class Wedge(NamedTuple):
+    """Directions of the forces that the brakes can exert against the present motion, rad counter-clockwise from +x."""
+
+    first: float
+    last: float  # > first, at most pi more
+    spokes: tuple[float, ...]  # each brake by itself
+
+
+class Follower:
+    """The velocity field of one path as the controller sees it, with the travel sense that the hand has chosen."""
+
+    def __init__(self, path: Path, rules: Rules) -> None:
+        self.path, self.rules = path, rules
+        self._memory = new_memory()
+
+    @property
+    def sense(self) -> float:
+        """+1: forward is towards the end of the path; -1: towards its start."""
+        return float(self._memory[TRAVEL])
+
+    def follow(self, x: float, y: float, vx: float, vy: float, fx: float, fy: float) -> Field:
+        """The field at the tip (m, m/s, N) in the next tick of `move`."""
+        return field_at(self.path, self._memory, x, y, vx, vy, fx, fy, BLEND_WIDTH, self.rules)
+
+    def error(self, x: float, y: float) -> float:
+        """Distance of the tip from the path, m."""
+        return abs(nearest(self.path, x, y)[1])
+
+    def needles(self, device: Device, low: tuple[float, float], high: tuple[float, float], step: float) -> list[Needle]:
+        """The field on a grid (m) between two corners, wherever the tip can be."""
+        x, y = (step * np.arange(math.ceil(a / step), math.floor(b / step) + 1) for a, b in zip(low, high, strict=True))
+        x, y = np.meshgrid(x, y)
+        free = tip_is_free(device.mechanism, x, y)
+        found = []
+        for place_x, place_y in zip(x[free].tolist(), y[free].tolist(), strict=True):
+            memory = self._memory.copy()
+            memory[SIDE] = 0.0
+            field = field_at(self.path, memory, place_x, place_y, 0.0, 0.0, 0.0, 0.0, BLEND_WIDTH, self.rules)
+            found.append(Needle(place_x, place_y, field.beta_x, field.beta_y))
+        return found
+
+
+def compile_kernels(device: Device) -> None:
+    """Have every kernel compiled and kept on disk that drawing calls: seconds, on the first use only."""
+    follower = Follower(line((-0.1, 0.4), (0.1, 0.4)), SETTLED)
+    field = follower.follow(0.0, 0.4, 0.0, 0.0, 0.0, 0.0)
+    follower.error(0.0, 0.4)
+    directions(device, force_map(device, 0.0, 0.4), field, SETTLED)
+
+
+def force_map(device: Device, x: float, y: float) -> np.ndarray:
+    """Rows g (4, 2) at a tip (m): force of a brake on the tip = g torque, rate of its joint = g . v."""
+    g = np.zeros((4, 2))
+    tip_force_map(device.mechanism, x, y, g)
+    return g
+
+
+def directions(device: Device, g: np.ndarray, field: Field, rules: Rules) -> list[Direction]:
+    """The SDOF direction of every brake (Eq. 12) at the tip."""
+    chosen = nearest_valid_brake(device.brakes, g, field, rules)
+    found = []
+    for i in range(4):
+        if device.brakes.present[i]:
+            p_x, p_y = sdof_direction(g[i, 0], g[i, 1])
+            sense = valid_sense(p_x, p_y, field, rules.span_rounding)
+            found.append(Direction(i, p_x, p_y, sense, i == chosen))
+    return found
+
+
+def wedge(device: Device, g: np.ndarray, vx: float, vy: float, stuck: int) -> Wedge | None:
+    """The forces available against the motion (vx, vy), m/s, as in Fig. 1; None at rest.
+
+    A slipping brake pushes one way only, against its own rate; a stuck one (bit of `stuck`) pushes either way. All of
+    these have no component along the motion, so they lie within half a turn.
+    """
+    if math.hypot(vx, vy) < MOVES_M_S:
+        return None
+    against = math.atan2(-vy, -vx)
+    spokes = []
+    for i in range(4):
+        if not device.brakes.present[i]:
+            continue
+        g_x, g_y = float(g[i, 0]), float(g[i, 1])
+        rate = g_x * vx + g_y * vy
+        held = stuck >> i & 1 or abs(rate) < AT_REST_RAD_S
+        for sign in (-1.0, 1.0) if held else (math.copysign(1.0, rate),):
+            along, across = -sign * (g_x * vx + g_y * vy), sign * (g_y * -vx - g_x * -vy)
+            turn = math.atan2(across, max(along, 0.0))
+            spokes.append(against + turn)
+    return Wedge(min(spokes), max(spokes), tuple(spokes)) if spokes else None

@@ -1,0 +1,218 @@
+"""The linkage on the plane: arms, brakes in the colour of what they do, forces with their values, layers on demand."""
+
+import numpy as np
+from PySide6.QtCore import QMarginsF, QPointF, QRectF
+from PySide6.QtGui import QPainter
+from PySide6.QtWidgets import QWidget
+
+from app.screens import theme
+from app.screens.extent import Point, extent_of_linkages
+from app.screens.instant import OFF, Doing, Instant, doing
+from app.screens.layers import Follower, directions
+from app.screens.linkage_labels import BRAKES, HAND, JOINT_PX, SHADE, Labels, force_ends
+from app.screens.marks import LETTER_PX, arrow_of, paint_arrow, paint_directions, paint_field, paint_wedge
+from app.screens.panel import CENTRE, LEFT, RIGHT
+from app.screens.pens import font, pen, shade, text_width
+from app.screens.places import Line
+from app.screens.plane import Plane
+from core import row
+from core.device import Device
+from core.mechanism import JOINTS
+from core.path_file import PathFile, build_path
+from core.rules import rule_set
+from core.velocity_field import Field
+
+FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE = "field", "SDOF directions", "reachable force", "trail", "linkage"
+ARMS = ("AE", "ED", "BC", "CD")
+BARE_PX = 5.0  # radius of a joint without a brake
+NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
+ASSUMED = "parameters assumed"
+
+
+class LinkageView(Plane):
+    """One device on one path, as its newest tick says."""
+
+    def __init__(self, devices: tuple[Device, ...], paths: dict[int, PathFile], parent: QWidget | None = None) -> None:
+        super().__init__(
+            extent_of_linkages(devices, paths.values()), keep_free=QMarginsF(64.0, 66.0, 44.0, 12.0),
+            grid=True, follows_mouse=False, parent=parent,
+        )  # fmt: skip
+        self.device = devices[0]
+        self.follower: Follower | None = None
+        self.shown = {FIELD, REACHABLE, TRAIL, LINKAGE}
+        self.blind = False
+        self.title, self.line = "", ""
+        self.labels = Labels()
+        self.instant: Instant | None = None
+        self._ticks: np.ndarray | None = None  # since the last words (n, row.WIDTH), n > 0; none between trials
+        self._worded = False  # words have been made of these
+        self._field: Field | None = None
+        self._sense_drawn = 1.0
+
+    # what to show
+
+    def show_trial(self, device: Device, path: PathFile, tip: Point, rules: str = "settled") -> None:
+        """Another trial: the handle at rest at `tip`, brakes off."""
+        self.device = device
+        self.follower = Follower(build_path(path, "path"), rule_set(rules, 0.0))
+        self._sense_drawn = 1.0
+        self.show_path(path)
+        self.rest(tip)
+
+    def rest(self, tip: Point) -> None:
+        """The handle stands at `tip`, brakes off; the trail stays to be looked at."""
+        self._show(tip, None)
+        self._field = self.follower.follow(*tip, 0.0, 0.0, 0.0, 0.0) if self.follower else None
+        self.word()
+
+    def add(self, rows: np.ndarray) -> None:
+        """Ticks (n, row.WIDTH) of the running trial, n > 0: the newest is drawn, the sense of travel follows all."""
+        tip = (float(rows[-1, row.TIP_X]), float(rows[-1, row.TIP_Y]))
+        if self.follower is not None:
+            self._follow(rows, tip)
+        if rows[-1, row.PHASE] == row.MOVE:
+            self.extend_trail(tip)
+        before = None if self._worded else self._ticks
+        self._show(tip, rows.copy() if before is None else np.concatenate((before, rows)))
+
+    def _show(self, tip: Point, ticks: np.ndarray | None) -> None:
+        self._ticks, self._worded = ticks, False
+        self.instant = Instant(self.device, tip, None if ticks is None else ticks[-1], self.blind)
+        self.pointer = self.instant.wanted
+        self.show_handle(tip)
+
+    def _follow(self, rows: np.ndarray, tip: Point) -> None:
+        moving = rows[rows[:, row.PHASE] == row.MOVE]
+        columns = [row.TIP_X, row.TIP_Y, row.TIP_VX, row.TIP_VY, row.HAND_FX, row.HAND_FY]
+        for state in moving[:, columns].tolist():
+            self._field = self.follower.follow(*state)
+        if not len(moving):
+            self._field = self.follower.follow(*tip, 0.0, 0.0, 0.0, 0.0)
+        if self.follower.sense != self._sense_drawn and FIELD in self.shown:
+            self._sense_drawn = self.follower.sense
+            self.repaint_still()
+
+    def show_layer(self, layer: str, shown: bool) -> None:
+        """Lay something over the workspace, or take it away."""
+        (self.shown.add if shown else self.shown.discard)(layer)
+        if layer == TRAIL:
+            self.trail_shown = shown
+        self.repaint_still()
+
+    def set_blind(self, blind: bool) -> None:
+        """Hide what would tell the controllers apart: what the brakes do, and their force."""
+        if blind != self.blind:
+            self.blind = blind
+            if self.tip is not None:
+                self._show(self.tip, self._ticks)
+            self.word()
+
+    def word(self) -> None:
+        """Bring the words up to date and find each a place; a few times a second, for they must be read."""
+        if self.instant is not None:
+            nothing = dict.fromkeys(self.device.braked, Doing())
+            now = doing(self.device, self._ticks) if self._ticks is not None else nothing
+            self.labels.word(self.instant, {} if self.blind else now)
+            self._worded = True
+            if LINKAGE in self.shown:
+                self._place_labels(self.instant)
+        self.update()
+
+    # painting
+
+    def paint_under_path(self, painter: QPainter) -> None:
+        if self.follower is not None and FIELD in self.shown:
+            step = max(NEEDLE_M, NEEDLE_PX / self.scale)
+            low, high = self.to_plane(QPointF(60.0, self.height())), self.to_plane(QPointF(self.width() - 12.0, 40.0))
+            needles = self.follower.needles(self.device, low, high, step)
+            paint_field(painter, needles, self.to_screen, step * self.scale)
+        if self.device.assumed:
+            painter.setFont(font(theme.SMALL))
+            painter.setPen(shade(theme.CAUTION, 0.9))
+            painter.drawText(QRectF(0.0, 12.0, self.width() - 16.0, 20.0), RIGHT, ASSUMED)
+
+    def paint_under_handle(self, painter: QPainter) -> None:
+        if self.instant is None:
+            return
+        handle = self.to_screen(self.instant.tip)
+        at = self._joints(self.instant) if LINKAGE in self.shown else {}
+        for width, colour in ((7.0, theme.ARM), (2.0, theme.ARM_CORE)) if at else ():
+            painter.setPen(pen(colour, width))  # flat ends, opaque, line by line: a twentieth of the time
+            for one, other in ARMS:
+                painter.drawLine(at[one], at[other])
+        if REACHABLE in self.shown and (wedge := self.instant.reachable()) is not None:
+            paint_wedge(painter, handle, wedge)
+        if DIRECTIONS in self.shown and self._field is not None and self.follower is not None:
+            found = directions(self.device, self.instant.g, self._field, self.follower.rules)
+            paint_directions(painter, handle, found, self._field)
+        if at:
+            self._paint_joints(painter, self._rings(at))
+        paint_arrow(painter, handle, arrow_of(self.instant.brakes), theme.BRAKE_SLIPPING, 3.0)
+        paint_arrow(painter, handle, arrow_of(self.instant.hand), theme.GOOD, 3.0)
+
+    def paint_over_handle(self, painter: QPainter) -> None:
+        if self.instant is not None and LINKAGE in self.shown:
+            self.labels.paint(painter, self._marks(self.instant))
+        painter.setFont(font(theme.HEAD, bold=True))
+        painter.setPen(shade(theme.TEXT))
+        painter.drawText(QRectF(16.0, 8.0, self.width(), 26.0), LEFT, self.title)
+        if self.line:
+            x = 28.0 + text_width(self.title, theme.HEAD, bold=True)
+            painter.setFont(font(theme.NORMAL))
+            painter.setPen(shade(theme.QUIET))
+            painter.drawText(QRectF(x, 9.0, self.width() - x, 26.0), LEFT, self.line)
+
+    def _joints(self, instant: Instant) -> dict[str, QPointF]:
+        """Joint -> where it is, px."""
+        return {joint: self.to_screen(place) for joint, place in instant.joints.items()}
+
+    def _rings(self, at: dict[str, QPointF]) -> dict[str, QPointF]:
+        """Joint -> the middle of its ring, px: the brakes of coaxial bases stand side by side."""
+        rings = dict(at)
+        if "A" in self.device.braked and "B" in self.device.braked:
+            if (at["A"] - at["B"]).manhattanLength() < 2.0 * JOINT_PX + 2.0:
+                middle, apart = 0.5 * (at["A"] + at["B"]), QPointF(JOINT_PX + 2.0, 0.0)
+                rings["A"], rings["B"] = middle - apart, middle + apart
+        return rings
+
+    def _marks(self, instant: Instant) -> dict[str, QPointF]:
+        """Label -> the point that it stands beside, px."""
+        at = self._joints(instant)
+        return {**(self._rings(at) if at else {}), **force_ends(self.to_screen(instant.tip), instant)}
+
+    def _place_labels(self, instant: Instant) -> None:
+        """Labels keep off arms, path, arrows, directions, rings and the pointer."""
+        at, handle = self._joints(instant), self.to_screen(instant.tip)
+        marks = self._marks(instant)
+        ends = [(at[a], at[b]) for a, b in ARMS] if at else []
+        ends += [(handle, marks[HAND]), (handle, marks[BRAKES])]
+        places = [(marks[joint], JOINT_PX) for joint in self.device.braked if joint in marks]
+        if DIRECTIONS in self.shown:
+            for i in map(JOINTS.index, self.device.braked):
+                reach = QPointF(instant.g[i, 1], instant.g[i, 0]) * (LETTER_PX / np.hypot(*instant.g[i]))
+                ends.append((handle - reach, handle + reach))
+                places += [(handle - reach, 9.0), (handle + reach, 9.0)]
+        path = [self.to_screen(point) for point in self.outline[:: max(1, len(self.outline) // 12)]]
+        path += [self.to_screen(self.outline[-1])] if path else []
+        ends += zip(path, path[1:], strict=False)
+        lines: list[Line] = [(p.x(), p.y(), q.x(), q.y()) for p, q in ends]
+        places += [(end, 13.0) for end in (path[:1] + path[-1:])]
+        places += [(self.to_screen(self.pointer), 7.0)] if self.pointer else []
+        boxes = [QRectF(p.x() - r, p.y() - r, 2.0 * r, 2.0 * r) for p, r in places]
+        self.labels.place(instant, marks, lines, boxes, QRectF(self.rect()).adjusted(4.0, 36.0, -4.0, -2.0))
+
+    def _paint_joints(self, painter: QPainter, rings: dict[str, QPointF]) -> None:
+        painter.setBrush(shade(theme.CANVAS))
+        painter.setFont(font(theme.SMALL, bold=True))
+        for joint in JOINTS:
+            place = rings[joint]
+            if joint not in self.device.braked:
+                painter.setPen(pen(theme.BRAKE_OFF, 2.0))
+                painter.drawEllipse(place, BARE_PX, BARE_PX)
+                continue
+            state = self.labels.doing.get(joint, Doing()).state
+            painter.setPen(pen(SHADE[state], 3.0))
+            painter.drawEllipse(place, JOINT_PX, JOINT_PX)
+            painter.setPen(shade(theme.QUIET if state == OFF else theme.TEXT))
+            box = QRectF(place.x() - JOINT_PX, place.y() - JOINT_PX, 2.0 * JOINT_PX, 2.0 * JOINT_PX)
+            painter.drawText(box, CENTRE, joint)

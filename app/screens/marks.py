@@ -1,0 +1,95 @@
+"""The marks on the workspace: arrows of forces, needles of the field, SDOF directions, the reachable forces."""
+
+import math
+from collections.abc import Callable, Iterable
+
+from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
+from PySide6.QtGui import QPainter, QPolygonF
+
+from app.screens import theme
+from app.screens.extent import Point
+from app.screens.layers import Direction, Needle, Wedge
+from app.screens.panel import CENTRE
+from app.screens.pens import font, pen, shade
+from core.mechanism import JOINTS
+from core.velocity_field import Field
+
+PX_PER_N = 7.0  # of the arrows
+ARROW_MOST_PX = 150.0  # longer ones are cut: their value stands beside them
+LEAST_FORCE_N = 0.2  # weaker than this is not drawn
+HEAD_PX = 8.0  # of an arrow's head
+DIRECTION_PX, LETTER_PX, WEDGE_PX = 58.0, 69.0, 78.0  # length of a direction, its letter, radius of the wedge
+NEEDLE_SHARE = 0.24  # half a needle's length, of the distance between two
+WEDGE_COLOUR, WEDGE_EDGE = "#cc79a7", "#7d5070"
+
+
+def arrow_of(force: Point) -> QPointF:
+    """From the tail to the head of a force's arrow, px; nothing where it is too weak to be drawn."""
+    size = math.hypot(*force)
+    if size < LEAST_FORCE_N:
+        return QPointF()
+    scale = min(PX_PER_N, ARROW_MOST_PX / size)
+    return QPointF(scale * force[0], -scale * force[1])
+
+
+def paint_arrow(painter: QPainter, tail: QPointF, reach: QPointF, colour: str, width: float) -> None:
+    """An arrow from `tail` over `reach`, px."""
+    length = math.hypot(reach.x(), reach.y())
+    if length < 1.0:
+        return
+    along = reach / length
+    across = QPointF(-along.y(), along.x())
+    head, size = tail + reach, min(HEAD_PX, length)
+    foot = head - along * size
+    painter.setPen(pen(colour, width))
+    painter.drawLine(tail, head - along * (0.8 * size))
+    painter.setPen(Qt.PenStyle.NoPen)
+    painter.setBrush(shade(colour))
+    painter.drawPolygon(QPolygonF([head, foot + across * (0.45 * size), foot - across * (0.45 * size)]))
+
+
+def paint_field(
+    painter: QPainter, needles: Iterable[Needle], to_screen: Callable[[Point], QPointF], apart: float
+) -> None:
+    """Short needles `apart` px from each other, brighter towards where they point."""
+    tails, heads = [], []
+    for needle in needles:
+        middle = to_screen((needle.x, needle.y))
+        half = QPointF(needle.beta_x, -needle.beta_y) * (NEEDLE_SHARE * apart)
+        tails.append(QLineF(middle - half, middle))
+        heads.append(QLineF(middle, middle + half))
+    for lines, alpha in ((tails, 0.35), (heads, 0.8)):
+        painter.setPen(pen(theme.BRAKE_OFF, 1.0, alpha))
+        painter.drawLines(lines)
+
+
+def paint_directions(painter: QPainter, handle: QPointF, found: Iterable[Direction], field: Field) -> None:
+    """Each brake's line; the valid sense an arrow, the chosen one strong; the desired direction white."""
+    painter.setFont(font(theme.SMALL, bold=True))
+    for direction in found:
+        reach = QPointF(direction.p_x, -direction.p_y) * ((direction.sense or 1.0) * DIRECTION_PX)
+        painter.setPen(pen(theme.QUIET, 1.0, 0.6))
+        painter.drawLine(handle - reach, handle + reach)
+        if direction.sense:
+            colour, width = (theme.ACCENT, 3.0) if direction.chosen else (theme.QUIET, 1.6)
+            paint_arrow(painter, handle, reach, colour, width)
+        beyond = handle + reach * (LETTER_PX / DIRECTION_PX)
+        painter.setPen(shade(theme.TEXT if direction.chosen else theme.QUIET))
+        painter.drawText(QRectF(beyond.x() - 8.0, beyond.y() - 8.0, 16.0, 16.0), CENTRE, JOINTS[direction.joint])
+    paint_arrow(painter, handle, QPointF(field.beta_x, -field.beta_y) * (0.6 * DIRECTION_PX), theme.TEXT, 1.6)
+
+
+def paint_wedge(painter: QPainter, handle: QPointF, found: Wedge) -> None:
+    """The wedge and, in it, each brake by itself."""
+    painter.setPen(Qt.PenStyle.NoPen)
+    painter.setBrush(shade(WEDGE_COLOUR, 0.24))
+    box = QRectF(handle.x() - WEDGE_PX, handle.y() - WEDGE_PX, 2.0 * WEDGE_PX, 2.0 * WEDGE_PX)
+    first, span = math.degrees(found.first), math.degrees(found.last - found.first)
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)  # a third of the time; the edges below are smooth
+    painter.drawPie(box, round(16.0 * first), round(16.0 * span))  # sixteenths of a degree
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    painter.setPen(pen(WEDGE_EDGE, 1.2))
+    for angle in found.spokes:
+        painter.drawLine(handle, handle + QPointF(math.cos(angle), -math.sin(angle)) * WEDGE_PX)
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    painter.drawArc(box, round(16.0 * first), round(16.0 * span))

@@ -1,0 +1,133 @@
+"""A short questionnaire after a block: the six raw NASA-TLX scales (Hart and Staveland 1988) and one on smoothness.
+
+Each scale has 21 marks, 0 to 100; none is set before it is touched, and all are to be answered.
+"""
+
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QPushButton, QSizePolicy, QVBoxLayout, QWidget
+
+from app.screens import theme
+from app.screens.labels import line, word
+from app.screens.pens import pen
+
+ITEMS = (
+    ("mental_demand", "How much thinking did it take?", "very little", "very much"),
+    ("physical_demand", "How much strength did it take?", "very little", "very much"),
+    ("temporal_demand", "How hurried did you feel?", "not at all", "very"),
+    ("performance", "How well did you follow the lines?", "perfectly", "not at all"),
+    ("effort", "How hard did you have to work?", "very little", "very hard"),
+    ("frustration", "How irritated or discouraged were you?", "not at all", "very"),
+    ("smoothness", "How did the movement feel?", "smooth", "jerky"),
+)
+STEPS = 20
+
+
+class Scale(QWidget):
+    """Marks from 0 to 100 in steps of 5; a click, a drag or the arrows set it."""
+
+    changed = Signal()
+
+    def __init__(self, name: str, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.value: int | None = None
+        self.setAccessibleName(name)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+
+    def sizeHint(self) -> QSize:
+        return QSize(320, 28)
+
+    def set(self, value: int | None) -> None:
+        """0 to 100; None: not answered."""
+        self.value = value
+        self.update()
+        self.changed.emit()
+
+    def _x(self, value: float) -> float:
+        return 10.0 + (self.width() - 20.0) * value / 100.0
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        share = (event.position().x() - 10.0) / max(self.width() - 20.0, 1.0)
+        self.set(round(min(max(share, 0.0), 1.0) * STEPS) * (100 // STEPS))
+        self.setFocus()
+
+    mouseMoveEvent = mousePressEvent
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        step = {Qt.Key.Key_Left: -1, Qt.Key.Key_Right: 1}.get(Qt.Key(event.key()))
+        if step is None:
+            super().keyPressEvent(event)
+        elif self.value is None:
+            self.set(50)
+        else:
+            self.set(min(max(self.value + step * (100 // STEPS), 0), 100))
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        middle = 0.5 * self.height()
+        painter.setPen(pen(theme.QUIET if self.hasFocus() else theme.BRAKE_OFF, 1.5))
+        painter.drawLine(QPointF(self._x(0), middle), QPointF(self._x(100), middle))
+        for i in range(STEPS + 1):
+            half = 7.0 if i % (STEPS // 2) == 0 else 4.0
+            x = self._x(100.0 * i / STEPS)
+            painter.drawLine(QPointF(x, middle - half), QPointF(x, middle + half))
+        if self.value is not None:
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(theme.colour(theme.ACCENT))
+            painter.drawRoundedRect(QRectF(self._x(self.value) - 5.0, middle - 11.0, 10.0, 22.0), 4.0, 4.0)
+
+
+class Questionnaire(QWidget):
+    """The scales and a button that waits until all are answered."""
+
+    answered = Signal(dict)  # item -> 0 .. 100
+
+    def __init__(self, framed: bool = True, parent: QWidget | None = None) -> None:
+        """framed: on a panel of its own, with its title."""
+        super().__init__(parent)
+        self.scales = {item: Scale(question) for item, question, *_ in ITEMS}
+        self.done = QPushButton("Done", objectName="main")
+        self.done.setFont(theme.font(theme.TITLE, bold=True))
+        self.done.setMinimumSize(160, 42)
+        self.done.clicked.connect(self._answer)
+        card = QFrame(objectName="panel" if framed else "")
+        card.setMaximumWidth(860)
+        grid = QGridLayout(card)
+        grid.setContentsMargins(*((28, 20, 28, 20) if framed else (0, 0, 0, 0)))
+        grid.setHorizontalSpacing(16)
+        grid.setVerticalSpacing(12)
+        if framed:
+            grid.addWidget(word("A few questions about the last trials", size=theme.HEAD, bold=True), 0, 0, 1, 4)
+        for at, (item, question, low, high) in enumerate(ITEMS, start=1):
+            asked = line(question, size=theme.TITLE)
+            asked.setMinimumWidth(270)
+            grid.addWidget(asked, at, 0)
+            grid.addWidget(word(low, "quiet"), at, 1, Qt.AlignmentFlag.AlignRight)
+            grid.addWidget(self.scales[item], at, 2)
+            grid.addWidget(word(high, "quiet"), at, 3)
+            self.scales[item].changed.connect(self._allow)
+        grid.setColumnStretch(2, 1)
+        grid.addWidget(self.done, len(ITEMS) + 1, 0, 1, 4, Qt.AlignmentFlag.AlignRight)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(theme.GAP, theme.GAP, theme.GAP, theme.GAP)
+        layout.addStretch(1)
+        across = QHBoxLayout()
+        across.addStretch(1)
+        across.addWidget(card, 100)
+        across.addStretch(1)
+        layout.addLayout(across)
+        layout.addStretch(1)
+        self._allow()
+
+    def clear(self) -> None:
+        """No answer yet."""
+        for scale in self.scales.values():
+            scale.set(None)
+
+    def _allow(self) -> None:
+        self.done.setEnabled(all(scale.value is not None for scale in self.scales.values()))
+
+    def _answer(self) -> None:
+        self.answered.emit({item: float(scale.value) for item, scale in self.scales.items() if scale.value is not None})

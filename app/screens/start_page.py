@@ -1,0 +1,163 @@
+"""The page before a session: who takes part, go on with an interrupted session, or just try it with the mouse."""
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QCheckBox, QFrame, QHBoxLayout, QLineEdit, QPushButton, QVBoxLayout, QWidget
+
+from app.live import messages as m
+from app.screens import theme
+from app.screens.labels import breakable, line, word
+from app.screens.words import why_not
+
+CARD_PX = 372
+RESUMABLE_MOST = 4  # shown; the others can be typed
+TRIAL_S = 15.0  # our choice: a first guess at a trial with its approach, for "about 15 min"
+
+
+class StartPage(QWidget):
+    """Two cards: a session; a try without one."""
+
+    session_asked = Signal(str, bool, bool)  # participant, resume, blind
+    practice_asked = Signal()
+
+    def __init__(self, participant: str = "01", parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.participant = QLineEdit(participant)
+        self.participant.setMaxLength(20)
+        self.participant.setFont(theme.font(theme.TITLE))
+        self.participant.setAccessibleName("Participant")
+        self.participant.returnPressed.connect(self._open)
+        self.participant.textChanged.connect(lambda _: self._allow())
+        self.blind = QCheckBox("Blind console")
+        self.blind.setToolTip("Hides controllers and currents from the experimenter too, until the key is opened")
+        self.new = self._button("New session  Enter", main=True)
+        self.new.clicked.connect(self._open)
+        self.about = line("", "quiet")
+        self.resume_head = line("", "caution")
+        self.resumable: list[QPushButton] = []
+        self.problem = line("", "bad")
+        self.practice = self._button("Try a trial with the mouse  T", main=True)
+        self.practice.setShortcut("T")
+        self.practice.clicked.connect(self.practice_asked)
+        self.why = line("", "caution", theme.SMALL)
+        self._why, self._known = "preparing", ()  # why nothing can be opened; participants to resume
+        self._lay_out()
+        self._allow()
+
+    @staticmethod
+    def _button(text: str, main: bool = False) -> QPushButton:
+        made = QPushButton(text, objectName="main" if main else "")
+        made.setFont(theme.font(theme.NORMAL, bold=True))
+        made.setMinimumHeight(38)
+        made.setAutoDefault(True)
+        return made
+
+    def _lay_out(self) -> None:
+        session, inside = self._card("A session", "Every trial of the plan, recorded for one participant.")
+        who = QHBoxLayout()
+        who.setSpacing(10)
+        who.addWidget(word("Participant", "quiet"))
+        who.addWidget(self.participant, 1)
+        inside.addLayout(who)
+        inside.addWidget(self.problem)
+        inside.addWidget(self.about)
+        inside.addWidget(self.blind)
+        inside.addStretch(1)
+        inside.addWidget(self.new)
+        self._resume = QVBoxLayout()
+        self._resume.setSpacing(6)
+        inside.addWidget(self.resume_head)
+        inside.addLayout(self._resume)
+
+        text = "One trial with the mouse as the hand. Nothing to set up; it counts nowhere."
+        practice, inside = self._card("Just try it", text)
+        for step in (
+            "1   Touch the white dot: the pointer takes hold of it",
+            "2   Bring it into the green circle and keep still",
+            "3   Follow the line to the orange circle",
+        ):
+            inside.addWidget(line(step))
+        inside.addWidget(line("The brakes can only resist: the dot is heavy where the path is not.", "quiet"))
+        inside.addStretch(1)
+        inside.addWidget(self.practice)
+
+        cards = QHBoxLayout()
+        cards.setSpacing(2 * theme.GAP)
+        cards.addStretch(1)
+        cards.addWidget(session)
+        cards.addWidget(practice)
+        cards.addStretch(1)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addStretch(2)
+        layout.addWidget(word("Passive haptic display", size=theme.HEAD, bold=True), 0, Qt.AlignmentFlag.AlignHCenter)
+        layout.addSpacing(2 * theme.GAP)
+        layout.addLayout(cards)
+        layout.addSpacing(theme.GAP)
+        layout.addWidget(self.why, 0, Qt.AlignmentFlag.AlignHCenter)
+        layout.addStretch(3)
+        self.why.setMinimumWidth(2 * CARD_PX)
+        self.why.setAlignment(Qt.AlignmentFlag.AlignHCenter)
+        for absent in (self.problem, self.resume_head):
+            absent.hide()
+
+    @staticmethod
+    def _card(title: str, text: str) -> tuple[QFrame, QVBoxLayout]:
+        frame = QFrame(objectName="panel")
+        frame.setFixedWidth(CARD_PX)
+        frame.setMinimumHeight(270)
+        inside = QVBoxLayout(frame)
+        inside.setContentsMargins(20, 16, 20, 18)
+        inside.setSpacing(10)
+        inside.addWidget(line(title, size=theme.TITLE, bold=True))
+        inside.addWidget(line(text, "quiet"))
+        return frame, inside
+
+    def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
+        """What can be opened, and what went wrong when it was tried."""
+        if opened is not None:
+            names = " and ".join(device.name for device in opened.devices)
+            trials = f"{len(opened.plan)} trials, " if opened.plan else ""
+            self.about.setText(f"Protocol {opened.protocol}: {trials}{names}, {len(opened.controllers)} controllers.")
+        self._show_resumable(snapshot.resumable)
+        self.problem.setText(breakable(snapshot.said if snapshot.said_bad else ""))
+        self.problem.setVisible(snapshot.said_bad and bool(snapshot.said))
+        self._why = "Preparing …" if snapshot.stage == m.PREPARING else why_not(snapshot)
+        if snapshot.stage == m.PREPARING:
+            self.why.setText("Preparing … on first use this takes about half a minute.")
+        else:
+            self.why.setText(f"Not yet: {self._why}" if self._why else "")
+        self._allow()
+
+    def _show_resumable(self, participants: tuple[str, ...]) -> None:
+        shown = participants[:RESUMABLE_MOST]
+        if [button.property("participant") for button in self.resumable] != list(shown):
+            for button in self.resumable:
+                self._resume.removeWidget(button)
+                button.deleteLater()
+            self.resumable = [self._resume_button(label) for label in shown]
+        more = len(participants) - len(shown)
+        one = "An interrupted session can go on:" if len(participants) == 1 else "Interrupted sessions can go on:"
+        self.resume_head.setText(one if more <= 0 else f"Interrupted sessions can go on ({more} more by their name):")
+        self.resume_head.setVisible(bool(participants))
+        self._known = participants
+
+    def _resume_button(self, label: str) -> QPushButton:
+        button = self._button(f"Resume participant {label}")
+        button.setProperty("participant", label)
+        button.clicked.connect(lambda: self.session_asked.emit(label, True, False))
+        self._resume.addWidget(button)
+        return button
+
+    def _allow(self) -> None:
+        label = self.participant.text()
+        known = label in self._known
+        self.new.setText("Resume this session  Enter" if known else "New session  Enter")
+        self.new.setEnabled(not self._why and label.isascii() and label.isalnum())
+        self.practice.setEnabled(not self._why)
+        for button in self.resumable:
+            button.setEnabled(not self._why)
+
+    def _open(self) -> None:
+        if self.new.isEnabled():
+            label = self.participant.text()
+            self.session_asked.emit(label, label in self._known, self.blind.isChecked())

@@ -1,0 +1,115 @@
+"""The look of every screen: palette, typeface, sizes (DESIGN, section 10)."""
+
+from pathlib import Path
+
+import matplotlib
+from PySide6.QtGui import QColor, QFont, QFontDatabase
+from PySide6.QtWidgets import QApplication, QWidget
+
+GROUND, PANEL, LINE, TEXT, QUIET = "#12161b", "#1a2027", "#2a323c", "#e6eaee", "#8b96a3"
+CANVAS = "#0d1115"  # the workspace: darker than the panels, so that what moves stands out
+FIELD = "#242c35"  # buttons
+GOOD, BAD, CAUTION = "#3fb68b", "#e5604d", "#e0a33e"
+BAD_GROUND, BAD_TEXT = "#3a1c1a", "#f3a598"
+BRAKE_OFF, BRAKE_SLIPPING, BRAKE_STUCK = "#5b6672", "#e69f00", "#d55e00"
+ARM, ARM_CORE, POINTER = "#2e363f", "#505b67", "#c6ced6"
+START_RING, END_RING = GOOD, "#e69f00"
+TRACE, ACCENT, ACCENT_DARK = "#58b4e8", "#4f9de0", "#1f4b7a"
+CONTROLLER = {1: "#9aa5b1", 2: "#e69f00", 3: "#f0c75e", 4: "#4f9de0", 5: "#8ec7f2"}
+STATUS = {
+    "done": GOOD, "timeout": CAUTION, "aborted": BAD, "redone": QUIET, "recovered": CAUTION, "skipped": QUIET
+}  # fmt: skip
+
+SMALL, NORMAL, TITLE, HEAD = 11, 13, 15, 17  # px
+GAP, RADIUS = 12, 6  # px, between panels, of their corners
+
+FAMILIES = ["Inter", "DejaVu Sans"]  # the second comes along: the same on every machine
+
+
+def font(size: int = NORMAL, bold: bool = False) -> QFont:
+    """The typeface at a size in px, in one of its two weights."""
+    chosen = QFont(FAMILIES)
+    chosen.setPixelSize(size)
+    chosen.setWeight(QFont.Weight.DemiBold if bold else QFont.Weight.Normal)
+    return chosen
+
+
+def colour(name: str, alpha: float = 1.0) -> QColor:
+    """A colour of the palette, more or less transparent."""
+    chosen = QColor(name)
+    chosen.setAlphaF(alpha)
+    return chosen
+
+
+def mixed(a: str, b: str, share: float) -> QColor:
+    """A colour between two of the palette."""
+    p, q = QColor(a), QColor(b)
+    parts = ((p.redF(), q.redF()), (p.greenF(), q.greenF()), (p.blueF(), q.blueF()))
+    return QColor.fromRgbF(*((1.0 - share) * x + share * y for x, y in parts))
+
+
+def name_anew(widget: QWidget, name: str) -> None:
+    """Let a widget look like another kind of its class (the `#name` rules of the sheet)."""
+    if widget.objectName() != name:
+        widget.setObjectName(name)
+        widget.style().unpolish(widget)
+        widget.style().polish(widget)
+        widget.update()
+
+
+SHEET = f"""
+QWidget {{ background: {GROUND}; color: {TEXT}; }}
+QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {LINE}; padding: 4px; }}
+QFrame#panel {{ background: {PANEL}; border: 1px solid {LINE}; border-radius: {RADIUS}px; }}
+QFrame#canvas {{ background: {CANVAS}; border: 1px solid {LINE}; border-radius: {RADIUS}px; }}
+QFrame#card {{ background: {PANEL}; border: 1px solid #3d4854; border-radius: {RADIUS}px; }}
+QFrame#line {{ background: {LINE}; border: none; max-height: 1px; min-height: 1px; }}
+QFrame#pill {{ background: {PANEL}; border: 1px solid {LINE}; border-radius: 15px; }}
+QFrame#pill-bad {{ background: {BAD_GROUND}; border: 1px solid {BAD}; border-radius: 15px; }}
+QLabel, QCheckBox, QRadioButton {{ background: transparent; }}
+QLabel#quiet {{ color: {QUIET}; }}
+QLabel#good {{ color: {GOOD}; }}
+QLabel#caution {{ color: {CAUTION}; }}
+QLabel#bad {{ color: {BAD}; }}
+QLabel#banner {{ background: {BAD_GROUND}; color: #ff9c8c; border: 1px solid {BAD}; border-radius: {RADIUS}px;
+    padding: 8px 12px; }}
+QPushButton {{ background: {FIELD}; border: 1px solid {LINE}; border-radius: 5px; padding: 6px 12px; }}
+QPushButton:hover {{ border-color: {QUIET}; }}
+QPushButton:focus {{ border-color: {ACCENT}; }}
+QPushButton:disabled {{ color: {BRAKE_OFF}; background: {PANEL}; }}
+QPushButton#main:enabled {{ background: {ACCENT_DARK}; border-color: {ACCENT}; }}
+QPushButton#main:focus {{ border-color: #ffffff; }}
+QPushButton#brakes {{ background: {BAD_GROUND}; border-color: {BAD}; color: {BAD_TEXT}; padding: 6px 10px; }}
+QPushButton#brakes-off {{ background: {BAD}; border-color: {BAD}; color: #180806; padding: 6px 10px; }}
+QPushButton#key {{ text-align: left; }}
+QPushButton#key:checked {{ background: {ACCENT_DARK}; border-color: {ACCENT}; }}
+QPushButton#toggle {{ background: transparent; color: {QUIET}; border-radius: 12px; padding: 3px 12px; }}
+QPushButton#toggle:checked {{ background: {FIELD}; color: {TEXT}; border-color: #3d4854; }}
+QPushButton#small {{ padding: 3px 10px; color: {QUIET}; }}
+QPushButton#small:hover {{ color: {TEXT}; }}
+QLineEdit, QComboBox, QPlainTextEdit {{ background: {GROUND}; border: 1px solid {LINE}; border-radius: 5px;
+    padding: 5px 8px; selection-background-color: {ACCENT_DARK}; }}
+QLineEdit:focus, QComboBox:focus, QPlainTextEdit:focus {{ border-color: {ACCENT}; }}
+QLineEdit:disabled, QComboBox:disabled {{ color: {QUIET}; }}
+QComboBox QAbstractItemView {{ background: {PANEL}; border: 1px solid {LINE};
+    selection-background-color: {ACCENT_DARK}; }}
+QScrollArea {{ border: none; background: transparent; }}
+QScrollBar:vertical {{ background: transparent; width: 8px; margin: 0; }}
+QScrollBar::handle:vertical {{ background: {LINE}; border-radius: 4px; min-height: 24px; }}
+QScrollBar::add-line, QScrollBar::sub-line, QScrollBar::add-page, QScrollBar::sub-page {{ background: transparent;
+    border: none; height: 0; width: 0; }}
+QCheckBox::indicator {{ width: 14px; height: 14px; border: 1px solid {QUIET}; border-radius: 3px;
+    background: {GROUND}; }}
+QCheckBox::indicator:checked {{ background: {ACCENT}; border-color: {ACCENT}; }}
+QCheckBox:focus {{ color: #ffffff; }}
+"""
+
+
+def dress(application: QApplication) -> None:
+    """Give the application its typeface and colours."""
+    folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    for name in ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf"):
+        QFontDatabase.addApplicationFont(str(folder / name))
+    application.setStyle("Fusion")
+    application.setFont(font())
+    application.setStyleSheet(SHEET)

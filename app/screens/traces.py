@@ -1,0 +1,187 @@
+"""Live traces of the running trial: path error, hand force, brake currents, tip speed, each with its value now."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from PySide6.QtCore import QPointF, QRect, QRectF
+from PySide6.QtGui import QPainter
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+
+from app.screens import theme
+from app.screens.panel import CENTRE, HEAD, LEFT, PAD, RIGHT, WORDS_EVERY_S, Panel
+from app.screens.pens import font, shade, text_width
+from app.screens.strip import Strip, range_for
+from core import row
+from core.device import Device
+from core.mechanism import JOINTS
+from core.path import nearest
+from core.path_file import PathFile, build_path
+
+JOINT_COLOURS = dict(zip(JOINTS, ("#8ec7f2", "#f0e442", "#3fb68b", "#cc79a7"), strict=True))
+NOTHING = "–"
+HIDDEN = "hidden: the session is blind"
+SCALE_PX = 4.0  # from the upper line to the number of its value
+
+
+class Trace(Panel):
+    """One measure over the last seconds, from 0 to a range that steps up when it must."""
+
+    def __init__(
+        self, title: str, unit: str, colours: Sequence[str], least: float, digits: int, parent: QWidget | None = None
+    ) -> None:
+        super().__init__(title, parent)
+        self._least, self._digits, self._measured_in = least, digits, unit
+        self.strip = Strip(colours, least)
+        self.newest: tuple[float, ...] = ()
+        self._worded_s = -np.inf
+        self.hidden = False
+        self.setMinimumHeight(74)
+        self.clear()
+
+    def add(self, t: np.ndarray, values: np.ndarray) -> None:
+        """Ticks: times (n,) s, values (series, n) in the unit, NaN where there is none."""
+        if not len(t):
+            return
+        self.newest = tuple(values[:, -1].tolist())
+        highest = float(np.fmax.reduce(values, axis=None))
+        if highest > self.strip.end:
+            self.strip.set_range(range_for(highest, self._least))
+            self.repaint_still()
+        if self.strip.add(t, values) and not self.hidden:
+            self.update(self.plot.toAlignedRect())
+        if t[-1] >= self._worded_s + WORDS_EVERY_S or t[-1] < self._worded_s:
+            self._worded_s = float(t[-1])
+            self.show_newest()
+
+    def clear(self) -> None:
+        """A new trial: nothing to show yet."""
+        self.newest, self._worded_s = (), -np.inf
+        self.strip.end = self._least
+        self.strip.clear()
+        self.show_newest()
+        self.repaint_still()
+
+    def hide_values(self, hidden: bool) -> None:
+        """Blind: neither curve nor value."""
+        if hidden != self.hidden:
+            self.hidden = hidden
+            self.show_newest()
+            self.repaint_still()
+
+    def show_newest(self) -> None:
+        """The value beside the title."""
+        known = self.newest and not self.hidden and self.newest[0] == self.newest[0]
+        self.show_value(f"{self.newest[0]:.{self._digits}f}" if known else NOTHING, self._measured_in)
+
+    @property
+    def plot(self) -> QRectF:
+        """Where the curves are, px."""
+        inside = self.inside
+        return QRectF(round(inside.x()), round(inside.y()), int(inside.width()), max(int(inside.height()), 1))
+
+    def paint_still(self, painter: QPainter) -> None:
+        if self.hidden:
+            painter.setFont(font(theme.SMALL))
+            painter.setPen(shade(theme.QUIET))
+            painter.drawText(self.plot, CENTRE, HIDDEN)
+
+    def paint_moving(self, painter: QPainter, dirty: QRect) -> None:
+        plot = self.plot
+        if self.hidden or not dirty.intersects(plot.toAlignedRect()):
+            return
+        self.strip.fit(plot.width(), plot.height(), self.devicePixelRatioF())
+        pixmap = self.strip.pixmap
+        painter.drawPixmap(plot, pixmap, QRectF(pixmap.rect()))
+        painter.setFont(font(theme.SMALL))
+        painter.setPen(shade(theme.QUIET))
+        top = float(self.strip.y(np.float64(self.strip.end))) / self.devicePixelRatioF()
+        painter.drawText(
+            QRectF(plot.x(), plot.y() + top + SCALE_PX, plot.width(), 13.0), RIGHT, f"{self.strip.end:g}"
+        )
+
+
+class Currents(Trace):
+    """The current of each brake, named in its colour."""
+
+    def __init__(self, braked: str, parent: QWidget | None = None) -> None:
+        self.braked = braked
+        super().__init__("Brake currents", "A", [JOINT_COLOURS[joint] for joint in braked], 1.0, 2, parent)
+
+    def show_newest(self) -> None:
+        if self.newest and not self.hidden:
+            words = [f"{joint} {value:.2f}" for joint, value in zip(self.braked, self.newest, strict=True)]
+        else:
+            words = [f"{joint} {NOTHING}" for joint in self.braked]
+        self.words = words
+        self.show_value(" ".join(words), "A")
+
+    def _paint_value(self, painter: QPainter) -> None:
+        """From the right: the unit, and each brake's letter and value behind a point in its colour."""
+        y = 0.5 * (HEAD + 2.0)
+        painter.setFont(font(theme.SMALL))
+        painter.setPen(shade(theme.QUIET))
+        painter.drawText(QRectF(PAD, 2.0, self.width() - 2.0 * PAD, HEAD - 2.0), RIGHT, "A")
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        x = self.width() - PAD - text_width("A", theme.SMALL)
+        each = text_width("A 0.00", theme.SMALL) + 17.0
+        for joint, said in reversed(list(zip(self.braked, self.words, strict=True))):
+            x -= each
+            painter.setBrush(shade(JOINT_COLOURS[joint]))
+            painter.setPen(shade(JOINT_COLOURS[joint]))
+            painter.drawEllipse(QPointF(x, y), 3.0, 3.0)
+            painter.setPen(shade(theme.TEXT))
+            painter.drawText(QRectF(x + 7.0, 2.0, each, HEAD - 2.0), LEFT, said)
+
+
+class Traces(QWidget):
+    """The four traces, one above the other."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.error = Trace("Path error", "mm", [theme.TRACE], 10.0, 1)
+        self.force = Trace("Hand force", "N", [theme.GOOD], 10.0, 1)
+        self.currents = Currents("AEB")
+        self.speed = Trace("Tip speed", "m/s", [theme.TEXT], 0.2, 2)
+        self._path = None
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(theme.GAP)
+        for trace in (self.error, self.force, self.currents, self.speed):
+            layout.addWidget(trace, 1)
+
+    def show_trial(self, device: Device, path: PathFile) -> None:
+        """Another trial: its brakes, its path; the curves begin anew."""
+        self._path = build_path(path, "path")
+        if device.braked != self.currents.braked:
+            anew = Currents(device.braked)
+            anew.hide_values(self.currents.hidden)
+            self.layout().replaceWidget(self.currents, anew)
+            self.currents.setParent(None)
+            self.currents.deleteLater()
+            self.currents = anew
+            self.layout().setStretchFactor(anew, 1)
+        self.clear()
+
+    def clear(self) -> None:
+        """Nothing to show yet."""
+        for trace in (self.error, self.force, self.currents, self.speed):
+            trace.clear()
+
+    def add(self, rows: np.ndarray) -> None:
+        """Ticks (n, row.WIDTH) of the running trial; the error counts from go to the end."""
+        if not len(rows):
+            return
+        t = rows[:, row.T]
+        self.force.add(t, np.hypot(rows[:, row.HAND_FX], rows[:, row.HAND_FY])[None])
+        self.speed.add(t, np.hypot(rows[:, row.TIP_VX], rows[:, row.TIP_VY])[None])
+        columns = [row.CURRENT + JOINTS.index(joint) for joint in self.currents.braked]
+        self.currents.add(t, rows[:, columns].T)
+        error = np.full((1, len(rows)), np.nan)
+        if self._path is not None:
+            for i in np.flatnonzero(rows[:, row.PHASE] == row.MOVE).tolist():
+                error[0, i] = 1e3 * abs(nearest(self._path, rows[i, row.TIP_X], rows[i, row.TIP_Y])[1])
+        self.error.add(t, error)
+
+    def set_blind(self, blind: bool) -> None:
+        """Hide what would tell the controllers apart."""
+        self.currents.hide_values(blind)

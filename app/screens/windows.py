@@ -1,0 +1,174 @@
+"""The app: both windows on their screens, and 60 times a second what the bench has said since."""
+
+import signal
+import sys
+
+from PySide6.QtCore import QObject, Qt, QTimer
+from PySide6.QtGui import QGuiApplication, QScreen
+from PySide6.QtWidgets import QApplication
+
+from app.live import messages as m
+from app.live.bench import Bench
+from app.live.setup import Setup
+from app.screens import theme, words
+from app.screens.console_window import ConsoleWindow
+from app.screens.keys import bind
+from app.screens.participant_window import ParticipantWindow
+
+FRAME_MS = 16
+
+
+class Windows(QObject):
+    """Console and participant's window on one bench."""
+
+    def __init__(self, bench, participant: str = "01") -> None:
+        super().__init__()
+        self.bench = bench
+        self.console = ConsoleWindow(bench, participant)
+        self.participant = ParticipantWindow()
+        self._dead = self._over = False
+        console, shown = self.console, self.participant
+        console.participant_asked.connect(self.show_or_hide_participant)
+        console.closed.connect(self.close)
+        shown.aimed.connect(bench.aim)
+        shown.answered.connect(console.commands.answer)
+        shown.close_asked.connect(self._close_asked)
+        bind(shown, self._keys_of_participant())
+        self._timer = QTimer(self)
+        self._timer.setTimerType(Qt.TimerType.PreciseTimer)
+        self._timer.timeout.connect(self.frame)
+
+    def _keys_of_participant(self) -> dict:
+        """The same keys; what leads to a question brings the console to the front first."""
+        do = self.console.commands
+        return {
+            "start": do.start,
+            "escape": lambda: do.escape("Esc on the participant's screen"),
+            "allow brakes": do.allow_brakes,
+            "pause": do.pause,
+            "participant": self.show_or_hide_participant,
+            "redo": lambda: self._at_console(do.redo),
+            "skip": lambda: self._at_console(do.skip),
+            "abort": lambda: self._at_console(do.abort),
+            "note": lambda: self._at_console(do.write_note),
+            "results": lambda: self._at_console(do.results),
+        }
+
+    def _at_console(self, do) -> None:
+        if self.one_screen:
+            self.participant.hide()
+        self.console.activateWindow()
+        self.console.raise_()
+        do()
+
+    # ------------------------------------------------------------------------------------------- screens
+
+    @property
+    def one_screen(self) -> bool:
+        """Whether the participant has no screen of their own."""
+        return self._other_screen() is None
+
+    def _other_screen(self) -> QScreen | None:
+        mine = self.console.screen()
+        return next((screen for screen in QGuiApplication.screens() if screen != mine), None)
+
+    def show(self) -> None:
+        """The console; the participant's window at once where there is a second screen."""
+        self.console.show()
+        if not self.one_screen:
+            self._show_participant()
+            self.console.activateWindow()
+        self._timer.start(FRAME_MS)
+
+    def show_or_hide_participant(self) -> None:
+        """F11: on the second screen, else over the console until F11 is pressed again."""
+        if self.participant.isVisible():
+            self.participant.hide()
+            self.console.activateWindow()
+        else:
+            self._show_participant()
+        self.console.participant_answers = self.participant.isVisible()
+        self.console.show_snapshot(self.console.snapshot)
+
+    def _show_participant(self) -> None:
+        other = self._other_screen()
+        self.participant.own_start = other is None
+        self.participant.setGeometry((other or self.console.screen()).geometry())
+        self.participant.showFullScreen()
+        self.participant.show_snapshot(self.console.snapshot)
+        self.console.participant_answers = True
+
+    # ------------------------------------------------------------------------------------------- frames
+
+    def frame(self) -> None:
+        """Take in what has come, and see whether the bench lives."""
+        alive = self.bench.alive  # asked first: what it said before it died is still read
+        for message in self.bench.receive():
+            match message:
+                case m.Opened():
+                    self.console.show_opened(message)
+                    self.participant.show_opened(message)
+                case m.Snapshot():
+                    self.console.show_snapshot(message)
+                    self.participant.show_snapshot(message)
+                case m.Pulse():
+                    self.console.show_pulse(message)
+        rows = self.bench.ticks()
+        if len(rows):
+            taken = self.bench.taken
+            self.console.show_ticks(rows, taken)
+            if self.participant.isVisible():
+                self.participant.show_ticks(rows, taken)
+        self.console.show_time()
+        if not alive and not self._dead:
+            self._dead = True
+            said = self.console.snapshot
+            self.console.show_dead(said.said if said.said_bad and said.said else words.BENCH_DIED)
+            self.participant.show_dead()
+
+    # ------------------------------------------------------------------------------------------- the end
+
+    def _close_asked(self) -> None:
+        if self.one_screen:
+            self.participant.hide()
+        self.console.close()
+
+    def close(self, reason: str = "the window was closed") -> None:
+        """End the bench, whatever it does, and both windows."""
+        if self._over:
+            return
+        self._over = True
+        self._timer.stop()
+        self.console.commands.close_results()
+        self.participant.leaving = True
+        self.participant.close()
+        self.console.close_anyway()
+        self.bench.stop(reason)
+
+
+def run(setup: Setup, participant: str) -> int:
+    """Open the app and stay until it closes; the exit code."""
+    application = QApplication.instance() or QApplication(sys.argv[:1])
+    assert isinstance(application, QApplication)
+    theme.dress(application)
+    application.setQuitOnLastWindowClosed(False)
+    bench, code = Bench(setup), 0
+    try:
+        windows = Windows(bench, participant)
+        windows.console.closed.connect(application.quit)
+
+        def leave(number: int, _frame: object) -> None:
+            nonlocal code
+            code = 128 + number
+            windows.close("the program was interrupted")
+            application.quit()
+
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, leave)
+        windows.show()
+        application.exec()
+    except BaseException:
+        bench.stop("the window failed")
+        raise
+    windows.close()
+    return code

@@ -1,0 +1,174 @@
+"""What the screens say: the participant in plain words, the experimenter in short sentences."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from app.live import messages as m
+from core import row
+from experiments.plan import PlannedTrial
+from experiments.trials_table import TrialRow
+
+
+class Said(NamedTuple):
+    """What the participant reads: one large line, a quiet one under it."""
+
+    large: str
+    small: str = ""
+
+
+PHASES = {
+    row.APPROACH: Said("Move to the start", "Bring the white dot into the green circle"),
+    row.HOLD: Said("Hold", "Keep still in the green circle"),
+    row.MOVE: Said("Go", "Follow the line to the orange circle"),
+}
+TAKE_IT = "Touch the white dot with the pointer to take hold of it"
+ENDINGS = {"done": "Well done", "timeout": "Time is up", "aborted": "Stopped", "recovered": "Stopped"}
+ENDED = Said("", "The next one starts in a moment")
+WELCOME = Said("Welcome", "We start in a moment")
+PREPARING = Said("One moment", "Everything is being made ready")
+BREAK = Said("Take a break", "Rest your hand")
+CHANGE = Said("One moment", "The device is being changed")
+STOPPED = Said("Stopped", "One moment, please")
+QUESTIONS = Said("A few questions")
+FINISHED = Said("Thank you", "That was the last one")
+FAILED = Said("Please wait", "Someone will be with you in a moment")
+SLOWER, FASTER = "A little slower next time", "A little faster next time"
+
+#: The mouse on one screen: the person who moves also starts.
+SPACE_NEXT, SPACE_FIRST = "Space starts the next trial", "Space starts the first trial"
+
+BENCH_DIED = (
+    "The bench has stopped: brakes off, what was recorded is kept. "
+    "Close this window, start again and resume the session."
+)
+CELL = ("configuration", "block", "segment", "controller", "repetition")  # what makes two trials the same
+
+
+def moving(phase: int, taken: bool) -> Said | None:
+    """What is said during a trial; none once it has ended (how is said when its row is there)."""
+    said = PHASES.get(phase)
+    if said is not None and phase == row.APPROACH and not taken:
+        return said._replace(small=TAKE_IT)
+    return said
+
+
+def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = False) -> Said:
+    """What is said while no trial runs. own_start: the person who reads it has the space bar."""
+    fixed = {
+        m.PREPARING: PREPARING, m.NO_SESSION: WELCOME, m.RERIG: CHANGE, m.BREAK: BREAK, m.QUESTIONS: QUESTIONS,
+        m.FINISHED: FINISHED, m.FAILED: FAILED,
+    }  # fmt: skip
+    if snapshot.stage in fixed:
+        return fixed[snapshot.stage]
+    if snapshot.paused:
+        return BREAK
+    if snapshot.brakes_off:
+        return STOPPED
+    own_start = own_start and not why_not(snapshot)
+    if not snapshot.rows or snapshot.practice:
+        return Said("Practice" if snapshot.practice else WELCOME.large, SPACE_FIRST if own_start else WELCOME.small)
+    return after(snapshot.rows[-1], opened, own_start)
+
+
+def practised(snapshot: m.Snapshot, own_start: bool = True) -> Said:
+    """What is said after a practice trial; of one that was ended early the bench says why."""
+    large = STOPPED.large if snapshot.said else ENDINGS["done"]
+    return Said(large, "Space: another one · Esc: back" if own_start and not why_not(snapshot) else "")
+
+
+def after(trial: TrialRow, opened: m.Opened | None, own_start: bool = False) -> Said:
+    """What is said after a trial: how it went, and what the protocol gives back."""
+    parts = []
+    if opened is not None and trial.status == "done":
+        if opened.feedback == "time" and trial.duration_s is not None:
+            parts.append(f"{trial.duration_s:.1f} seconds")
+        if opened.feedback == "error" and trial.path_error_m is not None:
+            parts.append(f"{1e3 * trial.path_error_m:.1f} mm from the line on average")
+        if opened.cues is not None and trial.duration_s is not None:
+            shortest, longest = opened.cues
+            parts += [SLOWER] if trial.duration_s < shortest else [FASTER] if trial.duration_s > longest else []
+    parts = parts or [SPACE_NEXT if own_start else ENDED.small]
+    return Said(ENDINGS.get(trial.status, ""), " · ".join(parts))
+
+
+# ---------------------------------------------------------------------------------------------- for the experimenter
+
+
+def cell(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
+    """Controller and segment of a planned trial; the controller is left out of a blind console."""
+    segment = f"segment {planned.segment}"
+    return segment if blind else f"{controller_name(planned.controller, opened)} · {segment}"
+
+
+def describe(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
+    """A planned trial in words."""
+    return f"{planned.configuration} · {cell(planned, opened, blind)}"
+
+
+def controller_name(controller: int | str, opened: m.Opened) -> str:
+    """The name of a controller of the protocol; a blind session's code stays as it is."""
+    return controller if isinstance(controller, str) else opened.controllers[controller].name
+
+
+def where(snapshot: m.Snapshot, opened: m.Opened) -> str:
+    """The line under the participant's name: which trial, of what."""
+    if snapshot.stage == m.RUNNING and snapshot.practice:
+        return "Practice · counts nowhere"
+    planned = snapshot.running or snapshot.coming
+    if not opened.participant or planned is None:
+        return f"Protocol {opened.protocol}"
+    if planned.block == 0:
+        return f"Practice · {describe(planned, opened, snapshot.blind)}"
+    at = f"Trial {place(planned, opened.plan)} of {len(opened.plan)}"
+    return f"{at} · block {planned.block} · {planned.configuration}"
+
+
+def place(planned: PlannedTrial, plan: Sequence[PlannedTrial]) -> int:
+    """The place (1 ..) in the plan of a trial, which may be a repetition with a run number of its own."""
+    return next((i for i, one in enumerate(plan, start=1) if same_cell(one, planned)), planned.run)
+
+
+def same_cell(a: PlannedTrial | TrialRow, b: PlannedTrial | TrialRow) -> bool:
+    """Whether two trials are of one cell of the plan."""
+    return all(getattr(a, field) == getattr(b, field) for field in CELL)
+
+
+def minutes(seconds: float | None) -> str:
+    """About how long: "about 14 min left"; empty when nobody knows."""
+    if seconds is None:
+        return ""
+    return f"about {max(round(seconds / 60.0), 1)} min left"
+
+
+def clock(seconds: float) -> str:
+    """2:05 for 125 s."""
+    whole = max(int(seconds + 0.999), 0)
+    return f"{whole // 60}:{whole % 60:02d}"
+
+
+def grouped(number: int) -> str:
+    """A whole number with thin gaps between thousands."""
+    return f"{number:,}".replace(",", "\u2009")
+
+
+def size(count: int) -> str:
+    """Bytes as kB, MB or GB."""
+    for unit, least in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= least:
+            return f"{count / least:.1f} {unit}"
+    return f"{count} bytes"
+
+
+def why_not(snapshot: m.Snapshot) -> str:
+    """Why no trial can be started now; empty: one can."""
+    if snapshot.stage not in (m.READY, m.NO_SESSION):
+        return "" if snapshot.stage == m.RUNNING else "Not now"
+    if snapshot.brakes_off:
+        return f"Brakes are off: {snapshot.brakes_off}"
+    if snapshot.paused:
+        return "Paused: P resumes"
+    for state in (m.BAD, m.WAITING):
+        for check in snapshot.checks:
+            if check.state == state:
+                return f"{check.name}: {check.text}"
+    return ""

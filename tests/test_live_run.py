@@ -1,0 +1,150 @@
+"""A live trial and its recording when the disk fails or falls behind: the loop is a process, the rest is here."""
+
+import pickle
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live import LONG_S
+from numba import typeof
+
+from app.live.before_protocol import load_protocol, new_trial
+from app.live.jobs import Run, Tried, Try
+from app.live.loop import stopped_trial
+from app.live.loop_process import LoopProcess
+from app.live.place import Place, _remove_abandoned
+from app.live.real_time import ROOM
+from app.live.ring import Ring
+from app.live.trial_run import TrialRun
+from core import row
+from experiments.operator import Person, draw_person
+from experiments.plan import PlannedTrial
+from experiments.trial import Trial, new_simulation
+
+SMALL = ROOM + 200  # ticks
+
+
+@pytest.fixture(scope="module")
+def loop():
+    """A ring and a prepared loop."""
+    place = Place()
+    ring = Ring(place.ring, create=True, ticks=SMALL)
+    process = LoopProcess(ring, real_time=False)
+    answer_of(ring, process)
+    yield ring, process
+    process.close()
+    place.remove()
+    assert not place.folder.exists()
+
+
+def answer_of(ring: Ring, process: LoopProcess):
+    end = time.monotonic() + LONG_S
+    while not (answers := process.receive()):
+        ring.beat()
+        assert time.monotonic() < end and not process.dead
+        time.sleep(0.005)
+    return answers[0]
+
+
+class Disk:
+    """A recording's writer whose disk does what the test wants."""
+
+    path = Path("run-001.arrows")
+    rows_written = bytes_written = 0
+
+    def __init__(self, error: OSError | None = None) -> None:
+        self.error, self.free, self.rows = error, threading.Event(), []
+
+    def write(self, rows: np.ndarray) -> None:
+        self.free.wait(30.0)
+        if self.error:
+            raise self.error
+        self.rows.append(rows)
+
+
+def run_trial(loop: tuple[Ring, LoopProcess], disk: Disk, trial: Trial, ticks: int = 10**9) -> TrialRun:
+    """A trial until something, or so many recorded ticks, end it."""
+    ring, process = loop
+    run = TrialRun(ring, process, trial.planned, trial, disk)
+    end = time.monotonic() + LONG_S
+    while not (answers := process.receive()):
+        ring.beat()
+        run.watch()
+        if len(run.recorder.lateness_us) >= ticks:
+            run.stop("enough")
+        assert time.monotonic() < end
+        time.sleep(0.005)
+    disk.free.set()
+    run.ended(answers[0], "default")
+    return run
+
+
+def new_one(person: Person | None = None) -> Trial:
+    """A trial of a simulated operator; without one, at a mouse that nobody moves: it goes on until it is ended."""
+    protocol = load_protocol()
+    path, preset = protocol.paths[1], protocol.controllers[1]
+    simulation = new_simulation(protocol.devices[0], (0.0, 0.35), None if person else protocol.mouse.hand())
+    planned = PlannedTrial(0, 0, "three-brake", 1, 1, 1)
+    generator = np.random.default_rng(2)
+    return new_trial(simulation, planned, path, preset, protocol.rules, protocol.trial, person, generator)
+
+
+def test_a_disk_that_falls_behind_ends_the_trial_and_still_gets_every_tick(loop) -> None:
+    disk = Disk()
+    run = run_trial(loop, disk, new_one())
+    outcome, rows = run.trial.outcome(), np.concatenate(disk.rows)
+    assert outcome["status"] == "aborted" and "the disk could not keep up" in outcome["reason"]
+    assert outcome["timing"]["lost"] == 0 and outcome["timing"]["ticks"] == len(rows) == run.trial.ticks
+    assert np.allclose(np.diff(rows[:, row.T]), 1e-3)
+    assert not rows[-1, row.CURRENT : row.CURRENT + 4].any()
+
+
+def test_a_full_disk_ends_the_trial_and_says_so(loop) -> None:
+    disk = Disk(OSError(28, "No space left on device"))
+    disk.free.set()
+    run = run_trial(loop, disk, new_one())
+    assert run.trial.outcome()["reason"] == "the recording failed: No space left on device"
+    with pytest.raises(OSError, match="No space left"):
+        run.keep(None)
+
+
+def test_a_live_trial_is_the_simulated_one_to_the_last_bit_and_leaves_the_device_the_same(loop) -> None:
+    person, disk = draw_person(np.random.default_rng(1)), Disk()
+    disk.free.set()
+    run = run_trial(loop, disk, new_one(person), ticks=800)
+    rows, here = np.concatenate(disk.rows), new_one(person)
+    expected = np.empty((800, row.WIDTH))
+    here.run(expected)
+    rows[:, row.LATENESS_US] = 0.0
+    assert np.array_equal(rows[:800], expected) and np.ptp(expected[:, row.TIP_X]) > 0.01
+    assert run.trial.finished and run.trial.ticks == len(rows) > 800
+    assert run.trial.outcome()["reason"] == "enough"
+    assert abs(run.trial.outcome()["energy_residual_J"]) < 1e-6
+
+
+def test_a_loop_that_has_nothing_to_do_keeps_its_deadlines(loop) -> None:
+    ring, process = loop
+    process.send(Try(30))
+    tried = answer_of(ring, process)
+    assert isinstance(tried, Tried) and tried.lateness_us.shape == (30,) and tried.lateness_us.min() >= 0.0
+
+
+def test_a_trial_that_comes_out_of_the_pipe_needs_no_new_kernel(loop) -> None:
+    arguments = new_one(draw_person(np.random.default_rng(1))).arguments()
+    sent = pickle.loads(pickle.dumps(Run(arguments))).arguments
+    assert [typeof(a) for a in sent] == [typeof(a) for a in stopped_trial()]
+
+
+def test_what_a_dead_bench_left_is_removed_and_what_a_live_one_has_is_not(loop, tmp_path: Path) -> None:
+    for name in ("phd-dead", "phd-other"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "phd-dead" / "lock").touch()
+    (tmp_path / "phd-dead" / "ring").touch()
+    ring, _ = loop
+    (tmp_path / "phd-live").symlink_to(ring.path.parent)
+    _remove_abandoned(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["phd-live", "phd-other"]
+    assert ring.path.exists()
+
