@@ -29,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM)
         )  # let half-written files be removed
     try:
-        args = make_parser().parse_args(list(argv) or ["run"])
+        args = make_parser().parse_args(with_verb(argv))
         code = args.do(args)
         sys.stdout.flush()
         return code
@@ -48,6 +48,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _say(f"{place}{reason}", WRONG_INPUT if isinstance(error, WRONG_PATH) else FAILED)
     except FloatingPointError as error:
         return _say(str(error), FAILED)
+
+
+def with_verb(argv: Sequence[str]) -> list[str]:
+    """The arguments with their verb: options alone are those of `phd run`."""
+    if not argv or (argv[0].startswith("-") and argv[0] not in ("-h", "--help", "--version")):
+        return ["run", *argv]
+    return list(argv)
 
 
 def _say(sentence: str, code: int) -> int:

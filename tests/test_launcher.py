@@ -269,7 +269,7 @@ def pins() -> dict[str, str]:
     return {canonicalize_name(match[1]): match[2] for match in found if match}
 
 
-def test_the_pins_are_plain_names_and_versions_and_name_no_registry() -> None:
+def test_the_pins_are_plain_names_and_versions_and_name_no_address() -> None:
     assert len(pins()) > 20
     address = re.compile(r"https?:|--(extra-)?index-url|find-links|--hash|trusted-host")
     for name in ("constraints.txt", "pyproject.toml", "phd", ".ci/run"):
