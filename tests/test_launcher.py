@@ -291,7 +291,8 @@ def test_everything_the_project_needs_is_pinned_and_installed_as_pinned() -> Non
         assert metadata.version(name) == pins()[name]
         waiting += [Requirement(text) for text in metadata.requires(name) or []]
     assert len(seen) > 30
-    for text in project["build-system"]["requires"] + project["project"]["optional-dependencies"]["bench"]:
+    extras = project["project"]["optional-dependencies"]
+    for text in project["build-system"]["requires"] + extras["bench"] + extras["cluster"]:
         need = Requirement(text)
         assert need.specifier == f"=={pins()[canonicalize_name(need.name)]}"
 
