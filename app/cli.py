@@ -16,7 +16,9 @@ from core.errors import InputError
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 #: Each a module of app.verbs with `add`; in the order of `phd --help`.
-VERBS = ("run", "study", "simulate", "identify", "analyze", "verify", "recover", "figures", "bench")
+VERBS = (
+    "run", "study", "simulate", "identify", "analyze", "export", "verify", "recover", "figures", "bench", "emulate",
+)  # fmt: skip
 #: What the file system refuses because of what was asked for, not because something broke.
 WRONG_PATH = (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError, PermissionError)
 
@@ -29,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM)
         )  # let half-written files be removed
     try:
-        args = make_parser().parse_args(list(argv) or ["run"])
+        args = make_parser().parse_args(with_verb(argv))
         code = args.do(args)
         sys.stdout.flush()
         return code
@@ -48,6 +50,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _say(f"{place}{reason}", WRONG_INPUT if isinstance(error, WRONG_PATH) else FAILED)
     except FloatingPointError as error:
         return _say(str(error), FAILED)
+
+
+def with_verb(argv: Sequence[str]) -> list[str]:
+    """The arguments with their verb: options alone are those of `phd run`."""
+    if not argv or (argv[0].startswith("-") and argv[0] not in ("-h", "--help", "--version")):
+        return ["run", *argv]
+    return list(argv)
 
 
 def _say(sentence: str, code: int) -> int:

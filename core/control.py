@@ -1,7 +1,8 @@
 """The controllers (Section IV, Table I): from tip, velocity and hand force to brake currents and a decision code.
 
-Three algorithms, five presets. They decide only: no device, no screen. All decide the same way: where is the tip
-in the velocity field, which brake, which torque, which current.
+Three algorithms; a protocol's controllers are presets of them (Table I: experiments/protocols/paper.toml). They decide
+only: no device, no screen. All decide the same way: where is the tip in the velocity field, which brake, which torque,
+which current.
 """
 
 import math
@@ -23,25 +24,17 @@ from core.velocity_field import new_memory as new_memory
 NO_CONTROL, SDOF, PROPORTIONAL = range(3)
 
 
+#: Algorithms by the word that a protocol uses.
+KINDS = {"none": NO_CONTROL, "sdof": SDOF, "proportional": PROPORTIONAL}
+
+
 class Preset(NamedTuple):
-    """One row of Table I."""
+    """One row of Table I, or of a protocol's own table of controllers."""
 
     name: str
     algorithm: int
     gap_m: float  # half-width (our reading) of the band around the path without control
     gain: float  # K_y, N s/m
-
-
-PRESETS = {
-    1: Preset("None", NO_CONTROL, 0.0, 0.0),
-    2: Preset("SDOF", SDOF, 0.0, 0.0),
-    3: Preset("SDOF with gap", SDOF, 0.005, 0.0),
-    4: Preset("Proportional, high gain", PROPORTIONAL, 0.0, 10_000.0),
-    5: Preset("Proportional, low gain", PROPORTIONAL, 0.0, 5.0),
-}
-
-#: K_y of preset 5, N s/m: Table I as printed (asks for less than the off-state drag: no current); 5 N per cm/s.
-LOW_GAINS = (5.0, 500.0)
 
 
 class Controller(NamedTuple):
@@ -56,34 +49,31 @@ class Controller(NamedTuple):
 
 
 def make_controller(
-    number: int,
+    preset: Preset,
     device_force_normalised: float,
     rules: str = "settled",
-    low_gain: float = LOW_GAINS[0],
     blend_width: float = BLEND_WIDTH,
     velocity_noise: float = 0.0,
 ) -> Controller:
-    """Controller 1..5 of Table I for a device's normalised force (N). InputError for anything else.
+    """A preset made ready for a device of this normalised force (N). InputError for numbers that cannot be.
 
-    rules: "settled" or "literal"; low_gain (N s/m): 5 or 500, of controller 5; velocity_noise (m/s, rms) of the
-    device's sensing widens one threshold of `settled`.
+    rules: "settled" or "literal"; velocity_noise (m/s, rms) of the device's sensing widens one threshold of `settled`.
     """
-    if isinstance(number, bool) or not isinstance(number, int | np.integer) or number not in PRESETS:
-        raise InputError(f"controller: {number!r} is not one of 1 to {len(PRESETS)} (Table I)")
+    if preset.algorithm not in KINDS.values():
+        raise InputError(f"controller {preset.name}: algorithm {preset.algorithm!r} is none of {', '.join(KINDS)}")
+    for value, what in ((preset.gap_m, "gap"), (preset.gain, "gain")):
+        if not 0.0 <= value < math.inf:
+            raise InputError(f"controller {preset.name}: {what} {value!r} must be finite and not negative")
     if not 0.0 < device_force_normalised < math.inf:
         raise InputError(
             f"controller: normalised force {device_force_normalised!r} must be positive and finite, in N"
         )
     if not 0.0 < blend_width < math.inf:
         raise InputError(f"controller: blend width {blend_width!r} must be positive and finite, in m")
-    if low_gain not in LOW_GAINS:
-        raise InputError(f"controller: low gain {low_gain!r} is not one of 5, 500 N s/m")
-    preset = PRESETS[int(number)]
-    gain = low_gain if number == 5 else preset.gain
     return Controller(
-        preset.algorithm,
-        preset.gap_m,
-        float(gain),
+        int(preset.algorithm),
+        float(preset.gap_m),
+        float(preset.gain),
         float(device_force_normalised),
         float(blend_width),
         rule_set(rules, velocity_noise),
@@ -91,7 +81,7 @@ def make_controller(
 
 
 # Decisions: one code a tick. The last sixteen count the brake: code + joint index.
-NONE = 0  # controller 1
+NONE = 0  # no control
 OFF = 1  # brakes off outside the movement; `decide` itself never says so
 NOT_FINITE = 2
 IN_GAP = 3
@@ -235,7 +225,7 @@ def decide(
     mass: np.ndarray,
     current: np.ndarray,
 ) -> int:
-    """One tick of control: writes current (4,) A, updates memory (2,), returns the decision code.
+    """One tick of control: writes current (4,) A, updates memory (3,), returns the decision code.
 
     Tip (x, y) m, its velocity m/s, hand force N; g (4, 2) with omega_i = g_i . v; mass (3,) = M_xx, M_xy, M_yy of
     the tip, kg. Input that is not finite releases the brakes and leaves the memory alone.

@@ -34,6 +34,7 @@ _MISSING = re.compile(r"^Object missing required field `(.*)`$")
 _UNKNOWN = re.compile(r"^Object contains unknown field `(.*)`$")
 _TYPE = re.compile(r"^Expected `([^`]*)`, got `([^`]*)`$")
 _BOUND = re.compile(r"^Expected `(?:float|int)(?: \| null)?` (>=|>|<=|<) (\S+)$")
+_INVALID = re.compile(r"^Invalid value '(.*)'$")
 _LENGTH = re.compile(r"^Expected `array` of length (?:(?:>=|<=) )?(\d+)(?:, got \d+)?$")
 _BOUND_WORDS = {">": "greater than", ">=": "at least", "<": "less than", "<=": "at most"}
 
@@ -55,6 +56,11 @@ def parse_toml(text: str, kind: type[T], where: str) -> T:
         content = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
         raise InputError(f"{where}: is not valid TOML: {str(error) or 'nested too deeply'}") from None
+    return from_plain(content, kind, where)
+
+
+def from_plain(content: Any, kind: Any, where: str) -> Any:
+    """Plain dicts, lists and numbers as the given kind; `where` begins every refusal."""
     _refuse_not_finite(content, "", where)
     try:
         return msgspec.convert(content, kind)
@@ -100,6 +106,8 @@ def _sentence(message: str, content: dict[str, Any]) -> str:
         return f"{key} must be {wanted}, not {_TYPE_WORDS.get(found[2], found[2])}"
     if found := _BOUND.match(reason):
         return f"{key} must be {_BOUND_WORDS[found[1]]} {float(found[2]):g}, not {_value(content, key)!r}"
+    if found := _INVALID.match(reason):
+        return f"{key} {found[1]!r} is not known"
     if found := _LENGTH.match(reason):
         return f"{key} must hold {found[1]} values, not {len(_value(content, key))}"
     return f"{key}: {reason}" if key else reason

@@ -1,51 +1,241 @@
-"""The path to follow, as the controllers see it: where the nearest point lies and which way the path runs there.
+"""The path to follow, as the controllers see it: where its nearest point lies and which way it runs there.
 
-A straight segment now. A polyline or an arc joins by giving `nearest` another branch; nothing else asks how a path
-is made.
+A path is a row of pieces, straight or bent (arcs), each starting where the last one ends. A single straight piece
+counts as its infinite line. Any other path goes on straight beyond its two ends.
+
+At a corner of a polyline (our choice):
+    outside    the nearest point is the corner itself; there the tangent turns with the tip, from the one piece's to
+               the other's, so that it stays at right angles to the way to the corner
+    inside     the nearer piece counts. On the line between them both are equally near: `held_piece` stays with the
+               last one until the other is clearly nearer, else noise would turn the direction back and forth
 """
 
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from core.errors import InputError
 from core.jit import kernel
 
+#: Columns of `Path.pieces`: progress at the piece's start (m), its length (m), start (m), unit tangent there,
+#: curvature (1/m, positive to the left, 0: straight), turn from its end to the next piece (rad, positive to the left).
+FROM, LENGTH, X, Y, TX, TY, CURVATURE, TURN = range(8)
+
+#: m. Outside a corner, nearer to it than this, the tangent turns in proportion to the distance from it: at the corner
+#: itself it is that of the piece. Zero: encoder steps at the corner turn the direction by the whole corner.
+CORNER_M = 1e-3
+#: m. A piece is left for another one that is nearer by more than this times (1 - cosine between their tangents).
+#: Zero: noise of the tip half-way between two pieces picks the piece at every tick.
+HOLD_M = 1e-3
+
 
 class Path(NamedTuple):
-    """A line segment from start to end (m) with its unit tangent, start to end."""
+    """A path ready for the kernels; made by `core.path_file.build_path`, a segment also by `line`. Lengths in m."""
 
-    x0: float
+    pieces: np.ndarray  # (n, 8), in order from start to end
+    x0: float  # start
     y0: float
-    x1: float
+    x1: float  # end
     y1: float
-    length: float  # m
-    tangent_x: float
-    tangent_y: float
+    length: float
 
 
-def line(start: Sequence[float], end: Sequence[float]) -> Path:
+def line(start: Sequence[float], end: Sequence[float], where: str = "path") -> Path:
     """The segment from start to end (m, two numbers each). InputError if it has no length or is not finite."""
     try:
         x0, y0 = (float(value) for value in start)
         x1, y1 = (float(value) for value in end)
     except (TypeError, ValueError):
-        raise InputError(f"path: start {start!r} and end {end!r} must be two numbers each, in metres") from None
+        raise InputError(f"{where}: start {start!r} and end {end!r} must be two numbers each, in metres") from None
     length = math.hypot(x1 - x0, y1 - y0)
     if not math.isfinite(length):
-        raise InputError(f"path: start {start!r} and end {end!r} must be finite")
+        raise InputError(f"{where}: start {start!r} and end {end!r} must be finite")
     if length <= 0.0:
-        raise InputError(f"path: start and end are the same point {start!r}, the segment has no length")
-    return Path(x0, y0, x1, y1, length, (x1 - x0) / length, (y1 - y0) / length)
+        raise InputError(f"{where}: start and end are the same point {start!r}, the segment has no length")
+    pieces = np.array([[0.0, length, x0, y0, (x1 - x0) / length, (y1 - y0) / length, 0.0, 0.0]])
+    return Path(pieces, x0, y0, x1, y1, length)
+
+
+def joined(pieces: Sequence[Sequence[float]]) -> Path:
+    """The path of pieces (length, x, y, tx, ty, curvature), as in `Path.pieces`; each starts where the last ends."""
+    rows = np.zeros((len(pieces), 8))
+    rows[:, LENGTH : CURVATURE + 1] = pieces
+    rows[1:, FROM] = np.cumsum(rows[:-1, LENGTH])
+    for i in range(len(rows) - 1):
+        _, _, tx, ty = along_piece(rows, i, rows[i, LENGTH])
+        next_tx, next_ty = rows[i + 1, TX], rows[i + 1, TY]
+        rows[i, TURN] = math.atan2(tx * next_ty - ty * next_tx, tx * next_tx + ty * next_ty)
+    last = len(rows) - 1
+    x1, y1, _, _ = along_piece(rows, last, rows[last, LENGTH])
+    length = rows[last, FROM] + rows[last, LENGTH]
+    return Path(rows, *(float(value) for value in (rows[0, X], rows[0, Y], x1, y1, length)))
+
+
+@kernel
+def beside(x0: float, y0: float, tx: float, ty: float, x: float, y: float) -> tuple[float, float]:
+    """How far (x, y) lies along and to the left of the straight line through (x0, y0) with unit tangent t, m."""
+    rx, ry = x - x0, y - y0
+    return tx * rx + ty * ry, tx * ry - ty * rx
+
+
+@kernel
+def beside_arc(piece: np.ndarray, i: int, x: float, y: float) -> tuple[float, float, float, float]:
+    """How far (x, y) lies along and to the left of the bent piece i, m, and the unit tangent there.
+
+    On the piece's own circle; the way along is counted from half a turn before its middle to half a turn after. At
+    the centre, where every point of the arc is nearest, the tangent is that at the start.
+    """
+    tx, ty, k = piece[i, TX], piece[i, TY], piece[i, CURVATURE]
+    sense = 1.0 if k > 0.0 else -1.0
+    rx, ry = x - (piece[i, X] - ty / k), y - (piece[i, Y] + tx / k)  # from the centre
+    radius = math.sqrt(rx * rx + ry * ry)
+    if radius <= 0.0:
+        return 0.0, 1.0 / k, tx, ty
+    ux, uy = -sense * ry / radius, sense * rx / radius
+    angle = sense * math.atan2(tx * uy - ty * ux, tx * ux + ty * uy)  # turned since the start, -pi .. pi
+    if angle < 0.5 * piece[i, LENGTH] * abs(k) - math.pi:
+        angle += 2.0 * math.pi
+    return angle / abs(k), 1.0 / k - sense * radius, ux, uy
+
+
+@kernel
+def along_piece(piece: np.ndarray, i: int, way: float) -> tuple[float, float, float, float]:
+    """Point (m) and unit tangent of piece i, `way` (m) from its start, 0 to its length; outside, straight on."""
+    x, y, tx, ty, k = piece[i, X], piece[i, Y], piece[i, TX], piece[i, TY], piece[i, CURVATURE]
+    if k == 0.0 or way <= 0.0:
+        return x + way * tx, y + way * ty, tx, ty
+    bent = min(way, piece[i, LENGTH])
+    c, s = math.cos(k * bent), math.sin(k * bent)
+    x, y = x + (s * tx - (1.0 - c) * ty) / k, y + (s * ty + (1.0 - c) * tx) / k
+    tx, ty = c * tx - s * ty, s * tx + c * ty
+    return x + (way - bent) * tx, y + (way - bent) * ty, tx, ty
+
+
+@kernel
+def gap(piece: np.ndarray, i: int, x: float, y: float) -> float:
+    """Distance (m) of (x, y) from piece i itself, between its ends."""
+    if piece[i, CURVATURE] != 0.0:
+        along, distance, _, _ = beside_arc(piece, i, x, y)
+        if 0.0 <= along <= piece[i, LENGTH]:
+            return abs(distance)
+    else:
+        along, _ = beside(piece[i, X], piece[i, Y], piece[i, TX], piece[i, TY], x, y)
+    px, py, _, _ = along_piece(piece, i, min(max(along, 0.0), piece[i, LENGTH]))
+    return math.sqrt((x - px) * (x - px) + (y - py) * (y - py))
+
+
+@kernel
+def at_corner(
+    x: float, y: float, corner_x: float, corner_y: float, tx: float, ty: float, to_other: float, outside: float
+) -> tuple[float, float, float]:
+    """Signed distance (m) and unit tangent at (x, y) where the nearest point is a corner, for one of its two pieces.
+
+    t: that piece's tangent at the corner; to_other: the angle from it to the other piece's, rad; outside: +1 where
+    the outside of the corner is to the left, -1 to the right.
+    """
+    rx, ry = x - corner_x, y - corner_y
+    distance = math.sqrt(rx * rx + ry * ry)
+    if distance <= 0.0:
+        return 0.0, tx, ty
+    across_x, across_y = outside * ry / distance, -outside * rx / distance  # at right angles to the way to the corner
+    turned = math.atan2(tx * across_y - ty * across_x, tx * across_x + ty * across_y)
+    turned = min(max(turned, min(to_other, 0.0)), max(to_other, 0.0)) * min(1.0, distance / CORNER_M)
+    c, s = math.cos(to_other), math.sin(to_other)
+    left = tx * ry - ty * rx
+    left_of_other = (c * tx - s * ty) * ry - (s * tx + c * ty) * rx
+    inside_both = left * outside < 0.0 and left_of_other * outside < 0.0
+    c, s = math.cos(turned), math.sin(turned)
+    return (-outside if inside_both else outside) * distance, c * tx - s * ty, s * tx + c * ty
+
+
+@kernel
+def on_piece(path: Path, i: int, x: float, y: float) -> tuple[float, float, float, float]:
+    """`nearest` as if piece i were the nearest one."""
+    piece = path.pieces
+    tx, ty = piece[i, TX], piece[i, TY]
+    along, distance = beside(piece[i, X], piece[i, Y], tx, ty, x, y)
+    if piece.shape[0] == 1 and piece[i, CURVATURE] == 0.0:
+        return along, distance, tx, ty
+    return on_piece_of_many(path, i, x, y, along, distance)
+
+
+@kernel
+def on_piece_of_many(
+    path: Path, i: int, x: float, y: float, along: float, distance: float
+) -> tuple[float, float, float, float]:
+    """`on_piece` where it may bend or have neighbours; along, distance: of the straight line from its start."""
+    piece, last = path.pieces, path.pieces.shape[0] - 1
+    begin, length, tx, ty = piece[i, FROM], piece[i, LENGTH], piece[i, TX], piece[i, TY]
+    straight = piece[i, CURVATURE] == 0.0
+    way = along
+    if not straight:
+        way, bent_distance, bent_tx, bent_ty = beside_arc(piece, i, x, y)
+        if 0.0 <= way <= length:
+            return begin + way, bent_distance, bent_tx, bent_ty
+    if way < 0.0 and i > 0:
+        turn = piece[i - 1, TURN]
+        distance, tx, ty = at_corner(x, y, piece[i, X], piece[i, Y], tx, ty, -turn, 1.0 if turn < 0.0 else -1.0)
+        return begin, distance, tx, ty
+    if way > length and i < last:
+        turn = piece[i, TURN]
+        end_x, end_y, tx, ty = along_piece(piece, i, length)
+        distance, tx, ty = at_corner(x, y, end_x, end_y, tx, ty, turn, 1.0 if turn < 0.0 else -1.0)
+        return begin + length, distance, tx, ty
+    if way > length and not straight:
+        end_x, end_y, tx, ty = along_piece(piece, i, length)
+        along, distance = beside(end_x, end_y, tx, ty, x, y)
+        return begin + length + along, distance, tx, ty
+    return begin + along, distance, tx, ty
+
+
+@kernel
+def nearest_piece(path: Path, x: float, y: float) -> int:
+    """The piece nearest to (x, y); of several, the first."""
+    if path.pieces.shape[0] == 1:
+        return 0
+    nearest_so_far, least = 0, math.inf
+    for i in range(path.pieces.shape[0]):
+        distance = gap(path.pieces, i, x, y)
+        if distance < least:
+            nearest_so_far, least = i, distance
+    return nearest_so_far
+
+
+@kernel
+def held_piece(path: Path, last: int, x: float, y: float) -> int:
+    """The nearest piece, or still the `last` one (-1: none yet) where the nearest is not clearly nearer."""
+    i = nearest_piece(path, x, y)
+    if i == last or last < 0:
+        return i
+    _, _, tx, ty = on_piece(path, i, x, y)
+    _, _, last_tx, last_ty = on_piece(path, last, x, y)
+    clear = HOLD_M * (1.0 - (tx * last_tx + ty * last_ty))
+    return i if gap(path.pieces, last, x, y) - gap(path.pieces, i, x, y) > clear else last
 
 
 @kernel
 def nearest(path: Path, x: float, y: float) -> tuple[float, float, float, float]:
-    """Progress (m), signed distance (m), tangent (2,) at the point of the path nearest to (x, y).
+    """Progress (m), signed distance (m), unit tangent (2,) at the point of the path nearest to (x, y).
 
-    Distance is positive to the left of the tangent. Our choice: a segment's distance and tangent are those of its
-    infinite line, and progress is not clipped to the ends.
+    Distance is positive to the left of the tangent. Our choice: a single straight piece counts as its infinite line,
+    progress is not clipped to its ends; any other path goes on straight where its end is the nearest point.
     """
-    rx, ry = x - path.x0, y - path.y0
-    tx, ty = path.tangent_x, path.tangent_y
-    return tx * rx + ty * ry, tx * ry - ty * rx, tx, ty
+    return on_piece(path, nearest_piece(path, x, y), x, y)
+
+
+@kernel
+def point_at(path: Path, s: float) -> tuple[float, float, float, float]:
+    """Point (x, y), m, and unit tangent (2,) at progress s (m); straight beyond the ends, at a corner the later one."""
+    i = 0
+    while i + 1 < path.pieces.shape[0] and s >= path.pieces[i + 1, FROM]:
+        i += 1
+    return along_piece(path.pieces, i, s - path.pieces[i, FROM])
+
+
+@kernel
+def measure(path: Path, points: np.ndarray, progress: np.ndarray, distance: np.ndarray) -> None:
+    """`nearest` at each of points (n, 2), m: writes progress (n,) and signed distance (n,), m."""
+    for n in range(points.shape[0]):
+        progress[n], distance[n], _, _ = nearest(path, points[n, 0], points[n, 1])

@@ -9,15 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from core.jit import kernel
-from core.path import Path, nearest
+from core.path import Path, held_piece, on_piece
 from core.rules import Rules
 
 BLEND_WIDTH = 0.05  # m, the paper's boundary: nearer than this the direction is blended to the path's
 
-TRAVEL, SIDE = (
-    0,
-    1,
-)  # places in the memory: travel sense (+1 to the end), side of the path (+1 left; 0 not yet known)
+#: Places in the memory: travel sense (+1 to the end), side of the path (+1 left; 0 not yet known), piece of the path
+#: (-1: not yet known).
+TRAVEL, SIDE, PIECE = range(3)
 
 
 class Field(NamedTuple):
@@ -33,8 +32,8 @@ class Field(NamedTuple):
 
 
 def new_memory() -> np.ndarray:
-    """What a controller remembers between ticks, (2,), at the start of a trial: towards the end, no side yet."""
-    return np.array([1.0, 0.0])
+    """What a controller remembers between ticks, (3,), at the start of a trial: towards the end, no side, no piece."""
+    return np.array([1.0, 0.0, -1.0])
 
 
 @kernel
@@ -89,8 +88,10 @@ def field_at(
     blend_width: float,
     rules: Rules,
 ) -> Field:
-    """The field at the tip (x, y) for its velocity and the hand force; updates memory (2,)."""
-    _, distance, tx, ty = nearest(path, x, y)
+    """The field at the tip (x, y) for its velocity and the hand force; updates memory (3,)."""
+    piece = held_piece(path, int(memory[PIECE]), x, y)
+    memory[PIECE] = piece
+    _, distance, tx, ty = on_piece(path, piece, x, y)
     sense = travel_sense(memory[TRAVEL], tx * fx + ty * fy, tx * vx + ty * vy, rules)
     side = side_of_path(memory[SIDE], distance, sense, rules)
     memory[TRAVEL] = sense

@@ -3,12 +3,12 @@
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from core import row
-from core.device import load_device
 from core.hand import spring_hand
 from core.simulator import Simulation
 from experiments.bench_kernels import (
@@ -20,8 +20,9 @@ from experiments.bench_kernels import (
     smooth_steps,
 )
 from experiments.bench_scenes import START, bench_devices, bench_scenes
-from experiments.operator import draw_person
-from experiments.plan import SEGMENTS, make_plan
+from experiments.plan import make_plan
+from experiments.population import load_population
+from experiments.protocol import load_protocol
 from experiments.trial import Trial, new_simulation
 
 _COUNT = 5000
@@ -51,18 +52,22 @@ def tick_cost(quick: bool) -> dict:
     A study of 3 operators x 2 devices x 2 segments x 5 controllers x 3 trials (quick: one operator, one block), ticks
     alone: what recording, measures and figures cost is not in it.
     """
-    devices = {name: load_device(name) for name in ("three-brake", "four-brake")}
-    operators, blocks = (1, 1) if quick else (3, 3)
+    protocol = load_protocol()
+    operators = 3
+    if quick:
+        operators, protocol = 1, replace(protocol, blocks=1)
+    devices = {device.name: device for device in protocol.devices}
     rows = np.empty((8192, row.WIDTH))
     spent: dict[str, list[float]] = {name: [0.0, 0.0] for name in devices}  # s, ticks
     trials, last = 0, None
     for operator in range(1, operators + 1):
-        person = draw_person(np.random.default_rng(operator))
+        person = load_population().draw(np.random.default_rng(operator))
         simulations = {name: new_simulation(device, (0.0, 0.40)) for name, device in devices.items()}
-        for planned in make_plan(operator, 1, tuple(devices), blocks=blocks):
+        for planned in make_plan(protocol, operator):
             generator = np.random.default_rng([operator, planned.segment, planned.repetition])
-            trial = Trial(simulations[planned.configuration], planned, SEGMENTS[planned.segment], "settled", 5.0,
-                          person, generator)  # fmt: skip
+            trial = Trial(simulations[planned.configuration], planned, protocol.paths[planned.segment],
+                          protocol.controllers[int(planned.controller)], protocol.rules, protocol.trial, person,
+                          generator)  # fmt: skip
             if last is None:
                 trial.run(rows[:1])  # the kernels are compiled before the clock runs
             while not trial.finished:

@@ -1,7 +1,7 @@
-"""Box plots of a study, as Figs. 16 to 18 of the paper: five controllers, each in two configurations."""
+"""Box plots of a study, as Figs. 16 to 18 of the paper: each controller, or its code, in each configuration."""
 
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -25,12 +25,13 @@ from experiments.figures import (
     figure_bytes,
     new_figure,
 )
-from experiments.trials_table import COUNTED, TrialRow
+from experiments.trials_table import COUNTED, TrialRow, by_controller
 from experiments.whole_files import is_wrong_path
 
 WHISKER = 1.5  # box lengths
 QUARTILE_METHOD = "linear"  # NumPy's name; MATLAB's is "hazen" and differs
 COMBINED_NAME = "boxplots.png"
+CODE_COLOUR = QUIET  # one for all: a code has no colour of a controller
 CAPTION_SIZE, LINE_IN, CHARACTERS_PER_INCH = 7.0, 0.16, 18.5  # of the small print: points, inches, at most
 
 
@@ -80,17 +81,22 @@ MEASURES = (
 
 def boxes(
     rows: Iterable[TrialRow], column: str, configurations: Sequence[str], scale: float = 1.0
-) -> dict[tuple[int, str], Box]:
+) -> dict[tuple[int | str, str], Box]:
     """(controller, configuration) -> its box, over all participants and segments; none where there is no value.
 
     Trials that are done or timed out count, each with the value that it has.
     """
-    groups: dict[tuple[int, str], list[float]] = {}
+    groups: dict[tuple[int | str, str], list[float]] = {}
     for row in rows:
         value = getattr(row, column)
         if value is not None and row.status in COUNTED and row.configuration in configurations:
             groups.setdefault((row.controller, row.configuration), []).append(scale * value)
-    return {key: box_statistics(values) for key, values in sorted(groups.items())}
+    return {key: box_statistics(groups[key]) for key in sorted(groups, key=in_order)}
+
+
+def in_order(key: tuple[int | str, str]) -> tuple:
+    """Sorts (controller, configuration)."""
+    return by_controller(key[0]), key[1]
 
 
 def draw_boxplots(
@@ -99,12 +105,14 @@ def draw_boxplots(
     note: str,
     configurations: Sequence[str] | None = None,
     measures: Sequence[Measure] = MEASURES,
+    labels: Mapping[int, str] = CONTROLLER_LABELS,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Path]:
     """Draw every measure as PNG, SVG and PDF and all in one wide PNG into `out_folder`; returns the paths.
 
     note: what was used, as "settled rules, low gain 5 N s/m, parameters assumed"; it stands on every figure.
     configurations: the first is drawn filled, the second open; by default as the table first names them.
+    labels: controller -> what stands under its box; codes of a blind session stand under theirs as they are.
     progress: called with the share that is drawn; whatever it raises ends the work before anything is written.
     InputError before anything is written if a file exists already or there is nothing to draw.
     """
@@ -118,17 +126,19 @@ def draw_boxplots(
         if path.exists():
             raise InputError(f"{path}: exists already, no figure was written")
 
+    shown = controllers_shown(rows, labels)
+    wider = max(1.0, len(shown) / 5.0)
     with matplotlib.rc_context(STYLE):
         drawn: list[bytes] = []
         for measure in measures:
-            figure = new_figure(6.4, 4.5)
-            _draw(figure, rows, [measure], configurations, note)
+            figure = new_figure(6.4 * wider, 4.5)
+            _draw(figure, rows, [measure], configurations, note, shown)
             for form in FORMATS:
                 progress(len(drawn) / len(paths))
                 drawn.append(figure_bytes(figure, form))
         progress(len(drawn) / len(paths))
-        figure = new_figure(5.0 * len(measures), 4.5)
-        _draw(figure, rows, measures, configurations, note)
+        figure = new_figure(5.0 * wider * len(measures), 4.5)
+        _draw(figure, rows, measures, configurations, note, shown)
         drawn.append(figure_bytes(figure, "png"))
     progress(1.0)
     try:
@@ -143,8 +153,21 @@ def draw_boxplots(
     return paths
 
 
+def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> dict[int | str, str]:
+    """Controller or code -> what stands under its box, in order: all that have a label, and every code of the rows."""
+    there = {row.controller for row in rows}
+    coded = {controller: controller for controller in there if isinstance(controller, str)}
+    named = {} if there and len(coded) == len(there) else labels
+    return {controller: {**named, **coded}[controller] for controller in sorted({*named, *coded}, key=by_controller)}
+
+
 def _draw(
-    figure: Figure, rows: Sequence[TrialRow], measures: Sequence[Measure], configurations: Sequence[str], note: str
+    figure: Figure,
+    rows: Sequence[TrialRow],
+    measures: Sequence[Measure],
+    configurations: Sequence[str],
+    note: str,
+    shown: Mapping[int | str, str],
 ) -> None:
     width, height = figure.get_size_inches()
     left, right, between, top = 0.6, 0.15, 0.7, 0.72  # inches
@@ -157,7 +180,7 @@ def _draw(
     for i, measure in enumerate(measures):
         place = (left + i * (each + between), bottom, each, height - top - bottom)
         axes = figure.add_axes(tuple(np.divide(place, (width, height, width, height))))
-        draw_panel(axes, found[i], measure, configurations, show_counts=len(counts) > 1)
+        draw_panel(axes, found[i], measure, configurations, shown, show_counts=len(counts) > 1)
     if len(configurations) > 1:
         handles = [
             Patch(facecolor=QUIET if i == 0 else "white", edgecolor=QUIET, label=name, linewidth=1.2)
@@ -192,18 +215,19 @@ def _caption(counts: set[int], note: str, characters: int) -> list[str]:
 
 def draw_panel(
     axes: Axes,
-    found: dict[tuple[int, str], Box],
+    found: dict[tuple[int | str, str], Box],
     measure: Measure,
     configurations: Sequence[str],
+    shown: Mapping[int | str, str],
     show_counts: bool = False,
 ) -> None:
     """One measure's boxes on `axes`: a group for each controller, a box for each configuration."""
-    controllers = sorted(CONTROLLER_LABELS)
+    controllers = list(shown)
     width = 0.62 / len(configurations)
     for (controller, configuration), box in found.items():
         j = configurations.index(configuration)
         x = controllers.index(controller) + (j - (len(configurations) - 1) / 2) * (width + 0.08)
-        _draw_box(axes, box, x, width, CONTROLLER_COLOURS[controller], filled=j == 0)
+        _draw_box(axes, box, x, width, colour_of(controller), filled=j == 0)
         if show_counts:
             axes.annotate(
                 f"{box.count}", (x, 0.0), (0, -4), ("data", "axes fraction"), "offset points",
@@ -215,7 +239,7 @@ def draw_panel(
     axes.set_xlim(-0.6, len(controllers) - 0.4)
     axes.set_xticks([])
     for i, controller in enumerate(controllers):  # line by line: a tick label's lines shift with their letters
-        for j, line in enumerate(CONTROLLER_LABELS[controller].splitlines()):
+        for j, line in enumerate(shown[controller].splitlines()):
             axes.annotate(
                 line, (i, 0.0), (0, (-24 if show_counts else -15) - 10.5 * j), ("data", "axes fraction"),
                 "offset points", ha="center", va="baseline", fontsize=8.0,
@@ -225,6 +249,13 @@ def draw_panel(
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     axes.set_title(f"{measure.title} ({measure.unit})", loc="left", fontsize=10.5, pad=9)
+
+
+def colour_of(controller: int | str) -> str:
+    """The colour of a controller: Table I's five, which begin again for further ones; a code has none of its own."""
+    if isinstance(controller, str):
+        return CODE_COLOUR
+    return CONTROLLER_COLOURS[(controller - 1) % len(CONTROLLER_COLOURS) + 1]
 
 
 def _draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, filled: bool) -> None:

@@ -7,7 +7,7 @@ One rule for all, fixed before any data:
 - In a comparison every participant gives one difference, first minus second, of the medians of their own trials (for
   "consistent": of their trials' mean distance from the middle of the box). What counts is the median participant and
   the 95 % interval of `median_interval`; below six participants that interval is the whole range of these people, so
-  that all of them must agree, and the verdict describes only them.
+  that all of them must agree, and the verdict describes only them. One participant alone has no range: unclear.
 - below:   yes if the whole interval is under 0; else no if it is all over 0, or within 15 % of the uncontrolled
            median either way (no difference to speak of).
 - similar: within 15 % of the uncontrolled median (for "little change in accuracy": 0.5 mm) either way. Yes if the
@@ -87,7 +87,8 @@ class Comparison(NamedTuple):
             return f"{self.where} ({self.reason})"
         digits = 2 if self.unit == "mm" else 0
         middle, low, high = (f"{round(value, digits) + 0.0:+.{digits}f}" for value in self.found[1:])
-        return f"{self.where} {middle} {self.unit} ({low} to {high})"
+        interval = f" ({low} to {high})" if self.found.is_range else ""
+        return f"{self.where} {middle} {self.unit}{interval}"
 
 
 class Finding(NamedTuple):
@@ -124,7 +125,7 @@ def _compare(
     measure: str,
     place: tuple[str, str],
     table: Scores,
-    finished: dict[tuple[str, int], float],
+    finished: dict[tuple[str, int | str], float],
     people: Sequence[str],
 ) -> Comparison:
     first_place, second_place = place
@@ -156,7 +157,8 @@ def _compare(
     scale, unit = (1e3, "mm") if in_mm else (100.0 / uncontrolled, "%")
     band = scale * (NEGLIGIBLE_M if claim.negligible else SIMILAR_SHARE * uncontrolled)
     interval = median_interval(scale * np.array(differences))
-    return Comparison(claim, measure, where, answer(claim.kind, interval, band), "", interval, band, unit)
+    said = answer(claim.kind, interval, band) if interval.is_range else None
+    return Comparison(claim, measure, where, said, "", interval, band, unit)
 
 
 def answer(kind: str, found: Interval, band: float) -> bool | None:
@@ -213,6 +215,8 @@ def _why_unclear(compared: Sequence[Comparison]) -> str:
         return f"{missing[:1].upper()}{missing[1:]}."
     if {True, False} <= {one.answer for one in compared}:
         why = "measures or devices disagree"
+    elif not all(one.found.is_range for one in compared if one.found):
+        why = "one participant shows no range"
     elif min(one.found.people for one in compared if one.found) < LEAST_PEOPLE:
         why = "the participants disagree"
     else:

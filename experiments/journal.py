@@ -47,12 +47,3 @@ def read_events(folder: Path) -> list[dict]:
             if isinstance(event, dict):
                 events.append(event)
     return events
-
-
-def trials_begun(folder: Path) -> dict[int, dict]:
-    """Run number -> its event, of every trial that the journal says has begun."""
-    return {
-        event["run"]: event
-        for event in read_events(folder)
-        if event.get("event") == "trial begun" and isinstance(event.get("run"), int)
-    }

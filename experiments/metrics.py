@@ -13,6 +13,7 @@ from scipy import fft, signal
 
 from core import control
 from core.errors import InputError
+from core.path import Path, measure
 from experiments.recording_form import Recording
 
 SAMPLE_RATE_HZ = 1000.0
@@ -36,35 +37,24 @@ class Metrics(NamedTuple):
     force_over_progress_N: float | None  # |hand force| over path progress
     duration_s: float | None
     peak_error_m: float | None
-    path_length_ratio: float | None  # tip travel / segment length
+    path_length_ratio: float | None  # tip travel / path length
     sparc: float | None  # nearer 0 is smoother
     switches_per_s: float | None
-    unreachable_share: float | None  # None for controller 1
+    unreachable_share: float | None  # None without a controller
 
 
 NO_METRICS = Metrics(*[None] * len(Metrics._fields))
 
 
-def path_deviation(tip: np.ndarray, start: tuple[float, float], end: tuple[float, float]) -> np.ndarray:
-    """Distance |d| (n,) of the tip (n, 2) from the infinite line of the segment, m."""
-    x, y, _ = _along(start, end)
-    return np.abs(x * (tip[:, 1] - start[1]) - y * (tip[:, 0] - start[0]))
+def along_path(tip: np.ndarray, path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Furthest way along the path so far (n,), clipped to its ends, and distance |d| from it (n,), m; tip (n, 2).
 
-
-def path_progress(tip: np.ndarray, start: tuple[float, float], end: tuple[float, float]) -> np.ndarray:
-    """Furthest way along the segment so far (n,), m: running maximum of the projection, clipped to the ends."""
-    x, y, length = _along(start, end)
-    along = x * (tip[:, 0] - start[0]) + y * (tip[:, 1] - start[1])
-    return np.maximum.accumulate(np.clip(along, 0.0, length))
-
-
-def _along(start: tuple[float, float], end: tuple[float, float]) -> tuple[float, float, float]:
-    """Unit tangent (x, y) and length of a segment."""
-    dx, dy = end[0] - start[0], end[1] - start[1]
-    length = math.hypot(dx, dy)
-    if not 0.0 < length < math.inf:
-        raise InputError(f"path: from {tuple(start)} to {tuple(end)} is no segment")
-    return dx / length, dy / length, length
+    Both of the nearest point, tick by tick: distance beyond an end is that from the straight line on, and whoever cuts
+    a corner leaps ahead in progress; the leap counts with its own length.
+    """
+    progress, distance = np.empty(len(tip)), np.empty(len(tip))
+    measure(path, np.ascontiguousarray(tip), progress, distance)
+    return np.maximum.accumulate(np.clip(progress, 0.0, path.length)), np.abs(distance)
 
 
 def mean_over_progress(values: np.ndarray, progress: np.ndarray) -> float | None:
@@ -185,9 +175,7 @@ def _said(recording: Recording, codes: frozenset[int]) -> np.ndarray:
     return table[recording.column("decision")]
 
 
-def trial_metrics(
-    recording: Recording, path_start: tuple[float, float], path_end: tuple[float, float], controller: int
-) -> Metrics:
+def trial_metrics(recording: Recording, path: Path) -> Metrics:
     """Every measure of one trial, over its phase `move`; for a trial timed out, over the progress made.
 
     Our choice: without any progress there was no movement to judge, and its measures (errors, smoothness, travel,
@@ -207,7 +195,7 @@ def trial_metrics(
     force = np.hypot(recording.column("hand_fx_N")[rows], recording.column("hand_fy_N")[rows])
     currents = _columns(recording, *(f"current_{joint}_A" for joint in recording.braked))[rows]
     unreachable = None
-    if controller != 1:
+    if not _said(recording, frozenset({control.NONE}))[rows].all():
         unreachable = unreachable_share(
             force, _said(recording, control.UNREACHABLE)[rows], _said(recording, control.GAP)[rows]
         )
@@ -220,8 +208,7 @@ def trial_metrics(
 
     whole_tip = _columns(recording, "tip_x_m", "tip_y_m")
     tip = whole_tip[rows]
-    progress = path_progress(tip, path_start, path_end)
-    deviation = path_deviation(tip, path_start, path_end)
+    progress, deviation = along_path(tip, path)
     path_error = mean_over_progress(deviation, progress)
     if path_error is None:
         return metrics
@@ -236,6 +223,6 @@ def trial_metrics(
         acceleration_weighted_rms_m_s2=acceleration_weighted_rms(acceleration),
         force_over_progress_N=mean_over_progress(force, progress),
         peak_error_m=float(np.max(deviation)),
-        path_length_ratio=travel / _along(path_start, path_end)[2],
+        path_length_ratio=travel / path.length,
         sparc=sparc(speed),
     )

@@ -11,9 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.plan import CONFIGURATIONS
 from experiments.trials_table import COUNTED, TrialRow
 
+#: The paper's two, by device name.
+PAPER_CONFIGURATIONS = ("three-brake", "four-brake")
 #: With fewer, no 95 % interval for the middle of people exists (2 / 2^5 > 5 %), nor can a signed-rank test reach 5 %.
 LEAST_PEOPLE = 6
 LEVEL = 0.95
@@ -21,7 +22,7 @@ LEVEL = 0.95
 TOO_FEW = "{} too few to claim any of this for others; read it as a description."
 _WORDS = ("Nobody is", "One person is", "Two people are", "Three people are", "Four people are", "Five people are")
 
-Cell = tuple[str, str, int]  # participant, configuration, controller
+Cell = tuple[str, str, int | str]  # participant, configuration, controller
 Scores = dict[Cell, float]
 
 
@@ -52,16 +53,16 @@ def spreads(rows: Iterable[TrialRow], column: str) -> Scores:
     plot; so the score holds both the spread within a person and the person's own distance (Brown and Forsythe).
     """
     cells = values_by_cell(rows, column)
-    boxes: dict[tuple[str, int], list[float]] = {}
+    boxes: dict[tuple[str, int | str], list[float]] = {}
     for (_, configuration, controller), values in cells.items():
         boxes.setdefault((configuration, controller), []).extend(values)
     middles = {box: np.median(values) for box, values in boxes.items()}
     return {cell: float(np.mean(np.abs(np.array(values) - middles[cell[1:]]))) for cell, values in cells.items()}
 
 
-def finished_share(rows: Iterable[TrialRow]) -> dict[tuple[str, int], float]:
+def finished_share(rows: Iterable[TrialRow]) -> dict[tuple[str, int | str], float]:
     """(configuration, controller) -> share of its counted trials that reached the end of the path."""
-    ends: dict[tuple[str, int], list[bool]] = {}
+    ends: dict[tuple[str, int | str], list[bool]] = {}
     for row in rows:
         if row.status in COUNTED:
             ends.setdefault((row.configuration, row.controller), []).append(row.status == "done")
@@ -76,7 +77,7 @@ def people_of(rows: Iterable[TrialRow]) -> tuple[str, ...]:
 def configurations_of(rows: Iterable[TrialRow]) -> tuple[str, ...]:
     """The configurations: the paper's two first, then any others by name (participants meet them in any order)."""
     found = {row.configuration for row in rows}
-    return (*(name for name in CONFIGURATIONS if name in found), *sorted(found.difference(CONFIGURATIONS)))
+    return (*(name for name in PAPER_CONFIGURATIONS if name in found), *sorted(found.difference(PAPER_CONFIGURATIONS)))
 
 
 class Interval(NamedTuple):
@@ -87,12 +88,18 @@ class Interval(NamedTuple):
     low: float
     high: float
 
+    @property
+    def is_range(self) -> bool:
+        """Whether low and high say how far people lie apart: one person does not."""
+        return self.people > 1
+
 
 def median_interval(values: Sequence[float] | np.ndarray) -> Interval:
     """The median and its 95 % interval by counting (the sign test turned round): no distribution is assumed.
 
     From the k-th smallest to the k-th largest value, the largest k that covers the median of people with at least
-    95 %. Below six values none does: then it is the whole range of these people, and describes only them.
+    95 %. Below six values none does: then it is the whole range of these people, and describes only them; of one
+    person it is that one value, and is no range (`Interval.is_range`).
     """
     data = np.sort(np.asarray(values, dtype=float))
     n, k, outside = len(data), 1, 1

@@ -1,52 +1,42 @@
 """The plan of a participant's session: every trial laid out before the first one, seeded, with a hash.
 
-Every controller x segment cell stands once in each block; the configuration (a re-rig on hardware) is outermost
-and its order alternates by participant; the same controller never comes twice running.
+Every controller x path cell stands once (or `repetitions` times) in each block; the configuration (a re-rig on
+hardware) is outermost and its order alternates by participant; the same controller never comes twice running, unless
+there is only one. In a blind session the plan is drawn over codes, K1, K2, .., and does not know which controller each
+is.
 """
 
 import hashlib
 import json
 import re
 import zlib
+from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from core.errors import InputError
 
+if TYPE_CHECKING:
+    from experiments.protocol import Protocol
 
-class Segment(NamedTuple):
-    """A line segment to follow, from start to end (m)."""
-
-    start: tuple[float, float]
-    end: tuple[float, float]
-
-
-#: Assumed: the paper prints neither of its two line segments.
-SEGMENTS: dict[int, Segment] = {
-    1: Segment((-0.10, 0.40), (0.10, 0.40)),
-    2: Segment((-0.08, 0.26), (0.08, 0.42)),
-}
-
-#: The paper's two configurations, by device name.
-CONFIGURATIONS = ("three-brake", "four-brake")
-CONTROLLERS = (1, 2, 3, 4, 5)
-BLOCKS = 3
-
-#: A random order is drawn anew until it fits; with the paper's cells 3 in 10 do.
-_MOST_DRAWS = 200_000
+#: A random order is drawn anew until it fits: with the paper's cells 3 in 10 do. After so many draws it is built.
+_MOST_DRAWS = 2000
+#: Sets the draws of practice apart from those of the plan.
+_PRACTICE = 0x9AC71CE
+PRACTICE_BLOCK = 0
 
 
 class PlannedTrial(NamedTuple):
     """One trial of the plan. `block` counts within a configuration, `repetition` one cell within it."""
 
     run: int  # 1.. in the order of the session
-    block: int  # 1..blocks
+    block: int  # 1..blocks; 0: practice, which counts nowhere
     configuration: str  # name of the device
-    controller: int  # 1..5 as in Table I
-    segment: int
-    repetition: int  # 1..blocks
+    controller: int | str  # its number in the protocol, as in Table I; in a blind session a code, "K3"
+    segment: int  # number of the path
+    repetition: int  # 1.., of the cell within the configuration
 
 
 def participant_index(participant: int | str) -> int:
@@ -82,49 +72,117 @@ def _distinct(key: str, values: Iterable) -> tuple:
 
 
 def _shuffled_block(
-    cells: np.ndarray, last_controller: int | None, generator: np.random.Generator
-) -> list[tuple[int, int]]:
-    """The (controller, segment) cells in one of the allowed orders, all equally likely.
+    cells: Sequence[tuple], last_controller: int | str | None, generator: np.random.Generator
+) -> list[tuple]:
+    """The (controller, path) cells in one of the allowed orders, all equally likely (nearly so, where few orders fit).
 
     Allowed: no controller twice running, nor the controller of the trial before the block at its start.
     """
+    controllers = [cell[0] for cell in cells]
+    if len(set(controllers)) == 1:
+        return [cells[i] for i in generator.permutation(len(cells))]
     for _ in range(_MOST_DRAWS):
-        order = cells[generator.permutation(len(cells))]
-        controllers = order[:, 0]
-        if controllers[0] != last_controller and not np.any(controllers[1:] == controllers[:-1]):
-            return [(int(controller), int(segment)) for controller, segment in order]
-    raise InputError("plan: no order was found in which no controller comes twice running; plan fewer segments")
+        order = generator.permutation(len(cells))
+        drawn = [last_controller, *(controllers[i] for i in order)]
+        if all(before != after for before, after in zip(drawn, drawn[1:], strict=False)):
+            return [cells[i] for i in order]
+    return _built_block(cells, last_controller, generator)
 
 
-def make_plan(
+def _built_block(cells: Sequence[tuple], last: int | str | None, generator: np.random.Generator) -> list[tuple]:
+    """An allowed order, place by place: a cell at random, among those after which the rest can still be placed."""
+    rest, built = [cells[i] for i in generator.permutation(len(cells))], []
+    while rest:
+        left = len(rest) - 1
+        counts = Counter(controller for controller, *_ in rest)
+        fits = [
+            i
+            for i, (controller, *_) in enumerate(rest)
+            if controller != last
+            and counts[controller] - 1 <= left // 2
+            and all(count <= (left + 1) // 2 for other, count in counts.items() if other != controller)
+        ]
+        built.append(rest.pop(fits[int(generator.integers(len(fits)))]))
+        last = built[-1][0]
+    return built
+
+
+def lay_out(
     participant: int | str,
     seed: int,
-    devices: Sequence[str] = CONFIGURATIONS,
-    segments: Iterable[int] = tuple(SEGMENTS),
-    controllers: Iterable[int] = CONTROLLERS,
-    blocks: int = BLOCKS,
+    devices: Sequence[str],
+    segments: Iterable[int],
+    controllers: Iterable[int | str],
+    blocks: int,
+    repetitions: int = 1,
 ) -> tuple[PlannedTrial, ...]:
-    """All trials of a participant, in order: 60 with the defaults. The same arguments give the same plan."""
+    """All trials of a participant, in order. The same arguments give the same plan."""
     index = participant_index(participant)
-    devices = _distinct("devices", devices)
-    segments = _distinct("segments", segments)
-    controllers = _distinct("controllers", controllers)
-    if isinstance(blocks, bool) or not isinstance(blocks, int) or blocks < 1:
-        raise InputError(f"plan: blocks = {blocks!r} must be a whole number of at least 1")
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"plan: seed = {seed!r} must be a whole number that is not negative")
-    if len(controllers) == 1 and len(segments) * blocks * len(devices) > 1:
-        raise InputError("plan: a single controller would come twice running; plan at least two controllers")
+    devices, segments, controllers = (
+        _distinct(key, values)
+        for key, values in (("devices", devices), ("segments", segments), ("controllers", controllers))
+    )
+    for key, value, least in (("blocks", blocks, 1), ("repetitions", repetitions, 1), ("seed", seed, 0)):
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+            raise InputError(f"plan: {key} = {value!r} must be a whole number of at least {least}")
 
     generator = np.random.default_rng(np.random.SeedSequence([int(seed), index]))
-    cells = np.array([(controller, segment) for controller in controllers for segment in segments])
+    cells = [(controller, segment) for controller in controllers for segment in segments] * repetitions
     trials: list[PlannedTrial] = []
     for configuration in configuration_order(participant, devices):
+        met: dict[tuple, int] = {}
         for block in range(1, blocks + 1):
             last = trials[-1].controller if trials else None
-            for controller, segment in _shuffled_block(cells, last, generator):
-                trials.append(PlannedTrial(len(trials) + 1, block, configuration, controller, segment, block))
+            for cell in _shuffled_block(cells, last, generator):
+                met[cell] = met.get(cell, 0) + 1
+                trials.append(PlannedTrial(len(trials) + 1, block, configuration, *cell, met[cell]))
     return tuple(trials)
+
+
+def make_plan(protocol: "Protocol", participant: int | str, coded: bool | None = None) -> tuple[PlannedTrial, ...]:
+    """All trials of a participant by a protocol. coded: over codes (default: as the protocol says)."""
+    names = [device.name for device in protocol.devices]
+    controllers = plan_controllers(protocol, coded)
+    return lay_out(
+        participant, protocol.seed, names, protocol.paths, controllers, protocol.blocks, protocol.repetitions
+    )
+
+
+def plan_controllers(protocol: "Protocol", coded: bool | None = None) -> tuple[int | str, ...]:
+    """What stands for the controllers in a plan: their numbers, or as many codes."""
+    if protocol.blind if coded is None else coded:
+        return codes(len(protocol.controllers))
+    return tuple(protocol.controllers)
+
+
+def codes(count: int) -> tuple[str, ...]:
+    """The codes of a blind session: K1, K2, .."""
+    return tuple(f"K{number}" for number in range(1, count + 1))
+
+
+def practice_trial(
+    protocol: "Protocol", participant: int | str, configuration: str, number: int, coded: bool | None = None
+) -> PlannedTrial:
+    """The practice trial of this number (1..) in a configuration; its run is its number until it is run.
+
+    Our choice: practice goes through all cells, shuffled as a block is, then through all of them again.
+    """
+    position = [device.name for device in protocol.devices].index(configuration)
+    key = [_PRACTICE, protocol.seed, participant_index(participant), position]
+    generator = np.random.default_rng(np.random.SeedSequence(key))
+    cells = [(controller, path) for controller in plan_controllers(protocol, coded) for path in protocol.paths]
+    drawn: list[tuple] = []
+    while len(drawn) < number:
+        drawn += _shuffled_block(cells, drawn[-1][0] if drawn else None, generator)
+    return PlannedTrial(number, PRACTICE_BLOCK, configuration, *drawn[number - 1], number)
+
+
+def break_after(protocol: "Protocol", done: int, left: int) -> bool:
+    """Whether a break comes after `done` trials of a configuration, `left` of which are still to come.
+
+    Our choice: none after the last, where the re-rig is one.
+    """
+    return protocol.breaks is not None and done > 0 and left > 0 and done % protocol.breaks.after_trials == 0
 
 
 def plan_to_json(plan: Sequence[PlannedTrial]) -> list[dict]:

@@ -2,8 +2,9 @@
 
 A stream without its end: every whole batch becomes run-007.parquet with the outcome "recovered", read back and
 compared; the stream itself stays beside it as run-007.arrows.crashed. A stream that was closed: becomes the Parquet
-file that the crash prevented. A recording without a row: gets its row. Half-written files: removed (each was a copy
-in the making). Every step can be cut short by another crash and is then taken up where it was left.
+file that the crash prevented. A recording without a row: gets its row, and so does a trial that was skipped; a row
+that lags behind the journal (redone, unblinded) follows it. Half-written files: removed (each was a copy in the
+making). Every step can be cut short by another crash and is then taken up where it was left.
 """
 
 from collections.abc import Callable
@@ -12,8 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from core.errors import InputError
-from experiments.journal import trials_begun, write_event
-from experiments.metrics import NO_METRICS
+from experiments.journal import write_event
 from experiments.recording import (
     PARQUET_SUFFIX,
     STREAM_SUFFIX,
@@ -25,7 +25,9 @@ from experiments.recording import (
 from experiments.session_files import (
     CRASHED,
     DAMAGED,
+    PRACTICE,
     TABLE,
+    TRIALS,
     hold_lock,
     pooled_rows,
     rows_of,
@@ -33,8 +35,8 @@ from experiments.session_files import (
     sessions_in,
     write_pooled_table,
 )
-from experiments.trial_row import row_of
-from experiments.trials_table import TrialRow, append_row, read_table
+from experiments.session_rows import put_right, recorded_row, rows_without_recording, told
+from experiments.trials_table import append_row, read_table, write_table
 from experiments.verify import verify
 from experiments.whole_files import PARTIAL_FILES, set_aside
 
@@ -49,6 +51,7 @@ class Rescue:
     recovered: list[str] = field(default_factory=list)  # trials that a crash cut short
     completed: list[str] = field(default_factory=list)  # closed streams that had not become Parquet
     rows_added: list[str] = field(default_factory=list)
+    rows_changed: list[str] = field(default_factory=list)  # tables that lagged behind the journal
     set_aside: list[str] = field(default_factory=list)  # kept under another name
     removed: list[str] = field(default_factory=list)  # half-written copies
     not_rescued: list[str] = field(default_factory=list)  # what cannot be helped, and why
@@ -56,7 +59,7 @@ class Rescue:
     @property
     def did_something(self) -> bool:
         """Whether anything was changed."""
-        return any((self.recovered, self.completed, self.rows_added, self.set_aside, self.removed))
+        return any((self.recovered, self.completed, self.rows_added, self.rows_changed, self.set_aside, self.removed))
 
 
 def recover(folder: Path, progress: Callable[[float], None] | None = None) -> dict:
@@ -99,16 +102,18 @@ def _settle_pooled_table(folder: Path, done: Rescue) -> None:
     if {(row.participant, row.run) for row in there} <= {(row.participant, row.run) for row in rows}:
         if there != rows:
             write_pooled_table(folder)
-            done.rows_added.append(f"{TABLE}: {len(rows) - len(there)} trials")
+            added = f"{len(rows) - len(there)} trials added"
+            done.rows_changed.append(f"{TABLE}: {added if len(rows) > len(there) else 'as the sessions say'}")
 
 
 def recover_session(session: Path, sync: bool = True) -> Rescue:
     """Put one session in order; the caller holds its lock. A session that is in order is not touched."""
     done = Rescue()
-    for partial in sorted((*session.glob(PARTIAL_FILES), *session.glob(f"trials/{PARTIAL_FILES}"))):
+    places = (PARTIAL_FILES, f"{TRIALS}/{PARTIAL_FILES}", f"{PRACTICE}/{PARTIAL_FILES}")
+    for partial in sorted(path for pattern in places for path in session.glob(pattern)):
         partial.unlink()
         done.removed.append(partial.relative_to(session).as_posix())
-    for files in runs_on_disk(session).values():
+    for files in (*runs_on_disk(session).values(), *runs_on_disk(session, PRACTICE).values()):
         if STREAM_SUFFIX in files:
             try:
                 _settle_stream(session, files[STREAM_SUFFIX], done, sync)
@@ -156,31 +161,29 @@ def _add_rows(session: Path, done: Rescue) -> None:
     except InputError:  # every row can be had again from its recording
         done.set_aside.append(set_aside(session / TABLE, DAMAGED).name)
         have = set()
-    begun = trials_begun(session)
+    journal = told(session)
+    bare = {row.run: row for row in rows_without_recording(session, journal)}
     on_disk = runs_on_disk(session)
-    for run in sorted({*on_disk, *begun} - have):
+    for run in sorted({*on_disk, *bare} - have):
         path = on_disk.get(run, {}).get(PARQUET_SUFFIX)
         if path is not None:
             recording = read_recording(path)
             if not recording.whole:
                 done.not_rescued.append(f"{path.relative_to(session).as_posix()}: {'; '.join(recording.damaged)}")
                 continue
-            row = row_of(recording, session)
-        elif "block" in begun.get(run, {}) and any(
-            session.glob(f"trials/run-{run:03d}{STREAM_SUFFIX}.{CRASHED}*")
-        ):
-            row = _row_without_recording(session, begun[run])
+            row = recorded_row(recording, session, journal)
+        elif run in bare:
+            row = bare[run]
         else:
             continue
         append_row(session / TABLE, row)
         done.rows_added.append(f"{TABLE}: run {run}, {row.status}")
-
-
-def _row_without_recording(session: Path, begun: dict) -> TrialRow:
-    """The row of a trial of which no tick can be read: its place in the plan stands in the journal."""
-    place = (begun[name] for name in ("run", "block", "configuration", "controller", "segment", "repetition"))
-    participant = session.parent.name.removeprefix("sub-")
-    return TrialRow(participant, *place, RECOVERED).with_metrics(NO_METRICS)
+    rows = rows_of(session)
+    right = put_right(session, rows, journal)
+    if right != rows:
+        write_table(session / TABLE, right, replacing=True)
+        changed = [str(new.run) for old, new in zip(rows, right, strict=True) if new != old]
+        done.rows_changed.append(f"{TABLE}: run {', '.join(changed)}, as the journal says")
 
 
 def _after(sentence: str, session: Path) -> str:

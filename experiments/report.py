@@ -8,13 +8,14 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from core.control import NO_CONTROL, Preset
 from core.errors import InputError
 from experiments.findings import Finding, description_only, findings
 from experiments.participants import configurations_of, finished_share, people_of, scores, too_few
 from experiments.sensitivity import Variants, sensitivity, swapped
-from experiments.statements import CONTROLLER
+from experiments.statements import CONTROLLER, why_no_findings
 from experiments.statistics import MEASURES, POOLED, Result, statistics
-from experiments.trials_table import COUNTED, TrialRow
+from experiments.trials_table import COUNTED, TrialRow, by_controller
 from experiments.whole_files import give_new_name, is_wrong_path, written_beside
 
 #: Column -> its name, unit, value in the unit / value in the table, decimals.
@@ -25,31 +26,44 @@ SHOWN = {
 }
 READ = (
     "A difference is taken within each participant; in brackets stands its 95 % interval for the median participant "
-    "(below six participants: the range of them all); % is of the uncontrolled median. Similar: within 15 %. "
-    "Negligible in accuracy: at most 0.5 mm. A statement holds only if every device and every measure of one thing "
-    "says so; where they disagree, the interval is too wide, or under 90 % of the trials reached the end, one cannot "
-    "tell."
+    "(below six participants: the range of them all; one alone has none and decides nothing); % is of the uncontrolled "
+    "median. Similar: within 15 %. Negligible in accuracy: at most 0.5 mm. A statement holds only if every device and "
+    "every measure of one thing says so; where they disagree, the interval is too wide, or under 90 % of the trials "
+    "reached the end, one cannot tell."
 )
 
 
 def write_report(
-    rows: Sequence[TrialRow], out_folder: str | Path, note: str, variants: Variants | None = None
+    rows: Sequence[TrialRow],
+    out_folder: str | Path,
+    note: str,
+    variants: Variants | None = None,
+    controllers: Mapping[int, Preset] | None = None,
 ) -> list[Path]:
-    """Write the four files into `out_folder`; their paths. note: what was used, as on the figures.
+    """Write the files into `out_folder`; their paths. note: what was used, as on the figures.
 
     variants: further definitions of smoothness, as `sensitivity.of_recording(folder)` takes them from recordings.
+    controllers: those of the protocol (None: Table I); the paper's statements are tested on Table I's alone. Of coded
+    rows only the means are written: each blind session has a key of its own, so codes cannot be compared.
     InputError before anything is written if one exists already or no trial counts.
     """
     folder = Path(out_folder)
     if not any(row.status in COUNTED for row in rows):
         raise InputError(f"{folder}: no trial was done or timed out, there is nothing to report")
-    found, results = findings(rows), [*statistics(rows), *sensitivity(rows, variants)]
-    texts = {
-        "findings.csv": findings_csv(found),
-        "statistics.csv": _csv(Result._fields, results),
-        "participant_means.csv": means_csv(rows),
-        "report.md": report(rows, found, results, note),
-    }
+    coded = any(isinstance(row.controller, str) for row in rows)
+    refusal = why_no_findings(controllers or {}, coded)
+    names = CONTROLLER if controllers is None or not refusal else {k: one.name for k, one in controllers.items()}
+    none = 1 if controllers is None else next((k for k, one in controllers.items() if one.algorithm == NO_CONTROL), 0)
+    texts = {"participant_means.csv": means_csv(rows)}
+    if coded:
+        texts["report.md"] = report(rows, refusal, [], [], note, names, none)
+    else:
+        found = [] if refusal else findings(rows)
+        results = [*statistics(rows), *sensitivity(rows, variants)]
+        if found:
+            texts["findings.csv"] = findings_csv(found)
+        texts["statistics.csv"] = _csv(Result._fields, results)
+        texts["report.md"] = report(rows, refusal, found, results, note, names, none)
     for name in texts:
         if (folder / name).exists():
             raise InputError(f"{folder / name}: exists already, no report was written")
@@ -95,56 +109,86 @@ def means_csv(rows: Sequence[TrialRow]) -> str:
         (person, configuration, controller)
         for person in people_of(rows)
         for configuration in configurations_of(rows)
-        for controller in sorted({row.controller for row in rows})
+        for controller in sorted({row.controller for row in rows}, key=by_controller)
     ]
     lines = [(*cell, *(t.get(cell) for t in tables)) for cell in cells if any(cell in t for t in tables)]
     return _csv(("participant", "configuration", "controller", *MEASURES), lines)
 
 
-def report(rows: Sequence[TrialRow], found: Sequence[Finding], results: Sequence[Result], note: str) -> str:
-    """The page."""
-    parts = ["# Report", f"{note[:1].upper()}{note[1:].rstrip('.')}. {_trials(rows)}"]
-    refusal = description_only(found) or too_few(len(people_of(rows)))
+def report(
+    rows: Sequence[TrialRow],
+    refusal: str,
+    found: Sequence[Finding],
+    results: Sequence[Result],
+    note: str,
+    names: Mapping[int, str],
+    none: int,
+) -> str:
+    """The page. refusal: why there are no findings; names: of the controllers; none: the uncontrolled one."""
+    parts = ["# Report", f"{note[:1].upper()}{note[1:].rstrip('.')}. {_trials(rows, names)}"]
+    few = (description_only(found) if found else "") or too_few(len(people_of(rows)))
+    if few:
+        parts.append(f"**{few}**")
+    parts.append("## The paper's findings")
     if refusal:
-        parts.append(f"**{refusal}**")
-    table = ["| | the paper says | here | why |", "|---|---|---|---|"]
-    table += [f"| {f.statement.number} | {f.statement.text} | **{f.verdict}** | {f.sentence} |" for f in found]
-    parts += ["## The paper's findings", "\n".join(table), READ]
-    parts += ["## Against no control", _against_none(results), "## What else to know"]
-    parts.append("\n".join(f"- {sentence}" for sentence in sentences(results)))
+        parts.append(refusal)
+    else:
+        table = ["| | the paper says | here | why |", "|---|---|---|---|"]
+        table += [f"| {f.statement.number} | {f.statement.text} | **{f.verdict}** | {f.sentence} |" for f in found]
+        parts += ["\n".join(table), READ]
+    if results:
+        parts += ["## Against no control", _against_none(results, names, none), "## What else to know"]
+        parts.append("\n".join(f"- {sentence}" for sentence in sentences(results, names)))
     return "\n\n".join(parts) + "\n"
 
 
-def _trials(rows: Sequence[TrialRow]) -> str:
+def _trials(rows: Sequence[TrialRow], names: Mapping[int, str]) -> str:
     people, counted = len(people_of(rows)), [row for row in rows if row.status in COUNTED]
     late = sum(row.status == "timeout" for row in counted)
     text = f"{people} participant{'s' if people != 1 else ''}, {len(counted)} trials that count"
     if len(rows) > len(counted):
-        text += f", {len(rows) - len(counted)} that do not (aborted, redone or recovered)"
+        text += f", {len(rows) - len(counted)} that do not (aborted, redone, recovered or skipped)"
     if not late:
         return text + "; all reached the end."
+    if any(isinstance(row.controller, str) for row in rows):
+        return f"{text}; {late} of them ran out of time."
     worst = [(s, cell) for cell, s in finished_share(rows).items() if s < 1.0]
-    listed = ", ".join(f"{CONTROLLER[k]} on {device} {100 * s:.0f} %" for s, (device, k) in sorted(worst))
+    listed = ", ".join(f"{_name(k, names)} on {device} {100 * s:.0f} %" for s, (device, k) in sorted(worst))
     return f"{text}; {late} of them ran out of time. Reached the end: {listed}; all others 100 %."
 
 
-def _against_none(results: Sequence[Result]) -> str:
-    """Table: each controller's change against controller 1, by device."""
+def _name(controller: int | str, names: Mapping[int, str]) -> str:
+    return names.get(int(controller), f"controller {controller}")
+
+
+def _against_none(results: Sequence[Result], names: Mapping[int, str], none: int) -> str:
+    """Table: each controller's change against the uncontrolled one, by device."""
     chosen: dict[tuple[str, str, str], Result] = {}
     for r in results:
-        if r.statistic == "hodges_lehmann" and r.first == "1" and r.configuration != POOLED:
+        if r.statistic != "hodges_lehmann" or r.configuration == POOLED or f"{none}" not in (r.first, r.second):
+            continue
+        if r.first == f"{none}":
             chosen[r.configuration, r.second, r.measure] = r
+        else:
+            chosen[r.configuration, r.first, r.measure] = reversed_pair(r)
     if not chosen:
         return "No participant tried a controller and no control on the same device."
     heads = [f"{name} ({unit})" for name, unit, _, _ in SHOWN.values()]
     lines = [f"| device | controller | {' | '.join(heads)} |", "|---" * (2 + len(heads)) + "|"]
     for configuration, controller in dict.fromkeys(key[:2] for key in chosen):
         cells = [_change(chosen.get((configuration, controller, measure)), measure) for measure in SHOWN]
-        lines.append(f"| {configuration} | {CONTROLLER[int(controller)]} | {' | '.join(cells)} |")
+        lines.append(f"| {configuration} | {_name(controller, names)} | {' | '.join(cells)} |")
     few = any(r.p_holm is None for r in chosen.values())
     how = "Change of the participants' means (Hodges-Lehmann"
     how += ")." if few else ", 95 % interval). *: Wilcoxon p < 0.05 after Holm's correction for all pairs."
     return "\n".join(lines) + f"\n\n{how}"
+
+
+def reversed_pair(result: Result) -> Result:
+    """A difference the other way round."""
+    low, high = (None if end is None else -end for end in (result.high, result.low))
+    value = None if result.value is None else -result.value
+    return result._replace(first=result.second, second=result.first, value=value, low=low, high=high)
 
 
 def _change(result: Result | None, measure: str) -> str:
@@ -157,9 +201,9 @@ def _change(result: Result | None, measure: str) -> str:
     return text + ("*" if result.p_holm is not None and result.p_holm < 0.05 else "")
 
 
-def sentences(results: Sequence[Result]) -> list[str]:
+def sentences(results: Sequence[Result], names: Mapping[int, str] = CONTROLLER) -> list[str]:
     """Differences, trend, speed and the order of controllers, each in a sentence or two."""
-    said = [*_differ(results), *_trend(results), *_speed(results), *_order(results)]
+    said = [*_differ(results), *_trend(results), *_speed(results, names), *_order(results)]
     return said or ["There is nothing to compare."]
 
 
@@ -188,7 +232,7 @@ def _trend(results: Sequence[Result]) -> Iterable[str]:
         yield f"Over ten trials, in the same task, the median participant changed (learning or fatigue): {listed}."
 
 
-def _speed(results: Sequence[Result]) -> Iterable[str]:
+def _speed(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]:
     speed = [r for r in results if r.test == "speed" and r.value is not None]
     for r in speed:
         if r.statistic == "m_per_doubling":
@@ -202,7 +246,7 @@ def _speed(results: Sequence[Result]) -> Iterable[str]:
             {r.first: r.value for r in speed if (r.configuration, r.statistic) == (configuration, statistic)}
             for statistic in ("mean_error", "error_at_common_speed")
         )
-        listed = ", ".join(f"{CONTROLLER[int(k)]} {1e3 * raw[k]:.2f} -> {1e3 * adjusted[k]:.2f}" for k in raw)
+        listed = ", ".join(f"{_name(k, names)} {1e3 * raw[k]:.2f} -> {1e3 * adjusted[k]:.2f}" for k in raw)
         same = sorted(raw, key=raw.__getitem__) == sorted(adjusted, key=adjusted.__getitem__)
         kept = "the order of controllers stays" if same else "the order of controllers changes"
         yield f"Path error at equal speed, {configuration} (mm, measured -> adjusted): {listed}; {kept}."

@@ -1,123 +1,90 @@
 """A participant's session: its plan, its trials in order, and what is kept of them (files: see `session_files`).
 
-Nothing is overwritten: every file is new, tables are replaced whole. One live process may write in a session.
+Nothing is overwritten: every file is new, tables are replaced whole, and what changes a table stands in the journal
+first. One live process may write in a session.
 """
 
-import importlib.metadata
 import json
-import platform
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
+from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 
-from core.control import PRESETS
-from core.device import Device
 from core.errors import InputError
-from core.hand import Hand
-from core.simulator import Simulation, stops_of
+from core.path import point_at
+from core.path_file import build_path
+from core.simulator import Simulation
+from experiments.blind import new_key, read_key, write_key
 from experiments.journal import write_event
 from experiments.operator import Person
-from experiments.plan import (
-    SEGMENTS,
-    PlannedTrial,
-    make_plan,
-    participant_index,
-    plan_hash,
-    plan_to_json,
-)
+from experiments.plan import PRACTICE_BLOCK, PlannedTrial, make_plan, participant_index, plan_hash
+from experiments.protocol import Protocol
 from experiments.recording import STREAM_SUFFIX, RecordingWriter, convert_to_parquet, read_recording
 from experiments.recover import recover_session
+from experiments.session_about import recording_metadata, session_about
 from experiments.session_files import (
+    PRACTICE,
     STORED,
     TABLE,
+    TRIALS,
     hold_lock,
-    is_half_created,
     open_trials,
     read_stored,
+    refuse_existing,
     rows_of,
     run_path,
-    runs_used,
+    session_folder,
+    write_pooled_table,
 )
-from experiments.session_files import session_folder as session_folder
-from experiments.session_files import write_pooled_table as write_pooled_table
-from experiments.trial import MouseHand, Trial, new_simulation
-from experiments.trial_row import row_of
-from experiments.trials_table import TrialRow, append_row
+from experiments.session_order import SessionOrder
+from experiments.session_rows import (
+    BEGUN,
+    ENDED,
+    PRACTICE_ENDED,
+    REDONE,
+    SKIPPED,
+    UNBLINDED,
+    Told,
+    bare_row,
+    put_right,
+    recorded_row,
+    told,
+)
+from experiments.trial import Trial, new_simulation
+from experiments.trials_table import SETTLED, TrialRow, append_row, write_table
 from experiments.whole_files import is_wrong_path, written_beside
 
-LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 
-
-@dataclass(frozen=True)
-class Choices:
-    """What a study is one choice of, and what decides all that is random in it."""
-
-    seed: int = 1
-    rules: str = "settled"
-    low_gain: float = 5.0  # N s/m, of controller 5
-
-    def note(self, assumed: bool) -> str:
-        """What every figure says of them."""
-        return f"{self.rules} rules, low gain {self.low_gain:g} N s/m" + (
-            ", parameters assumed" if assumed else ""
-        )
-
-
-def refuse_existing(data_dir: Path, participant: str) -> None:
-    """InputError if this participant has a session already."""
-    folder = session_folder(data_dir, participant)
-    if folder.exists() and not is_half_created(folder):
-        raise InputError(f"{folder}: exists already, a session is never overwritten; name another participant")
-
-
-def free_participant(data_dir: Path) -> str:
-    """The first number of two digits or more without a session."""
-    number = 1
-    while session_folder(data_dir, f"{number:02d}").exists():
-        number += 1
-    return f"{number:02d}"
-
-
-def check_reach(devices: Sequence[Device]) -> None:
-    """InputError if a device cannot follow every segment of the plan without running into a stop."""
-    for device in devices:
-        for number, segment in SEGMENTS.items():
-            for share in np.linspace(0.0, 1.0, 41):
-                x, y = (1.0 - share) * np.array(segment.start) + share * np.array(segment.end)
-                if not stops_of(device, x, y).min() > 0.0:
-                    raise InputError(
-                        f"device {device.name}: cannot follow segment {number}, it is outside the workspace "
-                        f"at ({x:.3f}, {y:.3f}) m"
-                    )
-
-
-class Session:
+class Session(SessionOrder):
     """One participant's session in progress; it holds the session's lock until `close` or the end of the process."""
 
     def __init__(
         self,
         data_dir: Path,
         participant: str,
-        devices: Sequence[Device],
-        choices: Choices,
+        protocol: Protocol,
         person: Person | None = None,
         sync: bool = True,
+        blind: bool | None = None,
     ) -> None:
-        """Create the folder and store the plan. person: a simulated operator; None: a hand at the mouse.
+        """Create the folder and store the plan. person: a simulated operator; None: a hand at the mouse or device.
 
-        InputError if the session exists, a device cannot follow the paths, or the folder cannot be made.
+        blind: whether the controllers stand as codes (None: as the protocol says; a simulated operator's never do).
         sync = False leaves it to the system when data reach the disk (simulated studies: they can be run again).
+        InputError if the session exists, is none of the protocol's, or the folder cannot be made.
         """
-        check_reach(devices)
+        if protocol.participants and person is None and participant not in protocol.participants:
+            raise InputError(
+                f"participant {participant}: is none of the {protocol.name} protocol's "
+                f"({', '.join(protocol.participants)})"
+            )
         refuse_existing(data_dir, participant)
-        self._take_up(data_dir, participant, devices, choices, person, sync)
-        self.plan = make_plan(participant, choices.seed, tuple(self.devices))
+        self._take_up(data_dir, participant, protocol, person, sync)
+        self.blind = (protocol.blind and person is None) if blind is None else blind
+        self._plan_as(make_plan(protocol, participant, self.blind))
         try:
-            (self.folder / "trials").mkdir(parents=True, exist_ok=True)
+            (self.folder / TRIALS).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             if not is_wrong_path(error):
                 raise
@@ -125,17 +92,22 @@ class Session:
         self._lock = hold_lock(self.folder)
         try:
             refuse_existing(data_dir, participant)  # another process was faster
-            about = json.dumps(self._about(), indent=1, sort_keys=True).encode() + b"\n"
-            with written_beside(self.folder / STORED, about, sync) as partial:
+            key_sha256 = ""
+            if self.blind:
+                self._key = new_key(protocol.controllers)
+                key_sha256 = write_key(self.folder, self._key, sync)
+            about = session_about(participant, protocol, person, self.plan, key_sha256)
+            text = json.dumps(about, indent=1, sort_keys=True).encode() + b"\n"
+            with written_beside(self.folder / STORED, text, sync) as partial:
                 partial.rename(self.folder / STORED)
-            self.journal("created", plan=plan_hash(self.plan))
+            self.journal("created", plan=self._plan_sha256)
         except BaseException:
             self.close()
             raise
 
     @classmethod
     def resume(cls, data_dir: Path, participant: str, sync: bool = True) -> Self:
-        """Go on with a session that was interrupted, by its stored plan, seed, devices and choices.
+        """Go on with a session that was interrupted, by its stored plan and protocol (whose file is not needed).
 
         What a crash left is recovered first; `next_planned` then gives the first trial of the plan that is not
         settled. The simulated devices start afresh, at rest, with the play and the yield of a device just switched
@@ -144,19 +116,22 @@ class Session:
         """
         folder = session_folder(data_dir, participant)
         stored = read_stored(folder)
-        about = stored.about
         try:
-            choices = Choices(about["seed"], about["rules"], about["low_gain"])
-            person = Person(**about["person"]) if about["person"] else None
-            mouse = MouseHand(**about["mouse"]) if about["mouse"] else MouseHand()
+            person = Person(**stored.about["person"]) if stored.about["person"] else None
+            blind, key_sha256 = bool(stored.about["blind"]), str(stored.about["key_sha256"])
         except (KeyError, TypeError) as error:
             raise InputError(f"{folder / STORED}: is damaged ({type(error).__name__}: {error})") from None
         session = cls.__new__(cls)
-        session._take_up(data_dir, participant, stored.devices, choices, person, sync)
-        session.plan, session._mouse = stored.plan, mouse
+        session._take_up(data_dir, participant, stored.protocol, person, sync)
         session._lock = hold_lock(folder)
         try:
             recover_session(folder, sync)
+            session._told = told(folder)
+            session._plan_as(stored.plan)
+            session.plan = session._told.plan(stored.plan)
+            session.blind = blind and session._told.key is None
+            session._practised = dict(session._told.practised)
+            session._key = read_key(folder, key_sha256) if session.blind else session._told.key or {}
             session.rows = rows_of(folder)
             if still_open := len(open_trials(session.plan, session.rows)):
                 session.journal("resumed", open=still_open)
@@ -165,132 +140,131 @@ class Session:
             raise
         return session
 
-    def _take_up(
-        self,
-        data_dir: Path,
-        participant: str,
-        devices: Sequence[Device],
-        choices: Choices,
-        person: Person | None,
-        sync: bool,
-    ) -> None:
-        self.data_dir, self.participant, self.choices, self.person = data_dir, participant, choices, person
-        self.devices = {device.name: device for device in devices}
+    def _take_up(self, data_dir: Path, participant: str, protocol: Protocol, person: Person | None, sync: bool) -> None:
+        self.data_dir, self.participant, self.protocol, self.person = data_dir, participant, protocol, person
+        self.devices = {device.name: device for device in protocol.devices}
         self.folder = session_folder(data_dir, participant)
-        self.plan: tuple[PlannedTrial, ...] = ()
-        self.rows: list[TrialRow] = []
-        self._mouse = MouseHand()
+        self.rows = []
+        self.blind, self._key, self._practised = False, {}, {}
+        self._told = Told()
         self._sync = sync
         self._simulations: dict[str, Simulation] = {}
+
+    def _plan_as(self, plan: tuple[PlannedTrial, ...]) -> None:
+        self.plan, self._plan_sha256 = plan, plan_hash(plan)
 
     def close(self) -> None:
         """Let other processes have the session."""
         self._lock.release()
 
-    def _about(self) -> dict:
-        return {
-            "participant": self.participant,
-            "created": datetime.now(UTC).isoformat(timespec="seconds"),
-            "hand": "operator" if self.person else "mouse",
-            "person": self.person._asdict() if self.person else None,
-            "mouse": None if self.person else asdict(self._mouse),
-            "fidelity": "mr",
-            **asdict(self.choices),
-            "plan": plan_to_json(self.plan),
-            "plan_sha256": plan_hash(self.plan),
-            "segments": {str(number): segment._asdict() for number, segment in SEGMENTS.items()},
-            "controllers": {str(number): preset._asdict() for number, preset in PRESETS.items()},
-            "devices": {
-                device.name: {"file": device.text, "brakes": device.brake_texts}
-                for device in self.devices.values()
-            },
-            "assumed": self.assumed,
-            "versions": {"phd": _version("phd"), "python": platform.python_version()}
-            | {name: _version(name) for name in LIBRARIES},
-        }
-
-    @property
-    def assumed(self) -> bool:
-        """Whether any device of the session has assumed numbers."""
-        return any(device.assumed for device in self.devices.values())
-
     def journal(self, event: str, **about: object) -> None:
         """Append one line: what happened, and when."""
         write_event(self.folder, event, self._sync, **about)
 
-    def next_planned(self) -> PlannedTrial | None:
-        """The first trial of the plan that is not settled; None: all are. It takes the next free run number if a
-        crash has used up its own: same cell of the plan, another recording."""
-        waiting = open_trials(self.plan, self.rows)
-        if not waiting:
-            return None
-        used = runs_used(self.folder) | {row.run for row in self.rows}
-        if waiting[0].run not in used:
-            return waiting[0]
-        return waiting[0]._replace(run=max(used | {trial.run for trial in self.plan}) + 1)
-
-    @property
-    def settled(self) -> int:
-        """How many trials of the plan are settled."""
-        return len(self.plan) - len(open_trials(self.plan, self.rows))
+    def note(self, text: str) -> None:
+        """Keep a remark of the experimenter, with the time."""
+        self.journal("note", text=text)
 
     def simulation(self, configuration: str) -> Simulation:
         """The simulated device of a configuration; it stays as the last trial left it."""
         if configuration not in self._simulations:
-            start = SEGMENTS[1].start
-            end = SEGMENTS[1].end
-            middle = (0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]))
-            hand: Hand | None = None if self.person else self._mouse.hand()
-            self._simulations[configuration] = new_simulation(self.devices[configuration], middle, hand)
-            self._simulations[configuration].hand.grips["target"][0, :2] = middle
+            number, path_file = next(iter(self.protocol.paths.items()))
+            path = build_path(path_file, f"path {number}")
+            x, y, _, _ = point_at(path, 0.5 * path.length)
+            hand = None if self.person else self.protocol.mouse.hand()
+            self._simulations[configuration] = new_simulation(self.devices[configuration], (x, y), hand)
+            self._simulations[configuration].hand.grips["target"][0, :2] = (x, y)
         return self._simulations[configuration]
 
     def begin(self, planned: PlannedTrial) -> tuple[Trial, RecordingWriter]:
-        """Open a trial and its recording."""
-        segment = SEGMENTS[planned.segment]
+        """Open a trial, or a practice trial (block 0), and its recording."""
         generator = None
         if self.person:  # the same noise for every controller and configuration
-            key = [self.choices.seed, participant_index(self.participant), planned.segment, planned.repetition]
+            key = [self.protocol.seed, participant_index(self.participant), planned.segment, planned.repetition]
             generator = np.random.default_rng(np.random.SeedSequence(key))
         trial = Trial(
-            self.simulation(planned.configuration), planned, segment,
-            self.choices.rules, self.choices.low_gain, self.person, generator,
+            self.simulation(planned.configuration), planned, self.protocol.paths[planned.segment],
+            self.preset(planned), self.protocol.rules, self.protocol.trial, self.person, generator,
         )  # fmt: skip
+        practice = planned.block == PRACTICE_BLOCK
+        if practice:
+            (self.folder / PRACTICE).mkdir(exist_ok=True)
+        name = run_path(self.folder, planned.run, STREAM_SUFFIX, PRACTICE if practice else TRIALS)
         device = self.devices[planned.configuration]
-        metadata = {
-            "participant": self.participant,
-            **planned._asdict(),
-            "start_m": segment.start,
-            "end_m": segment.end,
-            "rules": self.choices.rules,
-            "low_gain": self.choices.low_gain,
-            "seed": self.choices.seed,
-            "hand": "operator" if self.person else "mouse",
-            "assumed": device.assumed,
-            "plan_sha256": plan_hash(self.plan),
-        }
-        name = run_path(self.folder, planned.run, STREAM_SUFFIX)
-        writer = RecordingWriter(name, device.braked, metadata, sync=self._sync)
+        preset = None if self.blind else self.preset(planned)
+        about = recording_metadata(self.participant, self.protocol, self.person, trial, preset)
+        about["plan_sha256"] = self._plan_sha256
+        writer = RecordingWriter(name, device.braked, about, sync=self._sync)
         try:
-            self.journal("trial begun", **planned._asdict())
+            self.journal("practice begun" if practice else BEGUN, **planned._asdict())
         except OSError:
             writer.abandon()
             raise
         return trial, writer
 
     def finish(self, trial: Trial, writer: RecordingWriter) -> TrialRow:
-        """Close the recording, verify it, take the measures from what was recorded, add the row to the tables."""
+        """Close the recording, verify it, take the measures from what was recorded, add the row to the table."""
         writer.close(trial.outcome())
         recording = read_recording(convert_to_parquet(writer.path, sync=self._sync))
-        row = row_of(recording, self.folder)
+        row = recorded_row(recording, self.folder, self._told)
+        ended = {"run": row.run, "status": row.status, "reason": trial.outcome()["reason"]}
+        if trial.planned.block == PRACTICE_BLOCK:
+            self.journal(PRACTICE_ENDED, **ended, configuration=row.configuration)
+            if row.status != "aborted":
+                self._practise(row.configuration)
+            return row
         append_row(self.folder / TABLE, row)
         self.rows.append(row)
-        self.journal("trial ended", run=row.run, status=row.status, reason=trial.outcome()["reason"])
+        self.journal(ENDED, **ended)
         return row
 
+    def _practise(self, configuration: str) -> None:
+        self._practised[configuration] = self._practised.get(configuration, 0) + 1
 
-def _version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return "not installed"
+    def skip(self, reason: str) -> TrialRow:
+        """Leave the coming trial, or practice trial, out: its cell is settled, without a recording; its row."""
+        planned = self.next_planned()
+        if planned is None:
+            raise InputError("all trials of the plan are done, there is none to skip")
+        self.journal(SKIPPED, **planned._asdict(), reason=reason)
+        row = bare_row(self.folder, planned._asdict(), "skipped")
+        if planned.block == PRACTICE_BLOCK:
+            self._practise(planned.configuration)
+            return row
+        append_row(self.folder / TABLE, row)
+        self.rows.append(row)
+        return row
+
+    def redo(self, run: int, reason: str) -> TrialRow:
+        """Have the cell of a run done again, next: its recording stays and its row becomes `redone`; that row.
+
+        InputError if there is no such run, or its cell is open already.
+        """
+        found = next((row for row in self.rows if row.run == run), None)
+        if found is None or found.status not in SETTLED:
+            why = "is not done yet" if found is None else f"is {found.status}: its place in the plan is open already"
+            raise InputError(f"run {run}: {why}, there is nothing to do again")
+        self.journal(REDONE, run=run, reason=reason)
+        self._replace_rows([replace(row, status="redone") if row is found else row for row in self.rows])
+        return next(row for row in self.rows if row.run == run)
+
+    def unblind(self, who: str) -> None:
+        """Open the key: codes become controllers in the tables, from now on; who did it is journalled first.
+
+        InputError if the session is not blind, or nobody is named.
+        """
+        if not self.blind:
+            raise InputError(f"{self.folder}: is not blind, there is no key to open")
+        if not who.strip():
+            raise InputError(f"{self.folder}: say who opens the key")
+        self.journal(UNBLINDED, who=who, key=self._key)
+        self._told, self.blind = told(self.folder), False
+        self.plan = self._told.plan(self.plan)
+        self._replace_rows(put_right(self.folder, self.rows, self._told))
+        if (self.data_dir / TABLE).exists():
+            write_pooled_table(self.data_dir)
+
+    def _replace_rows(self, rows: list[TrialRow]) -> None:
+        if (self.folder / TABLE).exists():
+            write_table(self.folder / TABLE, rows, replacing=True)
+        self.rows = rows

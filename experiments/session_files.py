@@ -1,10 +1,12 @@
 """The files of a session: where they are, who may write them, and what is stored about the session.
 
-DATA/sub-01/ses-01/session.json                plan, hash, seed, settings, device and brake files, versions
+DATA/sub-01/ses-01/session.json                plan, hash, protocol, device and brake files in full, versions
+                   key.json                    of a blind session alone: which controller each code is
                    journal.jsonl               one line an event
                    trials/run-001.arrows       a trial in progress, or what a crash left of it
                    trials/run-001.parquet      a trial that is closed and verified
                    trials/run-001.arrows.crashed   the stream of a recovered trial, as the crash left it
+                   practice/run-001.parquet    a practice trial, which has no row anywhere
                    trials.csv                  one row a trial, in the order in which they were run
                    .lock                       held by the one process that may write here
 DATA/trials.csv                                the rows of all participants
@@ -12,21 +14,23 @@ DATA/trials.csv                                the rows of all participants
 
 import json
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import filelock
 
-from core.device import Device, build_device
 from core.errors import InputError
 from experiments.plan import PlannedTrial, plan_from_json, plan_hash
+from experiments.protocol import Protocol, protocol_from_json
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.trials_table import SETTLED, TrialRow, read_table, write_table
 
 LOCK = ".lock"
 STORED = "session.json"
 TABLE = "trials.csv"
+TRIALS, PRACTICE = "trials", "practice"
 CRASHED, DAMAGED = "crashed", "damaged"  # how files are marked that `phd recover` set aside
 
 
@@ -35,29 +39,52 @@ def session_folder(data_dir: Path, participant: str) -> Path:
     return data_dir / f"sub-{participant}" / "ses-01"
 
 
-def run_path(session: Path, run: int, suffix: str) -> Path:
-    """The file of a trial."""
-    return session / "trials" / f"run-{run:03d}{suffix}"
+def run_path(session: Path, run: int, suffix: str, folder: str = TRIALS) -> Path:
+    """The file of a trial, or of a practice trial."""
+    return session / folder / f"run-{run:03d}{suffix}"
 
 
-def runs_on_disk(session: Path) -> dict[int, dict[str, Path]]:
+def runs_on_disk(session: Path, folder: str = TRIALS) -> dict[int, dict[str, Path]]:
     """Run number -> suffix -> its file, of every run that has a stream or a Parquet file; by rising number."""
     found: dict[int, dict[str, Path]] = {}
-    for path in session.glob("trials/run-*"):
+    for path in session.glob(f"{folder}/run-*"):
         if path.suffix in (STREAM_SUFFIX, PARQUET_SUFFIX) and (match := re.fullmatch(r"run-(\d+)", path.stem)):
             found.setdefault(int(match[1]), {})[path.suffix] = path
     return dict(sorted(found.items()))
 
 
-def runs_used(session: Path) -> set[int]:
+def runs_used(session: Path, folder: str = TRIALS) -> set[int]:
     """Every run number that a file has or ever had."""
-    names = (re.match(r"\.?run-(\d+)\.", path.name) for path in session.glob("trials/*run-*"))
+    names = (re.match(r"\.?run-(\d+)\.", path.name) for path in session.glob(f"{folder}/*run-*"))
     return {int(match[1]) for match in names if match}
 
 
 def is_half_created(session: Path) -> bool:
     """Whether a crash came before the session was stored: there is nothing to keep."""
     return not (session / STORED).exists() and not (session / TABLE).exists() and not runs_used(session)
+
+
+def refuse_existing(data_dir: Path, participant: str) -> None:
+    """InputError if this participant has a session already."""
+    folder = session_folder(data_dir, participant)
+    if folder.exists() and not is_half_created(folder):
+        raise InputError(f"{folder}: exists already, a session is never overwritten; name another participant")
+
+
+def free_participant(data_dir: Path, participants: Sequence[str] = ()) -> str:
+    """The first of the protocol's participants without a session; where it names none, the first number of two digits.
+
+    InputError if each of them has one.
+    """
+    for label in participants:
+        if not session_folder(data_dir, label).exists():
+            return label
+    if participants:
+        raise InputError(f"{data_dir}: every participant of the protocol has a session ({', '.join(participants)})")
+    number = 1
+    while session_folder(data_dir, f"{number:02d}").exists():
+        number += 1
+    return f"{number:02d}"
 
 
 def sessions_in(folder: Path) -> list[Path]:
@@ -104,8 +131,8 @@ class StoredSession:
     """What session.json says."""
 
     participant: str
-    devices: list[Device]
-    plan: tuple[PlannedTrial, ...]
+    protocol: Protocol
+    plan: tuple[PlannedTrial, ...]  # over codes if the session was begun blind
     about: dict[str, Any]  # everything
 
 
@@ -117,11 +144,7 @@ def read_stored(session: Path) -> StoredSession:
         plan = plan_from_json(about["plan"])
         if plan_hash(plan) != about["plan_sha256"]:
             raise InputError(f"{path}: plan: does not match plan_sha256, it was changed")
-        devices = [
-            build_device(stored["file"], stored["brakes"], f"{path}: devices.{name}")
-            for name, stored in about["devices"].items()
-        ]
-        return StoredSession(about["participant"], devices, plan, about)
+        return StoredSession(about["participant"], protocol_from_json(about["protocol"], str(path)), plan, about)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({(error.strerror or str(error)).lower()})") from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
@@ -134,6 +157,11 @@ def rows_of(session: Path) -> list[TrialRow]:
     return read_table(table) if table.exists() else []
 
 
+def row_place(about: Mapping[str, Any]) -> tuple:
+    """The fields of a row that say which trial it was, from an event of the journal."""
+    return tuple(about[name] for name in PlannedTrial._fields)
+
+
 def cell(trial: PlannedTrial | TrialRow) -> tuple:
     """What a trial stands for in the plan, whatever its run number."""
     return trial.block, trial.configuration, trial.controller, trial.segment, trial.repetition
@@ -143,6 +171,22 @@ def open_trials(plan: tuple[PlannedTrial, ...], rows: list[TrialRow]) -> list[Pl
     """The planned trials, in order, that no trial has settled yet."""
     settled = {cell(row) for row in rows if row.status in SETTLED}
     return [trial for trial in plan if cell(trial) not in settled]
+
+
+def unfinished_sessions(data_dir: Path) -> list[str]:
+    """Participants whose session has open trials and is in no live process's hands: it can be resumed."""
+    found = []
+    for session in sorted(data_dir.glob("sub-*/ses-01")):
+        if not (session / STORED).exists() or is_in_use(session):
+            continue
+        try:
+            stored, rows = read_stored(session), rows_of(session)
+        except InputError:  # `phd verify` names what is wrong with it
+            continue
+        settled = sum(row.status in SETTLED for row in rows)
+        if settled < len(stored.plan):
+            found.append(stored.participant)
+    return found
 
 
 def pooled_rows(data_dir: Path) -> list[TrialRow]:

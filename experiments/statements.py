@@ -5,12 +5,13 @@ means both without and with gap; "proportional" against "SDOF" overall means the
 of the two gaps; what four brakes gain is judged over the four controllers that brake.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from experiments.plan import CONFIGURATIONS
+from core.control import NO_CONTROL, PROPORTIONAL, SDOF, Preset
+from experiments.participants import PAPER_CONFIGURATIONS
 
-THREE, FOUR = CONFIGURATIONS
+THREE, FOUR = PAPER_CONFIGURATIONS
 
 BELOW, SIMILAR, AT_MOST = "below", "similar", "at most"
 
@@ -107,3 +108,23 @@ STATEMENTS = (
 def name(controllers: tuple[int, ...]) -> str:
     """A controller, or several, in words."""
     return CONTROLLER[controllers[0]] if len(controllers) == 1 else GROUP[controllers]
+
+
+def why_no_findings(controllers: Mapping[int, Preset], coded: bool = False) -> str:
+    """Why the statements cannot be tested with these controllers, as a sentence; empty if they are those of Table I.
+
+    Some of Table I's are enough (the rest is then not tried); their gap and gains may be other numbers, in their order.
+    """
+    if coded:
+        return "The controllers are coded, the session is blind: nothing is compared until the key is opened."
+    kinds = {1: NO_CONTROL, 2: SDOF, 3: SDOF, 4: PROPORTIONAL, 5: PROPORTIONAL}
+    gap = {number: preset.gap_m for number, preset in controllers.items()}
+    gain = {number: preset.gain for number, preset in controllers.items()}
+    same = (
+        all(preset.algorithm == kinds.get(number) for number, preset in controllers.items())
+        and all((gap[number] > 0.0) == (number == 3) for number in gap)
+        and gain.get(5, 0.0) < gain.get(4, float("inf"))
+    )
+    if same:
+        return ""
+    return "The controllers are not those of the paper's Table I, so its statements are not tested."

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from core import row
-from core.control import PRESETS
-from core.device import Device
 from core.errors import InputError
 from experiments.boxplots import draw_boxplots
 from experiments.findings import CANNOT_TELL, FAILS, HOLDS, findings
-from experiments.operator import draw_person
 from experiments.plan import PlannedTrial, participant_index
+from experiments.population import Population
+from experiments.protocol import Protocol
 from experiments.report import write_report
-from experiments.session import Choices, Session, check_reach, session_folder, write_pooled_table
-from experiments.session_files import LOCK, STORED, hold_lock
+from experiments.session import Session
+from experiments.session_files import LOCK, STORED, hold_lock, session_folder, write_pooled_table
+from experiments.statements import why_no_findings
 from experiments.study_file import STUDY, StudyPlan, read_study, refuse_other, write_study
 from experiments.tick import TICK_S
 from experiments.trial import Trial
@@ -33,18 +33,15 @@ FIGURES, REPORT = "figures", "report"
 def run_study(
     out: Path,
     operators: int,
-    seed: int,
-    devices: Sequence[Device],
-    rules: str = "settled",
-    low_gain: float = 5.0,
+    protocol: Protocol,
+    population: Population,
     progress: Callable[[float], None] | None = None,
 ) -> dict:
     """Run every operator's session into `out`, a new or empty folder; the summary. InputError for wrong input."""
     out = Path(out)
-    check_reach(devices)
     make_empty(out)
     with hold_lock(out):
-        study = StudyPlan(operators, seed, tuple(devices), rules, low_gain)
+        study = StudyPlan(operators, protocol, population)
         write_study(out, study)
         return _Run(out, study, progress).carry_out()
 
@@ -53,7 +50,7 @@ def resume_study(out: Path, asked: Mapping[str, object], progress: Callable[[flo
     """Go on with an interrupted study as it was begun: what a crash left is recovered, then every trial of the plan
     that is not settled is run. A study that is complete is left as it is. The summary.
 
-    asked: field of StudyPlan -> value, for what was asked for by name: it must be what the study was begun with.
+    asked: what was asked for by name (see `refuse_other`): it must be what the study was begun with.
     An operator whose session was cut runs the rest with devices just switched on, so these trials are not the ones
     of an uninterrupted study, bit by bit; those of operators not begun, or done, are.
     InputError if there is no study, it differs from what was asked, or a live process has it.
@@ -86,15 +83,18 @@ class _Run:
         table = write_pooled_table(self.out)
         if self.trials or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
             self._conclude(table)
+        protocol = self.study.protocol
         return {
             "out": str(self.out),
             "trials": len(table),
-            **{f"done_controller_{number}": share_done(table, number) for number in PRESETS},
+            **{f"done_controller_{number}": share_done(table, number) for number in protocol.controllers},
             "recovered": sum(r.status == "recovered" for r in table),
-            "findings": verdicts(table),
-            "rules": self.study.rules,
-            "low_gain_N_s_m": self.study.low_gain,
-            "parameters": "assumed" if self.study.assumed else "as in the files",
+            "findings": why_no_findings(protocol.controllers) or verdicts(table),
+            "protocol": protocol.name,
+            "population": self.study.population.name,
+            "rules": protocol.rules,
+            "low_gain_N_s_m": protocol.low_gain,
+            "parameters": "assumed" if protocol.assumed or self.study.population.assumed else "as in the files",
             "simulated_s": self.ticks * TICK_S,
             "simulation_wall_s": self.simulating,
             "wall_s": time.perf_counter() - began,
@@ -103,10 +103,9 @@ class _Run:
     def _session(self, label: str) -> Session:
         if (session_folder(self.out, label) / STORED).exists():
             return Session.resume(self.out, label, sync=False)
-        study = self.study
-        generator = np.random.default_rng(np.random.SeedSequence([study.seed, participant_index(label)]))
-        choices = Choices(study.seed, study.rules, study.low_gain)
-        return Session(self.out, label, study.devices, choices, draw_person(generator), sync=False)
+        protocol = self.study.protocol
+        generator = np.random.default_rng(np.random.SeedSequence([protocol.seed, participant_index(label)]))
+        return Session(self.out, label, protocol, self.study.population.draw(generator), sync=False)
 
     def _run_trial(self, session: Session, planned: PlannedTrial) -> None:
         """One trial, from its first tick to its row. OSError, as one sentence, if the disk takes no more."""
@@ -138,12 +137,15 @@ class _Run:
 
     def _conclude(self, table: Sequence[TrialRow]) -> None:
         """Box plots and report; each folder appears whole, in place of one from before a crash."""
-        choices = Choices(self.study.seed, self.study.rules, self.study.low_gain)
-        note = choices.note(self.study.assumed) + ", simulated operators"
-        for name, write in ((FIGURES, draw_boxplots), (REPORT, write_report)):
+        protocol = self.study.protocol
+        note = f"{protocol.note()}, simulated operators ({self.study.population.name})"
+        for name in (FIGURES, REPORT):
             folder = self.out / f".{name}.partial"
             shutil.rmtree(folder, ignore_errors=True)
-            write(table, folder, note)
+            if name == FIGURES:
+                draw_boxplots(table, folder, note, labels=protocol.labels())
+            else:
+                write_report(table, folder, note, controllers=protocol.controllers)
             shutil.rmtree(self.out / name, ignore_errors=True)
             folder.rename(self.out / name)
 

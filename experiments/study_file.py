@@ -1,6 +1,6 @@
 """study.json: what a study was begun with, so that an interrupted one goes on with the same.
 
-DIR/study.json    operators, seed, rules, low gain, devices with their brake files in full
+DIR/study.json    operators, population, protocol, device and brake files, all in full
 DIR/.lock         held by the one process that runs the study
 """
 
@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from core.device import Device, build_device
 from core.errors import InputError
+from experiments.population import Population, population_of
+from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.whole_files import give_new_name, written_beside
 
 STUDY = "study.json"
@@ -21,29 +22,16 @@ class StudyPlan:
     """What decides a study."""
 
     operators: int
-    seed: int
-    devices: tuple[Device, ...]
-    rules: str = "settled"
-    low_gain: float = 5.0  # N s/m, of controller 5
-
-    @property
-    def assumed(self) -> bool:
-        """Whether any device has assumed numbers."""
-        return any(device.assumed for device in self.devices)
-
-
-def _device_texts(device: Device) -> dict:
-    return {"name": device.name, "file": device.text, "brakes": device.brake_texts}
+    protocol: Protocol
+    population: Population
 
 
 def write_study(folder: Path, study: StudyPlan) -> None:
     """Store it in a folder that has none yet. OSError if it cannot be written."""
     about = {
         "operators": study.operators,
-        "seed": study.seed,
-        "rules": study.rules,
-        "low_gain": study.low_gain,
-        "devices": [_device_texts(device) for device in study.devices],
+        "population": {"name": study.population.name, "text": study.population.text},
+        "protocol": protocol_to_json(study.protocol),
     }
     with written_beside(folder / STUDY, json.dumps(about, indent=1, sort_keys=True).encode() + b"\n") as partial:
         give_new_name(partial, folder / STUDY)
@@ -54,12 +42,8 @@ def read_study(folder: Path) -> StudyPlan:
     path = folder / STUDY
     try:
         about = json.loads(path.read_text(encoding="utf-8"))
-        devices = tuple(
-            build_device(stored["file"], stored["brakes"], f"{path}: devices.{stored['name']}")
-            for stored in about["devices"]
-        )
-        operators, seed, low_gain = int(about["operators"]), int(about["seed"]), float(about["low_gain"])
-        return StudyPlan(operators, seed, devices, str(about["rules"]), low_gain)
+        population = population_of(about["population"]["text"], f"{path}: population")
+        return StudyPlan(int(about["operators"]), protocol_from_json(about["protocol"], str(path)), population)
     except FileNotFoundError:
         raise InputError(f"{folder}: holds no study to resume (no {STUDY})") from None
     except OSError as error:
@@ -69,16 +53,31 @@ def read_study(folder: Path) -> StudyPlan:
 
 
 def refuse_other(folder: Path, study: StudyPlan, asked: Mapping[str, object]) -> None:
-    """InputError if what was asked for (field of StudyPlan -> value) is not what the study was begun with."""
+    """InputError if what was asked for is not what the study was begun with.
+
+    asked: operators, seed, rules, low_gain -> value; devices, protocol, population -> the thing itself.
+    """
     for name, value in asked.items():
-        if name == "devices":
-            asked_for, there = ([_device_texts(d) for d in devices] for devices in (value, study.devices))
-            begun_with = "other devices: " + ", ".join(device.name for device in study.devices)
+        protocol = study.protocol
+        if name == "operators":
+            same, begun_with = value == study.operators, f"{study.operators}"
+        elif name in ("protocol", "population"):
+            there = getattr(study, name)
+            same, begun_with = value.text == there.text, f"another {name} ({there.name})"
+        elif name == "devices":
+            same = [_texts(device) for device in value] == [_texts(device) for device in protocol.devices]
+            begun_with = "other devices: " + ", ".join(device.name for device in protocol.devices)
+        elif name == "low_gain":
+            there = protocol.low_gain
+            same, begun_with = value == there, "none" if there is None else f"{there:g}"
         else:
-            asked_for, there, begun_with = value, getattr(study, name), f"{getattr(study, name)}"
-        if asked_for != there:
-            option = "device" if name == "devices" else name.replace("_", "-")
+            same, begun_with = value == getattr(protocol, name), f"{getattr(protocol, name)}"
+        if not same:
+            option = {"devices": "--device", "protocol": "PROTOCOL.toml"}.get(name, f"--{name.replace('_', '-')}")
             raise InputError(
-                f"{folder / STUDY}: --{option}: the study was begun with {begun_with}; "
-                "leave the option out to resume it"
+                f"{folder / STUDY}: {option}: the study was begun with {begun_with}; leave the option out to resume it"
             )
+
+
+def _texts(device) -> tuple:
+    return device.name, device.text, device.brake_texts

@@ -12,6 +12,7 @@ import numpy as np
 
 from core.control import OFF, decide, release
 from core.jit import kernel
+from core.path import nearest
 from core.pattern import resolve
 from core.row import (
     APPROACH,
@@ -50,6 +51,8 @@ STATUSES = ("running", "done", "timeout", "aborted")
 #: why a trial was aborted
 NO_REASON, APPROACH_TOO_LONG, FORCE_NOT_FINITE, BY_EXPERIMENTER = range(4)
 REASONS = ("", "the start was not reached in time", "the hand force was not finite", "stopped by the experimenter")
+
+ROUNDING_M = 1e-9  # of progress at the end
 
 RUN = np.dtype(
     [
@@ -139,7 +142,7 @@ def begin(run, state, operator, path):
     run.energy_zero[1] = state.heat[0] + state.heat[1] + state.heat[2] + state.heat[3]
     run.energy_zero[2] = state.lost_at_stops
     if run.simulated_hand != 0:
-        begin_approach(operator, state.tip[0], state.tip[1], path.x0, path.y0)
+        begin_approach(operator, state.tip[0], state.tip[1], path)
 
 
 @kernel
@@ -169,10 +172,19 @@ def next_phase(run, path, state, grip):
             enter(run, APPROACH, RUNNING, NO_REASON)
         elif run.phase_tick >= run.hold_ticks:
             enter(run, MOVE, RUNNING, NO_REASON)
-    elif math.hypot(x - path.x1, y - path.y1) <= run.end_radius:
+    elif arrived(path, run.end_radius, x, y):
         enter(run, END, DONE, NO_REASON)
     elif run.phase_tick >= run.move_ticks:
         enter(run, END, TIMEOUT, NO_REASON)
+
+
+@kernel
+def arrived(path, end_radius, x, y):
+    """Whether the end of the path is reached, and along the path: not near the end on another part of it."""
+    if math.hypot(x - path.x1, y - path.y1) > end_radius:
+        return False
+    progress, _, _, _ = nearest(path, x, y)
+    return progress >= path.length - end_radius - ROUNDING_M
 
 
 @kernel

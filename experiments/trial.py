@@ -1,41 +1,30 @@
 """One trial on a simulated device, tick by tick: the same for a simulated operator and for a hand at the mouse."""
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from core import row
-from core.control import Controller, make_controller, new_memory
+from core.control import Controller, Preset, make_controller, new_memory
 from core.device import Device
-from core.hand import Hand, spring_hand
-from core.path import Path, line
+from core.hand import Hand
+from core.path import Path
+from core.path_file import PathFile, build_path
 from core.pattern import look
 from core.simulator import Simulation
 from core.state import new_record
 from core.stick_slip import STILL
 from experiments.operator import OPERATOR, Person, new_operator, take_handle
-from experiments.plan import PlannedTrial, Segment
-from experiments.tick import REASONS, RUNNING, STATUSES, new_run, run_ticks
+from experiments.plan import PlannedTrial
+from experiments.protocol_file import TrialRules
+from experiments.tick import REASONS, RUNNING, STATUSES, TICK_S, new_run, run_ticks
 
 #: Draws of noise per axis for one trial; a longer trial goes round.
 NOISE_DRAWS = 1 << 16
 
 
-@dataclass(frozen=True)
-class MouseHand:
-    """The spring by which the pointer pulls the handle. Assumed: soft enough to feel, capped to what an arm does."""
-
-    stiffness: float = 200.0  # N/m
-    damping: float = 8.0  # N s/m
-    force_max: float = 40.0  # N
-    mass: float = 0.0  # kg: a pointer has no arm behind it
-
-    def hand(self) -> Hand:
-        """The spring-damper for the simulator."""
-        return spring_hand(
-            (self.stiffness, 0.0, self.stiffness), (self.damping, 0.0, self.damping), self.force_max, self.mass
-        )
+#: What a protocol that says nothing else has.
+DEFAULT_RULES = TrialRules()
 
 
 class Arguments(NamedTuple):
@@ -61,20 +50,24 @@ class Trial:
         self,
         simulation: Simulation,
         planned: PlannedTrial,
-        segment: Segment,
+        path: PathFile,
+        preset: Preset,
         rules: str,
-        low_gain: float,
+        how: TrialRules = DEFAULT_RULES,
         person: Person | None = None,
         generator: np.random.Generator | None = None,
     ) -> None:
-        """person and generator: a simulated operator; None: the hand's target is set from outside (`aim`)."""
+        """preset: its controller, whatever `planned` calls it. how: durations and radii of the protocol.
+
+        person and generator: a simulated operator; None: the hand's target is set from outside (`aim`).
+        """
         self.simulation, self.planned = simulation, planned
-        self.path: Path = line(segment.start, segment.end)
-        self.controller: Controller = make_controller(
-            planned.controller, simulation.device.force_normalised_N, rules, low_gain
-        )
+        self.path: Path = build_path(path, f"path {planned.segment}")
+        self.controller: Controller = make_controller(preset, simulation.device.force_normalised_N, rules)
         self._memory = new_memory()
         self._run = new_run(simulation.fidelity, simulation.integrator, person is not None)
+        for name, value in run_fields(how, person is not None).items():
+            self._run[name][0] = value
         self._operator, self._noise = new_record(OPERATOR), np.zeros((1, 2))
         if person is not None and generator is not None:
             self._operator = new_operator(person, generator)
@@ -135,6 +128,20 @@ class Trial:
             "energy_added_max_J": now.added_by_brakes,
             **({"timing": self.timing} if self.timing else {}),
         }
+
+
+def run_fields(how: TrialRules, simulated_hand: bool) -> dict[str, float]:
+    """The fields of `tick.RUN` that a protocol decides: lengths in m, durations in whole ticks."""
+    fields = {
+        "start_radius": how.start_radius_m,
+        "end_radius": how.end_radius_m,
+        "hold_ticks": round(how.hold_s / TICK_S),
+        "move_ticks": round(how.time_out_s / TICK_S),
+        "end_ticks": round(how.end_s / TICK_S),
+    }
+    if simulated_hand:  # a person may take any time
+        fields["approach_ticks"] = round(how.approach_time_out_s / TICK_S)
+    return fields
 
 
 def new_simulation(device: Device, tip: tuple[float, float], hand: Hand | None = None) -> Simulation:

@@ -4,13 +4,14 @@ import os
 from pathlib import Path
 
 from core.errors import InputError
+from core.path_file import build_path, path_from
 from experiments.metrics import NO_METRICS, trial_metrics
 from experiments.recording import Recording
 from experiments.trials_table import TrialRow
 
 #: What a recording must say of its trial.
 NEEDED = (
-    "participant", "run", "block", "configuration", "controller", "segment", "repetition", "start_m", "end_m",
+    "participant", "run", "block", "configuration", "controller", "segment", "repetition", "path",
 )  # fmt: skip
 
 
@@ -22,11 +23,12 @@ def row_of(recording: Recording, folder: Path) -> TrialRow:
             raise InputError(f"{recording.path}: the metadata lack {key}")
     if "status" not in outcome:
         raise InputError(f"{recording.path}: the end record lacks the status")
-    start, end = tuple(about["start_m"]), tuple(about["end_m"])
+    where = f"{recording.path}: path"
+    path = build_path(path_from(about["path"], where), where)
     metrics = NO_METRICS
     if recording.in_phase("move").any():
         try:
-            metrics = trial_metrics(recording, start, end, about["controller"])
+            metrics = trial_metrics(recording, path)
         except InputError:  # ticks are missing in between: nothing that needs an even grid can be said
             if outcome["status"] != "recovered":
                 raise

@@ -6,6 +6,7 @@ where there was nothing to measure. The same rows give the same bytes.
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path, PurePosixPath
@@ -19,11 +20,11 @@ from experiments.whole_files import give_new_name, is_wrong_path, written_beside
 if TYPE_CHECKING:
     from experiments.metrics import Metrics
 
-STATUSES = ("done", "timeout", "aborted", "redone", "recovered")
+STATUSES = ("done", "timeout", "aborted", "redone", "recovered", "skipped")
 #: Trials whose measures count in tables of results and box plots: a time-out keeps its measures (and is marked).
 COUNTED = ("done", "timeout")
 #: Trials that settle their cell of the plan: after any other the cell is run again.
-SETTLED = ("done", "timeout", "aborted")
+SETTLED = ("done", "timeout", "aborted", "skipped")
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class TrialRow:
     run: int
     block: int
     configuration: str  # name of the device
-    controller: int  # 1..5 as in Table I
+    controller: int | str  # its number in the protocol, as in Table I; a code, "K3", while the session is blind
     segment: int
     repetition: int
     status: str  # one of STATUSES
@@ -68,13 +69,25 @@ _FIRST_COLUMNS = COLUMNS[: COLUMNS.index("recording") + 1]  # the least that a t
 _KINDS = {column.name: column.type for column in fields(TrialRow)}
 
 
+def is_code(cell: str) -> bool:
+    """Whether this is the code of a controller in a blind session: K1, K2, .."""
+    return re.fullmatch(r"K[1-9]\d*", cell) is not None
+
+
+def by_controller(controller: int | str) -> tuple[bool, int, int | str]:
+    """Sorts controllers: numbers first, then codes, each in their order."""
+    return (True, len(controller), controller) if isinstance(controller, str) else (False, 0, controller)
+
+
 def _cell(column: str, value: object) -> str:
     kind = _KINDS[column]
     if value is None and kind == float | None:
         return ""
     if kind == float | None and isinstance(value, int | float | np.number) and np.isfinite(value):
         return repr(float(value))
-    if kind is int and isinstance(value, int | np.integer) and not isinstance(value, bool):
+    if kind == int | str and isinstance(value, str) and is_code(value):
+        return value
+    if kind in (int, int | str) and isinstance(value, int | np.integer) and not isinstance(value, bool):
         return str(int(value))
     if kind is str and isinstance(value, str):
         return value
@@ -149,8 +162,10 @@ def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -
         try:
             if kind is str:
                 values[column] = cell
-            elif kind is int:
+            elif kind is int or kind == int | str and not is_code(cell):
                 values[column] = int(cell)
+            elif kind == int | str:
+                values[column] = cell
             else:
                 values[column] = float(cell) if cell else None
         except ValueError:

@@ -3,7 +3,8 @@
 Nothing is written. No faults: an unfinished plan, an empty folder, one that was hardly begun, and, in a session that a
 live process holds, the trial in progress. Faults, each by file: every damaged batch or part of a recording; a trial
 that was cut off and not yet recovered; a recording that trials.csv or the journal names and that is not there; a trial
-without a row; a row that its recording contradicts; a stored plan that was changed.
+without a row; a row that its recording and the journal (skipped, redone, unblinded) contradict; a stored plan that was
+changed; a blind session without its key. Practice trials have recordings and no rows: none is missing.
 """
 
 import math
@@ -12,9 +13,10 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 from core.errors import InputError
-from experiments.journal import trials_begun
+from experiments.blind import KEY, read_key
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX, Recording, read_recording
 from experiments.session_files import (
+    PRACTICE,
     STORED,
     TABLE,
     is_half_created,
@@ -25,8 +27,8 @@ from experiments.session_files import (
     runs_on_disk,
     sessions_in,
 )
+from experiments.session_rows import Told, recorded_row, rows_without_recording, told
 from experiments.study_file import STUDY, read_study
-from experiments.trial_row import row_of
 from experiments.trials_table import TrialRow, read_table
 
 #: Largest share by which a number of the table may differ from what the recording gives: library versions round apart.
@@ -85,8 +87,11 @@ def verify_session(session: Path, live: bool = False) -> Findings:
     found = Findings()
     if is_half_created(session):
         return found
+    journal = told(session)
     try:
-        read_stored(session)
+        about = read_stored(session).about
+        if about.get("blind") and journal.key is None:
+            _check_key(session, about, found)
     except InputError as error:
         found.faults.append((STORED, _after(str(error), session)))
     try:
@@ -95,21 +100,44 @@ def verify_session(session: Path, live: bool = False) -> Findings:
         found.faults.append((TABLE, _after(str(error), session)))
         rows = None
 
-    begun = trials_begun(session)
     on_disk = runs_on_disk(session)
     for files in on_disk.values():
         recording = _check_files(session, files, live, found)
         if recording is not None and rows is not None:
-            _check_row(session, recording, rows, live, found)
+            _check_row(session, recording, rows, journal, live, found)
+    for files in runs_on_disk(session, PRACTICE).values():
+        _check_files(session, files, live, found)
+    if rows is not None:
+        _check_bare_rows(session, rows, journal, live, found)
     for run, row in sorted((rows or {}).items()):
         if row.recording and not (session / row.recording).is_file():
             found.faults.append((row.recording, f"missing: {TABLE} names it as the recording of run {run}"))
-    for run in sorted(set(begun) - set(on_disk) - set(rows or {})):
+    for run in sorted(set(journal.begun) - set(on_disk) - set(rows or {})):
         if not any(session.glob(f"trials/run-{run:03d}.*")):
             found.faults.append((f"trials/run-{run:03d}", "missing: the journal says that this trial was begun"))
         elif not live:
             found.faults.append((TABLE, f"has no row for run {run}, which the journal says was begun"))
     return found
+
+
+def _check_key(session: Path, about: dict, found: Findings) -> None:
+    try:
+        read_key(session, str(about.get("key_sha256")))
+    except InputError as error:
+        found.faults.append((KEY, _after(str(error), session)))
+
+
+def _check_bare_rows(session: Path, rows: dict[int, TrialRow], journal: Told, live: bool, found: Findings) -> None:
+    """Rows without a recording against the journal, both ways."""
+    bare = {row.run: row for row in rows_without_recording(session, journal)}
+    for run, right in bare.items():
+        if run in rows:
+            found.faults += [(TABLE, fault) for fault in differences(rows[run], right, "the journal")]
+        elif not live and run in journal.skipped:
+            found.faults.append((TABLE, f"has no row for run {run}, which the journal says was skipped: recover it"))
+    for run, row in sorted(rows.items()):
+        if not row.recording and run not in bare:
+            found.faults.append((TABLE, f"run {run}: is {row.status} without a recording, the journal does not say so"))
 
 
 def _check_files(session: Path, files: dict[str, Path], live: bool, found: Findings) -> Recording | None:
@@ -149,11 +177,11 @@ def _faults_but_header(recording: Recording) -> list[str]:
 
 
 def _check_row(
-    session: Path, recording: Recording, rows: dict[int, TrialRow], live: bool, found: Findings
+    session: Path, recording: Recording, rows: dict[int, TrialRow], journal: Told, live: bool, found: Findings
 ) -> None:
     name = recording.path.relative_to(session).as_posix()
     try:
-        right = row_of(recording, session)
+        right = recorded_row(recording, session, journal)
     except InputError as error:
         found.faults.append((name, _after(str(error), session)))
         return
@@ -166,8 +194,8 @@ def _check_row(
         found.faults.append((TABLE, f"has no row for run {right.run} ({name}): recover it"))
 
 
-def differences(row: TrialRow, right: TrialRow) -> Iterator[str]:
-    """What a row says and its recording does not."""
+def differences(row: TrialRow, right: TrialRow, source: str = "its recording") -> Iterator[str]:
+    """What a row says and its recording, with what the journal adds, does not."""
     for column in fields(TrialRow):
         there, true = getattr(row, column.name), getattr(right, column.name)
         if column.name == "recording":
@@ -176,7 +204,7 @@ def differences(row: TrialRow, right: TrialRow) -> Iterator[str]:
         if isinstance(there, float) and isinstance(true, float):
             same = math.isclose(there, true, rel_tol=TOLERANCE, abs_tol=1e-12)
         if not same:
-            yield f"run {row.run}: {column.name} is {_said(there)}, its recording gives {_said(true)}"
+            yield f"run {row.run}: {column.name} is {_said(there)}, {source} gives {_said(true)}"
 
 
 def _said(value: object) -> str:

@@ -11,8 +11,8 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -24,8 +24,15 @@ class KilledPhd:
 
     def __init__(self, blocks: int) -> None:
         """blocks: of the plan of each study, 20 trials each."""
+        from protocols import short
+
+        self._folder = tempfile.TemporaryDirectory()
+        protocol = Path(self._folder.name) / "short.toml"
+        protocol.write_text(short(blocks).text, encoding="utf-8")
+        #: arguments of a study, all but its folder
+        self.study = ["study", str(protocol), "--operators", "1", "--seed", "3"]
         self._process = subprocess.Popen(
-            [sys.executable, __file__, str(blocks)], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [sys.executable, __file__], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )  # fmt: skip
 
     def run(self, kill_after_s: float, **job) -> dict:
@@ -38,6 +45,7 @@ class KilledPhd:
         """End it."""
         self._process.stdin.close()
         self._process.wait(20)
+        self._folder.cleanup()
 
 
 def written_rows(seed: int):
@@ -71,27 +79,20 @@ def do(job: dict) -> int:
     return 0
 
 
-def serve(blocks: int) -> None:
+def serve() -> None:
     """Do jobs until stdin ends."""
-    import tempfile
-
-    from sessions import DEVICES, new_session, run
+    from sessions import new_session, run
 
     import app.verbs.recover  # noqa: F401  (everything that a job needs is there before the first)
     import experiments.recover  # noqa: F401
     import experiments.study  # noqa: F401
     from core import row  # noqa: F401
-    from experiments import session as sessions
-    from experiments.plan import make_plan
-
-    sessions.make_plan = partial(make_plan, blocks=blocks)
     with tempfile.TemporaryDirectory() as folder:  # compiles, or loads, the kernels
         session = new_session(Path(folder))
         trial, writer = session.begin(session.next_planned())
         run(trial, writer, ticks=100, piece=100)
         writer.abandon()
         session.close()
-    assert DEVICES
     for line in sys.stdin:
         job = json.loads(line)
         child = os.fork()
@@ -119,4 +120,4 @@ def serve(blocks: int) -> None:
 
 if __name__ == "__main__":
     sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
-    serve(int(sys.argv[1]))
+    serve()

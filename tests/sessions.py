@@ -4,18 +4,18 @@ import contextlib
 from pathlib import Path
 
 import numpy as np
+from protocols import PAPER
 
 from core import row
-from core.device import load_device
-from experiments.operator import draw_person
-from experiments.session import Choices, Session
-
-DEVICES = (load_device("three-brake"), load_device("four-brake"))
+from experiments.population import load_population
+from experiments.protocol import Protocol
+from experiments.session import Session
 
 
-def new_session(data: Path, participant: str = "01") -> Session:
+def new_session(data: Path, participant: str = "01", protocol: Protocol = PAPER, blind: bool = False) -> Session:
     """A session of a simulated operator, not yet begun."""
-    return Session(data, participant, DEVICES, Choices(), draw_person(np.random.default_rng(3)), sync=False)
+    person = load_population().draw(np.random.default_rng(3))
+    return Session(data, participant, protocol, person, sync=False, blind=blind)
 
 
 def run_trials(session: Session, count: int) -> None:

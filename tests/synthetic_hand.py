@@ -1,9 +1,9 @@
 """A hand that drives the pointer through a trial: to the start, wait, to the end."""
 
 import numpy as np
+from protocols import PAPER
 
 from core import row
-from experiments.plan import SEGMENTS
 
 SPEED = 0.25  # m/s, of the pointer
 PULL = 4.0  # 1/s, at which the pointer goes beyond the goal while the handle (which drags) is short of it
@@ -13,7 +13,8 @@ class SyntheticHand:
     """Where the pointer goes next, from what a person sees: the handle and the phase of the trial."""
 
     def __init__(self, segment: int, tip: tuple[float, float]) -> None:
-        self._start, self._end = (np.array(place) for place in SEGMENTS[segment])
+        path = PAPER.paths[segment]
+        self._start, self._end = np.array(path.start_m), np.array(path.end_m)
         self._at, self._beyond = np.array(tip), np.zeros(2)
         self._goal = self._start
 

@@ -4,20 +4,18 @@ import json
 import re
 import shutil
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
-from sessions import DEVICES, crash_in_trial, files, session_of
+from protocols import PEOPLE, short
+from sessions import crash_in_trial, files, session_of
 
 from app.cli import main
 from experiments import session as sessions
 from experiments.analyze import analyze
-from experiments.plan import make_plan
 from experiments.recording import read_recording
 from experiments.recover import recover
-from experiments.session import write_pooled_table
-from experiments.session_files import cell
+from experiments.session_files import cell, write_pooled_table
 from experiments.study import resume_study, run_study
 from experiments.trials_table import read_table
 
@@ -26,9 +24,7 @@ from experiments.trials_table import read_table
 def study(tmp_path_factory):
     """20 trials of one operator."""
     out = tmp_path_factory.mktemp("analyze") / "study"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sessions, "make_plan", partial(make_plan, blocks=1))
-        run_study(out, operators=1, seed=6, devices=DEVICES)
+    run_study(out, 1, short(seed="6"), PEOPLE)
     return out
 
 
@@ -84,12 +80,11 @@ def test_a_whole_folder_changes_nothing(study, tmp_path):
 
 
 def test_a_resumed_session_gives_its_own_table_again_with_the_recovered_trial_in_its_place(tmp_path, monkeypatch):
-    monkeypatch.setattr(sessions, "make_plan", partial(make_plan, blocks=1))
     study = tmp_path / "study"
     with monkeypatch.context() as patch:
         patch.setattr(sessions.Session, "finish", interrupt_at(3, sessions.Session.finish))
         with pytest.raises(KeyboardInterrupt):
-            run_study(study, operators=1, seed=6, devices=DEVICES)
+            run_study(study, 1, short(seed="6"), PEOPLE)
     resume_study(study, {})
     out = tmp_path / "out"
     analyze(study, out)

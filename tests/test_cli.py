@@ -96,7 +96,7 @@ def test_wrong_files_give_one_sentence_exit_2_and_nothing_written(
 
 WRONG_ARGUMENTS = {
     "no verb of that name": (["fly"], "invalid choice: 'fly'"),
-    "verb of a later version": (["emulate"], "invalid choice: 'emulate'"),
+    "option without a verb": (["--bogus"], "unrecognized arguments: --bogus"),
     "no scene": (["simulate", "--out", "o.csv"], "required: SCENE.toml"),
     "no output": (["simulate", "scene.toml"], "required: --out"),
     "unknown option": (["simulate", "scene.toml", "--out", "o.csv", "--fast"], "unrecognized arguments: --fast"),
@@ -117,6 +117,7 @@ WRONG_ARGUMENTS = {
     "low gain": (["study", "--low-gain", "50", "--out", "s"], "--low-gain: invalid choice"),
     "study device": (["study", "--device", "six-brake", "--out", "s"], "unknown device 'six-brake'"),
     "study device twice": (["study", "--device", "four-brake", "four-brake", "--out", "s"], "have the same name"),
+    "device without a verb": (["--device", "six-brake"], "unknown device 'six-brake'"),
     "run device": (["run", "--device", "six-brake"], "unknown device 'six-brake'"),
     "participant": (["run", "--participant", "../x"], "--participant: must be letters and digits"),
 }

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
+from protocols import PAPER
 from synthetic_device import CURRENT_MAX, DEVICES, K, brakes_on, gain, random_mass, random_rows, rows
 
 from core import control
-from core.control import DECISIONS, LOCKED, PRESETS, UNREACHABLE, decide, make_controller, new_memory
+from core.control import DECISIONS, LOCKED, UNREACHABLE, Preset, decide, make_controller, new_memory
 from core.errors import InputError
-from core.path import Path, line
+from core.path import Path, line, point_at
 
+PRESETS = PAPER.controllers
 law = settings(deadline=None)  # the first call compiles
 nojit = pytest.mark.nojit
 
@@ -43,37 +45,42 @@ def random_state(rng: np.random.Generator) -> list[float]:
 
 
 @nojit
-def test_the_presets_are_table_i():
+def test_the_presets_of_the_papers_protocol_are_table_i():
     assert list(PRESETS) == [1, 2, 3, 4, 5]
     assert [preset.gap_m for preset in PRESETS.values()] == [0, 0, 0.005, 0, 0]
     assert [preset.gain for preset in PRESETS.values()] == [0, 0, 0, 10_000, 5]
-    algorithms = [make_controller(number, FORCE).algorithm for number in PRESETS]
     none, sdof, proportional = control.NO_CONTROL, control.SDOF, control.PROPORTIONAL
-    assert algorithms == [none, sdof, sdof, proportional, proportional]
-    assert [make_controller(n, FORCE, low_gain=500.0).gain for n in PRESETS] == [0, 0, 0, 10_000, 500]
-    assert make_controller(3, FORCE, "literal").rules.rest_speed == 0.0
+    assert [preset.algorithm for preset in PRESETS.values()] == [none, sdof, sdof, proportional, proportional]
+
+
+@nojit
+@pytest.mark.parametrize("preset", PRESETS.values(), ids=lambda preset: preset.name)
+def test_a_controller_is_its_preset_made_ready_for_a_device_and_a_rule_set(preset):
+    made = make_controller(preset, FORCE, "literal")
+    assert made[:4] == (preset.algorithm, preset.gap_m, preset.gain, FORCE)
+    assert made.rules.rest_speed == 0.0 < make_controller(preset, FORCE).rules.rest_speed
 
 
 @nojit
 @pytest.mark.parametrize(
-    ("number", "force", "options"),
+    ("change", "force", "options"),
     [
-        (0, FORCE, {}),
-        (6, FORCE, {}),
-        (2.0, FORCE, {}),
-        ("2", FORCE, {}),
-        (True, FORCE, {}),
-        (2, 0.0, {}),
-        (2, math.nan, {}),
-        (2, FORCE, {"rules": "loose"}),
-        (5, FORCE, {"low_gain": 50.0}),
-        (5, FORCE, {"velocity_noise": -1e-3}),
-        (5, FORCE, {"blend_width": 0.0}),
+        ({"algorithm": 3}, FORCE, {}),
+        ({"gap_m": -0.001}, FORCE, {}),
+        ({"gap_m": math.nan}, FORCE, {}),
+        ({"gain": math.inf}, FORCE, {}),
+        ({"gain": -5.0}, FORCE, {}),
+        ({}, 0.0, {}),
+        ({}, math.nan, {}),
+        ({}, FORCE, {"rules": "loose"}),
+        ({}, FORCE, {"velocity_noise": -1e-3}),
+        ({}, FORCE, {"blend_width": 0.0}),
     ],
 )
-def test_a_controller_that_is_not_in_table_i_is_refused_in_a_sentence(number, force, options):
+def test_a_controller_that_cannot_be_is_refused_in_a_sentence(change, force, options):
+    preset = Preset("mine", control.PROPORTIONAL, 0.0, 5.0)._replace(**change)
     with pytest.raises(InputError, match="controller|rules"):
-        make_controller(number, force, **options)
+        make_controller(preset, force, **options)
 
 
 @nojit
@@ -95,7 +102,7 @@ def test_each_decision_code_has_one_text_and_the_brake_codes_name_their_brake():
 def test_currents_are_those_that_the_decision_names_and_never_beyond_the_brake(seed, number, rules, joints):
     rng = np.random.default_rng(seed)
     g, brakes = random_rows(rng), brakes_on(joints)
-    controller = make_controller(number, FORCE, rules)
+    controller = make_controller(PRESETS[number], FORCE, rules)
     code, current = decision(controller, SEGMENT_1, *random_state(rng), g, random_mass(rng), brakes)
     assert np.all((current >= 0.0) & (current <= CURRENT_MAX))
     if code in LOCKED:
@@ -118,7 +125,7 @@ def test_currents_are_those_that_the_decision_names_and_never_beyond_the_brake(s
 @given(seed)
 def test_controller_1_never_asks_for_current(seed):
     rng = np.random.default_rng(seed)
-    code, current = decision(make_controller(1, FORCE), SEGMENT_1, *random_state(rng), random_rows(rng))
+    code, current = decision(make_controller(PRESETS[1], FORCE), SEGMENT_1, *random_state(rng), random_rows(rng))
     assert (code, current.any()) == (control.NONE, False)
 
 
@@ -128,11 +135,11 @@ def test_controller_1_never_asks_for_current(seed):
 def test_inside_the_gap_nothing_is_controlled_and_outside_the_gap_changes_nothing(seed, distance):
     rng = np.random.default_rng(seed)
     g, (x, _, *state) = random_rows(rng), random_state(rng)
-    code, current = decision(make_controller(3, FORCE), SEGMENT_1, x, 0.4 + distance, *state, g)
+    code, current = decision(make_controller(PRESETS[3], FORCE), SEGMENT_1, x, 0.4 + distance, *state, g)
     if abs(0.4 + distance - 0.4) < 0.005:
         assert (code, current.any()) == (control.IN_GAP, False)
     else:
-        without = decision(make_controller(2, FORCE), SEGMENT_1, x, 0.4 + distance, *state, g)
+        without = decision(make_controller(PRESETS[2], FORCE), SEGMENT_1, x, 0.4 + distance, *state, g)
         assert code == without[0] and np.array_equal(current, without[1])
 
 
@@ -140,7 +147,7 @@ def test_inside_the_gap_nothing_is_controlled_and_outside_the_gap_changes_nothin
 @pytest.mark.parametrize("rules", ["settled", "literal"])
 def test_without_a_valid_sdof_path_an_outward_push_is_locked_and_any_other_released(rules):
     g = np.tile([3.0, -3.0], (4, 1))  # left of a path along +x all SDOF paths lead up to the right: none valid
-    controller, three = make_controller(2, FORCE, rules), brakes_on("AEB")
+    controller, three = make_controller(PRESETS[2], FORCE, rules), brakes_on("AEB")
     code, current = decision(controller, SEGMENT_1, 0, 0.42, 0, 0, 4, 6, g, brakes=three)
     assert (code, current.tolist()) == (control.LOCK_NO_VALID, [1, 1, 1, 0])
     code, current = decision(controller, SEGMENT_1, 0, 0.42, 0, 0, 4, -6, g, brakes=three)
@@ -150,14 +157,14 @@ def test_without_a_valid_sdof_path_an_outward_push_is_locked_and_any_other_relea
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("path", [SEGMENT_1, SEGMENT_2], ids=["segment 1", "segment 2"])
 def test_on_the_segments_some_brake_always_has_a_valid_sdof_path(device, path):
-    brakes, controller = brakes_on(DEVICES[device][4]), make_controller(2, DEVICES[device][5])
+    brakes, controller = brakes_on(DEVICES[device][4]), make_controller(PRESETS[2], DEVICES[device][5])
     used = set()
     for share in np.linspace(0, 1, 11):
         for d in np.linspace(-0.02, 0.02, 9):
-            x = path.x0 + share * (path.x1 - path.x0) - d * path.tangent_y
-            y = path.y0 + share * (path.y1 - path.y0) + d * path.tangent_x
+            x, y, tx, ty = point_at(path, share * path.length)
+            x, y = x - d * ty, y + d * tx
             for sense in (1, -1):
-                push = (5 * sense * path.tangent_x, 5 * sense * path.tangent_y)
+                push = (5 * sense * tx, 5 * sense * ty)
                 code, _ = decision(controller, path, x, y, 0, 0, *push, rows(device, x, y), brakes=brakes)
                 used.add(code)
     assert min(used) >= control.USE_SDOF and len(used) >= 2
@@ -166,7 +173,7 @@ def test_on_the_segments_some_brake_always_has_a_valid_sdof_path(device, path):
 def test_5_newton_seconds_per_metre_ask_for_less_than_the_drag_and_so_for_no_current():
     selected = {5.0: [], 500.0: []}
     for low_gain, currents in selected.items():
-        controller = make_controller(5, FORCE, low_gain=low_gain)
+        controller = make_controller(PRESETS[5]._replace(gain=low_gain), FORCE)
         for turn in np.linspace(-1.2, 1.2, 25):
             for speed in (0.05, 0.1, 0.2):
                 v = speed * math.cos(turn), speed * math.sin(turn)
@@ -186,7 +193,7 @@ def test_5_newton_seconds_per_metre_ask_for_less_than_the_drag_and_so_for_no_cur
 def test_the_mirror_image_of_device_path_and_hand_gets_the_mirrored_decision(seed, number, rules):
     rng = np.random.default_rng(seed)
     g, mass, state = random_rows(rng), random_mass(rng), random_state(rng)
-    controller = make_controller(number, FORCE, rules)
+    controller = make_controller(PRESETS[number], FORCE, rules)
     code, current = decision(controller, SEGMENT_1, *state, g, mass)
     swap = [2, 3, 0, 1]  # A and B, E and C change places
     x, y, vx, vy, fx, fy = state
@@ -211,7 +218,7 @@ def test_the_mirror_image_of_device_path_and_hand_gets_the_mirrored_decision(see
 @example(5, "settled", 0.0, 0.4, 0.0, 5e-324, 0.0, 5e-324, 0)
 def test_no_finite_state_gives_a_current_that_is_not_a_number(number, rules, x, y, vx, vy, fx, fy, seed):
     memory = new_memory()
-    controller = make_controller(number, FORCE, rules)
+    controller = make_controller(PRESETS[number], FORCE, rules)
     g = random_rows(np.random.default_rng(seed))
     g[seed % 4] *= seed % 2  # some joints have no moment arm
     code, current = decision(controller, SEGMENT_1, x, y, vx, vy, fx, fy, g, memory=memory)
@@ -223,7 +230,7 @@ def test_no_finite_state_gives_a_current_that_is_not_a_number(number, rules, x, 
 @pytest.mark.parametrize("number", [2, 3, 4, 5])
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
 def test_input_that_is_not_finite_releases_all_brakes_and_is_forgotten(number, wrong):
-    controller, g = make_controller(number, FORCE), rows("four-brake", 0.0, 0.42)
+    controller, g = make_controller(PRESETS[number], FORCE), rows("four-brake", 0.0, 0.42)
     for place in range(6):
         state, memory = [0.0, 0.42, 0.1, 0.0, 5.0, 5.0], np.array([-1.0, 1.0])
         state[place] = wrong
@@ -239,6 +246,6 @@ def test_high_gain_means_the_normalised_force_from_2_mm_s_of_undesired_velocity_
     g = random_rows(rng)
     v_across = factor * FORCE / 10_000.0
     assume(abs(factor - 1.0) > 1e-6)
-    code, _ = decision(make_controller(4, FORCE, "literal"), SEGMENT_1, 0, 0.4, 0.1, v_across, 5, 0, g)
+    code, _ = decision(make_controller(PRESETS[4], FORCE, "literal"), SEGMENT_1, 0, 0.4, 0.1, v_across, 5, 0, g)
     if code >= control.USE_PROPORTIONAL and code < control.USE_BELOW_DRAG:
         assert (code >= control.USE_CAPPED) == (factor > 1.0)

@@ -3,26 +3,22 @@
 import errno
 import os
 import subprocess
-from functools import partial
 
 import pytest
+from protocols import short
 from sessions import files
 
 from app.cli import main
 from experiments import recording_writer
-from experiments import session as sessions
-from experiments.plan import make_plan
 from experiments.trials_table import read_table
 from experiments.verify import verify
 
 
-@pytest.fixture(autouse=True)
-def short_plan(monkeypatch):
-    """10 trials an operator."""
-    monkeypatch.setattr(sessions, "make_plan", partial(make_plan, blocks=1, segments=(1,)))
-
-
-STUDY = ["study", "--operators", "1", "--seed", "2"]
+@pytest.fixture
+def begin(tmp_path):
+    """Arguments of a study of one operator and 10 trials, all but its folder."""
+    (tmp_path / "short.toml").write_text(short(paths=1).text)
+    return ["study", str(tmp_path / "short.toml"), "--operators", "1", "--seed", "2"]
 
 
 def assert_stopped_cleanly(folder, error):
@@ -36,7 +32,7 @@ def assert_stopped_cleanly(folder, error):
 
 
 @pytest.mark.parametrize("room", [3_000_000, 3_300_000, 3_600_000])
-def test_a_study_on_a_disk_that_fills_up_ends_its_trial_and_says_so(tmp_path, monkeypatch, capsys, room):
+def test_a_study_on_a_disk_that_fills_up_ends_its_trial_and_says_so(begin, tmp_path, monkeypatch, capsys, room):
     out, write, left = tmp_path / "study", os.write, [room]
 
     def write_until_full(handle, data):
@@ -48,7 +44,7 @@ def test_a_study_on_a_disk_that_fills_up_ends_its_trial_and_says_so(tmp_path, mo
 
     with monkeypatch.context() as patch:
         patch.setattr(recording_writer.os, "write", write_until_full)
-        assert main([*STUDY, "--out", str(out)]) == 1
+        assert main([*begin, "--out", str(out)]) == 1
     done = assert_stopped_cleanly(out, capsys.readouterr().err)
     assert done >= 1
     before = files(out)
@@ -75,9 +71,9 @@ def small_disk(tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may mount a small file system")
-def test_a_real_disk_that_is_full_stops_the_study_and_more_room_lets_it_go_on(small_disk, capsys):
+def test_a_real_disk_that_is_full_stops_the_study_and_more_room_lets_it_go_on(begin, small_disk, capsys):
     out = small_disk / "study"
-    assert main([*STUDY, "--out", str(out)]) == 1
+    assert main([*begin, "--out", str(out)]) == 1
     done = assert_stopped_cleanly(out, capsys.readouterr().err)
     before = files(out)
     kept = {name: content for name, content in before.items() if name.endswith(".parquet")}

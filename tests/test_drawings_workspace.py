@@ -20,7 +20,7 @@ from app.screens.layers import Follower, directions, force_map, wedge
 from app.screens.linkage_labels import BRAKES, HAND
 from app.screens.linkage_view import ARMS, DIRECTIONS, FIELD, LINKAGE, REACHABLE, TRAIL
 from app.screens.marks import ARROW_MOST_PX, arrow_of
-from app.screens.places import box_at, meets
+from app.screens.places import box_at, free_side, meets
 from app.screens.plane import Plane
 from app.screens.workspace import LAYERS, Workspace
 from core import row
@@ -165,6 +165,9 @@ def test_whatever_the_brakes_do_against_a_motion_lies_in_the_wedge(device: Devic
         yields = generator.uniform(0.0, 5.0, 4) * device.brakes.present
         force = -(g * (yields * np.sign(g @ velocity))[:, None]).sum(axis=0)
         assert force @ velocity <= 1e-9
+        for i, angle in zip(map(JOINTS.index, device.braked), found.spokes, strict=True):
+            alone = np.array([math.cos(angle), math.sin(angle)])  # each brake by itself: along its g, against v
+            assert alone @ velocity <= 1e-9 and abs(alone[0] * g[i, 1] - alone[1] * g[i, 0]) < 1e-9 * np.hypot(*g[i])
         middle = 0.5 * (found.first + found.last)
         turn = math.remainder(math.atan2(force[1], force[0]) - middle, 2.0 * math.pi)
         assert abs(turn) <= 0.5 * (found.last - found.first) + 1e-9
@@ -300,6 +303,30 @@ def test_no_label_lies_on_an_arm_another_label_or_the_edge(qtbot, device: Device
                 for a, b in ARMS:
                     assert not meets((at[a].x(), at[a].y(), at[b].x(), at[b].y()), box), (name, share)
                 assert not any(box.intersects(other) for key, other in boxes.items() if key != name)
+
+
+def test_a_label_keeps_off_lines_and_boxes_and_takes_the_least_evil_where_all_is_full() -> None:
+    mark, size, room = QPointF(100.0, 100.0), (10.0, 40.0, 15.0), QRectF(0.0, 0.0, 200.0, 200.0)
+    sides = ("right", "left", "below")
+    right = box_at(mark, "right", *size)
+    assert free_side(mark, sides, size, [], [], room) == "right"
+    assert free_side(mark, sides, size, [(130.0, 0.0, 130.0, 200.0)], [], room) == "left"
+    assert free_side(mark, sides, size, [], [right], room) == "left"
+    assert free_side(mark, sides, size, [], [right], QRectF(80.0, 0.0, 100.0, 200.0)) == "below"
+    everywhere = [box_at(mark, side, *size) for side in sides]
+    assert free_side(mark, sides, size, [(130.0, 0.0, 130.0, 200.0)], everywhere, room) == "left"
+
+
+def test_a_line_meets_a_box_where_some_point_of_it_is_inside() -> None:
+    generator = np.random.default_rng(2)
+    box = QRectF(-1.0, -0.5, 2.0, 1.0)
+    for _ in range(400):
+        line = tuple(generator.uniform(-2.0, 2.0, 4).tolist())
+        share = np.linspace(0.0, 1.0, 4001)
+        x, y = line[0] + share * (line[2] - line[0]), line[1] + share * (line[3] - line[1])
+        inside = np.maximum(np.abs(x) - 1.0, np.abs(y) - 0.5).min()
+        if abs(inside) > 2e-3:  # not only touching
+            assert meets(line, box) is bool(inside < 0.0)
 
 
 def test_the_line_above_says_phase_time_error_and_speed(workspace: Workspace) -> None:

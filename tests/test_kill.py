@@ -19,10 +19,11 @@ if __name__ == "__main__":
 from killed_phd import KilledPhd, written_rows
 from recorded import assert_holds
 
-from experiments.journal import read_events, trials_begun
+from experiments.journal import read_events
 from experiments.recording import read_recording
 from experiments.recover import recover
 from experiments.session_files import cell, open_trials, read_stored, rows_of
+from experiments.session_rows import told
 from experiments.trials_table import COUNTED, read_table
 from experiments.verify import verify
 
@@ -54,7 +55,7 @@ def check_after_kill(folder: Path, seen: Counter, reference: Path | None) -> Non
     for name, stream in before.items():
         assert stream.whole or name in named, f"{name} is not whole and verify does not say so"
         assert not [fault for fault in stream.damaged if not fault.startswith("header")], "a kill damages nothing"
-    begun = trials_begun(session)
+    begun = told(session).begun
     done = recover(folder)
     assert not done["faults"] and not done["not_rescued"], done
     seen["trials recovered"] += len(done["recovered"])
@@ -115,7 +116,7 @@ def kill_studies(phd: KilledPhd, place: Path, kills: int, reference: Path, seed:
     while seen["kills"] < kills:
         folder, fresh = place / f"study-{chain}", True
         chain += 1
-        start = ["study", "--operators", "1", "--seed", "3", "--out", str(folder)]
+        start = [*phd.study, "--out", str(folder)]
         while True:
             resume = (folder / "study.json").exists()
             still_open = trials_open(folder)
@@ -188,7 +189,7 @@ def phd():
 def reference(phd, tmp_path_factory):
     """The study without a kill."""
     folder = tmp_path_factory.mktemp("reference") / "study"
-    assert phd.run(120.0, phd=["study", "--operators", "1", "--seed", "3", "--out", str(folder)])["code"] == 0
+    assert phd.run(120.0, phd=[*phd.study, "--out", str(folder)])["code"] == 0
     return folder
 
 
@@ -206,7 +207,7 @@ if __name__ == "__main__":
     count, server = int(sys.argv[1]), KilledPhd(blocks=1)
     with tempfile.TemporaryDirectory() as name:
         whole = Path(name) / "reference"
-        server.run(120.0, phd=["study", "--operators", "1", "--seed", "3", "--out", str(whole)])
+        server.run(120.0, phd=[*server.study, "--out", str(whole)])
         print("studies:", dict(kill_studies(server, Path(name), count, whole, seed=1)), flush=True)
         (Path(name) / "writers").mkdir()
         print("writers:", dict(kill_writers(server, Path(name) / "writers", count, seed=2)))

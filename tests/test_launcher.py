@@ -269,7 +269,7 @@ def pins() -> dict[str, str]:
     return {canonicalize_name(match[1]): match[2] for match in found if match}
 
 
-def test_the_pins_are_plain_names_and_versions_and_name_no_registry() -> None:
+def test_the_pins_are_plain_names_and_versions_and_name_no_address() -> None:
     assert len(pins()) > 20
     address = re.compile(r"https?:|--(extra-)?index-url|find-links|--hash|trusted-host")
     for name in ("constraints.txt", "pyproject.toml", "phd", ".ci/run"):
@@ -291,7 +291,8 @@ def test_everything_the_project_needs_is_pinned_and_installed_as_pinned() -> Non
         assert metadata.version(name) == pins()[name]
         waiting += [Requirement(text) for text in metadata.requires(name) or []]
     assert len(seen) > 30
-    for text in project["build-system"]["requires"] + project["project"]["optional-dependencies"]["bench"]:
+    extras = project["project"]["optional-dependencies"]
+    for text in project["build-system"]["requires"] + extras["bench"] + extras["cluster"]:
         need = Requirement(text)
         assert need.specifier == f"=={pins()[canonicalize_name(need.name)]}"
 

@@ -9,12 +9,15 @@ from hypothesis import strategies as st
 
 from core import control, row
 from core.errors import InputError
+from core.path import line, point_at
+from core.path_file import Arc, Polyline, build_path
 from experiments import metrics as m
 from experiments.recording import RecordingWriter, read_recording
 from experiments.recording_form import Recording, column_words, recording_columns
 from experiments.trials_table import COLUMNS
 
 START, END = (-0.1, 0.4), (0.1, 0.4)
+PATH = line(START, END)
 MOVE_FROM, MOVE_TO = 1100, 5100  # ticks of `move` in a recording made below
 
 
@@ -41,8 +44,8 @@ def hand_made(x=None, y=None, braked="AEB", n=5200, **columns):
     )  # fmt: skip
 
 
-def measured(recording, controller=2):
-    return m.trial_metrics(recording, START, END, controller)
+def measured(recording, path=PATH):
+    return m.trial_metrics(recording, path)
 
 
 def test_names_are_those_of_the_trials_table():
@@ -102,12 +105,50 @@ def test_measures_of_the_way_do_not_depend_on_where_the_path_lies(angle, dx, dy,
     turned = tip @ np.array([[c, s], [-s, c]]) + (dx, dy)
     start, end = (-0.1, 0.02), (0.2, 0.05)
     start_turned, end_turned = (tuple(np.array(p) @ np.array([[c, s], [-s, c]]) + (dx, dy)) for p in (start, end))
-    assert m.path_deviation(turned, start_turned, end_turned) == pytest.approx(
-        m.path_deviation(tip, start, end), abs=1e-12
+    assert np.allclose(
+        m.along_path(turned, line(start_turned, end_turned)), m.along_path(tip, line(start, end)), 0, 1e-12
     )
-    assert m.path_progress(turned, start_turned, end_turned) == pytest.approx(
-        m.path_progress(tip, start, end), abs=1e-12
-    )
+
+
+ARC = build_path(Arc((0.0, 0.3), 0.1, 150.0, 30.0), "arc")
+CORNER = build_path(Polyline(((-0.1, 0.3), (0.0, 0.3), (0.0, 0.4))), "corner")
+
+
+def moved(path, shares, offset=0.0):
+    """A recording whose tip in `move` is at these shares of the path, offset (m) to its left."""
+    x, y, tx, ty = np.array([point_at(path, share * path.length) for share in shares]).T
+    held = [np.pad(values, (MOVE_FROM, 5200 - MOVE_TO), "edge") for values in (x - offset * ty, y + offset * tx)]
+    return hand_made(*held)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_on_an_arc_a_constant_offset_is_the_path_error_and_the_way_is_the_arc(side):
+    shares = np.linspace(0.0, 1.0, MOVE_TO - MOVE_FROM) ** 2  # at any speed
+    result = measured(moved(ARC, shares, 0.003 * side), ARC)
+    assert result.path_error_m == pytest.approx(0.003, rel=1e-9)
+    assert result.path_error_time_m == pytest.approx(0.003, rel=1e-9)
+    assert result.peak_error_m == pytest.approx(0.003, rel=1e-9)
+    assert result.path_length_ratio == pytest.approx(1.0 + 0.03 * side, rel=1e-5), "left of a clockwise arc is outside"
+    straight = measured(moved(ARC, shares, 0.0), line((ARC.x0, ARC.y0), (ARC.x1, ARC.y1)))
+    assert straight.peak_error_m == pytest.approx(0.05, rel=1e-6), "the height of the arc over its chord"
+
+
+def test_on_an_arc_way_gone_back_has_no_weight_and_error_over_progress_is_error_over_the_arc():
+    ticks = np.arange(MOVE_TO - MOVE_FROM)
+    shares = np.interp(ticks, [0, 1500, 2000, 3999], [0.0, 0.5, 0.25, 1.0])
+    offset = np.where(ticks <= 1500, 0.001, np.where(ticks <= 2666, 0.02, 0.003))  # 2666: half of the way again
+    result = measured(moved(ARC, shares, offset), ARC)
+    assert result.path_error_m == pytest.approx(0.002, rel=1e-2)
+
+
+def test_round_a_corner_progress_runs_through_and_a_cut_corner_counts_with_its_length():
+    exact = measured(moved(CORNER, np.linspace(0.0, 1.0, MOVE_TO - MOVE_FROM)), CORNER)
+    assert exact.peak_error_m == pytest.approx(0.0, abs=1e-12) and exact.path_length_ratio == pytest.approx(1.0, rel=1e-3)
+    tip = np.array([-0.1, 0.3]) + 0.1 * np.linspace(0.0, 1.0, 4000)[:, None]  # straight to the end
+    progress, deviation = m.along_path(tip, CORNER)
+    assert progress[-1] == pytest.approx(CORNER.length) and np.all(np.diff(progress) >= 0.0)
+    assert deviation.max() == pytest.approx(0.05, rel=1e-3)
+    assert m.mean_over_progress(deviation, progress) == pytest.approx(0.0375, rel=1e-2), "2.5 cm on half the way, 5 cm on the leap"
 
 
 def test_force_is_averaged_over_time_and_over_progress():
@@ -150,10 +191,11 @@ def test_unreachable_share_counts_felt_ticks_without_a_brake_and_leaves_the_gap_
     force = np.full(5200, 5.0)
     force[2100:2200] = 0.4  # a hand that is not felt
     recording = hand_made(DECISION=decision, HAND_FX=force)
-    assert measured(recording, controller=3).unreachable_share == 500 / 3000
-    assert measured(recording, controller=1).unreachable_share is None
+    assert measured(recording).unreachable_share == 500 / 3000
+    uncontrolled = hand_made(DECISION=control.NONE, HAND_FX=5.0)
+    assert measured(uncontrolled).unreachable_share is None
     all_gap = hand_made(DECISION=control.IN_GAP, HAND_FX=5.0)
-    assert measured(all_gap, controller=3).unreachable_share is None
+    assert measured(all_gap).unreachable_share is None
 
 
 def test_a_timeout_keeps_what_was_measured_over_the_progress_made():
@@ -203,13 +245,11 @@ def test_missing_or_uneven_ticks_are_refused():
         else:
             measured(recording)
     with pytest.raises(InputError, match="no ticks"):
-        m.trial_metrics(Recording(Path("empty")), START, END, 1)
+        m.trial_metrics(Recording(Path("empty")), PATH)
     interrupted = hand_made()
     interrupted.columns["phase"][3000] = row.HOLD
     with pytest.raises(InputError, match="interrupted"):
         measured(interrupted)
-    with pytest.raises(InputError, match="no segment"):
-        m.trial_metrics(hand_made(), START, START, 1)
 
 
 def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
@@ -223,7 +263,7 @@ def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
     rows[:, row.DECISION] = generator.integers(0, len(control.DECISIONS), 3000)
     with RecordingWriter(tmp_path / "run-001.arrows", "A", {}, sync=False) as writer:
         writer.write(rows)
-    from_file = m.trial_metrics(read_recording(tmp_path / "run-001.arrows"), START, END, 4)
+    from_file = m.trial_metrics(read_recording(tmp_path / "run-001.arrows"), PATH)
     move = slice(600, 2900)
     tip = rows[:, row.TIP_X : row.TIP_Y + 1]
     deviation = np.abs(tip[move, 1] - 0.4)

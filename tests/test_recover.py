@@ -14,18 +14,17 @@ from app.cli import main
 from experiments import recover as recovery
 from experiments.recording import read_recording
 from experiments.recover import recover
-from experiments.session import write_pooled_table
-from experiments.session_files import cell, hold_lock, read_stored
+from experiments.session_files import cell, hold_lock, read_stored, write_pooled_table
 from experiments.trials_table import read_table
 from experiments.verify import verify
 
 
 @pytest.fixture(scope="module")
 def crashed(tmp_path_factory) -> Path:
-    """Two trials done, killed in the third, 3500 ticks in: it is in its movement."""
+    """Two trials done, killed in the third, 4500 ticks in: it is in its movement."""
     data = tmp_path_factory.mktemp("recover") / "data"
     with session_of(data, 2) as session:
-        crash_in_trial(session, ticks=3500)
+        crash_in_trial(session, ticks=4500)
     return data
 
 
@@ -48,7 +47,7 @@ def test_a_trial_that_was_cut_off_keeps_every_whole_batch_and_is_marked_recovere
     assert main(["verify", str(data)]) == 0
     kept = read_recording(stream.with_suffix(".parquet"))
     assert kept.whole and kept.outcome["status"] == "recovered" and kept.metadata == there.metadata
-    assert kept.rows == there.rows == 3500
+    assert kept.rows == there.rows == 4500
     for name, values in there.columns.items():
         assert np.array_equal(kept.column(name), values, equal_nan=True), name
     assert stream.with_name("run-003.arrows.crashed").read_bytes() == content and not stream.exists()
@@ -103,7 +102,7 @@ def test_a_damaged_batch_is_left_out_and_the_rest_is_kept(data):
     done = recover(data)
     assert "batch 1 (rows 500 to 999): damaged" in done["recovered"][0] and not done["faults"]
     kept = read_recording(of(data) / "trials" / "run-003.parquet")
-    assert kept.rows == 3000 and "batch 1" in kept.outcome["reason"]
+    assert kept.rows == 4000 and "batch 1" in kept.outcome["reason"]
     row = read_table(of(data) / "trials.csv")[2]
     assert row.status == "recovered" and row.acceleration_dft_sum is None  # no even grid, nothing to filter
 
@@ -141,7 +140,7 @@ def test_a_crash_while_recovering_is_recovered_from(data, monkeypatch, step, whe
     assert not recover(data)["faults"]
     rows = read_table(of(data) / "trials.csv")
     assert [(row.run, row.status) for row in rows][2:] == [(3, "recovered")]
-    assert read_recording(of(data) / rows[2].recording).rows == 3500
+    assert read_recording(of(data) / rows[2].recording).rows == 4500
     names = [path.name for path in (of(data) / "trials").iterdir()]
     assert sorted(names)[-2:] == ["run-003.arrows.crashed", "run-003.parquet"] and len(names) == 4
 

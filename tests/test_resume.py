@@ -3,16 +3,15 @@
 import json
 import shutil
 from collections import Counter
-from functools import partial
 
 import pytest
-from sessions import DEVICES, crash_in_trial, files, new_session, run_trials, session_of
+from protocols import PAPER, PEOPLE, short
+from sessions import crash_in_trial, files, new_session, run_trials, session_of
 
 from app.cli import main
 from core.errors import InputError
-from experiments import session as sessions
 from experiments import study as studies
-from experiments.plan import make_plan
+from experiments.protocol import protocol_from_json, protocol_to_json
 from experiments.session import Session
 from experiments.session_files import cell, hold_lock
 from experiments.study import resume_study, run_study
@@ -22,12 +21,6 @@ from experiments.verify import verify
 
 class Killed(BaseException):
     """Stands for a kill: nothing that tidies up after exceptions of the program may hear it."""
-
-
-@pytest.fixture
-def short_plan(monkeypatch):
-    """One block of one segment in each configuration: 10 trials an operator."""
-    monkeypatch.setattr(sessions, "make_plan", partial(make_plan, blocks=1, segments=(1,)))
 
 
 def kill_in_run(monkeypatch, run: int, participant: str = "01") -> None:
@@ -43,13 +36,20 @@ def kill_in_run(monkeypatch, run: int, participant: str = "01") -> None:
     monkeypatch.setattr(studies._Run, "_run_ticks", run_ticks)
 
 
+def high():
+    """10 trials an operator, the low gain of 500 N s/m."""
+    return protocol_from_json(
+        {**protocol_to_json(short(paths=1, seed="5")), "overrides": {"low_gain": 500.0}}, "test"
+    )
+
+
 @pytest.fixture
-def interrupted(tmp_path, monkeypatch, short_plan):
+def interrupted(tmp_path, monkeypatch):
     """A study of two operators, killed in run 4 of the first."""
     with monkeypatch.context() as patch:
         kill_in_run(patch, 4)
         with pytest.raises(Killed):
-            run_study(tmp_path / "study", operators=2, seed=5, devices=DEVICES, low_gain=500.0)
+            run_study(tmp_path / "study", 2, high(), PEOPLE)
     return tmp_path / "study"
 
 
@@ -77,8 +77,9 @@ def test_a_session_without_a_crash_goes_on_as_planned_with_its_person_and_device
         pass
     again = Session.resume(tmp_path, "01", sync=False)
     assert again.next_planned() == session.plan[2] and again.person == session.person
-    assert again.choices == session.choices and again.rows == session.rows
-    assert {name: device.text for name, device in again.devices.items()} == {d.name: d.text for d in DEVICES}
+    assert again.rows == session.rows and again.plan == session.plan
+    assert again.protocol.text == PAPER.text and again.protocol.note() == PAPER.note()
+    assert {name: device.text for name, device in again.devices.items()} == {d.name: d.text for d in PAPER.devices}
     again.close()
 
 
@@ -125,21 +126,21 @@ def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, t
             assert after[name] == content
 
     whole = tmp_path / "uninterrupted"
-    run_study(whole, operators=2, seed=5, devices=DEVICES, low_gain=500.0)
+    run_study(whole, 2, high(), PEOPLE)
     theirs = [row for row in read_table(whole / "trials.csv")]
     assert [r for r in rows if r.participant == "02"] == [r for r in theirs if r.participant == "02"]
     assert [r for r in rows if r.participant == "01"][:3] == theirs[:3]  # before the crash
 
 
-def test_a_complete_study_is_left_as_it_is(tmp_path, short_plan):
-    run_study(tmp_path / "study", operators=1, seed=2, devices=DEVICES)
+def test_a_complete_study_is_left_as_it_is(tmp_path):
+    run_study(tmp_path / "study", 1, short(paths=1, seed="2"), PEOPLE)
     before = files(tmp_path)
     assert resume_study(tmp_path / "study", {})["trials"] == 10
     assert files(tmp_path) == before
 
 
-def test_a_study_killed_while_drawing_draws_its_figures_on_resume(tmp_path, short_plan, monkeypatch):
-    def killed(table, folder, note):
+def test_a_study_killed_while_drawing_draws_its_figures_on_resume(tmp_path, monkeypatch):
+    def killed(table, folder, note, **options):
         folder.mkdir()
         (folder / "fig16_path_error.png").write_bytes(b"half")
         raise Killed
@@ -147,7 +148,7 @@ def test_a_study_killed_while_drawing_draws_its_figures_on_resume(tmp_path, shor
     with monkeypatch.context() as patch:
         patch.setattr(studies, "draw_boxplots", killed)
         with pytest.raises(Killed):
-            run_study(tmp_path / "study", operators=1, seed=2, devices=DEVICES)
+            run_study(tmp_path / "study", 1, short(paths=1, seed="2"), PEOPLE)
     assert verify(tmp_path / "study")["faults"] == [] and not (tmp_path / "study" / "figures").exists()
     resume_study(tmp_path / "study", {})
     assert len(list((tmp_path / "study" / "figures").iterdir())) == 10
@@ -156,7 +157,7 @@ def test_a_study_killed_while_drawing_draws_its_figures_on_resume(tmp_path, shor
 
 def test_what_is_asked_by_name_must_be_what_the_study_was_begun_with(interrupted, capsys, tmp_path):
     before = files(interrupted)
-    (tmp_path / "my.toml").write_text(DEVICES[0].text + "\n# mine\n")
+    (tmp_path / "my.toml").write_text(PAPER.devices[0].text + "\n# mine\n")
     for arguments, said in (
         (["--seed", "6"], "--seed: the study was begun with 5"),
         (["--operators", "3"], "--operators: the study was begun with 2"),
@@ -191,10 +192,10 @@ def test_a_folder_with_nothing_to_resume_is_refused_in_one_sentence(interrupted,
         lock.release()
 
 
-def test_a_folder_in_which_a_study_was_hardly_begun_takes_a_new_one(tmp_path, short_plan):
+def test_a_folder_in_which_a_study_was_hardly_begun_takes_a_new_one(tmp_path):
     (tmp_path / ".study.json.partial").write_text("{")
     (tmp_path / ".lock").touch()
-    assert run_study(tmp_path, operators=1, seed=2, devices=DEVICES)["trials"] == 10
+    assert run_study(tmp_path, 1, short(paths=1, seed="2"), PEOPLE)["trials"] == 10
 
 
 def test_a_study_without_resume_refuses_an_interrupted_one(interrupted, capsys):
@@ -205,9 +206,10 @@ def test_a_study_without_resume_refuses_an_interrupted_one(interrupted, capsys):
 def test_an_older_devices_file_stays_that_of_the_study(interrupted, monkeypatch):
     """The stored device counts, whatever a device of that name says today."""
     stored = json.loads((interrupted / "study.json").read_text())
-    stored["devices"][0]["file"] = stored["devices"][0]["file"].replace("tip_kg = 0.5", "tip_kg = 0.6")
+    device = stored["protocol"]["devices"][0]
+    device["file"] = device["file"].replace("tip_kg = 0.5", "tip_kg = 0.6")
     (interrupted / "study.json").write_text(json.dumps(stored))
     shutil.rmtree(interrupted / "sub-01")
     resume_study(interrupted, {})
     session = json.loads((interrupted / "sub-02" / "ses-01" / "session.json").read_text())
-    assert "tip_kg = 0.6" in session["devices"]["three-brake"]["file"]
+    assert "tip_kg = 0.6" in session["protocol"]["devices"][0]["file"]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from protocols import PAPER
 from synthetic_device import DEVICES, brakes_on, random_mass, random_rows, rows
 
 from core import control
@@ -19,6 +20,7 @@ from core.rules import LITERAL, RULE_SETS, SETTLED, rule_set
 from core.velocity_field import Field
 
 pytestmark = pytest.mark.nojit
+PRESETS = PAPER.controllers
 law = settings(deadline=None)  # the first call compiles
 
 PATH = line((-0.10, 0.40), (0.10, 0.40))
@@ -49,7 +51,7 @@ def test_there_are_two_rule_sets_and_no_third():
 def test_literally_a_tip_at_rest_has_no_candidate_and_the_slightest_outward_push_locks_it(push, force, distance):
     f = (force * math.cos(push), force * math.sin(push))
     assume(f[1] != 0.0)
-    code, _ = decision(make_controller(4, FORCE, "literal"), 0.0, 0.4 + distance, (0, 0), f)
+    code, _ = decision(make_controller(PRESETS[4], FORCE, "literal"), 0.0, 0.4 + distance, (0, 0), f)
     assert code == (control.LOCK_NONE_SELECTED if f[1] > 0.0 else control.RELEASE_NONE_SELECTED)
 
 
@@ -61,8 +63,8 @@ def test_settled_1_at_rest_the_impending_motion_decides_whatever_the_velocity_no
     f = force * np.array([math.cos(push), math.sin(push)])
     start = np.linalg.solve([[mass[0], mass[1]], [mass[1], mass[2]]], f)
     begun = (0.002 + 1e-12) * start / np.linalg.norm(start)
-    for number in (4, 5):
-        controller = make_controller(number, FORCE, low_gain=500.0)
+    for preset in (PRESETS[4], PRESETS[5]._replace(gain=500.0)):
+        controller = make_controller(preset, FORCE)
         at_rest = decision(controller, 0.0, 0.42, (0, 0), f, g, mass)
         noisy = decision(controller, 0.0, 0.42, (noise * math.cos(way), noise * math.sin(way)), f, g, mass)
         moving = decision(controller, 0.0, 0.42, begun, f, g, mass)
@@ -73,15 +75,15 @@ def test_settled_1_at_rest_the_impending_motion_decides_whatever_the_velocity_no
 
 @pytest.mark.parametrize(("force", "felt"), [(0.49, False), (0.51, True)])
 def test_settled_1_a_hand_is_felt_above_half_a_newton(force, felt):
-    code, _ = decision(make_controller(4, FORCE), 0.0, 0.42, (0.0, 0.0), (force, 0.0))
+    code, _ = decision(make_controller(PRESETS[4], FORCE), 0.0, 0.42, (0.0, 0.0), (force, 0.0))
     assert (code >= control.USE_PROPORTIONAL) == felt
 
 
 def test_settled_1_a_hand_along_the_path_starts_where_literally_it_stays_locked():
     f = (38.0, 0.01)  # along the path, outward by a hair: a tip at rest left of the path
-    code, current = decision(make_controller(4, FORCE, "literal"), 0.0, 0.402, (0, 0), f)
+    code, current = decision(make_controller(PRESETS[4], FORCE, "literal"), 0.0, 0.402, (0, 0), f)
     assert code in LOCKED and current[[0, 1, 2]].tolist() == [1, 1, 1]
-    code, current = decision(make_controller(4, FORCE), 0.0, 0.402, (0, 0), f)
+    code, current = decision(make_controller(PRESETS[4], FORCE), 0.0, 0.402, (0, 0), f)
     assert code >= control.USE_PROPORTIONAL and np.count_nonzero(current) <= 1
 
 
@@ -94,7 +96,7 @@ def test_settled_2_the_noise_of_a_stuck_joints_rate_does_not_decide(push, force,
     codes = set()
     for noise in (1e-9, -1e-9):  # m/s across the arc of the stuck joint
         v = speed * along + noise * g[stuck] / np.hypot(*g[stuck])
-        codes.add(decision(make_controller(4, FORCE), 0.01, 0.42, v, f, g)[0])
+        codes.add(decision(make_controller(PRESETS[4], FORCE), 0.01, 0.42, v, f, g)[0])
     assert len(codes) == 1
 
 
@@ -107,7 +109,8 @@ def test_settled_2_without_a_felt_hand_a_stuck_joint_is_no_candidate_and_literal
     codes = {rules: set() for rules in RULE_SETS}
     for rules, seen in codes.items():
         for noise in (1e-9, -1e-9):
-            seen.add(decision(make_controller(4, FORCE, rules), 0.01, 0.42, v + noise * g[0], (0.3, 0), only_a)[0])
+            controller = make_controller(PRESETS[4], FORCE, rules)
+            seen.add(decision(controller, 0.01, 0.42, v + noise * g[0], (0.3, 0), only_a)[0])
     assert codes["settled"] == {control.RELEASE_NONE_SELECTED}
     assert codes["literal"] > {control.RELEASE_NONE_SELECTED}, "one of the two senses of noise picks brake A"
 
@@ -129,12 +132,12 @@ def test_settled_3_a_push_is_outward_above_half_a_newton_and_within_60_degrees(d
 def test_settled_4_a_hand_that_slows_the_tip_down_is_not_led_back():
     for rules, turned in (("settled", 1.0), ("literal", -1.0)):
         memory = new_memory()
-        decision(make_controller(2, FORCE, rules), 0.09, 0.41, (0.1, 0.0), (-5.0, 0.0), memory=memory)
+        decision(make_controller(PRESETS[2], FORCE, rules), 0.09, 0.41, (0.1, 0.0), (-5.0, 0.0), memory=memory)
         assert memory[0] == turned
     weak = new_memory()
-    decision(make_controller(2, FORCE), 0.0, 0.41, (0.0, 0.0), (-0.9, 0.0), memory=weak)
+    decision(make_controller(PRESETS[2], FORCE), 0.0, 0.41, (0.0, 0.0), (-0.9, 0.0), memory=weak)
     assert weak[0] == 1.0
-    decision(make_controller(2, FORCE), 0.0, 0.41, (0.004, 0.0), (-1.1, 0.0), memory=weak)
+    decision(make_controller(PRESETS[2], FORCE), 0.0, 0.41, (0.004, 0.0), (-1.1, 0.0), memory=weak)
     assert weak[0] == -1.0
 
 
@@ -152,13 +155,13 @@ def test_the_proportional_controller_locks_if_no_brake_helps_an_outward_push_or_
             (in_back, (1, -5), none, control.LOCK_BACK_NONE_SELECTED),
             (in_ahead, (1, -5), none, control.RELEASE_NONE_SELECTED),
         ]:
-            code, _ = decision(make_controller(4, FORCE, rules), 0.0, 0.4001, v, f, g)
+            code, _ = decision(make_controller(PRESETS[4], FORCE, rules), 0.0, 0.4001, v, f, g)
             assert control.DECISIONS[code] == control.DECISIONS[expected], (rules, v, f)
 
 
 def test_settled_5_moving_back_locks_only_beyond_5_mm_s_and_four_times_the_velocity_noise():
     def locked(speed, rules="settled", noise=0.0):
-        controller = make_controller(4, FORCE, rules, velocity_noise=noise)
+        controller = make_controller(PRESETS[4], FORCE, rules, velocity_noise=noise)
         code, current = decision(controller, 0.0, 0.4, (-speed, 0.0), (3.0, 0.0))
         assert (code in {control.LOCK_BACK, control.LOCK_BACK_NONE_SELECTED}) == (current[[0, 1, 2]].min() == 1.0)
         return code in LOCKED
@@ -177,13 +180,13 @@ def test_settled_a_hand_that_pushes_inward_is_never_locked_below_5_mm_s(seed, pu
     v = (speed * math.cos(way), speed * math.sin(way))
     for number in (2, 3, 4, 5):
         rng = np.random.default_rng(seed)
-        controller = make_controller(number, FORCE)
+        controller = make_controller(PRESETS[number], FORCE)
         assert decision(controller, 0.0, 0.4 + distance, v, f, random_rows(rng), random_mass(rng))[0] not in LOCKED
 
 
 @pytest.mark.parametrize("rules", RULE_SETS)
 def test_settled_6_on_the_path_outward_is_the_side_the_tip_came_from(rules):
-    controller = make_controller(2, FORCE, rules)
+    controller = make_controller(PRESETS[2], FORCE, rules)
     for y_before, outward in ((0.41, 1.0), (0.39, -1.0)):
         memory = new_memory()
         g_invalid = np.tile([3.0, -outward * 3.0], (4, 1))  # all paths lead outward or back: none is valid

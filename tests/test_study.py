@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from protocols import PEOPLE
 
 from app.cli import main
-from core.device import load_device
+from core.device import SHIPPED_FOLDER
 from experiments.boxplots import boxes
+from experiments.protocol import load_protocol
 from experiments.recording import read_recording
 from experiments.study import run_study
 from experiments.trials_table import read_table
@@ -25,14 +27,13 @@ TABLE = (
     "peak_error_m,path_length_ratio,sparc,switches_per_s,unreachable_share,recording,energy_residual_J,"
     "energy_added_max_J"
 ).split(",")
-DEVICES = [load_device("three-brake"), load_device("four-brake")]
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory) -> Path:
     """One operator's study, 60 trials."""
     out = tmp_path_factory.mktemp("studies") / "one"
-    run_study(out, operators=1, seed=4, devices=DEVICES)
+    run_study(out, 1, load_protocol(seed=4), PEOPLE)
     return out
 
 
@@ -40,7 +41,9 @@ def test_a_study_leaves_the_folders_names_and_columns_that_others_rely_on(study)
     session = study / "sub-01" / "ses-01"
     about = json.loads((session / "session.json").read_text())
     assert len(about["plan"]) == 60 and len(about["plan_sha256"]) == 64 and about["seed"] == 4
-    assert set(about["devices"]) == {"three-brake", "four-brake"} and about["assumed"] is True
+    stored = about["protocol"]
+    assert stored["text"] == load_protocol().text and about["assumed"] is True and stored["overrides"] == {"seed": 4}
+    assert [device["name"] for device in stored["devices"]] == ["three-brake", "four-brake"]
     assert [json.loads(line)["event"] for line in (session / "journal.jsonl").open()][:2] == ["created", "trial begun"]
     assert sorted(p.name for p in (session / "trials").iterdir()) == [f"run-{k:03d}.parquet" for k in range(1, 61)]
     with (study / "trials.csv").open() as file:
@@ -66,8 +69,8 @@ def test_every_cell_of_the_plan_is_there_and_nearly_all_trials_reach_the_end(stu
 
 
 def test_the_same_seed_gives_the_same_table_byte_for_byte_and_another_seed_does_not(study, tmp_path):
-    run_study(tmp_path / "again", operators=1, seed=4, devices=DEVICES)
-    run_study(tmp_path / "other", operators=1, seed=5, devices=DEVICES)
+    run_study(tmp_path / "again", 1, load_protocol(seed=4), PEOPLE)
+    run_study(tmp_path / "other", 1, load_protocol(seed=5), PEOPLE)
     table = (study / "trials.csv").read_bytes()
     assert (tmp_path / "again" / "trials.csv").read_bytes() == table
     assert (tmp_path / "other" / "trials.csv").read_bytes() != table
@@ -133,11 +136,12 @@ def test_wrong_input_is_one_sentence_exit_2_and_nothing_written(tmp_path, capsys
 
 
 def test_a_device_that_cannot_follow_the_paths_is_refused_before_anything_is_written(tmp_path, capsys):
-    small = Path(load_device.__globals__["SHIPPED_FOLDER"]) / "four-brake.toml"
+    small = SHIPPED_FOLDER / "four-brake.toml"
     text = small.read_text()
     for old, new in (("0.2794", "0.15"), ("0.3048", "0.17"), ("com_m = 0.1397", "com_m = 0.07")):
         text = text.replace(old, new)
     (tmp_path / "small.toml").write_text(text)
     out = tmp_path / "out"
     assert main(["study", "--device", str(tmp_path / "small.toml"), "--out", str(out)]) == 2
-    assert "cannot follow segment" in capsys.readouterr().err and not out.exists()
+    error = capsys.readouterr().err
+    assert f"{tmp_path / 'small.toml'}: cannot follow path 1" in error and not out.exists()

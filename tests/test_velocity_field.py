@@ -2,15 +2,19 @@
 
 import math
 
+import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from paths import curves, point, segments
 
 from core.errors import InputError
-from core.path import line, nearest
+from core.path import CORNER_M, line, nearest, point_at
+from core.path_file import Arc, Polyline, build_path
 from core.rules import LITERAL, SETTLED
 from core.velocity_field import (
     BLEND_WIDTH,
+    PIECE,
     SIDE,
     TRAVEL,
     desired_direction,
@@ -23,10 +27,7 @@ from core.velocity_field import (
 pytestmark = pytest.mark.nojit
 law = settings(deadline=None)  # the first call compiles
 
-coordinate = st.floats(-0.5, 0.5)
-point = st.tuples(coordinate, coordinate)
 angle = st.floats(-math.pi, math.pi)
-segments = st.tuples(point, point).filter(lambda ends: math.dist(*ends) > 1e-3).map(lambda ends: line(*ends))
 
 
 @pytest.mark.parametrize(
@@ -84,7 +85,7 @@ def test_the_field_on_the_path_is_the_path_and_beyond_the_boundary_straight_to_i
 
 
 @law
-@given(segments, point, point, angle, st.floats(0.1, 40.0), st.sampled_from([SETTLED, LITERAL]))
+@given(st.one_of(segments, curves), point, point, angle, st.floats(0.1, 40.0), st.sampled_from([SETTLED, LITERAL]))
 def test_a_small_step_along_the_field_never_leads_away_from_the_path(path, at, v, push, force, rules):
     fx, fy = force * math.cos(push), force * math.sin(push)
     field = field_at(path, new_memory(), *at, *v, fx, fy, BLEND_WIDTH, rules)
@@ -92,7 +93,7 @@ def test_a_small_step_along_the_field_never_leads_away_from_the_path(path, at, v
     assert field.t_x * field.n_x + field.t_y * field.n_y == pytest.approx(0.0, abs=1e-12)
     assert field.beta_x * field.n_x + field.beta_y * field.n_y >= -1e-12
     assert field.beta_x * field.t_x + field.beta_y * field.t_y >= -1e-12
-    if field.distance > 1e-6:
+    if field.distance > CORNER_M:
         step = 1e-7
         nearer = nearest(path, at[0] + step * field.n_x, at[1] + step * field.n_y)[1]
         assert abs(nearer) < field.distance, "n points towards the path"
@@ -153,4 +154,46 @@ def test_memory_holds_travel_sense_and_side_of_the_last_tick():
     memory = new_memory()
     assert memory[TRAVEL] == 1.0, "a trial begins towards the end"
     field_at(path, memory, 0.0, 0.37, 0.0, 0.0, -5.0, 0.0, BLEND_WIDTH, SETTLED)
-    assert (memory[TRAVEL], memory[SIDE]) == (-1.0, -1.0)
+    assert (memory[TRAVEL], memory[SIDE], memory[PIECE]) == (-1.0, -1.0, 0.0)
+
+
+@law
+@given(curves, st.floats(0.0, 1.0), st.floats(-0.002, 0.002), st.sampled_from([1.0, -1.0]))
+def test_near_any_path_the_field_runs_along_it_the_way_the_hand_pushes(path, share, off, sense):
+    s = share * path.length
+    x, y, tx, ty = point_at(path, s)
+    assume(all(abs(s - begin) > 0.01 for begin in path.pieces[1:, 0]))
+    tip = (x - off * ty, y + off * tx)
+    field = field_at(path, new_memory(), *tip, 0.0, 0.0, 5.0 * sense * tx, 5.0 * sense * ty, BLEND_WIDTH, SETTLED)
+    assert (field.t_x, field.t_y) == pytest.approx((sense * tx, sense * ty), abs=1e-9)
+    assert field.distance == pytest.approx(abs(off), abs=1e-9)
+    cosine = math.cos(0.5 * math.pi * abs(off) / BLEND_WIDTH)
+    assert field.beta_x * field.t_x + field.beta_y * field.t_y == pytest.approx(cosine, abs=1e-9)
+
+
+@pytest.mark.parametrize("offset", [-0.06, -0.01, 0.0, 0.03])
+@pytest.mark.parametrize(
+    "path_file",
+    [
+        Arc((0.0, 0.3), 0.1, 160.0, 20.0),
+        Arc((0.0, 0.35), 0.05, -90.0, 150.0),
+        Polyline(((-0.09, 0.32), (0.0, 0.42), (0.09, 0.36))),
+        Polyline(((-0.08, 0.3), (0.08, 0.3), (0.0, 0.4))),
+    ],
+    ids=["arc", "tight arc", "corner", "sharp corner"],
+)
+def test_a_tip_that_goes_where_the_field_points_comes_to_the_path_and_along_it_to_its_end(path_file, offset):
+    """Steps of 0.2 mm along beta under a push along the path, with tip noise of 20 um."""
+    path, memory, generator = build_path(path_file, "it"), new_memory(), np.random.default_rng(0)
+    x, y, tx, ty = point_at(path, 0.1 * path.length)
+    tip = np.array([x - offset * ty, y + offset * tx])
+    for _ in range(4000):
+        _, _, tx, ty = nearest(path, *tip)
+        seen = tip + generator.normal(size=2) * 2e-5
+        field = field_at(path, memory, *seen, 0.0, 0.0, 5.0 * tx, 5.0 * ty, BLEND_WIDTH, SETTLED)
+        tip = tip + 2e-4 * np.array([field.beta_x, field.beta_y])
+        if math.dist(tip, (path.x1, path.y1)) < 0.003:
+            break
+    else:
+        raise AssertionError(f"not at the end but at {tip}")
+    assert field.distance < 0.003

@@ -11,7 +11,7 @@ from test_recording import batch_ends
 
 from app.cli import main
 from experiments.recording import convert_to_parquet, read_recording
-from experiments.session import write_pooled_table
+from experiments.session_files import write_pooled_table
 from experiments.verify import verify
 
 

@@ -122,7 +122,7 @@ def wedge(device: Device, g: np.ndarray, vx: float, vy: float, stuck: int) -> We
         g_x, g_y = float(g[i, 0]), float(g[i, 1])
         rate = g_x * vx + g_y * vy
         held = stuck >> i & 1 or abs(rate) < AT_REST_RAD_S
-        for sign in (-1.0, 1.0) if held else (math.copysign(1.0, rate),):
+        for sign in (-1.0, 1.0) if held else (-math.copysign(1.0, rate),):
             along, across = -sign * (g_x * vx + g_y * vy), sign * (g_y * -vx - g_x * -vy)
             turn = math.atan2(across, max(along, 0.0))
             spokes.append(against + turn)

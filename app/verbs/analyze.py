@@ -1,6 +1,7 @@
 """`phd analyze`: every number and figure again, from the recordings alone."""
 
 import argparse
+import getpass
 from pathlib import Path
 
 from app.progress import Progress
@@ -14,11 +15,17 @@ def add(verbs) -> None:
         analyze_verb,
         "rebuild every number and figure of a study from its recordings alone",
         "Writes into a new folder; never touches the files of DIR. A recording that is damaged is left out and named,\n"
-        "and what that changes in each box is said, compared with the trials.csv of DIR.",
+        "and what that changes in each box is said, compared with the trials.csv of DIR; it still exits 0, where phd\n"
+        "verify exits 1. Which trials were skipped or done again later, the journals in DIR say.",
         "phd analyze study-1 --out study-1-again",
     )
     verb.add_argument("dir", type=Path, metavar="DIR", help="a folder that phd study or phd run has written")
     verb.add_argument("--out", type=Path, metavar="OUT", help="a new folder (default: DIR/analysis-N)")
+    verb.add_argument(
+        "--unblind",
+        action="store_true",
+        help="open the keys of blind sessions for this analysis; who did it, and when, is written into their journals",
+    )
     verb.add_argument("--json", action="store_true", help="print the summary as JSON")
 
 
@@ -26,7 +33,7 @@ def analyze_verb(args: argparse.Namespace) -> int:
     from experiments.analyze import analyze
 
     with Progress("analyzing") as progress:
-        summary = analyze(args.dir, args.out, progress=progress)
+        summary = analyze(args.dir, args.out, progress, getpass.getuser() if args.unblind else "")
     if args.json:
         print_summary(summary, True)
         return 0

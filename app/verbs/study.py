@@ -4,10 +4,15 @@ import argparse
 from pathlib import Path
 
 from app.progress import Progress, announce_first_use
-from app.verbs.common import add_devices, add_verb, devices_of, print_summary, whole_number_of
+from app.verbs.common import add_devices, add_verb, print_summary, whole_number_of
+from core.errors import InputError
 
-#: What a study is that says nothing else; one that is resumed is what it was.
-DEFAULTS = {"operators": 3, "seed": 1, "rules": "settled", "low_gain": 5.0}
+#: A study that says nothing else; one that is resumed is what it was.
+OPERATORS = 3
+#: What may be asked for in place of what the protocol says.
+OVERRIDES = ("seed", "rules", "low_gain")
+#: What the file of a sweep says.
+IN_SWEEP_FILE = ("protocol", "operators", "population", "device", *OVERRIDES)
 
 
 def add(verbs) -> None:
@@ -15,36 +20,58 @@ def add(verbs) -> None:
         verbs,
         "study",
         study,
-        "run the paper's whole study with simulated operators",
-        "Per operator: 2 segments x 2 devices x 5 controllers x 3 trials. Leaves recordings, trials.csv,\n"
-        "box plots and statistics. The same seed gives the same trials.csv. An interrupted study goes on with\n"
-        "--resume: the trial that was cut off is kept as recovered and run again. That operator's further trials\n"
+        "run the paper's whole study, or another protocol's, with simulated operators",
+        "Per operator, by the paper's protocol: 2 segments x 2 devices x 5 controllers x 3 trials. Leaves recordings,\n"
+        "trials.csv, box plots and statistics. The same seed gives the same trials.csv. An interrupted study goes on\n"
+        "with --resume: the trial that was cut off is kept as recovered and run again. That operator's further trials\n"
         "start from devices just switched on: not the ones, bit by bit, of a study that was not interrupted.",
         "phd study --operators 3 --seed 1 --out study-1",
     )
     verb.add_argument(
-        "--operators", type=whole_number_of(1), metavar="N", help=f"how many (default: {DEFAULTS['operators']})"
+        "protocol",
+        nargs="?",
+        metavar="PROTOCOL.toml",
+        help="a protocol file, or a shipped protocol by its name (default: paper)",
     )
+    verb.add_argument("--operators", type=whole_number_of(1), metavar="N", help=f"how many (default: {OPERATORS})")
     verb.add_argument(
         "--seed",
         type=whole_number_of(0),
         metavar="N",
-        help=f"of everything random (default: {DEFAULTS['seed']})",
+        help="of everything random (default: the protocol's, which is 1 for the paper's)",
     )
     add_devices(verb)
     verb.add_argument(
-        "--rules", choices=("settled", "literal"), help="rule set of the controllers (default: settled)"
+        "--rules",
+        choices=("settled", "literal"),
+        help="rule set of the controllers (default: the protocol's, settled for the paper's)",
     )
     verb.add_argument(
         "--low-gain",
         type=low_gain,
         metavar="5|500",
-        help="N s/m of controller 5: 5 as the paper's Table I prints it, or 500 (default: 5)",
+        help="N s/m of the proportional controller of least gain, 5 of the paper's: 5 as its Table I prints it, or 500 "
+        "(default: the protocol's)",
+    )
+    verb.add_argument(
+        "--population",
+        metavar="NAME|PATH",
+        help="who the operators are: a shipped population, or a file (default: average)",
     )
     verb.add_argument(
         "--resume",
         action="store_true",
         help="go on with the interrupted study in DIR, by the arguments that it was begun with",
+    )
+    verb.add_argument(
+        "--sweep",
+        type=Path,
+        metavar="FILE.toml",
+        help="instead of one study, many at once and without recordings: every controller, gap, gain, device, "
+        "population and rule set that the file names, on all cores, into one table DIR/sweep.csv",
+    )
+    verb.add_argument(
+        "--cluster", metavar="ADDRESS", help="of --sweep: run it on the workers of this Dask scheduler (tcp://HOST:8786)"
     )
     verb.add_argument("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
     verb.add_argument("--json", action="store_true", help="print the summary as JSON")
@@ -57,16 +84,48 @@ def low_gain(text: str) -> float:
 
 
 def study(args: argparse.Namespace) -> int:
-    asked = {name: getattr(args, name) for name in DEFAULTS if getattr(args, name) is not None}
-    if args.device or not args.resume:
-        asked["devices"] = devices_of(args)
+    if args.sweep:
+        return sweep(args)
+    if args.cluster:
+        raise InputError("--cluster: is for --sweep alone, a study runs in one process")
+    from experiments.population import load_population
+    from experiments.protocol import load_protocol
+
+    overrides = {name: getattr(args, name) for name in OVERRIDES if getattr(args, name) is not None}
+    protocol = load_protocol(args.protocol or "paper", devices=args.device, **overrides)
+    population = load_population(args.population or "average")
     from experiments.study import resume_study, run_study
 
     announce_first_use()
     with Progress("study") as progress:
         if args.resume:
+            asked = dict(overrides)
+            if args.operators is not None:
+                asked["operators"] = args.operators
+            if args.device:
+                asked["devices"] = protocol.devices
+            if args.protocol:
+                asked["protocol"] = protocol
+            if args.population:
+                asked["population"] = population
             summary = resume_study(args.out, asked, progress)
         else:
-            summary = run_study(args.out, **{**DEFAULTS, **asked}, progress=progress)
+            summary = run_study(args.out, args.operators or OPERATORS, protocol, population, progress)
+    print_summary(summary, args.json)
+    return 0
+
+
+def sweep(args: argparse.Namespace) -> int:
+    from experiments.sweep import run_sweep
+    from experiments.sweep_file import load_sweep
+
+    for name in IN_SWEEP_FILE:
+        if getattr(args, name) is not None:
+            option = "PROTOCOL.toml" if name == "protocol" else f"--{name.replace('_', '-')}"
+            raise InputError(f"{option}: stands in the file of a sweep, {args.sweep}")
+    found = load_sweep(args.sweep)
+    announce_first_use()
+    with Progress("sweep") as progress:
+        summary = run_sweep(found, args.out, args.resume, args.cluster, progress)
     print_summary(summary, args.json)
     return 0

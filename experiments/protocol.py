@@ -1,0 +1,266 @@
+"""Protocols: what an experiment is, from its file to what plans, sessions and screens read.
+
+A protocol stands in a TOML file (format: `protocol_file`); the paper's is shipped and the default. What is stored with
+a session or a study (`protocol_to_json`) holds every file in full: it can be gone on with when the files are lost.
+"""
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from core.control import KINDS, PROPORTIONAL, Preset
+from core.device import Device, build_device, load_device
+from core.errors import InputError
+from core.files import parse_toml, read_text
+from core.path_file import PathFile, build_path, outline, path_from
+from core.rules import RULE_SETS
+from core.workspace import tip_is_free
+from experiments.protocol_file import Breaks, Cues, MouseHand, ProtocolFile, TrialRules
+
+SHIPPED_FOLDER = Path(__file__).resolve().parent / "protocols"
+PAPER = "paper"
+REACH_SPACING_M = 0.002  # between the places of a path at which a device's stops are looked at
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """An experiment, checked: every device can follow every path."""
+
+    name: str
+    text: str  # the file in full
+    overrides: dict[str, Any]  # what was asked for in its place: devices (names), rules, low_gain, seed
+    devices: tuple[Device, ...]
+    paths: dict[int, PathFile]
+    controllers: dict[int, Preset]
+    rules: str
+    seed: int
+    blocks: int  # of each configuration
+    repetitions: int  # of a cell within a block
+    practice_trials: int  # before each configuration, not counted
+    participants: tuple[str, ...]  # none: anybody
+    blind: bool  # the console sees codes in place of controllers
+    show_linkage: bool  # to the participant
+    feedback: str  # to the participant: "none", "time", "error"
+    paths_assumed: bool
+    trial: TrialRules
+    mouse: MouseHand
+    questionnaire: bool
+    cues: Cues | None = None
+    breaks: Breaks | None = None
+    device_files: dict[str, str] = field(default_factory=dict, compare=False)  # device -> how a refusal names it
+
+    @property
+    def assumed(self) -> bool:
+        """Whether any device or the paths have assumed numbers."""
+        return self.paths_assumed or any(device.assumed for device in self.devices)
+
+    @property
+    def low_gain(self) -> float | None:
+        """The least gain of its proportional controllers, N s/m; None without any."""
+        gains = [preset.gain for preset in self.controllers.values() if preset.algorithm == PROPORTIONAL]
+        return min(gains, default=None)
+
+    def note(self) -> str:
+        """What every figure says: protocol, rules, the low gain, what is assumed."""
+        parts = [f"{self.name} protocol", f"{self.rules} rules"]
+        if self.low_gain is not None:
+            parts.append(f"low gain {self.low_gain:g} N s/m")
+        if any(device.assumed for device in self.devices):
+            parts.append("parameters assumed")
+        elif self.paths_assumed:
+            parts.append("paths assumed")
+        return ", ".join(parts)
+
+    def controller_name(self, controller: int | str) -> str:
+        """A controller's name; a code stays as it is."""
+        return controller if isinstance(controller, str) else self.controllers[controller].name
+
+    def labels(self) -> dict[int | str, str]:
+        """Controller -> its name in lines that fit under a box."""
+        return {number: label(preset.name) for number, preset in self.controllers.items()}
+
+    def device(self, name: str) -> Device:
+        """The device of a configuration."""
+        return next(device for device in self.devices if device.name == name)
+
+
+def label(name: str) -> str:
+    """A controller's name in lines that fit under a box."""
+    return textwrap.fill(name, 13)
+
+
+def shipped_protocols() -> list[str]:
+    """Names of the protocols that come with the product."""
+    return sorted(file.stem for file in SHIPPED_FOLDER.glob("*.toml"))
+
+
+def load_protocol(
+    name_or_path: str | Path = PAPER,
+    *,
+    devices: Sequence[str | Path | Device] | None = None,
+    rules: str | None = None,
+    low_gain: float | None = None,
+    seed: int | None = None,
+) -> Protocol:
+    """A shipped protocol by its name, or a protocol file by its path; what else is given stands in place of the file's.
+
+    devices: shipped names, paths from the current folder, or devices; low_gain (N s/m): of the proportional controller
+    of least gain. InputError, one sentence with file and key, for anything that cannot be run.
+    """
+    path = Path(name_or_path)
+    if str(name_or_path) in shipped_protocols():
+        path = SHIPPED_FOLDER / f"{name_or_path}.toml"
+    elif not str(name_or_path) or not path.is_file():
+        raise InputError(
+            f"unknown protocol {str(name_or_path)!r}: neither a shipped protocol ({', '.join(shipped_protocols())}) "
+            "nor a file"
+        )
+    text = read_text(path)
+    file = parse_toml(text, ProtocolFile, str(path))
+    given = {
+        name: value for name, value in (("rules", rules), ("low_gain", low_gain), ("seed", seed)) if value is not None
+    }
+    if devices is None:
+        found = [_device(reference, path.parent, f"{path}: devices") for reference in file.devices]
+    else:
+        found = [_device(reference, Path(), "--device") for reference in devices]
+        given["devices"] = [device.name for device, _ in found]
+    return build_protocol(file, text, found, given, str(path))
+
+
+def _device(reference: str | Path | Device, folder: Path, where: str) -> tuple[Device, str]:
+    """A device, and how a refusal names it: by its file, where it came from one."""
+    if isinstance(reference, Device):
+        return reference, f"device {reference.name}"
+    try:
+        device = load_device(reference, folder)
+    except InputError as error:
+        raise InputError(f"{where}: {error}" if str(error).startswith("unknown device") else str(error)) from None
+    path = folder / reference
+    return device, str(path) if path.is_file() and device.name != str(reference) else f"device {device.name}"
+
+
+def build_protocol(
+    file: ProtocolFile,
+    text: str,
+    devices: Sequence[tuple[Device, str]],
+    given: Mapping[str, Any],
+    where: str,
+) -> Protocol:
+    """The protocol of a file with its devices; `given` stands in place of what the file says. InputError as above."""
+    names = [device.name for device, _ in devices]
+    if len(set(names)) < len(names):
+        raise InputError(f"{where}: devices: two devices have the same name ({', '.join(names)})")
+    controllers = _controllers(file, where)
+    if "low_gain" in given:
+        controllers = with_low_gain(controllers, given["low_gain"], where)
+    rules, seed = given.get("rules", file.rules), given.get("seed", file.seed)
+    if rules not in RULE_SETS:
+        raise InputError(f"rules: {rules!r} is not one of {', '.join(RULE_SETS)}")
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise InputError(f"seed: {seed!r} must be a whole number of at least 0")
+    protocol = Protocol(
+        name=file.name,
+        text=text,
+        overrides=dict(given),
+        devices=tuple(device for device, _ in devices),
+        paths=_paths(file, where),
+        controllers=controllers,
+        rules=rules,
+        seed=seed,
+        blocks=file.blocks,
+        repetitions=file.repetitions,
+        practice_trials=file.practice_trials,
+        participants=file.participants,
+        blind=file.blind,
+        show_linkage=file.show_linkage,
+        feedback=file.feedback,
+        paths_assumed=file.provenance == "assumed",
+        trial=file.trial_rules(),
+        mouse=file.mouse,
+        questionnaire=file.questionnaire.on,
+        cues=file.cues,
+        breaks=file.breaks,
+        device_files={device.name: named for device, named in devices},
+    )
+    check_reach(protocol, where)
+    return protocol
+
+
+def _numbered(key: str, numbers: Sequence[Any], where: str) -> list[int]:
+    """The numbers of a list's entries: those they name, else their place in the list."""
+    found = [place if number is None else number for place, number in enumerate(numbers, start=1)]
+    for number in found:
+        if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= 1000:
+            raise InputError(f"{where}: {key}: number must be a whole number from 1 to 1000, not {number!r}")
+        if found.count(number) > 1:
+            raise InputError(f"{where}: {key}: number {number} stands there twice")
+    return found
+
+
+def _controllers(file: ProtocolFile, where: str) -> dict[int, Preset]:
+    numbers = _numbered("controller", [controller.number for controller in file.controller], where)
+    presets = [Preset(one.name, KINDS[one.kind], one.gap_m, one.gain_N_s_m or 0.0) for one in file.controller]
+    names = [preset.name for preset in presets]
+    if len(set(names)) < len(names):
+        raise InputError(f"{where}: controller: two controllers have the same name ({', '.join(names)})")
+    return dict(sorted(zip(numbers, presets, strict=True)))
+
+
+def _paths(file: ProtocolFile, where: str) -> dict[int, PathFile]:
+    numbers = _numbered("path", [entry.get("number") for entry in file.path], where)
+    paths = {}
+    for number, entry in sorted(zip(numbers, file.path, strict=True), key=lambda pair: pair[0]):
+        about = {key: value for key, value in entry.items() if key != "number"}
+        paths[number] = path_from(about, f"{where}: path {number}")
+        build_path(paths[number], f"{where}: path {number}")  # it can be followed
+    return paths
+
+
+def with_low_gain(controllers: Mapping[int, Preset], gain: float, where: str) -> dict[int, Preset]:
+    """The controllers with this gain (N s/m) for the proportional one of least gain."""
+    if isinstance(gain, bool) or not isinstance(gain, int | float) or not 0.0 < gain <= 1e6:
+        raise InputError(f"low gain: {gain!r} must be a number greater than 0, at most 1e6 N s/m")
+    proportional = [number for number, preset in controllers.items() if preset.algorithm == PROPORTIONAL]
+    if not proportional:
+        raise InputError(f"{where}: controller: none is proportional, there is no low gain to set")
+    least = min(proportional, key=lambda number: controllers[number].gain)
+    return {**controllers, least: controllers[least]._replace(gain=float(gain))}
+
+
+def check_reach(protocol: Protocol, where: str) -> None:
+    """InputError if a device cannot follow a path without running into a stop."""
+    for device in protocol.devices:
+        for number, path in protocol.paths.items():
+            places = outline(path, REACH_SPACING_M)
+            free = tip_is_free(device.mechanism, places[:, 0], places[:, 1])
+            if not free.all():
+                x, y = places[int(free.argmin())]
+                raise InputError(
+                    f"{protocol.device_files[device.name]}: cannot follow path {number} of {where}, which leaves its "
+                    f"workspace at ({x:.3f}, {y:.3f}) m"
+                )
+
+
+def protocol_to_json(protocol: Protocol) -> dict[str, Any]:
+    """Everything that the protocol is, as plain dictionaries: its text, what was asked for instead, its devices."""
+    return {
+        "name": protocol.name,
+        "text": protocol.text,
+        "overrides": protocol.overrides,
+        "devices": [
+            {"name": device.name, "file": device.text, "brakes": device.brake_texts} for device in protocol.devices
+        ],
+    }
+
+
+def protocol_from_json(about: Mapping[str, Any], where: str) -> Protocol:
+    """The protocol that was stored. InputError, or KeyError and TypeError where something is missing."""
+    file = parse_toml(about["text"], ProtocolFile, f"{where}: protocol")
+    devices = []
+    for stored in about["devices"]:
+        named = f"{where}: devices.{stored['name']}"
+        devices.append((build_device(stored["file"], stored["brakes"], named), named))
+    return build_protocol(file, about["text"], devices, about["overrides"], f"{where}: protocol")

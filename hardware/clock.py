@@ -1,0 +1,77 @@
+"""The board's clock in terms of the host's: offset and drift, from when samples came.
+
+A sample comes later than it was true, by the wire's least delay and then some: never earlier. So of each second only
+the quickest sample counts, and a straight line through the last minute's quickest ones, by the median of all slopes
+between them (Theil and Sen: a quarter of the points may be wrong), gives host time = offset + (1 + drift) board time.
+Its offset holds the wire's least delay, which a heartbeat there and back bounds (less than the least round trip).
+"""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+BLOCK_S = 1.0  # of board time, of which the quickest sample counts
+BLOCKS = 60
+#: s; where the quickest samples of this many blocks on end are all this far from the line, a clock has stepped (a host
+#: that slept, a board that was held up) and what was before counts no more.
+STEP_S, STEP_BLOCKS = 0.005, 3
+
+
+class ClockFit(NamedTuple):
+    """host time (s) = offset_s + (1 + drift) board time (s)."""
+
+    offset_s: float
+    drift: float
+    residual_s: float  # median distance of the quickest samples from the line
+    blocks: int  # how many quickest samples it is made from; with fewer than three there is no drift yet
+
+
+class ClockModel:
+    """Fed with every sample; fits anew after each block."""
+
+    def __init__(self) -> None:
+        self.fit = ClockFit(0.0, 0.0, 0.0, 0)
+        self._quickest: deque[tuple[float, float]] = deque(maxlen=BLOCKS)  # board s, host s less board s
+        self._block: tuple[float, float] | None = None  # the quickest of the running block
+        self._block_end = 0.0
+
+    def add(self, board_us: int, host_s: float) -> None:
+        """A sample that was true at `board_us` came at `host_s`."""
+        board_s = 1e-6 * board_us
+        behind = host_s - board_s
+        if self._block is None:
+            self._block, self._block_end = (board_s, behind), board_s + BLOCK_S
+        elif behind < self._block[1]:
+            self._block = (board_s, behind)
+        if board_s >= self._block_end:
+            self._quickest.append(self._block)
+            self._block = None
+            self._forget_before_a_step()
+            self.fit = fit_line(np.array(self._quickest))
+        elif self.fit.blocks == 0 and self._block is not None:
+            self.fit = ClockFit(self._block[1], 0.0, 0.0, 0)
+
+    def _forget_before_a_step(self) -> None:
+        newest = list(self._quickest)[-STEP_BLOCKS:]
+        if len(self._quickest) > STEP_BLOCKS and all(
+            abs(behind - self.fit.offset_s - self.fit.drift * board_s) > STEP_S for board_s, behind in newest
+        ):
+            self._quickest.clear()
+            self._quickest.extend(newest)
+
+    def host_s(self, board_us: int) -> float:
+        """When, by the host's clock, the board's clock stood at `board_us`."""
+        return self.fit.offset_s + (1.0 + self.fit.drift) * 1e-6 * board_us
+
+
+def fit_line(points: np.ndarray) -> ClockFit:
+    """The line through points (n, 2): board time, host time less board time, s."""
+    board, behind = points[:, 0], points[:, 1]
+    drift = 0.0
+    if len(points) >= 3:
+        i, j = np.triu_indices(len(points), 1)
+        drift = float(np.median((behind[j] - behind[i]) / (board[j] - board[i])))
+    left = behind - drift * board
+    offset = float(np.median(left))
+    return ClockFit(offset, drift, float(np.median(np.abs(left - offset))), len(points))

@@ -1,0 +1,146 @@
+"""One connection to a board, from Hello to Bye: messages over a port, and what they say of the line's health."""
+
+import time
+from typing import Protocol, TypeVar
+
+from core.device import Device
+from core.device_link import LinkError
+from core.errors import InputError
+from core.mechanism import JOINTS
+from hardware.emulated_sensors import sensing_of
+from hardware.frames import FrameCounts, FrameDecoder, encode_frame
+from hardware.messages import (
+    SAMPLE_HZ,
+    VERSION,
+    WATCHDOG_US,
+    AskHello,
+    Four,
+    Hello,
+    Limits,
+    Refused,
+    SampleLayout,
+    SetLimits,
+    joints_of,
+    layout_of,
+    pack,
+    unpack,
+)
+
+ANSWER_S = 0.5  # longest wait for an answer
+HELLO_S = 1.5  # .. for a board that may just be starting
+AGAIN_S = 0.1  # a question without answer is put again after this
+#: rad/s, at which a joint is too fast (assumed; 9 m/s at the end of a 0.3 m link)
+SPEED_MAX = 30.0
+TURN = 6.283185307179586
+
+Answer = TypeVar("Answer")
+
+
+class Wire(Protocol):
+    """What a connection needs of a port; all raise LinkError where it has died."""
+
+    name: str
+
+    def read(self) -> bytes:
+        """What has come; waits at most some ms."""
+
+    def write(self, data: bytes) -> None:
+        """Send."""
+
+    def close(self) -> None:
+        """Close; never waits for long."""
+
+
+class Connection:
+    """Messages to and from one board."""
+
+    def __init__(self, wire: Wire) -> None:
+        self.wire = wire
+        self._decoder = FrameDecoder()
+        self._layout: SampleLayout | None = None
+        self.not_understood = 0  # whole frames that hold no message
+
+    @property
+    def frames(self) -> FrameCounts:
+        """What came over the wire."""
+        return self._decoder.counts
+
+    def send(self, message: tuple) -> None:
+        """One message to the board."""
+        self.wire.write(encode_frame(pack(message)))
+
+    def read(self) -> list[tuple]:
+        """The messages that have come, samples among them once limits were set; waits some ms for the first byte."""
+        messages = []
+        for payload in self._decoder.feed(self.wire.read()):
+            message = (self._layout.unpack(payload) if self._layout else None) or unpack(payload)
+            if message is not None:
+                messages.append(message)
+            elif self._layout:  # before, a sample's layout is not known
+                self.not_understood += 1
+        return messages
+
+    def ask(self, question: tuple, kind: type[Answer], patience_s: float = ANSWER_S) -> Answer:
+        """The board's answer of this kind; what else comes meanwhile is dropped. LinkError: refused, or none came."""
+        end = time.monotonic() + patience_s
+        again = 0.0
+        while (now := time.monotonic()) < end:
+            if now >= again:
+                self.send(question)
+                again = now + AGAIN_S
+            for message in self.read():
+                if isinstance(message, kind):
+                    return message
+                if isinstance(message, Refused) and message.message == pack(question)[0]:
+                    raise LinkError(f"the board refused {type(question).__name__} (reason {message.reason})")
+        raise LinkError(f"{self.wire.name}: no board answers there")
+
+    def hello(self, device: Device) -> Hello:
+        """Who is there, checked against the device file; ends what connection there was. InputError: another board."""
+        self._layout = None
+        self.wire.write(b"\0")
+        hello = self.ask(AskHello(VERSION), Hello, HELLO_S)
+        check_hello(hello, device)
+        return hello
+
+    def set_limits(self, hello: Hello, device: Device) -> Limits:
+        """Let samples flow; the limits in force."""
+        limits = self.ask(limits_of(hello, device), Limits)
+        self._layout = layout_of(hello)
+        return limits
+
+
+def limits_of(hello: Hello, device: Device) -> SetLimits:
+    """What the board shall enforce: the currents of the brake files, and a speed for each encoder."""
+    a, e, b, c = (
+        min(round(1000.0 * float(device.brakes.current_max[i])), hello.current_max_mA[i])
+        if device.brakes.present[i]
+        else 0
+        for i in range(4)
+    )
+    speeds = [round(SPEED_MAX / TURN * n) for n in hello.counts_per_rev]
+    return SetLimits((a, e, b, c), (speeds[0], speeds[1], speeds[2], speeds[3]))
+
+
+def check_hello(hello: Hello, device: Device) -> None:
+    """InputError, in one sentence, where this board is not what the device file says."""
+    where = f"the board ({hello.serial.decode(errors='replace') or 'without a number'})"
+    if hello.version != VERSION:
+        raise InputError(f"{where} speaks version {hello.version} of the protocol, this program version {VERSION}")
+    if hello.sample_hz != SAMPLE_HZ or not 0 < hello.watchdog_ms <= WATCHDOG_US // 1000:
+        raise InputError(f"{where} samples at {hello.sample_hz} Hz with a watchdog of {hello.watchdog_ms} ms")
+    wired = hello.device.decode(errors="replace")
+    if wired and wired != device.name.encode()[:24].decode(errors="replace"):
+        raise InputError(f"{where} is wired to the device {wired!r}, not to {device.name!r}")
+    encoders = sensing_of(device)[0]
+    wanted: Four = tuple(getattr(encoders, joint) or 0 for joint in JOINTS)  # type: ignore[assignment]
+    has = tuple(n if hello.encoders >> i & 1 else 0 for i, n in enumerate(hello.counts_per_rev))
+    if has != wanted or hello.encoders > 0b1111:
+        raise InputError(f"{where} has encoders {_listed(has)}, device {device.name} says {_listed(wanted)}")
+    missing = [JOINTS[i] for i in range(4) if device.brakes.present[i] and i not in joints_of(hello.brakes)]
+    if missing or hello.brakes > 0b1111 or hello.force_channels > 6:
+        raise InputError(f"{where} drives no brake at {', '.join(missing) or 'those joints'}")
+
+
+def _listed(counts: tuple[int, ...]) -> str:
+    return ", ".join(f"{JOINTS[i]} = {n}" for i, n in enumerate(counts) if n) or "none"

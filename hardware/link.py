@@ -1,0 +1,293 @@
+"""The device at the other end of a serial port, behind the contract of core.device_link.
+
+`exchange` sends currents and takes in samples; a port that dies or falls silent is noticed there, and a thread of its
+own brings it back. Nothing waits longer than a few ms while the loop runs.
+"""
+
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from core.device import Device
+from core.device_link import LinkError, LinkSample, ZeroRecord
+from core.errors import InputError
+from hardware.connection import Connection, Wire
+from hardware.frames import FrameCounts
+from hardware.messages import (
+    TYPES,
+    Bye,
+    Command,
+    FaultReport,
+    Flag,
+    Heartbeat,
+    HeartbeatReply,
+    Home,
+    Homed,
+    Limits,
+    Refusal,
+    Refused,
+    ResetFault,
+    Sample,
+    Stop,
+)
+from hardware.port import Identity, Port, find_port, usb_ports
+from hardware.pose import load_kernels
+from hardware.sensing import BoardSensing, fault_words
+
+SILENCE_S = 0.2  # without a sample: the link is lost
+SAMPLE_S = 0.004  # longest wait of `exchange` for a sample
+AGAIN_S = 0.1  # between attempts to reach the board again
+HEARTBEAT_S = 0.5
+ZERO_SAMPLES = 500
+ZERO_STILL_M = 1e-3  # a handle that moved further was touched
+WRAP = 1 << 32
+NOT_CONNECTED = Refused(TYPES[Command], Refusal.WRONG_STATE)
+NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
+
+Reached = tuple[Connection, BoardSensing, Limits]
+
+
+@dataclass
+class LinkHealth:
+    """What the device page shows and each recording keeps; counted since `open`."""
+
+    samples: int = 0
+    lost: int = 0  # samples that never came
+    repeated: int = 0  # .. that came again, or after a newer one
+    late_commands: int = 0  # samples that say that the board did not obey a command that waited
+    refused: int = 0
+    not_closed: int = 0  # samples whose encoders are of no pose
+    lost_links: int = 0
+    round_trip_s: float = math.inf  # the least, of heartbeats
+    frames: FrameCounts = field(default_factory=FrameCounts)  # of the present connection
+
+
+class SerialLink:
+    """One board. Its methods belong to one thread, the control loop's."""
+
+    def __init__(
+        self, device: Device, port: str, clock: Callable[[], float] = time.monotonic,
+        open_port: Callable[[str], Wire] = Port,
+    ) -> None:  # fmt: skip
+        """port: its name, or "auto": the only serial port on USB."""
+        self.device, self.port = device, port
+        self.problem = "not opened yet"
+        self.health = LinkHealth()
+        self.sensing: BoardSensing | None = None  # of the present connection, or of the last one
+        self._clock, self._open_port = clock, open_port
+        self._connection: Connection | None = None
+        self._back: Reached | None = None  # made by the thread that brings it back
+        self._bringing: threading.Thread | None = None
+        self._closing = threading.Event()
+        self._sequence = self._token = 0
+        self._beat: tuple[int, float] | None = None  # token and time of the heartbeat that is out
+        self._beat_at = self._heard = self._asked = -math.inf
+        self._last: int | None = None  # sequence of the last sample
+        self._limits = Limits((0, 0, 0, 0), (0, 0, 0, 0))
+        self._identity: Identity | None = None
+
+    def open(self) -> None:
+        """Reach the board. InputError, in one sentence: no port, no board, or another board."""
+        load_kernels(self.device)
+        self.port = find_port(self.port)
+        self._identity = usb_ports().get(self.port)
+        try:
+            self._begin(*self._reach())
+        except LinkError as error:
+            raise InputError(str(error)) from None
+
+    def exchange(self, currents: Sequence[float]) -> LinkSample | None:
+        """Currents (4,), A, to the brakes; the newest sample, or None: nothing came, see `problem`."""
+        now = self._clock()
+        if now - self._asked > SILENCE_S / 2:
+            self._heard = max(self._heard, now)  # nobody listened for a while: that is no silence
+        self._asked = now
+        if self._back is not None:
+            self._begin(*self._back)
+        connection, sensing = self._connection, self.sensing
+        if connection is None or sensing is None:
+            time.sleep(SAMPLE_S)
+            return None
+        try:
+            milliamperes = self._clamped(currents)
+            self._sequence = self._sequence % (WRAP - 1) + 1
+            connection.send(Command(self._sequence, round(1e6 * now), int(any(milliamperes)), milliamperes))
+            if now >= self._beat_at:
+                self._send_heartbeat(connection, now)
+            return self._listen(connection, sensing, now + SAMPLE_S)
+        except LinkError as error:
+            self._lose(str(error))
+            return None
+
+    def home(self, tip: tuple[float, float]) -> None:
+        """The handle is held at `tip` (m) now: set the encoders. LinkError if the board did not."""
+        self.exchange(NO_CURRENT)
+        connection, sensing = self._there()
+        connection.ask(Home(sensing.hello.encoders, sensing.pose.counts_at(tip)), Homed)
+        sensing.moved()
+        self._last = None
+
+    def zero(self) -> ZeroRecord:
+        """Nobody touches the handle: what sensor and amplifiers read is zero. LinkError: it moved, or no samples."""
+        sensing = self._there()[1]
+        sensing.current_zero = np.zeros(4)
+        taken: list[LinkSample] = []
+        for _ in range(2 * ZERO_SAMPLES):
+            if (sample := self.exchange(NO_CURRENT)) is not None:
+                taken.append(sample)
+            if len(taken) == ZERO_SAMPLES:
+                break
+        else:
+            raise LinkError(
+                f"zero: only {len(taken)} of {ZERO_SAMPLES} samples came; {self.problem or 'many are lost'}"
+            )
+        if float(np.max(np.ptp(np.array([sample.tip for sample in taken]), axis=0))) > ZERO_STILL_M:
+            raise LinkError("zero: the handle moved; nobody may touch it meanwhile")
+        counts = np.array([sample.force_counts for sample in taken], dtype=float)
+        a, e, b, c = np.array([sample.current for sample in taken]).mean(axis=0)
+        sensing.force.zero, sensing.current_zero = counts.mean(axis=0), np.array([a, e, b, c])
+        spread = counts.std(axis=0)
+        return ZeroRecord(
+            len(taken),
+            tuple(map(float, sensing.force.zero)),
+            tuple(map(float, spread)),
+            (float(a), float(e), float(b), float(c)),
+        )
+
+    def stop(self) -> None:
+        """Brakes off, latched on the board; where it cannot be reached, its watchdog does it."""
+        if self._connection is not None:
+            try:
+                self._connection.send(Stop())
+            except LinkError as error:
+                self._lose(str(error))
+
+    def reset(self) -> None:
+        """Forget the board's faults. LinkError: a condition still stands, or the board is not there."""
+        connection = self._there()[0]
+        report = connection.ask(ResetFault(), FaultReport)
+        if report.faults:
+            raise LinkError(f"the board keeps its fault: {fault_words(report.cause)}")
+        self._begin(*self._shake_hands(connection))
+
+    def close(self) -> None:
+        """Zero currents and leave; within a second, whatever hangs."""
+        self._closing.set()
+        if self._bringing is not None:
+            self._bringing.join(2.0)
+        for connection in (self._connection, self._back[0] if self._back else None):
+            if connection is not None:
+                try:
+                    self._sequence = self._sequence % (WRAP - 1) + 1
+                    connection.send(Command(self._sequence, round(1e6 * self._clock()), 0, (0, 0, 0, 0)))
+                    connection.send(Bye())
+                except LinkError:
+                    pass  # gone already: its watchdog has made the currents zero
+                connection.wire.close()
+        self._connection = self._back = None
+        self.problem = "closed"
+
+    def _clamped(self, currents: Sequence[float]) -> tuple[int, int, int, int]:
+        """mA, each within 0 and the limit of its brake: the last line before the wire. What is not a number is 0."""
+        limit = self._limits.current_mA
+        a, e, b, c = (
+            min(round(1000.0 * min(current, 1e-3 * limit[i])), limit[i]) if current > 0.0 else 0
+            for i, current in enumerate(currents)
+        )
+        return a, e, b, c
+
+    def _there(self) -> tuple[Connection, BoardSensing]:
+        if self._connection is None or self.sensing is None:
+            raise LinkError(f"the board cannot be reached: {self.problem}")
+        return self._connection, self.sensing
+
+    def _shake_hands(self, connection: Connection) -> Reached:
+        hello = connection.hello(self.device)
+        sensing = BoardSensing(self.device, hello, self.sensing)
+        return connection, sensing, connection.set_limits(hello, self.device)
+
+    def _reach(self) -> Reached:
+        """Open the port and shake hands."""
+        connection = Connection(self._open_port(find_port(self.port, self._identity)))
+        try:
+            return self._shake_hands(connection)
+        except (LinkError, InputError):
+            connection.wire.close()
+            raise
+
+    def _begin(self, connection: Connection, sensing: BoardSensing, limits: Limits) -> None:
+        """A connection begins: everything that does not outlive one is new."""
+        self.sensing, self._limits = sensing, limits
+        self._connection, self._back, self._bringing = connection, None, None
+        self._last = None
+        self._sequence, self._beat = 0, None
+        self._heard = self._clock()
+        self.health.frames = connection.frames
+        self.problem = ""
+
+    def _lose(self, reason: str) -> None:
+        """The link is lost: a thread brings it back."""
+        self.problem = reason
+        self.health.lost_links += 1
+        lost, self._connection = self._connection, None
+        self._bringing = threading.Thread(
+            target=self._bring_back, args=(lost,), name="bring the board back", daemon=True
+        )
+        self._bringing.start()
+
+    def _bring_back(self, lost: Connection | None) -> None:
+        if lost is not None:
+            lost.wire.close()
+        while not self._closing.is_set():
+            try:
+                self._back = self._reach()
+                return
+            except (LinkError, InputError) as error:
+                self.problem = str(error)
+            self._closing.wait(AGAIN_S)
+
+    def _send_heartbeat(self, connection: Connection, now: float) -> None:
+        self._token = (self._token + 1) % WRAP
+        self._beat, self._beat_at = (self._token, now), now + HEARTBEAT_S
+        connection.send(Heartbeat(self._token))
+
+    def _listen(self, connection: Connection, sensing: BoardSensing, until: float) -> LinkSample | None:
+        """Take in what comes until there is a sample, or the time is over."""
+        newest = None
+        while newest is None:
+            messages = connection.read()
+            now = self._clock()
+            for message in messages:
+                if isinstance(message, Sample):
+                    newest = self._sample(sensing, message, now) or newest
+                elif isinstance(message, HeartbeatReply):
+                    if self._beat is not None and self._beat[0] == message.token:
+                        self.health.round_trip_s = min(self.health.round_trip_s, now - self._beat[1])
+                elif isinstance(message, Refused):
+                    self.health.refused += 1
+                    if message == NOT_CONNECTED:
+                        raise LinkError("the board had left: nobody talked to it for a second")
+            if now - self._heard > SILENCE_S:
+                raise LinkError(f"no sample for {1e3 * SILENCE_S:.0f} ms")
+            if now >= until:
+                break
+        return newest
+
+    def _sample(self, sensing: BoardSensing, sample: Sample, now: float) -> LinkSample | None:
+        """A sample in SI units; None for one that came before."""
+        if self._last is not None:
+            ahead = (sample.sequence - self._last) % WRAP
+            if not 0 < ahead < WRAP // 2:
+                self.health.repeated += 1
+                return None
+            self.health.lost += ahead - 1
+        self._last, self._heard = sample.sequence, now
+        self.health.samples += 1
+        self.health.late_commands += bool(sample.flags & Flag.LATE)
+        taken = sensing.take(sample, now)
+        self.health.not_closed += not taken.closed
+        return taken

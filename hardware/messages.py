@@ -1,0 +1,294 @@
+"""The messages of the bench board, byte by byte (docs/protocol.md, "Messages"): little-endian, no padding.
+
+A payload is one type byte and the fields. What has an entry for each joint is in the order A, E, B, C; only a Sample is
+as long as the board's Hello says. Values are as on the wire: mA, counts, microseconds of the sender's clock.
+"""
+
+import struct
+from enum import IntEnum, IntFlag
+from typing import NamedTuple
+
+VERSION = 1
+WATCHDOG_US = 50_000  # us, after which currents are zero when no fresh command came
+SAMPLE_HZ = 1000
+
+
+class State(IntEnum):
+    """States of the board."""
+
+    BOOT = 0
+    IDLE = 1
+    READY = 2
+    ACTIVE = 3
+    FAULT = 4
+
+
+class Fault(IntFlag):
+    """Latched faults; the cause is the one that came first."""
+
+    NONE = 0
+    WATCHDOG = 1
+    OVER_CURRENT = 2
+    OVER_SPEED = 4
+    ENCODER = 8
+    FORCE_SATURATED = 16
+    BROWN_OUT = 32
+    HOST_REQUEST = 64
+
+
+class Refusal(IntEnum):
+    """Why a message was refused."""
+
+    WRONG_STATE = 1
+    BAD_VALUE = 2
+    FAULT_STANDS = 3
+    VERSION = 4
+
+
+class Flag(IntFlag):
+    """Flags of a sample; the low four: the encoder of that joint has been homed since power-up."""
+
+    HOMED_A = 1
+    HOMED_E = 2
+    HOMED_B = 4
+    HOMED_C = 8
+    CLAMPED = 16  # the last command asked for more than a limit
+    LATE = 32  # a command that had waited too long was not obeyed since the last sample
+
+
+Four = tuple[int, int, int, int]
+NO_DETAIL = 255
+
+
+# ---------------------------------------------------------------------------------------------------- host -> board
+
+
+class AskHello(NamedTuple):
+    """Who are you? Ends whatever connection there was: currents zero, no samples."""
+
+    version: int  # of the protocol, the host's
+
+
+class SetLimits(NamedTuple):
+    """Connect: what the board shall enforce. Samples flow from now on."""
+
+    current_mA: Four
+    speed_counts_s: Four  # 0: no limit
+
+
+class Command(NamedTuple):
+    """Currents until the next command."""
+
+    sequence: int  # rises by one with each command; the board obeys only newer ones
+    host_us: int
+    mode: int  # 0 off (currents zero), 1 on
+    current_mA: Four
+
+
+class Home(NamedTuple):
+    """The encoders of these joints stand at these counts now."""
+
+    joints: int  # bits 1 A, 2 E, 4 B, 8 C
+    counts: Four
+
+
+class ResetFault(NamedTuple):
+    """Forget the faults whose conditions are past."""
+
+
+class Heartbeat(NamedTuple):
+    """Are you there? Does not feed the watchdog."""
+
+    token: int
+
+
+class Stop(NamedTuple):
+    """Brakes off, latched, at the host's request."""
+
+
+class Bye(NamedTuple):
+    """The host leaves."""
+
+
+# ---------------------------------------------------------------------------------------------------- board -> host
+
+
+class Hello(NamedTuple):
+    """Who the board is and what it can do."""
+
+    version: int
+    state: int
+    faults: int
+    cause: int  # the fault that came first, or 0
+    firmware: tuple[int, int, int]
+    encoders: int  # bits: which joints
+    brakes: int  # bits: which joints
+    force_channels: int  # 0..6
+    sample_hz: int
+    watchdog_ms: int
+    counts_per_rev: Four
+    current_max_mA: Four  # what its drivers can do
+    force_unit: int  # micro-newtons (channels 0-2) or micro-newton metres (3-5) in a count
+    force_full_scale: int  # counts at which a channel is saturated
+    starts: int  # how often it was powered up, modulo 2^32: a change says that homing is lost
+    device: bytes  # up to 24 bytes of UTF-8: the device it is wired to
+    serial: bytes  # up to 16 bytes: this board
+
+
+class Limits(NamedTuple):
+    """The limits in force: the smaller of what was asked for and what the board can do."""
+
+    current_mA: Four
+    speed_counts_s: Four
+
+
+class Sample(NamedTuple):
+    """One tick of the board. Only what there is: counts (encoders,), force (force_channels,), currents (brakes,)."""
+
+    sequence: int
+    echo: int  # sequence of the last command that was taken in
+    board_us: int
+    state: int
+    flags: int
+    faults: int
+    cause: int
+    counts: tuple[int, ...]
+    force: tuple[int, ...]
+    current_mA: tuple[int, ...]  # measured
+
+
+class Homed(NamedTuple):
+    """The encoders were set."""
+
+    joints: int
+    counts: Four
+
+
+class FaultReport(NamedTuple):
+    """Sent when a fault latches and when faults are reset (faults 0)."""
+
+    faults: int
+    cause: int
+    detail: int  # index of the joint or force channel; NO_DETAIL where there is none
+    board_us: int
+
+
+class HeartbeatReply(NamedTuple):
+    """Here I am."""
+
+    token: int
+    board_us: int
+
+
+class Refused(NamedTuple):
+    """A message was understood and not obeyed."""
+
+    message: int  # its type
+    reason: int
+
+
+SAMPLE_TYPE = 0x83
+#: type -> class and layout; in a layout "4H" is one field of four values
+LAYOUTS: dict[int, tuple[type, str]] = {
+    0x01: (AskHello, "B"),
+    0x02: (SetLimits, "4H 4I"),
+    0x03: (Command, "I Q B 4H"),
+    0x04: (Home, "B 4i"),
+    0x05: (ResetFault, ""),
+    0x06: (Heartbeat, "I"),
+    0x07: (Stop, ""),
+    0x08: (Bye, ""),
+    0x81: (Hello, "B B H H 3B B B B H H 4I 4H I i I 24s 16s"),
+    0x82: (Limits, "4H 4I"),
+    0x84: (Homed, "B 4i"),
+    0x85: (FaultReport, "H H B Q"),
+    0x86: (HeartbeatReply, "I Q"),
+    0x8F: (Refused, "B B"),
+}
+TYPES = {kind: number for number, (kind, _) in LAYOUTS.items()}
+
+
+class _Layout:
+    """How the fields of one message stand in a payload."""
+
+    def __init__(self, number: int, kind: type, fields: str) -> None:
+        self.head = bytes([number])
+        self.kind = kind
+        self.struct = struct.Struct("<" + fields)
+        self.widths = [0 if f[-1] == "s" or len(f) == 1 else int(f[:-1]) for f in fields.split()]  # 0: a single value
+
+    def pack(self, message: tuple) -> bytes:
+        flat: list = []
+        for width, value in zip(self.widths, message, strict=True):
+            if width:
+                flat.extend(value)
+            else:
+                flat.append(value)
+        return self.head + self.struct.pack(*flat)
+
+    def unpack(self, payload: bytes) -> tuple | None:
+        if len(payload) != self.struct.size + 1:
+            return None
+        flat = self.struct.unpack_from(payload, 1)
+        values: list = []
+        at = 0
+        for width in self.widths:
+            if width:
+                values.append(flat[at : at + width])
+                at += width
+            else:
+                value = flat[at]
+                values.append(value.rstrip(b"\0") if isinstance(value, bytes) else value)
+                at += 1
+        return self.kind(*values)
+
+
+_LAYOUTS = {number: _Layout(number, kind, fields) for number, (kind, fields) in LAYOUTS.items()}
+_BY_KIND = {kind: _LAYOUTS[number] for kind, number in TYPES.items()}
+
+
+def pack(message: tuple) -> bytes:
+    """The payload of any message but a Sample. struct.error where a value does not fit its field."""
+    return _BY_KIND[type(message)].pack(message)
+
+
+def unpack(payload: bytes) -> tuple | None:
+    """The message of a payload, or None: unknown type, or not as long as its type says. Samples: `SampleLayout`."""
+    layout = _LAYOUTS.get(payload[0])
+    return layout.unpack(payload) if layout else None
+
+
+class SampleLayout:
+    """How the samples of one board stand in their payloads, from the counts in its Hello."""
+
+    _HEAD = struct.Struct("<BIIQBBHH")
+
+    def __init__(self, encoders: int, force_channels: int, brakes: int) -> None:
+        """How many there are of each: 0..4, 0..6, 0..4."""
+        self.encoders, self.force_channels, self.brakes = encoders, force_channels, brakes
+        self._rest = struct.Struct(f"<{encoders}i{force_channels}i{brakes}h")
+        self.bytes = self._HEAD.size + self._rest.size
+
+    def pack(self, sample: Sample) -> bytes:
+        """The payload of a sample."""
+        head = self._HEAD.pack(SAMPLE_TYPE, *sample[:7])
+        return head + self._rest.pack(*sample.counts, *sample.force, *sample.current_mA)
+
+    def unpack(self, payload: bytes) -> Sample | None:
+        """The sample of a payload, or None where this is no sample of this board."""
+        if len(payload) != self.bytes or payload[0] != SAMPLE_TYPE:
+            return None
+        rest = self._rest.unpack_from(payload, self._HEAD.size)
+        force, current = self.encoders, self.encoders + self.force_channels
+        head = self._HEAD.unpack_from(payload)
+        return Sample._make((*head[1:], rest[:force], rest[force:current], rest[current:]))
+
+
+def layout_of(hello: Hello) -> SampleLayout:
+    """How the samples of the board that said this Hello look."""
+    return SampleLayout(hello.encoders.bit_count(), hello.force_channels, hello.brakes.bit_count())
+
+
+def joints_of(bits: int) -> tuple[int, ...]:
+    """Joint indices (A, E, B, C are 0..3) whose bits are set."""
+    return tuple(i for i in range(4) if bits >> i & 1)

@@ -1,0 +1,108 @@
+"""A serial port that can die at any moment, and finding it again.
+
+pyserial's errors when a peer dies are of three kinds, and its close can hang: here they are one error, and closing has
+a thread of its own.
+"""
+
+import contextlib
+import os
+import threading
+from typing import NamedTuple
+
+import serial
+from serial.tools import list_ports
+
+from core.device_link import LinkError
+from core.errors import InputError
+
+try:
+    from termios import error as TerminalError
+except ImportError:  # Windows has none
+    TerminalError = OSError  # type: ignore[misc,assignment]
+
+BAUD = 921_600  # means nothing to a USB port
+READ_S = 0.002  # longest wait for the first byte
+WRITE_S = 0.02
+CLOSE_S = 0.5  # after which a close that hangs is left to itself
+#: what pyserial raises when the other end is gone
+_DEAD = (serial.SerialException, OSError, TerminalError)
+
+
+class Identity(NamedTuple):
+    """What stays the same when a USB port is plugged in again, perhaps under another name."""
+
+    vendor: int
+    product: int
+    serial: str
+
+
+class Port:
+    """An open port. LinkError where it has died."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        try:
+            self._serial = serial.Serial(name, BAUD, timeout=READ_S, write_timeout=WRITE_S, exclusive=True)
+            self._serial.reset_input_buffer()
+        except _DEAD as error:
+            raise LinkError(f"serial port {name}: {_reason(error)}") from None
+        except ValueError as error:
+            raise LinkError(f"serial port {name}: {error}") from None
+
+    def read(self) -> bytes:
+        """What has come; waits READ_S for the first byte."""
+        try:
+            first = self._serial.read(1)
+            return first + self._serial.read(self._serial.in_waiting) if first else first
+        except _DEAD as error:
+            raise LinkError(f"serial port {self.name}: {_reason(error)}") from None
+
+    def write(self, data: bytes) -> None:
+        """Send."""
+        try:
+            self._serial.write(data)
+        except _DEAD as error:
+            raise LinkError(f"serial port {self.name}: {_reason(error)}") from None
+
+    def close(self) -> None:
+        """Close in a thread of its own, and do not wait for one that hangs."""
+        closer = threading.Thread(target=self._close, name=f"close {self.name}", daemon=True)
+        closer.start()
+        closer.join(CLOSE_S)
+
+    def _close(self) -> None:
+        with contextlib.suppress(*_DEAD):  # it is gone: there is nothing left to close
+            self._serial.close()
+
+
+def usb_ports() -> dict[str, Identity]:
+    """The serial ports that are on USB, by name."""
+    return {
+        port.device: Identity(port.vid, port.pid or 0, port.serial_number or "")
+        for port in list_ports.comports()
+        if port.vid is not None
+    }
+
+
+def find_port(wanted: str, identity: Identity | None = None) -> str:
+    """The name of the port: the one that has this identity now; else `wanted`; "auto": the only one on USB.
+
+    InputError: "auto" finds none, or more than one.
+    """
+    ports = usb_ports()
+    if identity is not None:
+        for name, found in ports.items():
+            if found == identity:
+                return name
+    if wanted != "auto":
+        return wanted
+    if len(ports) != 1:
+        listed = ", ".join(f"{name} ({i.vendor:04x}:{i.product:04x})" for name, i in ports.items()) or "none"
+        raise InputError(f"serial:auto needs exactly one serial port on USB, and there are: {listed}")
+    return next(iter(ports))
+
+
+def _reason(error: BaseException) -> str:
+    number = getattr(error, "errno", None)
+    text = os.strerror(number) if number else str(error).strip() or "it is gone"
+    return text[0].lower() + text[1:]

@@ -1,0 +1,75 @@
+"""From a board's samples to SI units: pose, motion, hand force, currents, with what is remembered in between."""
+
+import numpy as np
+
+from core.device import Device
+from core.device_link import LinkSample
+from hardware.clock import ClockModel
+from hardware.force_sensing import ForceSensing
+from hardware.messages import Fault, Hello, Sample, joints_of
+from hardware.motion_filter import MotionFilter
+from hardware.pose import PoseSensing
+
+FAULT_WORDS = {
+    Fault.WATCHDOG: "no command for 50 ms",
+    Fault.OVER_CURRENT: "a brake drew more current than its limit",
+    Fault.OVER_SPEED: "a joint turned faster than its limit",
+    Fault.ENCODER: "an encoder's signal is bad",
+    Fault.FORCE_SATURATED: "the force sensor is at the end of its range",
+    Fault.BROWN_OUT: "the supply voltage was too low and the board started anew",
+    Fault.HOST_REQUEST: "stopped by the host",
+}
+
+
+class BoardSensing:
+    """What one board's counts mean. InputError where board and device file do not fit."""
+
+    def __init__(self, device: Device, hello: Hello, before: "BoardSensing | None" = None) -> None:
+        """before: of the connection before this one, whose zeros (and clock, where the board went on) still hold."""
+        self.hello = hello
+        self.pose = PoseSensing(device, joints_of(hello.encoders), hello.counts_per_rev)
+        self.force = ForceSensing(device, hello.force_channels, hello.force_unit)
+        self.clock, self.current_zero = ClockModel(), np.zeros(4)  # A
+        if before is not None and before.hello.serial == hello.serial:
+            self.force.zero, self.current_zero = before.force.zero, before.current_zero
+            if before.hello.starts == hello.starts:
+                self.clock = before.clock
+        self._motion = MotionFilter()
+        self._brakes = joints_of(hello.brakes)
+
+    def moved(self) -> None:
+        """The encoders were set anew: nothing before tells where the tip is."""
+        self.pose.forget()
+        self._motion = MotionFilter()
+
+    def take(self, sample: Sample, came_s: float) -> LinkSample:
+        """A sample that came at host time `came_s` (s)."""
+        self.clock.add(sample.board_us, came_s)
+        pose = self.pose.pose(sample.counts)
+        velocity, acceleration = self._motion.add(1e-6 * sample.board_us, *pose.tip)
+        current = [0.0] * 4
+        for i, milliamperes in zip(self._brakes, sample.current_mA, strict=True):
+            current[i] = 1e-3 * milliamperes - float(self.current_zero[i])
+        encoders = self.hello.encoders
+        return LinkSample(
+            t_s=self.clock.host_s(sample.board_us),
+            board_us=sample.board_us,
+            sequence=sample.sequence,
+            echo=sample.echo,
+            counts=sample.counts,
+            force_counts=sample.force,
+            theta=pose.theta,
+            tip=pose.tip,
+            velocity=velocity,
+            acceleration=acceleration,
+            hand_force=self.force.hand_force(sample.force, pose.theta, acceleration),
+            current=(current[0], current[1], current[2], current[3]),
+            closed=pose.closed,
+            homed=sample.flags & encoders == encoders,
+            fault=fault_words(sample.cause),
+        )
+
+
+def fault_words(cause: int) -> str:
+    """The cause of a fault in words; "" for none."""
+    return FAULT_WORDS.get(Fault(cause), f"unknown fault {cause}") if cause else ""

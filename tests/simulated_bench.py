@@ -1,0 +1,78 @@
+"""A board in simulated time with the simulated device behind it, and wires that a link can be plugged into."""
+
+import threading
+from dataclasses import replace
+
+from core.device import load_device
+from core.device_link import LinkError
+from hardware.board import Board
+from hardware.emulated_device import EmulatedDevice, HeldHand
+from hardware.emulated_sensors import capability_of
+from hardware.faults import Line, LineFault, read_fault
+
+DEVICE = load_device("four-brake")
+TIP = (0.02, 0.40)
+
+
+class Bench:
+    """A board with a simulated device, and the wires that are plugged into it; each read of a wire takes a tick."""
+
+    def __init__(self, **capability) -> None:
+        self.board = Board(replace(capability_of(DEVICE, "TEST"), **capability))
+        self.hand = HeldHand(TIP)
+        self.device = EmulatedDevice(DEVICE, self.board.capability, self.hand, TIP, seed=1)
+        self.faults: list[LineFault] = []
+        self.to_host, self.to_board = Line(self.faults, 1, 0), Line(self.faults, 1, 1)
+        self.ticks = self.last_current = 0
+        self.plugged = True
+        self.lock = threading.Lock()  # the link's thread that brings the board back reads as well
+
+    @property
+    def now_s(self) -> float:
+        return 100.0 + 1e-3 * self.ticks
+
+    def tick(self) -> bytes:
+        """A millisecond; what arrives at the host's end."""
+        self.ticks += 1
+        now_us = 1000 * self.ticks
+        if data := self.to_board.take(self.now_s):
+            self.send(self.board.receive(data, now_us))
+        readings = self.device.sense(self.board.currents, ())
+        force = readings.force[: self.board.capability.force_channels]
+        self.send(self.board.tick(readings._replace(force=force), now_us))
+        self.device.advance(self.board.currents)
+        if any(self.board.currents):
+            self.last_current = self.ticks
+        return self.to_host.take(self.now_s)
+
+    def send(self, data: bytes) -> None:
+        for frame in data.split(b"\0")[:-1]:
+            self.to_host.put(frame + b"\0", self.now_s)
+
+    def fault(self, text: str) -> None:
+        self.faults.append(read_fault(text, self.now_s))
+
+
+class BenchWire:
+    """A wire to the bench."""
+
+    def __init__(self, bench: Bench, name: str) -> None:
+        self.bench, self.name, self.closed = bench, name, False
+        self.check()
+
+    def check(self) -> None:
+        if not self.bench.plugged or self.closed:
+            raise LinkError(f"serial port {self.name}: it is gone")
+
+    def read(self) -> bytes:
+        self.check()
+        with self.bench.lock:
+            return self.bench.tick()
+
+    def write(self, data: bytes) -> None:
+        self.check()
+        with self.bench.lock:
+            self.bench.to_board.put(data, self.bench.now_s)
+
+    def close(self) -> None:
+        self.closed = True

@@ -1,0 +1,246 @@
+"""`phd emulate`: a board on a pseudo-terminal, as a program of its own, and the host's link to it in real time."""
+
+import json
+import math
+import os
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from core.device import load_device
+from core.errors import InputError
+from hardware.faults import KINDS, read_fault
+from hardware.link import SerialLink
+
+ROOT = Path(__file__).resolve().parent.parent
+DEVICE = load_device("four-brake")
+NO = (0.0,) * 4
+SOME = (0.3,) * 4
+
+
+class Emulated:
+    """A running `phd emulate`."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.log = folder / "log"
+        with self.log.open("w") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "app.cli", "emulate", *arguments],
+                cwd=ROOT, stdout=subprocess.PIPE, stderr=log, text=True,
+            )  # fmt: skip
+        self.port = Path(self.process.stdout.readline().strip())
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(str(folder / "answers"))
+        self._socket.settimeout(10.0)
+
+    def order(self, **order) -> dict:
+        """An order; the truth."""
+        self._socket.sendto(json.dumps(order).encode(), str(self.port.with_name("control")))
+        return json.loads(self._socket.recv(1 << 16))
+
+    def end(self, number: int = signal.SIGTERM) -> int:
+        """End it; its exit code."""
+        self.process.send_signal(number)
+        code = self.process.wait(20)
+        self.process.stdout.close()
+        self._socket.close()
+        return code
+
+
+@pytest.fixture(scope="module")
+def emulated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulated]:
+    running = Emulated(tmp_path_factory.mktemp("emulated"), "--seed", "4")
+    yield running
+    assert running.end() == 0
+    assert not running.port.parent.exists()
+
+
+@pytest.fixture
+def link(emulated: Emulated) -> Iterator[SerialLink]:
+    emulated.order(clear=True)
+    link = SerialLink(DEVICE, str(emulated.port))
+    link.open()
+    if run(link, 5)[-1].fault:
+        link.reset()
+    yield link
+    link.close()
+    assert all(thread.name != "bring the board back" for thread in threading.enumerate())
+
+
+def run(link: SerialLink, n: int, currents=NO) -> list:
+    """Exchange until n samples came."""
+    samples, end = [], time.monotonic() + 20.0
+    while len(samples) < n:
+        assert time.monotonic() < end, link.problem
+        if (sample := link.exchange(currents)) is not None:
+            samples.append(sample)
+    return samples
+
+
+def until(link: SerialLink, done: Callable[[], bool], currents=NO) -> float:
+    """Exchange until something is so; how long that took, s."""
+    start = time.monotonic()
+    while not done():
+        assert time.monotonic() - start < 20.0, link.problem
+        link.exchange(currents)
+    return time.monotonic() - start
+
+
+def when(truth: dict, text: str) -> float:
+    """When the last event of this text was, s of the board's time."""
+    return max(t for t, event in truth["events"] if event == text)
+
+
+def test_the_port_is_a_terminal_that_a_host_can_open(emulated: Emulated) -> None:
+    assert stat.S_ISCHR(os.stat(emulated.port).st_mode)
+
+
+def test_samples_come_at_1_khz_with_nothing_lost_or_damaged(emulated: Emulated, link: SerialLink) -> None:
+    samples = run(link, 1)
+    until(link, lambda: samples.append(link.exchange(NO)) or len(samples) > 3 and samples[-1] is not None
+          and samples[-1].board_us - samples[0].board_us >= 1_000_000)  # fmt: skip
+    came = [sample for sample in samples if sample is not None]
+    ticks = (came[-1].sequence - came[0].sequence) * 1000
+    assert ticks == came[-1].board_us - came[0].board_us >= 1_000_000
+    assert link.health.lost == link.health.frames.bad == link.health.repeated == 0
+    assert all(sample.homed and sample.closed for sample in came)
+    truth = emulated.order()
+    assert math.dist(came[-1].tip, truth["tip_m"]) < 1e-3
+    assert truth["frames"]["bad_crc"] == 0
+
+
+def test_currents_reach_the_brakes_and_the_hand_feels_them(emulated: Emulated, link: SerialLink) -> None:
+    run(link, 20)
+    start = emulated.order(target=[-0.05, 0.40])["tip_m"]
+    run(link, 1500)
+    free = emulated.order()["tip_m"]
+    assert math.dist(free, (-0.05, 0.40)) < 0.02 < math.dist(free, start)
+    run(link, 300, (1.0,) * 4)
+    emulated.order(target=[-0.05, 0.43])
+    held = run(link, 1000, (1.0,) * 4)[-1]
+    assert emulated.order()["currents_mA"] == [1000] * 4
+    assert math.dist(held.tip, free) < 0.01, "the full lock gave way"
+    assert math.hypot(*held.hand_force) > 3.0
+    emulated.order(target=[-0.10, 0.40])
+
+
+def test_an_unplugged_board_is_noticed_safe_and_back(emulated: Emulated, link: SerialLink) -> None:
+    run(link, 50, SOME)
+    emulated.order(fault="unplug+0.5")
+    until(link, lambda: bool(link.problem), SOME)
+    until(link, lambda: not link.problem)
+    assert run(link, 3)[-1].fault == "no command for 50 ms"
+    truth = emulated.order()
+    assert when(truth, "currents zero") - when(truth, "unplug begins") <= 0.051
+    link.reset()
+    assert run(link, 5, SOME)[-1].homed and emulated.order()["state"] == "ACTIVE"
+    assert link.health.lost_links == 1
+
+
+def test_a_brown_out_makes_currents_zero_at_once_and_is_told(emulated: Emulated, link: SerialLink) -> None:
+    run(link, 50, SOME)
+    emulated.order(fault="brown-out+0.1")
+    until(link, lambda: bool(link.problem), SOME)
+    until(link, lambda: not link.problem)
+    sample = run(link, 3)[-1]
+    assert "supply voltage" in sample.fault and not sample.homed
+    truth = emulated.order()
+    assert when(truth, "currents zero") == when(truth, "brown-out begins")
+    link.reset()
+    link.home(tuple(truth["tip_m"]))
+    assert math.dist(run(link, 3)[-1].tip, truth["tip_m"]) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("fault", "says"),
+    [
+        ("bad-encoder=A+0.3", "an encoder's signal is bad"),
+        ("saturated-force+0.3", "the force sensor is at the end of its range"),
+        ("stall+0.1", "no command for 50 ms"),
+    ],
+)
+def test_a_fault_on_the_board_is_told_with_its_cause(
+    emulated: Emulated, link: SerialLink, fault: str, says: str
+) -> None:
+    run(link, 50, SOME)
+    kind = fault.split("=")[0].split("+")[0]
+    emulated.order(fault=fault)
+    until(link, lambda: (sample := link.exchange(SOME)) is not None and sample.fault == says)
+    truth = emulated.order()
+    assert truth["currents_mA"] == [0] * 4 and truth["state"] == "FAULT"
+    assert when(truth, "currents zero") - when(truth, f"{kind} begins") <= 0.051
+    until(link, lambda: "over" in [event for _, event in emulated.order()["events"]][-1])
+    link.reset()
+
+
+def test_a_stuck_encoder_stands_still_while_the_handle_moves(emulated: Emulated, link: SerialLink) -> None:
+    emulated.order(fault="stuck-encoder=A")
+    before = run(link, 50)[-1]
+    emulated.order(target=[-0.06, 0.42])
+    stuck = run(link, 300)[-1]
+    assert stuck.counts[0] == before.counts[0] and abs(stuck.counts[1] - before.counts[1]) > 20
+    emulated.order(clear=True)
+    until(link, lambda: run(link, 1)[-1].counts[0] != stuck.counts[0])
+    emulated.order(target=[-0.10, 0.40])
+
+
+def test_orders_that_make_no_sense_are_refused_and_change_nothing(emulated: Emulated) -> None:
+    for order in ({"fault": "nonsense"}, {"target": [1]}, {"target": [0, 1e9]}, {"force": "hard"}, {"dance": True}):
+        assert "error" in emulated.order(**order)
+    assert emulated.order()["state"] in ("IDLE", "FAULT")
+
+
+def test_the_operator_waits_at_the_start_to_be_told_and_goes(tmp_path: Path) -> None:
+    emulated = Emulated(tmp_path, "--hand", "operator", "--device", "three-brake", "--seed", "2")
+    try:
+        emulated.order(wait=True)
+        time.sleep(1.5)
+        assert math.dist(emulated.order()["tip_m"], (-0.10, 0.40)) < 0.01
+        emulated.order(go=True)
+        end = time.monotonic() + 30.0
+        while emulated.order()["tip_m"][0] < -0.05:
+            assert time.monotonic() < end
+            time.sleep(0.05)
+    finally:
+        assert emulated.end(signal.SIGINT) == 0
+    assert not emulated.port.parent.exists()
+
+
+@pytest.mark.parametrize("arguments", [["--fault", "drop=2"], ["--device", "nope"], ["--path", "0", "2", "0", "1"]])
+def test_wrong_input_is_one_sentence_and_no_port(arguments: list[str], capfd: pytest.CaptureFixture) -> None:
+    from app.cli import main
+
+    assert main(["emulate", *arguments]) == 2
+    out, err = capfd.readouterr()
+    assert out == "" and err.count("\n") == 1 and err.startswith("phd: ")
+
+
+@pytest.mark.parametrize(
+    "text", ["drop", "drop=1.1", "drop=nan", "stall=3", "stuck-encoder", "stuck-encoder=AE", "x", ""]
+)
+def test_a_fault_that_makes_no_sense_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="fault"):
+        read_fault(text)
+
+
+def test_every_kind_of_fault_can_be_asked_for() -> None:
+    for kind in KINDS:
+        value = (
+            "=A" if "encoder" in kind else "=0.5" if kind in ("drop", "corrupt", "duplicate", "delay", "jitter") else ""
+        )
+        fault = read_fault(f"{kind}{value}@2+3", now_s=10.0)
+        assert fault.kind == kind and (fault.start_s, fault.end_s) == (12.0, 15.0)
+        assert math.isinf(read_fault(kind + value).end_s)
+
+
+def test_a_port_that_is_not_there_is_one_sentence() -> None:
+    with pytest.raises(InputError, match=r"^serial port /dev/none: no such file or directory$"):
+        SerialLink(DEVICE, "/dev/none").open()
