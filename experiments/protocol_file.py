@@ -43,7 +43,7 @@ class TrialFile(Table, frozen=True):
     start_radius_m: Positive = 0.003  # within which the start is held
     end_radius_m: Positive = 0.01  # within which the end is reached
     time_out_s: Positive = 30.0  # longest move
-    approach_time_out_s: Positive = 30.0  # longest approach of a simulated operator; a person may take any time
+    approach_time_out_s: Positive = 30.0  # longest approach of a simulated operator; a person has 10 minutes
     end_s: NotNegative = 0.3  # recorded after the end, brakes off
 
 

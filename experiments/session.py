@@ -100,7 +100,7 @@ class Session(SessionOrder):
             text = json.dumps(about, indent=1, sort_keys=True).encode() + b"\n"
             with written_beside(self.folder / STORED, text, sync) as partial:
                 partial.rename(self.folder / STORED)
-            self.journal("created", plan=self._plan_sha256)
+            self.journal("created", plan=self.plan_sha256)
         except BaseException:
             self.close()
             raise
@@ -151,7 +151,7 @@ class Session(SessionOrder):
         self._simulations: dict[str, Simulation] = {}
 
     def _plan_as(self, plan: tuple[PlannedTrial, ...]) -> None:
-        self.plan, self._plan_sha256 = plan, plan_hash(plan)
+        self.plan, self.plan_sha256 = plan, plan_hash(plan)
 
     def close(self) -> None:
         """Let other processes have the session."""
@@ -193,7 +193,7 @@ class Session(SessionOrder):
         device = self.devices[planned.configuration]
         preset = None if self.blind else self.preset(planned)
         about = recording_metadata(self.participant, self.protocol, self.person, trial, preset)
-        about["plan_sha256"] = self._plan_sha256
+        about["plan_sha256"] = self.plan_sha256
         writer = RecordingWriter(name, device.braked, about, sync=self._sync)
         try:
             self.journal("practice begun" if practice else BEGUN, **planned._asdict())

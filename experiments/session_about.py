@@ -56,6 +56,7 @@ def recording_metadata(
         "seed": protocol.seed,
         "note": protocol.note(),
         "hand": "operator" if person else "mouse",
+        "link": "sim",
         "assumed": trial.simulation.device.assumed,
     }
     if preset is not None:

@@ -23,6 +23,8 @@ from experiments.tick import REASONS, RUNNING, STATUSES, TICK_S, new_run, run_ti
 NOISE_DRAWS = 1 << 16
 
 
+#: Our choice: a person's approach, which may take its time, ends a forgotten trial after 10 minutes.
+PERSON_APPROACH_S = 600.0
 #: What a protocol that says nothing else has.
 DEFAULT_RULES = TrialRules()
 
@@ -139,9 +141,8 @@ def run_fields(how: TrialRules, simulated_hand: bool) -> dict[str, float]:
         "move_ticks": round(how.time_out_s / TICK_S),
         "end_ticks": round(how.end_s / TICK_S),
     }
-    if simulated_hand:  # a person may take any time
-        fields["approach_ticks"] = round(how.approach_time_out_s / TICK_S)
-    return fields
+    approach_s = how.approach_time_out_s if simulated_hand else PERSON_APPROACH_S
+    return {**fields, "approach_ticks": round(approach_s / TICK_S)}
 
 
 def new_simulation(device: Device, tip: tuple[float, float], hand: Hand | None = None) -> Simulation:

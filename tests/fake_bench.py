@@ -5,15 +5,14 @@ import math
 import numpy as np
 
 from app.live import messages as m
-from core import control, row
-from core.device import load_device
-from core.path_file import Segment
+from core import row
 from experiments.plan import PlannedTrial, make_plan, plan_hash
+from experiments.protocol import load_protocol
 from experiments.trials_table import TrialRow
 
-DEVICES = (load_device("three-brake"), load_device("four-brake"))
-PATHS = {1: Segment((-0.10, 0.40), (0.10, 0.40)), 2: Segment((-0.08, 0.26), (0.08, 0.42))}
-PLAN = make_plan("01", 1, ("three-brake", "four-brake"))
+PAPER = load_protocol()
+DEVICES, PATHS, PRESETS = PAPER.devices, PAPER.paths, PAPER.controllers
+PLAN = make_plan(PAPER, "01")
 TIP = (0.02, 0.39)
 
 GREEN = (
@@ -68,8 +67,8 @@ def opened(participant: str = "01", **changes) -> m.Opened:
     """A session (or, with participant "", none yet) of the paper's protocol."""
     plan = PLAN if participant else ()
     return m.Opened(
-        participant, "paper", DEVICES, dict(PATHS), dict(control.PRESETS), plan, plan_hash(plan) if plan else "",
-        "data/sub-01/ses-01", "settled rules, low gain 5 N s/m, parameters assumed", "none", False, None, 1, False,
+        participant, "paper", DEVICES, dict(PATHS), dict(PRESETS), plan, plan_hash(plan) if plan else "",
+        "data/sub-01/ses-01", "settled rules, low gain 5 N s/m, parameters assumed", "none", False, None, 1, False, "mouse", "01",
     )._replace(**changes)  # fmt: skip
 
 

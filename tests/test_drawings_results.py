@@ -19,7 +19,7 @@ from app.screens.export import DIED
 from app.screens.export_process import Job, export_results
 from app.screens.labels import OneLine
 from app.screens.live_boxes import ticks_to
-from app.screens.results_window import CODED, POOLED, ResultsWindow
+from app.screens.results_window import POOLED, ResultsWindow
 from core.errors import InputError
 from experiments.findings import FAILS
 from experiments.trials_table import TrialRow, read_table, write_table
@@ -102,10 +102,22 @@ def test_the_statements_are_judged_on_what_is_shown(qtbot, data: Path) -> None:
 
 def test_codes_of_a_blind_session_stand_as_codes_and_nothing_is_claimed(qtbot, data: Path) -> None:
     window = window_on(qtbot, data)
-    window.rows = tuple(replace(row, controller=100 + row.controller) for row in window.rows)
-    window._show()
-    assert window.boxes[0].controllers == (101, 102, 103, 104, 105)
-    assert window.said.text() == CODED and not window.verdicts.isVisible() and window.verdicts.found == []
+    for participant in ("01", "02"):
+        table = data / f"sub-{participant}" / "ses-01" / "trials.csv"
+        write_table(table, [replace(row, controller=f"K{row.controller}") for row in read_table(table)], replacing=True)
+    window.refresh()
+    assert window.boxes[0].controllers == ("K1", "K2", "K3", "K4", "K5")
+    assert "blind" in window.said.text() and not window.verdicts.isVisible() and window.verdicts.found == []
+
+
+def test_the_papers_statements_are_not_judged_on_other_controllers(qtbot, data: Path) -> None:
+    theme.dress(QApplication.instance())
+    ours = fake_bench.opened("01", folder=str(data / "sub-01" / "ses-01"))
+    other = {1: ours.controllers[1], 2: ours.controllers[4]._replace(name="Softly")}
+    window = ResultsWindow(ours._replace(controllers=other), fake_bench.ready(60))
+    qtbot.addWidget(window)
+    window.show()
+    assert "Table I" in window.said.text() and not window.verdicts.isVisible()
 
 
 def test_a_damaged_table_is_said_and_the_session_is_still_shown(qtbot, data: Path) -> None:
@@ -161,7 +173,7 @@ def test_an_export_never_writes_over_anything(data: Path) -> None:
     rows, folder = results_of("01", 1), data / "mine"
     folder.mkdir()
     with pytest.raises(InputError, match="exists already"):
-        export_results(Job(tuple(rows), data, folder, "note", ("three-brake",)))
+        export_results(Job(tuple(rows), data, folder, "note", ("three-brake",), {}))
     assert list(folder.iterdir()) == []
 
 

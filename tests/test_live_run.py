@@ -10,7 +10,6 @@ import pytest
 from live import LONG_S
 from numba import typeof
 
-from app.live.before_protocol import load_protocol, new_trial
 from app.live.jobs import Run, Tried, Try
 from app.live.loop import stopped_trial
 from app.live.loop_process import LoopProcess
@@ -19,11 +18,14 @@ from app.live.real_time import ROOM
 from app.live.ring import Ring
 from app.live.trial_run import TrialRun
 from core import row
-from experiments.operator import Person, draw_person
+from experiments.person import Person
 from experiments.plan import PlannedTrial
+from experiments.population import load_population
+from experiments.protocol import load_protocol
 from experiments.trial import Trial, new_simulation
 
 SMALL = ROOM + 200  # ticks
+SOMEBODY = load_population().draw(np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +90,7 @@ def new_one(person: Person | None = None) -> Trial:
     simulation = new_simulation(protocol.devices[0], (0.0, 0.35), None if person else protocol.mouse.hand())
     planned = PlannedTrial(0, 0, "three-brake", 1, 1, 1)
     generator = np.random.default_rng(2)
-    return new_trial(simulation, planned, path, preset, protocol.rules, protocol.trial, person, generator)
+    return Trial(simulation, planned, path, preset, protocol.rules, protocol.trial, person, generator)
 
 
 def test_a_disk_that_falls_behind_ends_the_trial_and_still_gets_every_tick(loop) -> None:
@@ -111,7 +113,7 @@ def test_a_full_disk_ends_the_trial_and_says_so(loop) -> None:
 
 
 def test_a_live_trial_is_the_simulated_one_to_the_last_bit_and_leaves_the_device_the_same(loop) -> None:
-    person, disk = draw_person(np.random.default_rng(1)), Disk()
+    person, disk = SOMEBODY, Disk()
     disk.free.set()
     run = run_trial(loop, disk, new_one(person), ticks=800)
     rows, here = np.concatenate(disk.rows), new_one(person)
@@ -132,7 +134,7 @@ def test_a_loop_that_has_nothing_to_do_keeps_its_deadlines(loop) -> None:
 
 
 def test_a_trial_that_comes_out_of_the_pipe_needs_no_new_kernel(loop) -> None:
-    arguments = new_one(draw_person(np.random.default_rng(1))).arguments()
+    arguments = new_one(SOMEBODY).arguments()
     sent = pickle.loads(pickle.dumps(Run(arguments))).arguments
     assert [typeof(a) for a in sent] == [typeof(a) for a in stopped_trial()]
 

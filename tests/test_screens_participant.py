@@ -11,7 +11,6 @@ from screens import Screens, opened_screens, point, visible_texts
 from app.live import messages as m
 from app.screens.questionnaire import ITEMS
 from core import row
-from core.control import PRESETS
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from fake_bench import DEVICES, GREEN, PLAN, RED, movement, opened, pulse, ready, result, running, ticks
+from fake_bench import DEVICES, GREEN, PLAN, PRESETS, RED, movement, opened, pulse, ready, result, running, ticks
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
@@ -15,7 +15,6 @@ from app.screens import words
 from app.screens.card import REDO_REASONS
 from app.screens.plan_grid import MARKS
 from core import row
-from core.control import PRESETS
 
 KEY = Qt.Key
 RERIG = "Take the three-brake linkage off and mount the four-brake one; turn each joint once by hand."

@@ -9,7 +9,7 @@ from app.live.scheduling import ADVICE
 
 #: bytes. Our choice: a trial takes 7 MB at most, a session of 60 well under the lower one
 LOW, TOO_LOW = 2_000_000_000, 200_000_000
-#: us. Our choice: what a loop without privilege keeps on an idle machine; later ticks are still in the recording
+#: µs. Our choice: what a loop without privilege keeps on an idle machine; later ticks are still in the recording
 LATE_US = 200.0
 
 
@@ -31,7 +31,7 @@ def check_loop(tried: Timing | None, dead: bool) -> Check:
         return Check("Loop", WAITING, "starting again")
     if tried is None:
         return Check("Loop", WAITING, "preparing")
-    text = f"1 kHz, p99 {tried.p99_us:.0f} us"
+    text = f"1 kHz, p99 {tried.p99_us:,.0f} µs"
     if tried.p99_us <= LATE_US and tried.missed == 0:
         return Check("Loop", GOOD, text)
     advice = "Ticks come late: close other programs."
@@ -59,7 +59,7 @@ def check_disk(folder: Path) -> tuple[Check, int]:
 
 
 def check_recording(broken: str, last: str) -> Check:
-    """broken: why no more can be recorded, or ""; last: the name of the last recording that was verified, or ""."""
+    """broken: why no more can be recorded, or ""; last: what was last recorded and verified, "run 12", or ""."""
     if broken:
         return Check("Recording", BAD, "failed", broken)
     return Check("Recording", GOOD, f"{last} verified" if last else "ready")

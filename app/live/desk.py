@@ -3,23 +3,30 @@
 `intents` changes it as a window asks; `snapshot` shows it.
 """
 
-import statistics
 import threading
 import time
 from collections.abc import Callable
 
+import numpy as np
+
 from app.live import messages as m
-from app.live.before_protocol import Protocol, Session, load_protocol, new_trial, unfinished_sessions
 from app.live.checks import check_device, check_disk, check_hand, check_recording
 from app.live.loop_process import LoopProcess
 from app.live.ring import Ring
 from app.live.runner import Runner
-from app.live.setup import Setup
+from app.live.setup import OPERATOR, Setup
+from app.live.sitting import Sitting
 from app.live.trial_run import TrialRun, tip_of
+from core.control import NO_CONTROL
 from core.errors import InputError
+from core.path_file import build_path
 from core.simulator import Simulation
-from experiments.plan import PlannedTrial, plan_hash
-from experiments.session import write_pooled_table
+from experiments.person import Person
+from experiments.plan import PlannedTrial, participant_index
+from experiments.population import load_population
+from experiments.protocol import Protocol, load_protocol
+from experiments.session import Session
+from experiments.session_files import free_participant, unfinished_sessions, write_pooled_table
 from experiments.trial import Trial, new_simulation
 
 DISK_S = 5.0  # between two looks at the disk, while nothing runs
@@ -33,24 +40,15 @@ class Desk:
     def __init__(self, setup: Setup, ring: Ring, loop: LoopProcess) -> None:
         self.setup, self.ring = setup, ring
         self.runner = Runner(ring, loop, setup.real_time)
-        self.protocol: Protocol | None = None  # None: still being read
-        self.session: Session | None = None
-        self.coming: PlannedTrial | None = None
-        self.rigged = ""  # the configuration that stands on the bench
-        self.rested_at = -1  # trials that were settled when the last break ended
-        self.asked_block: tuple[str, int] | None = None  # configuration and block whose questions wait for answers
-        self.paused_s: float | None = None  # since when
+        self.protocol: Protocol | None = None  # of a new session; None: still being read
+        self.sitting: Sitting | None = None  # the open session
         self.why_off = ""  # cause of the brakes-off, as the journal has it
-        self.notes: list[str] = []
         self.broken = ""  # why no more trials can be run
-        self.practised = 0  # trials without a session
-        self.last_end_s: float | None = None  # of a trial; None: what comes next is not one trial's length away
-        self.rest_from_s = 0.0  # when the last trial ended, or the session was opened
-        self._lengths: list[float] = []  # s, from the end of one trial to the end of the next
+        self.tried = 0  # practice trials without a session
         self._said, self._said_bad = "", False
-        self._tip: m.Point = (0.0, 0.0)
-        self._verified = ""  # the last recording
+        self._verified = ""  # what was recorded last
         self._resumable: tuple[str, ...] = ()
+        self._next_participant = ""
         self._disk, self._free = check_disk(setup.data_dir)
         self._looked_s = time.monotonic()
         self._bench: Simulation | None = None  # for practice without a session
@@ -65,22 +63,48 @@ class Desk:
             protocol = load_protocol(
                 setup.protocol, devices=setup.devices, rules=setup.rules, low_gain=setup.low_gain, seed=setup.seed
             )
-            self._resumable = tuple(unfinished_sessions(setup.data_dir))
-            place = next(iter(protocol.paths.values())).start_m
-            self._bench = new_simulation(protocol.devices[0], place, protocol.mouse.hand())
-            self._tip, self.protocol = place, protocol
+            self.look_for_participants(protocol)
+            start = build_path(next(iter(protocol.paths.values())), "path")
+            hand = None if setup.hand == OPERATOR else protocol.mouse.hand()
+            self._bench = new_simulation(protocol.devices[0], (start.x0, start.y0), hand)
+            self.protocol = protocol
+            import experiments.metrics  # noqa: F401  (its libraries take a second: not after the first trial)
         except InputError as error:
             self.broken = str(error)
         except BaseException as error:
             self._failure = error  # raised again where it ends the conductor
 
-    def practice_trial(self, planned: PlannedTrial) -> Trial:
-        """A trial that no session knows of, on the protocol's first device."""
+    def look_for_participants(self, protocol: Protocol) -> None:
+        """Whose session can be gone on with, and who has none yet."""
+        self._resumable = tuple(unfinished_sessions(self.setup.data_dir))
+        try:
+            self._next_participant = free_participant(self.setup.data_dir, protocol.participants)
+        except InputError:
+            self._next_participant = ""
+
+    def person(self, participant: str) -> Person | None:
+        """The simulated operator that has this participant's place, if one moves the handle."""
+        if self.setup.hand != OPERATOR:
+            return None
+        assert self.protocol is not None
+        seeds = np.random.SeedSequence([self.protocol.seed, participant_index(participant)])
+        return load_population().draw(np.random.default_rng(seeds))
+
+    def try_out(self) -> Trial:
+        """A practice trial that no session knows of, on the protocol's first device.
+
+        Our choice: it goes through the controllers, those that brake first, and through the paths.
+        """
         p = self.protocol
         assert p is not None and self._bench is not None
-        return new_trial(
-            self._bench, planned, p.paths[planned.segment], p.controllers[planned.controller], p.rules, p.trial
-        )
+        turn, numbers = self.tried, list(p.paths)
+        controllers = sorted(p.controllers, key=lambda number: p.controllers[number].algorithm == NO_CONTROL)
+        controller, segment = controllers[turn % len(controllers)], numbers[turn % len(numbers)]
+        self.tried += 1
+        return Trial(
+            self._bench, PlannedTrial(0, 0, p.devices[0].name, controller, segment, self.tried), p.paths[segment],
+            p.controllers[controller], p.rules, p.trial, self.person("0"), np.random.default_rng(turn),
+        )  # fmt: skip
 
     # ------------------------------------------------------------------------------------- what is
 
@@ -93,21 +117,17 @@ class Desk:
             return m.RUNNING
         if self.protocol is None or not self.runner.ready:
             return m.PREPARING
-        if self.session is None:
-            return m.NO_SESSION
-        if self.asked_block is not None:
-            return m.QUESTIONS
-        if self.coming is None:
-            return m.FINISHED
-        if self.coming.configuration != self.rigged:
-            return m.RERIG
-        if self.session.break_due and self.session.settled != self.rested_at:
-            return m.BREAK
-        return m.READY
+        return self.sitting.stage if self.sitting else m.NO_SESSION
+
+    @property
+    def session(self) -> Session | None:
+        """The open one."""
+        return self.sitting.session if self.sitting else None
 
     def opened(self) -> m.Opened | None:
         """What does not change while a session is open; None: not known yet."""
-        protocol, session = self.protocol, self.session
+        session = self.session
+        protocol = session.protocol if session else self.protocol
         if protocol is None:
             return None
         return m.Opened(
@@ -117,7 +137,7 @@ class Desk:
             paths=dict(protocol.paths),
             controllers=dict(protocol.controllers),
             plan=tuple(session.plan) if session else (),
-            plan_sha256=plan_hash(session.plan) if session else "",
+            plan_sha256=session.plan_sha256 if session else "",
             folder=str(session.folder if session else self.setup.data_dir),
             note=protocol.note(),
             feedback=protocol.feedback,
@@ -125,20 +145,23 @@ class Desk:
             cues=(protocol.cues.too_fast_s, protocol.cues.too_slow_s) if protocol.cues else None,
             seed=protocol.seed,
             real_device=False,
+            hand=self.setup.hand,
+            next_participant=self._next_participant,
         )
 
     def snapshot(self) -> m.Snapshot:
         """Everything that a window shows."""
-        stage, session, run = self.stage, self.session, self.runner.run
-        at = run.planned if run else self.coming
+        stage, sitting, session, run = self.stage, self.sitting, self.session, self.runner.run
+        coming = sitting.coming if sitting else None
+        at = run.planned if run else coming
         return m.Snapshot(
             stage=stage,
             rows=tuple(session.rows) if session else (),
-            coming=self.coming,
+            coming=coming,
             running=run.planned if run else None,
             practice=session is None or (at is not None and at.block == 0),
-            tip=self._tip,
-            paused=self.paused_s is not None,
+            tip=self._tip(),
+            paused=sitting is not None and sitting.paused_s is not None,
             blind=session is not None and session.blind,
             checks=(
                 check_device(True, self.why_off),
@@ -148,12 +171,12 @@ class Desk:
                 check_recording(self.broken, self._verified),
             ),
             brakes_off=self.why_off,
-            notes=tuple(self.notes),
+            notes=tuple(sitting.notes) if sitting else (),
             said=self._said,
             said_bad=self._said_bad,
-            wait_for=self._wait_for(stage),
-            wait_s=session.protocol.breaks.least_s if session and stage == m.BREAK else 0.0,
-            seconds_left=self._seconds_left(),
+            wait_for=sitting.wait_for() if sitting and stage in (m.RERIG, m.BREAK) else "",
+            wait_s=session.protocol.breaks.least_s if session and session.protocol.breaks and stage == m.BREAK else 0.0,
+            seconds_left=sitting.seconds_left() if sitting else None,
             resumable=() if session else self._resumable,
         )
 
@@ -163,20 +186,13 @@ class Desk:
         verified = sum(bool(row.recording) for row in self.session.rows) if self.session else 0
         return m.Pulse(run.recorder.proof() if run else None, self.runner.timing, verified, self._free)
 
-    def _wait_for(self, stage: str) -> str:
-        if stage == m.BREAK:
-            return "A break: let go of the handle and rest."
-        if stage != m.RERIG:
-            return ""
-        assert self.protocol is not None and self.coming is not None
-        device = self.protocol.device(self.coming.configuration)
-        joints = " ".join(device.braked)
-        return f"Next: {device.name} (brakes at {joints}). The device is simulated: there is nothing to change by hand."
-
-    def _seconds_left(self) -> float | None:
-        if self.session is None or not self._lengths:
-            return None
-        return statistics.median(self._lengths) * (len(self.session.plan) - self.session.settled)
+    def _tip(self) -> m.Point:
+        """Where the handle stands; during a trial: where it stood before, m."""
+        if self.runner.run is not None:
+            return self.runner.run.tip
+        if self.sitting is not None:
+            return self.sitting.tip
+        return tip_of(self._bench) if self._bench is not None else (0.0, 0.0)
 
     # ------------------------------------------------------------------------------------- what happens
 
@@ -221,28 +237,19 @@ class Desk:
 
     def _keep(self, run: TrialRun) -> None:
         """A trial has come to its end."""
-        outcome = run.trial.outcome()
-        said = f"Run {run.planned.run}: {outcome['reason']}." if outcome["reason"] else ""
-        self._tip = tip_of(run.trial)
-        if run.recorder.writer is None or self.session is None:
-            self.say(said.replace("Run 0", "Practice"), bad=False)
+        reason = run.trial.outcome()["reason"]
+        said = f"{run.name}: {reason}." if reason else ""
+        if self.sitting is None:
+            self.say(said)
             return
         try:
-            row = run.keep(self.session)
-            self._verified = row.recording.rsplit("/", 1)[-1] or self._verified
+            row = run.keep(self.sitting.session)
+            self._verified = run.name.lower() if row.recording else self._verified
             self.changed(said)
+            self.sitting.trial_ended()
         except (InputError, OSError) as error:
-            self.broken = f"Run {run.planned.run} is not complete: {error}"
+            self.broken = f"{run.name} is not complete: {error}"
             self.say(self.broken, bad=True)
-            return
-        now, planned = time.monotonic(), run.planned
-        if self.last_end_s is not None:
-            self._lengths.append(now - self.last_end_s)
-        self.last_end_s = self.rest_from_s = now
-        block = (planned.configuration, planned.block)
-        next_block = (self.coming.configuration, self.coming.block) if self.coming else None
-        if self.session.protocol.questionnaire and planned.block and next_block != block:
-            self.asked_block = block
 
     def _lost(self, run: TrialRun | None, why: str) -> None:
         """The loop died or hung, perhaps with a trial."""
@@ -253,27 +260,24 @@ class Desk:
                 run.rescue(self.session, self.setup.sync)
                 self.write("control loop lost", run=run.planned.run, reason=why)
                 if run.recorder.writer is not None:
+                    said += f" {run.name} is recovered and its trial comes again."
                     self.changed(said)
-                    said += f" Run {run.planned.run} is recovered and its trial comes again."
             except (InputError, OSError) as error:
-                self.broken = f"{why}; run {run.planned.run} could not be recovered: {error}"
+                self.broken = f"{why}; {run.name.lower()} could not be recovered: {error}"
                 said = self.broken
-        self.last_end_s = None
+        if self.sitting is not None:
+            self.sitting.last_end_s = None
         self.say(said, bad=True)
 
     def changed(self, said: str) -> None:
-        """A row has been added or marked: the tables, what comes, and what to say of it. OSError, InputError."""
-        write_pooled_table(self.setup.data_dir)
-        self.look_ahead()
+        """A row has been added or marked: what comes, the table of all participants, and what to say. OSError."""
+        assert self.sitting is not None
+        self.sitting.look_ahead()
         self.say(said)
-
-    def look_ahead(self) -> None:
-        """What comes, and where the handle stands then."""
-        assert self.session is not None and self.protocol is not None
-        self.coming = self.session.next_planned()
-        configuration = self.coming.configuration if self.coming else self.rigged
-        x, y = self.session.simulation(configuration or self.protocol.devices[0].name).state["tip"][0, :2]
-        self._tip = (float(x), float(y))
+        try:
+            write_pooled_table(self.setup.data_dir)
+        except InputError as error:  # another session's table cannot be read: this one goes on
+            self.say(f"{said} The table of all participants was not rewritten: {error}.".strip(), bad=True)
 
     def end(self, reason: str) -> None:
         """Abort what runs, keep it, let the session go, end the loop."""

@@ -14,16 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from app.live.before_protocol import load_protocol, new_trial
 from app.live.clock import new_timespec
 from app.live.jobs import REAL_TIME, Done, Prepared, Run, Tried, Try, changed
 from app.live.real_time import ROOM, run_idle, run_trial
 from app.live.ring import CONTROL, Ring
 from app.live.scheduling import take_scheduling
 from core import row
+from core.path_file import build_path
 from core.state import new_record
 from experiments.plan import PlannedTrial
-from experiments.trial import Arguments, new_simulation
+from experiments.protocol import load_protocol
+from experiments.trial import Arguments, Trial, new_simulation
 
 
 class Loop:
@@ -58,10 +59,11 @@ def stopped_trial() -> Arguments:
     """A trial like any other that ends after a few ticks."""
     protocol = load_protocol()
     segment, preset = next(iter(protocol.paths)), next(iter(protocol.controllers))
-    device, path = protocol.devices[0], protocol.paths[segment]
-    simulation = new_simulation(device, path.start_m, protocol.mouse.hand())
+    device, path_file = protocol.devices[0], protocol.paths[segment]
+    path = build_path(path_file, "path")
+    simulation = new_simulation(device, (path.x0, path.y0), protocol.mouse.hand())
     planned = PlannedTrial(0, 0, device.name, preset, segment, 1)
-    trial = new_trial(simulation, planned, path, protocol.controllers[preset], protocol.rules, protocol.trial)
+    trial = Trial(simulation, planned, path_file, protocol.controllers[preset], protocol.rules, protocol.trial)
     arguments = trial.arguments()
     arguments.run["stop"][0], arguments.run["end_ticks"][0] = 1, 20
     return arguments

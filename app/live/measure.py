@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from app.live.before_protocol import load_protocol, new_trial
 from app.live.jobs import Done, Prepared, Tried
 from app.live.loop_process import LoopProcess
 from app.live.place import Place
@@ -19,8 +18,10 @@ from app.live.recorder import timing_of
 from app.live.ring import Ring
 from app.live.scheduling import leave_core
 from app.live.trial_run import TrialRun
-from experiments.operator import draw_person
+from core.path_file import build_path
 from experiments.plan import PlannedTrial
+from experiments.population import load_population
+from experiments.protocol import load_protocol
 from experiments.trial import Trial, new_simulation
 
 LOOK_S = 0.02
@@ -90,14 +91,15 @@ def _trials() -> Iterator[Trial]:
     """Trials of one simulated operator, without end."""
     protocol = load_protocol()
     generator = np.random.default_rng(1)
-    person = draw_person(generator)
+    person = load_population().draw(generator)
     device = protocol.devices[0]
-    simulation = new_simulation(device, next(iter(protocol.paths.values())).start_m)
+    start = build_path(next(iter(protocol.paths.values())), "path")
+    simulation = new_simulation(device, (start.x0, start.y0))
     while True:
         for segment, path in protocol.paths.items():
             for number, preset in protocol.controllers.items():
                 planned = PlannedTrial(0, 0, device.name, number, segment, 1)
-                yield new_trial(simulation, planned, path, preset, protocol.rules, protocol.trial, person, generator)
+                yield Trial(simulation, planned, path, preset, protocol.rules, protocol.trial, person, generator)
 
 
 @contextlib.contextmanager

@@ -78,6 +78,10 @@ class Unblind(NamedTuple):
     who: str
 
 
+class Leave(NamedTuple):
+    """Close the session, done or not: the next participant's may be opened."""
+
+
 class Answers(NamedTuple):
     """The participant's answers after a block: item -> value."""
 
@@ -105,7 +109,7 @@ class Check(NamedTuple):
 
     name: str  # "Device", "Hand", "Loop", "Disk", "Recording"
     state: str  # GOOD, CAUTION, BAD, WAITING
-    text: str  # short: "simulated", "mouse", "1 kHz, p99 31 us", "82 GB free", "on"
+    text: str  # short: "simulated", "mouse", "1 kHz, p99 31 µs", "82 GB free", "on"
     advice: str = ""  # what to do about it, one sentence
 
 
@@ -126,6 +130,8 @@ class Opened(NamedTuple):
     cues: tuple[float, float] | None  # s: a move shorter / longer than this earns "slower" / "faster"
     seed: int
     real_device: bool  # currents flow in real brakes
+    hand: str  # what moves the handle: "mouse", "operator"
+    next_participant: str  # the first without a session; "": each of the protocol's has one
 
 
 class Snapshot(NamedTuple):

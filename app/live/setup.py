@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import NamedTuple, Self
 
-HANDS = ("mouse", "operator")  # operator: a simulated person, for sessions without a hand
+MOUSE, OPERATOR = "mouse", "operator"  # operator: a simulated person, for sessions without a hand
 
 
 class Setup(NamedTuple):
@@ -16,7 +16,7 @@ class Setup(NamedTuple):
     rules: str | None = None
     low_gain: float | None = None  # N s/m
     seed: int | None = None
-    hand: str = "mouse"
+    hand: str = MOUSE
     real_time: bool = True  # try scheduling that needs a privilege
     sync: bool = True  # wait for the disk itself
     patience_s: float = 60.0  # that a conductor with an open session waits for another window. Our choice

@@ -1,12 +1,11 @@
 """One live trial, from the moment it is given to the loop until its row is in the table."""
 
-import time
-
 from app.live.jobs import Done, Run, changed
 from app.live.loop_process import LoopProcess
 from app.live.messages import Point, Timing
 from app.live.recorder import Recorder
 from app.live.ring import BRAKES_OFF, CONDUCTOR_SILENT, RING_FULL, STOPPED, Ring
+from core.simulator import Simulation
 from experiments.plan import PlannedTrial
 from experiments.recording import RecordingWriter
 from experiments.recover import recover_session
@@ -25,12 +24,18 @@ class TrialRun:
         self, ring: Ring, loop: LoopProcess, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None
     ) -> None:
         """Start it. writer: None for a trial that is not kept."""
-        self.planned, self.trial, self.began_s = planned, trial, time.monotonic()
+        self.planned, self.trial = planned, trial
+        self.tip = tip_of(trial.simulation)  # where it begins
         self._ring, self._reason = ring, ""
-        trial.aim(*tip_of(trial))  # nothing pulls until the pointer has touched the handle
+        trial.aim(*self.tip)  # nothing pulls until the pointer has touched the handle
         ring.begin_trial()
         self.recorder = Recorder(ring, writer)
         loop.send(Run(trial.arguments()))
+
+    @property
+    def name(self) -> str:
+        """For the experimenter: "Run 12"."""
+        return f"Run {self.planned.run}" if self.planned.block else "Practice"
 
     def stop(self, reason: str) -> None:
         """End it at its next tick, brakes off; the first reason stands."""
@@ -85,7 +90,7 @@ class TrialRun:
         return reasons.get(int(self._ring.control.cause), "")
 
 
-def tip_of(trial: Trial) -> Point:
+def tip_of(simulation: Simulation) -> Point:
     """Where the handle is, m."""
-    tip = trial.simulation.state["tip"][0]
+    tip = simulation.state["tip"][0]
     return float(tip[0]), float(tip[1])

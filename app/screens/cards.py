@@ -120,7 +120,7 @@ class Cards:
             return Notice("Questions", "The participant answers them on the other screen.", [], self._parent)
         kept = sum(bool(row.recording) for row in snapshot.rows)
         text = f"{kept} runs are recorded and verified in {opened.folder}."
-        buttons = [("Results  F2", do.results)]
+        buttons = [("Results  F2", do.results), ("Next participant", do.leave)]
         if snapshot.blind:
             buttons.append(("Open the key …", lambda: self.ask("unblind", *UNBLIND, (), "Open", do.unblind)))
         return Notice("The plan is done", text, buttons, self._parent)

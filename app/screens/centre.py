@@ -81,7 +81,7 @@ class Centre(QWidget):
         if self.workspace is not None:
             self.workspace.set_blind(snapshot.blind)
         if snapshot.running is None:
-            said = words.practised(snapshot) if trying else words.between(snapshot, opened, hand_is_mouse(snapshot))
+            said = words.practised(snapshot) if trying else words.between(snapshot, opened, hand_is_mouse(opened))
             self._say(said)
 
     def begin(self, planned: PlannedTrial, tip: m.Point) -> None:
@@ -92,7 +92,7 @@ class Centre(QWidget):
         rules = "literal" if "literal rules" in self._opened.note else "settled"
         self.workspace.show_trial(device, self._opened.paths[planned.segment], tip, rules)
         if self._snapshot.running is not None:
-            self._say(words.moving(row.APPROACH, not hand_is_mouse(self._snapshot)) or words.Said(""))
+            self._say(words.moving(row.APPROACH, not hand_is_mouse(self._opened)) or words.Said(""))
 
     def rest(self, tip: m.Point) -> None:
         """Between trials: the handle stands here."""
@@ -104,7 +104,7 @@ class Centre(QWidget):
         if self._snapshot.running is None or self.workspace is None:
             return
         self.workspace.add(rows)
-        if (said := words.moving(int(rows[-1, row.PHASE]), taken or not hand_is_mouse(self._snapshot))) is not None:
+        if (said := words.moving(int(rows[-1, row.PHASE]), taken or not hand_is_mouse(self._opened))) is not None:
             self._say(said)
 
     def _say(self, said: words.Said) -> None:

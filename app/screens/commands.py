@@ -59,6 +59,11 @@ class Commands:
         """Take up a session."""
         self._bench.send(m.Open(participant, resume, blind))
 
+    def leave(self) -> None:
+        """Close the session: the next participant's may be opened."""
+        self.close_results()
+        self._bench.send(m.Leave())
+
     def pause(self) -> None:
         """No trial starts after this one; or trials may start again."""
         if self._window.panel.pause.isEnabled() and self._window.panel.isVisible():

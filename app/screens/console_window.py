@@ -138,7 +138,9 @@ class ConsoleWindow(QWidget):
     # ------------------------------------------------------------------------------------------- what the bench says
 
     def show_opened(self, opened: m.Opened) -> None:
-        """A session, or a protocol before one."""
+        """A session, or a protocol before one or after one."""
+        if self.opened is not None and self.opened.participant and not opened.participant:
+            self.start_page.offer(opened.next_participant)
         self.opened = opened
         self._shown = None
         self.centre.show_opened(opened)

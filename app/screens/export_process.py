@@ -26,6 +26,7 @@ class Job(NamedTuple):
     folder: Path  # must be new
     note: str  # stands on every figure
     devices: tuple[str, ...]
+    labels: dict[int, str]  # controller -> what stands under its box
 
 
 def new_folder(data_dir: Path) -> Path:
@@ -45,14 +46,14 @@ def export_results(job: Job, progress: Callable[[float], None] = lambda share: N
     """Write figures and trials.csv; how many files. InputError says why not. progress: called with the share done."""
     from experiments.boxplots import draw_boxplots  # matplotlib takes its time
 
-    rows, data_dir, folder, note, devices = job
+    rows, data_dir, folder, note, devices, labels = job
     if folder.exists():
         raise InputError(f"{folder}: exists already, the results need a new folder")
     partial = partial_of(folder)
     here = Path(os.path.relpath(data_dir, folder)).as_posix()
     try:
         partial.mkdir(parents=True)
-        figures = draw_boxplots(rows, partial, note, devices, progress=progress)
+        figures = draw_boxplots(rows, partial, note, devices, labels=labels, progress=progress)
         write_table(partial / "trials.csv", [row.seen_from(here) for row in rows])
         partial.rename(folder)
     except OSError as error:

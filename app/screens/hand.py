@@ -1,8 +1,9 @@
 """Whose hand moves the handle."""
 
 from app.live import messages as m
+from app.live.setup import MOUSE
 
 
-def hand_is_mouse(snapshot: m.Snapshot) -> bool:
+def hand_is_mouse(opened: m.Opened | None) -> bool:
     """Whether the pointer is the hand (until it is known what is, yes: the pointer does nothing then)."""
-    return next((check.text.startswith("mouse") for check in snapshot.checks if check.name == "Hand"), True)
+    return opened is None or opened.hand == MOUSE

@@ -116,6 +116,9 @@ class ParticipantWindow(QWidget):
     def show_opened(self, opened: m.Opened) -> None:
         """A session, or a protocol before one."""
         self._opened = opened
+        self.view.mouse = hand_is_mouse(opened)
+        if not self.view.mouse:
+            self.view.show_pointer(None)
         paths = opened.paths.values()
         self.view.set_extent(
             extent_of_linkages(opened.devices, paths) if opened.show_linkage else extent_of_paths(paths, MARGIN_M)
@@ -124,9 +127,6 @@ class ParticipantWindow(QWidget):
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         """Where the session is."""
         before, self._snapshot = self._snapshot, snapshot
-        self.view.mouse = hand_is_mouse(snapshot)
-        if not self.view.mouse:
-            self.view.show_pointer(None)
         if (snapshot.stage == m.QUESTIONS) != (before.stage == m.QUESTIONS):
             self.questions.clear()
         self._stack.setCurrentWidget(self.questions if snapshot.stage == m.QUESTIONS else self.view)

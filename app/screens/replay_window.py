@@ -61,7 +61,7 @@ def device_of(recording: Recording) -> Device:
     name = str(recording.metadata.get("configuration", ""))
     session = recording.path.resolve().parent.parent
     if (session / STORED).exists():
-        for device in read_stored(session).devices:
+        for device in read_stored(session).protocol.devices:
             if device.name == name:
                 return device
     return load_device(name)

@@ -19,14 +19,14 @@ from core.errors import InputError
 from experiments.boxplots import MEASURES
 from experiments.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings
 from experiments.participants import people_of, too_few
+from experiments.protocol import label
 from experiments.session_files import pooled_rows
-from experiments.statements import CONTROLLER
+from experiments.statements import why_no_findings
 from experiments.trials_table import COUNTED, TrialRow
 
 POOLED = "All participants"
 VERDICT = {HOLDS: theme.GOOD, FAILS: theme.BAD, CANNOT_TELL: theme.CAUTION}
 LINE_PX, PILL_PX = 25.0, 96.0
-CODED = "The session is blind: controllers are coded until the key is opened."
 
 
 class Verdicts(Panel):
@@ -74,7 +74,7 @@ class ResultsWindow(QWidget):
         self.data_dir = Path(opened.folder).parent.parent  # DATA/sub-01/ses-01
         self._devices = tuple(device.name for device in opened.devices)
         controllers = {number: preset.name for number, preset in opened.controllers.items()}
-        self._as_paper = set(controllers) == set(CONTROLLER)
+        self._labels = {number: label(name) for number, name in controllers.items()}
         self.rows: tuple[TrialRow, ...] = ()
         self._unread = ""  # why the tables of the data folder could not be read
         self.title, self.summary = word("Results", size=theme.HEAD, bold=True), OneLine("", "quiet")
@@ -158,15 +158,16 @@ class ResultsWindow(QWidget):
         rows = self.shown
         counted = [row for row in rows if row.status in COUNTED]
         people = people_of(rows)
-        coded = any(row.controller not in self._opened.controllers for row in counted)
+        coded = any(isinstance(row.controller, str) for row in counted)
         who = f"{len(people)} participant{'' if len(people) == 1 else 's'}"
         trials = f"{len(counted)} trial{'' if len(counted) == 1 else 's'}"
         self.summary.setText(" · ".join(part for part in (who, trials, self._opened.note) if part))
         for plot in self.boxes:
             plot.show_rows(rows)
-        self.verdicts.setVisible(self._as_paper and not coded)  # the paper's statements are on Table I's controllers
-        self.verdicts.show_found(findings(rows) if counted and self._as_paper and not coded else [])
-        self.said.setText(self._unread or (CODED if coded else too_few(len(people)) if counted else ""))
+        refusal = why_no_findings(self._opened.controllers, coded)
+        self.verdicts.setVisible(not refusal)
+        self.verdicts.show_found(findings(rows) if counted and not refusal else [])
+        self.said.setText(self._unread or refusal or (too_few(len(people)) if counted else ""))
         self.export_button.setEnabled(bool(counted) and not self._export.busy)
 
     # export
@@ -177,7 +178,7 @@ class ResultsWindow(QWidget):
             return
         self._show_busy(True)
         folder = new_folder(self.data_dir)
-        self._export.start(Job(self.shown, self.data_dir, folder, self._opened.note, self._devices))
+        self._export.start(Job(self.shown, self.data_dir, folder, self._opened.note, self._devices, self._labels))
 
     def _exported(self, sentence: str) -> None:
         self._export.wait()

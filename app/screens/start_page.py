@@ -128,6 +128,11 @@ class StartPage(QWidget):
             self.why.setText(f"Not yet: {self._why}" if self._why else "")
         self._allow()
 
+    def offer(self, participant: str) -> None:
+        """Somebody for a new session, after another one's."""
+        self.participant.setText(participant)
+        self.blind.setChecked(False)
+
     def _show_resumable(self, participants: tuple[str, ...]) -> None:
         shown = participants[:RESUMABLE_MOST]
         if [button.property("participant") for button in self.resumable] != list(shown):

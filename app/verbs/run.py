@@ -58,18 +58,19 @@ def add(verbs) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from app.live.before_protocol import load_protocol, unfinished_sessions
-    from experiments.session import free_participant, refuse_existing
+    from experiments.protocol import load_protocol
 
     protocol = load_protocol(
         args.protocol, devices=args.device, rules=args.rules, low_gain=args.low_gain, seed=args.seed
     )
-    participant = args.participant or free_participant(args.data_dir)
+    participant = args.participant or next_participant(args.data_dir, protocol.participants)
     if args.print_plan:
         from experiments.plan_text import print_plan
 
         print(print_plan(protocol, participant), end="")
         return 0
+    from experiments.session_files import refuse_existing, unfinished_sessions
+
     check_writable(args.data_dir)
     if participant not in unfinished_sessions(args.data_dir):  # those can be resumed
         refuse_existing(args.data_dir, participant)
@@ -88,6 +89,18 @@ def run(args: argparse.Namespace) -> int:
         args.rules, args.low_gain, args.seed, args.input,
     )  # fmt: skip
     return windows.run(setup, participant)
+
+
+def next_participant(data_dir: Path, participants: tuple[str, ...]) -> str:
+    """Whom to offer: the first without a session, else one whose session was interrupted. InputError if all are done."""
+    from experiments.session_files import free_participant, unfinished_sessions
+
+    try:
+        return free_participant(data_dir, participants)
+    except InputError:
+        if unfinished := unfinished_sessions(data_dir):
+            return unfinished[0]
+        raise
 
 
 def whole(name_or_path: str) -> str:

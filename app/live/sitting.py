@@ -1,0 +1,115 @@
+"""One session at the desk: what comes, what stands on the bench, and what has to happen before the next trial."""
+
+import statistics
+import time
+from datetime import datetime
+
+from app.live import messages as m
+from experiments.journal import read_events
+from experiments.plan import PlannedTrial
+from experiments.session import Session
+from experiments.session_files import open_trials
+
+NOTE, ANSWERS = "note", "answers"  # events of the journal
+
+
+class Sitting:
+    """An open session, and where it stands between two trials."""
+
+    def __init__(self, session: Session) -> None:
+        """Take it up; what its journal tells of earlier sittings is not asked for again."""
+        self.session = session
+        self.coming: PlannedTrial | None = None
+        self.paused_s: float | None = None  # since when
+        self.last_end_s: float | None = None  # of a trial; None: what comes next is not one trial's length away
+        self.rest_from_s = time.monotonic()  # when the last trial ended, or the session was opened
+        self.rested_at = session.settled  # trials that were settled when the last break ended
+        self.notes: list[str] = []
+        self._answered: set[tuple[str, int]] = set()
+        self._lengths: list[float] = []  # s, from the end of one trial to the end of the next
+        for event in read_events(session.folder):
+            match event:
+                case {"event": "note", "time": str(at), "text": str(text)}:
+                    self._add_note(datetime.fromisoformat(at).astimezone(), text)
+                case {"event": "answers", "configuration": str(configuration), "block": int(block)}:
+                    self._answered.add((configuration, block))
+        self.look_ahead()
+        self.rigged = self.coming.configuration if self.coming else ""  # the configuration that stands on the bench
+
+    def look_ahead(self) -> None:
+        """A trial has been added, skipped or marked: what comes now."""
+        self.coming = self.session.next_planned()
+        self.asked_block = self._block_to_ask()
+
+    @property
+    def tip(self) -> m.Point:
+        """Where the handle stands in the configuration that comes, m."""
+        configuration = self.coming.configuration if self.coming else self.rigged
+        tip = self.session.simulation(configuration or self.session.protocol.devices[0].name).state["tip"][0]
+        return float(tip[0]), float(tip[1])
+
+    @property
+    def stage(self) -> str:
+        """What the session waits for."""
+        if self.asked_block is not None:
+            return m.QUESTIONS
+        if self.coming is None:
+            return m.FINISHED
+        if self.coming.configuration != self.rigged:
+            return m.RERIG
+        if self.session.break_due and self.session.settled != self.rested_at:
+            return m.BREAK
+        return m.READY
+
+    def wait_for(self) -> str:
+        """What is to be done now, in one sentence; "": nothing."""
+        stage = self.stage
+        if stage == m.BREAK:
+            return "A break: let go of the handle and rest."
+        if stage != m.RERIG:
+            return ""
+        assert self.coming is not None
+        device = self.session.protocol.device(self.coming.configuration)
+        joints = " ".join(device.braked)
+        return f"Next: {device.name} (brakes at {joints}). The device is simulated: there is nothing to change by hand."
+
+    def break_left_s(self) -> float:
+        """How long the break lasts at least, from now."""
+        breaks = self.session.protocol.breaks
+        return max(0.0, breaks.least_s - (time.monotonic() - self.rest_from_s)) if breaks else 0.0
+
+    def seconds_left(self) -> float | None:
+        """Of the whole session, from the trials so far; None: nobody knows."""
+        if not self._lengths:
+            return None
+        return statistics.median(self._lengths) * (len(self.session.plan) - self.session.settled)
+
+    def trial_ended(self) -> None:
+        """Count the time since the one before."""
+        now = time.monotonic()
+        if self.last_end_s is not None:
+            self._lengths.append(now - self.last_end_s)
+        self.last_end_s = self.rest_from_s = now
+
+    def noted(self, text: str) -> None:
+        """A note has been written."""
+        self._add_note(datetime.now(), text)
+
+    def answered(self) -> None:
+        """The questions after a block have been answered."""
+        assert self.asked_block is not None
+        self._answered.add(self.asked_block)
+        self.asked_block = self._block_to_ask()
+
+    def _add_note(self, at: datetime, text: str) -> None:
+        self.notes.append(f"{at:%H:%M} {text}")
+
+    def _block_to_ask(self) -> tuple[str, int] | None:
+        """Configuration and block of the first finished block whose questions wait; left out where all was skipped."""
+        session = self.session
+        if not session.protocol.questionnaire:
+            return None
+        still_open = {(trial.configuration, trial.block) for trial in open_trials(session.plan, session.rows)}
+        over = {(row.configuration, row.block) for row in session.rows if row.status != "skipped"}
+        waiting = over - still_open - self._answered
+        return next((block for trial in session.plan if (block := (trial.configuration, trial.block)) in waiting), None)
