@@ -2,6 +2,8 @@
 
 Pure functions on arrays sampled at 1 kHz: positions (n, 2) in m, forces (n, 2) in N, n ticks of the phase `move`.
 `trial_metrics` applies them to a recording. A measure that has nothing to measure is None, never 0.
+
+scipy.signal and scipy.fft are imported where they are used: they take seconds, and whoever begins a session has none.
 """
 
 import math
@@ -9,7 +11,6 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy import fft, signal
 
 from core import control
 from core.errors import InputError
@@ -68,7 +69,9 @@ def mean_over_progress(values: np.ndarray, progress: np.ndarray) -> float | None
 
 @cache
 def _position_filter() -> np.ndarray:
-    return signal.butter(POSITION_FILTER_ORDER, POSITION_CUTOFF_HZ, fs=SAMPLE_RATE_HZ, output="sos")
+    from scipy.signal import butter
+
+    return butter(POSITION_FILTER_ORDER, POSITION_CUTOFF_HZ, fs=SAMPLE_RATE_HZ, output="sos")
 
 
 def tip_acceleration(tip: np.ndarray) -> np.ndarray | None:
@@ -79,7 +82,9 @@ def tip_acceleration(tip: np.ndarray) -> np.ndarray | None:
     """
     if len(tip) < 20:  # shorter than the filter's own padding
         return None
-    smooth = signal.sosfiltfilt(_position_filter(), np.ascontiguousarray(tip.T), axis=1)
+    from scipy.signal import sosfiltfilt
+
+    smooth = sosfiltfilt(_position_filter(), np.ascontiguousarray(tip.T), axis=1)
     velocity = np.gradient(smooth, 1.0 / SAMPLE_RATE_HZ, axis=1)
     return np.gradient(velocity, 1.0 / SAMPLE_RATE_HZ, axis=1).T
 
@@ -93,7 +98,9 @@ def weighted_amplitudes(acceleration: np.ndarray) -> np.ndarray:
     last = math.floor(n * DFT_HIGHEST_HZ / SAMPLE_RATE_HZ * (1.0 + 1e-12))
     if last < 1:
         return np.empty(0)
-    spectrum = fft.rfft((acceleration - acceleration.mean(axis=0)).T, axis=1)[:, 1 : last + 1]
+    from scipy.fft import rfft
+
+    spectrum = rfft((acceleration - acceleration.mean(axis=0)).T, axis=1)[:, 1 : last + 1]
     amplitude = 2.0 / n * np.sqrt(np.sum(spectrum.real**2 + spectrum.imag**2, axis=0))
     return np.arange(1, last + 1) * (SAMPLE_RATE_HZ / n) * amplitude
 
@@ -118,7 +125,9 @@ def sparc(speed: np.ndarray) -> float | None:
     if not len(speed) or not np.any(speed):
         return None
     padded = 2 ** (math.ceil(math.log2(len(speed))) + SPARC_PAD_LEVEL)
-    magnitude = np.abs(fft.rfft(speed, padded))
+    from scipy.fft import rfft
+
+    magnitude = np.abs(rfft(speed, padded))
     magnitude /= magnitude.max()
     frequency = np.arange(len(magnitude)) * (SAMPLE_RATE_HZ / padded)
     magnitude = magnitude[frequency <= SPARC_CUTOFF_HZ]

@@ -11,7 +11,6 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
-from scipy.special import ndtr, ndtri
 
 from core.errors import InputError
 from core.files import Table, parse_toml, read_text
@@ -80,6 +79,8 @@ class Spread(Table, frozen=True):
         assert self.mean is not None and self.sd is not None  # checked with the file
         if self.sd == 0.0:
             return self.mean
+        from scipy.special import ndtr, ndtri  # here: an app that starts has no time for it
+
         least, most = (float(ndtr((limit - self.mean) / self.sd)) for limit in limits)
         number = self.mean + self.sd * float(ndtri(least + share * (most - least)))
         return min(max(number, limits[0]), limits[1])

@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from fake_bench import PLAN, movement, opened, ready, result, running, ticks
+from fake_bench import PLAN, PRESETS, movement, opened, ready, result, running, ticks
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from screens import Screens, opened_screens, point, visible_texts
@@ -40,8 +40,7 @@ def test_with_the_mouse_it_says_how_to_take_hold_and_without_it_does_not(screens
     screens.hear(opened(), running())
     screens.tick(ticks(row.APPROACH), taken=False)
     assert "pointer" in said(screens)
-    checks = tuple(check._replace(text="sensor") if check.name == "Hand" else check for check in ready().checks)
-    screens.hear(running(1, checks=checks))
+    screens.hear(opened(hand="sensor"), running(1))
     screens.tick(ticks(row.APPROACH), taken=False)
     assert "pointer" not in said(screens)
 
@@ -121,8 +120,7 @@ def test_the_pointer_is_the_hand_in_metres(screens: Screens) -> None:
     view = screens.participant.view
     point(view, view.to_screen((0.03, 0.35)))
     assert screens.bench.aimed[-1] == pytest.approx((0.03, 0.35), abs=1e-6)
-    checks = tuple(check._replace(text="sensor") if check.name == "Hand" else check for check in ready().checks)
-    screens.hear(running(checks=checks))
+    screens.hear(opened(hand="sensor"))
     count = len(screens.bench.aimed)
     point(view, view.to_screen((0.0, 0.3)))
     assert len(screens.bench.aimed) == count

@@ -68,7 +68,8 @@ class Desk:
             hand = None if setup.hand == OPERATOR else protocol.mouse.hand()
             self._bench = new_simulation(protocol.devices[0], (start.x0, start.y0), hand)
             self.protocol = protocol
-            import experiments.metrics  # noqa: F401  (its libraries take a second: not after the first trial)
+            import scipy.fft
+            import scipy.signal  # noqa: F401  (the measures need them: seconds, but not after the first trial)
         except InputError as error:
             self.broken = str(error)
         except BaseException as error:

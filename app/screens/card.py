@@ -118,13 +118,17 @@ class Notice(Card):
 
     def __init__(self, title: str, text: str, buttons: Sequence[tuple[str, Callable[[], None]]], parent: QWidget):
         super().__init__(title, text, parent)
+        self.buttons = [self.button(says, do, main=i == 0) for i, (says, do) in enumerate(buttons)]
+        self.inside.addSpacing(4)
+        if len(self.buttons) > 2:  # no room for them side by side
+            for made in self.buttons:
+                self.inside.addWidget(made)
+            return
         row = QHBoxLayout()
         row.setSpacing(8)
         row.addStretch(1)
-        self.buttons = [self.button(says, do, main=i == 0) for i, (says, do) in enumerate(buttons)]
         for made in reversed(self.buttons):
             row.addWidget(made)
-        self.inside.addSpacing(4)
         self.inside.addLayout(row)
 
     def appear(self) -> None:

@@ -120,9 +120,10 @@ class Cards:
             return Notice("Questions", "The participant answers them on the other screen.", [], self._parent)
         kept = sum(bool(row.recording) for row in snapshot.rows)
         text = f"{kept} runs are recorded and verified in {opened.folder}."
-        buttons = [("Results  F2", do.results), ("Next participant", do.leave)]
+        buttons = [("Results  F2", do.results)]
         if snapshot.blind:
             buttons.append(("Open the key …", lambda: self.ask("unblind", *UNBLIND, (), "Open", do.unblind)))
+        buttons.append(("Next participant", do.leave))
         return Notice("The plan is done", text, buttons, self._parent)
 
     def show_time(self, now_s: float) -> None:

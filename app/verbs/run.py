@@ -69,11 +69,8 @@ def run(args: argparse.Namespace) -> int:
 
         print(print_plan(protocol, participant), end="")
         return 0
-    from experiments.session_files import refuse_existing, unfinished_sessions
-
     check_writable(args.data_dir)
-    if participant not in unfinished_sessions(args.data_dir):  # those can be resumed
-        refuse_existing(args.data_dir, participant)
+    check_participant(args.data_dir, participant)
     if sys.platform == "linux" and not any(map(os.environ.get, SCREENS)):
         raise InputError("there is no screen to open a window on: none of DISPLAY, WAYLAND_DISPLAY is set")
     try:
@@ -101,6 +98,18 @@ def next_participant(data_dir: Path, participants: tuple[str, ...]) -> str:
         if unfinished := unfinished_sessions(data_dir):
             return unfinished[0]
         raise
+
+
+def check_participant(data_dir: Path, participant: str) -> None:
+    """InputError unless the participant's session is still to begin or can be gone on with."""
+    from experiments.session_files import STORED, read_stored, refuse_existing, session_folder, unfinished_sessions
+
+    if participant in unfinished_sessions(data_dir):
+        return
+    folder = session_folder(data_dir, participant)
+    if (folder / STORED).exists():
+        read_stored(folder)  # one that is damaged is said to be
+    refuse_existing(data_dir, participant)
 
 
 def whole(name_or_path: str) -> str:
