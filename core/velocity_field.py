@@ -1,6 +1,7 @@
 """The field of desired directions around the path (Section IV-A, Fig. 12), and which way along it is forward.
 
-t is the tangent in the travel sense, n the inward normal (towards the path), beta the desired direction.
+t is the tangent in the travel sense, n the inward normal (towards the path), beta the desired direction. Half-way
+between two pieces of a path the field is that of the piece that the tip was nearest to last (`core.path.held_piece`).
 """
 
 import math

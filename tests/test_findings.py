@@ -277,3 +277,15 @@ def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
     with pytest.raises(InputError, match="nothing to report"):
         write_report([replace(rows[0], status="aborted")], tmp_path / "d", "note")
     assert not (tmp_path / "d").exists()
+
+
+def test_one_person_decides_nothing_and_shows_no_interval(tmp_path):
+    """The range of one is a point, which would lie wholly on one side of any line."""
+    found = findings(study(people=1))
+    assert {one.verdict for one in found} == {CANNOT_TELL}
+    assert all("one participant shows no range" in one.sentence and " to " not in one.sentence for one in found)
+    write_report(study(people=1), tmp_path, "note")
+    text = (tmp_path / "report.md").read_text()
+    assert "One person is too few" in text and "**holds**" not in text and "(+" not in text and "(-" not in text
+    two = {one.verdict for one in findings(study(people=2))}
+    assert HOLDS in two  # two agree, or do not

@@ -14,6 +14,7 @@ from core.path import CORNER_M, FROM, TURN, held_piece, nearest, on_piece, point
 from core.path_file import NEAR_RATIO, Arc, Polyline, Segment, build_path, outline, path_from
 from experiments.tick import arrived
 
+pytestmark = pytest.mark.nojit
 law = settings(deadline=None)  # the first call compiles
 share = st.floats(0.0, 1.0)
 

@@ -3,11 +3,14 @@
 import shutil
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from protocols import PAPER, protocol_of, short
-from sessions import crash_in_trial, files, new_session, run, run_trials
+from sessions import crash_in_trial, new_session, run, run_trials
+from synthetic_hand import SyntheticHand
 
 from app.cli import main
+from core import row
 from core.errors import InputError
 from experiments import session as sessions
 from experiments.analyze import analyze
@@ -188,16 +191,12 @@ def practising(tmp_path, **values):
     return Session(tmp_path, "01", short(paths=1, practice_trials="2", **values), sync=False)
 
 
-def reach_the_end(trial, writer):
-    """The mouse at the start until it is held, then at the end."""
-    import numpy as np
-
-    from core import row
-
-    rows = np.empty((50, row.WIDTH))
-    path = trial.path
-    while not trial.finished:
-        trial.aim(*((path.x0, path.y0) if trial.phase in ("approach", "hold") else (path.x1 + 0.03, path.y1)))
+def move_to_the_end(trial, writer, most=60_000):
+    """A hand at the mouse that follows the trial to its end."""
+    tip = trial.simulation.state["tip"][0]
+    hand, rows = SyntheticHand(trial.planned.segment, (tip[0], tip[1])), np.empty((20, row.WIDTH))
+    while not trial.finished and trial.ticks < most:
+        trial.aim(*hand((tip[0], tip[1]), row.PHASES.index(trial.phase), 0.02))
         writer.write(rows[: trial.run(rows)])
 
 
@@ -208,7 +207,7 @@ def test_practice_comes_before_each_configuration_is_recorded_apart_and_counts_n
         planned = session.next_planned()
         assert (planned.block, planned.run, planned.configuration) == (0, number, first)
         trial, writer = session.begin(planned)
-        reach_the_end(trial, writer)
+        move_to_the_end(trial, writer)
         assert session.finish(trial, writer).status == "done"
     assert session.rows == [] and session.settled == 0 and not (session.folder / "trials.csv").exists()
     assert session.next_planned() == session.plan[0]
@@ -242,12 +241,12 @@ def analyze_refuses(folder):
 def test_a_practice_trial_that_a_crash_cut_off_is_recovered_and_practised_again(tmp_path):
     session = practising(tmp_path)
     trial, writer = session.begin(session.next_planned())
-    run(trial, writer, 700)
+    run(trial, writer, 1000)
     writer.abandon()
     session.close()
     assert any("practice/run-001.arrows" in fault["file"] for fault in verify(tmp_path)["faults"])
     session = Session.resume(tmp_path, "01", sync=False)
-    assert read_recording(session.folder / "practice" / "run-001.parquet").rows == 700
+    assert read_recording(session.folder / "practice" / "run-001.parquet").rows == 1000
     planned = session.next_planned()
     assert (planned.block, planned.run) == (0, 2) and session.rows == []
     session.close()
@@ -271,7 +270,8 @@ def test_a_simulated_operator_does_not_practise(tmp_path):
 
 
 def test_a_break_is_due_after_so_many_trials_of_a_configuration_and_not_before_the_re_rig(tmp_path):
-    session = new_session(tmp_path, protocol=protocol_of(short().text + "\n[breaks]\nafter_trials = 4\nleast_s = 9.0\n"))
+    text = short().text + "\n[breaks]\nafter_trials = 4\nleast_s = 9.0\n"
+    session = new_session(tmp_path, protocol=protocol_of(text))
     due = []
     while session.next_planned():
         session.skip("quick")
