@@ -18,7 +18,7 @@ DONE, FAILED, WRONG_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 #: Each a module of app.verbs with `add`; in the order of `phd --help`.
 VERBS = (
     "run", "study", "simulate", "identify", "analyze", "export", "replay", "verify", "recover",
-    "figures", "bench", "emulate",
+    "figures", "bench", "devices", "doctor", "emulate",
 )  # fmt: skip
 #: What the file system refuses because of what was asked for, not because something broke.
 WRONG_PATH = (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError, PermissionError)

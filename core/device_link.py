@@ -43,6 +43,8 @@ class DeviceLink(Protocol):
     """A device on the bench. `exchange` belongs to the control loop: it never waits longer than a few ms."""
 
     device: Device
+    encoders: str  # letters of the joints that have one, as "AB"; known once it is open
+    force_channels: int  # likewise
 
     @property
     def problem(self) -> str:
@@ -53,6 +55,12 @@ class DeviceLink(Protocol):
 
     def exchange(self, currents: Sequence[float]) -> LinkSample | None:
         """Currents (4,) in A to the brakes, clamped to their limits; the newest sample, or None: nothing came."""
+
+    def samples(self) -> list[LinkSample]:
+        """Every sample since the last call, oldest first: `exchange` returns the last of them."""
+
+    def report(self) -> dict:
+        """Health and clock of the link, as JSON holds them: for the device page and for each recording."""
 
     def home(self, tip: tuple[float, float]) -> None:
         """The handle is held at `tip` (m) now: set the encoders. LinkError if that could not be done."""

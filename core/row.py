@@ -20,5 +20,13 @@ ENERGY_HAND, ENERGY_BRAKES, ENERGY_KINETIC, ENERGY_STOPS = 21, 22, 23, 24
 TARGET_X, TARGET_Y = 25, 26  # where the hand (pointer or virtual) wants to be
 WIDTH = 27
 
+#: Further columns of a device on the bench: as the sensors said it, and when. NaN in a tick whose sample was lost.
+BOARD_US, HOST_S = 27, 28  # the board's clock; the host's, by the clock model
+FILLED = 29  # 1: the sample of this tick was lost, what was sensed is interpolated
+COUNT = 30  # four columns, encoders of the joints A, E, B, C
+FORCE_COUNT = 34  # six columns, force channels
+MEASURED = 40  # four columns, A, currents that the board measures, joints A, E, B, C
+BENCH_WIDTH = 44
+
 #: bits of the `stuck` column -> letters
 STUCK_LETTERS = tuple("".join(j for i, j in enumerate(JOINTS) if bits >> i & 1) for bits in range(16))

@@ -24,6 +24,17 @@ _PHASES = (
     "after the movement, brakes off",
 )
 
+#: What the ticks of a device on the bench hold besides: raw signals, n/a in a tick whose sample was lost. There the
+#: torques, `stuck` and the energies are estimates from sensed force and velocity and the brake model.
+_BENCH = {
+    "board_us": Column("us", "time of the sample by the board's clock"),
+    "host_s": Column("s", "time of the sample by the host's steady clock, by the clock model of the link"),
+    "filled": Column("", "1 where the sample was lost and position, velocity, acceleration and force are interpolated"),
+    "encoder_J_counts": Column("", "counts of the encoder at joint J"),
+    **{f"force_{n}_counts": Column("", f"counts of force channel {n}") for n in range(1, 7)},
+    "measured_J_A": Column("A", "current measured in the brake at joint J"),
+}
+
 #: What the ticks of a recording hold. Frame: x to the participant's right, y away from the participant.
 RECORDING: dict[str, Column] = {
     "t_s": Column("s", "time since the first tick of the recording"),
@@ -47,6 +58,7 @@ RECORDING: dict[str, Column] = {
     "energy_stops_J": Column("J", "energy lost in the hard stops so far"),
     "target_x_m": Column("m", "where the hand (the pointer, or a simulated operator's virtual hand) wants to be, x"),
     "target_y_m": Column("m", "where the hand wants to be, y"),
+    **_BENCH,
 }
 
 #: What trials.csv holds, one row a trial. Measures are over the phase `move`; an empty cell: nothing to measure.

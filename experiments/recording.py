@@ -60,7 +60,7 @@ def save_as_parquet(recording: Recording, target: Path, sync: bool = True) -> No
 
 
 def _parquet_bytes(recording: Recording) -> bytes:
-    schema = make_schema(recording.braked, recording.metadata, recording.words["decision"])
+    schema = make_schema(recording.braked, recording.metadata, recording.words["decision"], recording.sensors)
     arrays = [
         pa.DictionaryArray.from_arrays(pa.array(codes), pa.array(recording.words[name], pa.string()))
         if name in TEXT_COLUMNS

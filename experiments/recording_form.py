@@ -11,13 +11,14 @@ from the continuation marker to the end of the body. So a changed bit is noticed
 be judged alone.
 
 Metadata of a batch: crc32, sequence (0, 1, ..), first_row, rows; of the end record besides: end, outcome (JSON).
-Metadata of the schema: crc32, phd (JSON: form, braked, text (the words of each text column), metadata).
+Metadata of the schema: crc32, phd (JSON: form, braked, text (the words of each text column), metadata, and of a device
+on the bench sensors).
 """
 
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -37,8 +38,18 @@ STREAM_END = MARKER + bytes(4)  # Arrow's own end of a stream
 TEXT_COLUMNS = {"phase": pa.int8(), "stuck": pa.int8(), "decision": pa.int16()}
 
 
-def recording_columns(braked: str) -> tuple[tuple[str, int], ...]:
-    """(name, column of the tick log) of every column; `braked`: letters of the braked joints, as "AEB"."""
+class Sensors(NamedTuple):
+    """What a device on the bench has, whose raw signals are recorded beside everything else."""
+
+    encoders: str  # letters of their joints, "AB"
+    force_channels: int
+
+
+def recording_columns(braked: str, sensors: Sensors | None = None) -> tuple[tuple[str, int], ...]:
+    """(name, column of the tick log) of every column; `braked`: letters of the braked joints, as "AEB".
+
+    sensors: of a device on the bench; None: it is simulated, and there are no raw signals.
+    """
     joints = [i for i, joint in enumerate(JOINTS) if joint in braked]
     if "".join(JOINTS[i] for i in joints) != braked:
         raise InputError(f"recording: braked joints {braked!r} must be letters out of {JOINTS}, in that order")
@@ -64,7 +75,20 @@ def recording_columns(braked: str) -> tuple[tuple[str, int], ...]:
         ("energy_stops_J", row.ENERGY_STOPS),
         ("target_x_m", row.TARGET_X),
         ("target_y_m", row.TARGET_Y),
+        *(bench_columns(joints, sensors) if sensors else ()),
     )
+
+
+def bench_columns(joints: list[int], sensors: Sensors) -> list[tuple[str, int]]:
+    """(name, column of the tick log) of what the bench alone has; joints: indices of the braked ones."""
+    return [
+        ("board_us", row.BOARD_US),
+        ("host_s", row.HOST_S),
+        ("filled", row.FILLED),
+        *((f"encoder_{joint}_counts", row.COUNT + JOINTS.index(joint)) for joint in sensors.encoders),
+        *((f"force_{n + 1}_counts", row.FORCE_COUNT + n) for n in range(sensors.force_channels)),
+        *((f"measured_{JOINTS[i]}_A", row.MEASURED + i) for i in joints),
+    ]
 
 
 def column_words(decisions: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
@@ -72,10 +96,14 @@ def column_words(decisions: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     return {"phase": row.PHASES, "stuck": row.STUCK_LETTERS, "decision": tuple(decisions)}
 
 
-def make_schema(braked: str, metadata: dict[str, Any], decisions: tuple[str, ...]) -> pa.Schema:
+def make_schema(
+    braked: str, metadata: dict[str, Any], decisions: tuple[str, ...], sensors: Sensors | None = None
+) -> pa.Schema:
     """The Arrow schema of a recording, without a checksum. InputError for metadata that JSON cannot hold."""
     words = column_words(decisions)
     about = {"form": FORM, "braked": braked, "text": words, "metadata": metadata}
+    if sensors:
+        about["sensors"] = sensors._asdict()
     try:
         about_json = json.dumps(about, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -86,7 +114,7 @@ def make_schema(braked: str, metadata: dict[str, Any], decisions: tuple[str, ...
             pa.dictionary(TEXT_COLUMNS[name], pa.string()) if name in TEXT_COLUMNS else pa.float64(),
             nullable=False,
         )
-        for name, _ in recording_columns(braked)
+        for name, _ in recording_columns(braked, sensors)
     ]
     return pa.schema(fields, metadata={"phd": about_json})
 
@@ -116,6 +144,7 @@ class Recording:
     metadata: dict[str, Any] = field(default_factory=dict)  # as given to the writer
     outcome: dict[str, Any] = field(default_factory=dict)  # as given to its `close`
     braked: str = ""
+    sensors: Sensors | None = None  # of a device on the bench
     columns: dict[str, np.ndarray] = field(default_factory=dict)  # each (rows,)
     words: dict[str, tuple[str, ...]] = field(default_factory=dict)
     complete: bool = False  # the end is there: nothing was cut off
@@ -150,7 +179,7 @@ class Recording:
 
 def same_content(a: Recording, b: Recording) -> bool:
     """Whether two recordings hold the same, bit by bit (a NaN equals itself, -0 is not 0), wherever they lie."""
-    if (a.metadata, a.outcome, a.braked, a.words) != (b.metadata, b.outcome, b.braked, b.words):
+    if (a.metadata, a.outcome, a.braked, a.sensors, a.words) != (b.metadata, b.outcome, b.braked, b.sensors, b.words):
         return False
     if list(a.columns) != list(b.columns):
         return False
@@ -173,6 +202,7 @@ def describe(schema_metadata: dict[bytes, bytes] | None) -> dict[str, Any]:
         described = {
             "metadata": about["metadata"],
             "braked": about["braked"],
+            "sensors": Sensors(**about["sensors"]) if "sensors" in about else None,
             "words": {name: tuple(words[name]) for name in TEXT_COLUMNS},
         }
     except (KeyError, TypeError, ValueError):

@@ -18,6 +18,7 @@ from core.errors import InputError
 from experiments.recording_form import (
     SEAL,
     TEXT_COLUMNS,
+    Sensors,
     column_words,
     make_schema,
     recording_columns,
@@ -46,21 +47,24 @@ class RecordingWriter:
         metadata: dict[str, Any],
         decisions: tuple[str, ...] = DECISIONS,
         sync: bool = True,
+        sensors: Sensors | None = None,
     ) -> None:
         """Create `path`; InputError if it exists or cannot be there, OSError if the disk takes no more.
 
         braked: letters of the braked joints, "AEB". metadata: anything JSON holds, known before the trial.
         decisions: code -> text. sync = False leaves the time of writing to the system: for simulated trials, whose
-        Parquet file reaches the disk before their stream is removed.
+        Parquet file reaches the disk before their stream is removed. sensors: of a device on the bench, whose ticks are
+        row.BENCH_WIDTH wide.
         """
         self.path = Path(path)
         self.rows = 0  # rows taken
         self.rows_written = 0  # rows in the file: what a kill cannot take any more
         self.bytes_written = 0
-        self._names, self._places = zip(*recording_columns(braked), strict=True)
+        self._names, self._places = zip(*recording_columns(braked, sensors), strict=True)
+        self._width = row.BENCH_WIDTH if sensors else row.WIDTH
         self._words = column_words(decisions)
         self._dictionaries = {name: pa.array(words, pa.string()) for name, words in self._words.items()}
-        schema = make_schema(braked, metadata, decisions)
+        schema = make_schema(braked, metadata, decisions, sensors)
         self._schema = schema.with_metadata({**schema.metadata, "crc32": SEAL})
         self._sink = io.BytesIO()
         self._stream = pa.ipc.new_stream(self._sink, self._schema)
@@ -69,7 +73,7 @@ class RecordingWriter:
         self._sequence = 0
         self._sync = sync
 
-        self._stream.write_batch(self._batch(np.empty((0, row.WIDTH))))
+        self._stream.write_batch(self._batch(np.empty((0, self._width))))
         header = seal(_before_first_batch(self._taken()))
         try:
             self._file = os.open(
@@ -93,12 +97,15 @@ class RecordingWriter:
             sync_folder(self.path.parent)
 
     def write(self, rows: np.ndarray) -> None:
-        """Add ticks: float64 (n, row.WIDTH). They are copied; they reach the file within `WRITE_INTERVAL_S`."""
+        """Add ticks: float64 (n, row.WIDTH), with sensors (n, row.BENCH_WIDTH).
+
+        They are copied; they reach the file within `WRITE_INTERVAL_S`.
+        """
         if not self._open:
             raise ValueError("the recording is closed")
         rows = np.asarray(rows, dtype=np.float64)
-        if rows.ndim != 2 or rows.shape[1] != row.WIDTH:
-            raise ValueError(f"ticks of shape {rows.shape}, not (n, {row.WIDTH})")
+        if rows.ndim != 2 or rows.shape[1] != self._width:
+            raise ValueError(f"ticks of shape {rows.shape}, not (n, {self._width})")
         if len(rows):
             self._waiting.append(rows.copy())
             self._waiting_rows += len(rows)
@@ -127,7 +134,7 @@ class RecordingWriter:
             raise InputError(f"recording: the outcome cannot be stored as JSON: {error}") from None
         try:
             self._write_batches(everything=True)
-            self._write_message(np.empty((0, row.WIDTH)), {"end": "end", "outcome": outcome_json})
+            self._write_message(np.empty((0, self._width)), {"end": "end", "outcome": outcome_json})
             self._stream.close()
             self._put(self._taken())
             self.flush()

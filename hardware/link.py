@@ -7,16 +7,17 @@ own brings it back. Nothing waits longer than a few ms while the loop runs.
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from core.device import Device
 from core.device_link import LinkError, LinkSample, ZeroRecord
 from core.errors import InputError
+from core.mechanism import JOINTS
 from hardware.connection import Connection, Wire
-from hardware.frames import FrameCounts
+from hardware.link_health import LinkHealth
 from hardware.messages import (
     TYPES,
     Bye,
@@ -33,6 +34,7 @@ from hardware.messages import (
     ResetFault,
     Sample,
     Stop,
+    joints_of,
 )
 from hardware.port import Identity, Port, find_port, usb_ports
 from hardware.pose import load_kernels
@@ -42,6 +44,7 @@ SILENCE_S = 0.2  # without a sample: the link is lost
 SAMPLE_S = 0.004  # longest wait of `exchange` for a sample
 AGAIN_S = 0.1  # between attempts to reach the board again
 HEARTBEAT_S = 0.5
+MOST_KEPT = 2000  # samples that wait for whoever asks for all of them
 ZERO_SAMPLES = 500
 ZERO_STILL_M = 1e-3  # a handle that moved further was touched
 WRAP = 1 << 32
@@ -49,21 +52,6 @@ NOT_CONNECTED = Refused(TYPES[Command], Refusal.WRONG_STATE)
 NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
 
 Reached = tuple[Connection, BoardSensing, Limits]
-
-
-@dataclass
-class LinkHealth:
-    """What the device page shows and each recording keeps; counted since `open`."""
-
-    samples: int = 0
-    lost: int = 0  # samples that never came
-    repeated: int = 0  # .. that came again, or after a newer one
-    late_commands: int = 0  # samples that say that the board did not obey a command that waited
-    refused: int = 0
-    not_closed: int = 0  # samples whose encoders are of no pose
-    lost_links: int = 0
-    round_trip_s: float = math.inf  # the least, of heartbeats
-    frames: FrameCounts = field(default_factory=FrameCounts)  # of the present connection
 
 
 class SerialLink:
@@ -77,6 +65,7 @@ class SerialLink:
         self.device, self.port = device, port
         self.problem = "not opened yet"
         self.health = LinkHealth()
+        self.encoders, self.force_channels = "", 0
         self.sensing: BoardSensing | None = None  # of the present connection, or of the last one
         self._clock, self._open_port = clock, open_port
         self._connection: Connection | None = None
@@ -87,6 +76,7 @@ class SerialLink:
         self._beat: tuple[int, float] | None = None  # token and time of the heartbeat that is out
         self._beat_at = self._heard = self._asked = -math.inf
         self._last: int | None = None  # sequence of the last sample
+        self._taken: deque[LinkSample] = deque(maxlen=MOST_KEPT)  # since `samples` was called
         self._limits = Limits((0, 0, 0, 0), (0, 0, 0, 0))
         self._identity: Identity | None = None
 
@@ -122,6 +112,16 @@ class SerialLink:
         except LinkError as error:
             self._lose(str(error))
             return None
+
+    def samples(self) -> list[LinkSample]:
+        """Every sample since the last call, oldest first (the newest two seconds of them)."""
+        taken = list(self._taken)
+        self._taken.clear()
+        return taken
+
+    def report(self) -> dict:
+        """Counters since `open`, and the clock model: offset, drift and residual of host time over board time."""
+        return self.health.report(self.sensing)
 
     def home(self, tip: tuple[float, float]) -> None:
         """The handle is held at `tip` (m) now: set the encoders. LinkError if the board did not."""
@@ -222,6 +222,8 @@ class SerialLink:
     def _begin(self, connection: Connection, sensing: BoardSensing, limits: Limits) -> None:
         """A connection begins: everything that does not outlive one is new."""
         self.sensing, self._limits = sensing, limits
+        self.encoders = "".join(JOINTS[i] for i in joints_of(sensing.hello.encoders))
+        self.force_channels = sensing.hello.force_channels
         self._connection, self._back, self._bringing = connection, None, None
         self._last = None
         self._sequence, self._beat = 0, None
@@ -290,4 +292,5 @@ class SerialLink:
         self.health.late_commands += bool(sample.flags & Flag.LATE)
         taken = sensing.take(sample, now)
         self.health.not_closed += not taken.closed
+        self._taken.append(taken)
         return taken

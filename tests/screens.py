@@ -24,7 +24,7 @@ class Screens:
     def __init__(self, width: int = 1280, height: int = 720) -> None:
         theme.dress(QApplication.instance())  # type: ignore[arg-type]
         self.bench = FakeBench()
-        self.windows = Windows(self.bench, "01")
+        self.windows = Windows(self.bench)
         self.console: ConsoleWindow = self.windows.console
         self.participant: ParticipantWindow = self.windows.participant
         self.console.resize(width, height)

@@ -3,10 +3,10 @@
 import threading
 from dataclasses import replace
 
-from core.device import load_device
+from core.device import Device, load_device
 from core.device_link import LinkError
 from hardware.board import Board
-from hardware.emulated_device import EmulatedDevice, HeldHand
+from hardware.emulated_device import EmulatedDevice, EmulatedHand, HeldHand
 from hardware.emulated_sensors import capability_of
 from hardware.faults import Line, LineFault, read_fault
 
@@ -17,14 +17,16 @@ TIP = (0.02, 0.40)
 class Bench:
     """A board with a simulated device, and the wires that are plugged into it; each read of a wire takes a tick."""
 
-    def __init__(self, **capability) -> None:
-        self.board = Board(replace(capability_of(DEVICE, "TEST"), **capability))
-        self.hand = HeldHand(TIP)
-        self.device = EmulatedDevice(DEVICE, self.board.capability, self.hand, TIP, seed=1)
+    def __init__(self, device: Device = DEVICE, hand: EmulatedHand | None = None, **capability) -> None:
+        self.board = Board(replace(capability_of(device, "TEST"), **capability))
+        self.hand = hand or HeldHand(TIP)
+        self.device = EmulatedDevice(device, self.board.capability, self.hand, TIP, seed=1)
         self.faults: list[LineFault] = []
         self.to_host, self.to_board = Line(self.faults, 1, 0), Line(self.faults, 1, 1)
         self.ticks = self.last_current = 0
-        self.plugged = True
+        self.plugged = self.powered = True
+        self.backlog = b""  # what waits for a host that was late
+        self._acting: set[str] = set()  # kinds of faults
         self.lock = threading.Lock()  # the link's thread that brings the board back reads as well
 
     @property
@@ -35,15 +37,32 @@ class Bench:
         """A millisecond; what arrives at the host's end."""
         self.ticks += 1
         now_us = 1000 * self.ticks
-        if data := self.to_board.take(self.now_s):
+        acting = [fault for fault in self.faults if fault.acts(self.now_s)]
+        self._plug_and_power({fault.kind for fault in acting}, now_us)
+        if (data := self.to_board.take(self.now_s)) and self.powered:
             self.send(self.board.receive(data, now_us))
-        readings = self.device.sense(self.board.currents, ())
+        readings = self.device.sense(self.board.currents, acting)
         force = readings.force[: self.board.capability.force_channels]
-        self.send(self.board.tick(readings._replace(force=force), now_us))
+        if self.powered:
+            self.send(self.board.tick(readings._replace(force=force), now_us))
         self.device.advance(self.board.currents)
         if any(self.board.currents):
             self.last_current = self.ticks
         return self.to_host.take(self.now_s)
+
+    def _plug_and_power(self, kinds: set[str], now_us: int) -> None:
+        began, ended = kinds - self._acting, self._acting - kinds
+        self._acting = kinds
+        if "unplug" in began:
+            self.plugged = False
+            self.to_host.clear()
+            self.to_board.clear()
+        if "brown-out" in began:
+            self.powered = False
+            self.board.lose_power(now_us)
+            self.device.sensors.power_up()
+        self.plugged |= "unplug" in ended
+        self.powered |= "brown-out" in ended
 
     def send(self, data: bytes) -> None:
         for frame in data.split(b"\0")[:-1]:
@@ -59,6 +78,7 @@ class BenchWire:
     def __init__(self, bench: Bench, name: str) -> None:
         self.bench, self.name, self.closed = bench, name, False
         self.check()
+        bench.backlog = b""
 
     def check(self) -> None:
         if not self.bench.plugged or self.closed:
@@ -67,7 +87,8 @@ class BenchWire:
     def read(self) -> bytes:
         self.check()
         with self.bench.lock:
-            return self.bench.tick()
+            backlog, self.bench.backlog = self.bench.backlog, b""
+            return backlog + self.bench.tick()
 
     def write(self, data: bytes) -> None:
         self.check()

@@ -42,7 +42,7 @@ def wait_until(what, seconds: float = 120.0) -> None:
 def windows(qtbot, tmp_path: Path):
     """Both windows on a real bench, a session open, ready."""
     theme.dress(QApplication.instance())  # type: ignore[arg-type]
-    windows = Windows(Bench(Setup(tmp_path / "data", sync=False)), "01")
+    windows = Windows(Bench(Setup(tmp_path / "data", sync=False)))
     windows.show()
     wait_until(windows.console.start_page.new.isEnabled)
     pids = [windows.bench.pid, *children(windows.bench.pid)]

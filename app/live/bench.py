@@ -50,6 +50,11 @@ class Bench:
             return not self._refused
         return not self._mailbox.closed
 
+    def refused(self) -> str:
+        """Wait until the line stands; "" or why there is none."""
+        self._joining.join()
+        return self._refused
+
     def send(self, intent: object) -> None:
         """Ask for something; before the line stands: wait for it."""
         self._joining.join(START_S)
@@ -117,8 +122,11 @@ class Bench:
     def _join(self) -> None:
         if self._reach():
             return
-        refused = self._start()
-        deadline = time.monotonic() + (GRACE_S if refused else START_S)  # another window may have been faster
+        refused, taken = self._start()
+        if refused and not taken:
+            self._refused = refused
+            return
+        deadline = time.monotonic() + (GRACE_S if taken else START_S)  # another window may have been faster
         while not self._reach():
             if time.monotonic() > deadline:
                 self._refused = refused or f"{self._setup.data_dir}: the bench does not answer"
@@ -139,8 +147,8 @@ class Bench:
         self._mailbox = Mailbox(connection)
         return True
 
-    def _start(self) -> str:
-        """Start a conductor of our own, which lives on without us; "" or why it cannot be."""
+    def _start(self) -> tuple[str, bool]:
+        """Start a conductor of our own, which lives on without us; "" or why it cannot be, and if another one has it."""
         process = start_python(
             "app.live.conductor_process", self._setup.to_json(),
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True,
@@ -149,5 +157,6 @@ class Bench:
             answer = answers.readline()
         self._started = process
         if not answer:
-            return f"{self._setup.data_dir}: the bench ended while it started"
-        return json.loads(answer).get("refused", "")
+            return f"{self._setup.data_dir}: the bench ended while it started", False
+        about = json.loads(answer)
+        return about.get("refused", ""), about.get("taken", False)

@@ -26,7 +26,7 @@ def check_hand(hand: str) -> Check:
 
 
 def check_loop(tried: Timing | None, dead: bool) -> Check:
-    """tried: how it kept its deadlines in half a second without work; None: not yet."""
+    """tried: how it kept its deadlines for a moment without work; None: not yet."""
     if dead:
         return Check("Loop", WAITING, "starting again")
     if tried is None:

@@ -18,6 +18,7 @@ from app.live.loop_process import LoopProcess
 from app.live.mailbox import Mailbox
 from app.live.ring import Ring
 from app.live.setup import Setup
+from experiments.protocol import Protocol
 
 BEAT_S = 0.02  # longest time between two looks at everything, and between two beats
 PULSE_S = 0.1
@@ -29,9 +30,9 @@ LEFT_ALONE = "no window came back"
 class Conductor:
     """Serves one window after another until the end."""
 
-    def __init__(self, setup: Setup, ring: Ring, loop: LoopProcess, listener: Listener) -> None:
+    def __init__(self, setup: Setup, protocol: Protocol, ring: Ring, loop: LoopProcess, listener: Listener) -> None:
         self._setup, self._ring, self._listener = setup, ring, listener
-        self._desk = Desk(setup, ring, loop)
+        self._desk = Desk(setup, protocol, ring, loop)
         self._window: Mailbox | None = None
         self._alone_s = time.monotonic()  # since when there has been no window
         self._arrived: queue.SimpleQueue[Connection] = queue.SimpleQueue()
@@ -106,7 +107,7 @@ class Conductor:
         if self._window is None:
             return
         opened = self._desk.opened()
-        if opened is not None and opened != self._opened:
+        if opened != self._opened:
             self._window.send(opened)
             self._opened = opened
         shown = self._desk.snapshot()

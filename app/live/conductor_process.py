@@ -1,4 +1,7 @@
-"""The conductor's process: it has its data folder for itself, a place for windows to find it, and leaves nothing."""
+"""The conductor's process: it has its data folder for itself, a place for windows to find it, and leaves nothing.
+
+What cannot be run is refused before any window can be joined to it.
+"""
 
 import contextlib
 import faulthandler
@@ -7,13 +10,16 @@ import os
 import signal
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.live.loop_process import LoopProcess
 from app.live.place import NAME, Place, publish
 from app.live.ring import Ring
 from app.live.setup import Setup
 from core.errors import InputError
-from experiments.session_files import LOCK, hold_lock
+
+if TYPE_CHECKING:
+    from experiments.protocol import Protocol
 
 TERMINATED = "the bench was told to end"
 LOG = ".bench.log"  # of what should not happen
@@ -22,12 +28,29 @@ LOG = ".bench.log"  # of what should not happen
 def main() -> None:
     """Be the conductor. One line of JSON on the standard output: where it is, or why it cannot be."""
     setup = Setup.from_json(sys.argv[1])
+    place = Place()
+    try:
+        ring = Ring(place.ring, create=True)
+        loop = LoopProcess(ring, setup.real_time)  # it takes its time, and so do all the imports below
+        try:
+            _conduct(setup, place, ring, loop)
+        finally:
+            if not loop.closed:
+                loop.kill()
+    finally:
+        place.remove()
+
+
+def _conduct(setup: Setup, place: Place, ring: Ring, loop: LoopProcess) -> None:
+    from app.live.conductor import Conductor
+    from experiments.session_files import hold_lock
+
     data_dir, new = setup.data_dir, not setup.data_dir.exists()
     try:
         data_dir.mkdir(parents=True, exist_ok=True)
         lock = hold_lock(data_dir)
     except InputError as error:
-        _answer({"refused": str(error)})
+        _answer({"refused": str(error), "taken": True})
         return
     except OSError as error:
         _answer({"refused": f"{data_dir}: cannot be written to ({(error.strerror or str(error)).lower()})"})
@@ -35,23 +58,39 @@ def main() -> None:
     log = os.open(data_dir / LOG, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     os.dup2(log, 2)
     faulthandler.enable()
-    place = Place()
     try:
-        ring = Ring(place.ring, create=True)
-        loop = LoopProcess(ring, setup.real_time)  # it takes its time, and so do we
+        protocol = read_protocol(setup)
         listener, address = place.listen()
-        from app.live.conductor import Conductor
-
-        conductor = Conductor(setup, ring, loop, listener)
+        conductor = Conductor(setup, protocol, ring, loop, listener)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: setattr(conductor, "end", TERMINATED))
         publish(data_dir, address)
         _answer({"pid": address.pid})
         conductor.serve()
+    except InputError as error:
+        _answer({"refused": str(error)})
     finally:
-        place.remove()
         _clear(data_dir, new)
         lock.release()
+
+
+def read_protocol(setup: Setup) -> "Protocol":
+    """The protocol of new sessions. InputError if it cannot be run, or has nothing to do for the participant named."""
+    from experiments import session_files as files
+    from experiments.protocol import load_protocol
+
+    protocol = load_protocol(
+        setup.protocol, devices=setup.devices, rules=setup.rules, low_gain=setup.low_gain, seed=setup.seed
+    )
+    unfinished = files.unfinished_sessions(setup.data_dir)
+    if not setup.participant and not unfinished:
+        files.free_participant(setup.data_dir, protocol.participants)  # somebody is left
+    if setup.participant and setup.participant not in unfinished:
+        folder = files.session_folder(setup.data_dir, setup.participant)
+        if (folder / files.STORED).exists():
+            files.read_stored(folder)  # one that is damaged is said to be
+        files.refuse_existing(setup.data_dir, setup.participant)
+    return protocol
 
 
 def _clear(data_dir: Path, new: bool) -> None:
@@ -59,6 +98,8 @@ def _clear(data_dir: Path, new: bool) -> None:
     (data_dir / NAME).unlink(missing_ok=True)
     if not (data_dir / LOG).stat().st_size:
         (data_dir / LOG).unlink()
+    from experiments.session_files import LOCK
+
     if new and {path.name for path in data_dir.iterdir()} == {LOCK}:
         (data_dir / LOCK).unlink()
         data_dir.rmdir()

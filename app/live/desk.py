@@ -24,7 +24,7 @@ from core.simulator import Simulation
 from experiments.person import Person
 from experiments.plan import PlannedTrial, participant_index
 from experiments.population import load_population
-from experiments.protocol import Protocol, load_protocol
+from experiments.protocol import Protocol
 from experiments.session import Session
 from experiments.session_files import free_participant, unfinished_sessions, write_pooled_table
 from experiments.trial import Trial, new_simulation
@@ -37,10 +37,10 @@ WAIT_S = 0.01
 class Desk:
     """One data folder, one session at a time, one trial at a time."""
 
-    def __init__(self, setup: Setup, ring: Ring, loop: LoopProcess) -> None:
-        self.setup, self.ring = setup, ring
+    def __init__(self, setup: Setup, protocol: Protocol, ring: Ring, loop: LoopProcess) -> None:
+        """protocol: of new sessions. loop: already started."""
+        self.setup, self.protocol, self.ring = setup, protocol, ring
         self.runner = Runner(ring, loop, setup.real_time)
-        self.protocol: Protocol | None = None  # of a new session; None: still being read
         self.sitting: Sitting | None = None  # the open session
         self.why_off = ""  # cause of the brakes-off, as the journal has it
         self.broken = ""  # why no more trials can be run
@@ -49,45 +49,41 @@ class Desk:
         self._verified = ""  # what was recorded last
         self._resumable: tuple[str, ...] = ()
         self._next_participant = ""
+        self.look_for_participants()
+        self._next_participant = setup.participant or self._next_participant
         self._disk, self._free = check_disk(setup.data_dir)
         self._looked_s = time.monotonic()
         self._bench: Simulation | None = None  # for practice without a session
         self._failure: BaseException | None = None
+        self._loop_ready = threading.Event()
         self._preparation = threading.Thread(target=self._prepare, name="preparation", daemon=True)
         self._preparation.start()
 
     def _prepare(self) -> None:
-        """Read the protocol and build the simulated device, beside the conductor's own work."""
-        setup = self.setup
+        """Build the simulated device, whose kernels may have to be compiled, beside the conductor's own work."""
+        protocol = self.protocol
         try:
-            protocol = load_protocol(
-                setup.protocol, devices=setup.devices, rules=setup.rules, low_gain=setup.low_gain, seed=setup.seed
-            )
-            self.look_for_participants(protocol)
             start = build_path(next(iter(protocol.paths.values())), "path")
-            hand = None if setup.hand == OPERATOR else protocol.mouse.hand()
+            hand = None if self.setup.hand == OPERATOR else protocol.mouse.hand()
             self._bench = new_simulation(protocol.devices[0], (start.x0, start.y0), hand)
-            self.protocol = protocol
+            self._loop_ready.wait()  # which needs the processors more
             import scipy.fft
             import scipy.signal  # noqa: F401  (the measures need them: seconds, but not after the first trial)
-        except InputError as error:
-            self.broken = str(error)
         except BaseException as error:
             self._failure = error  # raised again where it ends the conductor
 
-    def look_for_participants(self, protocol: Protocol) -> None:
+    def look_for_participants(self) -> None:
         """Whose session can be gone on with, and who has none yet."""
         self._resumable = tuple(unfinished_sessions(self.setup.data_dir))
         try:
-            self._next_participant = free_participant(self.setup.data_dir, protocol.participants)
+            self._next_participant = free_participant(self.setup.data_dir, self.protocol.participants)
         except InputError:
-            self._next_participant = ""
+            self._next_participant = next(iter(self._resumable), "")
 
     def person(self, participant: str) -> Person | None:
         """The simulated operator that has this participant's place, if one moves the handle."""
         if self.setup.hand != OPERATOR:
             return None
-        assert self.protocol is not None
         seeds = np.random.SeedSequence([self.protocol.seed, participant_index(participant)])
         return load_population().draw(np.random.default_rng(seeds))
 
@@ -97,7 +93,7 @@ class Desk:
         Our choice: it goes through the controllers, those that brake first, and through the paths.
         """
         p = self.protocol
-        assert p is not None and self._bench is not None
+        assert self._bench is not None
         turn, numbers = self.tried, list(p.paths)
         controllers = sorted(p.controllers, key=lambda number: p.controllers[number].algorithm == NO_CONTROL)
         controller, segment = controllers[turn % len(controllers)], numbers[turn % len(numbers)]
@@ -116,7 +112,7 @@ class Desk:
             return m.FAILED
         if self.runner.run is not None:
             return m.RUNNING
-        if self.protocol is None or not self.runner.ready:
+        if self._bench is None or not self.runner.ready:
             return m.PREPARING
         return self.sitting.stage if self.sitting else m.NO_SESSION
 
@@ -125,12 +121,10 @@ class Desk:
         """The open one."""
         return self.sitting.session if self.sitting else None
 
-    def opened(self) -> m.Opened | None:
-        """What does not change while a session is open; None: not known yet."""
+    def opened(self) -> m.Opened:
+        """What does not change while a session is open."""
         session = self.session
         protocol = session.protocol if session else self.protocol
-        if protocol is None:
-            return None
         return m.Opened(
             participant=session.participant if session else "",
             protocol=protocol.name,
@@ -148,6 +142,7 @@ class Desk:
             real_device=False,
             hand=self.setup.hand,
             next_participant=self._next_participant,
+            rules=protocol.rules,
         )
 
     def snapshot(self) -> m.Snapshot:
@@ -227,6 +222,8 @@ class Desk:
             self.why_off = why_off
             self.write("brakes off", cause=why_off)
         run, lost = self.runner.watch()
+        if self.runner.ready:
+            self._loop_ready.set()
         if lost:
             self._lost(run, lost)
         elif run is not None:

@@ -54,7 +54,6 @@ def _check(desk: Desk) -> None:
 def _open(desk: Desk, intent: m.Open) -> None:
     _need(desk, m.NO_SESSION)
     setup, name = desk.setup, intent.participant
-    assert desk.protocol is not None
     if intent.resume:
         session = Session.resume(setup.data_dir, name, setup.sync)
     else:
@@ -71,8 +70,7 @@ def _leave(desk: Desk, _: m.Leave) -> None:
     sitting = _between(desk)
     sitting.session.close()
     desk.sitting = None
-    assert desk.protocol is not None
-    desk.look_for_participants(desk.protocol)
+    desk.look_for_participants()
     desk.say("")
 
 

@@ -75,6 +75,7 @@ def main() -> None:
         signal.signal(number, signal.SIG_IGN)  # the conductor ends what runs, and then us
     jobs, answers = sys.stdin.buffer, sys.stdout.buffer
     sys.stdout = sys.stderr
+    sys.modules["scipy"] = None  # type: ignore[assignment]  # numba would import it to see whether there is a BLAS
     path = Path(sys.argv[1])
     loop = Loop(Ring(path))
     with contextlib.suppress(BrokenPipeError):

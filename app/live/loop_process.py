@@ -37,6 +37,11 @@ class LoopProcess:
         return self._process.pid
 
     @property
+    def closed(self) -> bool:
+        """Whether it has ended and been waited for."""
+        return self._process.returncode is not None
+
+    @property
     def hung(self) -> bool:
         """Whether it runs a trial and has had no tick for long."""
         return self.running and self._ring.loop_silent_s > HUNG_S

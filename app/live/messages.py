@@ -131,7 +131,8 @@ class Opened(NamedTuple):
     seed: int
     real_device: bool  # currents flow in real brakes
     hand: str  # what moves the handle: "mouse", "operator"
-    next_participant: str  # the first without a session; "": each of the protocol's has one
+    next_participant: str  # to be offered: the first without a session, or with an unfinished one; "": nobody is left
+    rules: str  # by which the controllers decide: "settled", "literal"
 
 
 class Snapshot(NamedTuple):

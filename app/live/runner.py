@@ -12,7 +12,7 @@ from experiments.plan import PlannedTrial
 from experiments.recording import RecordingWriter
 from experiments.trial import Trial
 
-TRY_TICKS = 500  # half a second of deadlines, before the first trial
+TRY_TICKS = 250  # a quarter of a second of deadlines, before the first trial
 MOST_STARTS = 3  # loops in a row that die before they are ready
 DIED = "the control loop ended unexpectedly"
 HUNG = "the control loop hung and was ended"
@@ -76,7 +76,7 @@ class Runner:
 
     @property
     def timing(self) -> Timing | None:
-        """The loop's lateness over the running trial, or the last, or the half second without one."""
+        """The loop's lateness over the running trial, or the last, or the time without one."""
         now = self.run.timing(self._scheduling) if self.run else None
         return now or self._last or self._tried
 

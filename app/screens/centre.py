@@ -89,8 +89,7 @@ class Centre(QWidget):
         if self._opened is None or self.workspace is None:
             return
         device = next(device for device in self._opened.devices if device.name == planned.configuration)
-        rules = "literal" if "literal rules" in self._opened.note else "settled"
-        self.workspace.show_trial(device, self._opened.paths[planned.segment], tip, rules)
+        self.workspace.show_trial(device, self._opened.paths[planned.segment], tip, self._opened.rules)
         if self._snapshot.running is not None:
             self._say(words.moving(row.APPROACH, not hand_is_mouse(self._opened)) or words.Said(""))
 

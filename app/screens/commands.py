@@ -180,7 +180,7 @@ class Commands:
 
     def follow(self, before: m.Snapshot, now: m.Snapshot) -> None:
         """What is asked is asked no more when its time is past."""
-        if self._results is not None and now.rows != before.rows:
+        if self._results is not None and self._results.isVisible():
             self._results.show_snapshot(now)
         if before.stage != now.stage:
             self._window.cards.withdraw({"abort"} if now.stage != m.RUNNING else {"redo", "skip"})

@@ -29,7 +29,7 @@ from experiments.plan import PlannedTrial
 
 RIGHT_PX = 372
 SMALLEST = (1024, 640)
-LARGEST = (1680, 1000)
+LARGEST = (1920, 1080)
 
 
 class ConsoleWindow(QWidget):
@@ -38,8 +38,8 @@ class ConsoleWindow(QWidget):
     participant_asked = Signal()  # show or hide the participant's window
     closed = Signal()
 
-    def __init__(self, bench, participant: str = "01", parent: QWidget | None = None) -> None:
-        """bench: the window's end of the live bench; participant: offered for a new session."""
+    def __init__(self, bench, parent: QWidget | None = None) -> None:
+        """bench: the window's end of the live bench."""
         super().__init__(parent)
         self.setWindowTitle("phd")
         self.bench = bench
@@ -48,7 +48,7 @@ class ConsoleWindow(QWidget):
         self.preflight, self.proof = Preflight(), ProofLine()
         self.energy, self.timing, self.traces = EnergyPanel(), TimingStrip(), Traces()
         self.panel, self.centre = SessionPanel(), Centre()
-        self.start_page = StartPage(participant)
+        self.start_page = StartPage()
         self.questions = Questionnaire()
         self.participant_answers = False  # the questions stand on the participant's own window
         self.banner = line("", "banner", theme.TITLE, bold=True)
@@ -139,7 +139,7 @@ class ConsoleWindow(QWidget):
 
     def show_opened(self, opened: m.Opened) -> None:
         """A session, or a protocol before one or after one."""
-        if self.opened is not None and self.opened.participant and not opened.participant:
+        if not opened.participant and (self.opened is None or self.opened.participant):
             self.start_page.offer(opened.next_participant)
         self.opened = opened
         self._shown = None

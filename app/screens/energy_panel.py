@@ -16,6 +16,7 @@ from core import row
 BRAKES, KINETIC, STOPS = theme.BRAKE_SLIPPING, theme.TRACE, theme.BAD
 BAR, LINE = 12.0, 18.0  # px: of the bar, of a line of text
 ROUNDING_J = 1e-9  # heat that falls by less in a tick is rounding
+NOT_YET = "no trial yet"
 
 
 class Ledger:
@@ -36,6 +37,11 @@ class Ledger:
         self.added = max(self.added, float(fall.max()))
         self._heat = float(columns[-1, 1])
         self.hand, self.brakes, self.kinetic, self.stops = (columns[-1] - self._first).tolist()
+
+    @property
+    def began(self) -> bool:
+        """Whether it has had a tick."""
+        return self._first is not None
 
     @property
     def residual(self) -> float:
@@ -87,7 +93,9 @@ class EnergyPanel(Panel):
             verdict = (f"a brake added {ledger.added:.0e} J", theme.BAD)
         else:
             verdict = ("no brake added energy", theme.GOOD)
-        self.lines = [balance, stops, [(f"residual {ledger.residual:.0e} J ·", theme.QUIET), verdict]]
+        residual = f"{ledger.residual:.0e} J" if abs(ledger.residual) > ROUNDING_J else "under 1 nJ"
+        proof = [(f"residual {residual} ·", theme.QUIET), verdict] if ledger.began else [(NOT_YET, theme.QUIET)]
+        self.lines = [balance, stops, proof]
         self.lines = [line for line in self.lines if line]
         self.update()
 

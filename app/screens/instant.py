@@ -51,7 +51,7 @@ class Instant:
         self.hand: Point = (now[row.HAND_FX], now[row.HAND_FY])  # N
         self.brakes: Point = (0.0, 0.0)  # N, what they exert on the tip
         self.wanted: Point | None = None  # m, where the hand wants the tip to be
-        self._stuck = 0 if blind else int(now[row.STUCK])
+        self._stuck = int(now[row.STUCK])
         if tick is None:
             return
         wanted = (now[row.TARGET_X], now[row.TARGET_Y])
@@ -61,5 +61,6 @@ class Instant:
             self.brakes = (x, y)
 
     def reachable(self) -> Wedge | None:
-        """The forces that the brakes can exert against the present motion; None at rest."""
-        return wedge(self.device, self.g, *self.velocity, self._stuck) if self.running else None
+        """The forces that the brakes can exert against the present motion; None at rest, and while blind: with the
+        stuck ones it would tell the controllers apart, without them it would be wrong."""
+        return wedge(self.device, self.g, *self.velocity, self._stuck) if self.running and not self.blind else None

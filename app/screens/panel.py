@@ -12,6 +12,7 @@ RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 CENTRE = Qt.AlignmentFlag.AlignCenter
 PAD = 12.0  # px between the panel's edge and what is on it
 HEAD = 30.0  # px, of the title's line, from the top
+GUTTER = 44.0  # px at the right of a plot, for its scale
 WORDS_EVERY_S = 0.1  # numbers that change faster cannot be read
 
 
@@ -44,6 +45,19 @@ class Panel(QWidget):
     def inside(self) -> QRectF:
         """The room under the title's line, px."""
         return QRectF(PAD, HEAD + 2.0, self.width() - 2.0 * PAD, self.height() - HEAD - 2.0 - 0.7 * PAD)
+
+    @property
+    def plot(self) -> QRectF:
+        """The room for curves, px: beside it, in the gutter, stands their scale."""
+        inside = self.inside
+        return QRectF(
+            round(inside.x()), round(inside.y()), int(inside.width() - GUTTER), max(int(inside.height()), 1)
+        )
+
+    def paint_scale(self, painter: QPainter, y: float, says: str) -> None:
+        """The value of the line at this height (px), in the gutter."""
+        plot = self.plot
+        painter.drawText(QRectF(plot.right(), y - 7.0, GUTTER, 14.0), RIGHT, says)
 
     def repaint_still(self) -> None:
         """What stands still has changed."""

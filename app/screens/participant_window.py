@@ -139,7 +139,7 @@ class ParticipantWindow(QWidget):
         if snapshot.stage in (m.RERIG, m.BREAK, m.FINISHED, m.FAILED, m.NO_SESSION, m.PREPARING):
             self.view.show_path(None)
             self.view.show_handle(None)
-        elif snapshot.coming is not None and not snapshot.rows:
+        elif snapshot.coming is not None and (not snapshot.rows or self.view.path is None):
             self._show_trial(snapshot.coming, snapshot.tip)
         if before.stage == m.RUNNING and before.practice and snapshot.stage == m.NO_SESSION:
             self.view.say(words.practised(snapshot, self.own_start))

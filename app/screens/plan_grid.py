@@ -13,6 +13,7 @@ from experiments.plan import PlannedTrial
 from experiments.trials_table import TrialRow
 
 HEAD_PX, ROW_PX, SPACE_PX, LABEL_PX = 20, 20, 6, 52
+LEAST_SHARE = 0.7  # where there is little room, rows are so much lower before the grid must be scrolled
 CELL_LEAST_PX = 8.0  # a block with more trials than fit in a row goes on in the next
 #: Said by shape too, not by colour alone.
 MARKS = {"timeout": "t", "aborted": "×", "redone": "r", "recovered": "c", "skipped": "–"}
@@ -29,7 +30,7 @@ class PlanGrid(QWidget):
         self.statuses: dict[int, str] = {}  # run of the plan -> status of its cell
         self.marked: int | None = None  # run of the plan: next or running
         self.running = False
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Maximum)
 
     def show_session(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
         """The trials, what became of those that are over, and which one is next or running."""
@@ -60,22 +61,27 @@ class PlanGrid(QWidget):
         return QSize(230, len(self._groups) * HEAD_PX + rows * ROW_PX + spaces)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(120, self.sizeHint().height())
+        return QSize(120, round(LEAST_SHARE * self.sizeHint().height()))
+
+    def _share(self) -> float:
+        """How high a row is, of its full height."""
+        return min(max(self.height() / max(self.sizeHint().height(), 1), LEAST_SHARE), 1.0)
 
     def cells(self) -> dict[int, QRectF]:
         """Run of the plan -> its cell (px)."""
-        places, y, per_row = {}, 0.0, self._per_row()
+        places, y, per_row, share = {}, 0.0, self._per_row(), self._share()
+        row = share * ROW_PX
         for blocks in self._groups.values():
-            y += HEAD_PX
+            y += share * HEAD_PX
             for trials in blocks.values():
                 step = (self.width() - LABEL_PX) / min(len(trials), per_row)
-                side = min(step - 3.0, ROW_PX - 5.0)
+                side = min(step - 3.0, row - 4.0)
                 wide = min(step - 3.0, 1.6 * side)
                 for i, trial in enumerate(trials):
-                    x, down = LABEL_PX + i % per_row * step, i // per_row * ROW_PX
-                    places[trial.run] = QRectF(x, y + down + 0.5 * (ROW_PX - side), wide, side)
-                y += self._rows_of(trials) * ROW_PX
-            y += SPACE_PX
+                    x, down = LABEL_PX + i % per_row * step, i // per_row * row
+                    places[trial.run] = QRectF(x, y + down + 0.5 * (row - side), wide, side)
+                y += self._rows_of(trials) * row
+            y += share * SPACE_PX
         return places
 
     # events
@@ -103,15 +109,17 @@ class PlanGrid(QWidget):
         cells = self.cells()
         y = 0.0
         painter.setPen(theme.colour(theme.QUIET))
+        share = self._share()
+        head, row = share * HEAD_PX, share * ROW_PX
         for configuration, blocks in self._groups.items():
             painter.setFont(theme.font(theme.SMALL, bold=True))
-            painter.drawText(QRectF(0.0, y, self.width(), HEAD_PX), middle, configuration)
+            painter.drawText(QRectF(0.0, y, self.width(), head), middle, configuration)
             painter.setFont(theme.font(theme.SMALL))
-            y += HEAD_PX
+            y += head
             for block, trials in blocks.items():
-                painter.drawText(QRectF(0.0, y, LABEL_PX, ROW_PX), middle, f"block {block}")
-                y += self._rows_of(trials) * ROW_PX
-            y += SPACE_PX
+                painter.drawText(QRectF(0.0, y, LABEL_PX, row), middle, f"block {block}")
+                y += self._rows_of(trials) * row
+            y += share * SPACE_PX
         for run, cell in cells.items():
             self._paint_cell(painter, cell, run)
 

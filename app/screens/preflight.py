@@ -94,17 +94,23 @@ class Preflight(QWidget):
 
     def _show_advice(self, snapshot: m.Snapshot) -> None:
         """One line for each thing that is wrong; nothing when all is well."""
-        said = []
-        if snapshot.brakes_off:
-            said.append(f"Brakes are off: {sentence(snapshot.brakes_off)} B or the button lets them act again.")
-        for check in snapshot.checks:
-            if check.state == m.BAD and not (snapshot.brakes_off and check.name == "Device"):
-                said.append(" ".join(filter(None, (f"{check.name}: {sentence(check.text)}", check.advice))))
+        said = advice(snapshot)
         self.advice.setText(breakable("\n".join(said)))
         self.advice.setVisible(bool(said))
 
     def _pressed(self) -> None:
         (self.brakes_allowed if self._off else self.brakes_off_asked).emit()
+
+
+def advice(snapshot: m.Snapshot) -> list[str]:
+    """A line for each thing that is wrong and keeps trials from starting: what to do about it."""
+    said = []
+    if snapshot.brakes_off:
+        said.append(f"Brakes are off: {sentence(snapshot.brakes_off)} B or the button lets them act again.")
+    for check in snapshot.checks:
+        if check.state == m.BAD and not (snapshot.brakes_off and check.name == "Device"):
+            said.append(" ".join(filter(None, (f"{check.name}: {sentence(check.text)}", check.advice))))
+    return said
 
 
 def sentence(text: str) -> str:

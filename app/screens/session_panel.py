@@ -20,6 +20,7 @@ from app.live import messages as m
 from app.screens import theme
 from app.screens.labels import KeyButton, OneLine, breakable, line, word
 from app.screens.plan_grid import PlanGrid
+from app.screens.preflight import advice
 from app.screens.words import cell, minutes, place, why_not
 from experiments.trials_table import SETTLED
 
@@ -121,7 +122,8 @@ class SessionPanel(QFrame):
         self._scroll.setMaximumHeight(max(self.grid.sizeHint().height() + 2, 96))
         over = sum(status in SETTLED for status in self.grid.statuses.values())
         done = f"{over} done" if opened.participant else ""
-        self.done.setText(" · ".join(filter(None, (done, minutes(snapshot.seconds_left)))))
+        left = minutes(snapshot.seconds_left) if snapshot.stage != m.FINISHED else ""
+        self.done.setText(" · ".join(filter(None, (done, left))))
         self._show_coming(opened, snapshot)
         self._say(snapshot)
         self._allow(snapshot, trying)
@@ -146,9 +148,9 @@ class SessionPanel(QFrame):
         self.cell.setText(cell(now, opened, snapshot.blind))
 
     def _say(self, snapshot: m.Snapshot) -> None:
-        """What happened, and else why no trial can be started."""
+        """What happened, and else why no trial can be started, unless the banner says it already."""
         said, bad = snapshot.said, snapshot.said_bad
-        if not said and snapshot.stage == m.READY:
+        if not said and snapshot.stage == m.READY and not advice(snapshot):
             said = why_not(snapshot)
         theme.name_anew(self.notice, "bad" if bad else "caution")
         self.notice.setText(breakable(said))

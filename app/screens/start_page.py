@@ -19,9 +19,9 @@ class StartPage(QWidget):
     session_asked = Signal(str, bool, bool)  # participant, resume, blind
     practice_asked = Signal()
 
-    def __init__(self, participant: str = "01", parent: QWidget | None = None) -> None:
+    def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.participant = QLineEdit(participant)
+        self.participant = QLineEdit()
         self.participant.setMaxLength(20)
         self.participant.setFont(theme.font(theme.TITLE))
         self.participant.setAccessibleName("Participant")
@@ -129,7 +129,7 @@ class StartPage(QWidget):
         self._allow()
 
     def offer(self, participant: str) -> None:
-        """Somebody for a new session, after another one's."""
+        """Somebody for a session, at first and after another one's."""
         self.participant.setText(participant)
         self.blind.setChecked(False)
 

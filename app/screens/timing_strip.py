@@ -78,24 +78,28 @@ class TimingStrip(Panel):
     @property
     def plot(self) -> QRectF:
         """Where the bars are, px."""
-        inside = self.inside
-        return QRectF(
-            round(inside.x()), round(inside.y()), int(inside.width()), max(int(inside.height() - FOOT), 1)
-        )
+        return super().plot.adjusted(0.0, 0.0, 0.0, -FOOT)
+
+    def _fit(self) -> None:
+        plot = self.plot
+        self.strip.fit(plot.width(), plot.height(), self.devicePixelRatioF())
+
+    def paint_still(self, painter: QPainter) -> None:
+        self._fit()
+        painter.setFont(font(theme.SMALL))
+        painter.setPen(shade(theme.QUIET))
+        for share, says in ((1.0, "10 ms"), (0.5, "100 µs"), (0.0, "1 µs")):
+            y = self.plot.y() + float(self.strip.y(np.float64(share))) / self.devicePixelRatioF()
+            self.paint_scale(painter, y, says)
 
     def paint_moving(self, painter: QPainter, dirty: QRect) -> None:
-        plot, ratio = self.plot, self.devicePixelRatioF()
-        painter.setFont(font(theme.SMALL))
-        self.strip.fit(plot.width(), plot.height(), ratio)
+        plot = self.plot
+        self._fit()
         painter.drawPixmap(plot, self.strip.pixmap, QRectF(self.strip.pixmap.rect()))
-        painter.setPen(shade(theme.QUIET))
-        for share, says in ((1.0, "10 ms"), (0.5, "100 µs")):
-            top = plot.y() + float(self.strip.y(np.float64(share))) / ratio
-            box = QRectF(plot.right() - 42.0, top + 2.0, 42.0, 13.0)
-            painter.fillRect(box, shade(theme.PANEL, 0.8))
-            painter.drawText(box, RIGHT, says)
-        foot = QRectF(PAD, plot.bottom() + 2.0, self.width() - 2.0 * PAD, FOOT)
+        foot = QRectF(PAD, plot.bottom() + 4.0, self.width() - 2.0 * PAD, FOOT)
         if self.timing is not None and dirty.intersects(foot.toAlignedRect()):
+            painter.setFont(font(theme.SMALL))
+            painter.setPen(shade(theme.QUIET))
             room = QFontMetricsF(painter.font()).elidedText(
                 self.timing.scheduling, Qt.TextElideMode.ElideRight, foot.width()
             )

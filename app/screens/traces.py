@@ -20,7 +20,6 @@ from core.path_file import PathFile, build_path
 JOINT_COLOURS = dict(zip(JOINTS, ("#8ec7f2", "#f0e442", "#3fb68b", "#cc79a7"), strict=True))
 NOTHING = "–"
 HIDDEN = "hidden: the session is blind"
-SCALE_PX = 4.0  # from the upper line to the number of its value
 
 
 class Trace(Panel):
@@ -73,31 +72,31 @@ class Trace(Panel):
         known = self.newest and not self.hidden and self.newest[0] == self.newest[0]
         self.show_value(f"{self.newest[0]:.{self._digits}f}" if known else NOTHING, self._measured_in)
 
-    @property
-    def plot(self) -> QRectF:
-        """Where the curves are, px."""
-        inside = self.inside
-        return QRectF(round(inside.x()), round(inside.y()), int(inside.width()), max(int(inside.height()), 1))
-
     def paint_still(self, painter: QPainter) -> None:
         if self.hidden:
             painter.setFont(font(theme.SMALL))
             painter.setPen(shade(theme.QUIET))
-            painter.drawText(self.plot, CENTRE, HIDDEN)
+            painter.drawText(self.inside, CENTRE, HIDDEN)
+            return
+        self._fit()
+        painter.setFont(font(theme.SMALL))
+        painter.setPen(shade(theme.QUIET))
+        for share in (0.0, 1.0):
+            value = share * self.strip.end
+            y = self.plot.y() + float(self.strip.y(np.float64(value))) / self.devicePixelRatioF()
+            self.paint_scale(painter, y, f"{value:g}")
+
+    def _fit(self) -> None:
+        plot = self.plot
+        self.strip.fit(plot.width(), plot.height(), self.devicePixelRatioF())
 
     def paint_moving(self, painter: QPainter, dirty: QRect) -> None:
         plot = self.plot
         if self.hidden or not dirty.intersects(plot.toAlignedRect()):
             return
-        self.strip.fit(plot.width(), plot.height(), self.devicePixelRatioF())
+        self._fit()
         pixmap = self.strip.pixmap
         painter.drawPixmap(plot, pixmap, QRectF(pixmap.rect()))
-        painter.setFont(font(theme.SMALL))
-        painter.setPen(shade(theme.QUIET))
-        top = float(self.strip.y(np.float64(self.strip.end))) / self.devicePixelRatioF()
-        painter.drawText(
-            QRectF(plot.x(), plot.y() + top + SCALE_PX, plot.width(), 13.0), RIGHT, f"{self.strip.end:g}"
-        )
 
 
 class Currents(Trace):

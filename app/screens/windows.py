@@ -9,7 +9,6 @@ from PySide6.QtWidgets import QApplication
 
 from app.live import messages as m
 from app.live.bench import Bench
-from app.live.setup import Setup
 from app.screens import theme, words
 from app.screens.console_window import ConsoleWindow
 from app.screens.keys import bind
@@ -21,10 +20,10 @@ FRAME_MS = 16
 class Windows(QObject):
     """Console and participant's window on one bench."""
 
-    def __init__(self, bench, participant: str = "01") -> None:
+    def __init__(self, bench) -> None:
         super().__init__()
         self.bench = bench
-        self.console = ConsoleWindow(bench, participant)
+        self.console = ConsoleWindow(bench)
         self.participant = ParticipantWindow()
         self._dead = self._over = False
         console, shown = self.console, self.participant
@@ -146,15 +145,15 @@ class Windows(QObject):
         self.bench.stop(reason)
 
 
-def run(setup: Setup, participant: str) -> int:
-    """Open the app and stay until it closes; the exit code."""
+def run(bench: Bench) -> int:
+    """Open the app on a bench and stay until it closes; the exit code."""
     application = QApplication.instance() or QApplication(sys.argv[:1])
     assert isinstance(application, QApplication)
     theme.dress(application)
     application.setQuitOnLastWindowClosed(False)
-    bench, code = Bench(setup), 0
+    code = 0
     try:
-        windows = Windows(bench, participant)
+        windows = Windows(bench)
         windows.console.closed.connect(application.quit)
 
         def leave(number: int, _frame: object) -> None:

@@ -31,7 +31,7 @@ CHANGE = Said("One moment", "The device is being changed")
 STOPPED = Said("Stopped", "One moment, please")
 QUESTIONS = Said("A few questions")
 FINISHED = Said("Thank you", "That was the last one")
-FAILED = Said("Please wait", "Someone will be with you in a moment")
+FAILED = Said("Please wait", "Someone is coming to help")
 SLOWER, FASTER = "A little slower next time", "A little faster next time"
 
 #: The mouse on one screen: the person who moves also starts.
@@ -64,10 +64,11 @@ def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = Fal
         return BREAK
     if snapshot.brakes_off:
         return STOPPED
-    own_start = own_start and not why_not(snapshot)
+    blocked = bool(why_not(snapshot))
     if not snapshot.rows or snapshot.practice:
-        return Said("Practice" if snapshot.practice else WELCOME.large, SPACE_FIRST if own_start else WELCOME.small)
-    return after(snapshot.rows[-1], opened, own_start)
+        small = STOPPED.small if blocked else SPACE_FIRST if own_start else WELCOME.small
+        return Said("Practice" if snapshot.practice else WELCOME.large, small)
+    return after(snapshot.rows[-1], opened, own_start, blocked)
 
 
 def practised(snapshot: m.Snapshot, own_start: bool = True) -> Said:
@@ -76,8 +77,8 @@ def practised(snapshot: m.Snapshot, own_start: bool = True) -> Said:
     return Said(large, "Space: another one · Esc: back" if own_start and not why_not(snapshot) else "")
 
 
-def after(trial: TrialRow, opened: m.Opened | None, own_start: bool = False) -> Said:
-    """What is said after a trial: how it went, and what the protocol gives back."""
+def after(trial: TrialRow, opened: m.Opened | None, own_start: bool = False, blocked: bool = False) -> Said:
+    """What is said after a trial: how it went, and what the protocol gives back. blocked: the next cannot start yet."""
     parts = []
     if opened is not None and trial.status == "done":
         if opened.feedback == "time" and trial.duration_s is not None:
@@ -87,7 +88,7 @@ def after(trial: TrialRow, opened: m.Opened | None, own_start: bool = False) -> 
         if opened.cues is not None and trial.duration_s is not None:
             shortest, longest = opened.cues
             parts += [SLOWER] if trial.duration_s < shortest else [FASTER] if trial.duration_s > longest else []
-    parts = parts or [SPACE_NEXT if own_start else ENDED.small]
+    parts = parts or [STOPPED.small if blocked else SPACE_NEXT if own_start else ENDED.small]
     return Said(ENDINGS.get(trial.status, ""), " · ".join(parts))
 
 

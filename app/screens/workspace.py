@@ -100,5 +100,6 @@ class Workspace(QFrame):
         self.view.word()
 
     def set_blind(self, blind: bool) -> None:
-        """Hide brake colours, torques and the brakes' force."""
+        """Hide brake colours, torques, the brakes' force and what they could exert."""
         self.view.set_blind(blind)
+        self.buttons[REACHABLE].setVisible(not blind)

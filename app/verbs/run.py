@@ -7,6 +7,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from app.progress import announce_first_use
 from app.verbs.common import add_verb, label, whole_number_of
 from core.errors import InputError
 
@@ -58,58 +59,56 @@ def add(verbs) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    if args.print_plan:
+        return print_plan(args)
+    check_writable(args.data_dir)
+    if sys.platform == "linux" and not any(map(os.environ.get, SCREENS)):
+        raise InputError("there is no screen to open a window on: none of DISPLAY, WAYLAND_DISPLAY is set")
+    screen = ScreenCheck()
+    from app.live.bench import Bench
+    from app.live.setup import Setup
+
+    announce_first_use()
+    bench = Bench(
+        Setup(
+            args.data_dir.absolute(), whole(args.protocol), tuple(map(whole, args.device)) if args.device else None,
+            args.rules, args.low_gain, args.seed, args.input, args.participant or "",
+        )  # fmt: skip
+    )
+    try:  # all this takes its time, and so does the bench
+        windows = import_windows()
+        screen.check()
+        if refused := bench.refused():
+            raise InputError(refused)
+    except BaseException:
+        bench.stop("no window was opened")
+        raise
+    return windows.run(bench)
+
+
+def print_plan(args: argparse.Namespace) -> int:
+    """Every trial of the participant, for the standard output."""
+    from experiments.plan_text import print_plan
     from experiments.protocol import load_protocol
+    from experiments.session_files import free_participant
 
     protocol = load_protocol(
         args.protocol, devices=args.device, rules=args.rules, low_gain=args.low_gain, seed=args.seed
     )
-    participant = args.participant or next_participant(args.data_dir, protocol.participants)
-    if args.print_plan:
-        from experiments.plan_text import print_plan
+    participant = args.participant or free_participant(args.data_dir, protocol.participants)
+    print(print_plan(protocol, participant), end="")
+    return 0
 
-        print(print_plan(protocol, participant), end="")
-        return 0
-    check_writable(args.data_dir)
-    check_participant(args.data_dir, participant)
-    if sys.platform == "linux" and not any(map(os.environ.get, SCREENS)):
-        raise InputError("there is no screen to open a window on: none of DISPLAY, WAYLAND_DISPLAY is set")
+
+def import_windows():
+    """The windows. InputError if a system library is missing."""
     try:
-        from app.live.setup import Setup
         from app.screens import windows
     except ImportError as error:
         if ".so" not in str(error):
             raise
         raise InputError(f"the window cannot be opened, a system library is missing: {error}") from None
-    check_screen()
-    setup = Setup(
-        args.data_dir.absolute(), whole(args.protocol), tuple(map(whole, args.device)) if args.device else None,
-        args.rules, args.low_gain, args.seed, args.input,
-    )  # fmt: skip
-    return windows.run(setup, participant)
-
-
-def next_participant(data_dir: Path, participants: tuple[str, ...]) -> str:
-    """Whom to offer: the first without a session, else one whose session was interrupted. InputError if all are done."""
-    from experiments.session_files import free_participant, unfinished_sessions
-
-    try:
-        return free_participant(data_dir, participants)
-    except InputError:
-        if unfinished := unfinished_sessions(data_dir):
-            return unfinished[0]
-        raise
-
-
-def check_participant(data_dir: Path, participant: str) -> None:
-    """InputError unless the participant's session is still to begin or can be gone on with."""
-    from experiments.session_files import STORED, read_stored, refuse_existing, session_folder, unfinished_sessions
-
-    if participant in unfinished_sessions(data_dir):
-        return
-    folder = session_folder(data_dir, participant)
-    if (folder / STORED).exists():
-        read_stored(folder)  # one that is damaged is said to be
-    refuse_existing(data_dir, participant)
+    return windows
 
 
 def whole(name_or_path: str) -> str:
@@ -118,13 +117,20 @@ def whole(name_or_path: str) -> str:
     return str(path.absolute()) if path.is_file() else name_or_path
 
 
-def check_screen() -> None:
-    """InputError unless Qt can open a screen: tried in a process of its own, for Qt ends the process if it cannot."""
-    code = "from PySide6.QtGui import QGuiApplication; QGuiApplication([])"
-    tried = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
-    if tried.returncode != 0:
-        named = ", ".join(f"{name}={os.environ[name]}" for name in (*SCREENS, "QT_QPA_PLATFORM") if name in os.environ)
-        raise InputError(f"the window cannot be opened: Qt finds no usable screen ({named})")
+class ScreenCheck:
+    """Whether Qt can open a screen: tried in a process of its own, for Qt ends the process if it cannot."""
+
+    def __init__(self) -> None:
+        code = "from PySide6.QtGui import QGuiApplication; QGuiApplication([])"
+        null = subprocess.DEVNULL
+        self._process = subprocess.Popen([sys.executable, "-c", code], stdin=null, stdout=null, stderr=null)
+
+    def check(self) -> None:
+        """Wait for it. InputError if there is no screen."""
+        if self._process.wait() != 0:
+            names = [name for name in (*SCREENS, "QT_QPA_PLATFORM") if name in os.environ]
+            named = ", ".join(f"{name}={os.environ[name]}" for name in names)
+            raise InputError(f"the window cannot be opened: Qt finds no usable screen ({named})")
 
 
 def check_writable(folder: Path) -> None:

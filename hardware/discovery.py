@@ -1,0 +1,111 @@
+"""What is attached: serial ports with who they are on USB, boards that answer, six-axis HID devices."""
+
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+from serial.tools import list_ports
+
+from core.device_link import LinkError
+from core.errors import InputError
+from core.mechanism import JOINTS
+from hardware.connection import HELLO_S, Connection
+from hardware.hid_hand import list_hid
+from hardware.hid_layouts import attached
+from hardware.messages import VERSION, AskHello, Hello, State, joints_of
+from hardware.port import Port
+from hardware.sensing import fault_words
+
+
+class SerialPort(NamedTuple):
+    """A serial port that the system lists."""
+
+    port: str
+    usb: str  # "vendor:product", hexadecimal; "" where it is not on USB
+    serial: str
+    name: str
+    allowed: bool  # whether we may open it
+
+
+class BoardFound(NamedTuple):
+    """What answers at a port."""
+
+    port: str
+    board: str  # its number; "" where none answers
+    device: str  # that it is wired to
+    version: int  # of the protocol
+    firmware: str
+    encoders: dict[str, int]  # joint -> counts per revolution
+    brakes: dict[str, float]  # joint -> largest current of its driver, A
+    force_channels: int
+    state: str
+    fault: str  # latched, in words
+    problem: str  # why none answers; "": one does
+
+
+class HidDevice(NamedTuple):
+    """A six-axis device that is known here."""
+
+    path: str
+    ids: str  # "vendor:product"
+    product: str
+    allowed: bool
+
+
+def serial_ports() -> list[SerialPort]:
+    """The ports that the system lists; a pseudo-terminal is none."""
+    return [
+        SerialPort(
+            port.device,
+            f"{port.vid:04x}:{port.pid or 0:04x}" if port.vid is not None else "",
+            port.serial_number or "",
+            port.product or (port.description if port.description != "n/a" else "") or "",
+            os.access(port.device, os.R_OK | os.W_OK),
+        )
+        for port in sorted(list_ports.comports())
+    ]
+
+
+def hid_devices() -> list[HidDevice]:
+    """The known six-axis devices. InputError where the library that reads them is missing."""
+    return [
+        HidDevice(name := found.path.decode(errors="replace"), found.ids, found.product,
+                  not Path(name).exists() or os.access(name, os.R_OK))
+        for found in attached(list_hid())
+    ]  # fmt: skip
+
+
+def ask_board(port: str) -> BoardFound:
+    """Who answers at a port; a connection that it has is not disturbed, the port is then busy. InputError: no port."""
+    if not os.path.exists(port) and os.name == "posix":
+        raise InputError(f"serial port {port}: no such file or directory")
+    nobody = BoardFound(port, "", "", 0, "", {}, {}, 0, "", "", "")
+    try:
+        wire = Port(port)
+    except LinkError as error:
+        return nobody._replace(problem=str(error))
+    try:
+        wire.write(b"\0")
+        hello = Connection(wire).ask(AskHello(VERSION), Hello, HELLO_S)
+    except LinkError as error:
+        return nobody._replace(problem=str(error))
+    finally:
+        wire.close()
+    return described(port, hello)
+
+
+def described(port: str, hello: Hello) -> BoardFound:
+    """A board's Hello in words."""
+    return BoardFound(
+        port,
+        hello.serial.decode(errors="replace") or "without a number",
+        hello.device.decode(errors="replace"),
+        hello.version,
+        ".".join(map(str, hello.firmware)),
+        {JOINTS[i]: hello.counts_per_rev[i] for i in joints_of(hello.encoders) if i < len(JOINTS)},
+        {JOINTS[i]: 1e-3 * hello.current_max_mA[i] for i in joints_of(hello.brakes) if i < len(JOINTS)},
+        hello.force_channels,
+        next((state.name.capitalize() for state in State if state == hello.state), f"state {hello.state}"),
+        fault_words(hello.cause),
+        "",
+    )

@@ -1,0 +1,113 @@
+"""`phd devices`: nothing attached, something attached, the emulated board, a dead port, none at all."""
+
+import json
+import os
+import subprocess
+import sys
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from app.attached import hid_lines, port_lines
+from app.cli import main
+from app.doctor import CAUTION, GOOD, UDEV_RULE
+from core.errors import InputError
+from hardware import discovery
+
+ROOT = Path(__file__).resolve().parent.parent
+NAVIGATOR = {"path": b"/dev/hidraw77", "vendor_id": 0x046D, "product_id": 0xC626, "usage_page": 1, "usage": 8,
+             "product_string": "SpaceNavigator"}  # fmt: skip
+TEENSY = SimpleNamespace(device="/dev/ttyACM9", vid=0x16C0, pid=0x0483, serial_number="123", product="USB Serial",
+                         description="USB Serial")  # fmt: skip
+
+
+@pytest.fixture
+def nothing(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    monkeypatch.setattr(discovery.list_ports, "comports", lambda: [])
+    monkeypatch.setattr(discovery, "list_hid", lambda: [])
+    return monkeypatch
+
+
+@pytest.fixture
+def dead_port() -> Iterator[str]:
+    """A port at which nobody is."""
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    yield os.ttyname(theirs)
+    os.close(ours)
+    os.close(theirs)
+
+
+def said(capsys: pytest.CaptureFixture, *arguments: str) -> tuple[int, str]:
+    code = main(["devices", *arguments])
+    return code, capsys.readouterr().out
+
+
+def test_nothing_attached_is_said_plainly_and_no_failure(nothing, capsys: pytest.CaptureFixture) -> None:
+    assert said(capsys) == (0, "nothing attached\n")
+    code, out = said(capsys, "--json")
+    assert code == 0 and json.loads(out) == {"ports": [], "boards": [], "hands": []}
+    assert [line.state for line in (*port_lines([]), *hid_lines())] == [GOOD, GOOD]
+
+
+def test_what_is_attached_has_a_line_each_with_its_identity(nothing, capsys: pytest.CaptureFixture) -> None:
+    nothing.setattr(discovery.list_ports, "comports", lambda: [TEENSY])
+    nothing.setattr(discovery, "list_hid", lambda: [NAVIGATOR])
+    code, out = said(capsys)
+    port, hand = out.splitlines()
+    assert code == 0 and "/dev/ttyACM9" in port and "16c0:0483 123 USB Serial" in port and "not allowed" in port
+    assert "/dev/hidraw77" in hand and "046d:c626 SpaceNavigator" in hand
+
+
+def test_rights_that_are_missing_come_with_what_to_type(nothing, tmp_path: Path) -> None:
+    (line,) = port_lines([discovery.SerialPort("/dev/ttyACM9", "16c0:0483", "123", "USB Serial", False)])
+    assert line.state == CAUTION and (sys.platform != "linux" or "usermod -aG dialout" in line.advice)
+    nothing.setattr("app.attached.hid_devices", lambda: [discovery.HidDevice("/dev/hidraw7", "046d:c626", "S", False)])
+    (line,) = hid_lines()
+    assert line.state == CAUTION and UDEV_RULE in line.advice
+
+    def broken():
+        raise InputError("six-axis devices cannot be read: no library")
+
+    nothing.setattr("app.attached.hid_devices", broken)
+    (line,) = hid_lines()
+    assert line.state == CAUTION and "no library" in line.found
+
+
+def test_a_dead_port_says_that_no_board_answers(nothing, dead_port: str, capsys: pytest.CaptureFixture) -> None:
+    nothing.setattr(discovery, "HELLO_S", 0.3)
+    code, out = said(capsys, "--port", dead_port)
+    assert code == 1 and out.splitlines() == [f"board           {dead_port}  {dead_port}: no board answers there"]
+
+
+def test_a_port_that_is_not_there_is_one_sentence(capsys: pytest.CaptureFixture) -> None:
+    assert main(["devices", "--port", "/dev/none"]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err) == ("", "phd: serial port /dev/none: no such file or directory\n")
+
+
+def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(nothing, capsys: pytest.CaptureFixture) -> None:
+    emulated = subprocess.Popen(
+        [sys.executable, "-m", "app.cli", "emulate", "--device", "three-brake", "--seed", "9"],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    try:
+        assert emulated.stdout is not None
+        port = emulated.stdout.readline().strip()
+        code, out = said(capsys, "--port", port, "--json")
+        (board,) = json.loads(out)["boards"]
+        assert code == 0 and board["problem"] == "" and board["device"] == "three-brake"
+        assert board["board"] == "EMULATED-9" and board["encoders"] == {"A": 96000, "B": 96000}
+        assert set(board["brakes"]) == {"A", "E", "B"} and board["force_channels"] == 6 and board["state"] == "Idle"
+        wire = discovery.Port(port)
+        code, out = said(capsys, "--port", port)
+        wire.close()
+        assert code == 1 and port in out and "EMULATED" not in out
+    finally:
+        emulated.terminate()
+        emulated.wait(20)
+        if emulated.stdout is not None:
+            emulated.stdout.close()
