@@ -59,10 +59,12 @@ def emulate(args: argparse.Namespace) -> int:
     faults = [read_fault(text) for text in args.fault]
     from app.progress import announce_first_use
     from core.device import load_device
-    from experiments.plan import SEGMENTS
+    from core.path_file import build_path
+    from experiments.protocol import load_protocol
 
     device = load_device(args.device)
-    start, end = (args.path[:2], args.path[2:]) if args.path else SEGMENTS[1]
+    path = build_path(load_protocol().paths[1], "path 1")
+    start, end = (args.path[:2], args.path[2:]) if args.path else ((path.x0, path.y0), (path.x1, path.y1))
     tip = (float(start[0]), float(start[1]))
     announce_first_use()
     from hardware.emulated_device import HeldHand
