@@ -16,12 +16,14 @@ from experiments.boxplots import MEASURES, boxes, draw_boxplots, in_order
 from experiments.journal import write_event
 from experiments.protocol import label
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
-from experiments.report import write_report
+from experiments.report import side_by_side, write_report
 from experiments.sensitivity import of_recording
 from experiments.session_about import preset_from_json
-from experiments.session_files import hold_lock, read_stored, runs_on_disk
+from experiments.session_files import TABLE, hold_lock, read_stored, runs_on_disk
 from experiments.session_rows import KEY_OPENED, Told, recorded_row, rows_without_recording, told
+from experiments.statements import why_no_findings
 from experiments.trials_table import COUNTED, TrialRow, read_table, write_table
+from experiments.whole_files import give_new_name, written_beside
 
 
 def find_recordings(session: Path) -> list[Path]:
@@ -182,6 +184,35 @@ def changed_boxes(
                 f"median {old.median:.4g} -> {new.median:.4g} {measure.unit}{share}"
             )
     return said
+
+
+def read_studies(folders: Sequence[Path]) -> dict[str, list[TrialRow]]:
+    """The trials of several studies, by the names of their folders. InputError if one cannot be compared."""
+    studies: dict[str, list[TrialRow]] = {}
+    for folder in folders:
+        name = folder.resolve().name
+        if name in studies:
+            raise InputError(f"{folder}: another study of this name is named already, they cannot be told apart")
+        rows = read_table(folder / TABLE)
+        if not any(row.status in COUNTED for row in rows):
+            raise InputError(f"{folder / TABLE}: holds no trial that counts, there is nothing to compare")
+        presets = {
+            number: preset
+            for session in sorted(folder.glob("sub-*/ses-*"))
+            for number, preset in read_stored(session).protocol.controllers.items()
+        }
+        if reason := why_no_findings(presets, any(isinstance(row.controller, str) for row in rows)):
+            raise InputError(f"{folder / TABLE}: {reason}")
+        studies[name] = rows
+    return studies
+
+
+def write_side_by_side(studies: Mapping[str, Sequence[TrialRow]], out: Path) -> Path:
+    """The findings of several studies in one table; where it stands."""
+    path = out / "side-by-side.md"
+    with written_beside(path, side_by_side(studies).encode()) as partial:
+        give_new_name(partial, path)
+    return path
 
 
 def count_of(things: Sequence, word: str) -> str:

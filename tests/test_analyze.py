@@ -123,3 +123,22 @@ def test_the_energy_of_a_trial_that_was_cut_off_is_not_made_up(tmp_path):
     recover(tmp_path)
     rows = write_pooled_table(tmp_path)
     assert rows[0].energy_residual_J is not None and rows[1].energy_residual_J is None
+
+
+def test_the_findings_of_two_studies_stand_side_by_side_and_why_those_that_fail_do(study, tmp_path, capsys):
+    other = tmp_path / "other"
+    shutil.copytree(study, other)
+    before = files(study)
+    assert main(["analyze", str(other), "--beside", str(study), "--out", str(tmp_path / "out")]) == 0
+    text = (tmp_path / "out" / "side-by-side.md").read_text()
+    head = next(line for line in text.splitlines() if line.startswith("| |"))
+    assert f"| other | {study.name} |" in head and text.count("\n| ") >= 11
+    for line in text.splitlines():
+        if re.match(r"\| \d+ \|", line):  # the same data: the same verdicts
+            assert len(set(line.strip("|").split("|")[2:])) == 1
+    assert files(study) == before
+    capsys.readouterr()
+    assert main(["analyze", str(other), "--beside", str(other), "--out", str(tmp_path / "no")]) == 2
+    assert "cannot be told apart" in capsys.readouterr().err and not (tmp_path / "no").exists()
+    assert main(["analyze", str(other), "--beside", str(tmp_path), "--out", str(tmp_path / "no")]) == 2
+    assert "trials.csv" in capsys.readouterr().err and not (tmp_path / "no").exists()

@@ -26,14 +26,25 @@ def add(verbs) -> None:
         action="store_true",
         help="open the keys of blind sessions for this analysis; who did it, and when, is written into their journals",
     )
+    verb.add_argument(
+        "--beside",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="DIR",
+        help="further studies: the findings of all, from their trials.csv, side by side in OUT/side-by-side.md",
+    )
     verb.add_argument("--json", action="store_true", help="print the summary as JSON")
 
 
 def analyze_verb(args: argparse.Namespace) -> int:
-    from experiments.analyze import analyze
+    from experiments.analyze import analyze, read_studies, write_side_by_side
 
+    studies = read_studies([args.dir, *args.beside]) if args.beside else {}
     with Progress("analyzing") as progress:
         summary = analyze(args.dir, args.out, progress, getpass.getuser() if args.unblind else "")
+    if studies:
+        summary["side_by_side"] = str(write_side_by_side(studies, Path(summary["out"])))
     if args.json:
         print_summary(summary, True)
         return 0
