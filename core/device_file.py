@@ -114,6 +114,7 @@ class Sensing(Table, frozen=True):
 
     encoders: Encoders | None = None
     force: ForceSensor | None = None
+    home_m: Pair | None = None  # where a jig holds the handle while the encoders are homed
 
 
 class DeviceFile(Table, frozen=True):

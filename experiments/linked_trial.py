@@ -27,6 +27,7 @@ from core.stops import distal_sine
 from experiments import linked_tick, tick
 from experiments.linked_tick import SPEED_MAX_M_S, WATCH
 from experiments.plan import PlannedTrial
+from experiments.protocol import load_protocol
 from experiments.protocol_file import TrialRules
 from experiments.trial import DEFAULT_RULES, run_fields
 
@@ -126,7 +127,7 @@ class LinkedTrial:
     @property
     def currents(self) -> tuple[float, float, float, float]:
         """What the brakes are to have now, A; zero in doubt, and once the trial is over."""
-        if self.finished or self._reason or not self.clock() - self._heard_s < SILENT_S:
+        if self.finished or self._run["stop"][0] or not self.clock() - self._heard_s < SILENT_S:
             return (0.0, 0.0, 0.0, 0.0)
         a, e, b, c = self._run["current"][0].tolist()
         return a, e, b, c
@@ -222,15 +223,18 @@ class LinkedTrial:
         for one in [*self._lost_before(sample.sequence, sensed), sensed]:
             if self.finished:
                 break
-            linked_tick.linked_tick(
-                self.path, self.controller, self._mechanism, self._brakes, self._grips, self._state, self._watch,
-                self._run, self._memory, one, int(newest and one is sensed),
-            )  # fmt: skip
+            self._tick(one, newest and one is sensed)
             made.append(one)
         self._last = sample.sequence, sensed
         if self.phase == "end" and math.isnan(self._ended_s):
             self._ended_s = now
         return made
+
+    def _tick(self, made: np.ndarray, newest: bool) -> None:
+        linked_tick.linked_tick(
+            self.path, self.controller, self._mechanism, self._brakes, self._grips, self._state, self._watch,
+            self._run, self._memory, made, int(newest),
+        )  # fmt: skip
 
     def _look_at(self, sample: LinkSample) -> None:
         """What must not be while a hand is at the device ends the trial, with this sample or without it."""
@@ -263,6 +267,18 @@ class LinkedTrial:
             made.append(lost)
         self.filled += len(made)
         return made
+
+
+def load_kernels() -> None:
+    """Compile, or load, what a trial needs: seconds that no board waits for."""
+    protocol = load_protocol()
+    device, path = protocol.devices[0], protocol.paths[1]
+    trial = LinkedTrial(device, PlannedTrial(0, 0, device.name, 1, 1, 1), path, protocol.controllers[1], protocol.rules)
+    made = np.zeros(row.BENCH_WIDTH)
+    made[row.TIP_X], made[row.TIP_Y] = trial.path.x0, trial.path.y0
+    distal_sine(trial._mechanism[0], trial.path.x0, trial.path.y0)
+    trial._tick(made, newest=True)
+    tick.enter(trial._run[0], row.END, tick.ABORTED, tick.BY_EXPERIMENTER)
 
 
 def plain(record: np.recarray) -> np.ndarray:

@@ -105,6 +105,7 @@ class _Named(Table, frozen=True):
     """What a population file holds besides a person's numbers."""
 
     name: Annotated[str, msgspec.Meta(min_length=1)]
+    changed_after_findings: tuple[str, ...] = ()  # what was set after findings were looked at, one sentence each
 
     def __post_init__(self) -> None:
         for key, limits in LIMITS.items():
@@ -128,6 +129,12 @@ class Population:
     name: str
     text: str  # the file in full
     spreads: dict[str, Spread]
+    changed_after_findings: tuple[str, ...] = ()
+
+    def note(self) -> str:
+        """What a report says of these operators: whether anything about them was tuned to what they show."""
+        changed = "; ".join(self.changed_after_findings) or "nothing"
+        return f"simulated operators ({self.name} population; changed after findings were looked at: {changed})"
 
     @property
     def assumed(self) -> bool:
@@ -160,4 +167,5 @@ def load_population(name_or_path: str | Path = "average") -> Population:
 def population_of(text: str, where: str) -> Population:
     """A population from the text of its file, as a study stores it; `where` names the file in refusals."""
     content = parse_toml(text, PopulationFile, where)
-    return Population(content.name, text, {key: getattr(content, key) for key in Person._fields})
+    spreads = {key: getattr(content, key) for key in Person._fields}
+    return Population(content.name, text, spreads, content.changed_after_findings)

@@ -17,10 +17,12 @@ from core.path_file import build_path
 from core.simulator import Simulation
 from experiments.blind import new_key, read_key, write_key
 from experiments.journal import write_event
+from experiments.linked_trial import LinkedTrial
 from experiments.operator import Person
 from experiments.plan import PRACTICE_BLOCK, PlannedTrial, make_plan, participant_index, plan_hash
 from experiments.protocol import Protocol
 from experiments.recording import STREAM_SUFFIX, RecordingWriter, convert_to_parquet, read_recording
+from experiments.recording_form import Sensors
 from experiments.recover import recover_session
 from experiments.session_about import recording_metadata, session_about
 from experiments.session_files import (
@@ -176,16 +178,14 @@ class Session(SessionOrder):
             self._simulations[configuration].hand.grips["target"][0, :2] = (x, y)
         return self._simulations[configuration]
 
-    def begin(self, planned: PlannedTrial) -> tuple[Trial, RecordingWriter]:
-        """Open a trial, or a practice trial (block 0), and its recording."""
-        generator = None
-        if self.person:  # the same noise for every controller and configuration
-            key = [self.protocol.seed, participant_index(self.participant), planned.segment, planned.repetition]
-            generator = np.random.default_rng(np.random.SeedSequence(key))
-        trial = Trial(
-            self.simulation(planned.configuration), planned, self.protocol.paths[planned.segment],
-            self.preset(planned), self.protocol.rules, self.protocol.trial, self.person, generator,
-        )  # fmt: skip
+    def begin(
+        self, planned: PlannedTrial, sensors: Sensors | None = None
+    ) -> tuple[Trial | LinkedTrial, RecordingWriter]:
+        """Open a trial, or a practice trial (block 0), and its recording.
+
+        sensors: of the device on the bench, on which it is to be run; None: on the simulated device.
+        """
+        trial = self._linked_trial(planned) if sensors else self._simulated_trial(planned)
         practice = planned.block == PRACTICE_BLOCK
         if practice:
             (self.folder / PRACTICE).mkdir(exist_ok=True)
@@ -194,7 +194,7 @@ class Session(SessionOrder):
         preset = None if self.blind else self.preset(planned)
         about = recording_metadata(self.participant, self.protocol, self.person, trial, preset)
         about["plan_sha256"] = self.plan_sha256
-        writer = RecordingWriter(name, device.braked, about, sync=self._sync)
+        writer = RecordingWriter(name, device.braked, about, sync=self._sync, sensors=sensors)
         try:
             self.journal("practice begun" if practice else BEGUN, **planned._asdict())
         except OSError:
@@ -202,7 +202,23 @@ class Session(SessionOrder):
             raise
         return trial, writer
 
-    def finish(self, trial: Trial, writer: RecordingWriter) -> TrialRow:
+    def _simulated_trial(self, planned: PlannedTrial) -> Trial:
+        generator = None
+        if self.person:  # the same noise for every controller and configuration
+            key = [self.protocol.seed, participant_index(self.participant), planned.segment, planned.repetition]
+            generator = np.random.default_rng(np.random.SeedSequence(key))
+        return Trial(
+            self.simulation(planned.configuration), planned, self.protocol.paths[planned.segment],
+            self.preset(planned), self.protocol.rules, self.protocol.trial, self.person, generator,
+        )  # fmt: skip
+
+    def _linked_trial(self, planned: PlannedTrial) -> LinkedTrial:
+        return LinkedTrial(
+            self.devices[planned.configuration], planned, self.protocol.paths[planned.segment],
+            self.preset(planned), self.protocol.rules, self.protocol.trial,
+        )  # fmt: skip
+
+    def finish(self, trial: Trial | LinkedTrial, writer: RecordingWriter) -> TrialRow:
         """Close the recording, verify it, take the measures from what was recorded, add the row to the table."""
         writer.close(trial.outcome())
         recording = read_recording(convert_to_parquet(writer.path, sync=self._sync))

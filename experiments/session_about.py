@@ -8,11 +8,13 @@ from typing import Any
 import msgspec
 
 from core.control import KINDS, Preset
+from experiments.linked_trial import LinkedTrial
 from experiments.operator import Person
 from experiments.plan import PlannedTrial, plan_hash, plan_to_json
 from experiments.protocol import Protocol, protocol_to_json
 from experiments.trial import Trial
 
+SENSOR = "force sensor"  # of a device on the bench: whoever moves the handle
 LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 
 
@@ -41,10 +43,10 @@ def session_about(
 
 
 def recording_metadata(
-    participant: str, protocol: Protocol, person: Person | None, trial: Trial, preset: Preset | None
+    participant: str, protocol: Protocol, person: Person | None, trial: Trial | LinkedTrial, preset: Preset | None
 ) -> dict[str, Any]:
     """What a recording says of its trial. preset: its controller; None: nothing may tell it, the session is blind."""
-    planned, path = trial.planned, trial.path
+    planned, path, linked = trial.planned, trial.path, isinstance(trial, LinkedTrial)
     about = {
         "participant": participant,
         **planned._asdict(),
@@ -55,9 +57,9 @@ def recording_metadata(
         "rules": protocol.rules,
         "seed": protocol.seed,
         "note": protocol.note(),
-        "hand": "operator" if person else "mouse",
-        "link": "sim",
-        "assumed": trial.simulation.device.assumed,
+        "hand": SENSOR if linked else "operator" if person else "mouse",
+        "link": "serial" if linked else "sim",
+        "assumed": trial.device.assumed,
     }
     if preset is not None:
         about["preset"] = preset_to_json(preset)

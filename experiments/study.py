@@ -92,6 +92,7 @@ class _Run:
             "findings": why_no_findings(protocol.controllers) or verdicts(table),
             "protocol": protocol.name,
             "population": self.study.population.name,
+            "operators_changed_after_findings": list(self.study.population.changed_after_findings) or "nothing",
             "rules": protocol.rules,
             "low_gain_N_s_m": protocol.low_gain,
             "parameters": "assumed" if protocol.assumed or self.study.population.assumed else "as in the files",
@@ -145,7 +146,8 @@ class _Run:
             if name == FIGURES:
                 draw_boxplots(table, folder, note, labels=protocol.labels())
             else:
-                write_report(table, folder, note, controllers=protocol.controllers)
+                said = f"{protocol.note()}, {self.study.population.note()}"
+                write_report(table, folder, said, controllers=protocol.controllers)
             shutil.rmtree(self.out / name, ignore_errors=True)
             folder.rename(self.out / name)
 

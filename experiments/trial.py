@@ -112,6 +112,17 @@ class Trial:
         return row.PHASES[int(self._run["phase"][0])]
 
     @property
+    def device(self) -> Device:
+        """The device behind it."""
+        return self.simulation.device
+
+    @property
+    def tip(self) -> tuple[float, float]:
+        """Where the handle is, m."""
+        tip = self.simulation.state["tip"][0]
+        return float(tip[0]), float(tip[1])
+
+    @property
     def ticks(self) -> int:
         """Ticks run so far."""
         return int(self._run["tick"][0])

@@ -1,4 +1,4 @@
-"""The board in C (hardware/reference), built on this host, and a Python board that writes down what it lives through."""
+"""The board in C (hardware/reference) built on this host, and a Python board that writes down what it lives through."""
 
 import random
 import shutil

@@ -157,9 +157,10 @@ def test_another_process_cannot_have_the_data_folder_meanwhile(bench: Window, se
 
 def test_proof_of_recording_grows_while_a_trial_runs(bench: Window) -> None:
     run = bench.start().running.run
-    bench.until(lambda s: bench.pulse and bench.pulse.proof and bench.pulse.proof.rows > 0)
+    name = f"run-{run:03d}.arrows"
+    bench.until(lambda s: (proof := bench.pulse.proof) and proof.name == name and proof.rows > 0)
     first = bench.pulse.proof
-    assert first.name == f"run-{run:03d}.arrows" and first.age_s < 1.0
+    assert first.age_s < 1.0
     bench.until(lambda s: bench.pulse.proof and bench.pulse.proof.rows > first.rows)
     assert bench.pulse.proof.bytes > first.bytes
     assert bench.pulse.timing.p99_us >= bench.pulse.timing.p50_us >= 0.0

@@ -1,13 +1,22 @@
-"""kill -9 of window, control loop and conductor in mid-trial: what ends, what goes on, and what is kept."""
+"""kill -9 of window, control loop and conductor in mid-trial: what ends, what goes on, and what is kept.
+
+Run as a script with a number of kills, it does as many at random moments and prints what it saw:
+python tests/test_live_kill.py 60
+"""
 
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
+
+if __name__ == "__main__":
+    sys.path[:0] = [str(Path(__file__).resolve().parent.parent)]
 
 import pytest
 from live import LONG_S, Window, children, gone, kill, wait_until, window
+from live_kills import VICTIMS, Killing
 
 from app.live import messages as m
 from app.live.place import find
@@ -138,3 +147,29 @@ def test_a_bench_that_is_told_to_end_keeps_its_trial(setup: Setup) -> None:
     assert kept.whole and kept.outcome["status"] == "aborted" and kept.outcome["reason"] == "the bench was told to end"
     opened.bench.close()
     assert not (setup.data_dir / ".bench.json").exists()
+
+
+def test_kills_at_random_moments_lose_nothing_that_was_acknowledged(setup: Setup) -> None:
+    killing = Killing(setup)
+    try:
+        for victim in VICTIMS:
+            killing.kill(victim)
+    finally:
+        killing.close()
+    assert killing.seen["recordings checked"] >= 3 and not (setup.data_dir / ".bench.json").exists()
+
+
+def main(kills: int) -> None:
+    """So many kills, each victim in turn, on one session in real time with the disk waited for."""
+    with tempfile.TemporaryDirectory() as folder:
+        killing = Killing(Setup(Path(folder) / "data", hand="operator"), seed=kills)
+        try:
+            for number in range(kills):
+                killing.kill(VICTIMS[number % len(VICTIMS)])
+                print(number + 1, dict(killing.seen), flush=True)
+        finally:
+            killing.close()
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

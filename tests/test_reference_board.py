@@ -16,7 +16,7 @@ from test_board_states import SEEN, happen, in_state
 
 from hardware.board import TICK_US
 from hardware.frames import encode_frame
-from hardware.messages import WATCHDOG_US, Command, Fault, State, pack
+from hardware.messages import WATCHDOG_US, Command, Fault, Heartbeat, State, pack
 
 pytestmark = needs_compiler
 
@@ -62,6 +62,35 @@ def test_a_command_after_the_watchdog_finds_it_tripped_even_between_ticks(progra
         bench.now_us += late_us
         bench.command()
         assert live_alike(program, [bench.board])[-1].state == state
+
+
+def test_every_limit_lies_where_it_lies_in_python(program: Path) -> None:
+    """One less than what is too much is borne, on either side of zero; then one more."""
+    edges = [{"current_mA": (0, 0, most, 0)} for most in (1200, 1201, -1200, -1201, -(2**15))]
+    edges += [{"force": (0, 0, most, 0, 0, 0)} for most in (66_699, 66_700, -66_699, -66_700, -(2**31))]
+    edges += [{"turn": turn} for turn in (100, 101, -100, -101)]
+    edges += [{"waited_us": waited} for waited in (60_000, 60_001)]  # 50 ms, and 1 ms for each of the ten seconds
+    boards, ends = [], Counter()
+    for edge in edges:
+        bench = recorded()
+        bench.connect(speed=(0, 0, 100_000, 0))
+        bench.command(mode=0)
+        if "waited_us" in edge:
+            for _ in range(20):
+                bench.now_us += 500_000
+                bench.tell(Heartbeat(1))
+            bench.delay_us = edge["waited_us"]
+            bench.command()
+        for k in range(12):
+            turned = {"counts": (0, 0, edge["turn"] * k, 0)} if "turn" in edge else {}
+            bench.tick(**turned, **{name: edge[name] for name in ("current_mA", "force") if name in edge})
+        boards.append(bench.board)
+        ends[bench.state, bench.board.cause] += 1
+    live_alike(program, boards)
+    assert ends == {
+        (State.READY, Fault.NONE): 2 + 2 + 2 + 1, (State.ACTIVE, Fault.NONE): 1, (State.FAULT, Fault.OVER_CURRENT): 3,
+        (State.FAULT, Fault.FORCE_SATURATED): 3, (State.FAULT, Fault.OVER_SPEED): 2,
+    }  # fmt: skip
 
 
 def test_an_encoder_whose_counter_goes_round_is_not_too_fast(program: Path) -> None:

@@ -74,7 +74,7 @@ class Bench:
 
     def ticks(self) -> np.ndarray:
         """The ticks since the last call: (n, row.WIDTH), of one trial after the other (`t_s` starts again at 0)."""
-        return self._ring.newest() if self._ring is not None else np.empty((0, row.WIDTH))
+        return self._ring.newest()[:, : row.WIDTH] if self._ring is not None else np.empty((0, row.WIDTH))
 
     @property
     def taken(self) -> bool:

@@ -4,6 +4,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
+from app.live.board_jobs import Linked
 from app.live.messages import BAD, CAUTION, GOOD, WAITING, Check, Timing
 from app.live.scheduling import ADVICE
 
@@ -18,6 +19,35 @@ def check_device(simulated: bool, why_off: str) -> Check:
     if why_off:
         return Check("Device", BAD, "brakes off", f"Brakes off: {why_off}. Allow the brakes again when that is past.")
     return Check("Device", GOOD, "simulated" if simulated else "connected")
+
+
+def simulated_checks(hand: str, why_off: str) -> tuple[Check, Check]:
+    """Of a simulated device and the hand that moves it."""
+    return check_device(True, why_off), check_hand(hand)
+
+
+def check_linked(linked: Linked | None, why_off: str) -> Check:
+    """Whether the device on the bench is there and fit, and currents may flow."""
+    if linked is None:
+        return Check("Device", WAITING, "connecting", "The board on the bench is being reached.")
+    if linked.problem:
+        return Check("Device", BAD, "not connected", f"{linked.problem[0].upper()}{linked.problem[1:]}.")
+    if why_off or linked.fault:
+        return check_device(False, why_off or f"the board: {linked.fault}")
+    if not linked.homed:
+        return Check("Device", BAD, "not homed", "The encoders must be homed: nobody knows where the handle is.")
+    return Check("Device", GOOD, f"{linked.device}, board {linked.board}")
+
+
+def check_sensor(linked: Linked | None) -> Check:
+    """Whether the hand force is measured."""
+    if linked is None or not linked.device:
+        return Check("Hand", WAITING, "force sensor", "The board on the bench is being reached.")
+    if linked.force_channels == 0:
+        return Check("Hand", CAUTION, "no force sensor", "The controllers cannot feel the hand: they see motion alone.")
+    if not linked.zeroed:
+        return Check("Hand", BAD, "force not zeroed", "The force sensor has no zero yet.")
+    return Check("Hand", GOOD, "force sensor")
 
 
 def check_hand(hand: str) -> Check:

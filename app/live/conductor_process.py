@@ -16,6 +16,7 @@ from app.live.loop_process import LoopProcess
 from app.live.place import NAME, Place, publish
 from app.live.ring import Ring
 from app.live.setup import Setup
+from core import row
 from core.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,8 +31,8 @@ def main() -> None:
     setup = Setup.from_json(sys.argv[1])
     place = Place()
     try:
-        ring = Ring(place.ring, create=True)
-        loop = LoopProcess(ring, setup.real_time)  # it takes its time, and so do all the imports below
+        ring = Ring(place.ring, create=True, width=row.BENCH_WIDTH if setup.link else row.WIDTH)
+        loop = LoopProcess(ring, setup.real_time, setup.link)  # it takes its time, and so do all the imports below
         try:
             _conduct(setup, place, ring, loop)
         finally:

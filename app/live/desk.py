@@ -6,12 +6,14 @@
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from app.live import messages as m
-from app.live.checks import check_device, check_disk, check_hand, check_recording
+from app.live.checks import check_disk, check_recording, simulated_checks
 from app.live.loop_process import LoopProcess
+from app.live.rigging import Rigging
 from app.live.ring import Ring
 from app.live.runner import Runner
 from app.live.setup import OPERATOR, Setup
@@ -26,6 +28,7 @@ from experiments.plan import PlannedTrial, participant_index
 from experiments.population import load_population
 from experiments.protocol import Protocol
 from experiments.session import Session
+from experiments.session_about import SENSOR
 from experiments.session_files import free_participant, unfinished_sessions, write_pooled_table
 from experiments.trial import Trial, new_simulation
 
@@ -40,7 +43,9 @@ class Desk:
     def __init__(self, setup: Setup, protocol: Protocol, ring: Ring, loop: LoopProcess) -> None:
         """protocol: of new sessions. loop: already started."""
         self.setup, self.protocol, self.ring = setup, protocol, ring
-        self.runner = Runner(ring, loop, setup.real_time)
+        self.runner = Runner(ring, loop, setup.real_time, setup.link)
+        self.rigging = Rigging(self.runner.send, protocol) if setup.link else None  # of a device on the bench
+        self._device_checks = self.rigging.checks if self.rigging else partial(simulated_checks, setup.hand)
         self.sitting: Sitting | None = None  # the open session
         self.why_off = ""  # cause of the brakes-off, as the journal has it
         self.broken = ""  # why no more trials can be run
@@ -114,7 +119,9 @@ class Desk:
             return m.RUNNING
         if self._bench is None or not self.runner.ready:
             return m.PREPARING
-        return self.sitting.stage if self.sitting else m.NO_SESSION
+        if self.sitting is None:
+            return m.NO_SESSION
+        return self.sitting.stage if self.rigging is None else self.rigging.stage(self.sitting)
 
     @property
     def session(self) -> Session | None:
@@ -139,8 +146,8 @@ class Desk:
             show_linkage=protocol.show_linkage,
             cues=(protocol.cues.too_fast_s, protocol.cues.too_slow_s) if protocol.cues else None,
             seed=protocol.seed,
-            real_device=False,
-            hand=self.setup.hand,
+            real_device=self.rigging is not None,
+            hand=self.setup.hand if self.rigging is None else SENSOR,
             next_participant=self._next_participant,
             rules=protocol.rules,
         )
@@ -160,8 +167,7 @@ class Desk:
             paused=sitting is not None and sitting.paused_s is not None,
             blind=session is not None and session.blind,
             checks=(
-                check_device(True, self.why_off),
-                check_hand(self.setup.hand),
+                *self._device_checks(self.why_off),
                 self.runner.check,
                 self._disk,
                 check_recording(self.broken, self._verified),
@@ -170,7 +176,7 @@ class Desk:
             notes=tuple(sitting.notes) if sitting else (),
             said=self._said,
             said_bad=self._said_bad,
-            wait_for=sitting.wait_for() if sitting and stage in (m.RERIG, m.BREAK) else "",
+            wait_for=(self.rigging.wait_for(sitting) if self.rigging else sitting.wait_for()) if sitting and stage in (m.RERIG, m.BREAK) else "",
             wait_s=session.protocol.breaks.least_s if session and session.protocol.breaks and stage == m.BREAK else 0.0,
             seconds_left=sitting.seconds_left() if sitting else None,
             resumable=() if session else self._resumable,
@@ -186,6 +192,8 @@ class Desk:
         """Where the handle stands; during a trial: where it stood before, m."""
         if self.runner.run is not None:
             return self.runner.run.tip
+        if self.rigging is not None:
+            return self.rigging.tip
         if self.sitting is not None:
             return self.sitting.tip
         return tip_of(self._bench) if self._bench is not None else (0.0, 0.0)
@@ -220,8 +228,10 @@ class Desk:
             raise self._failure
         if (why_off := self.ring.why_off) != self.why_off:
             self.why_off = why_off
-            self.write("brakes off", cause=why_off)
+            self.write("brakes off" if why_off else "brakes allowed", cause=why_off)
         run, lost = self.runner.watch()
+        if self.rigging is not None:
+            self.rigging.hear(self.runner, self.write, self.say)
         if self.runner.ready:
             self._loop_ready.set()
         if lost:

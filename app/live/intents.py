@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 
 from app.live import messages as m
+from app.live.board_jobs import Reset
 from app.live.desk import Desk
 from app.live.sitting import ANSWERS, Sitting
 from core.errors import InputError
@@ -91,6 +92,8 @@ def _practise(desk: Desk, _: m.Practice) -> None:
         _run(desk, desk.sitting.session.next_practice())
         return
     _check(desk)
+    if desk.rigging is not None:
+        raise InputError("On the bench, practice belongs to a session: open one first.")
     trial = desk.try_out()
     desk.runner.start(trial.planned, trial, None)
     desk.say("Practice: nothing is recorded.")
@@ -99,7 +102,7 @@ def _practise(desk: Desk, _: m.Practice) -> None:
 def _run(desk: Desk, planned: PlannedTrial) -> None:
     _check(desk)
     assert desk.session is not None
-    trial, writer = desk.session.begin(planned)
+    trial, writer = desk.session.begin(planned, desk.rigging.sensors() if desk.rigging else None)
     desk.runner.start(planned, trial, writer)
     desk.say("")
 
@@ -143,7 +146,9 @@ def _note(desk: Desk, intent: m.Note) -> None:
 def _allow(desk: Desk, _: m.AllowBrakes) -> None:
     if desk.runner.run is not None:
         raise InputError("The trial is still ending; after it the brakes can be allowed again.")
-    if desk.why_off:
+    if desk.rigging is not None:
+        desk.runner.send(Reset())  # the board has latched it, too
+    elif desk.why_off:
         desk.write("brakes allowed")
         desk.ring.allow()
         desk.why_off = ""
@@ -153,7 +158,9 @@ def _confirm(desk: Desk, _: m.Confirm) -> None:
     _need(desk, m.RERIG, m.BREAK)
     sitting = desk.sitting
     assert sitting is not None and sitting.coming is not None
-    if sitting.stage == m.RERIG:
+    if desk.rigging is not None and desk.stage == m.RERIG:
+        desk.rigging.confirm(sitting)
+    elif sitting.stage == m.RERIG:
         desk.write("re-rigged", configuration=sitting.coming.configuration)
         sitting.rigged = sitting.coming.configuration
     else:

@@ -6,6 +6,7 @@ import queue
 import subprocess
 import threading
 
+from app.live.board_jobs import LinkedDone, RunLinked
 from app.live.jobs import DEFAULT, REAL_TIME, Done, Prepared, Run, Tried, Try
 from app.live.process import start_python
 from app.live.ring import Ring
@@ -18,11 +19,15 @@ END_S = 3.0  # longest wait for it to end by itself
 class LoopProcess:
     """A control loop in a process of its own, on the conductor's ring."""
 
-    def __init__(self, ring: Ring, real_time: bool = True) -> None:
-        """Start it; its first answer is Prepared. real_time: it tries scheduling that needs a privilege."""
+    def __init__(self, ring: Ring, real_time: bool = True, port: str = "") -> None:
+        """Start it; its first answer is Prepared. real_time: it tries scheduling that needs a privilege.
+
+        port: of a device on the bench; "": the device is simulated.
+        """
         self._ring = ring
         self._process = start_python(
-            "app.live.loop", str(ring.path), REAL_TIME if real_time else DEFAULT,
+            "app.live.board_loop" if port else "app.live.loop",
+            str(ring.path), REAL_TIME if real_time else DEFAULT, port,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         )  # fmt: skip
         self._answers: queue.SimpleQueue[Prepared | Tried | Done | None] = queue.SimpleQueue()
@@ -48,7 +53,7 @@ class LoopProcess:
 
     def send(self, job: Try | Run) -> None:
         """Give it something to do; one that is dead is seen by `dead`."""
-        self.running = isinstance(job, Run)
+        self.running = isinstance(job, Run | RunLinked)
         with contextlib.suppress(BrokenPipeError):
             assert self._process.stdin is not None
             pickle.dump(job, self._process.stdin)
@@ -63,7 +68,7 @@ class LoopProcess:
                 self.dead = True
             else:
                 answers.append(answer)
-                self.running &= not isinstance(answer, Done)
+                self.running &= not isinstance(answer, Done | LinkedDone)
         return answers
 
     def kill(self) -> None:

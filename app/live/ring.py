@@ -38,6 +38,8 @@ CONTROL = np.dtype(
         ("cause", "i8"),  # NO_CAUSE ..
         ("taken", "i8"),  # 1: the pointer has hold of the handle
         ("core", "i8"),  # of the processor, that the loop has for itself; -1: none
+        # by who made it
+        ("width", "i8"),  # columns of a tick
     ]
 )
 _TICKS_AT = -(-CONTROL.itemsize // 64) * 64
@@ -46,16 +48,18 @@ _TICKS_AT = -(-CONTROL.itemsize // 64) * 64
 class Ring:
     """One process's view of it."""
 
-    def __init__(self, path: Path, create: bool = False, ticks: int = TICKS) -> None:
-        """Map a ring; `create` makes a new one with room for `ticks`. OSError if that cannot be."""
+    def __init__(self, path: Path, create: bool = False, ticks: int = TICKS, width: int = row.WIDTH) -> None:
+        """Map a ring; `create` makes a new one with room for `ticks` of `width` columns. OSError if that cannot be."""
         self.path = path
         with path.open("x+b" if create else "r+b") as file:
             if create:
-                file.truncate(_TICKS_AT + ticks * row.WIDTH * 8)
+                file.truncate(_TICKS_AT + ticks * width * 8)
             memory = mmap.mmap(file.fileno(), 0)  # let go with the last array on it
         self.controls = np.frombuffer(memory, CONTROL, 1).view(np.recarray)
         self.control = self.controls[0]
-        self.rows = np.frombuffer(memory, np.float64, offset=_TICKS_AT).reshape(-1, row.WIDTH)
+        if create:
+            self.control.width = width
+        self.rows = np.frombuffer(memory, np.float64, offset=_TICKS_AT).reshape(-1, int(self.control.width))
         self._shown = int(self.control.head)
         if create:
             self.rows[:] = 0.0  # every page is there: a full memory is noticed now
@@ -84,7 +88,7 @@ class Ring:
         return self.control.why_off.tobytes().rstrip(b"\0").decode(errors="ignore") or "no cause given"
 
     def newest(self) -> np.ndarray:
-        """The ticks since the last call, copied: (n, row.WIDTH). The oldest are left out if there were too many."""
+        """The ticks since the last call, copied: (n, width). The oldest are left out if there were too many."""
         head, size = int(self.control.head), len(self.rows)
         rows = self._copy(max(self._shown, head - size), head)
         overwritten = int(self.control.head) - size - (head - len(rows)) + 1  # meanwhile; one may be half written
@@ -110,7 +114,7 @@ class Ring:
         return 1e-9 * (time.monotonic_ns() - int(self.control.loop_beat))
 
     def take(self) -> np.ndarray:
-        """The ticks that have not been recorded yet, copied: (n, row.WIDTH). They stay until `taken`."""
+        """The ticks that have not been recorded yet, copied: (n, width). They stay until `taken`."""
         return self._copy(int(self.control.tail), int(self.control.head))
 
     def taken(self, n: int) -> None:
@@ -124,7 +128,7 @@ class Ring:
     def _copy(self, first: int, head: int) -> np.ndarray:
         start, end = first % len(self.rows), head % len(self.rows)
         if first == head:
-            return np.empty((0, row.WIDTH))
+            return np.empty((0, self.rows.shape[1]))
         if start < end:
             return self.rows[start:end].copy()
         return np.concatenate([self.rows[start:], self.rows[:end]])

@@ -1,5 +1,6 @@
 """Keeps a control loop at hand: starts it, tries it, gives it trials, and starts a new one when it dies."""
 
+from app.live.board_jobs import LinkedDone
 from app.live.checks import check_loop
 from app.live.jobs import Done, Prepared, Tried, Try
 from app.live.loop_process import LoopProcess
@@ -7,7 +8,8 @@ from app.live.messages import Check, Timing
 from app.live.recorder import timing_of
 from app.live.ring import Ring
 from app.live.scheduling import leave_core
-from app.live.trial_run import TrialRun
+from app.live.trial_run import LinkedRun, TrialRun
+from experiments.linked_trial import LinkedTrial
 from experiments.plan import PlannedTrial
 from experiments.recording import RecordingWriter
 from experiments.trial import Trial
@@ -22,24 +24,31 @@ NEVER = f"the control loop cannot be started: it died {MOST_STARTS} times while 
 class Runner:
     """One trial at a time, on the loop that lives."""
 
-    def __init__(self, ring: Ring, loop: LoopProcess, real_time: bool) -> None:
-        """loop: the first one, already started. real_time: try scheduling that needs a privilege."""
-        self._ring, self._loop, self._real_time = ring, loop, real_time
+    def __init__(self, ring: Ring, loop: LoopProcess, real_time: bool, port: str = "") -> None:
+        """loop: the first one, already started. real_time: try scheduling that needs a privilege. port: of a board."""
+        self._ring, self._loop, self._real_time, self._port = ring, loop, real_time, port
         self._starts = 1
         self._scheduling = ""
         self._tried: Timing | None = None
         self._last: Timing | None = None  # of the last trial
         self.run: TrialRun | None = None
         self.broken = ""  # why no loop can be had
+        self.told: list[object] = []  # what the loop of a board has answered besides, until somebody takes it
+        self.replaced = False  # the loop is a new one, which knows of no device yet
 
     @property
     def ready(self) -> bool:
         """Whether a trial may start."""
         return self._tried is not None and self.run is None
 
-    def start(self, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None) -> None:
+    def start(self, planned: PlannedTrial, trial: Trial | LinkedTrial, writer: RecordingWriter | None) -> None:
         """Run a trial; the writer is the runner's until the run has ended or is lost."""
-        self.run = TrialRun(self._ring, self._loop, planned, trial, writer)
+        kind = LinkedRun if isinstance(trial, LinkedTrial) else TrialRun
+        self.run = kind(self._ring, self._loop, planned, trial, writer)
+
+    def send(self, job: object) -> None:
+        """A job for the loop of a board."""
+        self._loop.send(job)
 
     def watch(self) -> tuple[TrialRun | None, str]:
         """The run that has come to its end, if one has, and "" or why the loop was lost with it."""
@@ -53,12 +62,14 @@ class Runner:
                     self._loop.send(Try(TRY_TICKS))
                 case Tried(lateness_us):
                     self._tried = timing_of(lateness_us, self._scheduling)
-                case Done():
+                case Done() | LinkedDone():
                     assert self.run is not None
                     run, self.run = self.run, None
                     run.ended(answer, self._scheduling)
                     self._last = run.timing(self._scheduling)
                     return run, ""
+                case _:
+                    self.told.append(answer)
         if self._loop.dead or self._loop.hung:
             return self._replace()
         return None, ""
@@ -71,7 +82,8 @@ class Runner:
             self.broken = NEVER
             return run, NEVER
         self._starts += 1
-        self._loop = LoopProcess(self._ring, self._real_time)
+        self._loop = LoopProcess(self._ring, self._real_time, self._port)
+        self.replaced = True
         return run, why
 
     @property

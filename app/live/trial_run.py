@@ -1,5 +1,6 @@
 """One live trial, from the moment it is given to the loop until its row is in the table."""
 
+from app.live.board_jobs import LinkedDone, RunLinked
 from app.live.jobs import Done, Run, changed
 from app.live.loop_process import LoopProcess
 from app.live.messages import Point, Timing
@@ -25,12 +26,15 @@ class TrialRun:
     ) -> None:
         """Start it. writer: None for a trial that is not kept."""
         self.planned, self.trial = planned, trial
-        self.tip = tip_of(trial.simulation)  # where it begins
+        self.tip = trial.tip  # where it begins
         self._ring, self._reason = ring, ""
-        trial.aim(*self.tip)  # nothing pulls until the pointer has touched the handle
         ring.begin_trial()
         self.recorder = Recorder(ring, writer)
-        loop.send(Run(trial.arguments()))
+        self._send(loop)
+
+    def _send(self, loop: LoopProcess) -> None:
+        self.trial.aim(*self.tip)  # nothing pulls until the pointer has touched the handle
+        loop.send(Run(self.trial.arguments()))
 
     @property
     def name(self) -> str:
@@ -50,14 +54,17 @@ class TrialRun:
     def ended(self, answer: Done, scheduling: str) -> None:
         """The loop has run its last tick: the trial is as the loop left it, and every tick is with the writer."""
         self.recorder.close()
-        for ours, theirs in zip(changed(self.trial.arguments()), answer.changed, strict=True):
-            ours[...] = theirs
+        self._take_back(answer)
         if reason := self._why():
             self.trial.abort(reason)
         timing = self.recorder.timing(scheduling)
         if timing is not None:
             lost = int(self._ring.control.dropped)
             self.trial.timing = {**timing._asdict(), "ticks": len(self.recorder.lateness_us), "lost": lost}
+
+    def _take_back(self, answer: Done) -> None:
+        for ours, theirs in zip(changed(self.trial.arguments()), answer.changed, strict=True):
+            ours[...] = theirs
 
     def keep(self, session: Session) -> TrialRow:
         """Close and verify the recording and make its row. OSError or InputError if it is not whole."""
@@ -88,6 +95,21 @@ class TrialRun:
             RING_FULL: f"the disk could not keep up: it took nothing for {len(self._ring.rows) // 1000} s",
         }
         return reasons.get(int(self._ring.control.cause), "")
+
+
+class LinkedRun(TrialRun):
+    """A trial on the bench: the loop gives it back as it was when it ended."""
+
+    def _send(self, loop: LoopProcess) -> None:
+        loop.send(RunLinked(self.trial))
+
+    def ended(self, answer: LinkedDone, scheduling: str) -> None:
+        """The loop has run its last tick, and every tick is with the writer."""
+        self.trial = answer.trial
+        super().ended(Done(()), scheduling)
+
+    def _take_back(self, answer: Done) -> None:
+        pass
 
 
 def tip_of(simulation: Simulation) -> Point:

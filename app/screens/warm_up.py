@@ -9,8 +9,8 @@ import time
 from PySide6.QtCore import QObject, QTimer
 
 from app.live.messages import PREPARING
+from app.screens.console_window import ConsoleWindow
 from app.screens.layers import compile_kernels
-from app.screens.windows import Windows
 from core.device import Device
 
 LOOK_MS = 100
@@ -21,16 +21,16 @@ FIRST_USE_S = 3.0
 class WarmUp(QObject):
     """Waits until the bench is ready (it needs the processors more), or until it is clear that this takes long."""
 
-    def __init__(self, windows: Windows) -> None:
+    def __init__(self, console: ConsoleWindow) -> None:
         super().__init__()
-        self._windows, self._since_s = windows, time.monotonic()
+        self._console, self._since_s = console, time.monotonic()
         self.beside: threading.Thread | None = None
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._look)
         self._timer.start(LOOK_MS)
 
     def _look(self) -> None:
-        console = self._windows.console
+        console = self._console
         if console.opened is None:
             return
         if console.snapshot.stage != PREPARING or time.monotonic() > self._since_s + FIRST_USE_S:

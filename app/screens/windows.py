@@ -3,7 +3,7 @@
 import signal
 import sys
 
-from PySide6.QtCore import QObject, Qt, QTimer
+from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication, QScreen
 from PySide6.QtWidgets import QApplication
 
@@ -13,12 +13,15 @@ from app.screens import theme, words
 from app.screens.console_window import ConsoleWindow
 from app.screens.keys import bind
 from app.screens.participant_window import ParticipantWindow
+from app.screens.warm_up import WarmUp
 
 FRAME_MS = 16
 
 
 class Windows(QObject):
     """Console and participant's window on one bench."""
+
+    framed = Signal(object)  # a frame is there, with these ticks (n, row.WIDTH); it is painted next
 
     def __init__(self, bench) -> None:
         super().__init__()
@@ -124,6 +127,7 @@ class Windows(QObject):
             said = self.console.snapshot
             self.console.show_dead(said.said if said.said_bad and said.said else words.BENCH_DIED)
             self.participant.show_dead()
+        self.framed.emit(rows)
 
     # ------------------------------------------------------------------------------------------- the end
 
@@ -165,9 +169,11 @@ def run(bench: Bench) -> int:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, leave)
         windows.show()
+        warm_up = WarmUp(windows.console)
         application.exec()
     except BaseException:
         bench.stop("the window failed")
         raise
     windows.close()
+    warm_up.close()
     return code

@@ -38,6 +38,10 @@ def add(verbs) -> None:
         "--input", choices=("mouse", "operator"), default="mouse",
         help="where the hand force comes from: the mouse (default), or a simulated operator",
     )  # fmt: skip
+    verb.add_argument(
+        "--link", default="sim", metavar="sim|serial:PORT",
+        help="the simulated device (default), or one whose board is at a serial port (serial:auto: the only one on USB)",
+    )  # fmt: skip
     verb.add_argument("--rules", choices=("settled", "literal"), help="in place of the protocol's")
     verb.add_argument(
         "--low-gain", type=float, metavar="5|500",
@@ -62,6 +66,7 @@ def run(args: argparse.Namespace) -> int:
     if args.print_plan:
         return print_plan(args)
     check_writable(args.data_dir)
+    port_of(args)
     if sys.platform == "linux" and not any(map(os.environ.get, SCREENS)):
         raise InputError("there is no screen to open a window on: none of DISPLAY, WAYLAND_DISPLAY is set")
     screen = ScreenCheck()
@@ -72,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     bench = Bench(
         Setup(
             args.data_dir.absolute(), whole(args.protocol), tuple(map(whole, args.device)) if args.device else None,
-            args.rules, args.low_gain, args.seed, args.input, args.participant or "",
+            args.rules, args.low_gain, args.seed, args.input, args.participant or "", port_of(args),
         )  # fmt: skip
     )
     try:  # all this takes its time, and so does the bench
@@ -84,6 +89,23 @@ def run(args: argparse.Namespace) -> int:
         bench.stop("no window was opened")
         raise
     return windows.run(bench)
+
+
+def port_of(args: argparse.Namespace) -> str:
+    """The serial port of --link; "" for the simulated device. InputError: there is no such port."""
+    if args.link == "sim":
+        return ""
+    kind, _, port = args.link.partition(":")
+    if kind != "serial" or not port:
+        raise InputError(f"--link: must be sim or serial:PORT, not {args.link!r}")
+    if args.input != "mouse":
+        raise InputError(f"--input {args.input}: on the bench the force sensor says what the hand does")
+    from hardware.port import find_port
+
+    port = find_port(port)
+    if os.name == "posix" and not os.path.exists(port):
+        raise InputError(f"--link serial:{port}: there is no such port (phd devices lists those there are)")
+    return port
 
 
 def print_plan(args: argparse.Namespace) -> int:

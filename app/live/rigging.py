@@ -1,0 +1,124 @@
+"""A device on the bench, made ready step by step before a configuration's trials: connected, homed, zeroed."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from app.live import messages as m
+from app.live.board_jobs import Connect, HomeAt, Homed, Linked, NotDone, TakeZero, Zeroed
+from app.live.checks import check_linked, check_sensor
+from app.live.sitting import Sitting
+from core.device import Device
+from core.path import point_at
+from core.path_file import build_path
+from experiments.protocol import Protocol
+from experiments.recording_form import Sensors
+
+if TYPE_CHECKING:
+    from app.live.runner import Runner
+
+CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""
+
+
+class Rigging:
+    """How the bench is, as its loop tells it, and what has to be done to it next."""
+
+    def __init__(self, send: Callable[[object], None], protocol: Protocol) -> None:
+        """send: a job to the loop. protocol: whose devices are looked for at first."""
+        self.linked: Linked | None = None  # None: not told yet
+        self._send, self._first = send, Connect(tuple(protocol.devices))
+        self._busy = False  # a step has been asked for and not been answered
+        send(self._first)
+
+    def stage(self, sitting: Sitting) -> str:
+        """As the session's; but a device has to be made ready, and again after its board has lost its power."""
+        stage = sitting.stage
+        if stage not in (m.READY, m.RERIG) or sitting.coming is None:
+            return stage
+        if self.step(sitting.coming.configuration):
+            return m.RERIG
+        sitting.rigged = sitting.coming.configuration
+        return sitting.stage
+
+    def step(self, configuration: str) -> str:
+        """What is next before this configuration can be used. A board that is lost is no step: it comes back itself."""
+        linked = self.linked or Linked()
+        if linked.device != configuration:
+            return CONNECT
+        if linked.problem or linked.fault:
+            return DONE
+        if not linked.homed:
+            return HOME
+        return DONE if linked.zeroed else ZERO
+
+    def wait_for(self, sitting: Sitting) -> str:
+        """The step in one sentence."""
+        if self.stage(sitting) != m.RERIG or sitting.coming is None:
+            return sitting.wait_for()
+        name, protocol = sitting.coming.configuration, sitting.session.protocol
+        if self._busy:
+            return "A moment ..."
+        match self.step(name):
+            case "connect":
+                joints = " ".join(protocol.device(name).braked)
+                return f"Put {name} on the bench (brakes at {joints}), connect its board, then go on."
+            case "home":
+                x, y = home_of(protocol.device(name), protocol)
+                return f"Hold the handle in its jig at x = {1e3 * x:.0f} mm, y = {1e3 * y:.0f} mm, then go on."
+            case "zero":
+                return "Let go of the handle, go on, and do not touch it for a second."
+        return ""
+
+    def confirm(self, sitting: Sitting) -> None:
+        """The person has done it: now the loop does its part."""
+        assert sitting.coming is not None
+        name, protocol = sitting.coming.configuration, sitting.session.protocol
+        device, step = protocol.device(name), self.step(name)
+        if step and not self._busy:
+            jobs = {CONNECT: Connect((device,)), HOME: HomeAt(home_of(device, protocol)), ZERO: TakeZero()}
+            self._busy = True
+            self._send(jobs[step])
+
+    def hear(self, runner: "Runner", write: Callable[..., None], say: Callable[..., None]) -> None:
+        """What the loop says. write: into the journal; say: to the experimenter."""
+        if runner.replaced:  # the new loop knows of no device
+            runner.replaced, self._busy = False, False
+            self._send(self._first)
+        told, runner.told = runner.told, []
+        for answer in told:
+            match answer:
+                case Linked():
+                    self._busy &= self.linked is not None and answer.device == self.linked.device and not answer.problem
+                    self.linked = answer
+                case Homed(tip):
+                    self._busy = False
+                    write("homed", tip_m=tip, board=self.linked.board if self.linked else "")
+                case Zeroed(record):
+                    self._busy = False
+                    write("zero taken", **record._asdict())
+                case NotDone(why):
+                    self._busy = False
+                    say(f"{why[0].upper()}{why[1:]}.", bad=True)
+
+    def checks(self, why_off: str) -> tuple[m.Check, m.Check]:
+        """For the pre-flight row: device and hand."""
+        return check_linked(self.linked, why_off), check_sensor(self.linked)
+
+    @property
+    def tip(self) -> m.Point:
+        """Where the handle is, m; rounded, so that a hand that rests tells the window nothing new."""
+        x, y = self.linked.tip if self.linked else (0.0, 0.0)
+        return round(x, 3), round(y, 3)
+
+    def sensors(self) -> Sensors:
+        """What is recorded of the board that is connected."""
+        assert self.linked is not None
+        return Sensors(self.linked.encoders, self.linked.force_channels)
+
+
+def home_of(device: Device, protocol: Protocol) -> tuple[float, float]:
+    """Where the jig holds the handle for homing, m; the middle of the first path where the device file has none."""
+    if device.sensing is not None and device.sensing.home_m is not None:
+        return device.sensing.home_m
+    path = build_path(next(iter(protocol.paths.values())), "path")
+    x, y, _, _ = point_at(path, 0.5 * path.length)
+    return float(x), float(y)
