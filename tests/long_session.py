@@ -1,11 +1,11 @@
-"""The paper's session of 60 trials in real time, by a simulated operator, through the real console; a script:
+"""The paper's session of 60 trials in real time, by a simulated operator, through the real windows; a script:
 
-    xvfb-run -a python tests/long_session.py [window|loop] [OUT]
+    xvfb-run -a -s "-screen 0 1920x1080x24" python tests/long_session.py [--kill window|loop] [--hogs N] ..
 
-window, loop: kill -9 of that process in the middle of every tenth trial; the window is then started again. It prints
-what was recorded and how late the ticks were, as JSON. OUT: a new folder for the data, else none is kept.
+It prints what was recorded and how late the ticks were, as JSON.
 """
 
+import argparse
 import json
 import os
 import signal
@@ -24,8 +24,10 @@ EVERY = 10  # trials
 MOVING_S = 2.5  # after the start of a trial
 
 
-def drive(setup: Setup) -> None:
-    """The window's process: press the space bar whenever there is something to go on with, until the plan is done."""
+def drive(setup: Setup, most: int) -> None:
+    """The window's process: press the space bar whenever there is something to go on with, until the plan is done, or
+    so many trials.
+    """
     from PySide6.QtCore import Qt, QTimer
     from PySide6.QtTest import QTest
     from PySide6.QtWidgets import QApplication
@@ -51,9 +53,9 @@ def drive(setup: Setup) -> None:
         running = now.running
         if now.stage == m.NO_SESSION and console.start_page.new.isEnabled():
             QTest.keyClick(console.start_page.participant, Qt.Key.Key_Return)
-        elif now.stage in (m.READY, m.RERIG):
+        elif now.stage in (m.READY, m.RERIG) and len(now.rows) < most:
             QTest.keyClick(windows.participant, Qt.Key.Key_Space)
-        elif now.stage in (m.FINISHED, m.FAILED) and now.stage not in told:
+        elif now.stage in (m.READY, m.RERIG, m.FINISHED, m.FAILED) and now.stage not in told:
             told.add(now.stage)
             print(now.stage, now.said, flush=True)
             windows.close()
@@ -65,20 +67,20 @@ def drive(setup: Setup) -> None:
     application.exec()
 
 
-def start_window(setup: Setup) -> subprocess.Popen:
+def start_window(setup: Setup, most: int) -> subprocess.Popen:
     """A window in a process of its own."""
-    command = [sys.executable, __file__, "drive", setup.to_json()]
+    command = [sys.executable, __file__, "--drive", setup.to_json(), "--trials", str(most)]
     return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
 
 
-def session(data: Path, victim: str) -> dict:
+def session(data: Path, args: argparse.Namespace) -> dict:
     """Run it, kill as asked, and look at what there is."""
     from live import children
 
     from app.live.place import find
 
-    setup = Setup(data, hand="operator", seed=1)
-    window, kills, began = start_window(setup), 0, time.monotonic()
+    victim, setup = args.kill, Setup(data, hand="operator", seed=1, real_time=not args.default)
+    window, kills, began = start_window(setup, args.trials), 0, time.monotonic()
     trials = 0
     while True:
         line = window.stdout.readline()
@@ -96,10 +98,10 @@ def session(data: Path, victim: str) -> dict:
             if victim == "window":
                 window.send_signal(signal.SIGKILL)
                 window.wait()
-                window = start_window(setup)
+                window = start_window(setup, args.trials)
             else:
                 os.kill(children(find(data).pid)[0], signal.SIGKILL)
-    return {"victim": victim, "kills": kills, "wall_s": round(time.monotonic() - began, 1), **recorded(data)}
+    return {"killed": victim, "kills": kills, "hogs": args.hogs, "wall_s": round(time.monotonic() - began, 1), **recorded(data)}
 
 
 def recorded(data: Path) -> dict:
@@ -135,11 +137,22 @@ def recorded(data: Path) -> dict:
     }
 
 
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kill", choices=("window", "loop"), help="kill -9 in every tenth trial; a window is restarted")
+    parser.add_argument("--trials", type=int, default=60, help="end after so many (default: all)")
+    parser.add_argument("--hogs", type=int, default=0, help="processes beside it that do nothing but compute")
+    parser.add_argument("--default", action="store_true", help="no scheduling that needs a privilege")
+    parser.add_argument("--drive", metavar="SETUP", help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.drive:
+        drive(Setup.from_json(args.drive), args.trials)
+        return
+    from app.live.measure import hogs
+
+    with tempfile.TemporaryDirectory() as folder, hogs(args.hogs):
+        print(json.dumps(session(Path(folder) / "data", args), indent=1))
+
+
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["drive"]:
-        drive(Setup.from_json(sys.argv[2]))
-    else:
-        chosen = next((word for word in sys.argv[1:] if word in ("window", "loop")), "")
-        out = next((word for word in sys.argv[1:] if word not in ("window", "loop")), "")
-        with tempfile.TemporaryDirectory() as folder:
-            print(json.dumps(session(Path(out or folder).absolute() / "data", chosen), indent=1))
+    main()

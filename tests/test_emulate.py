@@ -1,58 +1,25 @@
 """`phd emulate`: a board on a pseudo-terminal, as a program of its own, and the host's link to it in real time."""
 
-import json
 import math
 import os
 import signal
-import socket
 import stat
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from emulated import Emulated, when
 
 from core.device import load_device
 from core.errors import InputError
 from hardware.faults import KINDS, read_fault
 from hardware.link import SerialLink
 
-ROOT = Path(__file__).resolve().parent.parent
 DEVICE = load_device("four-brake")
 NO = (0.0,) * 4
 SOME = (0.3,) * 4
-
-
-class Emulated:
-    """A running `phd emulate`."""
-
-    def __init__(self, folder: Path, *arguments: str) -> None:
-        self.log = folder / "log"
-        with self.log.open("w") as log:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "app.cli", "emulate", *arguments],
-                cwd=ROOT, stdout=subprocess.PIPE, stderr=log, text=True,
-            )  # fmt: skip
-        self.port = Path(self.process.stdout.readline().strip())
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._socket.bind(str(folder / "answers"))
-        self._socket.settimeout(10.0)
-
-    def order(self, **order) -> dict:
-        """An order; the truth."""
-        self._socket.sendto(json.dumps(order).encode(), str(self.port.with_name("control")))
-        return json.loads(self._socket.recv(1 << 16))
-
-    def end(self, number: int = signal.SIGTERM) -> int:
-        """End it; its exit code."""
-        self.process.send_signal(number)
-        code = self.process.wait(20)
-        self.process.stdout.close()
-        self._socket.close()
-        return code
 
 
 @pytest.fixture(scope="module")
@@ -92,11 +59,6 @@ def until(link: SerialLink, done: Callable[[], bool], currents=NO) -> float:
         assert time.monotonic() - start < 20.0, link.problem
         link.exchange(currents)
     return time.monotonic() - start
-
-
-def when(truth: dict, text: str) -> float:
-    """When the last event of this text was, s of the board's time."""
-    return max(t for t, event in truth["events"] if event == text)
 
 
 def test_the_port_is_a_terminal_that_a_host_can_open(emulated: Emulated) -> None:

@@ -73,7 +73,7 @@ def test_a_system_with_nothing_better_to_offer_is_said_to_have_the_default(monke
 def test_measuring_the_loop_gives_every_tick_its_lateness_and_leaves_nothing() -> None:
     before, cores = threading.active_count(), os.sched_getaffinity(0)
     shares: list[float] = []
-    found = measure(0.5, hogs=1, real_time=False, progress=shares.append)
+    found = measure(0.5, busy=1, real_time=False, progress=shares.append)
     assert found["ticks"] >= 500 and 0.0 <= found["p50_us"] <= found["p99_us"] <= found["max_us"]
     assert re.match(r"default", found["scheduling"])
     assert shares == sorted(shares) and shares[-1] == 1.0

@@ -46,6 +46,7 @@ class Desk:
         self.runner = Runner(ring, loop, setup.real_time, setup.link)
         self.rigging = Rigging(self.runner.send, protocol) if setup.link else None  # of a device on the bench
         self._device_checks = self.rigging.checks if self.rigging else partial(simulated_checks, setup.hand)
+        self._wait_for = self.rigging.wait_for if self.rigging else Sitting.wait_for
         self.sitting: Sitting | None = None  # the open session
         self.why_off = ""  # cause of the brakes-off, as the journal has it
         self.broken = ""  # why no more trials can be run
@@ -176,7 +177,7 @@ class Desk:
             notes=tuple(sitting.notes) if sitting else (),
             said=self._said,
             said_bad=self._said_bad,
-            wait_for=(self.rigging.wait_for(sitting) if self.rigging else sitting.wait_for()) if sitting and stage in (m.RERIG, m.BREAK) else "",
+            wait_for=self._wait_for(sitting) if sitting and stage in (m.RERIG, m.BREAK) else "",
             wait_s=session.protocol.breaks.least_s if session and session.protocol.breaks and stage == m.BREAK else 0.0,
             seconds_left=sitting.seconds_left() if sitting else None,
             resumable=() if session else self._resumable,

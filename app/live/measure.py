@@ -4,7 +4,9 @@ Timed figures depend on what else runs: they are said, never judged.
 """
 
 import contextlib
+import os
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 
@@ -16,7 +18,7 @@ from app.live.place import Place
 from app.live.process import start_python
 from app.live.recorder import timing_of
 from app.live.ring import Ring
-from app.live.scheduling import leave_core
+from app.live.scheduling import leave_core, program_cores
 from app.live.trial_run import TrialRun
 from core.path_file import build_path
 from experiments.plan import PlannedTrial
@@ -29,11 +31,11 @@ WAIT_S = 600.0  # longest wait for the loop to compile its kernels, or for a tri
 
 
 def measure(
-    seconds: float, hogs: int = 0, real_time: bool = True, progress: Callable[[float], None] | None = None
+    seconds: float, busy: int = 0, real_time: bool = True, progress: Callable[[float], None] | None = None
 ) -> dict:
     """Run the loop for so long: its lateness (us), missed ticks, and the scheduling that it got.
 
-    hogs: processes beside it that do nothing but compute. real_time: try scheduling that needs a privilege. No window
+    busy: processes beside it that do nothing but compute. real_time: try scheduling that needs a privilege. No window
     draws, unless the caller has one. OSError if the loop dies or does not answer.
     """
     most, ticks, pieces = round(1000 * seconds), 0, []
@@ -44,7 +46,7 @@ def measure(
         prepared = _answer(loop, ring)
         assert isinstance(prepared, Prepared)
         leave_core(prepared.core)
-        with _hogs(hogs):
+        with hogs(busy):
             for trial in _trials():
                 run = TrialRun(ring, loop, trial.planned, trial, None)
 
@@ -66,11 +68,35 @@ def measure(
                 if ticks >= most:
                     break
         timing = timing_of(np.concatenate(pieces), prepared.scheduling)
-        return {**timing._asdict(), "ticks": ticks, "hogs": hogs}
+        return {**timing._asdict(), "ticks": ticks, "busy": busy}
     finally:
         leave_core(-1)
         loop.close()
         place.remove()
+
+
+def measure_all(seconds: float, progress: Callable[[float], None] | None = None) -> list[dict]:
+    """`measure` with and without the real-time privilege, if there is one, each alone and beside a process per core."""
+    cores = len(program_cores()) if sys.platform == "linux" else os.cpu_count() or 1
+    found: list[dict] = []
+    for real_time in (True, False):
+        if found and not found[0]["scheduling"].startswith("real-time"):
+            break  # no privilege: it would be the same again
+        for busy in (0, cores):
+            done = len(found)
+            found.append(measure(seconds, busy, real_time, progress and (lambda share, n=done: progress((n + share) / 4))))
+    return found
+
+
+def table(found: list[dict]) -> str:
+    """For reading."""
+    lines = [f"{'ticks':>8} {'p50 us':>8} {'p99 us':>8} {'max us':>8} {'missed':>7} {'busy':>5}  scheduling"]
+    for one in found:
+        lines.append(
+            f"{one['ticks']:8} {one['p50_us']:8.0f} {one['p99_us']:8.0f} {one['max_us']:8.0f} {one['missed']:7} "
+            f"{one['busy']:5}  {one['scheduling']}"
+        )
+    return "\n".join(lines)
 
 
 def _answer(loop: LoopProcess, ring: Ring, look: Callable[[], None] = lambda: None) -> Prepared | Tried | Done:
@@ -103,7 +129,7 @@ def _trials() -> Iterator[Trial]:
 
 
 @contextlib.contextmanager
-def _hogs(n: int) -> Iterator[None]:
+def hogs(n: int) -> Iterator[None]:
     """Processes that only compute; they end with us."""
     processes = [start_python("app.live.hog", stdin=subprocess.PIPE) for _ in range(n)]
     try:

@@ -67,8 +67,8 @@ class SyntheticBench:
         plan = make_plan(protocol, "01")
         self._planned = next(trial for trial in plan if trial.segment == 1)
         self.opened = m.Opened(
-            "01", protocol.name, tuple(protocol.devices), dict(protocol.paths), dict(protocol.controllers), plan, "0" * 64,
-            "synthetic", protocol.note(), "none", False, None, protocol.seed, False, "mouse", "", protocol.rules,
+            "01", protocol.name, tuple(protocol.devices), dict(protocol.paths), dict(protocol.controllers), plan,
+            "0" * 64, "synthetic", protocol.note(), "none", False, None, protocol.seed, False, "mouse", "", protocol.rules,
         )  # fmt: skip
         path = protocol.paths[1]
         assert isinstance(path, Segment)

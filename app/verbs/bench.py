@@ -1,11 +1,11 @@
-"""`phd bench`: how accurate the simulator is at which speed."""
+"""`phd bench`: how accurate the simulator is at which speed; how punctual the control loop is."""
 
 import argparse
 import json
 from pathlib import Path
 
 from app.progress import Progress, announce_first_use
-from app.verbs.common import add_verb
+from app.verbs.common import add_verb, whole_number_of
 from core.errors import InputError
 
 
@@ -17,15 +17,23 @@ def add(verbs) -> None:
         "measure the simulator's speed against its error",
         "Four scenes on two bench devices, steps of 5 to 0.1 ms, each integrator; MuJoCo beside them where it is\n"
         "installed (pip install '.[bench]'). The reference is checked against scipy DOP853 on Eq. (5) in the same\n"
-        "run. Times are the least of several repeats: compare ratios, and let nothing else run beside it.",
+        "run. Times are the least of several repeats: compare ratios, and let nothing else run beside it.\n"
+        "--loop instead: how late the ticks of live trials of a simulated operator come on this machine, with and\n"
+        "without the real-time privilege, alone and beside a busy process for each processor core.",
         "phd bench --out bench-1",
     )
     verb.add_argument("--quick", action="store_true", help="one device, two steps, fewer repeats")
     verb.add_argument("--json", action="store_true", help="print the result as JSON instead of a table")
+    verb.add_argument(
+        "--loop", nargs="?", type=whole_number_of(1), const=15, metavar="SECONDS",
+        help="the control loop's lateness instead, for so long in each case (default: 15)",
+    )  # fmt: skip
     verb.add_argument("--out", type=Path, metavar="DIR", help="a new folder for bench.json and the work-precision plot")
 
 
 def bench(args: argparse.Namespace) -> int:
+    if args.loop is not None:
+        return bench_loop(args)
     if args.out is not None:
         if args.out.exists():
             raise InputError(f"--out: {args.out}: exists already and is never overwritten")
@@ -45,4 +53,17 @@ def bench(args: argparse.Namespace) -> int:
         (args.out / "bench.json").write_text(text + "\n", encoding="utf-8")
         for form, data in pictures.items():
             (args.out / f"work-precision.{form}").write_bytes(data)
+    return 0
+
+
+def bench_loop(args: argparse.Namespace) -> int:
+    """How late the control loop's ticks are."""
+    if args.out is not None or args.quick:
+        raise InputError("--loop: takes neither --out nor --quick")
+    from app.live.measure import measure_all, table
+
+    announce_first_use()
+    with Progress("measuring") as progress:
+        found = measure_all(args.loop, progress)
+    print(json.dumps(found) if args.json else table(found))
     return 0

@@ -40,7 +40,7 @@ def add(verbs) -> None:
     )  # fmt: skip
     verb.add_argument(
         "--link", default="sim", metavar="sim|serial:PORT",
-        help="the simulated device (default), or one whose board is at a serial port (serial:auto: the only one on USB)",
+        help="the simulated device (default), or one whose board is at a serial port (auto: the only one on USB)",
     )  # fmt: skip
     verb.add_argument("--rules", choices=("settled", "literal"), help="in place of the protocol's")
     verb.add_argument(

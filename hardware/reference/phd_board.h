@@ -9,10 +9,11 @@
 #include "phd_freshness.h"
 #include "phd_watch.h"
 
-enum { PHD_TICK_US = 1000, PHD_WATCHDOG_US = 50000, PHD_SILENCE_US = 1000000, PHD_START_US = 100000 };
+enum { PHD_TICK_US = 1000000 / PHD_SAMPLE_HZ, PHD_WATCHDOG_US = 1000 * PHD_WATCHDOG_MS };  /* us, as all that ends so */
+enum { PHD_SILENCE_US = 1000000, PHD_START_US = 100000 };
 
 typedef struct {
-    /* Set all drivers now, before returning: what safety asks for is done by the time that anything is said about it. */
+    /* Set all drivers now, before returning: zero is in force by the time that anything is said about it. */
     void (*set_currents)(void *context, const uint16_t current_mA[PHD_JOINTS]);
     /* Send a whole frame or none of it, without waiting: a full transmit buffer loses the frame, never the tick. */
     void (*send)(void *context, const uint8_t *frame, size_t n);
@@ -48,7 +49,7 @@ typedef struct {
 } phd_board;
 
 /* First of all, once: Boot, currents zero. `starts` differs from that of the power-up before; `after_brown_out`: the
- * supply had fallen (most microcontrollers can tell). An encoder that is absolute: set its bit in board->homed after. */
+ * supply had fallen (most microcontrollers can tell). For an absolute encoder set its bit in board->homed after. */
 void phd_board_power_up(phd_board *board, const phd_capability *capability, const phd_hardware *hardware,
                         uint32_t starts, bool after_brown_out, uint64_t now_us);
 

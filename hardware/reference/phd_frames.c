@@ -42,7 +42,7 @@ void phd_decoder_init(phd_decoder *decoder)
     *decoder = fresh;
 }
 
-/* Undo COBS in place; the length that is left, 0 where a code points beyond the end. There is no zero among the bytes. */
+/* Undo COBS in place; the length that is left, 0 where a code points beyond the end. No byte may be zero. */
 static size_t unstuff(uint8_t *bytes, size_t n)
 {
     size_t from = 0, to = 0;

@@ -6,7 +6,8 @@
 
 #include "phd_frames.h"
 
-enum { PHD_VERSION = 1, PHD_JOINTS = 4, PHD_MAX_FORCE = 6, PHD_SAMPLE_HZ = 1000, PHD_WATCHDOG_MS = 50, PHD_NO_DETAIL = 255 };
+enum { PHD_VERSION = 1, PHD_JOINTS = 4, PHD_MAX_FORCE = 6, PHD_NO_DETAIL = 255 };
+enum { PHD_SAMPLE_HZ = 1000, PHD_WATCHDOG_MS = 50 };
 
 enum phd_type {
     PHD_ASK_HELLO = 0x01, PHD_SET_LIMITS, PHD_COMMAND, PHD_HOME, PHD_RESET_FAULT, PHD_HEARTBEAT, PHD_STOP, PHD_BYE,
@@ -27,7 +28,7 @@ enum phd_flag { PHD_FLAG_CLAMPED = 16, PHD_FLAG_LATE = 32 }; /* of a sample; 1, 
 /* What the board is made of; its Hello says it. */
 typedef struct {
     uint8_t encoders, brakes;             /* bits: which joints */
-    uint8_t force_channels;               /* 0 .. PHD_MAX_FORCE */
+    uint8_t force_channels;               /* 0 .. PHD_MAX_FORCE, not more */
     uint8_t firmware[3];
     uint32_t counts_per_rev[PHD_JOINTS];
     uint16_t current_max_mA[PHD_JOINTS];  /* 0 where there is no brake */

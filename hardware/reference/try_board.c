@@ -6,8 +6,9 @@
  *   'R' u64 us, u16 n, n bytes from the host
  *   'T' u64 us, i32 x 4 counts, i32 x 6 force, i16 x 4 current, u8 bits of good encoders
  * After each, on stdout:
- *   u8 state, u16 faults, u16 cause, u16 x 4 currents as the drivers were set, u8 homed, u32 x 8 counters, u16 n, n bytes
- * Whatever the bytes say: currents above a limit, or other than zero outside Active, end the program (exit status 3). */
+ *   u8 state, u16 faults, u16 cause, u16 x 4 currents as the drivers were set, u8 homed, u32 x 8 counters,
+ *   u16 n, n bytes sent
+ * Currents above a limit, or other than zero outside Active, end the program (status 3), whatever the bytes said. */
 #include <stdio.h>
 #include <stdlib.h>
 

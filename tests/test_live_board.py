@@ -1,0 +1,131 @@
+"""A live session on the bench, over the emulated board's pseudo-terminal, with what a bad day does to it."""
+
+import json
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from emulated import Emulated, when
+from live import Window, children, kill, wait_until, window
+
+from app.live import messages as m
+from app.live.setup import Setup
+from core import row
+from experiments.recording import read_recording
+
+DEVICE = "four-brake"
+
+
+class Session:
+    """A window on a bench with the emulated board."""
+
+    def __init__(self, emulated: Emulated, window: Window) -> None:
+        self.emulated, self.window = emulated, window
+
+    @property
+    def folder(self) -> Path:
+        return Path(self.window.opened.folder)
+
+    def device(self) -> m.Check:
+        return next(check for check in self.window.snapshot.checks if check.name == "Device")
+
+    def begin(self) -> None:
+        """A trial, in whose movement currents flow."""
+        window = self.window
+        segment = window.snapshot.coming.segment
+        self.emulated.order(path=msgspec.to_builtins(window.opened.paths[segment]))
+        window.start()
+        window.until_tick(lambda ticks: (ticks[:, row.PHASE] == row.MOVE).any())
+
+    def row(self, run: int):
+        """The row of a run, when it is there."""
+        return next(r for r in self.window.until(lambda s: any(r.run == run for r in s.rows)).rows if r.run == run)
+
+    def allow(self) -> None:
+        self.window.until(lambda s: s.brakes_off)
+        wait_until(lambda: self.window.look() or self.device().text == "brakes off")
+        self.window.bench.send(m.AllowBrakes())
+        self.window.until(lambda s: not s.brakes_off and self.device().state == m.GOOD)
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Iterator[Session]:
+    emulated = Emulated(tmp_path, "--device", DEVICE, "--hand", "operator", "--seed", "3")
+    try:
+        setup = Setup(tmp_path / "data", devices=(DEVICE,), link=str(emulated.port), sync=False)
+        with window(setup) as opened:
+            yield Session(emulated, opened)
+        truth = emulated.order()
+        assert truth["currents_mA"] == [0] * 4 and truth["state"] in ("IDLE", "FAULT"), "it left the board as it must"
+    finally:
+        emulated.end()
+
+
+def test_a_session_on_the_bench_through_faults_to_its_end(session: Session) -> None:
+    window, emulated = session.window, session.emulated
+    window.until_stage(m.NO_SESSION)
+    window.bench.send(m.Open("01"))
+    window.until(lambda s: s.stage == m.RERIG and "Let go of the handle" in s.wait_for)
+    assert window.opened.real_device and window.opened.hand == "force sensor"
+    emulated.order(away=True)
+    time.sleep(0.3)
+    window.bench.send(m.Confirm())
+    window.until_stage(m.READY)
+    emulated.order(away=False)
+    journal = (session.folder / "journal.jsonl").read_text().splitlines()
+    (zero,) = [event for event in map(json.loads, journal) if event["event"] == "zero taken"]
+    assert zero["samples"] == 500 and len(zero["force_counts"]) == 6
+    assert session.device() == m.Check("Device", m.GOOD, "four-brake, board EMULATED-3")
+
+    # a trial as it should be
+    session.begin()
+    done = session.row(1)
+    assert done.status == "done" and done.path_error_m < 0.01
+    recording = read_recording(session.folder / done.recording)
+    assert recording.whole and recording.metadata["link"] == "serial" and recording.metadata["hand"] == "force sensor"
+    assert np.nanmin(np.diff(recording.column("board_us"))) == 1000.0 and np.ptp(recording.column("encoder_A_counts"))
+    assert abs(recording.outcome["link"]["clock"]["residual_s"]) < 0.05
+
+    # unplugged in the middle of a movement, and plugged in again
+    session.begin()
+    window.until_tick(lambda ticks: ticks[-1, row.CURRENT : row.CURRENT + 4].any())
+    emulated.order(fault="unplug+1")
+    lost = session.row(2)
+    assert lost.status == "aborted" and window.snapshot.said.startswith("Run 2: ")
+    assert read_recording(session.folder / lost.recording).whole
+    truth = emulated.order()
+    assert when(truth, "currents zero") - when(truth, "unplug begins") <= 0.051
+    window.until(lambda s: session.device().text == "not connected")
+    session.allow()
+
+    # brakes-off from the window, latched on the board
+    session.begin()
+    window.until_tick(lambda ticks: ticks[-1, row.CURRENT : row.CURRENT + 4].any())
+    window.bench.brakes_off("Esc, participant's window")
+    off = session.row(3)
+    assert off.status == "aborted" and "Esc" in window.snapshot.said
+    wait_until(lambda: emulated.order()["state"] == "FAULT")
+    assert emulated.order()["currents_mA"] == [0] * 4
+    session.allow()
+    assert emulated.order()["state"] in ("READY", "ACTIVE")
+
+    # a fault on the board
+    session.begin()
+    emulated.order(fault="bad-encoder=A+0.2")
+    assert session.row(4).status == "aborted" and "an encoder's signal is bad" in window.snapshot.said
+    time.sleep(0.3)
+    session.allow()
+
+    # the loop killed while currents flow: the board's own watchdog
+    session.begin()
+    window.until_tick(lambda ticks: ticks[-1, row.CURRENT : row.CURRENT + 4].any())
+    (loop,) = children(window.bench.pid)
+    kill(loop, signal.SIGKILL)
+    wait_until(lambda: emulated.order()["currents_mA"] == [0] * 4)
+    assert session.row(5).status == "recovered"
+    truth = emulated.order()
+    assert truth["state"] in ("FAULT", "IDLE", "READY") and "currents zero" in [event for _, event in truth["events"]]
