@@ -19,13 +19,14 @@ LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 
 
 def session_about(
-    participant: str, protocol: Protocol, person: Person | None, plan: tuple[PlannedTrial, ...], key_sha256: str
-) -> dict[str, Any]:
+    participant: str, protocol: Protocol, person: Person | None, hand: str, plan: tuple[PlannedTrial, ...],
+    key_sha256: str,
+) -> dict[str, Any]:  # fmt: skip
     """What session.json holds. key_sha256: of the key of a blind session, whose plan holds codes; else empty."""
     return {
         "participant": participant,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "hand": "operator" if person else "mouse",
+        "hand": hand,
         "person": person._asdict() if person else None,
         "fidelity": "mr",
         "seed": protocol.seed,
@@ -43,7 +44,7 @@ def session_about(
 
 
 def recording_metadata(
-    participant: str, protocol: Protocol, person: Person | None, trial: Trial | LinkedTrial, preset: Preset | None
+    participant: str, protocol: Protocol, hand: str, trial: Trial | LinkedTrial, preset: Preset | None
 ) -> dict[str, Any]:
     """What a recording says of its trial. preset: its controller; None: nothing may tell it, the session is blind."""
     planned, path, linked = trial.planned, trial.path, isinstance(trial, LinkedTrial)
@@ -57,7 +58,7 @@ def recording_metadata(
         "rules": protocol.rules,
         "seed": protocol.seed,
         "note": protocol.note(),
-        "hand": SENSOR if linked else "operator" if person else "mouse",
+        "hand": SENSOR if linked else hand,
         "link": "serial" if linked else "sim",
         "assumed": trial.device.assumed,
     }

@@ -1,4 +1,4 @@
-"""kill -9 of the conductor, the loop or the window of a live bench, at random moments; and what must be there after each."""
+"""kill -9 of conductor, loop or window of a live bench, at random moments; and what must be there after each."""
 
 import contextlib
 import os

@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
 
-from app.live.setup import Setup
+from app.live.setup import Setup  # noqa: E402
 
 EVERY = 10  # trials
 MOVING_S = 2.5  # after the start of a trial
@@ -101,7 +101,8 @@ def session(data: Path, args: argparse.Namespace) -> dict:
                 window = start_window(setup, args.trials)
             else:
                 os.kill(children(find(data).pid)[0], signal.SIGKILL)
-    return {"killed": victim, "kills": kills, "hogs": args.hogs, "wall_s": round(time.monotonic() - began, 1), **recorded(data)}
+    wall_s = round(time.monotonic() - began, 1)
+    return {"killed": victim, "kills": kills, "hogs": args.hogs, "wall_s": wall_s, **recorded(data)}
 
 
 def recorded(data: Path) -> dict:
@@ -139,7 +140,7 @@ def recorded(data: Path) -> dict:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kill", choices=("window", "loop"), help="kill -9 in every tenth trial; a window is restarted")
+    parser.add_argument("--kill", choices=("window", "loop"), help="kill -9 in every tenth trial")
     parser.add_argument("--trials", type=int, default=60, help="end after so many (default: all)")
     parser.add_argument("--hogs", type=int, default=0, help="processes beside it that do nothing but compute")
     parser.add_argument("--default", action="store_true", help="no scheduling that needs a privilege")

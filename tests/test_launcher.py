@@ -81,6 +81,7 @@ class Tree:
         self.stand_in("sudo", "#!/bin/sh\nexit 1\n")
         self.stand_in("Xvfb", LOGGING)
         self.stand_in("xdotool", LOGGING)
+        self.stand_in("cc", LOGGING)
         self.user(0)
         self.libraries("all")
         self.environment = {"PATH": str(self.path), "STAND_INS": str(self.path), "LOG": str(self.log)}

@@ -1,5 +1,6 @@
-"""A whole session on the live bench, as short as a protocol can make it: practice, redo, skip, questions, break, re-rig,
-an interruption, the key of a blind session, the next participant. One bench; each test goes on where the last one ended.
+"""A whole session on the live bench, as short as a protocol can make it: practice, redo, skip, questions, break,
+re-rig, an interruption, the key of a blind session, the next participant. One bench: each test goes on where the last
+one ended.
 """
 
 import json

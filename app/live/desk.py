@@ -12,11 +12,12 @@ import numpy as np
 
 from app.live import messages as m
 from app.live.checks import check_disk, check_recording, simulated_checks
+from app.live.hid_input import HidInput, feel_force_alone
 from app.live.loop_process import LoopProcess
 from app.live.rigging import Rigging
 from app.live.ring import Ring
 from app.live.runner import Runner
-from app.live.setup import OPERATOR, Setup
+from app.live.setup import HID, OPERATOR, Setup
 from app.live.sitting import Sitting
 from app.live.trial_run import TrialRun, tip_of
 from core.control import NO_CONTROL
@@ -31,6 +32,7 @@ from experiments.session import Session
 from experiments.session_about import SENSOR
 from experiments.session_files import free_participant, unfinished_sessions, write_pooled_table
 from experiments.trial import Trial, new_simulation
+from hardware.hid_hand import HidHand
 
 DISK_S = 5.0  # between two looks at the disk, while nothing runs
 END_S = 5.0  # longest wait for a trial to end by itself when the conductor ends
@@ -45,7 +47,9 @@ class Desk:
         self.setup, self.protocol, self.ring = setup, protocol, ring
         self.runner = Runner(ring, loop, setup.real_time, setup.link)
         self.rigging = Rigging(self.runner.send, protocol) if setup.link else None  # of a device on the bench
-        self._device_checks = self.rigging.checks if self.rigging else partial(simulated_checks, setup.hand)
+        self.hid = HidInput(ring, HidHand()) if setup.hand == HID and not setup.link else None
+        self.hand = SENSOR if setup.link else setup.hand
+        self._device_checks = self.rigging.checks if self.rigging else partial(simulated_checks, setup.hand, self.hid)
         self._wait_for = self.rigging.wait_for if self.rigging else Sitting.wait_for
         self.sitting: Sitting | None = None  # the open session
         self.why_off = ""  # cause of the brakes-off, as the journal has it
@@ -104,6 +108,8 @@ class Desk:
         controllers = sorted(p.controllers, key=lambda number: p.controllers[number].algorithm == NO_CONTROL)
         controller, segment = controllers[turn % len(controllers)], numbers[turn % len(numbers)]
         self.tried += 1
+        if self.hid is not None:
+            feel_force_alone(self._bench)
         return Trial(
             self._bench, PlannedTrial(0, 0, p.devices[0].name, controller, segment, self.tried), p.paths[segment],
             p.controllers[controller], p.rules, p.trial, self.person("0"), np.random.default_rng(turn),
@@ -148,7 +154,7 @@ class Desk:
             cues=(protocol.cues.too_fast_s, protocol.cues.too_slow_s) if protocol.cues else None,
             seed=protocol.seed,
             real_device=self.rigging is not None,
-            hand=self.setup.hand if self.rigging is None else SENSOR,
+            hand=self.hand,
             next_participant=self._next_participant,
             rules=protocol.rules,
         )
@@ -297,6 +303,8 @@ class Desk:
             self.ring.beat()
             self.watch()
             time.sleep(WAIT_S)
+        if self.hid is not None:
+            self.hid.close()
         self.runner.close()
         if self.runner.run is not None:
             self.runner.run.rescue(self.session, self.setup.sync)

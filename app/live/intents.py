@@ -6,6 +6,7 @@ from collections.abc import Callable
 from app.live import messages as m
 from app.live.board_jobs import Reset
 from app.live.desk import Desk
+from app.live.hid_input import feel_force_alone
 from app.live.sitting import ANSWERS, Sitting
 from core.errors import InputError
 from experiments.plan import PlannedTrial
@@ -57,8 +58,9 @@ def _open(desk: Desk, intent: m.Open) -> None:
     setup, name = desk.setup, intent.participant
     if intent.resume:
         session = Session.resume(setup.data_dir, name, setup.sync)
+        session.hand = desk.hand
     else:
-        session = Session(setup.data_dir, name, desk.protocol, desk.person(name), setup.sync, intent.blind or None)
+        session = Session(setup.data_dir, name, desk.protocol, desk.person(name), setup.sync, intent.blind or None, desk.hand)
     try:
         desk.sitting = Sitting(session)
     except BaseException:
@@ -103,6 +105,8 @@ def _run(desk: Desk, planned: PlannedTrial) -> None:
     _check(desk)
     assert desk.session is not None
     trial, writer = desk.session.begin(planned, desk.rigging.sensors() if desk.rigging else None)
+    if desk.hid is not None:
+        feel_force_alone(desk.session.simulation(planned.configuration))
     desk.runner.start(planned, trial, writer)
     desk.say("")
 

@@ -83,14 +83,14 @@ def measure_all(seconds: float, progress: Callable[[float], None] | None = None)
         if found and not found[0]["scheduling"].startswith("real-time"):
             break  # no privilege: it would be the same again
         for busy in (0, cores):
-            done = len(found)
-            found.append(measure(seconds, busy, real_time, progress and (lambda share, n=done: progress((n + share) / 4))))
+            shown = progress and (lambda share, done=len(found): progress((done + share) / 4))
+            found.append(measure(seconds, busy, real_time, shown))
     return found
 
 
 def table(found: list[dict]) -> str:
     """For reading."""
-    lines = [f"{'ticks':>8} {'p50 us':>8} {'p99 us':>8} {'max us':>8} {'missed':>7} {'busy':>5}  scheduling"]
+    lines = [f"{'ticks':>8} {'p50 µs':>8} {'p99 µs':>8} {'max µs':>8} {'missed':>7} {'busy':>5}  scheduling"]
     for one in found:
         lines.append(
             f"{one['ticks']:8} {one['p50_us']:8.0f} {one['p99_us']:8.0f} {one['max_us']:8.0f} {one['missed']:7} "

@@ -24,7 +24,14 @@ GRASP_RADIUS_M = 0.012
 
 @kernel
 def take_aim(control, grip, tip):
-    """The newest place of the pointer is where the spring pulls to, once the pointer has touched the handle."""
+    """The newest place of the pointer is where the spring pulls to, once the pointer has touched the handle.
+
+    With another hand than the mouse it is the newest force.
+    """
+    pushed = control.push_count
+    if pushed != 0:
+        grip.held[0], grip.held[1] = control.pushes[(pushed - 1) % AIMS, 0], control.pushes[(pushed - 1) % AIMS, 1]
+        return
     count = control.aim_count
     if count == 0:
         return

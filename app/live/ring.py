@@ -28,6 +28,8 @@ CONTROL = np.dtype(
         ("brakes_off", "i8"),  # 1: no currents until the conductor allows them again
         ("why_off", "u1", (TEXT,)),  # its cause, UTF-8
         # by the conductor
+        ("push_count", "i8"),  # how often a force was pushed; 0: the pointer is the hand
+        ("pushes", "f8", (AIMS, 2)),  # N, likewise
         ("conductor_beat", "i8"),  # ns
         ("stop", "i8"),  # 1: end the trial
         ("tail", "i8"),  # ticks that the recorder has taken
@@ -103,6 +105,12 @@ class Ring:
         self.control.tail = self.control.head
         self.control.loop_beat = time.monotonic_ns()
         self.beat()
+
+    def push(self, fx: float, fy: float) -> None:
+        """The hand pushes with this force, N."""
+        count = int(self.control.push_count)
+        self.control.pushes[count % AIMS] = fx, fy
+        self.control.push_count = count + 1
 
     def beat(self) -> None:
         """The conductor lives."""

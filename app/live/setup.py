@@ -4,7 +4,8 @@ import json
 from pathlib import Path
 from typing import NamedTuple, Self
 
-MOUSE, OPERATOR = "mouse", "operator"  # operator: a simulated person, for sessions without a hand
+#: operator: a simulated person, for sessions without a hand; hid: a six-axis device whose deflection is the force
+MOUSE, OPERATOR, HID = "mouse", "operator", "hid"
 
 
 class Setup(NamedTuple):

@@ -35,8 +35,8 @@ def add(verbs) -> None:
         help="devices in place of the protocol's: shipped ones by name, or device files by path",
     )  # fmt: skip
     verb.add_argument(
-        "--input", choices=("mouse", "operator"), default="mouse",
-        help="where the hand force comes from: the mouse (default), or a simulated operator",
+        "--input", choices=("mouse", "hid", "operator"), default="mouse",
+        help="where the hand force comes from: the mouse (default), a six-axis device, or a simulated operator",
     )  # fmt: skip
     verb.add_argument(
         "--link", default="sim", metavar="sim|serial:PORT",
