@@ -276,9 +276,9 @@ def load_kernels() -> None:
     trial = LinkedTrial(device, PlannedTrial(0, 0, device.name, 1, 1, 1), path, protocol.controllers[1], protocol.rules)
     made = np.zeros(row.BENCH_WIDTH)
     made[row.TIP_X], made[row.TIP_Y] = trial.path.x0, trial.path.y0
-    distal_sine(trial._mechanism[0], trial.path.x0, trial.path.y0)
+    distal_sine(trial._mechanism[0], *trial.path[1:3])
     trial._tick(made, newest=True)
-    tick.enter(trial._run[0], row.END, tick.ABORTED, tick.BY_EXPERIMENTER)
+    trial._end(0.0)
 
 
 def plain(record: np.recarray) -> np.ndarray:

@@ -174,17 +174,21 @@ def open_trials(plan: tuple[PlannedTrial, ...], rows: list[TrialRow]) -> list[Pl
 
 
 def unfinished_sessions(data_dir: Path) -> list[str]:
-    """Participants whose session has open trials and is in no live process's hands: it can be resumed."""
+    """Participants whose session has open trials, or a key to open, and is in no live process's hands: it can go on.
+
+    One that cannot be read is left out: `phd verify` names what is wrong with it.
+    """
     found = []
     for session in sorted(data_dir.glob("sub-*/ses-01")):
         if not (session / STORED).exists() or is_in_use(session):
             continue
         try:
             stored, rows = read_stored(session), rows_of(session)
-        except InputError:  # `phd verify` names what is wrong with it
+        except InputError:
             continue
         settled = sum(row.status in SETTLED for row in rows)
-        if settled < len(stored.plan):
+        sealed = any(isinstance(row.controller, str) for row in rows)
+        if settled < len(stored.plan) or sealed:
             found.append(stored.participant)
     return found
 

@@ -22,7 +22,7 @@ except ImportError:  # Windows has none
 
 BAUD = 921_600  # means nothing to a USB port
 READ_S = 0.002  # longest wait for the first byte
-WRITE_S = 0.02
+WRITE_S = 0.004
 CLOSE_S = 0.5  # after which a close that hangs is left to itself
 #: what pyserial raises when the other end is gone
 _DEAD = (serial.SerialException, OSError, TerminalError)
@@ -40,7 +40,7 @@ class Port:
     """An open port. LinkError where it has died."""
 
     def __init__(self, name: str) -> None:
-        self.name = name
+        self.name, self.not_taken = name, 0
         try:
             self._serial = serial.Serial(name, BAUD, timeout=READ_S, write_timeout=WRITE_S, exclusive=True)
             self._serial.reset_input_buffer()
@@ -58,9 +58,11 @@ class Port:
             raise LinkError(f"serial port {self.name}: {_reason(error)}") from None
 
     def write(self, data: bytes) -> None:
-        """Send."""
+        """Send; what is not taken in time is lost, as on any wire, and if that lasts the board falls silent."""
         try:
             self._serial.write(data)
+        except serial.SerialTimeoutException:
+            self.not_taken += 1  # the other end does not read, or this program was held up for longer
         except _DEAD as error:
             raise LinkError(f"serial port {self.name}: {_reason(error)}") from None
 

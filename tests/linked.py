@@ -56,7 +56,6 @@ class LinkedBench:
             hand = Late(self.operator)
         self.board = Bench(self.device, hand)
         self.hand = hand
-        self.board.tick()
         self.link = SerialLink(
             self.device, "bench", clock=self.now, open_port=lambda name: BenchWire(self.board, name)
         )  # fmt: skip

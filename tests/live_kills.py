@@ -23,7 +23,6 @@ from experiments.verify import verify
 
 TESTS = Path(__file__).resolve().parent
 VICTIMS = ("conductor", "loop", "window")
-LONGEST_S = 6.0  # from the start of a trial to the kill: some come between two trials
 #: a window in a process of its own, that takes over and says when it has heard of the running trial
 WINDOW = """
 import sys, time
@@ -44,8 +43,10 @@ if __name__ == "__main__":
 class Killing:
     """One session of a simulated operator that is killed again and again, and always resumed."""
 
-    def __init__(self, setup: Setup, seed: int = 1) -> None:
+    def __init__(self, setup: Setup, seed: int = 1, longest_s: float = 6.0) -> None:
+        """longest_s: from the start of a trial to the kill; some then come between two trials."""
         self.setup, self.seen, self._random = setup, Counter(), np.random.default_rng(seed)
+        self._longest_s = longest_s
         self._folder = session_folder(setup.data_dir, "01")
         self.bench = Window(setup)
         self.bench.open()
@@ -57,7 +58,7 @@ class Killing:
         self._ready()
         bench = self.bench
         bench.start()
-        moment = time.monotonic() + self._random.uniform(0.0, LONGEST_S)
+        moment = time.monotonic() + self._random.uniform(0.0, self._longest_s)
         if victim == "window":
             self._kill_window(moment)
         else:

@@ -17,16 +17,17 @@ TIP = (0.02, 0.40)
 class Bench:
     """A board with a simulated device, and the wires that are plugged into it; each read of a wire takes a tick."""
 
-    def __init__(self, device: Device = DEVICE, hand: EmulatedHand | None = None, **capability) -> None:
-        self.board = Board(replace(capability_of(device, "TEST"), **capability))
+    def __init__(self, behind: Device = DEVICE, hand: EmulatedHand | None = None, **capability) -> None:
+        self.board = Board(replace(capability_of(behind, "TEST"), **capability))
         self.hand = hand or HeldHand(TIP)
-        self.device = EmulatedDevice(device, self.board.capability, self.hand, TIP, seed=1)
+        self.device = EmulatedDevice(behind, self.board.capability, self.hand, TIP, seed=1)
         self.faults: list[LineFault] = []
         self.to_host, self.to_board = Line(self.faults, 1, 0), Line(self.faults, 1, 1)
         self.ticks = self.last_current = 0
         self.plugged = self.powered = True
         self.backlog = b""  # what waits for a host that was late
         self._acting: set[str] = set()  # kinds of faults
+        self.tick()  # kernels are compiled, or loaded, before a host waits for an answer
         self.lock = threading.Lock()  # the link's thread that brings the board back reads as well
 
     @property

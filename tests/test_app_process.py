@@ -26,6 +26,7 @@ from app.screens import theme
 from app.screens.windows import Windows
 from core import row
 from experiments.recording import read_recording
+from experiments.session_files import LOCK
 from experiments.trials_table import read_table
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -140,7 +141,7 @@ def test_what_cannot_be_recorded_is_refused_before_any_window(
     assert main(["run", "--data-dir", str(tmp_path / "data"), *arguments]) == 2
     said = capsys.readouterr().err
     assert says in said and said.startswith("phd: ") and said.count("\n") == 1
-    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [place]
+    assert [path for path in tmp_path.rglob("*") if path.is_file() and path.name != LOCK] == [place]
 
 
 def test_a_screen_that_does_not_answer_is_one_sentence_and_exit_2(tmp_path):

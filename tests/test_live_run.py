@@ -126,6 +126,14 @@ def test_a_live_trial_is_the_simulated_one_to_the_last_bit_and_leaves_the_device
     assert abs(run.trial.outcome()["energy_residual_J"]) < 1e-6
 
 
+def test_a_trial_that_a_person_forgets_ends_by_itself_and_says_why() -> None:
+    trial, rows, ticks = new_one(), np.empty((10_000, row.WIDTH)), 0
+    while not trial.finished:
+        ticks += trial.run(rows)
+    assert 300.0 < 1e-3 * ticks < 1200.0
+    assert trial.outcome()["status"] == "aborted" and "start was not reached" in trial.outcome()["reason"]
+
+
 def test_a_loop_that_has_nothing_to_do_keeps_its_deadlines(loop) -> None:
     ring, process = loop
     process.send(Try(30))

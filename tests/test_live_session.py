@@ -5,6 +5,7 @@ one ended.
 
 import json
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from app.live.bench import Bench
 from app.live.setup import Setup
 from core.control import NO_CONTROL
 from experiments.recording import read_recording
+from experiments.session_files import unfinished_sessions
 from experiments.trials_table import read_table
 from experiments.verify import verify
 
@@ -177,6 +179,10 @@ def test_the_key_of_a_finished_session_is_opened_by_somebody_with_a_name(bench: 
             answer(bench)
         else:
             ask(bench, m.Confirm(), lambda s: s.stage != m.BREAK or "more" in s.said)
+    bench.bench.send(m.Leave())  # the key may wait
+    assert bench.until_stage(m.NO_SESSION).resumable == ("07",)
+    bench.bench.send(m.Open("07", resume=True))
+    assert bench.until_stage(m.FINISHED).blind
     refused(bench, m.Unblind(" "), "say who")
     snapshot = ask(bench, m.Unblind("R. Book"), lambda s: not s.blind)
     assert {trial.controller for trial in bench.opened.plan} == {1, 2}
@@ -186,6 +192,23 @@ def test_the_key_of_a_finished_session_is_opened_by_somebody_with_a_name(bench: 
     assert {row.controller for row in pooled} == {1, 2} and len(pooled) == len(snapshot.rows)
     settled = [row for row in snapshot.rows if row.status not in ("redone", "recovered")]
     assert sorted(map(cell, settled)) == sorted(map(cell, bench.opened.plan))
+
+
+def test_what_somebody_did_to_another_session_stops_nobody(bench: Window, setup: Setup) -> None:
+    for number, text in enumerate(('{"plan": [', "[]", '{"plan": 1}', '{"plan": [{}], "plan_sha256": ""}', "\xff")):
+        folder = setup.data_dir / f"sub-x{number}" / "ses-01"
+        folder.mkdir(parents=True)
+        (folder / "session.json").write_bytes(text.encode("latin-1"))
+    (setup.data_dir / "sub-x0" / "ses-01" / "trials.csv").write_text("nothing of ours\n")
+    assert unfinished_sessions(setup.data_dir) == []
+    bench.bench.send(m.Redo(bench.snapshot.rows[-1].run, "see what the others do"))
+    snapshot = bench.until(lambda s: s.stage != m.FINISHED)
+    assert snapshot.said_bad and "was not rewritten" in snapshot.said and "sub-x0" in snapshot.said
+    while bench.snapshot.stage == m.RERIG:
+        ask(bench, m.Confirm(), lambda s: s.stage != m.RERIG)
+    assert run_one(bench).stage == m.FINISHED
+    for folder in setup.data_dir.glob("sub-x*"):
+        shutil.rmtree(folder)
 
 
 def test_the_next_participant_has_a_session_of_their_own(bench: Window, setup: Setup) -> None:

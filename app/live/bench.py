@@ -148,7 +148,7 @@ class Bench:
         return True
 
     def _start(self) -> tuple[str, bool]:
-        """Start a conductor of our own, which lives on without us; "" or why not, and whether another one has the folder."""
+        """Start a conductor of our own, which lives on without us; "" or why not, and whether there is another one."""
         process = start_python(
             "app.live.conductor_process", self._setup.to_json(),
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True,

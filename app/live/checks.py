@@ -5,7 +5,6 @@ import tempfile
 from pathlib import Path
 
 from app.live.board_jobs import Linked
-from app.live.hid_input import HidInput
 from app.live.messages import BAD, CAUTION, GOOD, WAITING, Check, Timing
 from app.live.scheduling import ADVICE
 
@@ -20,11 +19,6 @@ def check_device(simulated: bool, why_off: str) -> Check:
     if why_off:
         return Check("Device", BAD, "brakes off", f"Brakes off: {why_off}. Allow the brakes again when that is past.")
     return Check("Device", GOOD, "simulated" if simulated else "connected")
-
-
-def simulated_checks(hand: str, hid: HidInput | None, why_off: str) -> tuple[Check, Check]:
-    """Of a simulated device and the hand that moves it."""
-    return check_device(True, why_off), hid.check if hid else check_hand(hand)
 
 
 def check_linked(linked: Linked | None, why_off: str) -> Check:

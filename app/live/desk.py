@@ -6,20 +6,19 @@
 import threading
 import time
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 
 from app.live import messages as m
-from app.live.checks import check_disk, check_recording, simulated_checks
-from app.live.hid_input import HidInput, feel_force_alone
+from app.live.checks import check_disk, check_recording
 from app.live.loop_process import LoopProcess
 from app.live.rigging import Rigging
 from app.live.ring import Ring
 from app.live.runner import Runner
-from app.live.setup import HID, OPERATOR, Setup
+from app.live.setup import OPERATOR, Setup
+from app.live.simulated_device import SimulatedDevice
 from app.live.sitting import Sitting
-from app.live.trial_run import TrialRun, tip_of
+from app.live.trial_run import TrialRun
 from core.control import NO_CONTROL
 from core.errors import InputError
 from core.path_file import build_path
@@ -29,10 +28,8 @@ from experiments.plan import PlannedTrial, participant_index
 from experiments.population import load_population
 from experiments.protocol import Protocol
 from experiments.session import Session
-from experiments.session_about import SENSOR
 from experiments.session_files import free_participant, unfinished_sessions, write_pooled_table
 from experiments.trial import Trial, new_simulation
-from hardware.hid_hand import HidHand
 
 DISK_S = 5.0  # between two looks at the disk, while nothing runs
 END_S = 5.0  # longest wait for a trial to end by itself when the conductor ends
@@ -46,11 +43,7 @@ class Desk:
         """protocol: of new sessions. loop: already started."""
         self.setup, self.protocol, self.ring = setup, protocol, ring
         self.runner = Runner(ring, loop, setup.real_time, setup.link)
-        self.rigging = Rigging(self.runner.send, protocol) if setup.link else None  # of a device on the bench
-        self.hid = HidInput(ring, HidHand()) if setup.hand == HID and not setup.link else None
-        self.hand = SENSOR if setup.link else setup.hand
-        self._device_checks = self.rigging.checks if self.rigging else partial(simulated_checks, setup.hand, self.hid)
-        self._wait_for = self.rigging.wait_for if self.rigging else Sitting.wait_for
+        self.device = Rigging(self.runner.send, protocol) if setup.link else SimulatedDevice(ring, setup.hand)
         self.sitting: Sitting | None = None  # the open session
         self.why_off = ""  # cause of the brakes-off, as the journal has it
         self.broken = ""  # why no more trials can be run
@@ -108,8 +101,7 @@ class Desk:
         controllers = sorted(p.controllers, key=lambda number: p.controllers[number].algorithm == NO_CONTROL)
         controller, segment = controllers[turn % len(controllers)], numbers[turn % len(numbers)]
         self.tried += 1
-        if self.hid is not None:
-            feel_force_alone(self._bench)
+        self.device.take_handle(self._bench)
         return Trial(
             self._bench, PlannedTrial(0, 0, p.devices[0].name, controller, segment, self.tried), p.paths[segment],
             p.controllers[controller], p.rules, p.trial, self.person("0"), np.random.default_rng(turn),
@@ -126,9 +118,7 @@ class Desk:
             return m.RUNNING
         if self._bench is None or not self.runner.ready:
             return m.PREPARING
-        if self.sitting is None:
-            return m.NO_SESSION
-        return self.sitting.stage if self.rigging is None else self.rigging.stage(self.sitting)
+        return self.device.stage(self.sitting) if self.sitting else m.NO_SESSION
 
     @property
     def session(self) -> Session | None:
@@ -153,8 +143,8 @@ class Desk:
             show_linkage=protocol.show_linkage,
             cues=(protocol.cues.too_fast_s, protocol.cues.too_slow_s) if protocol.cues else None,
             seed=protocol.seed,
-            real_device=self.rigging is not None,
-            hand=self.hand,
+            real_device=self.device.real,
+            hand=self.device.hand,
             next_participant=self._next_participant,
             rules=protocol.rules,
         )
@@ -174,7 +164,7 @@ class Desk:
             paused=sitting is not None and sitting.paused_s is not None,
             blind=session is not None and session.blind,
             checks=(
-                *self._device_checks(self.why_off),
+                *self.device.checks(self.why_off),
                 self.runner.check,
                 self._disk,
                 check_recording(self.broken, self._verified),
@@ -183,7 +173,7 @@ class Desk:
             notes=tuple(sitting.notes) if sitting else (),
             said=self._said,
             said_bad=self._said_bad,
-            wait_for=self._wait_for(sitting) if sitting and stage in (m.RERIG, m.BREAK) else "",
+            wait_for=self.device.wait_for(sitting) if sitting and stage in (m.RERIG, m.BREAK) else "",
             wait_s=session.protocol.breaks.least_s if session and session.protocol.breaks and stage == m.BREAK else 0.0,
             seconds_left=sitting.seconds_left() if sitting else None,
             resumable=() if session else self._resumable,
@@ -199,11 +189,7 @@ class Desk:
         """Where the handle stands; during a trial: where it stood before, m."""
         if self.runner.run is not None:
             return self.runner.run.tip
-        if self.rigging is not None:
-            return self.rigging.tip
-        if self.sitting is not None:
-            return self.sitting.tip
-        return tip_of(self._bench) if self._bench is not None else (0.0, 0.0)
+        return self.device.tip(self.sitting, self._bench)
 
     # ------------------------------------------------------------------------------------- what happens
 
@@ -229,16 +215,19 @@ class Desk:
         else:
             write()
 
+    def look_at_brakes(self) -> None:
+        """Whether currents may flow; what has changed is journalled."""
+        if (why_off := self.ring.why_off) != self.why_off:
+            self.why_off = why_off
+            self.write("brakes off" if why_off else "brakes allowed", **({"cause": why_off} if why_off else {}))
+
     def watch(self) -> None:
         """Take in what has happened since the last time."""
         if self._failure is not None:
             raise self._failure
-        if (why_off := self.ring.why_off) != self.why_off:
-            self.why_off = why_off
-            self.write("brakes off" if why_off else "brakes allowed", cause=why_off)
+        self.look_at_brakes()
         run, lost = self.runner.watch()
-        if self.rigging is not None:
-            self.rigging.hear(self.runner, self.write, self.say)
+        self.device.hear(self.runner, self.write, self.say)
         if self.runner.ready:
             self._loop_ready.set()
         if lost:
@@ -303,8 +292,7 @@ class Desk:
             self.ring.beat()
             self.watch()
             time.sleep(WAIT_S)
-        if self.hid is not None:
-            self.hid.close()
+        self.device.close()
         self.runner.close()
         if self.runner.run is not None:
             self.runner.run.rescue(self.session, self.setup.sync)

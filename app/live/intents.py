@@ -4,9 +4,7 @@ import time
 from collections.abc import Callable
 
 from app.live import messages as m
-from app.live.board_jobs import Reset
 from app.live.desk import Desk
-from app.live.hid_input import feel_force_alone
 from app.live.sitting import ANSWERS, Sitting
 from core.errors import InputError
 from experiments.plan import PlannedTrial
@@ -58,9 +56,10 @@ def _open(desk: Desk, intent: m.Open) -> None:
     setup, name = desk.setup, intent.participant
     if intent.resume:
         session = Session.resume(setup.data_dir, name, setup.sync)
-        session.hand = desk.hand
+        session.hand = desk.device.hand
     else:
-        session = Session(setup.data_dir, name, desk.protocol, desk.person(name), setup.sync, intent.blind or None, desk.hand)
+        person, blind = desk.person(name), intent.blind or None
+        session = Session(setup.data_dir, name, desk.protocol, person, setup.sync, blind, desk.device.hand)
     try:
         desk.sitting = Sitting(session)
     except BaseException:
@@ -94,7 +93,7 @@ def _practise(desk: Desk, _: m.Practice) -> None:
         _run(desk, desk.sitting.session.next_practice())
         return
     _check(desk)
-    if desk.rigging is not None:
+    if desk.device.real:
         raise InputError("On the bench, practice belongs to a session: open one first.")
     trial = desk.try_out()
     desk.runner.start(trial.planned, trial, None)
@@ -104,9 +103,7 @@ def _practise(desk: Desk, _: m.Practice) -> None:
 def _run(desk: Desk, planned: PlannedTrial) -> None:
     _check(desk)
     assert desk.session is not None
-    trial, writer = desk.session.begin(planned, desk.rigging.sensors() if desk.rigging else None)
-    if desk.hid is not None:
-        feel_force_alone(desk.session.simulation(planned.configuration))
+    trial, writer = desk.device.begin(desk.session, planned)
     desk.runner.start(planned, trial, writer)
     desk.say("")
 
@@ -150,23 +147,17 @@ def _note(desk: Desk, intent: m.Note) -> None:
 def _allow(desk: Desk, _: m.AllowBrakes) -> None:
     if desk.runner.run is not None:
         raise InputError("The trial is still ending; after it the brakes can be allowed again.")
-    if desk.rigging is not None:
-        desk.runner.send(Reset())  # the board has latched it, too
-    elif desk.why_off:
-        desk.write("brakes allowed")
-        desk.ring.allow()
-        desk.why_off = ""
+    if desk.why_off:
+        desk.device.allow()
+        desk.look_at_brakes()
 
 
 def _confirm(desk: Desk, _: m.Confirm) -> None:
     _need(desk, m.RERIG, m.BREAK)
     sitting = desk.sitting
     assert sitting is not None and sitting.coming is not None
-    if desk.rigging is not None and desk.stage == m.RERIG:
-        desk.rigging.confirm(sitting)
-    elif sitting.stage == m.RERIG:
-        desk.write("re-rigged", configuration=sitting.coming.configuration)
-        sitting.rigged = sitting.coming.configuration
+    if desk.stage == m.RERIG:
+        desk.device.confirm(sitting, desk.write)
     else:
         if (left := sitting.break_left_s()) > 0.0:
             raise InputError(f"The break lasts {left:.0f} s more.")

@@ -83,7 +83,8 @@ def measure_all(seconds: float, progress: Callable[[float], None] | None = None)
         if found and not found[0]["scheduling"].startswith("real-time"):
             break  # no privilege: it would be the same again
         for busy in (0, cores):
-            shown = progress and (lambda share, done=len(found): progress((done + share) / 4))
+            done = len(found)
+            shown = progress and (lambda share, done=done: progress((done + share) / 4))
             found.append(measure(seconds, busy, real_time, shown))
     return found
 

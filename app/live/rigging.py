@@ -4,14 +4,20 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from app.live import messages as m
-from app.live.board_jobs import Connect, HomeAt, Homed, Linked, NotDone, TakeZero, Zeroed
+from app.live.board_jobs import Connect, HomeAt, Homed, Linked, NotDone, Reset, TakeZero, Zeroed
 from app.live.checks import check_linked, check_sensor
 from app.live.sitting import Sitting
 from core.device import Device
 from core.path import point_at
 from core.path_file import build_path
+from core.simulator import Simulation
+from experiments.linked_trial import LinkedTrial
+from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
+from experiments.recording import RecordingWriter
 from experiments.recording_form import Sensors
+from experiments.session import Session
+from experiments.session_about import SENSOR
 
 if TYPE_CHECKING:
     from app.live.runner import Runner
@@ -21,6 +27,8 @@ CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""
 
 class Rigging:
     """How the bench is, as its loop tells it, and what has to be done to it next."""
+
+    real, hand = True, SENSOR
 
     def __init__(self, send: Callable[[object], None], protocol: Protocol) -> None:
         """send: a job to the loop. protocol: whose devices are looked for at first."""
@@ -68,7 +76,7 @@ class Rigging:
                 return "Let go of the handle, go on, and do not touch it for a second."
         return ""
 
-    def confirm(self, sitting: Sitting) -> None:
+    def confirm(self, sitting: Sitting, write: Callable[..., None]) -> None:
         """The person has done it: now the loop does its part."""
         assert sitting.coming is not None
         name, protocol = sitting.coming.configuration, sitting.session.protocol
@@ -103,16 +111,26 @@ class Rigging:
         """For the pre-flight row: device and hand."""
         return check_linked(self.linked, why_off), check_sensor(self.linked)
 
-    @property
-    def tip(self) -> m.Point:
+    def allow(self) -> None:
+        """Currents may flow again: the board has latched the brakes-off, too, and what it latches is a brakes-off."""
+        self._send(Reset())
+
+    def tip(self, sitting: Sitting | None, practice: Simulation | None) -> m.Point:
         """Where the handle is, m; rounded, so that a hand that rests tells the window nothing new."""
         x, y = self.linked.tip if self.linked else (0.0, 0.0)
         return round(x, 3), round(y, 3)
 
-    def sensors(self) -> Sensors:
-        """What is recorded of the board that is connected."""
+    def begin(self, session: Session, planned: PlannedTrial) -> tuple[LinkedTrial, RecordingWriter]:
+        """Open a trial of the session on the board that is connected."""
         assert self.linked is not None
-        return Sensors(self.linked.encoders, self.linked.force_channels)
+        trial, writer = session.begin(planned, Sensors(self.linked.encoders, self.linked.force_channels))
+        return trial, writer
+
+    def take_handle(self, simulation: Simulation) -> None:
+        """A person has it already."""
+
+    def close(self) -> None:
+        """The loop lets the board go."""
 
 
 def home_of(device: Device, protocol: Protocol) -> tuple[float, float]:

@@ -3,10 +3,9 @@
 from app.live.board_jobs import LinkedDone, RunLinked
 from app.live.jobs import Done, Run, changed
 from app.live.loop_process import LoopProcess
-from app.live.messages import Point, Timing
+from app.live.messages import Timing
 from app.live.recorder import Recorder
 from app.live.ring import BRAKES_OFF, CONDUCTOR_SILENT, RING_FULL, STOPPED, Ring
-from core.simulator import Simulation
 from experiments.plan import PlannedTrial
 from experiments.recording import RecordingWriter
 from experiments.recover import recover_session
@@ -110,9 +109,3 @@ class LinkedRun(TrialRun):
 
     def _take_back(self, answer: Done) -> None:
         pass
-
-
-def tip_of(simulation: Simulation) -> Point:
-    """Where the handle is, m."""
-    tip = simulation.state["tip"][0]
-    return float(tip[0]), float(tip[1])

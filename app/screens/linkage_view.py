@@ -1,7 +1,7 @@
 """The linkage on the plane: arms, brakes in the colour of what they do, forces with their values, layers on demand."""
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QPointF, QRectF
+from PySide6.QtCore import QMarginsF, QPointF, QRect, QRectF
 from PySide6.QtGui import QPainter
 from PySide6.QtWidgets import QWidget
 
@@ -119,6 +119,9 @@ class LinkageView(Plane):
         self.update()
 
     # painting
+
+    def moving(self) -> QRect:
+        return self.rect()  # arms, arrows, words
 
     def paint_under_path(self, painter: QPainter) -> None:
         if self.follower is not None and FIELD in self.shown:

@@ -3,7 +3,7 @@ says so: no numbers, no controller's name, no brake's colour.
 """
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QRectF, Qt, Signal
+from PySide6.QtCore import QMarginsF, QRect, QRectF, Qt, Signal
 from PySide6.QtGui import QCloseEvent, QMouseEvent, QPainter, QResizeEvent
 from PySide6.QtWidgets import QStackedLayout, QWidget
 
@@ -55,6 +55,9 @@ class ParticipantView(Plane):
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         if self.mouse:
             super().mouseMoveEvent(event)
+
+    def moving(self) -> QRect:
+        return super().moving() if self._device is None else self.rect()
 
     def paint_under_path(self, painter: QPainter) -> None:
         height = float(self.height())

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from PySide6.QtCore import QLineF, QMarginsF, QPointF, QRectF, Qt, Signal
+from PySide6.QtCore import QLineF, QMarginsF, QPointF, QRect, QRectF, Qt, Signal
 from PySide6.QtGui import QMouseEvent, QPainter, QPaintEvent, QPixmap, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
@@ -71,6 +71,7 @@ class Plane(QWidget):
         self.taken = False
         self.trail: list[Point] = []
         self.trail_shown = True
+        self._moving = QRect()  # where things that move were last, px
         self._follows_mouse = follows_mouse
         self.setMouseTracking(follows_mouse)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
@@ -98,12 +99,12 @@ class Plane(QWidget):
         if taken != self.taken:  # with the handle in hand the ring is the pointer: the arrow would only cover it
             self.taken = taken
             self.setCursor(Qt.CursorShape.BlankCursor if taken else Qt.CursorShape.ArrowCursor)
-        self.update()
+        self.repaint_moved()
 
     def show_pointer(self, place: Point | None) -> None:
         """Where the hand wants the handle to be (m), when it is not this widget's own pointer that says so."""
         self.pointer = place
-        self.update()
+        self.repaint_moved()
 
     def extend_trail(self, tip: Point) -> None:
         """The way of the handle goes on to here (m)."""
@@ -132,6 +133,21 @@ class Plane(QWidget):
         """What stands still has changed: paint it anew with the next frame."""
         self._background = None
         self.update()
+
+    def repaint_moved(self) -> None:
+        """Paint anew where things that move were and where they are."""
+        before, self._moving = self._moving, self.moving()
+        self.update(before.united(self._moving))
+
+    def moving(self) -> QRect:
+        """Where handle, pointer and spring are, px. A subclass in which more moves says so."""
+        sizes = self.sizes
+        around = QRectF()
+        for place, radius in ((self.tip, sizes.handle), (self.pointer, sizes.pointer)):
+            if place is not None:
+                at, reach = self.to_screen(place), radius + sizes.trail + 2.0
+                around = around.united(QRectF(at.x() - reach, at.y() - reach, 2.0 * reach, 2.0 * reach))
+        return around.toAlignedRect()
 
     # metres and pixels
 
@@ -166,7 +182,7 @@ class Plane(QWidget):
             return
         self.pointer = self.to_plane(event.position())
         self.pointer_moved.emit(*self.pointer)
-        self.update()
+        self.repaint_moved()
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.mouseMoveEvent(event)

@@ -9,7 +9,7 @@ import time
 from typing import NamedTuple
 
 import numpy as np
-from PySide6.QtCore import QAbstractEventDispatcher, QEvent, QObject, QPointF, Qt, QTimer
+from PySide6.QtCore import QEvent, QObject, QPointF, Qt, QTimer
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication
 
@@ -24,7 +24,7 @@ POINTER_MS = 8  # a mouse says 125 times a second where it is
 
 
 class ScreenCost(NamedTuple):
-    """Of one run. A frame is the time from when the window wakes for it until all is painted."""
+    """Of one run. A frame lasts from asking the bench what is new until all is painted."""
 
     windows: str  # "console", "console and participant"
     width: int  # px, of each window
@@ -41,35 +41,21 @@ class ScreenCost(NamedTuple):
     max_cpu_ms: float  # the same frame's processor time: what the machine gave to others is not in it
 
 
-class BusySpans(QObject):
-    """How long the event loop was busy, each time that it woke for a frame."""
+class FrameTimes(QObject):
+    """How long each frame holds the event loop, from asking the bench until all is painted."""
 
-    def __init__(self, windows: Windows) -> None:
+    def __init__(self, windows: Windows, bench: SyntheticBench) -> None:
         super().__init__()
         self.wall_s: list[float] = []
         self.cpu_s: list[float] = []
-        self._woke, self._cpu, self._framed = time.perf_counter(), time.thread_time(), False
-        windows.framed.connect(self._frame)
-        self._dispatcher = QAbstractEventDispatcher.instance()
-        self._dispatcher.awake.connect(self._awake)
-        self._dispatcher.aboutToBlock.connect(self._block)
+        self._bench = bench
+        self._painted = QTimer(self, singleShot=True, interval=0)  # Qt paints what is due first
+        self._painted.timeout.connect(self._end)
+        windows.framed.connect(lambda _: self._painted.start())
 
-    def close(self) -> None:
-        """Measure no more."""
-        self._dispatcher.awake.disconnect(self._awake)
-        self._dispatcher.aboutToBlock.disconnect(self._block)
-
-    def _awake(self) -> None:
-        self._woke, self._cpu = time.perf_counter(), time.thread_time()
-
-    def _frame(self) -> None:
-        self._framed = True
-
-    def _block(self) -> None:
-        if self._framed:
-            self.wall_s.append(time.perf_counter() - self._woke)
-            self.cpu_s.append(time.thread_time() - self._cpu)
-            self._framed = False
+    def _end(self) -> None:
+        self.wall_s.append(time.perf_counter() - self._bench.asked_s)
+        self.cpu_s.append(time.thread_time() - self._bench.asked_cpu_s)
 
 
 class Waver(QObject):
@@ -118,14 +104,13 @@ def measure(seconds: float, width: int, height: int, both: bool = False, device:
     _run(application, WARM_UP_S)
     gc.collect()
     gc.freeze()  # as the app does
-    spans = BusySpans(windows)
+    times = FrameTimes(windows, bench)
     shares, began = [], time.perf_counter()
     for _ in range(max(round(seconds / SLICE_S), 1)):
         wall, cpu = time.perf_counter(), time.process_time()
         _run(application, min(SLICE_S, seconds))
         shares.append((time.process_time() - cpu) / (time.perf_counter() - wall))
     elapsed = time.perf_counter() - began
-    spans.close()
     gc.unfreeze()
     del waver
     ratio, size = console.devicePixelRatioF(), (console.width(), console.height())
@@ -133,7 +118,7 @@ def measure(seconds: float, width: int, height: int, both: bool = False, device:
     for window in (console, participant):
         window.deleteLater()
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
-    wall, cpu = 1e3 * np.array(spans.wall_s), 1e3 * np.array(spans.cpu_s)
+    wall, cpu = 1e3 * np.array(times.wall_s), 1e3 * np.array(times.cpu_s)
     p50, p99 = np.percentile(wall, (50, 99)).tolist()
     name = "console and participant" if both else "console"
     return ScreenCost(
@@ -143,7 +128,7 @@ def measure(seconds: float, width: int, height: int, both: bool = False, device:
 
 
 def _run(application: QApplication, seconds: float) -> None:
-    QTimer.singleShot(round(1e3 * seconds), application.quit)
+    QTimer.singleShot(round(1e3 * seconds), lambda: application.exit(0))
     application.exec()
 
 

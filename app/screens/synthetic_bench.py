@@ -76,10 +76,12 @@ class SyntheticBench:
         self._told = False
         self._began_s = self._pulsed_s = time.perf_counter()
         self._fed = 0
+        self.asked_s = self.asked_cpu_s = 0.0  # when, and at what processor time, it was last asked what is new
 
     def receive(self) -> list:
         """A new trial when the last one is over; a pulse ten times a second."""
-        now, tip = time.perf_counter(), (float(self._rows[0, row.TIP_X]), float(self._rows[0, row.TIP_Y]))
+        self.asked_s, self.asked_cpu_s = time.perf_counter(), time.thread_time()
+        now, tip = self.asked_s, (float(self._rows[0, row.TIP_X]), float(self._rows[0, row.TIP_Y]))
         ready = m.Snapshot(m.READY, coming=self._planned, tip=tip, checks=CHECKS)
         said: list = [] if self._told else [self.opened]
         if not self._told or now - self._began_s > TRIAL_S:

@@ -1,6 +1,7 @@
 """`phd bench`: how accurate the simulator is at which speed; how punctual the control loop is."""
 
 import argparse
+import contextlib
 import json
 from pathlib import Path
 
@@ -22,6 +23,10 @@ def add(verbs) -> None:
         "without the real-time privilege, alone and beside a busy process for each processor core.",
         "phd bench --out bench-1",
     )
+    verb.add_argument(
+        "--screens", nargs="?", type=seconds, const=10.0, metavar="SECONDS",
+        help="instead, what the windows cost at several sizes, and the way from pointer to picture; each case so long",
+    )  # fmt: skip
     verb.add_argument("--quick", action="store_true", help="one device, two steps, fewer repeats")
     verb.add_argument("--json", action="store_true", help="print the result as JSON instead of a table")
     verb.add_argument(
@@ -32,6 +37,8 @@ def add(verbs) -> None:
 
 
 def bench(args: argparse.Namespace) -> int:
+    if args.screens is not None:
+        return bench_screens(args)
     if args.loop is not None:
         return bench_loop(args)
     if args.out is not None:
@@ -66,4 +73,25 @@ def bench_loop(args: argparse.Namespace) -> int:
     with Progress("measuring") as progress:
         found = measure_all(args.loop, progress)
     print(json.dumps(found) if args.json else table(found))
+    return 0
+
+
+def seconds(text: str) -> float:
+    """Type of an argument: 1 to 600 seconds."""
+    with contextlib.suppress(ValueError):
+        if 1.0 <= float(text) <= 600.0:
+            return float(text)
+    raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds from 1 to 600")
+
+
+def bench_screens(args: argparse.Namespace) -> int:
+    """The table of windows and the pointer's way; with --json as data."""
+    if args.quick or args.out is not None:
+        raise InputError("--screens: stands alone, or with --json")
+    from app.screens.screen_bench import run_screens, table
+
+    announce_first_use()
+    with Progress("drawing") as progress:
+        result = run_screens(args.screens, progress)
+    print(json.dumps(result, allow_nan=False) if args.json else table(result))
     return 0

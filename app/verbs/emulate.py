@@ -19,8 +19,9 @@ def add(verbs) -> None:
         "The first line of stdout is its port, for --link serial:PORT; the rest of what it says goes to stderr. Ctrl-C "
         "ends it.\nBeside the port lies a datagram socket, `control`, that takes orders as JSON objects: "
         '{"target": [x, y]} or\n{"force": [fx, fy]} for a hand that holds still, {"path": {..}} (as in a protocol '
-        'file), {"wait": true},\n{"go": true}, {"away": true} for the operator, {"fault": "unplug+1"}, {"clear": true}; '
-        "each is answered with\nthe truth.\n\nFaults: KIND[=VALUE][@START][+LENGTH], s: drop=0.01, corrupt=0.01, "
+        'file), {"wait": true},\n{"go": true}, {"away": true} for the operator, {"fault": "unplug+1"}, '
+        '{"clear": true}; each is answered with\nthe truth.\n\n'
+        "Faults: KIND[=VALUE][@START][+LENGTH], s: drop=0.01, corrupt=0.01, "
         "duplicate=0.01 (shares of frames),\ndelay=0.02, jitter=0.005 (s), stall@5+0.3, unplug@5+2, brown-out@5+0.3, "
         "stuck-encoder=A@5+1, bad-encoder=A@5+1,\nsaturated-force@5+1.",
         "phd emulate --device four-brake --hand operator --fault drop=0.01 --fault unplug@10+2",

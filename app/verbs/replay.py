@@ -66,7 +66,7 @@ def replay_verb(args: argparse.Namespace) -> int:
 
 def play(recording: Path) -> int:
     """On the screen."""
-    from app.verbs.run import SCREENS, check_screen
+    from app.verbs.run import SCREENS, ScreenCheck
     from experiments.recording import read_recording
 
     if not read_recording(recording).rows:
@@ -81,7 +81,7 @@ def play(recording: Path) -> int:
         if ".so" not in str(error):
             raise
         raise InputError(f"the window cannot be opened, a system library is missing: {error}") from None
-    check_screen()
+    ScreenCheck().check()
     return replay_window.run(recording)
 
 
