@@ -234,7 +234,13 @@ def test_a_verb_with_a_window_needs_the_system_libraries(tree: Tree, verb: str) 
     assert tree.run(*verb.split()).returncode == 0
 
 
-@pytest.mark.parametrize("verb", ["study --out d", "replay a --out b", "replay a --json", "replay a --controller 2", "run --print-plan", "run --help", "--help"])
+WITHOUT_WINDOW = [
+    "study --out d", "replay a --out b", "replay a --json", "replay a --controller 2", "run --print-plan", "run --help",
+    "--help",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("verb", WITHOUT_WINDOW)
 def test_a_verb_without_a_window_needs_no_system_library(tree: Tree, verb: str) -> None:
     tree.libraries("none")
     tree.user(1000)

@@ -1,4 +1,4 @@
-"""Sweeps: one table whatever ran where, resumed after a kill, refused in one sentence; no worker outlives its parent."""
+"""Sweeps: one table whatever ran where, resumed after a kill, refused in one sentence; no worker outlives it."""
 
 import csv
 import json
