@@ -1,9 +1,8 @@
 """One trial on a device on the bench, with the face of `trial.Trial`: its ticks come from a DeviceLink.
 
-A row of the log belongs to one tick of the board, whose sequence numbers are the 1 ms grid. The samples that came
-while the host was late are all recorded, and only the newest decides. A sample that was lost is interpolated between
-its neighbours and marked (`filled`), so that measures on the grid survive it. When the samples stop, the recording ends
-with the last one.
+A row of the log belongs to one tick of the board, whose sequence numbers are the 1 ms grid. The samples that came while
+the host was late are all recorded, and only the newest decides. A lost one is interpolated between its neighbours and
+marked (`filled`), so that measures on the grid survive it. When the samples stop, the recording ends with the last one.
 """
 
 import math
@@ -34,8 +33,7 @@ from experiments.trial import DEFAULT_RULES, run_fields
 #: s. Without a sample for so long the currents are zero and the trial ends; the board's watchdog has the same number.
 SILENT_S = 0.05
 MOST_FILLED = 250  # ticks; a longer gap ends the recording. Our choice: a link counts as lost before
-#: samples on end whose encoders are of no pose. Our choice: one may be a damaged count.
-NOT_CLOSED = 10
+NOT_CLOSED = 10  # samples on end whose encoders are of no pose. Our choice: one may be a damaged count
 LONGEST_END_S = 0.5  # beyond `end_s`, in which the recorded end may still come after a fault
 WRAP = 1 << 32
 #: columns that a lost sample leaves between its neighbours
@@ -155,7 +153,8 @@ class LinkedTrial:
     @property
     def tip(self) -> tuple[float, float]:
         """Where the handle was last, m."""
-        return float(self._state["tip"][0, 0]), float(self._state["tip"][0, 1])
+        x, y = self._state["tip"][0, :2].tolist()
+        return x, y
 
     def outcome(self) -> dict:
         """How the trial ended, for the end record: status, reason, what was lost, and what the link says of itself."""
@@ -275,8 +274,8 @@ def load_kernels() -> None:
     device, path = protocol.devices[0], protocol.paths[1]
     trial = LinkedTrial(device, PlannedTrial(0, 0, device.name, 1, 1, 1), path, protocol.controllers[1], protocol.rules)
     made = np.zeros(row.BENCH_WIDTH)
-    made[row.TIP_X], made[row.TIP_Y] = trial.path.x0, trial.path.y0
-    distal_sine(trial._mechanism[0], *trial.path[1:3])
+    made[row.TIP_X : row.TIP_Y + 1] = path.start_m
+    distal_sine(trial._mechanism[0], *path.start_m)
     trial._tick(made, newest=True)
     trial._end(0.0)
 

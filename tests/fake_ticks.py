@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.screens.screen_cost import synthetic_trial
+from app.screens.synthetic_bench import synthetic_trial
 from core import row
 from core.device import Device
 from core.path_file import Segment

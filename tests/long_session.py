@@ -123,6 +123,7 @@ def recorded(data: Path) -> dict:
     worst = max(done, key=lambda row: kept[row.run].column("lateness_us").max())
     return {
         "rows": dict(Counter(row.status for row in rows)),
+        "reasons": {row.run: kept[row.run].outcome["reason"] for row in rows if row.status in ("aborted", "timeout")},
         "every cell done once": sorted(map(cell, done)) == sorted(map(cell, plan)),
         "recordings": len(kept),
         "whole": sum(one.whole for one in kept.values()),

@@ -1,12 +1,10 @@
 """Traces, timing strip and energy ledger: what they show of ticks, and that nothing of a tick is lost."""
 
-import gc
 import os
-import sys
 
 import numpy as np
 import pytest
-from fake_ticks import ALONG, TIP, quiet, trial
+from fake_ticks import ALONG, quiet, trial
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from PySide6.QtGui import QColor, QImage
@@ -15,8 +13,6 @@ from PySide6.QtWidgets import QApplication
 from app.live.messages import Timing
 from app.screens import theme
 from app.screens.energy_panel import EnergyPanel, Ledger
-from app.screens.panel import Panel
-from app.screens.screen_cost import EverythingOn, measure
 from app.screens.strip import WINDOW_S, Strip, range_for
 from app.screens.timing_strip import Bars, TimingStrip, share_of
 from app.screens.traces import NOTHING, Traces
@@ -221,44 +217,3 @@ def test_a_fall_of_heat_is_shown(qtbot) -> None:
     rows[100:, row.ENERGY_BRAKES] = -0.003
     panel.add(rows)
     assert "a brake added 3e-03 J" in panel.said and "no brake" not in panel.said
-
-
-# ------------------------------------------------------------------------------------------------- all of it at once
-
-
-def test_frames_do_not_use_up_references_to_none(qtbot) -> None:
-    """With some versions of Qt's binding, calls from a live plot lose references to None until the process dies."""
-    window = shown(qtbot, EverythingOn(FOUR, ALONG), 1280, 720)
-    window.begin(TIP)
-    rows = trial(FOUR)
-
-    def frames(first: int, last: int) -> None:
-        for i in range(first, last):
-            window.add(rows[16 * i : 16 * (i + 1)])
-            window.grab()
-
-    frames(0, 10)
-    gc.collect()
-    before = sys.getrefcount(None)
-    frames(10, 110)
-    gc.collect()
-    assert abs(sys.getrefcount(None) - before) < 100  # less than one a frame
-
-
-def test_the_cost_of_drawing_is_measured_and_leaves_nothing_behind(qtbot) -> None:
-    theme.dress(QApplication.instance())
-    before = set(QApplication.topLevelWidgets())
-    cost = measure(seconds=0.3, size=(800, 500))
-    assert cost.frames > 0 and 0.0 < cost.p50_ms <= cost.p99_ms <= cost.max_ms and cost.core_share > 0.0
-    QApplication.sendPostedEvents(None, 52)  # deferred deletion
-    assert set(QApplication.topLevelWidgets()) <= before
-
-
-@pytest.mark.parametrize(("width", "height"), ((1280, 720), (1600, 900), (1920, 1080)))
-def test_nothing_asks_for_more_room_than_there_is(qtbot, width: int, height: int) -> None:
-    window = shown(qtbot, EverythingOn(FOUR, ALONG), width, height)
-    window.begin(TIP)
-    QApplication.processEvents()
-    assert (window.width(), window.height()) == (width, height)
-    for panel in window.findChildren(Panel):
-        assert panel.inside.height() > 20.0 and panel.inside.width() > 200.0

@@ -149,7 +149,8 @@ class BoardLoop:
                 self._latch(self._link, self._sample)
         self._flags["loop_beat"][0] = time.monotonic_ns()
         now = time.monotonic()
-        if now - self._told_s >= TELL_S:
+        known = self._link is None or self._link.problem or self._sample is not None
+        if known and now - self._told_s >= TELL_S:
             self._told_s = now
             self._answer(self._linked())
 
@@ -193,7 +194,7 @@ class BoardLoop:
             force_channels=link.force_channels, report=report,
         )  # fmt: skip
         if sample is None:
-            return told._replace(problem=link.problem or "no sample yet")
+            return told
         return told._replace(fault=sample.fault, homed=sample.homed, tip=sample.tip, hand_force=sample.hand_force)
 
     # ------------------------------------------------------------------------------------- a trial

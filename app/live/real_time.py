@@ -14,7 +14,7 @@ TICK_NS = 1_000_000
 #: Ticks run at once after a stall. Our choice: after a longer one (a machine that slept) the trial's time waits, so
 #: that the handle does not race through seconds on a target that nobody aimed at; the lateness of the tick says so.
 MOST_BEHIND_NS = 100 * TICK_NS
-SILENT_NS = 500_000_000  # a conductor that has not beaten for so long is gone
+SILENT_NS = 2_000_000_000  # a conductor that has not beaten for so long is gone, not only short of processors
 ROOM = 1024  # ticks of the ring that are kept free: an aborted trial still ends in recorded ticks
 
 #: Our choice: the pointer takes the handle when it comes this near (m), and keeps it until the trial ends. So the

@@ -14,7 +14,7 @@ from experiments.session_files import rows_of
 from experiments.trial import Trial
 from experiments.trials_table import TrialRow
 
-SILENT = "the process that records did not answer for half a second"
+SILENT = "the process that records did not answer for two seconds"
 
 
 class TrialRun:

@@ -81,10 +81,9 @@ class Moves(QObject):
     def _round(self, view) -> QPointF:
         """Some pixels on each time, round a place off the path: a hand that moves, and never holds still at a start."""
         self._turn += 1
-        reach = 0.06 * view.height()
-        return QPointF(
-            0.35 * view.width() + reach * np.cos(0.4 * self._turn), 0.35 * view.height() + reach * np.sin(0.4 * self._turn)
-        )
+        reach, angle = 0.06 * view.height(), 0.4 * self._turn
+        middle = QPointF(0.35 * view.width(), 0.35 * view.height())
+        return middle + QPointF(np.cos(angle), np.sin(angle)) * reach
 
     def _aim(self, x: float, y: float) -> None:
         if self._moved_s is not None and self._aimed is None:
