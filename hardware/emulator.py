@@ -48,8 +48,6 @@ class Emulator:
         self._acting: set[LineFault] = set()
         self._powered_s = 0.0  # when the board's clock began; infinite: it has no power
         self._stopping = False
-        self._tick()  # kernels are compiled, or loaded, before time runs
-        self._zero = time.monotonic() - self.ticks * TICK_S
         self._folder = tempfile.TemporaryDirectory(prefix="phd-emulated-")
         self.port = Path(self._folder.name) / "port"
         self.control = Path(self._folder.name) / "control"
@@ -57,6 +55,8 @@ class Emulator:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.bind(str(self.control))
         self._socket.setblocking(False)
+        self._tick()  # kernels are compiled, or loaded, before time runs
+        self._zero = time.monotonic() - self.ticks * TICK_S
 
     def run(self) -> None:
         """Until `stop`."""

@@ -53,7 +53,7 @@ def drive(setup: Setup, most: int) -> None:
         running = now.running
         if now.stage == m.NO_SESSION and console.start_page.new.isEnabled():
             QTest.keyClick(console.start_page.participant, Qt.Key.Key_Return)
-        elif now.stage in (m.READY, m.RERIG) and len(now.rows) < most:
+        elif now.stage in (m.READY, m.RERIG) and sum(row.status != "recovered" for row in now.rows) < most:
             QTest.keyClick(windows.participant, Qt.Key.Key_Space)
         elif now.stage in (m.READY, m.RERIG, m.FINISHED, m.FAILED) and now.stage not in told:
             told.add(now.stage)

@@ -14,6 +14,8 @@ from emulated import Emulated, when
 
 from core.device import load_device
 from core.errors import InputError
+from hardware.emulated_device import HeldHand
+from hardware.emulator import Emulator
 from hardware.faults import KINDS, read_fault
 from hardware.link import SerialLink
 
@@ -174,6 +176,13 @@ def test_the_operator_waits_at_the_start_to_be_told_and_goes(tmp_path: Path) -> 
     finally:
         assert emulated.end(signal.SIGINT) == 0
     assert not emulated.port.parent.exists()
+
+
+@pytest.mark.parametrize("text", ["drop=0.5", "brown-out", "unplug", "saturated-force"])
+def test_a_fault_may_act_from_the_start(text: str) -> None:
+    emulator = Emulator(DEVICE, HeldHand((0.0, 0.40)), (0.0, 0.40), [read_fault(text)])
+    emulator.close()
+    assert not emulator.port.parent.exists()
 
 
 @pytest.mark.parametrize("arguments", [["--fault", "drop=2"], ["--device", "nope"], ["--path", "0", "2", "0", "1"]])

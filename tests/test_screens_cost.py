@@ -7,7 +7,7 @@ from argparse import ArgumentTypeError
 import numpy as np
 import pytest
 from fake_bench import TIP, opened, pulse, ready, running, ticks
-from fake_ticks import ALONG
+from fake_ticks import ALONG, trial
 from PySide6.QtCore import QEvent, QPoint, QRect
 from PySide6.QtGui import QPaintEvent
 from PySide6.QtWidgets import QApplication
@@ -23,8 +23,10 @@ from app.screens.screen_bench import table
 from app.screens.screen_cost import measure
 from app.screens.synthetic_bench import TRIAL_S, SyntheticBench
 from app.screens.warm_up import WarmUp
+from app.screens.workspace import Workspace
 from app.verbs.bench import seconds
 from core import row
+from core.device import load_device
 
 
 @pytest.fixture
@@ -199,3 +201,36 @@ def test_every_panel_has_room_for_what_it_shows(screens: Screens, width: int, he
     assert (console.width(), console.height()) == (width, height)
     for panel in console.findChildren(Panel):
         assert panel.inside.height() > 20.0 and panel.inside.width() > 200.0
+
+
+@pytest.mark.parametrize("device", ["three-brake", "four-brake"])
+def test_the_workspace_paints_all_that_moves_and_less_than_everything(qtbot, device: str) -> None:
+    """Whatever differs between two whole pictures lies where the view asked to be painted."""
+    theme.dress(QApplication.instance())
+    mechanism = load_device(device)
+    workspace = Workspace((mechanism,), {1: ALONG})
+    qtbot.addWidget(workspace)
+    workspace.resize(1000, 800)
+    workspace.show()
+    workspace.show_trial(mechanism, ALONG, TIP)
+    for button in workspace.buttons.values():
+        button.setChecked(True)
+    rows, view = trial(mechanism), workspace.view
+    workspace.add(rows[:1600])
+    view.word()
+    settle(workspace)
+    shares = []
+    for begin in range(1600, 3200, 160):
+        before, was = view.grab().toImage(), view.moving()
+        view.add(rows[begin : begin + 16])
+        asked = was.united(view.moving())
+        after = view.grab().toImage()
+        outside = [
+            (x, y)
+            for x in range(0, view.width(), 3)
+            for y in range(0, view.height(), 3)
+            if not asked.contains(QPoint(x, y)) and before.pixel(x, y) != after.pixel(x, y)
+        ]
+        assert outside == []
+        shares.append(asked.width() * asked.height() / (view.width() * view.height()))
+    assert max(shares) < 0.8

@@ -13,8 +13,7 @@ from app.screens import theme
 from app.screens.extent import Point
 from app.screens.instant import OFF, SLIPPING, STUCK, Doing, Instant
 from app.screens.marks import LEAST_FORCE_N, arrow_of
-from app.screens.panel import CENTRE
-from app.screens.pens import font, shade, text_width
+from app.screens.pens import shade, text_width, write
 from app.screens.places import ABOVE, BELOW, LEFT_OF, RIGHT_OF, ROUND, Line, box_at, free_side
 
 SHADE = {OFF: theme.BRAKE_OFF, SLIPPING: theme.BRAKE_SLIPPING, STUCK: theme.BRAKE_STUCK}
@@ -79,16 +78,21 @@ class Labels:
             self.sides[name] = free_side(marks[name], sides, size, lines, own, room)
             taken.append(box_at(marks[name], self.sides[name], *size))
 
+    def boxes(self, marks: Mapping[str, QPointF]) -> dict[str, QRectF]:
+        """Where each label stands beside its mark, px."""
+        return {
+            name: box_at(marks[name], self.sides.get(name, RIGHT_OF), *self._size(name, words))
+            for name, words in self.words.items()
+            if name in marks
+        }
+
     def paint(self, painter: QPainter, marks: Mapping[str, QPointF]) -> None:
         """Write each label beside its mark (px)."""
-        painter.setFont(font(theme.SMALL))
-        for name, words in self.words.items():
-            if name in marks:
-                colour = FORCE_SHADE.get(name) or (theme.QUIET if words == OFF else SHADE[words.split()[0]])
-                box = box_at(marks[name], self.sides.get(name, RIGHT_OF), *self._size(name, words))
-                painter.fillRect(box, shade(theme.CANVAS, 0.6))  # to be read even where it must lie on something
-                painter.setPen(shade(colour))
-                painter.drawText(box, CENTRE, words)
+        for name, box in self.boxes(marks).items():
+            words = self.words[name]
+            colour = FORCE_SHADE.get(name) or (theme.QUIET if words == OFF else SHADE[words.split()[0]])
+            painter.fillRect(box, shade(theme.CANVAS, 0.6))  # to be read even where it must lie on something
+            write(painter, box.center(), words, theme.SMALL, False, colour)
 
     @staticmethod
     def _size(name: str, words: str) -> tuple[float, float, float]:

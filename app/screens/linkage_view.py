@@ -10,9 +10,9 @@ from app.screens.extent import Point, extent_of_linkages
 from app.screens.instant import OFF, Doing, Instant, doing
 from app.screens.layers import Follower, directions
 from app.screens.linkage_labels import BRAKES, HAND, JOINT_PX, SHADE, Labels, force_ends
-from app.screens.marks import LETTER_PX, arrow_of, paint_arrow, paint_directions, paint_field, paint_wedge
-from app.screens.panel import CENTRE, LEFT, RIGHT
-from app.screens.pens import font, pen, shade, text_width
+from app.screens.marks import LETTER_PX, WEDGE_PX, arrow_of, paint_arrow, paint_directions, paint_field, paint_wedge
+from app.screens.panel import LEFT, RIGHT
+from app.screens.pens import font, pen, shade, text_width, write
 from app.screens.places import Line
 from app.screens.plane import Plane
 from core import row
@@ -25,6 +25,7 @@ from core.velocity_field import Field
 FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE = "field", "SDOF directions", "reachable force", "trail", "linkage"
 ARMS = ("AE", "ED", "BC", "CD")
 BARE_PX = 5.0  # radius of a joint without a brake
+EDGE_PX = 4.0  # what pens and letters reach beyond a mark's radius
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
 ASSUMED = "parameters assumed"
 
@@ -121,7 +122,18 @@ class LinkageView(Plane):
     # painting
 
     def moving(self) -> QRect:
-        return self.rect()  # arms, arrows, words
+        """Also arms, rings, arrows, layers and labels; the line above changes with the labels' words."""
+        around = QRectF(super().moving())
+        if self.instant is not None:
+            handle, marks = self.to_screen(self.instant.tip), self._marks(self.instant)
+            places = [(handle, WEDGE_PX + EDGE_PX), *((at, JOINT_PX + EDGE_PX) for at in marks.values())]
+            if LINKAGE in self.shown:
+                places += [(at, JOINT_PX + EDGE_PX) for at in self._joints(self.instant).values()]
+                for box in self.labels.boxes(marks).values():
+                    around = around.united(box)
+            for at, reach in places:
+                around = around.united(QRectF(at.x() - reach, at.y() - reach, 2.0 * reach, 2.0 * reach))
+        return around.adjusted(-2.0, -2.0, 2.0, 2.0).toAlignedRect()
 
     def paint_under_path(self, painter: QPainter) -> None:
         if self.follower is not None and FIELD in self.shown:
@@ -139,12 +151,12 @@ class LinkageView(Plane):
             return
         handle = self.to_screen(self.instant.tip)
         at = self._joints(self.instant) if LINKAGE in self.shown else {}
+        if REACHABLE in self.shown and (wedge := self.instant.reachable()) is not None:
+            paint_wedge(painter, handle, wedge)
         for width, colour in ((7.0, theme.ARM), (2.0, theme.ARM_CORE)) if at else ():
             painter.setPen(pen(colour, width))  # flat ends, opaque, line by line: a twentieth of the time
             for one, other in ARMS:
                 painter.drawLine(at[one], at[other])
-        if REACHABLE in self.shown and (wedge := self.instant.reachable()) is not None:
-            paint_wedge(painter, handle, wedge)
         if DIRECTIONS in self.shown and self._field is not None and self.follower is not None:
             found = directions(self.device, self.instant.g, self._field, self.follower.rules)
             paint_directions(painter, handle, found, self._field)
@@ -206,7 +218,6 @@ class LinkageView(Plane):
 
     def _paint_joints(self, painter: QPainter, rings: dict[str, QPointF]) -> None:
         painter.setBrush(shade(theme.CANVAS))
-        painter.setFont(font(theme.SMALL, bold=True))
         for joint in JOINTS:
             place = rings[joint]
             if joint not in self.device.braked:
@@ -216,6 +227,4 @@ class LinkageView(Plane):
             state = self.labels.doing.get(joint, Doing()).state
             painter.setPen(pen(SHADE[state], 3.0))
             painter.drawEllipse(place, JOINT_PX, JOINT_PX)
-            painter.setPen(shade(theme.QUIET if state == OFF else theme.TEXT))
-            box = QRectF(place.x() - JOINT_PX, place.y() - JOINT_PX, 2.0 * JOINT_PX, 2.0 * JOINT_PX)
-            painter.drawText(box, CENTRE, joint)
+            write(painter, place, joint, theme.SMALL, True, theme.QUIET if state == OFF else theme.TEXT)

@@ -9,8 +9,7 @@ from PySide6.QtGui import QPainter, QPolygonF
 from app.screens import theme
 from app.screens.extent import Point
 from app.screens.layers import Direction, Needle, Wedge
-from app.screens.panel import CENTRE
-from app.screens.pens import font, pen, shade
+from app.screens.pens import pen, shade, write
 from core.mechanism import JOINTS
 from core.velocity_field import Field
 
@@ -20,7 +19,7 @@ LEAST_FORCE_N = 0.2  # weaker than this is not drawn
 HEAD_PX = 8.0  # of an arrow's head
 DIRECTION_PX, LETTER_PX, WEDGE_PX = 58.0, 69.0, 78.0  # length of a direction, its letter, radius of the wedge
 NEEDLE_SHARE = 0.24  # half a needle's length, of the distance between two
-WEDGE_COLOUR, WEDGE_EDGE = "#cc79a7", "#7d5070"
+WEDGE_COLOUR, WEDGE_EDGE = theme.mixed(theme.CANVAS, "#cc79a7", 0.24).name(), "#7d5070"  # opaque is faster
 
 
 def arrow_of(force: Point) -> QPointF:
@@ -65,7 +64,6 @@ def paint_field(
 
 def paint_directions(painter: QPainter, handle: QPointF, found: Iterable[Direction], field: Field) -> None:
     """Each brake's line; the valid sense an arrow, the chosen one strong; the desired direction white."""
-    painter.setFont(font(theme.SMALL, bold=True))
     for direction in found:
         reach = QPointF(direction.p_x, -direction.p_y) * ((direction.sense or 1.0) * DIRECTION_PX)
         painter.setPen(pen(theme.QUIET, 1.0, 0.6))
@@ -74,15 +72,15 @@ def paint_directions(painter: QPainter, handle: QPointF, found: Iterable[Directi
             colour, width = (theme.ACCENT, 3.0) if direction.chosen else (theme.QUIET, 1.6)
             paint_arrow(painter, handle, reach, colour, width)
         beyond = handle + reach * (LETTER_PX / DIRECTION_PX)
-        painter.setPen(shade(theme.TEXT if direction.chosen else theme.QUIET))
-        painter.drawText(QRectF(beyond.x() - 8.0, beyond.y() - 8.0, 16.0, 16.0), CENTRE, JOINTS[direction.joint])
+        colour = theme.TEXT if direction.chosen else theme.QUIET
+        write(painter, beyond, JOINTS[direction.joint], theme.SMALL, True, colour)
     paint_arrow(painter, handle, QPointF(field.beta_x, -field.beta_y) * (0.6 * DIRECTION_PX), theme.TEXT, 1.6)
 
 
 def paint_wedge(painter: QPainter, handle: QPointF, found: Wedge) -> None:
     """The wedge and, in it, each brake by itself."""
     painter.setPen(Qt.PenStyle.NoPen)
-    painter.setBrush(shade(WEDGE_COLOUR, 0.24))
+    painter.setBrush(shade(WEDGE_COLOUR))
     box = QRectF(handle.x() - WEDGE_PX, handle.y() - WEDGE_PX, 2.0 * WEDGE_PX, 2.0 * WEDGE_PX)
     first, span = math.degrees(found.first), math.degrees(found.last - found.first)
     painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)  # a third of the time; the edges below are smooth

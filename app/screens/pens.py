@@ -2,8 +2,8 @@
 
 from functools import cache, lru_cache
 
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPen
+from PySide6.QtCore import QPointF, Qt
+from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPen, QPixmap
 
 from app.screens import theme
 
@@ -45,3 +45,28 @@ def spring_pen(width: float, step: int) -> QPen:
 def text_width(text: str, size: int, bold: bool = False) -> float:
     """How wide (px) a text is."""
     return QFontMetricsF(font(size, bold)).horizontalAdvance(text)
+
+
+@lru_cache(maxsize=512)
+def written(text: str, size: int, bold: bool, name: str, ratio: float) -> QPixmap:
+    """A short text as a picture: laid out once, then drawn in a fraction of the time. ratio: device px / px."""
+    metrics = QFontMetricsF(font(size, bold))
+    width, height = round(metrics.horizontalAdvance(text) + 2.0), round(metrics.height())
+    pixmap = QPixmap(round(width * ratio), round(height * ratio))
+    pixmap.setDevicePixelRatio(ratio)
+    pixmap.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(pixmap)
+    painter.setFont(font(size, bold))
+    painter.setPen(shade(name))
+    painter.drawText(QPointF(1.0, round(metrics.ascent())), text)
+    painter.end()
+    return pixmap
+
+
+def write(painter: QPainter, middle: QPointF, text: str, size: int, bold: bool, name: str) -> None:
+    """A short text that comes often, about its middle (px)."""
+    pixmap = written(text, size, bold, name, painter.device().devicePixelRatioF())
+    room = pixmap.deviceIndependentSize()
+    painter.drawPixmap(
+        QPointF(round(middle.x() - 0.5 * room.width()), round(middle.y() - 0.5 * room.height())), pixmap
+    )
