@@ -12,7 +12,10 @@ from PySide6.QtWidgets import QApplication
 
 from app.live.messages import Timing
 from app.screens import theme
+from app.screens.console_window import RIGHT_PX
 from app.screens.energy_panel import EnergyPanel, Ledger
+from app.screens.panel import PAD
+from app.screens.pens import text_width
 from app.screens.strip import WINDOW_S, Strip, range_for
 from app.screens.timing_strip import Bars, TimingStrip, share_of
 from app.screens.traces import NOTHING, Traces
@@ -179,10 +182,13 @@ def test_a_late_tick_stands_out_in_its_colour(qtbot) -> None:
 def test_timing_is_said_in_words_and_a_missed_tick_is_no_small_print(qtbot) -> None:
     strip = shown(qtbot, TimingStrip(), 360, 120)
     strip.show_timing(Timing(14.2, 31.4, 402.0, 0, "real-time: FIFO 50, core 0"))
-    assert strip.said == "p50 14 · p99 31 · max 402 µs · 0 missed"
+    assert strip.said == "p99 31 · max 402 µs · 0 missed" and strip.foot == "p50 14 µs · real-time: FIFO 50, core 0"
     before = strip.grab().toImage()
     strip.show_timing(Timing(14.2, 31.4, 402.0, 1, "real-time: FIFO 50, core 0"))
     assert strip.said.endswith("1 missed") and strip.grab().toImage() != before
+    strip.show_timing(Timing(29.0, 14_830.0, 124_230.0, 6_400, "default, short slice"))
+    title = text_width("Loop lateness", theme.NORMAL, bold=True)
+    assert title + text_width(strip.said, theme.SMALL) + 2.0 * PAD < RIGHT_PX  # they share a line
 
 
 # ------------------------------------------------------------------------------------------------------------ energy

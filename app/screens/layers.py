@@ -5,12 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from app.screens.along import brake_directions, errors, follow_ticks
+from core import row
 from core.control import BLEND_WIDTH
 from core.device import Device
 from core.linkage import tip_force_map
 from core.path import Path, line, nearest
 from core.rules import SETTLED, Rules
-from core.sdof import nearest_valid_brake, sdof_direction, valid_sense
 from core.velocity_field import SIDE, TRAVEL, Field, field_at, new_memory
 from core.workspace import tip_is_free
 
@@ -61,6 +62,10 @@ class Follower:
         """The field at the tip (m, m/s, N) in the next tick of `move`."""
         return field_at(self.path, self._memory, x, y, vx, vy, fx, fy, BLEND_WIDTH, self.rules)
 
+    def follow_ticks(self, rows: np.ndarray) -> Field:
+        """The field after ticks (n, row.WIDTH), n > 0, all of which have been felt in the move."""
+        return follow_ticks(self.path, self._memory, np.ascontiguousarray(rows), self.rules)
+
     def error(self, x: float, y: float) -> float:
         """Distance of the tip from the path, m."""
         return abs(nearest(self.path, x, y)[1])
@@ -84,6 +89,9 @@ def compile_kernels(device: Device) -> None:
     follower = Follower(line((-0.1, 0.4), (0.1, 0.4)), SETTLED)
     field = follower.follow(0.0, 0.4, 0.0, 0.0, 0.0, 0.0)
     follower.error(0.0, 0.4)
+    ticks = np.zeros((1, row.WIDTH))
+    follower.follow_ticks(ticks)
+    errors(follower.path, ticks, np.empty(1))
     directions(device, force_map(device, 0.0, 0.4), field, SETTLED)
 
 
@@ -96,14 +104,13 @@ def force_map(device: Device, x: float, y: float) -> np.ndarray:
 
 def directions(device: Device, g: np.ndarray, field: Field, rules: Rules) -> list[Direction]:
     """The SDOF direction of every brake (Eq. 12) at the tip."""
-    chosen = nearest_valid_brake(device.brakes, g, field, rules)
-    found = []
-    for i in range(4):
-        if device.brakes.present[i]:
-            p_x, p_y = sdof_direction(g[i, 0], g[i, 1])
-            sense = valid_sense(p_x, p_y, field, rules.span_rounding)
-            found.append(Direction(i, p_x, p_y, sense, i == chosen))
-    return found
+    found = np.empty((4, 3))
+    chosen = brake_directions(device.brakes, g, field, rules, found)
+    return [
+        Direction(i, p_x, p_y, sense, i == chosen)
+        for i, (p_x, p_y, sense) in enumerate(found.tolist())
+        if device.brakes.present[i]
+    ]
 
 
 def wedge(device: Device, g: np.ndarray, vx: float, vy: float, stuck: int) -> Wedge | None:

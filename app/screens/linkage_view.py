@@ -70,7 +70,7 @@ class LinkageView(Plane):
         """Ticks (n, row.WIDTH) of the running trial, n > 0: the newest is drawn, the sense of travel follows all."""
         tip = (float(rows[-1, row.TIP_X]), float(rows[-1, row.TIP_Y]))
         if self.follower is not None:
-            self._follow(rows, tip)
+            self._follow(rows)
         if rows[-1, row.PHASE] == row.MOVE:
             self.extend_trail(tip)
         before = None if self._worded else self._ticks
@@ -82,13 +82,8 @@ class LinkageView(Plane):
         self.pointer = self.instant.wanted
         self.show_handle(tip)
 
-    def _follow(self, rows: np.ndarray, tip: Point) -> None:
-        moving = rows[rows[:, row.PHASE] == row.MOVE]
-        columns = [row.TIP_X, row.TIP_Y, row.TIP_VX, row.TIP_VY, row.HAND_FX, row.HAND_FY]
-        for state in moving[:, columns].tolist():
-            self._field = self.follower.follow(*state)
-        if not len(moving):
-            self._field = self.follower.follow(*tip, 0.0, 0.0, 0.0, 0.0)
+    def _follow(self, rows: np.ndarray) -> None:
+        self._field = self.follower.follow_ticks(rows)
         if self.follower.sense != self._sense_drawn and FIELD in self.shown:
             self._sense_drawn = self.follower.sense
             self.repaint_still()

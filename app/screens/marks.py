@@ -19,7 +19,7 @@ LEAST_FORCE_N = 0.2  # weaker than this is not drawn
 HEAD_PX = 8.0  # of an arrow's head
 DIRECTION_PX, LETTER_PX, WEDGE_PX = 58.0, 69.0, 78.0  # length of a direction, its letter, radius of the wedge
 NEEDLE_SHARE = 0.24  # half a needle's length, of the distance between two
-WEDGE_COLOUR, WEDGE_EDGE = theme.mixed(theme.CANVAS, "#cc79a7", 0.24).name(), "#7d5070"  # opaque is faster
+WEDGE_COLOUR, WEDGE_EDGE = "#cc79a7", "#7d5070"
 
 
 def arrow_of(force: Point) -> QPointF:
@@ -80,7 +80,7 @@ def paint_directions(painter: QPainter, handle: QPointF, found: Iterable[Directi
 def paint_wedge(painter: QPainter, handle: QPointF, found: Wedge) -> None:
     """The wedge and, in it, each brake by itself."""
     painter.setPen(Qt.PenStyle.NoPen)
-    painter.setBrush(shade(WEDGE_COLOUR))
+    painter.setBrush(shade(WEDGE_COLOUR, 0.24))
     box = QRectF(handle.x() - WEDGE_PX, handle.y() - WEDGE_PX, 2.0 * WEDGE_PX, 2.0 * WEDGE_PX)
     first, span = math.degrees(found.first), math.degrees(found.last - found.first)
     painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)  # a third of the time; the edges below are smooth

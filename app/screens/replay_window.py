@@ -10,7 +10,6 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import (
     QApplication,
-    QComboBox,
     QHBoxLayout,
     QPushButton,
     QSizePolicy,
@@ -21,7 +20,7 @@ from PySide6.QtWidgets import (
 
 from app.screens import theme
 from app.screens.energy_panel import EnergyPanel
-from app.screens.labels import OneLine, word
+from app.screens.labels import Choice, OneLine, word
 from app.screens.strip import WINDOW_S
 from app.screens.traces import Traces
 from app.screens.workspace import Workspace
@@ -102,7 +101,7 @@ class ReplayWindow(QWidget):
         self.slider.setRange(0, len(self.rows))
         self.slider.valueChanged.connect(self._scrubbed)
         self.clock, self.decision = word(""), OneLine("", "quiet")
-        self.speed = QComboBox()
+        self.speed = Choice()
         for speed in SPEEDS:
             self.speed.addItem(f"{speed:g} ×", speed)
         self.speed.setCurrentIndex(SPEEDS.index(1.0))

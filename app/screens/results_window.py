@@ -5,13 +5,13 @@ from pathlib import Path
 
 from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QCloseEvent, QKeySequence, QPainter, QShortcut
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QProgressBar, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QProgressBar, QPushButton, QVBoxLayout, QWidget
 
 from app.live import messages as m
 from app.screens import theme
 from app.screens.export import Export
 from app.screens.export_process import Job, new_folder
-from app.screens.labels import OneLine, word
+from app.screens.labels import Choice, OneLine, word
 from app.screens.live_boxes import LiveBoxes
 from app.screens.panel import CENTRE, LEFT, PAD, Panel
 from app.screens.pens import font, pen, shade
@@ -78,7 +78,7 @@ class ResultsWindow(QWidget):
         self.rows: tuple[TrialRow, ...] = ()
         self._unread = ""  # why the tables of the data folder could not be read
         self.title, self.summary = word("Results", size=theme.HEAD, bold=True), OneLine("", "quiet")
-        self.whose = QComboBox()
+        self.whose = Choice()
         self.whose.addItem(POOLED)
         self.whose.setMinimumWidth(170)
         self.whose.currentTextChanged.connect(self._show)

@@ -1,5 +1,6 @@
 """The look of every screen: palette, typeface, sizes (DESIGN, section 10)."""
 
+import os
 from pathlib import Path
 
 import matplotlib
@@ -89,6 +90,7 @@ QPushButton#small {{ padding: 3px 10px; color: {QUIET}; }}
 QPushButton#small:hover {{ color: {TEXT}; }}
 QLineEdit, QComboBox, QPlainTextEdit {{ background: {GROUND}; border: 1px solid {LINE}; border-radius: 5px;
     padding: 5px 8px; selection-background-color: {ACCENT_DARK}; }}
+QComboBox::drop-down {{ border: none; width: 22px; }}
 QLineEdit:focus, QComboBox:focus, QPlainTextEdit:focus {{ border-color: {ACCENT}; }}
 QLineEdit:disabled, QComboBox:disabled {{ color: {QUIET}; }}
 QComboBox QAbstractItemView {{ background: {PANEL}; border: 1px solid {LINE};
@@ -106,7 +108,8 @@ QCheckBox:focus {{ color: #ffffff; }}
 
 
 def dress(application: QApplication) -> None:
-    """Give the application its typeface and colours."""
+    """Give the application its typeface and colours, and let it paint in one thread."""
+    os.environ.setdefault("QT_NO_GUI_THREADPOOL", "1")  # shared out, our small areas cost more than they gain
     folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
     for name in ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf"):
         QFontDatabase.addApplicationFont(str(folder / name))

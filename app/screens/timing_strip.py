@@ -72,8 +72,13 @@ class TimingStrip(Panel):
         """The line beside the title."""
         if self.timing is None:
             return NOT_YET
-        p50, p99, most, missed, _ = self.timing
-        return f"p50 {p50:.0f} · p99 {p99:.0f} · max {most:.0f} µs · {missed} missed"
+        _, p99, most, missed, _ = self.timing
+        return f"p99 {p99:.0f} · max {most:.0f} µs · {missed} missed"
+
+    @property
+    def foot(self) -> str:
+        """The line under the bars."""
+        return f"p50 {self.timing.p50_us:.0f} µs · {self.timing.scheduling}" if self.timing is not None else ""
 
     @property
     def plot(self) -> QRectF:
@@ -100,9 +105,7 @@ class TimingStrip(Panel):
         if self.timing is not None and dirty.intersects(foot.toAlignedRect()):
             painter.setFont(font(theme.SMALL))
             painter.setPen(shade(theme.QUIET))
-            room = QFontMetricsF(painter.font()).elidedText(
-                self.timing.scheduling, Qt.TextElideMode.ElideRight, foot.width()
-            )
+            room = QFontMetricsF(painter.font()).elidedText(self.foot, Qt.TextElideMode.ElideRight, foot.width())
             painter.drawText(foot, LEFT, room)
 
     def _paint_value(self, painter: QPainter) -> None:

@@ -8,13 +8,13 @@ from PySide6.QtGui import QPainter
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.screens import theme
+from app.screens.along import errors
 from app.screens.panel import CENTRE, HEAD, LEFT, PAD, RIGHT, WORDS_EVERY_S, Panel
 from app.screens.pens import font, shade, text_width
 from app.screens.strip import Strip, range_for
 from core import row
 from core.device import Device
 from core.mechanism import JOINTS
-from core.path import nearest
 from core.path_file import PathFile, build_path
 
 JOINT_COLOURS = dict(zip(JOINTS, ("#8ec7f2", "#f0e442", "#3fb68b", "#cc79a7"), strict=True))
@@ -175,11 +175,10 @@ class Traces(QWidget):
         self.speed.add(t, np.hypot(rows[:, row.TIP_VX], rows[:, row.TIP_VY])[None])
         columns = [row.CURRENT + JOINTS.index(joint) for joint in self.currents.braked]
         self.currents.add(t, rows[:, columns].T)
-        error = np.full((1, len(rows)), np.nan)
+        error = np.full(len(rows), np.nan)
         if self._path is not None:
-            for i in np.flatnonzero(rows[:, row.PHASE] == row.MOVE).tolist():
-                error[0, i] = 1e3 * abs(nearest(self._path, rows[i, row.TIP_X], rows[i, row.TIP_Y])[1])
-        self.error.add(t, error)
+            errors(self._path, np.ascontiguousarray(rows), error)
+        self.error.add(t, 1e3 * error[None])
 
     def set_blind(self, blind: bool) -> None:
         """Hide what would tell the controllers apart."""

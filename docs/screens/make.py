@@ -32,7 +32,7 @@ from core.path_file import build_path
 HERE = Path(__file__).resolve().parent
 SMALL, LARGE = (1280, 720), (1920, 1080)
 SPEED_M_S, NEAR_M = 0.07, 0.0015  # how fast it likes to move; so near to the start it holds still
-LEAST_M, MOST_M, STEP_M = 0.01, 0.09, 0.0012  # the pointer's lead, which grows in each frame that is slower
+LEAST_M, MOST_M, STEP_M = 0.01, 0.12, 0.0012  # the pointer's lead, which grows in each frame that is slower
 SWAY_M, SWAY_HZ = 0.022, 0.45  # it is never quite on the line
 LONGEST_S = 120.0
 OPERATORS = 6
@@ -82,7 +82,7 @@ class MadeUpHand(QObject):
             goal = np.array([x - sway * tangent_y, y + sway * tangent_x])
         reach = goal - tip
         far = float(np.hypot(*reach))
-        if not self._bench.taken or far < NEAR_M or self.is_in(row.HOLD):
+        if not self._bench.taken or far < NEAR_M or self.is_in(row.HOLD) or self.is_in(row.END):
             goal, self._lead = tip, LEAST_M
         elif not self.is_in(row.MOVE):
             goal = tip + reach / far * (self._lead + 0.5 * far)
@@ -96,7 +96,7 @@ def main() -> None:
     application = QApplication(sys.argv[:1])
     theme.dress(application)
     application.setQuitOnLastWindowClosed(False)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(prefix="phd-") as folder:
         data = Path(folder) / "data"
         bench = Bench(Setup(data))
         windows = Windows(bench)
