@@ -20,6 +20,7 @@ from pathlib import Path
 
 import joblib
 import numpy as np
+from joblib.externals.loky import get_reusable_executor
 
 from core import row
 from core.control import DECISIONS, KINDS
@@ -67,12 +68,16 @@ def run_sweep(
         done, ticks = len(sweep.jobs) - len(waiting), 0
         if waiting:
             (out / PARTS).mkdir(exist_ok=True)
-        for number, data, more in _results(waiting, cluster):
-            with written_beside(out / PARTS / f"{number:06d}.csv", data, sync=False) as partial:
-                partial.rename(out / PARTS / f"{number:06d}.csv")
-            done, ticks = done + 1, ticks + more
-            if progress:
-                progress(done / len(sweep.jobs))
+        try:
+            for number, data, more in _results(waiting, cluster):
+                with written_beside(out / PARTS / f"{number:06d}.csv", data, sync=False) as partial:
+                    partial.rename(out / PARTS / f"{number:06d}.csv")
+                done, ticks = done + 1, ticks + more
+                if progress:
+                    progress(done / len(sweep.jobs))
+        except BaseException:  # interrupted or told to end: without waiting for jobs whose result nobody takes
+            get_reusable_executor().shutdown(wait=False, kill_workers=True)
+            raise
         rows = _gather(out, sweep)
     return {
         "out": str(out / TABLE),

@@ -94,4 +94,5 @@ class Watch:
     def _too_fast(self, i: int, most: int) -> bool:
         if most == 0 or len(self._past) <= SPEED_TICKS:
             return False
-        return abs(self._past[-1][i] - self._past[0][i]) * SAMPLE_HZ > most * SPEED_TICKS
+        turned = (self._past[-1][i] - self._past[0][i] + (1 << 31)) % (1 << 32) - (1 << 31)  # counts go round
+        return abs(turned) * SAMPLE_HZ > most * SPEED_TICKS

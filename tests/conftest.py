@@ -1,7 +1,11 @@
 """What tests of the mechanics share."""
 
+import os
+
 import pytest
 from devices import BENCH, FIXED, FiveBar, random_five_bar
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # windows without a screen, as CI has them
 
 MANY = (*FIXED, *(random_five_bar(seed) for seed in range(6)))
 

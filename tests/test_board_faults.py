@@ -149,6 +149,15 @@ def test_a_joint_that_turns_faster_than_its_limit_is_a_fault(per_tick: int, trip
     assert bench.board.cause == (Fault.OVER_SPEED if trips else Fault.NONE)
 
 
+def test_a_count_that_goes_round_is_no_speed() -> None:
+    bench = SimulatedBoard()
+    bench.connect(speed=(0, 0, 100_000, 0))
+    for k in range(30):
+        bench.command()
+        bench.tick(counts=(0, 0, (2**31 - 500 + 50 * k + 2**31) % 2**32 - 2**31, 0))
+    assert bench.state != State.FAULT
+
+
 def test_the_first_fault_stays_the_cause_of_all_that_follow() -> None:
     bench = SimulatedBoard().activate()
     bench.tick(50)
