@@ -7,20 +7,21 @@ OUT/sweep.csv         all rows, once all jobs are done; the parts are then gone
 A job's trials depend on nothing but the job, so the table is the same, byte by byte, whatever ran where and when.
 """
 
+import contextlib
 import csv
 import functools
 import io
 import json
 import math
 import os
+import signal
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import joblib
 import numpy as np
-from joblib.externals.loky import get_reusable_executor
 
 from core import row
 from core.control import DECISIONS, KINDS
@@ -68,16 +69,13 @@ def run_sweep(
         done, ticks = len(sweep.jobs) - len(waiting), 0
         if waiting:
             (out / PARTS).mkdir(exist_ok=True)
-        try:
+        with _ending_at_once():
             for number, data, more in _results(waiting, cluster):
                 with written_beside(out / PARTS / f"{number:06d}.csv", data, sync=False) as partial:
                     partial.rename(out / PARTS / f"{number:06d}.csv")
                 done, ticks = done + 1, ticks + more
                 if progress:
                     progress(done / len(sweep.jobs))
-        except BaseException:  # interrupted or told to end: without waiting for jobs whose result nobody takes
-            get_reusable_executor().shutdown(wait=False, kill_workers=True)
-            raise
         rows = _gather(out, sweep)
     return {
         "out": str(out / TABLE),
@@ -169,6 +167,22 @@ def _results(jobs: Sequence[Job], cluster: str | None):
     with client, joblib.parallel_config(backend="dask"):
         calls = (joblib.delayed(run_job)(job) for job in jobs)
         yield from joblib.Parallel(return_as="generator_unordered")(calls)
+
+
+@contextlib.contextmanager
+def _ending_at_once() -> Iterator[None]:
+    """An interrupt ends the process on the spot: what is done is on the disk, and the workers see that it is gone. An
+    orderly end would wait for them, sometimes for ever.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _run_beside_parent(job: Job, parent: int) -> tuple[int, bytes, int]:

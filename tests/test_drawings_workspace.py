@@ -14,6 +14,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from app.screens import theme
+from app.screens.along import errors
 from app.screens.extent import extent_of_linkages, extent_of_paths, joints_at
 from app.screens.instant import OFF, SLIPPING, STUCK, Instant
 from app.screens.layers import Follower, directions, force_map, wedge
@@ -358,3 +359,30 @@ def test_layers_have_names_that_say_what_they_are() -> None:
     assert tuple(LAYERS) == (FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE)
     keys = [key for key, _ in LAYERS.values()]
     assert len(set(keys)) == len(keys)
+
+
+def test_all_ticks_of_a_frame_at_once_leave_the_field_as_one_after_the_other_would() -> None:
+    generator = np.random.default_rng(5)
+    rows = quiet(60)
+    rows[:, row.PHASE] = np.repeat((row.HOLD, row.MOVE, row.END), 20)
+    for column in (row.TIP_X, row.TIP_Y, row.TIP_VX, row.TIP_VY, row.HAND_FX, row.HAND_FY):
+        rows[:, column] += generator.normal(scale=0.02 if column < row.TIP_VX else 1.0, size=60)
+    at_once, stepwise = (Follower(build_path(ACROSS, "path"), SETTLED) for _ in range(2))
+    columns = [row.TIP_X, row.TIP_Y, row.TIP_VX, row.TIP_VY, row.HAND_FX, row.HAND_FY]
+    for first, last in ((0, 7), (7, 8), (8, 31), (31, 60)):
+        part = rows[first:last]
+        moving = part[part[:, row.PHASE] == row.MOVE]
+        field = at_once.follow_ticks(part)
+        expected = None
+        for state in moving[:, columns].tolist():
+            expected = stepwise.follow(*state)
+        if expected is None:
+            expected = stepwise.follow(part[-1, row.TIP_X], part[-1, row.TIP_Y], 0.0, 0.0, 0.0, 0.0)
+        assert field == expected and at_once.sense == stepwise.sense
+
+
+def test_the_error_of_ticks_is_their_distance_from_the_path_in_the_move_only() -> None:
+    rows, error = quiet(3), np.empty(3)
+    rows[:, row.PHASE] = (row.HOLD, row.MOVE, row.END)
+    errors(build_path(ALONG, "path"), rows, error)
+    assert np.isnan(error[[0, 2]]).all() and error[1] == pytest.approx(0.40 - TIP[1])

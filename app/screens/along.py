@@ -17,12 +17,14 @@ def follow_ticks(path: Path, memory: np.ndarray, rows: np.ndarray, rules: Rules)
     """The field after ticks (n, row.WIDTH), n > 0, as the controller has it in the move; before: at the tip at rest."""
     last = rows[len(rows) - 1]
     x, y, vx, vy, fx, fy = last[TIP_X], last[TIP_Y], 0.0, 0.0, 0.0, 0.0
+    moves = False
     for i in range(len(rows)):
         now = rows[i]
         if now[PHASE] == MOVE:
-            x, y, vx, vy, fx, fy = now[TIP_X], now[TIP_Y], now[TIP_VX], now[TIP_VY], now[HAND_FX], now[HAND_FY]
-            if i + 1 < len(rows):
+            if moves:
                 field_at(path, memory, x, y, vx, vy, fx, fy, BLEND_WIDTH, rules)
+            x, y, vx, vy, fx, fy = now[TIP_X], now[TIP_Y], now[TIP_VX], now[TIP_VY], now[HAND_FX], now[HAND_FY]
+            moves = True
     return field_at(path, memory, x, y, vx, vy, fx, fy, BLEND_WIDTH, rules)
 
 

@@ -25,6 +25,7 @@ from core.velocity_field import Field
 FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE = "field", "SDOF directions", "reachable force", "trail", "linkage"
 ARMS = ("AE", "ED", "BC", "CD")
 BARE_PX = 5.0  # radius of a joint without a brake
+TITLE_PX = 36  # the line above is so high
 EDGE_PX = 4.0  # what pens and letters reach beyond a mark's radius
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
 ASSUMED = "parameters assumed"
@@ -163,6 +164,8 @@ class LinkageView(Plane):
     def paint_over_handle(self, painter: QPainter) -> None:
         if self.instant is not None and LINKAGE in self.shown:
             self.labels.paint(painter, self._marks(self.instant))
+        if self.dirty.top() > TITLE_PX:
+            return
         painter.setFont(font(theme.HEAD, bold=True))
         painter.setPen(shade(theme.TEXT))
         painter.drawText(QRectF(16.0, 8.0, self.width(), 26.0), LEFT, self.title)

@@ -71,8 +71,9 @@ class Plane(QWidget):
         self.taken = False
         self.trail: list[Point] = []
         self.trail_shown = True
+        self.dirty = QRect()  # what is being painted anew, px
         self._moving = QRect()  # where things that move were last, px
-        self._follows_mouse = follows_mouse
+        self._follows_mouse, self._pointer_moved = follows_mouse, False
         self.setMouseTracking(follows_mouse)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
@@ -139,6 +140,12 @@ class Plane(QWidget):
         before, self._moving = self._moving, self.moving()
         self.update(before.united(self._moving))
 
+    def follow_pointer(self) -> None:
+        """With every frame: the own pointer, which tells more often than can be seen where it is."""
+        if self._pointer_moved:
+            self._pointer_moved = False
+            self.repaint_moved()
+
     def moving(self) -> QRect:
         """Where handle, pointer and spring are, px. A subclass in which more moves says so."""
         sizes = self.sizes
@@ -182,7 +189,7 @@ class Plane(QWidget):
             return
         self.pointer = self.to_plane(event.position())
         self.pointer_moved.emit(*self.pointer)
-        self.repaint_moved()
+        self._pointer_moved = True
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.mouseMoveEvent(event)
@@ -196,6 +203,7 @@ class Plane(QWidget):
         ratio = self.devicePixelRatioF()
         if self._background is None or self._background.devicePixelRatio() != ratio:
             self._background = self._paint_background(ratio)
+        self.dirty = event.rect()
         painter = QPainter(self)
         painter.drawPixmap(0, 0, self._background)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)

@@ -121,6 +121,7 @@ class Windows(QObject):
             self.console.show_ticks(rows, taken)
             if self.participant.isVisible():
                 self.participant.show_ticks(rows, taken)
+        self.participant.view.follow_pointer()
         self.console.show_time()
         if not alive and not self._dead:
             self._dead = True
