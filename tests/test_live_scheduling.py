@@ -5,13 +5,15 @@ import re
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
 from live import children
 
-from app.live.measure import measure
-from app.live.scheduling import leave_core, program_cores, take_scheduling
+from app.live.clock import SPIN_NS, new_timespec, now_ns, sleep_until
+from app.live.measure import hogs, measure
+from app.live.scheduling import leave_core, program_cores, stolen_ms, take_scheduling
 
 ROOT = Path(__file__).resolve().parent.parent
 ASK = """
@@ -79,3 +81,35 @@ def test_measuring_the_loop_gives_every_tick_its_lateness_and_leaves_nothing() -
     assert shares == sorted(shares) and shares[-1] == 1.0
     assert threading.active_count() == before and os.sched_getaffinity(0) == cores
     assert not [pid for pid in children(os.getpid()) if "app.live" in Path(f"/proc/{pid}/cmdline").read_text()]
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("ahead_ns", [-1, 0, SPIN_NS // 2, 3 * SPIN_NS])
+def test_a_wait_never_ends_before_its_deadline(ahead_ns: int) -> None:
+    timespec = new_timespec()
+    deadline = now_ns(timespec) + ahead_ns
+    woken = sleep_until(deadline, timespec)
+    assert deadline <= woken <= now_ns(timespec)
+
+
+@linux
+def test_the_stolen_time_of_all_cores_is_that_of_each_and_a_core_that_is_not_there_has_none(monkeypatch) -> None:
+    told = "cpu  1 0 1 9 0 0 0 7 0 0\ncpu0 1 0 0 4 0 0 0 5 0 0\ncpu1 0 0 1 5 0 0 0 2 0 0\nintr 5\n"
+    monkeypatch.setattr(Path, "read_text", lambda self, *_, **__: told)
+    tick_ms = 1e3 / os.sysconf("SC_CLK_TCK")
+    assert [stolen_ms(core) / tick_ms for core in (-1, 0, 1, 12)] == [7.0, 5.0, 2.0, 0.0]
+
+
+@linux
+def test_a_busy_process_beside_the_loop_may_run_on_every_core_as_a_foreign_one() -> None:
+    leave_core(max(program_cores()))
+    before = set(children(os.getpid()))
+    try:
+        with hogs(1):
+            (hog,) = set(children(os.getpid())) - before
+            deadline = time.monotonic() + 20.0
+            while (cores := os.sched_getaffinity(hog)) != program_cores():
+                assert time.monotonic() < deadline, cores
+                time.sleep(0.02)
+    finally:
+        leave_core(-1)

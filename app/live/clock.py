@@ -17,6 +17,10 @@ from core.jit import kernel
 #: Whether the loop runs as compiled code from its first tick to its last.
 NATIVE = sys.platform == "linux" and not numba.config.DISABLE_JIT
 
+#: The last part of a wait is spent looking at the clock: a processor core that sleeps takes 50 to 150 us to wake on a
+#: virtual machine. Our choice: a fifth of the loop's core for p99 lateness of about a microsecond.
+SPIN_NS = 200_000
+
 
 def new_timespec() -> np.ndarray:
     """Room for the C library's answer, seconds and nanoseconds; one per thread."""
@@ -49,11 +53,13 @@ if NATIVE:
 
     @kernel
     def sleep_until(deadline, timespec):
-        """Sleep until a deadline (ns) unless it is past; nanoseconds now."""
-        now = now_ns(timespec)
-        while now < deadline:  # a signal may end the sleep early
-            timespec[0], timespec[1] = deadline // 1_000_000_000, deadline % 1_000_000_000
+        """Wait until a deadline (ns) unless it is past; nanoseconds now."""
+        now, wake = now_ns(timespec), deadline - SPIN_NS
+        while now < wake:  # a signal may end the sleep early
+            timespec[0], timespec[1] = wake // 1_000_000_000, wake % 1_000_000_000
             _nanosleep(_MONOTONIC, _ABSOLUTE, timespec.ctypes.data, 0)
+            now = now_ns(timespec)
+        while now < deadline:
             now = now_ns(timespec)
         return now
 

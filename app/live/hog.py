@@ -4,9 +4,12 @@ import os
 import sys
 import threading
 
+from app.live.scheduling import leave_core
+
 
 def main() -> None:
-    """Compute."""
+    """Compute, on any core as a foreign program would: what we start keeps off the loop's otherwise."""
+    leave_core(-1)
     threading.Thread(target=_end_with_input, daemon=True).start()
     number = 1
     while True:

@@ -18,7 +18,7 @@ from app.live.place import Place
 from app.live.process import start_python
 from app.live.recorder import timing_of
 from app.live.ring import Ring
-from app.live.scheduling import leave_core, program_cores
+from app.live.scheduling import leave_core, program_cores, stolen_ms
 from app.live.trial_run import TrialRun
 from core.path_file import build_path
 from experiments.plan import PlannedTrial
@@ -35,8 +35,8 @@ def measure(
 ) -> dict:
     """Run the loop for so long: its lateness (us), missed ticks, and the scheduling that it got.
 
-    busy: processes beside it that do nothing but compute. real_time: try scheduling that needs a privilege. No window
-    draws, unless the caller has one. OSError if the loop dies or does not answer.
+    busy: processes beside it that do nothing but compute. real_time: try scheduling that needs a privilege. A window
+    draws beside it, as in the app. OSError if the loop dies or does not answer.
     """
     most, ticks, pieces = round(1000 * seconds), 0, []
     place = Place()
@@ -46,7 +46,8 @@ def measure(
         prepared = _answer(loop, ring)
         assert isinstance(prepared, Prepared)
         leave_core(prepared.core)
-        with hogs(busy):
+        before_ms = stolen_ms(prepared.core)
+        with window(), hogs(busy):
             for trial in _trials():
                 run = TrialRun(ring, loop, trial.planned, trial, None)
 
@@ -67,7 +68,7 @@ def measure(
                 ticks += len(pieces[-1])
                 if ticks >= most:
                     break
-        timing = timing_of(np.concatenate(pieces), prepared.scheduling)
+        timing = timing_of(np.concatenate(pieces), prepared.scheduling, stolen_ms(prepared.core) - before_ms)
         return {**timing._asdict(), "ticks": ticks, "busy": busy}
     finally:
         leave_core(-1)
@@ -91,11 +92,12 @@ def measure_all(seconds: float, progress: Callable[[float], None] | None = None)
 
 def table(found: list[dict]) -> str:
     """For reading."""
-    lines = [f"{'ticks':>8} {'p50 µs':>8} {'p99 µs':>8} {'max µs':>8} {'missed':>7} {'busy':>5}  scheduling"]
+    heads = f"{'ticks':>8} {'p50 µs':>8} {'p99 µs':>8} {'max µs':>8} {'missed':>7} {'stolen ms':>9} {'busy':>5}"
+    lines = [f"{heads}  scheduling"]
     for one in found:
         lines.append(
             f"{one['ticks']:8} {one['p50_us']:8.0f} {one['p99_us']:8.0f} {one['max_us']:8.0f} {one['missed']:7} "
-            f"{one['busy']:5}  {one['scheduling']}"
+            f"{one['stolen_ms']:9.0f} {one['busy']:5}  {one['scheduling']}"
         )
     return "\n".join(lines)
 
@@ -127,6 +129,21 @@ def _trials() -> Iterator[Trial]:
             for number, preset in protocol.controllers.items():
                 planned = PlannedTrial(0, 0, device.name, number, segment, 1)
                 yield Trial(simulation, planned, path, preset, protocol.rules, protocol.trial, person, generator)
+
+
+@contextlib.contextmanager
+def window() -> Iterator[None]:
+    """A console that draws made-up trials with everything on, in memory where there is no screen; it ends with us."""
+    platform = {} if sys.platform != "linux" or os.environ.get("DISPLAY") else {"QT_QPA_PLATFORM": "offscreen"}
+    process = start_python(
+        "app.screens.screen_cost", str(WAIT_S), "1280", "720", "0",
+        environment=platform, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    try:
+        yield
+    finally:
+        process.kill()
+        process.wait()
 
 
 @contextlib.contextmanager

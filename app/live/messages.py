@@ -174,6 +174,7 @@ class Timing(NamedTuple):
     max_us: float
     missed: int  # ticks a millisecond or more late
     scheduling: str  # "real-time: FIFO 50, core 0" | "default, short slice" ..
+    stolen_ms: float = 0.0  # that the host of a virtual machine kept the loop's core from it
 
 
 class Pulse(NamedTuple):

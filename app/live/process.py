@@ -11,11 +11,16 @@ from app.live.scheduling import program_cores
 _ROOT = str(Path(__file__).resolve().parent.parent.parent)
 
 
-def start_python(module: str, *arguments: str, **options: Any) -> subprocess.Popen:
-    """Run `main` of a module in a new process; options as for Popen. Not `-m`: what it pickles is of that module."""
+def start_python(
+    module: str, *arguments: str, environment: dict[str, str] | None = None, **options: Any
+) -> subprocess.Popen:
+    """Run `main` of a module in a new process; `environment` is added to ours, options as for Popen.
+
+    Not `-m`: what it pickles is of that module.
+    """
     if sys.platform == "linux":
         program_cores()  # handed down
     path = os.environ.get("PYTHONPATH", "")
-    environment = {**os.environ, "PYTHONPATH": f"{_ROOT}{os.pathsep}{path}" if path else _ROOT}
+    found = {"PYTHONPATH": f"{_ROOT}{os.pathsep}{path}" if path else _ROOT}
     command = [sys.executable, "-c", f"from {module} import main; main()", *arguments]
-    return subprocess.Popen(command, env=environment, **options)
+    return subprocess.Popen(command, env=os.environ | found | (environment or {}), **options)

@@ -9,11 +9,13 @@ import numpy as np
 
 from app.live.messages import Proof, Timing
 from app.live.ring import Ring
+from app.live.scheduling import stolen_ms
 from core import row
 from experiments.recording import RecordingWriter
 
 DRAIN_S = 0.02
 LATE_US = 1000.0  # a tick so late has missed its millisecond
+LIVE = 500  # looks into the ring, 10 s: the percentiles of a trial that runs are of these
 
 
 class Recorder:
@@ -25,6 +27,8 @@ class Recorder:
         self.error = ""  # why the recording takes no more
         self._ring = ring
         self._lateness: list[np.ndarray] = []
+        self._stolen_ms, self._stolen_before_ms = 0.0, stolen_ms(int(ring.control.core))
+        self._max_us, self._missed = 0.0, 0
         self._bytes, self._last_write = 0, time.monotonic()
         self._beside: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._end = threading.Event()
@@ -39,6 +43,7 @@ class Recorder:
         """Take what is left in the ring and end the thread."""
         self._end.set()
         self._thread.join()
+        self._look_at_host()
 
     def proof(self) -> Proof | None:
         """What is in the file by now; None: nothing is kept."""
@@ -55,9 +60,17 @@ class Recorder:
         return np.concatenate([np.empty(0), *self._lateness])
 
     def timing(self, scheduling: str) -> Timing | None:
-        """The lateness of all ticks so far; None: there are none."""
-        lateness = self.lateness_us
-        return timing_of(lateness, scheduling) if len(lateness) else None
+        """The lateness of all ticks; while the trial runs, the percentiles of its last 10 s. None: there are none."""
+        if not self._lateness:
+            return None
+        if self._end.is_set():
+            return timing_of(self.lateness_us, scheduling, self._stolen_ms)
+        self._look_at_host()
+        now = timing_of(np.concatenate(self._lateness[-LIVE:]), scheduling, self._stolen_ms)
+        return now._replace(max_us=self._max_us, missed=self._missed)
+
+    def _look_at_host(self) -> None:
+        self._stolen_ms = stolen_ms(int(self._ring.control.core)) - self._stolen_before_ms
 
     def _work(self) -> None:
         ending = False
@@ -73,11 +86,14 @@ class Recorder:
                 self.error = f"the recording failed: {getattr(error, 'strerror', None) or error}"
             self._ring.taken(len(rows))
             if len(rows):
-                self._lateness.append(rows[:, row.LATENESS_US].copy())
+                lateness = rows[:, row.LATENESS_US].copy()
+                self._max_us = max(self._max_us, float(lateness.max()))
+                self._missed += int(np.count_nonzero(lateness >= LATE_US))
+                self._lateness.append(lateness)
 
 
-def timing_of(lateness_us: np.ndarray, scheduling: str) -> Timing:
-    """The figures of a loop's lateness (n,), us."""
+def timing_of(lateness_us: np.ndarray, scheduling: str, stolen_ms: float = 0.0) -> Timing:
+    """The figures of a loop's lateness (n,), us, while its core was kept from it for `stolen_ms`."""
     p50, p99 = np.percentile(lateness_us, (50.0, 99.0))
     missed = int(np.count_nonzero(lateness_us >= LATE_US))
-    return Timing(float(p50), float(p99), float(lateness_us.max()), missed, scheduling)
+    return Timing(float(p50), float(p99), float(lateness_us.max()), missed, scheduling, stolen_ms)

@@ -10,6 +10,7 @@ import gc
 import os
 import platform
 import sys
+from pathlib import Path
 
 PRIORITY = 50  # below the kernel's own threads for interrupts
 SLICE_NS = 100_000  # the shortest that the default scheduler grants
@@ -68,6 +69,20 @@ def leave_core(core: int) -> None:
     if sys.platform == "linux":
         cores = program_cores()
         os.sched_setaffinity(0, cores - {core} or cores)
+
+
+def stolen_ms(core: int) -> float:
+    """How long the host of a virtual machine has kept a core (-1: all) from it since it started, ms in steps of 10.
+
+    0 on a machine of its own, and where the system does not say.
+    """
+    name = f"cpu{core}" if core >= 0 else "cpu"
+    try:
+        lines = Path("/proc/stat").read_text().splitlines()
+    except OSError:
+        return 0.0
+    fields = next((line.split() for line in lines if line.startswith(f"{name} ")), [])
+    return 1e3 * int(fields[8]) / os.sysconf("SC_CLK_TCK") if len(fields) > 8 else 0.0
 
 
 def _own_core() -> int:

@@ -72,8 +72,8 @@ class TimingStrip(Panel):
         """The line beside the title."""
         if self.timing is None:
             return NOT_YET
-        _, p99, most, missed, _ = self.timing
-        return f"p99 {p99:.0f} · max {most:.0f} µs · {missed} missed"
+        now = self.timing
+        return f"p99 {now.p99_us:.0f} · max {now.max_us:.0f} µs · {now.missed} missed"
 
     @property
     def foot(self) -> str:

@@ -20,7 +20,8 @@ def add(verbs) -> None:
         "installed (pip install '.[bench]'). The reference is checked against scipy DOP853 on Eq. (5) in the same\n"
         "run. Times are the least of several repeats: compare ratios, and let nothing else run beside it.\n"
         "--loop instead: how late the ticks of live trials of a simulated operator come on this machine, with and\n"
-        "without the real-time privilege, alone and beside a busy process for each processor core.",
+        "without the real-time privilege, beside a window that draws, alone or with a busy process for each processor\n"
+        "core. Stolen: what the host of a virtual machine kept the loop's core from it; nothing here can help that.",
         "phd bench --out bench-1",
     )
     verb.add_argument(
