@@ -38,6 +38,7 @@ class Device:
     brake_texts: dict[str, str]  # name (as in [brakes]) -> the brake file in full
     sensing: Sensing | None
     calibration: np.ndarray | None  # (6, 6) of the force sensor
+    calibration_text: str | None  # its file in full
 
 
 def shipped_devices() -> list[str]:
@@ -60,14 +61,12 @@ def load_device(name_or_path: str | Path, folder: Path | None = None) -> Device:
     file = parse_toml(text, DeviceFile, str(path))
     references = [getattr(file.brakes, joint) for joint in file.braked]
     brake_texts = {r: read_brake_text(r, path.parent, f"{path}: brakes") for r in dict.fromkeys(references)}
-    return build_device(text, brake_texts, str(path), path.parent)
+    matrix = read_text(path.parent / name) if (name := calibration_name(file)) else None
+    return build_device(text, brake_texts, str(path), matrix)
 
 
-def build_device(text: str, brake_texts: dict[str, str], where: str, folder: Path | None = None) -> Device:
-    """A device from its files' texts, as a session stores them; `where` names the device file in refusals.
-
-    A force-sensor calibration is read from `folder`; None leaves it out.
-    """
+def build_device(text: str, brake_texts: dict[str, str], where: str, calibration_text: str | None = None) -> Device:
+    """A device from its files' texts, as a session stores them; `where` names the device file in refusals."""
     file = parse_toml(text, DeviceFile, where)
     brakes: dict[str, BrakeFile] = {}
     for joint in file.braked:
@@ -88,7 +87,8 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, folder: Pat
         text=text,
         brake_texts=dict(brake_texts),
         sensing=file.sensing,
-        calibration=_calibration(file, folder, where),
+        calibration=_calibration(file, calibration_text, where),
+        calibration_text=calibration_text,
     )
 
 
@@ -182,12 +182,18 @@ def force_normalised(geometry: Geometry, brakes: dict[str, BrakeFile]) -> float:
     return min(brake.torque_gain(brake.current_max_A) / longest_arm[joint] for joint, brake in brakes.items())
 
 
-def _calibration(file: DeviceFile, folder: Path | None, where: str) -> np.ndarray | None:
-    """The 6 x 6 matrix that the device file names, or None."""
-    name = file.sensing.force.calibration if file.sensing and file.sensing.force else None
-    if name is None or folder is None:
+def calibration_name(file: DeviceFile) -> str | None:
+    """The file of the force sensor's 6 x 6 matrix, relative to the device file; None: it has none."""
+    return file.sensing.force.calibration if file.sensing and file.sensing.force else None
+
+
+def _calibration(file: DeviceFile, text: str | None, where: str) -> np.ndarray | None:
+    """The 6 x 6 matrix in the text of the file that the device file names; None where it names none."""
+    name = calibration_name(file)
+    if name is None:
         return None
-    text = read_text(folder / name)
+    if text is None:
+        raise InputError(f"{where}: sensing.force.calibration: the file {name} is missing")
     rows = [line.replace(",", " ").split() for line in text.splitlines() if line.strip()]
     try:
         matrix = np.array([[float(cell) for cell in row] for row in rows])

@@ -251,7 +251,13 @@ def protocol_to_json(protocol: Protocol) -> dict[str, Any]:
         "text": protocol.text,
         "overrides": protocol.overrides,
         "devices": [
-            {"name": device.name, "file": device.text, "brakes": device.brake_texts} for device in protocol.devices
+            {
+                "name": device.name,
+                "file": device.text,
+                "brakes": device.brake_texts,
+                **({"calibration": device.calibration_text} if device.calibration_text is not None else {}),
+            }
+            for device in protocol.devices
         ],
     }
 
@@ -262,5 +268,6 @@ def protocol_from_json(about: Mapping[str, Any], where: str) -> Protocol:
     devices = []
     for stored in about["devices"]:
         named = f"{where}: devices.{stored['name']}"
-        devices.append((build_device(stored["file"], stored["brakes"], named), named))
+        device = build_device(stored["file"], stored["brakes"], named, stored.get("calibration"))
+        devices.append((device, named))
     return build_protocol(file, about["text"], devices, about["overrides"], f"{where}: protocol")

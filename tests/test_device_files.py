@@ -169,6 +169,10 @@ def test_a_force_sensor_calibration_is_read_beside_the_device(tmp_path: Path):
     np.savetxt(tmp_path / "c.csv", matrix, delimiter=",")
     loaded = load_device(tmp_path / "mine.toml")
     assert loaded.calibration is not None and np.array_equal(loaded.calibration, matrix)
+    again = build_device(loaded.text, loaded.brake_texts, "stored", loaded.calibration_text)
+    assert again.calibration is not None and np.array_equal(again.calibration, matrix)
+    with pytest.raises(InputError, match="c.csv is missing"):
+        build_device(loaded.text, loaded.brake_texts, "stored")
     (tmp_path / "c.csv").write_text("1,2\n3,4\n")
     with pytest.raises(InputError, match="6 x 6"):
         load_device(tmp_path / "mine.toml")

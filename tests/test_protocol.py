@@ -1,8 +1,10 @@
 """Protocol files: what they say is what is run, what they cannot say is refused in one sentence with file and key."""
 
+import json
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from protocols import PAPER, changed, protocol_of, short
 
@@ -59,15 +61,24 @@ def test_what_is_asked_for_stands_in_place_of_what_the_file_says():
 def test_a_protocol_comes_back_from_what_is_stored_of_it_without_its_files(tmp_path):
     device = tmp_path / "my-device.toml"
     text = (SHIPPED_FOLDER / "four-brake.toml").read_text().replace('"four-brake"', '"mine"', 1)
+    text = re.sub(r"(inertia_beyond_kg = [0-9.]+)", r'\1, calibration = "gauges.csv"', text, count=1)
     device.write_text(text)
+    gauges = np.arange(36.0).reshape(6, 6)
+    np.savetxt(tmp_path / "gauges.csv", gauges, delimiter=",")
     (tmp_path / "mine.toml").write_text(changed(PAPER.text, devices='["my-device.toml"]', blocks="2"))
     protocol = load_protocol(tmp_path / "mine.toml", rules="literal", low_gain=500, seed=4)
     stored = protocol_to_json(protocol)
     device.unlink()
+    (tmp_path / "gauges.csv").unlink()
     back = protocol_from_json(stored, "session.json")
     same = {name: value for name, value in vars(protocol).items() if name not in ("devices", "device_files")}
     assert same == {name: value for name, value in vars(back).items() if name in same}
     assert [d.text for d in back.devices] == [text]
+    assert np.array_equal(back.devices[0].calibration, gauges)
+    without = json.loads(json.dumps(stored))
+    del without["devices"][0]["calibration"]
+    with pytest.raises(InputError, match="session.json: devices.mine.*gauges.csv is missing"):
+        protocol_from_json(without, "session.json")
     assert make_plan(back, "01") == make_plan(protocol, "01")
 
 

@@ -6,13 +6,16 @@ import queue
 import subprocess
 import threading
 
-from app.live.board_jobs import LinkedDone, RunLinked
+from app.live.board_jobs import Linked, LinkedDone, RunLinked
 from app.live.jobs import DEFAULT, REAL_TIME, Done, Prepared, Run, Tried, Try
 from app.live.process import start_python
 from app.live.ring import Ring
 
 #: Seconds without a tick after which a running loop counts as hung. Our choice: a stall below it is in the lateness.
 HUNG_S = 2.0
+#: The same for a loop on the bench between trials, which says ten times a second how its board is; a handshake takes a
+#: few seconds at most.
+BENCH_HUNG_S = 10.0
 END_S = 3.0  # longest wait for it to end by itself
 
 
@@ -32,8 +35,12 @@ class LoopProcess:
         )  # fmt: skip
         self._answers: queue.SimpleQueue[Prepared | Tried | Done | None] = queue.SimpleQueue()
         self._reader = threading.Thread(target=self._read, name="loop's answers", daemon=True)
+        self._jobs: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._writer = threading.Thread(target=self._write, name="loop's jobs", daemon=True)  # a loop may not read
         self._reader.start()
+        self._writer.start()
         self.running = False  # a trial
+        self._beats = False  # also without a trial
         self.dead = False  # seen by the end of its output, at once
 
     @property
@@ -48,16 +55,14 @@ class LoopProcess:
 
     @property
     def hung(self) -> bool:
-        """Whether it runs a trial and has had no tick for long."""
-        return self.running and self._ring.loop_silent_s > HUNG_S
+        """Whether it runs a trial and has had no tick for long, or has a board and did not look at it for long."""
+        silent_s = self._ring.loop_silent_s
+        return (self.running and silent_s > HUNG_S) or (self._beats and silent_s > BENCH_HUNG_S)
 
     def send(self, job: Try | Run) -> None:
-        """Give it something to do; one that is dead is seen by `dead`."""
+        """Give it something to do; one that is dead is seen by `dead`. Does not wait for it."""
         self.running = isinstance(job, Run | RunLinked)
-        with contextlib.suppress(BrokenPipeError):
-            assert self._process.stdin is not None
-            pickle.dump(job, self._process.stdin)
-            self._process.stdin.flush()
+        self._jobs.put(pickle.dumps(job))
 
     def receive(self) -> list[Prepared | Tried | Done]:
         """What it has answered since the last time."""
@@ -69,6 +74,7 @@ class LoopProcess:
             else:
                 answers.append(answer)
                 self.running &= not isinstance(answer, Done | LinkedDone)
+                self._beats |= isinstance(answer, Linked)
         return answers
 
     def kill(self) -> None:
@@ -78,16 +84,24 @@ class LoopProcess:
 
     def close(self) -> None:
         """Let it end; kill it if it does not."""
-        assert self._process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):
-            self._process.stdin.close()
+        self._jobs.put(None)
         try:
             self._process.wait(END_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
         self._reader.join()
+        self._writer.join()
         self.running, self.dead = False, True
+
+    def _write(self) -> None:
+        """Its jobs, until there are no more or it is gone; then its input ends."""
+        jobs = self._process.stdin
+        assert jobs is not None
+        with contextlib.suppress(BrokenPipeError), jobs:
+            while (job := self._jobs.get()) is not None:
+                jobs.write(job)
+                jobs.flush()
 
     def _read(self) -> None:
         with self._process.stdout as answers:  # type: ignore[union-attr]

@@ -54,6 +54,7 @@ class Runner:
         """The run that has come to its end, if one has, and "" or why the loop was lost with it."""
         if self.run is not None:
             self.run.watch()
+        ended = None
         for answer in self._loop.receive():
             match answer:
                 case Prepared(scheduling, core):
@@ -64,15 +65,14 @@ class Runner:
                     self._tried = timing_of(lateness_us, self._scheduling)
                 case Done() | LinkedDone():
                     assert self.run is not None
-                    run, self.run = self.run, None
-                    run.ended(answer, self._scheduling)
-                    self._last = run.timing(self._scheduling)
-                    return run, ""
+                    ended, self.run = self.run, None
+                    ended.ended(answer, self._scheduling)
+                    self._last = ended.timing(self._scheduling)
                 case _:
                     self.told.append(answer)
-        if self._loop.dead or self._loop.hung:
+        if ended is None and (self._loop.dead or self._loop.hung):
             return self._replace()
-        return None, ""
+        return ended, ""
 
     def _replace(self) -> tuple[TrialRun | None, str]:
         why = DIED if self._loop.dead else HUNG
