@@ -1,7 +1,10 @@
 """A live bench from a window's side: trials, refusals, brakes-off, takeover; and that a slow window changes nothing."""
 
 import json
+import socket
 import time
+from multiprocessing import AuthenticationError
+from multiprocessing.connection import Client
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +14,7 @@ from synthetic_hand import SyntheticHand
 
 from app.live import messages as m
 from app.live.bench import Bench
+from app.live.place import find
 from app.live.setup import Setup
 from core import row
 from experiments.recording import Recording, read_recording
@@ -180,9 +184,25 @@ def test_a_window_that_hangs_changes_nothing_and_another_takes_over(bench: Windo
     assert snapshot.rows[-1].run == run
     kept = recording(bench, run)
     assert kept.whole and kept.rows > 1000 and kept.outcome["timing"]["lost"] == 0
+    bench.bench.stop("the first window is closed")  # it had started the conductor, which is the other's by now
+    other.until_stage(m.READY)
+    assert not gone(other.bench.pid) and other.bench.alive
     other.bench.close()
     bench.bench = Bench(setup)  # and back
     bench.snapshot = None
+    bench.until_stage(m.READY)
+
+
+def test_whoever_does_not_know_the_key_stays_outside_and_the_door_stays_open(bench: Window, setup: Setup) -> None:
+    address = find(setup.data_dir)
+    with pytest.raises((AuthenticationError, EOFError, ConnectionError)):
+        Client(address.socket, authkey=b"another one")
+    stranger = socket.socket(socket.AF_UNIX)
+    stranger.connect(address.socket)
+    stranger.send(b"GET / HTTP/1.1\r\n\r\n" * 100)
+    stranger.close()
+    bench.bench.close()
+    bench.bench, bench.snapshot = Bench(setup), None
     bench.until_stage(m.READY)
 
 

@@ -52,7 +52,9 @@ class Bench:
 
     def refused(self) -> str:
         """Wait until the line stands; "" or why there is none."""
-        self._joining.join()
+        self._joining.join(2.0 * START_S)
+        if self._joining.is_alive():  # a conductor that is stopped takes a line and says nothing
+            self._refused = f"{self._setup.data_dir}: the bench does not answer"
         return self._refused
 
     def send(self, intent: object) -> None:
@@ -92,7 +94,14 @@ class Bench:
             self._ring.switch_off(cause)
 
     def stop(self, reason: str) -> None:
-        """End the bench: what runs is aborted for this reason and kept. Waits until that is done."""
+        """End the bench: what runs is aborted for this reason and kept. Waits until that is done.
+
+        After another window has taken over, the bench is that window's: this one only leaves.
+        """
+        self._joining.join(START_S)
+        if self._mailbox is not None and not self.alive:
+            self.close()
+            return
         self.send(Quit(reason))
         deadline = time.monotonic() + END_S
         while self.alive and time.monotonic() < deadline:

@@ -5,7 +5,6 @@ in the running trial, and another one may take over. It ends when a window says 
 window has come back for a while; whatever runs is then ended, brakes off, and kept.
 """
 
-import contextlib
 import queue
 import threading
 import time
@@ -69,8 +68,10 @@ class Conductor:
 
     def _accept(self) -> None:
         while True:
-            with contextlib.suppress(OSError, EOFError, RuntimeError):  # whoever does not know the key stays outside
+            try:
                 self._arrived.put(self._listener.accept())
+            except Exception:  # whoever does not know the key, or does not speak as we do, stays outside
+                time.sleep(BEAT_S)
 
     def _welcome(self) -> None:
         """The newest window is the one; the one before is told."""
