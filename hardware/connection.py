@@ -105,21 +105,25 @@ class Connection:
 
     def set_limits(self, hello: Hello, device: Device) -> Limits:
         """Let samples flow; the limits in force."""
-        limits = self.ask(limits_of(hello, device), Limits)
+        asked = limits_of(hello, device)
+        limits = self.ask(asked, Limits)
+        if limits.current_mA != asked.current_mA:
+            raise LinkError(f"the board has set other current limits, {limits.current_mA} mA, than {asked.current_mA}")
         self._layout = layout_of(hello)
         return limits
 
 
 def limits_of(hello: Hello, device: Device) -> SetLimits:
     """What the board shall enforce: the currents of the brake files, and a speed for each encoder."""
-    a, e, b, c = (
-        min(round(1000.0 * float(device.brakes.current_max[i])), hello.current_max_mA[i])
-        if device.brakes.present[i]
-        else 0
-        for i in range(4)
-    )
+    a, e, b, c = currents_of(device)
     speeds = [round(SPEED_MAX / TURN * n) for n in hello.counts_per_rev]
     return SetLimits((a, e, b, c), (speeds[0], speeds[1], speeds[2], speeds[3]))
+
+
+def currents_of(device: Device) -> Four:
+    """The brake files' largest currents, mA; 0 at joints without a brake."""
+    a, e, b, c = (round(1000.0 * float(most)) for most in device.brakes.current_max)
+    return a, e, b, c
 
 
 def check_hello(hello: Hello, device: Device) -> None:
@@ -140,6 +144,12 @@ def check_hello(hello: Hello, device: Device) -> None:
     missing = [JOINTS[i] for i in range(4) if device.brakes.present[i] and i not in joints_of(hello.brakes)]
     if missing or hello.brakes > 0b1111 or hello.force_channels > 6:
         raise InputError(f"{where} drives no brake at {', '.join(missing) or 'those joints'}")
+    for joint, wanted_mA, most_mA in zip(JOINTS, currents_of(device), hello.current_max_mA, strict=False):
+        if wanted_mA > most_mA:  # it would brake less than the controllers count on
+            raise InputError(
+                f"{where} gives the brake at {joint} at most {1e-3 * most_mA:g} A, the brake file of device "
+                f"{device.name} says {1e-3 * wanted_mA:g} A"
+            )
 
 
 def _listed(counts: tuple[int, ...]) -> str:

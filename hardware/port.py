@@ -78,12 +78,12 @@ class Port:
 
 
 def usb_ports() -> dict[str, Identity]:
-    """The serial ports that are on USB, by name."""
-    return {
-        port.device: Identity(port.vid, port.pid or 0, port.serial_number or "")
-        for port in list_ports.comports()
-        if port.vid is not None
-    }
+    """The serial ports that are on USB, by name; none while one comes or goes (pyserial then fails in many ways)."""
+    try:
+        ports = list_ports.comports()
+    except (OSError, TypeError, ValueError):
+        return {}
+    return {p.device: Identity(p.vid, p.pid or 0, p.serial_number or "") for p in ports if p.vid is not None}
 
 
 def find_port(wanted: str, identity: Identity | None = None) -> str:

@@ -11,9 +11,11 @@ from simulated_bench import DEVICE, TIP, Bench, BenchWire
 
 from core.device_link import LinkError
 from core.errors import InputError
+from hardware.connection import Connection
 from hardware.faults import read_fault
 from hardware.link import ZERO_SAMPLES, SerialLink
-from hardware.messages import State
+from hardware.messages import Limits, State
+from hardware.port import find_port, usb_ports
 
 NO = (0.0,) * 4
 
@@ -86,14 +88,6 @@ def test_no_current_above_the_brake_files_limit_reaches_the_wire(
     assert {command.current_mA for command in sent if len(command) == 4} == {(1000, 0, 250, 0)}
 
 
-def test_the_boards_own_limit_counts_where_it_is_lower() -> None:
-    bench = Bench(current_max_mA=(300, 1000, 1000, 1000))
-    link = linked(bench)
-    run(link, 5, (1.0,) * 4)
-    assert bench.board.currents == (300, 1000, 1000, 1000)
-    link.close()
-
-
 @pytest.mark.parametrize(
     ("capability", "says"),
     [
@@ -101,6 +95,7 @@ def test_the_boards_own_limit_counts_where_it_is_lower() -> None:
         ({"counts_per_rev": (8192, 0, 8192, 0)}, "has encoders A = 8192, B = 8192"),
         ({"encoders": 0b1010, "counts_per_rev": (0, 96000, 0, 96000)}, "has encoders E = 96000, C = 96000"),
         ({"brakes": 0b0111}, "drives no brake at C"),
+        ({"current_max_mA": (1000, 1000, 300, 1000)}, "gives the brake at B at most 0.3 A, .* four-brake says 1 A"),
         ({"force_channels": 0}, "the board sends 0 channels"),
     ],
 )
@@ -245,3 +240,26 @@ def test_closing_leaves_the_board_idle_without_current(bench: Bench) -> None:
     assert bench.board.state == State.IDLE and bench.board.currents == (0, 0, 0, 0)
     assert link.exchange((0.5,) * 4) is None and link.problem == "closed"
     link.close()
+
+
+def test_limits_that_were_not_asked_for_are_no_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench()
+    ask = Connection.ask
+
+    def generous(self: Connection, question: tuple, kind: type, *patience: float) -> tuple:
+        answer = ask(self, question, kind, *patience)
+        return answer._replace(current_mA=(3000, 1000, 1000, 1000)) if kind is Limits else answer
+
+    monkeypatch.setattr(Connection, "ask", generous)
+    with pytest.raises(InputError, match="other current limits"):
+        linked(bench)
+
+
+def test_ports_that_come_and_go_while_they_are_listed_are_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    def vanished() -> list:
+        return [int(None, 16)]  # type: ignore[call-overload]  # as pyserial where a USB port has just gone
+
+    monkeypatch.setattr("hardware.port.list_ports.comports", vanished)
+    assert usb_ports() == {}
+    with pytest.raises(InputError, match="there are: none"):
+        find_port("auto")
