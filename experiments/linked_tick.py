@@ -1,6 +1,7 @@
 """One tick of a trial on a device on the bench: what was sensed comes in a row of the log, the rest of it is written.
 
     phase    approach -> hold -> move -> end, as on the simulated device (`tick.next_phase`)
+    astray   currents that are measured and were not asked for, or the other way round
     guard    limits of place and speed, and the release of a trapped hand
     decide   the same controllers, on the newest sample alone: what came late is recorded and decides nothing
     ledger   energies as well as sensors and brake model tell: an estimate, unlike the simulated device's
@@ -49,10 +50,11 @@ from experiments.operator import TICK_S
 from experiments.tick import ABORTED, enter, next_phase
 
 #: why a trial on the bench was aborted, after those of `tick`
-OUT_OF_PLACE, TOO_FAST, TRAPPED = 10, 11, 12
+OUT_OF_PLACE, TOO_FAST, TRAPPED, ASTRAY = 10, 11, 12, 13
 REASONS = {
     OUT_OF_PLACE: "the handle was where the device file says it cannot be: check the homing",
     TOO_FAST: "the handle moved faster than {speed_max:g} m/s",
+    ASTRAY: "the brakes did not get the currents that were asked for: check the board, its supply and its drivers",
     TRAPPED: "a hand pushed with more than {force:g} N for {time:g} s against a full lock: the brakes let go",
 }
 
@@ -63,6 +65,9 @@ SPEED_MAX_M_S = 1.5
 #: rad/s. A joint that turns more slowly counts as resting, in the columns `stuck` and `torque`. Our choice: `settled`
 #: has the same number, six times the noise of 20 um encoder steps.
 RESTING_RAD_S = 0.02
+#: A brake whose mean current over about ASTRAY_MEAN ticks differs from what it was asked to have by more than
+#: ASTRAY_A + ASTRAY_SHARE of its largest for ASTRAY_TICKS on end does not obey. Assumed: ten times the noise.
+ASTRAY_A, ASTRAY_SHARE, ASTRAY_TICKS, ASTRAY_MEAN = 0.1, 0.1, 200, 50
 
 WATCH = np.dtype(
     [
@@ -71,6 +76,8 @@ WATCH = np.dtype(
         ("release_ticks", "i8"),
         ("trapped_ticks", "i8"),  # pushed for, against a full lock; falls as fast as it rose
         ("power", "f8"),  # W, of the hand at the last tick
+        ("excess", "f8", (4,)),  # A, mean of what is measured beyond what was asked for
+        ("astray_ticks", "i8"),
         ("theta", "f8", (4,)),  # work space
         ("gap", "f8", (5,)),
         ("side", "f8", (5,)),
@@ -86,6 +93,7 @@ def linked_tick(path, controller, mechanisms, brake_records, grips, states, watc
     take_in(mechanism, state, grip, row)
     spend(brakes, state, watch, row)
     next_phase(run, path, state, grip)
+    astray(brakes, watch, run, row)
     if run.phase == MOVE:
         guard(mechanism, brakes, state, watch, run)
     if run.phase != MOVE:
@@ -131,6 +139,23 @@ def spend(brakes, state, watch, row):
         if abs(state.rate[i]) >= RESTING_RAD_S:
             state.torque[i] = -math.copysign(state.torque_yield[i], state.rate[i])
         state.heat[i] += state.torque_yield[i] * abs(state.rate[i]) * TICK_S
+
+
+@kernel
+def astray(brakes, watch, run, row):
+    """Stage: the trial ends where a brake does not have, for a while, the current of the last decision.
+
+    A driver that stays on, one that is dead, and a board that takes no commands are seen by nothing else.
+    """
+    wrong = False
+    for i in range(4):
+        if brakes.present[i] == 0.0 or not math.isfinite(row[MEASURED + i]):
+            continue
+        watch.excess[i] += (row[MEASURED + i] - run.current[i] - watch.excess[i]) / ASTRAY_MEAN
+        wrong = wrong or not abs(watch.excess[i]) <= ASTRAY_A + ASTRAY_SHARE * brakes.current_max[i]
+    watch.astray_ticks = watch.astray_ticks + 1 if wrong else 0
+    if watch.astray_ticks >= ASTRAY_TICKS and run.phase != END:
+        enter(run, END, ABORTED, ASTRAY)
 
 
 @kernel

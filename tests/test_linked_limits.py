@@ -11,9 +11,13 @@ from simulated_bench import TIP
 
 from core import control, row
 from core.control import PROPORTIONAL, Preset
+from core.device import load_device
 from core.device_link import LinkSample
-from experiments.linked_tick import SPEED_MAX_M_S
+from core.state import new_record, pack_brakes
+from experiments.linked_tick import ASTRAY_TICKS, SPEED_MAX_M_S, WATCH, astray
+from experiments.linked_trial import plain
 from experiments.protocol_file import Release
+from experiments.tick import RUN, RUNNING
 from hardware.emulated_device import HeldHand
 
 CURRENTS = slice(row.CURRENT, row.CURRENT + 4)
@@ -78,9 +82,11 @@ class Told:
         return {}
 
 
-def sample(n: int, tip=PATH.start_m, velocity=(0.0, 0.0), force=(0.0, 0.0), **other) -> LinkSample:
+def sample(
+    n: int, tip=PATH.start_m, velocity=(0.0, 0.0), force=(0.0, 0.0), current=(0.0,) * 4, **other
+) -> LinkSample:
     return LinkSample(
-        1e-3 * n, 1000 * n, n, 0, (0, 0), (0,) * 6, (0.0,) * 4, tip, velocity, (0.0, 0.0), force, (0.0,) * 4,
+        1e-3 * n, 1000 * n, n, 0, (0, 0), (0,) * 6, (0.0,) * 4, tip, velocity, (0.0, 0.0), force, current,
         **{"closed": True, "homed": True, "fault": ""} | other,
     )  # fmt: skip
 
@@ -155,3 +161,42 @@ def test_a_long_gap_ends_the_recording_and_is_not_made_up(held: LinkedBench) -> 
     link.next = sample(n + 10_000)
     assert trial.exchange() == [] and trial.finished and trial.filled == 0
     assert "no sample came" in trial.outcome()["reason"]
+
+
+@pytest.mark.parametrize("on", range(4))
+def test_a_driver_that_stays_on_ends_the_trial_in_any_phase(held: LinkedBench, on: int) -> None:
+    link = Told(held.device)
+    trial = held.trial(2)
+    trial.link, trial.clock = link, lambda: link.now
+    current = tuple(0.6 * (i == on) for i in range(4))
+    n = 0
+    while not trial.finished and n < 5000:
+        n += 1
+        link.next = sample(n, tip=(0.0, 0.3), current=current)  # away from the start: no current is asked for
+        trial.exchange()
+    outcome = trial.outcome()
+    assert outcome["status"] == "aborted" and "did not get the currents" in outcome["reason"]
+    assert ASTRAY_TICKS < n - round(1e3 * PAPER.trial.end_s) < 2 * ASTRAY_TICKS
+
+
+def test_a_board_that_lets_no_current_flow_ends_the_trial(held: LinkedBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    trial, _ = locked(held, force_N=60.0, time_s=0.2)
+    held.run(trial, lambda trial: trial._run["current"][0].min() >= 1.0)
+    before = trial.ticks
+    monkeypatch.setattr(held.link, "_clamped", lambda currents: (0, 0, 0, 0))
+    held.run(trial)
+    assert "did not get the currents" in trial.outcome()["reason"]
+    assert trial.ticks - before < 10 * ASTRAY_TICKS
+
+
+@pytest.mark.nojit
+def test_currents_that_chatter_and_come_late_are_not_astray() -> None:
+    watch, run, made = new_record(WATCH), new_record(RUN), np.zeros(row.BENCH_WIDTH)
+    brakes = plain(pack_brakes(load_device("four-brake").brakes, backlash=False))
+    asked = np.random.default_rng(1).integers(0, 2, (3000, 4)).astype(float)
+    noise = np.random.default_rng(2).normal(0.0, 0.01, (3000, 4))
+    for n in range(3000):
+        run["current"][0] = asked[n]
+        made[row.MEASURED : row.MEASURED + 4] = asked[max(n - 20, 0)] + noise[n]
+        astray(brakes[0], plain(watch)[0], plain(run)[0], made)
+        assert plain(run)["status"][0] == RUNNING
