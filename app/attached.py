@@ -2,17 +2,40 @@
 
 import getpass
 import sys
+from collections.abc import Sequence
 
-from app.doctor import CAUTION, GOOD, UDEV_RULE, Line
+from app.doctor import BAD, CAUTION, GOOD, UDEV_RULE, Line
 from core.errors import InputError
-from hardware.discovery import HidDevice, SerialPort, hid_devices, serial_ports
+from hardware.discovery import BoardFound, HidDevice, SerialPort, ask_board, hid_devices, serial_ports
 
 NOTHING = "nothing attached (the simulated device needs nothing)"
 
 
-def attached_lines() -> list[Line]:
-    """Serial ports and six-axis devices, and the rights to them."""
-    return [*port_lines(serial_ports()), *hid_lines()]
+def attached_lines(boards_at: Sequence[str] = ()) -> list[Line]:
+    """Serial ports and six-axis devices, and the rights to them; boards are asked only at the ports named."""
+    return [*port_lines(serial_ports()), *(board_line(ask_board(port)) for port in boards_at), *hid_lines()]
+
+
+def board_line(board: BoardFound) -> Line:
+    """Who answers at a port."""
+    if board.problem:
+        advice = "Is this the board's port, has the board power, and does no other program (phd itself) use the port?"
+        return Line("board", BAD, f"{board.port}: {board.problem}", advice)
+    found = f"{board.port}: {about(board)}"
+    if board.fault:
+        return Line("board", CAUTION, found, "Allow the brakes again in the console once what caused it is past.")
+    return Line("board", GOOD, found)
+
+
+def about(board: BoardFound) -> str:
+    """A board that answers, in one line."""
+    encoders = ", ".join(f"{joint} {counts}" for joint, counts in board.encoders.items())
+    brakes = ", ".join(f"{joint} {current:g} A" for joint, current in board.brakes.items())
+    return (
+        f"{board.board}, wired to {board.device or 'no named device'}, firmware {board.firmware}, protocol "
+        f"{board.version}; encoders {encoders}; brakes {brakes}; {board.force_channels} force channels; {board.state}"
+        + (f": {board.fault}" if board.fault else "")
+    )
 
 
 def port_lines(ports: list[SerialPort]) -> list[Line]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from core.errors import InputError
 from core.hand import new_hand
+from core.jit import kernel
 from core.path import Path
 from core.path_file import build_path, path_from
 from core.row import APPROACH, END, MOVE
@@ -17,6 +18,12 @@ START_RADIUS_M, HOLD_S = 0.003, 1.0  # longer at the start than a trial asks for
 END_RADIUS_M, REST_S, LONGEST_S = 0.005, 1.0, 30.0
 
 
+@kernel
+def act(operators, grips, path, phase, tick, phase_tick, x, y, noise):
+    """`operate` on plain arrays."""
+    operate(operators[0], grips[0], path, phase, tick, phase_tick, x, y, noise)
+
+
 class EmulatedOperator:
     """Who holds the handle. By itself it goes from start to end, rests, and comes back to the start."""
 
@@ -25,6 +32,8 @@ class EmulatedOperator:
         self._person, self._path, self._tip, self._random = person, path, tip, generator
         self.hand = new_hand()
         self._grip = self.hand.grips[0]
+        # a plain array: calls from Python take longer with the other kind
+        self._grips = self.hand.grips.view(np.ndarray)
         self._waits = self._go = self._told = False
         self._tick = 0
         self._set_out()
@@ -36,8 +45,8 @@ class EmulatedOperator:
         self._tip = (x, y)
         if not self._told:
             self._go_on(x, y)
-        operate(
-            self._record, self._grip, self._path, self._phase, self._tick, self._phase_tick, x, y, self._noise
+        act(
+            self._records, self._grips, self._path, self._phase, self._tick, self._phase_tick, x, y, self._noise
         )  # fmt: skip
         self._tick += 1
         self._phase_tick += 1
@@ -68,8 +77,9 @@ class EmulatedOperator:
 
     def _set_out(self) -> None:
         take_handle(self._person, self._path, self.hand.grips)
-        self._record = new_operator(self._person, self._random)[0]
-        begin_approach(self._record, *self._tip, self._path)
+        records = new_operator(self._person, self._random)
+        begin_approach(records[0], *self._tip, self._path)
+        self._records = records.view(np.ndarray)
         self._enter(APPROACH)
 
     def _enter(self, phase: int) -> None:

@@ -83,15 +83,20 @@ def ask_board(port: str) -> BoardFound:
     try:
         wire = Port(port)
     except LinkError as error:
-        return nobody._replace(problem=str(error))
+        return nobody._replace(problem=_without_name(error, port))
     try:
         wire.write(b"\0")
         hello = Connection(wire).ask(AskHello(VERSION), Hello, HELLO_S)
     except LinkError as error:
-        return nobody._replace(problem=str(error))
+        return nobody._replace(problem=_without_name(error, port))
     finally:
         wire.close()
     return described(port, hello)
+
+
+def _without_name(error: LinkError, port: str) -> str:
+    """What is wrong, without the name of the port, which stands beside it."""
+    return str(error).rpartition(f"{port}: ")[2]
 
 
 def described(port: str, hello: Hello) -> BoardFound:

@@ -8,13 +8,14 @@ import numpy as np
 from core.device import Device
 from core.errors import InputError
 from core.hand import Hand, new_hand, spring_hand
+from core.jit import kernel
 from core.pattern import resolve
 from core.simulator import Simulation, advance, apply
 from core.workspace import tip_is_free
 from hardware.board import TICK_US
 from hardware.board_watch import Capability, Readings
 from hardware.emulated_sensors import EmulatedSensors
-from hardware.faults import LineFault
+from hardware.faults import SENSED, LineFault
 from hardware.messages import Four
 
 TICK_S = TICK_US * 1e-6
@@ -82,8 +83,13 @@ class EmulatedDevice:
             raise InputError(f"device {device.name}: the handle cannot be at ({tip[0]:g}, {tip[1]:g}) m")
         self.hand = hand
         self.sensors = EmulatedSensors(device, capability, tip, seed)
-        self._simulation = s = Simulation(device, tip, fidelity="mr", hand=hand.hand)
-        self._mechanism, self._brakes, self._state, self._trial = s.mechanism[0], s.brakes[0], s.state[0], s.trial[0]
+        s = Simulation(device, tip, fidelity="mr", hand=hand.hand)
+        self._how = s.fidelity, s.integrator
+        # plain arrays: calls from Python take longer with the other kind
+        self._parts = (
+            s.mechanism.view(np.ndarray), s.brakes.view(np.ndarray),
+            s.hand._replace(grips=s.hand.grips.view(np.ndarray)), s.state.view(np.ndarray), s.trial.view(np.ndarray),
+        )  # fmt: skip
         #: views of the state: tip x, y, vx, vy (m, m/s), acceleration (m/s2), hand force (N)
         self.motion, self.acceleration, self.hand_force = (
             s.state[name].view(np.ndarray)[0] for name in ("tip", "acceleration", "hand_force")
@@ -99,27 +105,41 @@ class EmulatedDevice:
     def sense(self, currents: Four, faults: Iterable[LineFault]) -> Readings:
         """The hand's next tick begins; what the sensors read while these currents (mA) flow."""
         self.hand.tick(*self.tip)
-        self._resolve(currents)
-        joints: dict[str, set[int]] = {"stuck-encoder": set(), "bad-encoder": set(), "saturated-force": set()}
+        self._command(currents)
+        settle(*self._parts, self._commands, self._ticks * TICK_S, *self._how)
+        joints: dict[str, set[int]] = {kind: set() for kind in SENSED}
         for fault in faults:
             if fault.kind in joints:
                 joints[fault.kind].add(int(fault.value))
+        stuck, bad, over, saturated = joints.values()
         return self.sensors.read(
-            self.tip, self.hand_force, self.acceleration, currents,
-            joints["stuck-encoder"], joints["bad-encoder"], bool(joints["saturated-force"]),
-        )  # fmt: skip
+            self.tip, self.hand_force, self.acceleration, currents, stuck, bad, bool(saturated), over
+        )
 
     def advance(self, currents: Four) -> None:
         """The device moves for a tick with these currents (mA)."""
-        if any(1e-3 * currents[i] != self._commands[i] for i in range(4)):
-            self._resolve(currents)
-        s = self._simulation
-        advance(self._mechanism, self._brakes, s.hand, self._state, self._trial, self._commands, self._ticks * TICK_S,
-                TICK_S, s.fidelity, s.integrator)  # fmt: skip
+        self._command(currents)
+        move(*self._parts, self._commands, self._ticks * TICK_S, *self._how)
         self._ticks += 1
 
-    def _resolve(self, currents: Four) -> None:
-        for i in range(4):
-            self._commands[i] = 1e-3 * currents[i]
-        apply(self._brakes, self._state, self._commands, self._simulation.fidelity)
-        resolve(self._mechanism, self._brakes, self._simulation.hand, self._state, self._ticks * TICK_S)
+    def _command(self, currents: Four) -> None:
+        """currents, mA, as the brakes' commands."""
+        commands = self._commands
+        commands[0], commands[1], commands[2], commands[3] = currents
+        commands *= 1e-3
+
+
+@kernel
+def settle(mechanisms, brakes, hand, states, trials, commands, t, fidelity, integrator):
+    """What moves and what rests at t (s) with these commands (4,), A: forces and acceleration are then known."""
+    apply(brakes[0], states[0], commands, fidelity)
+    resolve(mechanisms[0], brakes[0], hand, states[0], t)
+
+
+@kernel
+def move(mechanisms, brakes, hand, states, trials, commands, t, fidelity, integrator):
+    """A tick from t (s) on; commands may be other ones than were settled with."""
+    settle(mechanisms, brakes, hand, states, trials, commands, t, fidelity, integrator)
+    advance(
+        mechanisms[0], brakes[0], hand, states[0], trials[0], commands, t, TICK_S, fidelity, integrator
+    )  # fmt: skip

@@ -10,6 +10,7 @@
     brown-out@5+0.3      at 5 s the supply falls, for 0.3 s
     stuck-encoder=A@5+1  the encoder at A stays where it is
     bad-encoder=A@5+1    the encoder at A says that its signal is bad
+    over-current=A@5+1   the amplifier at A measures twice what it can give
     saturated-force@5+1  the force sensor is at the end of its range
 
 KIND[=VALUE][@START][+LENGTH], s since the start. Without @: from the start; without +: until the end.
@@ -27,8 +28,9 @@ from core.mechanism import JOINTS
 
 SHARES = ("drop", "corrupt", "duplicate")
 TIMES = ("delay", "jitter")
-AT_JOINT = ("stuck-encoder", "bad-encoder")
+AT_JOINT = ("stuck-encoder", "bad-encoder", "over-current")
 PLAIN = ("stall", "unplug", "brown-out", "saturated-force")
+SENSED = (*AT_JOINT, "saturated-force")  # what the board's inputs read wrongly
 KINDS = SHARES + TIMES + PLAIN + AT_JOINT
 LONGEST_S = 3600.0  # a time that is longer is a slip of the pen
 

@@ -26,6 +26,7 @@ from hardware.messages import (
     Flag,
     Heartbeat,
     HeartbeatReply,
+    Hello,
     Home,
     Homed,
     Limits,
@@ -192,12 +193,11 @@ class SerialLink:
         self.problem = "closed"
 
     def _clamped(self, currents: Sequence[float]) -> tuple[int, int, int, int]:
-        """mA, each within 0 and the limit of its brake: the last line before the wire. What is not a number is 0."""
-        limit = self._limits.current_mA
-        a, e, b, c = (
-            min(round(1000.0 * min(current, 1e-3 * limit[i])), limit[i]) if current > 0.0 else 0
-            for i, current in enumerate(currents)
-        )
+        """mA, each within 0 and the limit of its brake: the last line before the wire. What is not finite is 0."""
+        asked = [round(1000.0 * min(current, 1e3)) if 0.0 < current < math.inf else 0 for current in currents]
+        a, e, b, c = (min(most, now) for most, now in zip(self._limits.current_mA, asked, strict=True))
+        wrong = asked != [a, e, b, c] or not all(0.0 <= current < math.inf for current in currents)
+        self.health.clamped += wrong
         return a, e, b, c
 
     def _there(self) -> tuple[Connection, BoardSensing]:
@@ -207,8 +207,10 @@ class SerialLink:
 
     def _shake_hands(self, connection: Connection) -> Reached:
         hello = connection.hello(self.device)
-        sensing = BoardSensing(self.device, hello, self.sensing)
-        return connection, sensing, connection.set_limits(hello, self.device)
+        return connection, self._sensing(hello), connection.set_limits(hello, self.device)
+
+    def _sensing(self, hello: Hello) -> BoardSensing:
+        return BoardSensing(self.device, hello, self.sensing)
 
     def _reach(self) -> Reached:
         """Open the port and shake hands."""

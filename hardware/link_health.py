@@ -16,6 +16,7 @@ class LinkHealth:
     repeated: int = 0  # .. that came again, or after a newer one
     late_commands: int = 0  # samples that say that the board did not obey a command that waited
     refused: int = 0
+    clamped: int = 0  # exchanges whose currents had to be put right: beyond a limit, below zero, not finite
     not_closed: int = 0  # samples whose encoders are of no pose
     lost_links: int = 0
     round_trip_s: float = math.inf  # the least, of heartbeats

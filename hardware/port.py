@@ -5,6 +5,7 @@ a thread of its own.
 """
 
 import contextlib
+import errno
 import os
 import threading
 from typing import NamedTuple
@@ -106,5 +107,11 @@ def find_port(wanted: str, identity: Identity | None = None) -> str:
 
 def _reason(error: BaseException) -> str:
     number = getattr(error, "errno", None)
+    if number in (errno.EAGAIN, errno.EBUSY):
+        return "another program is using it"
+    if number == errno.EACCES:
+        return "permission denied (phd doctor says what to do)"
     text = os.strerror(number) if number else str(error).strip() or "it is gone"
+    if text.startswith("Could not configure port"):  # pyserial's words for what is no terminal at all
+        return "it is no serial port"
     return text[0].lower() + text[1:]

@@ -7,7 +7,7 @@ from core.device_link import LinkSample
 from hardware.clock import ClockModel
 from hardware.force_sensing import ForceSensing
 from hardware.messages import Fault, Hello, Sample, joints_of
-from hardware.motion_filter import MotionFilter
+from hardware.motion_filter import Motion, MotionFilter
 from hardware.pose import PoseSensing
 
 FAULT_WORDS = {
@@ -34,19 +34,19 @@ class BoardSensing:
             self.force.zero, self.current_zero = before.force.zero, before.current_zero
             if before.hello.starts == hello.starts:
                 self.clock = before.clock
-        self._motion = MotionFilter()
+        self.motion: Motion = MotionFilter()
         self._brakes = joints_of(hello.brakes)
 
     def moved(self) -> None:
         """The encoders were set anew: nothing before tells where the tip is."""
         self.pose.forget()
-        self._motion = MotionFilter()
+        self.motion = MotionFilter()
 
     def take(self, sample: Sample, came_s: float) -> LinkSample:
         """A sample that came at host time `came_s` (s)."""
         self.clock.add(sample.board_us, came_s)
         pose = self.pose.pose(sample.counts)
-        velocity, acceleration = self._motion.add(1e-6 * sample.board_us, *pose.tip)
+        velocity, acceleration = self.motion.add(1e-6 * sample.board_us, *pose.tip)
         current = [0.0] * 4
         for i, milliamperes in zip(self._brakes, sample.current_mA, strict=True):
             current[i] = 1e-3 * milliamperes - float(self.current_zero[i])

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from app import doctor
 from app.attached import hid_lines, port_lines
 from app.cli import main
 from app.doctor import CAUTION, GOOD, UDEV_RULE
@@ -80,16 +81,50 @@ def test_rights_that_are_missing_come_with_what_to_type(nothing, tmp_path: Path)
 def test_a_dead_port_says_that_no_board_answers(nothing, dead_port: str, capsys: pytest.CaptureFixture) -> None:
     nothing.setattr(discovery, "HELLO_S", 0.3)
     code, out = said(capsys, "--port", dead_port)
-    assert code == 1 and out.splitlines() == [f"board           {dead_port}  {dead_port}: no board answers there"]
+    assert code == 1 and out.splitlines() == [f"board           {dead_port}  no board answers there"]
 
 
-def test_a_port_that_is_not_there_is_one_sentence(capsys: pytest.CaptureFixture) -> None:
-    assert main(["devices", "--port", "/dev/none"]) == 2
+def test_the_doctor_says_what_to_do_about_a_port_at_which_nobody_is(
+    nothing, dead_port: str, capsys: pytest.CaptureFixture
+) -> None:
+    nothing.setattr(discovery, "HELLO_S", 0.3)
+    nothing.setattr(doctor, "examine", lambda folder, attached: attached())
+    assert main(["doctor", "--port", dead_port]) == 1
+    out = capsys.readouterr().out
+    assert f"NO  board   {dead_port}: no board answers there\n" in out and "has the board power" in out
+
+
+@pytest.mark.parametrize(("what", "says"), [("file", "it is no serial port"), ("folder", "is a directory")])
+def test_what_is_no_port_says_so(nothing, what: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    (tmp_path / "file").touch()
+    place = str(tmp_path / "file" if what == "file" else tmp_path)
+    assert said(capsys, "--port", place) == (1, f"board           {place}  {says}\n")
+
+
+@pytest.mark.parametrize("verb", ["devices", "doctor"])
+def test_a_port_that_is_not_there_is_one_sentence(
+    verb: str, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "examine", lambda folder, attached: attached())
+    assert main([verb, "--port", "/dev/none"]) == 2
     out, err = capsys.readouterr()
     assert (out, err) == ("", "phd: serial port /dev/none: no such file or directory\n")
 
 
-def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(nothing, capsys: pytest.CaptureFixture) -> None:
+def test_a_terminal_whose_other_end_has_gone_is_one_sentence(nothing, capsys: pytest.CaptureFixture) -> None:
+    ours, theirs = os.openpty()
+    name = os.ttyname(theirs)
+    os.close(ours)
+    try:
+        assert main(["devices", "--port", name]) == 2
+        assert capsys.readouterr().err == f"phd: serial port {name}: no such file or directory\n"
+    finally:
+        os.close(theirs)
+
+
+def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
+    nothing, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     emulated = subprocess.Popen(
         [sys.executable, "-m", "app.cli", "emulate", "--device", "three-brake", "--seed", "9"],
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
@@ -105,7 +140,10 @@ def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(nothing,
         wire = discovery.Port(port)
         code, out = said(capsys, "--port", port)
         wire.close()
-        assert code == 1 and port in out and "EMULATED" not in out
+        assert code == 1 and out == f"board           {port}  another program is using it\n"
+        monkeypatch.setattr(doctor, "examine", lambda folder, attached: attached())
+        assert main(["doctor", "--port", port]) == 0
+        assert "ok  board" in (looked := capsys.readouterr().out) and "EMULATED-9, wired to three-brake" in looked
     finally:
         emulated.terminate()
         emulated.wait(20)

@@ -17,7 +17,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Without the looks that take a process of their own."""
     monkeypatch.setattr(doctor, "screens", lambda: [Line("screen", GOOD, "one")])
     monkeypatch.setattr(doctor, "scheduling", lambda: Line("scheduling", GOOD, "real-time"))
-    monkeypatch.setattr("app.attached.attached_lines", lambda: [Line("serial", GOOD, "nothing attached")])
+    monkeypatch.setattr("app.attached.attached_lines", lambda ports: [Line("serial", GOOD, "nothing attached")])
     monkeypatch.setattr(doctor, "libraries", lambda: Line("libraries", GOOD, "all there"))
     return monkeypatch
 

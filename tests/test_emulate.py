@@ -1,5 +1,6 @@
 """`phd emulate`: a board on a pseudo-terminal, as a program of its own, and the host's link to it in real time."""
 
+import gc
 import math
 import os
 import signal
@@ -11,12 +12,13 @@ from pathlib import Path
 
 import pytest
 from emulated import Emulated, when
+from linked import LinkedBench
 
 from core.device import load_device
 from core.errors import InputError
 from hardware.emulated_device import HeldHand
 from hardware.emulator import Emulator
-from hardware.faults import KINDS, read_fault
+from hardware.faults import AT_JOINT, KINDS, read_fault
 from hardware.link import SerialLink
 
 DEVICE = load_device("four-brake")
@@ -205,7 +207,7 @@ def test_a_fault_that_makes_no_sense_is_refused(text: str) -> None:
 def test_every_kind_of_fault_can_be_asked_for() -> None:
     for kind in KINDS:
         value = (
-            "=A" if "encoder" in kind else "=0.5" if kind in ("drop", "corrupt", "duplicate", "delay", "jitter") else ""
+            "=A" if kind in AT_JOINT else "=0.5" if kind in ("drop", "corrupt", "duplicate", "delay", "jitter") else ""
         )
         fault = read_fault(f"{kind}{value}@2+3", now_s=10.0)
         assert fault.kind == kind and (fault.start_s, fault.end_s) == (12.0, 15.0)
@@ -215,3 +217,25 @@ def test_every_kind_of_fault_can_be_asked_for() -> None:
 def test_a_port_that_is_not_there_is_one_sentence() -> None:
     with pytest.raises(InputError, match=r"^serial port /dev/none: no such file or directory$"):
         SerialLink(DEVICE, "/dev/none").open()
+
+
+def test_it_says_first_which_scheduling_it_got_and_leaves_a_core_to_the_control_loop(emulated: Emulated) -> None:
+    first = emulated.log.read_text().splitlines()[0]
+    assert "scheduling " in first and "orders to " in first
+    if hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1:
+        assert max(os.sched_getaffinity(0)) not in os.sched_getaffinity(emulated.process.pid)
+
+
+def test_a_tick_leaves_nothing_that_only_a_search_for_garbage_would_free() -> None:
+    """The emulator, and the loop at its other end, run without one."""
+    bench = LinkedBench()
+    trial = bench.trial(2)
+    bench.run(trial, lambda trial: trial.ticks > 100)
+    gc.collect()
+    gc.disable()
+    try:
+        bench.run(trial, lambda trial: trial.ticks > 600)
+        assert gc.collect() == 0
+    finally:
+        gc.enable()
+        bench.link.close()

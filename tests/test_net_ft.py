@@ -1,90 +1,23 @@
-"""ATI Net F/T as the hand, against a sensor that is played on loopback: HTTP for its calibration, UDP for records."""
+"""ATI Net F/T in place of a board's force channels, against a sensor that is played on loopback."""
 
 import math
-import socket
-import struct
-import threading
 import time
 from collections.abc import Callable, Iterator
-from http.server import BaseHTTPRequestHandler, HTTPServer
+from dataclasses import replace
 
 import pytest
+from linked import LinkedBench
+from played_net_ft import HOST, PlayedSensor
+from simulated_bench import BenchWire
 
+from app.cli import main
+from core import row
 from core.device_file import ForceSensor
 from core.errors import InputError
-from hardware.net_ft import NetFT, Reading
+from hardware.net_force_link import NetForceLink, link_to
+from hardware.net_ft import SILENT_S, NetFT
 
 pytest.importorskip("pynetft", reason="pynetft is not installed: ATI sensors cannot be read")
-
-HOST = "127.0.0.1"
-COUNTS_PER_UNIT = 1000.0
-
-
-class PlayedSensor:
-    """Streams the record that it holds, once asked to, every 2 ms, and says its calibration."""
-
-    def __init__(self, unit: str = "N") -> None:
-        self.counts = (0, 0, 0, 0, 0, 0)
-        self.status = 0
-        self.skip = 0  # records to lose
-        self.plugged = True
-        self.commands: list[int] = []
-        self._client: tuple | None = None
-        self._rdt = self._ft = 0
-        page = (
-            f"<netft><prodname>Mini45</prodname><cfgcpf>{COUNTS_PER_UNIT}</cfgcpf><cfgcpt>{COUNTS_PER_UNIT}</cfgcpt>"
-            f"<scfgfu>{unit}</scfgfu><scfgtu>N-m</scfgtu></netft>"
-        ).encode()
-
-        class Page(BaseHTTPRequestHandler):
-            def do_GET(self) -> None:
-                self.send_response(200 if self.path == "/netftapi2.xml" else 404)
-                self.send_header("Content-Type", "text/xml")
-                self.send_header("Content-Length", str(len(page)))
-                self.end_headers()
-                self.wfile.write(page)
-
-            def log_message(self, *_: object) -> None:
-                pass
-
-        self._web = HTTPServer((HOST, 0), Page)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind((HOST, 0))
-        self._socket.settimeout(0.002)
-        self.http_port, self.rdt_port = self._web.server_port, self._socket.getsockname()[1]
-        self._ended = threading.Event()
-        self._threads = [threading.Thread(target=self._web.serve_forever, args=(0.01,)),
-                         threading.Thread(target=self._stream)]  # fmt: skip
-        for thread in self._threads:
-            thread.start()
-
-    def close(self) -> None:
-        self._ended.set()
-        self._web.shutdown()
-        for thread in self._threads:
-            thread.join()
-        self._web.server_close()
-        self._socket.close()
-
-    def _stream(self) -> None:
-        while not self._ended.is_set():
-            try:
-                data, client = self._socket.recvfrom(100)
-            except TimeoutError:
-                self._send()
-                continue
-            magic, command, _ = struct.unpack(">HHI", data)
-            assert magic == 0x1234
-            self.commands.append(command)
-            self._client = {0: None, 2: client}.get(command, self._client)
-
-    def _send(self) -> None:
-        if self._client is None or not self.plugged:
-            return
-        self._rdt, self.skip = self._rdt + 1 + self.skip, 0
-        self._ft += 2
-        record = struct.pack(">III6i", self._rdt, self._ft, self.status, *self.counts)
-        self._socket.sendto(record, self._client)
 
 
 @pytest.fixture
@@ -95,115 +28,165 @@ def sensor() -> Iterator[PlayedSensor]:
 
 
 @pytest.fixture
-def hand(sensor: PlayedSensor) -> Iterator[NetFT]:
-    reader = opened(sensor)
+def reader(sensor: PlayedSensor) -> Iterator[NetFT]:
+    reader = NetFT(sensor.where)
     yield reader
     reader.close()
 
 
-def opened(sensor: PlayedSensor, rotation_rad: float = 0.0, on: str = "handle") -> NetFT:
-    mounting = ForceSensor(on=on, rotation_rad=rotation_rad)
-    return NetFT(HOST, mounting, sensor.rdt_port, sensor.http_port)
+@pytest.fixture
+def bench(sensor: PlayedSensor, monkeypatch: pytest.MonkeyPatch) -> Iterator[LinkedBench]:
+    """A board in simulated time, the sensor in real time beside it, which a busy machine may hold up."""
+    monkeypatch.setattr("hardware.net_ft.SILENT_S", 0.5)
+    bench = LinkedBench()
+    bench.link.close()
+    yield bench
+    bench.link.close()
 
 
-def once(hand: NetFT, told: Callable[[Reading], bool], within_s: float = 5.0) -> Reading:
-    """The first reading of which this is true."""
+def connected(bench: LinkedBench, sensor: PlayedSensor, **mounting) -> NetForceLink:
+    """The bench's own link, with the sensor."""
+    device = bench.device
+    if mounting:
+        device = replace(device, sensing=device.sensing and type(device.sensing)(
+            encoders=device.sensing.encoders, force=ForceSensor(**mounting)))  # fmt: skip
+    link = NetForceLink(
+        device, "bench", sensor.where, clock=bench.now, open_port=lambda name: BenchWire(bench.board, name)
+    )
+    link.open()
+    link.home(bench.board.device.tip)
+    bench.link = link
+    return link
+
+
+def once(told: Callable[[], bool], within_s: float = 5.0) -> None:
+    """Wait until something is so."""
     end = time.monotonic() + within_s
-    while time.monotonic() < end:
-        reading = hand.read()
-        if told(reading):
-            return reading
+    while not told():
+        assert time.monotonic() < end
         time.sleep(0.002)
-    raise AssertionError(reading)
 
 
-def test_the_force_is_counts_by_the_sensors_own_calibration(sensor: PlayedSensor, hand: NetFT) -> None:
-    sensor.counts = (12_500, -3000, 7, 8, 9, 10)
-    reading = once(hand, lambda r: r.fx_N != 0.0)
-    assert (reading.fx_N, reading.fy_N) == (12.5, -3.0)
-    assert reading.connected and reading.text == f"Mini45 at {HOST}" and reading.age_s < 0.05
+def test_the_load_is_counts_by_the_sensors_own_calibration(sensor: PlayedSensor, reader: NetFT) -> None:
+    sensor.counts = (12_500, -3000, 700, 80, -90, 10)
+    once(lambda: reader.read() == (125_000, -30_000, 7000, 800, -900, 100))
+    assert reader.trouble() == "" and reader.report()["name"] == "Mini45"
 
 
-@pytest.mark.parametrize(("unit", "newtons"), [("lbf", 4.4482216152605), ("kgf", 9.80665), ("kN", 1000.0)])
-def test_other_units_become_newtons(unit: str, newtons: float) -> None:
-    sensor = PlayedSensor(unit)
+@pytest.mark.parametrize(
+    ("unit", "newtons", "torque_unit", "newton_metres"),
+    [("lbf", 4.4482216152605, "lbf-in", 0.1129848290276167), ("kgf", 9.80665, "kgf-cm", 0.0980665),
+     ("kN", 1000.0, "N-mm", 1e-3)],
+)  # fmt: skip
+def test_other_units_become_newtons(unit: str, newtons: float, torque_unit: str, newton_metres: float) -> None:
+    sensor = PlayedSensor(unit, torque_unit)
+    sensor.counts = (2000, 0, 0, 50_000, 0, 0)
+    reader = NetFT(sensor.where)
     try:
-        sensor.counts = (2000, 0, 0, 0, 0, 0)
-        hand = opened(sensor)
-        assert hand.read().fx_N == pytest.approx(2.0 * newtons, rel=1e-12)
-        hand.close()
+        once(lambda: reader.read()[0] != 0)
+        assert reader.read() == (round(2e4 * newtons), 0, 0, round(5e5 * newton_metres), 0, 0)
     finally:
+        reader.close()
         sensor.close()
 
 
-def test_the_mounting_turns_the_force_and_so_does_a_link_that_carries_the_sensor(sensor: PlayedSensor) -> None:
-    sensor.counts = (10_000, 0, 0, 0, 0, 0)
-    for on, theta, turned in (("handle", (1.0, 2.0, 3.0, 4.0), 0.5), ("ED", (0.3, 0.4, 9.0, 9.0), 1.2)):
-        hand = opened(sensor, rotation_rad=0.5, on=on)
-        reading = hand.read(theta)
-        assert (reading.fx_N, reading.fy_N) == pytest.approx((10 * math.cos(turned), 10 * math.sin(turned)))
-        hand.close()
-
-
-def test_what_the_sensor_says_at_rest_is_taken_off(sensor: PlayedSensor, hand: NetFT) -> None:
-    sensor.counts = (4000, -2000, 0, 0, 0, 0)
-    assert hand.take_bias()
-    assert hand.read()[:2] == pytest.approx((0.0, 0.0))
-    sensor.counts = (5000, -2000, 0, 0, 0, 0)
-    assert once(hand, lambda r: abs(r.fx_N) > 0.5)[:2] == pytest.approx((1.0, 0.0))
-
-
-def test_an_unplugged_sensor_gives_no_force_and_works_again_within_two_seconds(
-    sensor: PlayedSensor, hand: NetFT
+@pytest.mark.parametrize(("on", "turned"), [("handle", 0.5), ("ED", None)])
+def test_the_sensors_force_stands_in_for_the_boards_turned_as_it_is_mounted(
+    bench: LinkedBench, sensor: PlayedSensor, on: str, turned: float | None
 ) -> None:
-    sensor.counts = (9000, 9000, 0, 0, 0, 0)
-    once(hand, lambda r: r.fx_N == 9.0)
+    link = connected(bench, sensor, on=on, rotation_rad=0.5)
+    sensor.counts = (10_000, 0, 0, 0, 0, 0)
+    assert link.sensing is not None and link.force_channels == 6
+    once(lambda: (sample := link.exchange((0.0,) * 4)) is not None and sample.force_counts[0] == 100_000)
+    sample = link.exchange((0.0,) * 4)
+    assert sample is not None
+    turned = sample.theta[0] + sample.theta[1] + 0.5 if turned is None else turned
+    assert sample.hand_force == pytest.approx((10 * math.cos(turned), 10 * math.sin(turned)))
+
+
+def test_what_the_sensor_says_at_rest_is_taken_off(bench: LinkedBench, sensor: PlayedSensor) -> None:
+    sensor.counts = (4000, -2000, 0, 0, 0, 0)
+    link = connected(bench, sensor)
+    once(lambda: (sample := link.exchange((0.0,) * 4)) is not None and sample.force_counts[0] == 40_000)
+    record = link.zero()
+    assert record.force_counts == (40_000.0, -20_000.0, 0.0, 0.0, 0.0, 0.0)
+    sample = link.exchange((0.0,) * 4)
+    assert sample is not None and sample.hand_force == pytest.approx((0.0, 0.0), abs=0.05)
+
+
+def test_a_sensor_that_falls_silent_ends_the_trial_with_brakes_off_and_serves_again_when_it_is_back(
+    bench: LinkedBench, sensor: PlayedSensor
+) -> None:
+    link = connected(bench, sensor)
+    trial = bench.trial(2)
+    bench.run(trial, lambda trial: trial.phase == "move" and any(trial.currents))
     sensor.plugged = False
-    gone = once(hand, lambda r: not r.connected)
-    assert (gone.fx_N, gone.fy_N) == (0.0, 0.0) and "sends nothing" in gone.text
-    assert not hand.take_bias()
+    rows = bench.run(trial)
+    outcome = trial.outcome()
+    assert outcome["status"] == "aborted" and f"the force sensor at {HOST} sends nothing" in outcome["reason"]
+    assert outcome["link"]["force_sensor"]["records"] > 0
+    assert not any(bench.board.board.currents) and not any(trial.currents)
+    assert not len(rows) or rows[-1, row.PHASE] in (row.MOVE, row.END)
+    assert link.exchange((0.5,) * 4) is None and "sends nothing" in link.problem
+    assert not any(bench.board.board.currents), "currents need a hand that is felt"
     sensor.plugged = True
-    back = once(hand, lambda r: r.connected, within_s=2.0)
-    assert back.fx_N == 9.0 and back.reconnects >= 1
+    once(lambda: link.exchange((0.0,) * 4) is not None, within_s=2.0)
+    assert link.problem == ""
 
 
-def test_lost_records_are_counted(sensor: PlayedSensor, hand: NetFT) -> None:
-    once(hand, lambda r: r.records > 3)
-    sensor.skip = 7
-    assert once(hand, lambda r: r.lost > 0).lost == 7
-
-
-def test_records_that_the_sensor_calls_wrong_are_no_force(sensor: PlayedSensor, hand: NetFT) -> None:
+def test_records_that_the_sensor_calls_wrong_are_no_force(sensor: PlayedSensor, reader: NetFT) -> None:
     sensor.counts = (1000, 0, 0, 0, 0, 0)
-    once(hand, lambda r: r.fx_N == 1.0)
+    once(lambda: reader.read()[0] == 10_000)
     sensor.status = 0x80020000  # a gauge is saturated or broken
     sensor.counts = (60_000, 0, 0, 0, 0, 0)
-    failing = once(hand, lambda r: r.warnings > 0)
-    assert failing.fx_N in (0.0, 1.0)
-    assert once(hand, lambda r: not r.connected).fx_N == 0.0
+    once(lambda: reader.trouble() != "")
+    assert reader.read()[0] == 10_000 and reader.report()["doubtful"] > 0
+
+
+def test_lost_records_are_counted(sensor: PlayedSensor, reader: NetFT) -> None:
+    sensor.skip = 7
+    once(lambda: reader.report()["lost"] == 7)
 
 
 @pytest.mark.parametrize("dead", [True, False], ids=["nobody answers", "no records come"])
-def test_a_sensor_that_is_silent_from_the_start_is_refused(
-    sensor: PlayedSensor, dead: bool, monkeypatch: pytest.MonkeyPatch
+def test_a_sensor_that_is_silent_from_the_start_is_one_sentence_before_any_window(
+    sensor: PlayedSensor, dead: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, tmp_path
 ) -> None:
     monkeypatch.setattr("hardware.net_ft.START_S", 0.3)
     sensor.plugged = False
-    if dead:
-        sensor.http_port = 1
-    with pytest.raises(InputError, match=f"the force sensor at {HOST} sends no records: .+"):
-        opened(sensor)
+    where = f"{HOST}:{sensor.rdt_port}:1" if dead else sensor.where
+    port = tmp_path / "port"
+    port.touch()
+    assert main(["run", "--link", f"serial:{port}", "--force", f"netft:{where}", "--data-dir", str(tmp_path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith(f"phd: the force sensor at {where} sends no records: ") and err.count("\n") == 1
 
 
-def test_a_host_without_a_name_is_refused(sensor: PlayedSensor) -> None:
+@pytest.mark.parametrize(
+    ("link", "force", "says"),
+    [("sim", "netft:10.0.0.1", "goes with --link serial:PORT"), ("serial:/dev/null", "ati", "must be netft:HOST"),
+     ("serial:/dev/null", "netft:", "must be netft:HOST"), ("serial:/dev/null", "netft:here:there", "cannot be read")],
+)  # fmt: skip
+def test_a_force_that_cannot_be_is_refused(
+    link: str, force: str, says: str, capsys: pytest.CaptureFixture, tmp_path
+) -> None:
+    assert main(["run", "--link", link, "--force", force, "--data-dir", str(tmp_path)]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_host_without_a_name_is_refused() -> None:
     with pytest.raises(InputError, match="cannot be read"):
-        NetFT("", ForceSensor(on="handle"))
+        NetFT("")
+
+
+def test_a_link_is_of_a_board_alone_or_with_a_sensor(bench: LinkedBench) -> None:
+    assert type(link_to(bench.device, "/dev/a port")).__name__ == "SerialLink"
+    both = link_to(bench.device, "/dev/a port netft:10.0.0.1")
+    assert isinstance(both, NetForceLink) and both.port == "/dev/a port"
 
 
 def test_closing_stops_the_stream(sensor: PlayedSensor) -> None:
-    hand = opened(sensor)
-    hand.close()
-    end = time.monotonic() + 2.0
-    while sensor.commands[-1] != 0 and time.monotonic() < end:
-        time.sleep(0.002)
-    assert sensor.commands[0] in (0, 2) and sensor.commands[-1] == 0
+    reader = NetFT(sensor.where)
+    reader.close()
+    once(lambda: sensor.commands[-1] == 0)
+    assert sensor.commands[0] in (0, 2) and SILENT_S <= 0.05

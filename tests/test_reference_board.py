@@ -3,6 +3,7 @@
 Skipped where there is no C compiler. As a script it feeds a million bytes (more if a number is given) to both boards.
 """
 
+import random
 import sys
 import tempfile
 from collections import Counter
@@ -13,10 +14,11 @@ import pytest
 import simulated_board
 from reference_board import RandomHost, RecordedBoard, board_program, live_alike, lived, needs_compiler, recorded
 from test_board_states import SEEN, happen, in_state
+from test_wire_frames import damage, host_frames
 
 from hardware.board import TICK_US
 from hardware.frames import encode_frame
-from hardware.messages import WATCHDOG_US, Command, Fault, Heartbeat, State, pack
+from hardware.messages import WATCHDOG_US, Fault, Heartbeat, State
 
 pytestmark = needs_compiler
 
@@ -121,18 +123,19 @@ def fuzzed(n: int, seed: int) -> tuple[RecordedBoard, int]:
     rng = np.random.default_rng(seed)
     noise = rng.integers(0, 256, n // 3, dtype=np.uint8)
     noise[rng.random(len(noise)) < 0.03] = 0  # or few pieces would have the length of a frame
-    frame = np.frombuffer(encode_frame(pack(Command(7, 7, 1, (1, 2, 3, 4)))), np.uint8)
-    damaged = np.tile(frame, (n // 3 // len(frame), 1))
-    damaged[np.arange(len(damaged)), rng.integers(0, len(frame), len(damaged))] ^= np.uint8(1) << rng.integers(
-        0, 8, len(damaged), dtype=np.uint8
-    )
+    frames, spoil, damaged, size = host_frames(), random.Random(seed), [], 0
+    while size < n // 3:
+        bad = damage(spoil.choice(frames), spoil.choice(frames), spoil)
+        if all(piece + b"\0" not in frames for piece in bad.split(b"\0")):
+            damaged.append(bad if bad.endswith(b"\0") else bad + b"\0")
+            size += len(damaged[-1])
     true, size = [], 0
     while size < n // 3:
         kind = int(rng.integers(1, 9))
         length = {1: 1, 2: 24, 3: 21, 4: 17, 6: 4}.get(kind, 0) if rng.random() < 0.7 else int(rng.integers(0, 124))
         true.append(encode_frame(bytes([kind]) + rng.bytes(length)))
         size += len(true[-1])
-    stream = b"".join((noise.tobytes(), b"\0", damaged.tobytes(), b"\0", *true))
+    stream = b"".join((noise.tobytes(), b"\0", *damaged, *true))
     bench = recorded().start()
     cuts = np.unique(rng.integers(0, len(stream), n // 300)).tolist()
     for first, last in zip([0, *cuts], [*cuts, len(stream)], strict=True):

@@ -72,13 +72,13 @@ def test_every_sample_is_taken_once_and_every_command_is_echoed(bench: Bench, li
     assert link.health.lost == link.health.repeated == link.health.frames.bad == 0
 
 
-@pytest.mark.parametrize("current", [-1.0, math.nan, -math.inf, 0.0])
+@pytest.mark.parametrize("current", [-1.0, math.nan, -math.inf, math.inf, 0.0])
 def test_a_current_that_makes_no_sense_is_zero_on_the_wire(bench: Bench, link: SerialLink, current: float) -> None:
     run(link, 5, (current,) * 4)
     assert bench.board.currents == (0, 0, 0, 0) and bench.board.state == State.READY
 
 
-@pytest.mark.parametrize("current", [1.0004, 5.0, 1e300, math.inf])
+@pytest.mark.parametrize("current", [1.0004, 5.0, 1e300])
 def test_no_current_above_the_brake_files_limit_reaches_the_wire(
     bench: Bench, link: SerialLink, current: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

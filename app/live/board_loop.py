@@ -30,6 +30,7 @@ from core.device_link import LinkError, LinkSample
 from core.errors import InputError
 from experiments.linked_trial import LinkedTrial, load_kernels
 from hardware.link import SerialLink
+from hardware.net_force_link import link_to
 
 NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
 TELL_S = 0.1  # between two reports of how the device is
@@ -118,7 +119,7 @@ class BoardLoop:
                 case RunLinked(trial):
                     self._run(trial)
                     self._answer(LinkedDone(trial))
-        except LinkError as error:
+        except (LinkError, InputError) as error:
             self._answer(NotDone(str(error)))
         self._told_s = 0.0
 
@@ -169,7 +170,7 @@ class BoardLoop:
             return
         problem = ""
         for device in self._devices:
-            link = SerialLink(device, self.port)
+            link = link_to(device, self.port)
             try:
                 link.open()
             except InputError as error:

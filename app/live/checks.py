@@ -6,6 +6,7 @@ from pathlib import Path
 
 from app.live.board_jobs import Linked
 from app.live.messages import BAD, CAUTION, GOOD, WAITING, Check, Timing
+from app.live.remedies import remedy
 from app.live.scheduling import ADVICE
 
 #: bytes. Our choice: a trial takes 7 MB at most, a session of 60 well under the lower one
@@ -17,7 +18,8 @@ LATE_US = 200.0
 def check_device(simulated: bool, why_off: str) -> Check:
     """Whether currents may flow. why_off: the cause of a brakes-off, or ""."""
     if why_off:
-        return Check("Device", BAD, "brakes off", f"Brakes off: {why_off}. Allow the brakes again when that is past.")
+        cause = f"Brakes off: {why_off}"
+        return Check("Device", BAD, "brakes off", f"{cause}. {remedy(cause)}")
     return Check("Device", GOOD, "simulated" if simulated else "connected")
 
 
@@ -26,7 +28,8 @@ def check_linked(linked: Linked | None, why_off: str) -> Check:
     if linked is None:
         return Check("Device", WAITING, "connecting", "The board on the bench is being reached.")
     if linked.problem:
-        return Check("Device", BAD, "not connected", f"{linked.problem[0].upper()}{linked.problem[1:]}.")
+        problem = f"{linked.problem[0].upper()}{linked.problem[1:]}. {remedy(linked.problem)}"
+        return Check("Device", BAD, "not connected", problem.strip())
     if why_off or linked.fault:
         return check_device(False, why_off or f"the board: {linked.fault}")
     if not linked.homed:
@@ -39,7 +42,8 @@ def check_sensor(linked: Linked | None) -> Check:
     if linked is None or not linked.device:
         return Check("Hand", WAITING, "force sensor", "The board on the bench is being reached.")
     if linked.force_channels == 0:
-        return Check("Hand", CAUTION, "no force sensor", "The controllers cannot feel the hand: they see motion alone.")
+        advice = "The controllers cannot feel the hand: they see motion alone, and nothing releases a trapped hand."
+        return Check("Hand", CAUTION, "no force sensor", advice)
     if not linked.zeroed:
         return Check("Hand", BAD, "force not zeroed", "The force sensor has no zero yet.")
     return Check("Hand", GOOD, "force sensor")

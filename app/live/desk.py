@@ -12,6 +12,7 @@ import numpy as np
 from app.live import messages as m
 from app.live.checks import check_disk, check_recording
 from app.live.loop_process import LoopProcess
+from app.live.remedies import remedy, told
 from app.live.rigging import Rigging
 from app.live.ring import Ring
 from app.live.runner import Runner
@@ -241,8 +242,7 @@ class Desk:
 
     def _keep(self, run: TrialRun) -> None:
         """A trial has come to its end."""
-        reason = run.trial.outcome()["reason"]
-        said = f"{run.name}: {reason}." if reason else ""
+        said = told(run.name, run.trial.outcome()["reason"])
         if self.sitting is None:
             self.say(said)
             return
@@ -258,7 +258,7 @@ class Desk:
     def _lost(self, run: TrialRun | None, why: str) -> None:
         """The loop died or hung, perhaps with a trial."""
         self.broken = self.runner.broken
-        said = f"{why[0].upper()}{why[1:]}."
+        said = f"{why[0].upper()}{why[1:]}. {remedy(why)}"
         if run is not None:
             try:
                 run.rescue(self.session, self.setup.sync)

@@ -19,7 +19,7 @@ class Setup(NamedTuple):
     seed: int | None = None
     hand: str = MOUSE
     participant: str = ""  # to be offered first; "": the first without a session
-    link: str = ""  # the serial port of a device on the bench; "": simulated
+    link: str = ""  # serial port of a device on the bench, or "PORT netft:HOST"; "": simulated
     real_time: bool = True  # try scheduling that needs a privilege
     sync: bool = True  # wait for the disk itself
     patience_s: float = 60.0  # that a conductor with an open session waits for another window. Our choice

@@ -28,6 +28,11 @@ def add(verbs) -> None:
         "--screens", nargs="?", type=seconds, const=10.0, metavar="SECONDS",
         help="instead, what the windows cost at several sizes, and the way from pointer to picture; each case so long",
     )  # fmt: skip
+    verb.add_argument(
+        "--board", nargs="?", type=whole_number_of(1), const=60, metavar="TRIALS",
+        help="instead, so many trials of a session (default: 60) on the simulated device and over a board's protocol "
+        "in simulated time: by how much encoder steps, filter, delay and noise change the measures",
+    )  # fmt: skip
     verb.add_argument("--quick", action="store_true", help="one device, two steps, fewer repeats")
     verb.add_argument("--json", action="store_true", help="print the result as JSON instead of a table")
     verb.add_argument(
@@ -40,6 +45,8 @@ def add(verbs) -> None:
 def bench(args: argparse.Namespace) -> int:
     if args.screens is not None:
         return bench_screens(args)
+    if args.board is not None:
+        return bench_board(args)
     if args.loop is not None:
         return bench_loop(args)
     if args.out is not None:
@@ -61,6 +68,19 @@ def bench(args: argparse.Namespace) -> int:
         (args.out / "bench.json").write_text(text + "\n", encoding="utf-8")
         for form, data in pictures.items():
             (args.out / f"work-precision.{form}").write_bytes(data)
+    return 0
+
+
+def bench_board(args: argparse.Namespace) -> int:
+    """What a board makes of a session's measures."""
+    if args.out is not None or args.quick or args.loop is not None:
+        raise InputError("--board: stands alone, or with --json")
+    from app.board_bench import run_board, table
+
+    announce_first_use()
+    with Progress("comparing") as progress:
+        found = run_board(args.board, progress)
+    print(json.dumps(found, allow_nan=False) if args.json else table(found))
     return 0
 
 

@@ -23,6 +23,7 @@ def add(verbs) -> None:
 
 
 def devices(args: argparse.Namespace) -> int:
+    from app.attached import about
     from hardware.discovery import ask_board, hid_devices, serial_ports
 
     boards = [ask_board(port) for port in args.port]
@@ -35,23 +36,10 @@ def devices(args: argparse.Namespace) -> int:
             identity = " ".join(filter(None, (port.usb, port.serial, port.name))) or "not on USB"
             print(f"serial port     {port.port}  {identity}{'' if port.allowed else '  (not allowed: see phd doctor)'}")
         for board in boards:
-            print(f"board           {board.port}  {words(board)}")
+            print(f"board           {board.port}  {board.problem or about(board)}")
         for hand in hands:
             refused = "" if hand.allowed else "  (not allowed: see phd doctor)"
             print(f"six-axis device {hand.path}  {hand.ids} {hand.product}{refused}")
         if not (ports or boards or hands):
             print("nothing attached")
     return 1 if any(board.problem for board in boards) else 0
-
-
-def words(board) -> str:
-    """A board in one line."""
-    if board.problem:
-        return board.problem
-    encoders = ", ".join(f"{joint} {counts}" for joint, counts in board.encoders.items())
-    brakes = ", ".join(f"{joint} {current:g} A" for joint, current in board.brakes.items())
-    return (
-        f"{board.board}, wired to {board.device or 'no named device'}, firmware {board.firmware}, protocol "
-        f"{board.version}; encoders {encoders}; brakes {brakes}; {board.force_channels} force channels; {board.state}"
-        + (f": {board.fault}" if board.fault else "")
-    )

@@ -25,6 +25,9 @@ def add(verbs) -> None:
     verb.add_argument(
         "--data-dir", type=Path, default=Path("data"), metavar="DIR", help="where recordings would go (default: data)"
     )
+    verb.add_argument(
+        "--port", action="append", default=[], metavar="PORT", help="ask for a board there; may be given repeatedly"
+    )
     verb.add_argument("--json", action="store_true", help="print the findings as JSON")
 
 
@@ -32,7 +35,7 @@ def doctor(args: argparse.Namespace) -> int:
     from app.attached import attached_lines
     from app.doctor import BAD, examine
 
-    lines = examine(args.data_dir, attached_lines)
+    lines = examine(args.data_dir, lambda: attached_lines(args.port))
     if args.json:
         print(json.dumps([line._asdict() for line in lines]))
     else:

@@ -76,7 +76,7 @@ def emulate(args: argparse.Namespace) -> int:
             signal.signal(number, lambda *_: emulator.stop())
         print(emulator.port, flush=True)
         assumed = " (assumed)" if device.assumed else ""
-        log(f"device {device.name}{assumed}, hand: {args.hand}, {scheduling}; orders to {emulator.control}")
+        log(f"device {device.name}{assumed}, hand: {args.hand}; scheduling {scheduling}; orders to {emulator.control}")
         emulator.run()
     finally:
         emulator.close()
@@ -86,12 +86,16 @@ def emulate(args: argparse.Namespace) -> int:
 
 
 def prompt() -> str:
-    """Ask not to be held up by other programs, as a board is not; what was got."""
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
-    except (AttributeError, OSError):  # another system, or no privilege: it runs as any program does
-        return "ordinary scheduling"
-    return "real-time scheduling"
+    """Ask not to be held up by other programs, as a board is not, on cores that a control loop here leaves free; what
+    was got. Called last: what is there by then is never looked through for garbage again, and nothing else is."""
+    from app.live.scheduling import leave_core, take_scheduling
+
+    got, core = take_scheduling()
+    leave_core(core)
+    if core < 0:
+        return got
+    cores = " ".join(map(str, sorted(os.sched_getaffinity(0))))
+    return got.replace(f"core {core}", f"core {cores} (a control loop's own is {core})")
 
 
 def log(line: str) -> None:

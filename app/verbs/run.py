@@ -42,6 +42,10 @@ def add(verbs) -> None:
         "--link", default="sim", metavar="sim|serial:PORT",
         help="the simulated device (default), or one whose board is at a serial port (auto: the only one on USB)",
     )  # fmt: skip
+    verb.add_argument(
+        "--force", default="", metavar="netft:HOST",
+        help="with --link serial:PORT: an ATI Net F/T on the network in place of the board's force channels",
+    )  # fmt: skip
     verb.add_argument("--rules", choices=("settled", "literal"), help="in place of the protocol's")
     verb.add_argument(
         "--low-gain", type=float, metavar="5|500",
@@ -66,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     if args.print_plan:
         return print_plan(args)
     check_writable(args.data_dir)
-    port_of(args)
+    link = link_of(args)
     if sys.platform == "linux" and not any(map(os.environ.get, SCREENS)):
         raise InputError("there is no screen to open a window on: none of DISPLAY, WAYLAND_DISPLAY is set")
     screen = ScreenCheck()
@@ -77,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     bench = Bench(
         Setup(
             args.data_dir.absolute(), whole(args.protocol), tuple(map(whole, args.device)) if args.device else None,
-            args.rules, args.low_gain, args.seed, args.input, args.participant or "", port_of(args),
+            args.rules, args.low_gain, args.seed, args.input, args.participant or "", link,
         )  # fmt: skip
     )
     try:  # all this takes its time, and so does the bench
@@ -106,6 +110,19 @@ def port_of(args: argparse.Namespace) -> str:
     if os.name == "posix" and not os.path.exists(port):
         raise InputError(f"--link serial:{port}: there is no such port (phd devices lists those there are)")
     return port
+
+
+def link_of(args: argparse.Namespace) -> str:
+    """As `Setup.link`. InputError: there is no such port, or no such sensor answers."""
+    port = port_of(args)
+    if not args.force:
+        return port
+    if not port:
+        raise InputError("--force: goes with --link serial:PORT (the simulated device needs no force sensor)")
+    from hardware.net_force_link import check_force
+
+    check_force(args.force)
+    return f"{port} {args.force}"
 
 
 def print_plan(args: argparse.Namespace) -> int:
