@@ -42,7 +42,9 @@ class Line(NamedTuple):
 
 def examine(data_dir: Path, attached: Callable[[], list[Line]]) -> list[Line]:
     """Everything, in the order of the report; `attached` looks at ports and hands."""
-    return [libraries(), *screens(), scheduling(), cores(), disk(data_dir), kernels(), *attached()]
+    return [
+        libraries(), *screens(), scheduling(), cores(), memory(), disk(data_dir), kernels(), *attached()
+    ]  # fmt: skip
 
 
 def libraries() -> Line:
@@ -77,7 +79,8 @@ def screens() -> list[Line]:
     for name, width, height, scale, refresh in json.loads(tried.stdout.splitlines()[-1]):
         found = f"{name or 'screen'}: {width} x {height} points, scale {scale:g}, {refresh:.0f} Hz"
         small = width < LEAST_SCREEN[0] or height < LEAST_SCREEN[1]
-        advice = f"Lower the scale: windows are laid out for {LEAST_SCREEN[0]} x {LEAST_SCREEN[1]} points."
+        less = "Lower the scale" if scale > 1.0 else "Choose a higher resolution or a larger screen"
+        advice = f"{less}: windows are laid out for {LEAST_SCREEN[0]} x {LEAST_SCREEN[1]} points."
         lines.append(Line("screen", CAUTION if small else GOOD, found, advice if small else ""))
     if len(lines) == 1:
         lines.append(Line("screens", CAUTION, "only one: participant and experimenter share it",
@@ -105,6 +108,18 @@ def cores() -> Line:
     if count < 2:
         return Line("cores", CAUTION, "1: loop and window share it", "Give the machine a second core.")
     return Line("cores", GOOD, f"{count}")
+
+
+def memory() -> Line:
+    """Room for what the processes of a live bench share."""
+    from app.live.place import LEAST_BYTES, memory_folder
+
+    home = memory_folder()
+    free = shutil.disk_usage(home).free
+    found = f"{home}: {free / 1e6:,.0f} MB free for what the processes share"
+    if free < LEAST_BYTES:
+        return Line("memory", BAD, found, f"Remove what fills {home}: a bench needs {LEAST_BYTES / 1e6:.0f} MB there.")
+    return Line("memory", GOOD, found)
 
 
 def disk(data_dir: Path) -> Line:

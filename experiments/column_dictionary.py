@@ -97,7 +97,8 @@ PHASE_LEVELS: dict[str, str] = dict(zip(row.PHASES, _PHASES, strict=True))
 STATUS_MEANINGS = {
     "done": "the end of the path was reached",
     "timeout": "the time was up before the end; measures are over the progress made",
-    "aborted": "stopped by the experimenter or by a fault; does not count",
+    "aborted": "ended by the experimenter, or (a simulated operator) unfit to go on; does not count",
+    "stopped": "cut short by a fault, by the brakes-off or with the app; does not count, its trial is run again",
     "redone": "run again later, for a reason; kept, does not count",
     "recovered": "cut off by a crash, rescued; does not count",
     "skipped": "not run, for a reason",

@@ -22,6 +22,7 @@ from experiments.column_dictionary import PHASE_LEVELS, STATUS_LEVELS, recording
 from experiments.exported import Exported, ExportedTrial, write_columns, write_json, write_rows
 from experiments.metrics import SAMPLE_RATE_HZ
 from experiments.recording import Recording
+from experiments.session_about import SENSOR
 from experiments.trials_table import COLUMNS, TrialRow, table_bytes
 
 BIDS_VERSION = "1.11.1"
@@ -34,7 +35,11 @@ _IN_FILE_NAME = ("participant", "recording")
 _HANDS = {
     "operator": "simulated operator: no person took part",
     "mouse": "a person who pulled the simulated handle with the mouse",
+    "hid": "a person who pushed a six-axis device: its deflection, not a force sensor, moved the simulated handle",
+    SENSOR: "a hand at the device on the bench, its force measured by the device's sensor",
 }
+
+_EMULATED = "EMULATED"  # begins the number of a board that `phd emulate` stands for, whose hand is simulated too
 
 _README = """\
 # {name}
@@ -183,7 +188,7 @@ def _about(trial: ExportedTrial, channels: list[_Channel]) -> dict[str, Any]:
     t = recording.column("t_s")
     kinds = [channel.kind for channel in channels]
     counts = {kind: kinds.count(kind) for kind in ("ACCEL", "LATENCY", "POS", "VEL")}
-    link = trial.told.get("link", "sim")  # a recording that says nothing comes from the simulated device
+    board = _board(trial)
     about: dict[str, Any] = {
         "TaskName": TASK,
         "TaskDescription": "Move the handle from the start of a path to its end, along the path.",
@@ -201,19 +206,26 @@ def _about(trial: ExportedTrial, channels: list[_Channel]) -> dict[str, Any]:
         "SubjectArtefactDescription": MISSING,
         "Manufacturer": MISSING,
         "ManufacturersModelName": trial.row.configuration,
-        "DeviceSerialNumber": MISSING,
+        "DeviceSerialNumber": board or MISSING,
         "SoftwareVersions": f"phd {trial.software}",
         "InstitutionName": MISSING,
         "InstitutionAddress": MISSING,
         "InstitutionalDepartmentName": MISSING,
-        "SimulatedDevice": link == "sim",
-        "SimulatedOperator": trial.told.get("hand") == "operator",
+        "SimulatedDevice": not board or board.startswith(_EMULATED),
+        "SimulatedOperator": trial.told.get("hand") == "operator" or board.startswith(_EMULATED),
         "Trial": trial.told,
         "Outcome": trial.outcome,
     }
     if any(channel.name == "decision" for channel in channels):
         about["Decisions"] = {str(code): word for code, word in enumerate(recording.words["decision"])}
     return about
+
+
+def _board(trial: ExportedTrial) -> str:
+    """The number of the board on the bench; "": the device is simulated, as in a recording that says nothing."""
+    if trial.told.get("link", "sim") == "sim":
+        return ""
+    return str(trial.outcome.get("link", {}).get("board") or "unknown")
 
 
 def _phases(recording: Recording) -> list[tuple[str, str, str]]:

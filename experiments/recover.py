@@ -36,7 +36,7 @@ from experiments.session_files import (
     write_pooled_table,
 )
 from experiments.session_rows import put_right, recorded_row, rows_without_recording, told
-from experiments.trials_table import append_row, read_table, write_table
+from experiments.trials_table import append_row, read_table, table_bytes, write_table
 from experiments.verify import verify
 from experiments.whole_files import PARTIAL_FILES, set_aside
 
@@ -164,6 +164,10 @@ def _add_rows(session: Path, done: Rescue) -> None:
     journal = told(session)
     bare = {row.run: row for row in rows_without_recording(session, journal)}
     on_disk = runs_on_disk(session)
+    table = session / TABLE
+    if {*on_disk, *bare} - have and table.exists() and table.read_bytes() != table_bytes(rows_of(session)):
+        done.set_aside.append(set_aside(table, DAMAGED).name)  # changed by hand: nothing can be added to it
+        have = set()
     for run in sorted({*on_disk, *bare} - have):
         path = on_disk.get(run, {}).get(PARQUET_SUFFIX)
         if path is not None:

@@ -147,7 +147,7 @@ def _trials(rows: Sequence[TrialRow], names: Mapping[int, str]) -> str:
     late = sum(row.status == "timeout" for row in counted)
     text = f"{people} participant{'s' if people != 1 else ''}, {len(counted)} trials that count"
     if len(rows) > len(counted):
-        text += f", {len(rows) - len(counted)} that do not (aborted, redone, recovered or skipped)"
+        text += f", {len(rows) - len(counted)} that do not (aborted, stopped, redone, recovered or skipped)"
     if not late:
         return text + "; all reached the end."
     if any(isinstance(row.controller, str) for row in rows):

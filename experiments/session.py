@@ -4,28 +4,26 @@ Nothing is overwritten: every file is new, tables are replaced whole, and what c
 first. One live process may write in a session.
 """
 
+import contextlib
 import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
-import numpy as np
-
 from core.errors import InputError
-from core.path import point_at
-from core.path_file import build_path
-from core.simulator import Simulation
-from experiments.blind import new_key, read_key, write_key
+from experiments.blind import KEY, new_key, read_key, write_key
+from experiments.journal import NAME as JOURNAL
 from experiments.journal import write_event
 from experiments.linked_trial import LinkedTrial
 from experiments.operator import Person
-from experiments.plan import PRACTICE_BLOCK, PlannedTrial, make_plan, participant_index, plan_hash
+from experiments.plan import PRACTICE_BLOCK, PlannedTrial, make_plan, plan_hash
 from experiments.protocol import Protocol
 from experiments.recording import STREAM_SUFFIX, RecordingWriter, convert_to_parquet, read_recording
 from experiments.recording_form import Sensors
 from experiments.recover import recover_session
 from experiments.session_about import recording_metadata, session_about
 from experiments.session_files import (
+    LOCK,
     PRACTICE,
     STORED,
     TABLE,
@@ -34,12 +32,12 @@ from experiments.session_files import (
     open_trials,
     read_stored,
     refuse_existing,
+    remove_empty,
     rows_of,
     run_path,
     session_folder,
     write_pooled_table,
 )
-from experiments.session_order import SessionOrder
 from experiments.session_rows import (
     BEGUN,
     ENDED,
@@ -53,12 +51,13 @@ from experiments.session_rows import (
     recorded_row,
     told,
 )
-from experiments.trial import Trial, new_simulation
-from experiments.trials_table import SETTLED, TrialRow, append_row, write_table
+from experiments.session_trials import SessionTrials
+from experiments.trial import Trial
+from experiments.trials_table import COUNTED, SETTLED, TrialRow, append_row, write_table
 from experiments.whole_files import is_wrong_path, written_beside
 
 
-class Session(SessionOrder):
+class Session(SessionTrials):
     """One participant's session in progress; it holds the session's lock until `close` or the end of the process."""
 
     def __init__(
@@ -78,6 +77,8 @@ class Session(SessionOrder):
         hand: what moves the handle where it is no simulated operator.
         InputError if the session exists, is none of the protocol's, or the folder cannot be made.
         """
+        if not (participant.isascii() and participant.isalnum()):
+            raise InputError(f"participant {participant!r}: must be letters and digits only")
         if protocol.participants and person is None and participant not in protocol.participants:
             raise InputError(
                 f"participant {participant}: is none of the {protocol.name} protocol's "
@@ -90,13 +91,18 @@ class Session(SessionOrder):
         self._plan_as(make_plan(protocol, participant, self.blind))
         try:
             (self.folder / TRIALS).mkdir(parents=True, exist_ok=True)
+            self._lock = hold_lock(self.folder)
         except OSError as error:
+            remove_empty(self.folder)
             if not is_wrong_path(error):
                 raise
             raise InputError(f"{self.folder}: cannot be created ({(error.strerror or '').lower()})") from None
-        self._lock = hold_lock(self.folder)
         try:
             refuse_existing(data_dir, participant)  # another process was faster
+        except InputError:
+            self.close()
+            raise
+        try:
             key_sha256 = ""
             if self.blind:
                 self._key = new_key(protocol.controllers)
@@ -107,7 +113,11 @@ class Session(SessionOrder):
                 partial.rename(self.folder / STORED)
             self.journal("created", plan=self.plan_sha256)
         except BaseException:
+            for name in (STORED, KEY, JOURNAL, LOCK):
+                with contextlib.suppress(OSError):  # the first error tells the story
+                    (self.folder / name).unlink()
             self.close()
+            remove_empty(self.folder)
             raise
 
     @classmethod
@@ -154,7 +164,7 @@ class Session(SessionOrder):
         self.blind, self._key, self._practised = False, {}, {}
         self._told = Told()
         self._sync = sync
-        self._simulations: dict[str, Simulation] = {}
+        self._simulations = {}
 
     def _plan_as(self, plan: tuple[PlannedTrial, ...]) -> None:
         self.plan, self.plan_sha256 = plan, plan_hash(plan)
@@ -170,17 +180,6 @@ class Session(SessionOrder):
     def note(self, text: str) -> None:
         """Keep a remark of the experimenter, with the time."""
         self.journal("note", text=text)
-
-    def simulation(self, configuration: str) -> Simulation:
-        """The simulated device of a configuration; it stays as the last trial left it."""
-        if configuration not in self._simulations:
-            number, path_file = next(iter(self.protocol.paths.items()))
-            path = build_path(path_file, f"path {number}")
-            x, y, _, _ = point_at(path, 0.5 * path.length)
-            hand = None if self.person else self.protocol.mouse.hand()
-            self._simulations[configuration] = new_simulation(self.devices[configuration], (x, y), hand)
-            self._simulations[configuration].hand.grips["target"][0, :2] = (x, y)
-        return self._simulations[configuration]
 
     def begin(
         self, planned: PlannedTrial, sensors: Sensors | None = None
@@ -206,37 +205,46 @@ class Session(SessionOrder):
             raise
         return trial, writer
 
-    def _simulated_trial(self, planned: PlannedTrial) -> Trial:
-        generator = None
-        if self.person:  # the same noise for every controller and configuration
-            key = [self.protocol.seed, participant_index(self.participant), planned.segment, planned.repetition]
-            generator = np.random.default_rng(np.random.SeedSequence(key))
-        return Trial(
-            self.simulation(planned.configuration), planned, self.protocol.paths[planned.segment],
-            self.preset(planned), self.protocol.rules, self.protocol.trial, self.person, generator,
-        )  # fmt: skip
+    def finish(
+        self, trial: Trial | LinkedTrial, writer: RecordingWriter, cut_short: bool = False, raw_will_do: bool = False
+    ) -> TrialRow:
+        """Close the recording, verify it, take the measures from what was recorded, add the row to the table.
 
-    def _linked_trial(self, planned: PlannedTrial) -> LinkedTrial:
-        return LinkedTrial(
-            self.devices[planned.configuration], planned, self.protocol.paths[planned.segment],
-            self.preset(planned), self.protocol.rules, self.protocol.trial,
-        )  # fmt: skip
-
-    def finish(self, trial: Trial | LinkedTrial, writer: RecordingWriter) -> TrialRow:
-        """Close the recording, verify it, take the measures from what was recorded, add the row to the table."""
-        writer.close(trial.outcome())
-        recording = read_recording(convert_to_parquet(writer.path, sync=self._sync))
-        row = recorded_row(recording, self.folder, self._told)
-        ended = {"run": row.run, "status": row.status, "reason": trial.outcome()["reason"]}
+        cut_short: if it was ended, nobody decided so: it is "stopped", and its cell comes again.
+        raw_will_do: where the disk does not take the Parquet file, the stream is the recording until `put_in_order`.
+        OSError if the disk does not take what is needed; `put_in_order` then makes up for it.
+        """
+        outcome = trial.outcome()
+        if cut_short and outcome["status"] == "aborted":
+            outcome["status"] = "stopped"
+        writer.close(outcome)
+        path = writer.path
+        try:
+            path = convert_to_parquet(path, sync=self._sync)
+        except OSError as error:
+            if not raw_will_do:
+                raise
+            self.journal("left as a stream", file=path.name, reason=error.strerror or str(error))
+        row = recorded_row(read_recording(path), self.folder, self._told)
+        ended = {"run": row.run, "status": row.status, "reason": outcome["reason"]}
         if trial.planned.block == PRACTICE_BLOCK:
             self.journal(PRACTICE_ENDED, **ended, configuration=row.configuration)
-            if row.status != "aborted":
+            if row.status in COUNTED:
                 self._practise(row.configuration)
             return row
         append_row(self.folder / TABLE, row)
         self.rows.append(row)
         self.journal(ENDED, **ended)
         return row
+
+    def put_in_order(self) -> list[str]:
+        """Do what a disk that was full has left undone, and take up what a crash of another process left.
+
+        Nothing may be running. Returns what cannot be helped; OSError: the disk still takes no more.
+        """
+        done = recover_session(self.folder, self._sync)
+        self.rows[:] = rows_of(self.folder)
+        return done.not_rescued
 
     def _practise(self, configuration: str) -> None:
         self._practised[configuration] = self._practised.get(configuration, 0) + 1
@@ -258,11 +266,11 @@ class Session(SessionOrder):
     def redo(self, run: int, reason: str) -> TrialRow:
         """Have the cell of a run done again, next: its recording stays and its row becomes `redone`; that row.
 
-        InputError if there is no such run, or its cell is open already.
+        InputError if there is no such run, or its cell is open anyway.
         """
         found = next((row for row in self.rows if row.run == run), None)
         if found is None or found.status not in SETTLED:
-            why = "is not done yet" if found is None else f"is {found.status}: its place in the plan is open already"
+            why = "is not done yet" if found is None else f"is {found.status}: its trial comes again by itself"
             raise InputError(f"run {run}: {why}, there is nothing to do again")
         self.journal(REDONE, run=run, reason=reason)
         self._replace_rows([replace(row, status="redone") if row is found else row for row in self.rows])

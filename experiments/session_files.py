@@ -12,6 +12,7 @@ DATA/sub-01/ses-01/session.json                plan, hash, protocol, device and 
 DATA/trials.csv                                the rows of all participants
 """
 
+import contextlib
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -23,7 +24,7 @@ import filelock
 
 from core.errors import InputError
 from experiments.plan import PlannedTrial, plan_from_json, plan_hash
-from experiments.protocol import Protocol, protocol_from_json
+from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.trials_table import SETTLED, TrialRow, read_table, write_table
 
@@ -62,6 +63,13 @@ def runs_used(session: Path, folder: str = TRIALS) -> set[int]:
 def is_half_created(session: Path) -> bool:
     """Whether a crash came before the session was stored: there is nothing to keep."""
     return not (session / STORED).exists() and not (session / TABLE).exists() and not runs_used(session)
+
+
+def remove_empty(session: Path) -> None:
+    """Remove the folders of a session that came to nothing, where there is nothing in them."""
+    for folder in (session / TRIALS, session, session.parent):
+        with contextlib.suppress(OSError):  # there is something, or it is gone
+            folder.rmdir()
 
 
 def refuse_existing(data_dir: Path, participant: str) -> None:
@@ -149,6 +157,17 @@ def read_stored(session: Path) -> StoredSession:
         raise InputError(f"{path}: cannot be read ({(error.strerror or str(error)).lower()})") from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: is damaged ({type(error).__name__}: {error})") from None
+
+
+def other_protocol(data_dir: Path, participant: str, protocol: Protocol) -> str:
+    """Whose session, the newest besides this participant's, was run by another protocol; "": it is the same one."""
+    ours = session_folder(data_dir, participant)
+    others = [path for path in data_dir.glob(f"sub-*/ses-01/{STORED}") if path.parent != ours]
+    for path in sorted(others, key=lambda path: path.stat().st_mtime, reverse=True):
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # it cannot be read: the one before it
+            about = json.loads(path.read_text(encoding="utf-8"))
+            return "" if about["protocol"] == protocol_to_json(protocol) else str(about["participant"])
+    return ""
 
 
 def rows_of(session: Path) -> list[TrialRow]:

@@ -14,7 +14,7 @@ from experiments.blind import opened, veiled
 from experiments.journal import read_events
 from experiments.metrics import NO_METRICS
 from experiments.plan import PlannedTrial
-from experiments.recording import STREAM_SUFFIX, Recording, read_recording
+from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX, Recording, read_recording
 from experiments.session_files import CRASHED, row_place
 from experiments.trial_row import row_of
 from experiments.trials_table import TrialRow
@@ -72,7 +72,10 @@ def recorded_row(recording: Recording, folder: Path, journal: Told) -> TrialRow:
 
 
 def put_right(session: Path, rows: Sequence[TrialRow], journal: Told) -> list[TrialRow]:
-    """A table's rows as the journal wants them; what a coded row left out comes from its recording."""
+    """A table's rows as the journal wants them; what a coded row left out comes from its recording.
+
+    A stream that has become Parquet since is named as that.
+    """
     right = []
     for row in rows:
         if journal.key is not None and isinstance(row.controller, str) and row.recording:
@@ -80,6 +83,9 @@ def put_right(session: Path, rows: Sequence[TrialRow], journal: Told) -> list[Tr
             right.append(recorded_row(recording, session, journal) if recording.whole else journal.row(row))
         else:
             right.append(journal.row(row))
+        if right[-1].recording.endswith(STREAM_SUFFIX):
+            kept = Path(right[-1].recording).with_suffix(PARQUET_SUFFIX)
+            right[-1] = replace(right[-1], recording=kept.as_posix()) if (session / kept).exists() else right[-1]
     return right
 
 

@@ -20,10 +20,11 @@ from experiments.whole_files import give_new_name, is_wrong_path, written_beside
 if TYPE_CHECKING:
     from experiments.metrics import Metrics
 
-STATUSES = ("done", "timeout", "aborted", "redone", "recovered", "skipped")
+STATUSES = ("done", "timeout", "aborted", "redone", "recovered", "skipped", "stopped")
 #: Trials whose measures count in tables of results and box plots: a time-out keeps its measures (and is marked).
 COUNTED = ("done", "timeout")
-#: Trials that settle their cell of the plan: after any other the cell is run again.
+#: Trials that settle their cell of the plan: after any other the cell is run again. Aborted: somebody decided so, and
+#: said why; stopped: the brakes-off, a fault or the end of the app cut it short, which is nobody's decision.
 SETTLED = ("done", "timeout", "aborted", "skipped")
 
 

@@ -26,7 +26,6 @@ from app.screens import theme
 from app.screens.windows import Windows
 from core import row
 from experiments.recording import read_recording
-from experiments.session_files import LOCK
 from experiments.trials_table import read_table
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -97,7 +96,7 @@ def test_escape_ends_a_real_trial_with_its_cause_and_the_next_waits_for_the_brak
     wait_until(lambda: console.snapshot.stage == m.RUNNING)
     QTest.keyClick(windows.participant, Qt.Key.Key_Escape)
     wait_until(lambda: console.snapshot.rows and console.snapshot.brakes_off)
-    assert console.snapshot.rows[0].status == "aborted"
+    assert console.snapshot.rows[0].status == "stopped"
     assert "Esc on the participant's screen" in console.preflight.advice.text()
     assert not console.panel.start.isEnabled()
     QTest.keyClick(windows.participant, Qt.Key.Key_B)
@@ -141,7 +140,7 @@ def test_what_cannot_be_recorded_is_refused_before_any_window(
     assert main(["run", "--data-dir", str(tmp_path / "data"), *arguments]) == 2
     said = capsys.readouterr().err
     assert says in said and said.startswith("phd: ") and said.count("\n") == 1
-    assert [path for path in tmp_path.rglob("*") if path.is_file() and path.name != LOCK] == [place]
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [place]
 
 
 def test_a_screen_that_does_not_answer_is_one_sentence_and_exit_2(tmp_path):

@@ -3,6 +3,7 @@
 import importlib.metadata
 import json
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from app import doctor
 from app.cli import main
 from app.doctor import BAD, CAUTION, GOOD, Line
+from app.live.place import Place, memory_folder
 
 
 @pytest.fixture
@@ -77,6 +79,7 @@ def test_a_library_that_is_missing_or_another_than_asked_for_is_named(
         ([["A", 1920, 1080, 1.0, 60.0], ["B", 1920, 1080, 1.0, 60.0]], [GOOD, GOOD]),
         ([["A", 1920, 1080, 1.0, 60.0]], [GOOD, CAUTION]),
         ([["A", 1024, 600, 2.0, 60.0], ["B", 1920, 1080, 1.0, 60.0]], [CAUTION, GOOD]),
+        ([["A", 1024, 600, 1.0, 60.0], ["B", 1920, 1080, 1.0, 60.0]], [CAUTION, GOOD]),
     ],
 )
 def test_screens_that_are_few_or_small_are_a_caution(
@@ -84,7 +87,9 @@ def test_screens_that_are_few_or_small_are_a_caution(
 ) -> None:
     tried = type("Tried", (), {"returncode": 0, "stdout": json.dumps(answer), "stderr": ""})
     monkeypatch.setattr(doctor.subprocess, "run", lambda *_, **__: tried)
-    assert [line.state for line in doctor.screens()] == states
+    lines = doctor.screens()
+    assert [line.state for line in lines] == states
+    assert ("scale" in lines[0].advice) == (answer[0][1] < 1280 and answer[0][3] > 1.0)  # lowering 1 is no help
 
 
 def test_without_a_screen_that_is_bad_and_says_what_still_works(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,3 +97,13 @@ def test_without_a_screen_that_is_bad_and_says_what_still_works(monkeypatch: pyt
     monkeypatch.setattr(doctor.subprocess, "run", lambda *_, **__: tried)
     (line,) = doctor.screens()
     assert line.state == BAD and "without" in line.advice
+
+
+def test_a_memory_that_is_full_is_bad_for_the_doctor_and_refuses_a_bench(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda *_: type("Usage", (), {"free": 1_000_000}))
+    line = doctor.memory()
+    assert line.state == BAD and line.advice and str(memory_folder()) in line.found
+    before = set(memory_folder().iterdir())
+    with pytest.raises(OSError, match="only 1.0 MB free"):
+        Place()
+    assert set(memory_folder().iterdir()) <= before

@@ -18,7 +18,7 @@ from app.live.place import find
 from app.live.setup import Setup
 from core import row
 from experiments.recording import Recording, read_recording
-from experiments.session_files import hold_lock
+from experiments.session_files import cell, hold_lock
 from experiments.trials_table import read_table
 
 JOINTS = range(row.CURRENT, row.CURRENT + 4)
@@ -108,9 +108,11 @@ def test_brakes_off_ends_the_trial_and_no_other_starts_until_they_are_allowed_ag
     bench.bench.send(m.Start())
     snapshot = bench.until(lambda s: s.said_bad)
     assert "Esc on the participant's side" in snapshot.said and snapshot.stage == m.READY
+    stopped = snapshot.rows[-1]
+    assert (stopped.run, stopped.status) == (run, "stopped") and cell(snapshot.coming) == cell(stopped)
     bench.bench.send(m.AllowBrakes())
     bench.until(lambda s: not s.brakes_off)
-    bench.start()
+    assert cell(bench.start().running) == cell(stopped)  # nobody had to ask for it
     bench.abort("enough")
     causes = [event.get("cause") for event in events(bench, "brakes off")]
     assert causes == ["Esc on the participant's side"] and len(events(bench, "brakes allowed")) == 1

@@ -16,8 +16,10 @@ from app.live import messages as m
 from app.live.setup import Setup
 from core import row
 from experiments.recording import read_recording
+from experiments.session_files import cell
 
 DEVICE = "four-brake"
+BRAKING = (2, 4, 5)  # controllers that act on everybody
 
 
 class Session:
@@ -33,17 +35,27 @@ class Session:
     def device(self) -> m.Check:
         return next(check for check in self.window.snapshot.checks if check.name == "Device")
 
-    def begin(self) -> None:
-        """A trial, in whose movement currents flow."""
+    def begin(self, currents: bool = True) -> int:
+        """A trial, in whose movement currents flow; its run."""
         window = self.window
+        while currents and window.snapshot.coming.controller not in BRAKING:
+            coming = window.snapshot.coming
+            window.bench.send(m.Skip("the brakes may never act"))
+            window.until(lambda s, before=coming: s.coming != before)
         segment = window.snapshot.coming.segment
         self.emulated.order(path=msgspec.to_builtins(window.opened.paths[segment]))
         window.start()
         window.until_tick(lambda ticks: (ticks[:, row.PHASE] == row.MOVE).any())
+        if currents:
+            window.until_tick(lambda ticks: ticks[-1, row.CURRENT : row.CURRENT + 4].any())
+        return window.snapshot.running.run
 
     def row(self, run: int):
-        """The row of a run, when it is there."""
-        return next(r for r in self.window.until(lambda s: any(r.run == run for r in s.rows)).rows if r.run == run)
+        """The row of a run, when it is there; a run that was cut short comes again next."""
+        window = self.window
+        found = next(r for r in window.until(lambda s: any(r.run == run for r in s.rows)).rows if r.run == run)
+        assert (found.status == "done") != (cell(found) == cell(window.snapshot.coming))
+        return found
 
     def allow(self) -> None:
         self.window.until(lambda s: s.brakes_off)
@@ -68,6 +80,8 @@ def session(tmp_path: Path) -> Iterator[Session]:
 def test_a_session_on_the_bench_through_faults_to_its_end(session: Session) -> None:
     window, emulated = session.window, session.emulated
     window.until_stage(m.NO_SESSION)
+    window.bench.send(m.Practice())
+    assert "Open a session" in window.until(lambda s: s.said_bad).said
     window.bench.send(m.Open("01"))
     window.until(lambda s: s.stage == m.RERIG and "Let go of the handle" in s.wait_for)
     assert window.opened.real_device and window.opened.hand == "force sensor"
@@ -82,8 +96,7 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: Session) -> N
     assert session.device() == m.Check("Device", m.GOOD, "four-brake, board EMULATED-3")
 
     # a trial as it should be
-    session.begin()
-    done = session.row(1)
+    done = session.row(session.begin(currents=False))
     assert done.status == "done" and done.path_error_m < 0.01
     recording = read_recording(session.folder / done.recording)
     assert recording.whole and recording.metadata["link"] == "serial" and recording.metadata["hand"] == "force sensor"
@@ -91,11 +104,10 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: Session) -> N
     assert abs(recording.outcome["link"]["clock"]["residual_s"]) < 0.05
 
     # unplugged in the middle of a movement, and plugged in again
-    session.begin()
-    window.until_tick(lambda ticks: ticks[-1, row.CURRENT : row.CURRENT + 4].any())
+    run = session.begin()
     emulated.order(fault="unplug+1")
-    lost = session.row(2)
-    assert lost.status == "aborted" and window.snapshot.said.startswith("Run 2: ")
+    lost = session.row(run)
+    assert lost.status == "stopped" and window.snapshot.said.startswith(f"Run {run}: ")
     assert read_recording(session.folder / lost.recording).whole
     truth = emulated.order()
     assert when(truth, "currents zero") - when(truth, "unplug begins") <= 0.051
@@ -103,29 +115,46 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: Session) -> N
     session.allow()
 
     # brakes-off from the window, latched on the board
-    session.begin()
-    window.until_tick(lambda ticks: ticks[-1, row.CURRENT : row.CURRENT + 4].any())
+    run = session.begin()
     window.bench.brakes_off("Esc, participant's window")
-    off = session.row(3)
-    assert off.status == "aborted" and "Esc" in window.snapshot.said
+    off = session.row(run)
+    assert off.status == "stopped" and "Esc" in window.snapshot.said
     wait_until(lambda: emulated.order()["state"] == "FAULT")
     assert emulated.order()["currents_mA"] == [0] * 4
     session.allow()
     assert emulated.order()["state"] in ("READY", "ACTIVE")
 
     # a fault on the board
-    session.begin()
+    run = session.begin(currents=False)
     emulated.order(fault="bad-encoder=A+0.2")
-    assert session.row(4).status == "aborted" and "an encoder's signal is bad" in window.snapshot.said
+    assert session.row(run).status == "stopped" and "an encoder's signal is bad" in window.snapshot.said
     time.sleep(0.3)
     session.allow()
 
     # the loop killed while currents flow: the board's own watchdog
-    session.begin()
-    window.until_tick(lambda ticks: ticks[-1, row.CURRENT : row.CURRENT + 4].any())
+    run = session.begin()
     (loop,) = children(window.bench.pid)
     kill(loop, signal.SIGKILL)
     wait_until(lambda: emulated.order()["currents_mA"] == [0] * 4)
-    assert session.row(5).status == "recovered"
+    assert session.row(run).status == "recovered"
     truth = emulated.order()
     assert truth["state"] in ("FAULT", "IDLE", "READY") and "currents zero" in [event for _, event in truth["events"]]
+
+    session.allow()
+
+    # the new loop has to be led through the zero again; after that practice needs no session
+    window.until(lambda s: s.stage == m.RERIG and "Let go of the handle" in s.wait_for)
+    emulated.order(away=True)
+    time.sleep(0.3)
+    window.bench.send(m.Confirm())
+    window.until(lambda s: s.stage == m.READY)
+    emulated.order(away=False)
+    window.bench.send(m.Leave())
+    window.until_stage(m.NO_SESSION)
+    window.bench.send(m.Practice())
+    practice = window.until_stage(m.RUNNING)
+    assert practice.practice and practice.running.configuration == DEVICE
+    window.ticks.clear()
+    window.until_tick(lambda ticks: len(ticks) > 100)
+    window.abort("enough")
+    assert window.snapshot.stage == m.NO_SESSION and "enough" in window.snapshot.said

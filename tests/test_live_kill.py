@@ -17,21 +17,33 @@ from live import Window, children, gone, kill, wait_until, window
 from live_kills import VICTIMS, Killing
 
 from app.live import messages as m
+from app.live.bench import Bench
 from app.live.place import find
 from app.live.setup import Setup
 from core import row
 from experiments.recording import read_recording
+from experiments.session_files import cell
 from experiments.verify import verify
 
 CURRENTS = slice(row.CURRENT, row.CURRENT + 4)
 
-@pytest.fixture
-def setup(tmp_path: Path) -> Setup:
-    return Setup(tmp_path / "data", hand="operator", seed=5, real_time=False, patience_s=10.0)
+
+@pytest.fixture(scope="module")
+def setup(tmp_path_factory: pytest.TempPathFactory) -> Setup:
+    folder = tmp_path_factory.mktemp("killed") / "data"
+    return Setup(folder, hand="operator", seed=5, real_time=False, patience_s=10.0)
 
 
-def trials(setup: Setup) -> Path:
-    return setup.data_dir / "sub-01" / "ses-01" / "trials"
+@pytest.fixture(scope="module")
+def opened(setup: Setup):
+    """One session after another kill: each test goes on where the last one ended."""
+    with window(setup) as opened:
+        opened.open()
+        yield opened
+
+
+def trial(setup: Setup, run: int) -> Path:
+    return setup.data_dir / "sub-01" / "ses-01" / "trials" / f"run-{run:03d}.parquet"
 
 
 def until_current(opened: Window) -> None:
@@ -39,45 +51,37 @@ def until_current(opened: Window) -> None:
     opened.until_tick(lambda rows: rows[:, CURRENTS].any())
 
 
-def test_a_bench_that_is_left_alone_waits_a_while_and_then_ends(setup: Setup) -> None:
-    setup = setup._replace(patience_s=1.0)
-    opened = Window(setup)
-    opened.open()
-    opened.start()
-    opened.bench.send(m.Abort("enough"))
-    pids, place = opened.processes(), find(setup.data_dir).ring.parent
+def resume(opened: Window, setup: Setup) -> m.Snapshot:
+    """A new bench in place of one that is gone, and its session."""
     opened.bench.close()
-    wait_until(lambda: all(map(gone, pids)), 20.0)
-    assert not place.exists() and not (setup.data_dir / ".bench.json").exists()
-    assert read_recording(trials(setup) / "run-001.parquet").whole
+    opened.bench, opened.snapshot = Bench(setup), None
+    assert opened.until_stage(m.NO_SESSION).resumable == ("01",)
+    opened.bench.send(m.Open("01", resume=True))
+    return opened.until_stage(m.READY)
 
 
-def test_a_loop_that_is_lost_is_seen_its_trial_recovered_and_run_again(setup: Setup) -> None:
-    with window(setup) as opened:
-        opened.open()
-        first = opened.opened.plan[0]
-        for run, again, how in ((1, 61, signal.SIGKILL), (61, 62, signal.SIGSTOP)):
-            assert opened.start().running == first._replace(run=run)
-            until_current(opened)
-            (loop,) = children(opened.bench.pid)
-            kill(loop, how)
-            snapshot = opened.until(lambda s: s.said_bad, 10.0)
-            opened.look()
-            assert "control loop" in snapshot.said and f"run {run}" in snapshot.said.lower()
-            kept = read_recording(trials(setup) / f"run-{run:03d}.parquet")
-            assert kept.whole and kept.outcome["status"] == "recovered"
-            assert kept.rows >= len(opened.rows) - 1  # not a tick that the window saw is lost; one may be half written
-            wait_until(lambda loop=loop: gone(loop), 5.0)
-            assert opened.until_stage(m.READY).coming == first._replace(run=again)
-        opened.start()
-        opened.abort("enough")
+def test_a_loop_that_is_lost_is_seen_its_trial_recovered_and_run_again(opened: Window, setup: Setup) -> None:
+    first = opened.opened.plan[0]
+    for run, again, how in ((1, 61, signal.SIGKILL), (61, 62, signal.SIGSTOP)):
+        assert opened.start().running == first._replace(run=run)
+        until_current(opened)
+        (loop,) = children(opened.bench.pid)
+        kill(loop, how)
+        snapshot = opened.until(lambda s: s.said_bad, 10.0)
+        opened.look()
+        assert "control loop" in snapshot.said and f"run {run}" in snapshot.said.lower()
+        kept = read_recording(trial(setup, run))
+        assert kept.whole and kept.outcome["status"] == "recovered"
+        assert kept.rows >= len(opened.rows) - 1  # not a tick that the window saw is lost; one may be half written
+        wait_until(lambda loop=loop: gone(loop), 5.0)
+        assert opened.until_stage(m.READY).coming == first._replace(run=again)
     assert verify(setup.data_dir)["faults"] == []
 
 
-def test_a_conductor_that_is_killed_leaves_no_current_no_process_and_a_trial_to_recover(setup: Setup) -> None:
-    opened = Window(setup)
-    opened.open()
-    opened.start()
+def test_a_conductor_that_is_killed_leaves_no_current_no_process_and_a_trial_to_recover(
+    opened: Window, setup: Setup
+) -> None:
+    run = opened.start().running.run
     until_current(opened)
     pids, place = opened.processes(), find(setup.data_dir).ring.parent
     kill(opened.bench.pid)
@@ -86,32 +90,38 @@ def test_a_conductor_that_is_killed_leaves_no_current_no_process_and_a_trial_to_
     opened.look()
     assert not opened.bench.alive
     assert opened.rows[-1, row.PHASE] == row.END and not opened.rows[-1, CURRENTS].any()
-    opened.bench.close()
-    with window(setup) as again:
-        assert again.until_stage(m.NO_SESSION).resumable == ("01",)
-        again.bench.send(m.Open("01", resume=True))
-        snapshot = again.until_stage(m.READY)
-        assert [(r.run, r.status) for r in snapshot.rows] == [(1, "recovered")]
-        assert read_recording(trials(setup) / "run-001.parquet").rows > 0
-        again.start()
-        again.abort("enough")
+    snapshot = resume(opened, setup)
+    assert (snapshot.rows[-1].run, snapshot.rows[-1].status) == (run, "recovered")
+    assert read_recording(trial(setup, run)).rows > 0
+    assert cell(snapshot.coming) == cell(snapshot.rows[-1])
     assert verify(setup.data_dir)["faults"] == []
 
 
-def test_a_bench_that_is_told_to_end_keeps_its_trial(setup: Setup) -> None:
-    opened = Window(setup)
-    opened.open()
-    opened.start()
+def test_a_bench_that_is_told_to_end_keeps_its_trial_which_comes_again(opened: Window, setup: Setup) -> None:
+    run = opened.start().running.run
     pids = opened.processes()
     kill(opened.bench.pid, signal.SIGTERM)
     wait_until(lambda: all(map(gone, pids)), 20.0)
-    kept = read_recording(trials(setup) / "run-001.parquet")
-    assert kept.whole and kept.outcome["status"] == "aborted" and kept.outcome["reason"] == "the bench was told to end"
-    opened.bench.close()
+    kept = read_recording(trial(setup, run))
+    assert kept.whole and kept.outcome["status"] == "stopped" and kept.outcome["reason"] == "the bench was told to end"
     assert not (setup.data_dir / ".bench.json").exists()
+    snapshot = resume(opened, setup._replace(patience_s=1.0))
+    assert snapshot.rows[-1].status == "stopped" and cell(snapshot.coming) == cell(snapshot.rows[-1])
 
 
-def test_kills_at_random_moments_lose_nothing_that_was_acknowledged(setup: Setup) -> None:
+def test_a_bench_that_is_left_alone_waits_a_while_and_then_ends(opened: Window, setup: Setup) -> None:
+    run = opened.start().running.run
+    opened.bench.send(m.Abort("enough"))
+    pids, place = opened.processes(), find(setup.data_dir).ring.parent
+    opened.bench.close()
+    wait_until(lambda: all(map(gone, pids)), 20.0)
+    assert not place.exists() and not (setup.data_dir / ".bench.json").exists()
+    assert read_recording(trial(setup, run)).outcome["status"] == "aborted"
+    assert verify(setup.data_dir)["faults"] == []
+
+
+def test_kills_at_random_moments_lose_nothing_that_was_acknowledged(tmp_path: Path) -> None:
+    setup = Setup(tmp_path / "data", hand="operator", seed=5, real_time=False, patience_s=10.0)
     killing = Killing(setup, longest_s=2.0)
     try:
         for victim in VICTIMS:

@@ -22,7 +22,7 @@ from experiments.session_files import unfinished_sessions
 from experiments.trials_table import read_table
 from experiments.verify import verify
 
-LEAST_S = 0.4  # of a break
+LEAST_S = 1.0  # of a break
 
 
 def protocol_text() -> str:

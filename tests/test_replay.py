@@ -246,7 +246,7 @@ def test_without_options_it_plays_on_the_screen(data, monkeypatch):
     screens = SimpleNamespace(replay_window=window)
     monkeypatch.setitem(sys.modules, "app.screens", screens)
     monkeypatch.setitem(sys.modules, "app.screens.replay_window", window)
-    monkeypatch.setattr("app.verbs.run.ScreenCheck", lambda: SimpleNamespace(check=lambda: None))
+    monkeypatch.setattr("app.verbs.replay.Display", lambda *_: SimpleNamespace(check=lambda: None))
     monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
     assert main(["replay", str(path)]) == 0 and played == [path]
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from app.live.mailbox import Mailbox
 from app.live.messages import FAILED, Quit, Snapshot
-from app.live.place import find
+from app.live.place import find, is_alive
 from app.live.process import start_python
 from app.live.ring import Ring
 from app.live.scheduling import leave_core
@@ -45,7 +45,7 @@ class Bench:
 
     @property
     def alive(self) -> bool:
-        """Whether the line stands, or is being made; False also once another window has taken over."""
+        """Whether the line stands, or is being made; False also once another window has taken over, or if refused."""
         if self._mailbox is None:
             return not self._refused
         return not self._mailbox.closed
@@ -147,6 +147,9 @@ class Bench:
         address = find(self._setup.data_dir)
         if address is None:
             return False
+        if (clash := self._setup.clash(Setup.from_json(address.setup))) and is_alive(address):
+            self._refused = clash
+            return True
         try:
             ring = Ring(address.ring)
             connection = Client(address.socket, authkey=address.key)

@@ -87,8 +87,16 @@ def check_disk(folder: Path) -> tuple[Check, int]:
     return Check("Disk", GOOD, text), free
 
 
-def check_recording(broken: str, last: str) -> Check:
-    """broken: why no more can be recorded, or ""; last: what was last recorded and verified, "run 12", or ""."""
+def check_recording(broken: str, undone: str, last: str, streams: int) -> Check:
+    """broken: why no more can be recorded, or ""; last: what was last recorded and verified, "run 12", or "".
+
+    undone: what the disk has not taken yet, or ""; streams: recordings that are whole, but no Parquet files yet.
+    """
     if broken:
-        return Check("Recording", BAD, "failed", broken)
+        return Check("Recording", BAD, "failed", f"{broken}.")
+    if undone:
+        return Check("Recording", BAD, "incomplete", f"{undone}.")
+    if streams:
+        advice = "What was recorded is whole, as a stream; it becomes a Parquet file when the disk takes it."
+        return Check("Recording", CAUTION, f"{streams} not converted", advice)
     return Check("Recording", GOOD, f"{last} verified" if last else "ready")

@@ -95,7 +95,7 @@ class Conductor:
         if self._window.closed:
             self._window.close()
             self._window, self._alone_s = None, time.monotonic()
-            self._desk.write("window lost")
+            self._desk.keeping.write("window lost")
 
     def _be_alone(self) -> None:
         time.sleep(BEAT_S)

@@ -29,7 +29,11 @@ LOG = ".bench.log"  # of what should not happen
 def main() -> None:
     """Be the conductor. One line of JSON on the standard output: where it is, or why it cannot be."""
     setup = Setup.from_json(sys.argv[1])
-    place = Place()
+    try:
+        place = Place()
+    except OSError as error:
+        _answer({"refused": f"{error.filename}: {error.strerror or error}"})
+        return
     try:
         ring = Ring(place.ring, create=True, width=row.BENCH_WIDTH if setup.link else row.WIDTH)
         loop = LoopProcess(ring, setup.real_time, setup.link)  # it takes its time, and so do all the imports below
@@ -44,9 +48,10 @@ def main() -> None:
 
 def _conduct(setup: Setup, place: Place, ring: Ring, loop: LoopProcess) -> None:
     from app.live.conductor import Conductor
-    from experiments.session_files import hold_lock
+    from experiments.session_files import LOCK, hold_lock
 
-    data_dir, new = setup.data_dir, not setup.data_dir.exists()
+    data_dir = setup.data_dir
+    new = [path for path in (data_dir / LOCK, data_dir, *data_dir.parents) if not path.exists()]
     try:
         data_dir.mkdir(parents=True, exist_ok=True)
         lock = hold_lock(data_dir)
@@ -55,24 +60,33 @@ def _conduct(setup: Setup, place: Place, ring: Ring, loop: LoopProcess) -> None:
         return
     except OSError as error:
         _answer({"refused": f"{data_dir}: cannot be written to ({(error.strerror or str(error)).lower()})"})
+        _leave_nothing(new)
         return
-    log = os.open(data_dir / LOG, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-    os.dup2(log, 2)
-    faulthandler.enable()
+    served = False
     try:
         protocol = read_protocol(setup)
-        listener, address = place.listen()
+        log = os.open(data_dir / LOG, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        os.dup2(log, 2)
+        faulthandler.enable()
+        listener, address = place.listen(setup.to_json())
         conductor = Conductor(setup, protocol, ring, loop, listener)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: setattr(conductor, "end", TERMINATED))
         publish(data_dir, address)
         _answer({"pid": address.pid})
+        served = True
         conductor.serve()
     except InputError as error:
         _answer({"refused": str(error)})
+    except OSError as error:
+        _answer({"refused": f"{data_dir}: cannot be written to ({(error.strerror or str(error)).lower()})"})
+        raise
     finally:
-        _clear(data_dir, new)
+        with contextlib.suppress(OSError):  # a disk that fails now has been told of
+            _clear(data_dir)
         lock.release()
+        if not served or not any(data_dir.glob("sub-*")):
+            _leave_nothing(new)
 
 
 def read_protocol(setup: Setup) -> "Protocol":
@@ -94,16 +108,22 @@ def read_protocol(setup: Setup) -> "Protocol":
     return protocol
 
 
-def _clear(data_dir: Path, new: bool) -> None:
+def _clear(data_dir: Path) -> None:
     """Leave only what was recorded, and the log if there is anything in it."""
     (data_dir / NAME).unlink(missing_ok=True)
-    if not (data_dir / LOG).stat().st_size:
-        (data_dir / LOG).unlink()
-    from experiments.session_files import LOCK
+    log = data_dir / LOG
+    if log.exists() and not log.stat().st_size:
+        log.unlink()
 
-    if new and {path.name for path in data_dir.iterdir()} == {LOCK}:
-        (data_dir / LOCK).unlink()
-        data_dir.rmdir()
+
+def _leave_nothing(new: list[Path]) -> None:
+    """Remove what was not there before (lock, folder, its parents), as far as it is empty."""
+    for path in new:
+        with contextlib.suppress(OSError):
+            if path.is_dir():
+                path.rmdir()
+            else:
+                path.unlink()
 
 
 def _answer(about: dict) -> None:

@@ -5,10 +5,12 @@ from collections.abc import Callable
 
 from app.live import messages as m
 from app.live.desk import Desk
-from app.live.sitting import ANSWERS, Sitting
+from app.live.practice import person_at
+from app.live.sitting import ANSWERS, BREAK_ENDED, NOTE, Sitting
 from core.errors import InputError
 from experiments.plan import PlannedTrial
 from experiments.session import Session
+from experiments.session_files import other_protocol
 
 #: stage -> why an intent that does not fit it is refused
 _REFUSALS = {
@@ -30,7 +32,10 @@ def do(desk: Desk, intent: object) -> None:
     except InputError as error:
         desk.say(str(error), bad=True)
     except OSError as error:
-        desk.say(f"{error.filename or desk.setup.data_dir}: {error.strerror or error}", bad=True)
+        if desk.session is not None and not isinstance(intent, m.Leave):
+            desk.keeping.fail(f"{error.filename or desk.session.folder}", error)
+        else:
+            desk.say(f"{error.filename or desk.setup.data_dir}: {error.strerror or error}", bad=True)
 
 
 def _need(desk: Desk, *stages: str) -> None:
@@ -43,6 +48,14 @@ def _between(desk: Desk) -> Sitting:
     if desk.sitting is None or desk.stage in (m.RUNNING, m.FAILED):
         raise InputError(desk.broken or _REFUSALS[m.RUNNING if desk.sitting else m.NO_SESSION])
     return desk.sitting
+
+
+def _in_order(desk: Desk) -> Sitting:
+    """The open session, while nothing runs and the disk has all of it."""
+    sitting = _between(desk)
+    if desk.keeping.undone:
+        raise InputError(f"{desk.keeping.undone}.")
+    return sitting
 
 
 def _check(desk: Desk) -> None:
@@ -58,26 +71,30 @@ def _open(desk: Desk, intent: m.Open) -> None:
         session = Session.resume(setup.data_dir, name, setup.sync)
         session.hand = desk.device.hand
     else:
-        person, blind = desk.person(name), intent.blind or None
+        person, blind = person_at(setup, desk.protocol, name), intent.blind or None
         session = Session(setup.data_dir, name, desk.protocol, person, setup.sync, blind, desk.device.hand)
     try:
-        desk.sitting = Sitting(session)
+        desk.keeping.take(Sitting(session))
     except BaseException:
         session.close()
         raise
-    desk.say(f"Participant {name}: {session.settled} of {len(session.plan)} trials are settled.")
+    said = f"Participant {name}: {session.settled} of {len(session.plan)} trials are settled."
+    other = other_protocol(setup.data_dir, name, session.protocol)
+    if other:
+        said += f" Their protocol is not the one of participant {other}: file, devices or options have changed since."
+    desk.say(said, bad=bool(other))
 
 
 def _leave(desk: Desk, _: m.Leave) -> None:
     sitting = _between(desk)
     sitting.session.close()
-    desk.sitting = None
+    desk.keeping.take(None)
     desk.look_for_participants()
     desk.say("")
 
 
 def _start(desk: Desk, _: m.Start) -> None:
-    if desk.sitting is None and desk.tried:
+    if desk.sitting is None and desk.practice.tried:
         _practise(desk, m.Practice())
         return
     _need(desk, m.READY)
@@ -92,9 +109,9 @@ def _practise(desk: Desk, _: m.Practice) -> None:
     if desk.sitting is not None:
         _run(desk, desk.sitting.session.next_practice())
         return
-    _check(desk)
     if desk.device.real:
-        raise InputError("On the bench, practice belongs to a session: open one first.")
+        desk.device.ready_device(desk.protocol)  # said before what it lacks: how to make it ready
+    _check(desk)
     trial = desk.try_out()
     desk.runner.start(trial.planned, trial, None)
     desk.say("Practice: nothing is recorded.")
@@ -110,17 +127,17 @@ def _run(desk: Desk, planned: PlannedTrial) -> None:
 
 def _abort(desk: Desk, intent: m.Abort) -> None:
     if desk.runner.run is not None:
-        desk.runner.run.stop(intent.reason or "no reason given")
+        desk.runner.run.stop(intent.reason or "no reason given", decided=True)
 
 
 def _redo(desk: Desk, intent: m.Redo) -> None:
-    row = _between(desk).session.redo(intent.run, intent.reason)
-    desk.changed(f"The trial of run {row.run} comes again; what was recorded is kept.")
+    row = _in_order(desk).session.redo(intent.run, intent.reason)
+    desk.keeping.changed(f"The trial of run {row.run} comes again; what was recorded is kept.")
 
 
 def _skip(desk: Desk, intent: m.Skip) -> None:
-    row = _between(desk).session.skip(intent.reason)
-    desk.changed(f"Run {row.run} is left out." if row.block else "A practice trial is left out.")
+    row = _in_order(desk).session.skip(intent.reason)
+    desk.keeping.changed(f"Run {row.run} is left out." if row.block else "A practice trial is left out.")
 
 
 def _pause(desk: Desk, intent: m.Pause) -> None:
@@ -128,10 +145,10 @@ def _pause(desk: Desk, intent: m.Pause) -> None:
     if sitting is None:
         raise InputError(_REFUSALS[m.NO_SESSION])
     if intent.on and sitting.paused_s is None:
-        desk.write("paused")
+        desk.keeping.write("paused")
         sitting.paused_s = now
     elif not intent.on and sitting.paused_s is not None:
-        desk.write("resumed after a pause", seconds=round(now - sitting.paused_s, 1))
+        desk.keeping.write("resumed after a pause", seconds=round(now - sitting.paused_s, 1))
         sitting.paused_s = sitting.last_end_s = None
 
 
@@ -140,7 +157,7 @@ def _note(desk: Desk, intent: m.Note) -> None:
     if sitting is None:
         raise InputError("There is no session yet to note this in.")
     if text:
-        desk.beside(lambda: sitting.session.note(text))
+        desk.keeping.write(NOTE, text=text)
         sitting.noted(text)
 
 
@@ -157,25 +174,25 @@ def _confirm(desk: Desk, _: m.Confirm) -> None:
     sitting = desk.sitting
     assert sitting is not None and sitting.coming is not None
     if desk.stage == m.RERIG:
-        desk.device.confirm(sitting, desk.write)
+        desk.device.confirm(sitting, desk.keeping.write)
     else:
         if (left := sitting.break_left_s()) > 0.0:
             raise InputError(f"The break lasts {left:.0f} s more.")
-        desk.write("break ended")
+        desk.keeping.write(BREAK_ENDED, settled=sitting.session.settled)
         sitting.rested_at = sitting.session.settled
     sitting.last_end_s = None
 
 
 def _unblind(desk: Desk, intent: m.Unblind) -> None:
-    _between(desk).session.unblind(intent.who)
-    desk.changed("The key is open: controllers are shown from now on.")
+    _in_order(desk).session.unblind(intent.who)
+    desk.keeping.changed("The key is open: controllers are shown from now on.")
 
 
 def _answer(desk: Desk, intent: m.Answers) -> None:
     _need(desk, m.QUESTIONS)
     assert desk.sitting is not None and desk.sitting.asked_block is not None
     configuration, block = desk.sitting.asked_block
-    desk.write(ANSWERS, configuration=configuration, block=block, values=dict(intent.values))
+    desk.keeping.write(ANSWERS, configuration=configuration, block=block, values=dict(intent.values))
     desk.sitting.answered()
     desk.sitting.last_end_s = None
 

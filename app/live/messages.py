@@ -152,7 +152,7 @@ class Snapshot(NamedTuple):
     said: str = ""  # to the experimenter: what just happened or what was refused
     said_bad: bool = False
     wait_for: str = ""  # in RERIG and BREAK: what to do, one sentence
-    wait_s: float = 0.0  # in BREAK: seconds that it lasts at least
+    wait_s: float = 0.0  # in BREAK: whole seconds that it lasts at least from now on
     seconds_left: float | None = None  # of the whole session, estimated from the trials so far
     resumable: tuple[str, ...] = ()  # participants whose session in the data folder is unfinished
 

@@ -5,6 +5,7 @@ killed conductor left is removed by its loop or, at the latest, when the next be
 """
 
 import contextlib
+import errno
 import json
 import os
 import secrets
@@ -19,6 +20,7 @@ import filelock
 
 NAME = ".bench.json"
 _PREFIX = "phd-"
+LEAST_BYTES = 16_000_000  # for the ring of a device on the bench, which is the largest, and the rest
 _LOCK, _RING, _SOCKET = "lock", "ring", "socket"
 
 
@@ -29,6 +31,13 @@ class Address(NamedTuple):
     socket: str | tuple[str, int]  # path of a Unix socket, or a place on the loop-back interface
     key: bytes  # proves to each end that the other one may read the data folder
     ring: Path
+    setup: str  # what the bench was started with, as JSON
+
+
+def memory_folder() -> Path:
+    """Where benches have their folders: in memory where the system has a place for that."""
+    home = Path("/dev/shm")
+    return home if sys.platform == "linux" and os.access(home, os.W_OK) else Path(tempfile.gettempdir())
 
 
 class Place:
@@ -36,10 +45,12 @@ class Place:
 
     def __init__(self) -> None:
         """Make it; what dead conductors left is removed first. OSError if there is no room."""
-        home = Path("/dev/shm")
-        if sys.platform != "linux" or not os.access(home, os.W_OK):
-            home = Path(tempfile.gettempdir())
+        home = memory_folder()
         _remove_abandoned(home)
+        if (free := shutil.disk_usage(home).free) < LEAST_BYTES:
+            raise OSError(
+                errno.ENOSPC, f"only {free / 1e6:.1f} MB free, a bench needs {LEAST_BYTES / 1e6:.0f}", str(home)
+            )
         self.folder = Path(tempfile.mkdtemp(prefix=f".{_PREFIX}", dir=home))  # 0700; hidden until it is locked
         self._lock = filelock.FileLock(self.folder / _LOCK)
         self._lock.acquire(blocking=False)
@@ -47,14 +58,14 @@ class Place:
             self.folder = self.folder.rename(home / self.folder.name.removeprefix("."))
         self.ring = self.folder / _RING
 
-    def listen(self) -> tuple[Listener, Address]:
+    def listen(self, setup: str = "") -> tuple[Listener, Address]:
         """A socket in it (on the loop-back interface where there are no Unix sockets), and how to reach that."""
         key = secrets.token_bytes(32)
         if sys.platform == "win32":
             listener = Listener(("127.0.0.1", 0), authkey=key)
         else:
             listener = Listener(str(self.folder / _SOCKET), "AF_UNIX", authkey=key)
-        return listener, Address(os.getpid(), listener.address, key, self.ring)
+        return listener, Address(os.getpid(), listener.address, key, self.ring, setup)
 
     def remove(self) -> None:
         """Leave nothing behind."""
@@ -86,11 +97,24 @@ def publish(data_dir: Path, address: Address) -> None:
     partial.replace(data_dir / NAME)
 
 
+def is_alive(address: Address) -> bool:
+    """Whether the bench that said so still runs: its window is not disturbed."""
+    lock = filelock.FileLock(address.ring.parent / _LOCK)
+    if not Path(lock.lock_file).exists():
+        return False
+    try:
+        lock.acquire(blocking=False)
+    except filelock.Timeout:
+        return True
+    lock.release()
+    return False
+
+
 def find(data_dir: Path) -> Address | None:
     """The bench that last said it runs on a data folder; None: there is none, or it cannot be read."""
     try:
         about = json.loads((data_dir / NAME).read_text(encoding="utf-8"))
         socket = about["socket"] if isinstance(about["socket"], str) else tuple(about["socket"])
-        return Address(about["pid"], socket, bytes.fromhex(about["key"]), Path(about["ring"]))
+        return Address(about["pid"], socket, bytes.fromhex(about["key"]), Path(about["ring"]), about["setup"])
     except (OSError, ValueError, KeyError, TypeError):
         return None

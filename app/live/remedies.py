@@ -20,14 +20,14 @@ REMEDIES = {
     "contradict each other": "Look at the encoders' couplings, put the handle into its jig and home them.",
     "of no pose": "Look at the encoders' couplings, put the handle into its jig and home them.",
     "where the device file says": "Look at the encoders' couplings and take up the session anew to home them.",
-    "the handle moved faster": "Ask for slower movements, and redo the trial if it should count.",
-    "the brakes let go": "See that the hand is free and well, and redo the trial if it should count.",
-    "brakes off:": "Allow the brakes when its cause is past, and redo the trial if it should count.",
-    "the process that records": "This computer was held up: close other programs, and redo the trial.",
-    "the disk could not keep up": "Free the disk of other work, and redo the trial.",
+    "the handle moved faster": "Ask for slower movements.",
+    "the brakes let go": "See that the hand is free and well.",
+    "brakes off:": "Allow the brakes when its cause is past.",
+    "the process that records": "This computer was held up: close other programs.",
+    "the disk could not keep up": "Free the disk of other work.",
     "the recording failed": "Make room on the disk or choose another one, and resume the session.",
-    "the start was not reached": "Show the way to the start, and redo the trial.",
-    "the hand force was not finite": "Look at the force sensor's cable, and redo the trial.",
+    "the start was not reached": "Show the way to the start.",
+    "the hand force was not finite": "Look at the force sensor's cable.",
     "the control loop cannot be started": "Close this window, start again and resume the session.",
     "the control loop": "Nothing has to be done: it is started again.",
 }
@@ -40,5 +40,8 @@ def remedy(cause: str) -> str:
 
 
 def told(name: str, reason: str) -> str:
-    """What the experimenter reads of a trial that ended for a reason ("": none)."""
-    return f"{name}: {reason}. {remedy(reason)}".strip() if reason else ""
+    """What the experimenter reads of a trial (or, without a name, of the bench) and a reason ("": there is none)."""
+    if not reason:
+        return ""
+    what = f"{name}: {reason}" if name else f"{reason[0].upper()}{reason[1:]}"
+    return f"{what}. {remedy(reason)}".strip()

@@ -8,6 +8,7 @@ from app.live.board_jobs import Connect, HomeAt, Homed, Linked, NotDone, Reset, 
 from app.live.checks import check_linked, check_sensor
 from app.live.sitting import Sitting
 from core.device import Device
+from core.errors import InputError
 from core.path import point_at
 from core.path_file import build_path
 from core.simulator import Simulation
@@ -125,6 +126,16 @@ class Rigging:
         assert self.linked is not None
         trial, writer = session.begin(planned, Sensors(self.linked.encoders, self.linked.force_channels))
         return trial, writer
+
+    def ready_device(self, protocol: Protocol) -> Device | None:
+        """The device on the bench, to practise on without a session. InputError: it is not ready."""
+        device = next((one for one in protocol.devices if self.linked and one.name == self.linked.device), None)
+        if device is None or self.step(device.name) != DONE:
+            raise InputError(
+                "The device on the bench is not ready. Open a session: it leads through homing and zero; "
+                "from then on practice needs none."
+            )
+        return device
 
     def take_handle(self, simulation: Simulation) -> None:
         """A person has it already."""

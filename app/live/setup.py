@@ -24,6 +24,20 @@ class Setup(NamedTuple):
     sync: bool = True  # wait for the disk itself
     patience_s: float = 60.0  # that a conductor with an open session waits for another window. Our choice
 
+    def clash(self, running: Self) -> str:
+        """What is asked for by name and differs from the bench that runs on the data folder already; "": nothing."""
+        words = {"protocol": "the protocol", "devices": "--device", "rules": "--rules", "low_gain": "--low-gain",
+                 "seed": "--seed", "hand": "--input", "link": "--link"}  # fmt: skip
+        for name, word in words.items():
+            asked, there = getattr(self, name), getattr(running, name)
+            if asked != self._field_defaults[name] and asked != there:
+                return (
+                    f"{self.data_dir}: a bench is running there already, {word} being "
+                    f"{' '.join(there) if isinstance(there, tuple) else there or 'as the protocol says'}: close its "
+                    f"window first, leave {word} out to take it over, or choose another --data-dir"
+                )
+        return ""
+
     def to_json(self) -> str:
         """As text, for a command line."""
         return json.dumps({**self._asdict(), "data_dir": str(self.data_dir)})

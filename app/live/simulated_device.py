@@ -9,8 +9,10 @@ from app.live.hid_input import HidInput, feel_force_alone
 from app.live.ring import Ring
 from app.live.setup import HID
 from app.live.sitting import Sitting
+from core.device import Device
 from core.simulator import Simulation
 from experiments.plan import PlannedTrial
+from experiments.protocol import Protocol
 from experiments.recording import RecordingWriter
 from experiments.session import Session
 from experiments.trial import Trial
@@ -68,6 +70,10 @@ class SimulatedDevice:
         """Open a trial of the session."""
         self.take_handle(session.simulation(planned.configuration))
         return session.begin(planned)
+
+    def ready_device(self, protocol: Protocol) -> Device | None:
+        """The device on the bench, to practise on without a session: there is none."""
+        return None
 
     def take_handle(self, simulation: Simulation) -> None:
         """Before a trial: the hand is ready."""

@@ -2,15 +2,17 @@
 
 import statistics
 import time
-from datetime import datetime
+from datetime import UTC, datetime
 
 from app.live import messages as m
 from experiments.journal import read_events
 from experiments.plan import PlannedTrial
 from experiments.session import Session
-from experiments.session_files import open_trials
+from experiments.session_files import cell, open_trials
+from experiments.trials_table import COUNTED, SETTLED
 
-NOTE, ANSWERS = "note", "answers"  # events of the journal
+NOTE, ANSWERS, BREAK_ENDED = "note", "answers", "break ended"  # events of the journal
+MOST_NAMED = 8  # trials in one sentence
 
 
 class Sitting:
@@ -22,23 +24,30 @@ class Sitting:
         self.coming: PlannedTrial | None = None
         self.paused_s: float | None = None  # since when
         self.last_end_s: float | None = None  # of a trial; None: what comes next is not one trial's length away
-        self.rest_from_s = time.monotonic()  # when the last trial ended, or the session was opened
-        self.rested_at = session.settled  # trials that were settled when the last break ended
+        self.rest_from_s = time.monotonic()  # when the last trial ended
+        self.rested_at = -1  # trials that were settled when the last break ended
         self.notes: list[str] = []
         self._answered: set[tuple[str, int]] = set()
         self._lengths: list[float] = []  # s, from the end of one trial to the end of the next
         for event in read_events(session.folder):
             match event:
+                case {"event": "trial ended", "time": str(at)}:
+                    self.rest_from_s = time.monotonic() - _seconds_since(at)
+                case {"event": "break ended", "settled": int(settled)}:
+                    self.rested_at = settled
                 case {"event": "note", "time": str(at), "text": str(text)}:
                     self._add_note(datetime.fromisoformat(at).astimezone(), text)
                 case {"event": "answers", "configuration": str(configuration), "block": int(block)}:
                     self._answered.add((configuration, block))
+        if self.break_left_s() <= 0.0:  # it has passed while the session was closed, or there is none
+            self.rested_at = session.settled
         self.look_ahead()
         self.rigged = self.coming.configuration if self.coming else ""  # the configuration that stands on the bench
 
     def look_ahead(self) -> None:
         """A trial has been added, skipped or marked: what comes now."""
-        self.coming = self.session.next_planned()
+        session = self.session
+        self.coming, self._settled, self._break_due = session.next_planned(), session.settled, session.break_due
         self.asked_block = self._block_to_ask()
 
     @property
@@ -57,7 +66,7 @@ class Sitting:
             return m.FINISHED
         if self.coming.configuration != self.rigged:
             return m.RERIG
-        if self.session.break_due and self.session.settled != self.rested_at:
+        if self._break_due and self._settled != self.rested_at:
             return m.BREAK
         return m.READY
 
@@ -78,11 +87,27 @@ class Sitting:
         breaks = self.session.protocol.breaks
         return max(0.0, breaks.least_s - (time.monotonic() - self.rest_from_s)) if breaks else 0.0
 
+    def without_valid_trial(self) -> str:
+        """At the end of the plan: its trials that have no result, in one sentence; "" before, or if all have one."""
+        session = self.session
+        if self.coming is not None:
+            return ""
+        newest = {cell(row): row.status for row in session.rows if row.status in SETTLED}
+        valid = {cell(row) for row in session.rows if row.status in COUNTED}
+        without = [
+            f"{number} ({newest[cell(trial)]})"
+            for number, trial in enumerate(session.plan, start=1) if cell(trial) not in valid
+        ]  # fmt: skip
+        if not without:
+            return ""
+        named = ", ".join(without[:MOST_NAMED]) + (", .." if len(without) > MOST_NAMED else "")
+        return f"The plan is done, but {len(without)} of its {len(session.plan)} trials have no result: {named}."
+
     def seconds_left(self) -> float | None:
         """Of the whole session, from the trials so far; None: nobody knows."""
         if not self._lengths:
             return None
-        return statistics.median(self._lengths) * (len(self.session.plan) - self.session.settled)
+        return statistics.median(self._lengths) * (len(self.session.plan) - self._settled)
 
     def trial_ended(self) -> None:
         """Count the time since the one before."""
@@ -113,3 +138,8 @@ class Sitting:
         over = {(row.configuration, row.block) for row in session.rows if row.status != "skipped"}
         waiting = over - still_open - self._answered
         return next((block for trial in session.plan if (block := (trial.configuration, trial.block)) in waiting), None)
+
+
+def _seconds_since(at: str) -> float:
+    """By the clock of the machine, which may have been set meanwhile: never less than none."""
+    return max(0.0, (datetime.now(UTC) - datetime.fromisoformat(at)).total_seconds())

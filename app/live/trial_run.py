@@ -1,5 +1,7 @@
 """One live trial, from the moment it is given to the loop until its row is in the table."""
 
+import contextlib
+
 from app.live.board_jobs import LinkedDone, RunLinked
 from app.live.jobs import Done, Run, changed
 from app.live.loop_process import LoopProcess
@@ -8,9 +10,7 @@ from app.live.recorder import Recorder
 from app.live.ring import BRAKES_OFF, CONDUCTOR_SILENT, RING_FULL, STOPPED, Ring
 from experiments.plan import PlannedTrial
 from experiments.recording import RecordingWriter
-from experiments.recover import recover_session
 from experiments.session import Session
-from experiments.session_files import rows_of
 from experiments.trial import Trial
 from experiments.trials_table import TrialRow
 
@@ -26,7 +26,7 @@ class TrialRun:
         """Start it. writer: None for a trial that is not kept."""
         self.planned, self.trial = planned, trial
         self.tip = trial.tip  # where it begins
-        self._ring, self._reason = ring, ""
+        self._ring, self._reason, self._decided = ring, "", False
         ring.begin_trial()
         self.recorder = Recorder(ring, writer)
         self._send(loop)
@@ -40,9 +40,10 @@ class TrialRun:
         """For the experimenter: "Run 12"."""
         return f"Run {self.planned.run}" if self.planned.block else "Practice"
 
-    def stop(self, reason: str) -> None:
-        """End it at its next tick, brakes off; the first reason stands."""
-        self._reason = self._reason or reason
+    def stop(self, reason: str, decided: bool = False) -> None:
+        """End it at its next tick, brakes off; the first reason stands. decided: the experimenter asked for it."""
+        if not self._reason:
+            self._reason, self._decided = reason, decided
         self._ring.control.stop = 1
 
     def watch(self) -> None:
@@ -67,19 +68,24 @@ class TrialRun:
 
     def keep(self, session: Session) -> TrialRow:
         """Close and verify the recording and make its row. OSError or InputError if it is not whole."""
+        assert self.recorder.writer is not None
         if self.recorder.error:
             raise OSError(self.recorder.error)
-        assert self.recorder.writer is not None
-        return session.finish(self.trial, self.recorder.writer)
+        decided = self._decided and int(self._ring.control.cause) == STOPPED
+        return session.finish(self.trial, self.recorder.writer, cut_short=not decided, raw_will_do=True)
 
-    def rescue(self, session: Session | None, sync: bool) -> None:
-        """The loop is gone: every tick that it has run becomes a recovered recording; the cell is open again."""
+    def let_go(self) -> None:
+        """The recording gets no more: its stream stays as it is."""
         self.recorder.close()
-        if self.recorder.writer is None or session is None:
-            return
-        self.recorder.writer.abandon()
-        recover_session(session.folder, sync)
-        session.rows[:] = rows_of(session.folder)
+        if self.recorder.writer is not None:
+            with contextlib.suppress(OSError, ValueError):  # what the disk does not take is said already
+                self.recorder.writer.abandon()
+
+    def rescue(self, session: Session) -> None:
+        """The loop is gone: every tick that it has run becomes a recovered recording; the cell is open again."""
+        self.let_go()
+        if self.recorder.writer is not None:
+            session.put_in_order()
 
     def timing(self, scheduling: str) -> Timing | None:
         """How late its ticks have been so far."""

@@ -7,12 +7,14 @@ from PySide6.QtWidgets import QWidget
 
 from app.live import messages as m
 from app.screens.card import Card, Notice, Question
+from app.screens.plan_grid import statuses
 from app.screens.words import clock
+from experiments.trials_table import COUNTED
 
 UNBLIND = ("Open the key?", "The controllers become visible here and in the tables. Who asks is kept in the journal.")
 CLOSE = (
     "A trial is being recorded",
-    "Close the window? The trial is aborted, brakes off; what was recorded is kept and the session can be resumed.",
+    "Close the window? The trial ends, brakes off; what was recorded is kept. It comes again when you resume.",
 )
 
 
@@ -120,6 +122,9 @@ class Cards:
             return Notice("Questions", "The participant answers them on the other screen.", [], self._parent)
         kept = sum(bool(row.recording) for row in snapshot.rows)
         text = f"{kept} runs are recorded and verified in {opened.folder}."
+        lacking = sum(status not in COUNTED for status in statuses(opened.plan, snapshot.rows).values())
+        if lacking:
+            text += f" {lacking} of {len(opened.plan)} trials have no result: × (aborted) or – (skipped) in the plan."
         buttons = [("Results  F2", do.results)]
         if snapshot.blind:
             buttons.append(("Open the key …", lambda: self.ask("unblind", *UNBLIND, (), "Open", do.unblind)))

@@ -104,7 +104,8 @@ class Commands:
             self._window.cards.ask(
                 "abort",
                 "Abort this trial?",
-                "It goes on until you answer; Esc ends it at once. Its recording is kept and marked as aborted.",
+                "It goes on until you answer. Its recording is kept and marked as aborted; it does not come again by "
+                "itself. (Esc ends it at once, and it comes again.)",
                 ABORT_REASONS,
                 "Abort",
                 lambda reason: self._bench.send(m.Abort(reason)),

@@ -18,7 +18,8 @@ START_RING, END_RING = GOOD, "#e69f00"
 TRACE, ACCENT, ACCENT_DARK = "#58b4e8", "#4f9de0", "#1f4b7a"
 CONTROLLER = {1: "#9aa5b1", 2: "#e69f00", 3: "#f0c75e", 4: "#4f9de0", 5: "#8ec7f2"}
 STATUS = {
-    "done": GOOD, "timeout": CAUTION, "aborted": BAD, "redone": QUIET, "recovered": CAUTION, "skipped": QUIET
+    "done": GOOD, "timeout": CAUTION, "aborted": BAD, "redone": QUIET, "recovered": CAUTION, "skipped": QUIET,
+    "stopped": BAD,
 }  # fmt: skip
 
 SMALL, NORMAL, TITLE, HEAD = 11, 13, 15, 17  # px

@@ -22,7 +22,9 @@ PHASES = {
     row.MOVE: Said("Go", "Follow the line to the orange circle"),
 }
 TAKE_IT = "Touch the white dot with the pointer to take hold of it"
-ENDINGS = {"done": "Well done", "timeout": "Time is up", "aborted": "Stopped", "recovered": "Stopped"}
+ENDINGS = {
+    "done": "Well done", "timeout": "Time is up", "aborted": "Stopped", "recovered": "Stopped", "stopped": "Stopped"
+}  # fmt: skip
 ENDED = Said("", "The next one starts in a moment")
 WELCOME = Said("Welcome", "We start in a moment")
 PREPARING = Said("One moment", "Everything is being made ready")

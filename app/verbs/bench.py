@@ -5,6 +5,7 @@ import contextlib
 import json
 from pathlib import Path
 
+from app.display import Display
 from app.progress import Progress, announce_first_use
 from app.verbs.common import add_verb, whole_number_of
 from core.errors import InputError
@@ -111,6 +112,7 @@ def bench_screens(args: argparse.Namespace) -> int:
         raise InputError("--screens: stands alone, or with --json")
     from app.screens.screen_bench import run_screens, table
 
+    Display("measure windows on").check()
     announce_first_use()
     with Progress("drawing") as progress:
         result = run_screens(args.screens, progress)

@@ -1,10 +1,9 @@
 """`phd replay`: a recorded trial on the screen, or its hand through another controller or device."""
 
 import argparse
-import os
-import sys
 from pathlib import Path
 
+from app.display import Display, import_screen
 from app.progress import Progress, announce_first_use
 from app.verbs.common import add_verb, print_summary, whole_number_of
 from core.errors import InputError
@@ -66,22 +65,13 @@ def replay_verb(args: argparse.Namespace) -> int:
 
 def play(recording: Path) -> int:
     """On the screen."""
-    from app.verbs.run import SCREENS, ScreenCheck
     from experiments.recording import read_recording
 
     if not read_recording(recording).rows:
         raise InputError(f"{recording}: there are no ticks to play")
-    if sys.platform == "linux" and not any(map(os.environ.get, SCREENS)):
-        raise InputError(
-            "there is no screen to play it on: none of DISPLAY, WAYLAND_DISPLAY is set (--json needs none)"
-        )
-    try:
-        from app.screens import replay_window
-    except ImportError as error:
-        if ".so" not in str(error):
-            raise
-        raise InputError(f"the window cannot be opened, a system library is missing: {error}") from None
-    ScreenCheck().check()
+    display = Display("play it on", "--json needs none")
+    replay_window = import_screen("replay_window")
+    display.check()
     return replay_window.run(recording)
 
 

@@ -2,17 +2,13 @@
 
 import argparse
 import os
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
+from app.display import Display, import_screen
 from app.progress import announce_first_use
 from app.verbs.common import add_verb, label, whole_number_of
 from core.errors import InputError
-
-#: On Linux one of these says where a window can be; without any, Qt would end the process with a core dump.
-SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
 
 
 def add(verbs) -> None:
@@ -71,9 +67,7 @@ def run(args: argparse.Namespace) -> int:
         return print_plan(args)
     check_writable(args.data_dir)
     link = link_of(args)
-    if sys.platform == "linux" and not any(map(os.environ.get, SCREENS)):
-        raise InputError("there is no screen to open a window on: none of DISPLAY, WAYLAND_DISPLAY is set")
-    screen = ScreenCheck()
+    display = Display("open a window on")
     from app.live.bench import Bench
     from app.live.setup import Setup
 
@@ -85,8 +79,8 @@ def run(args: argparse.Namespace) -> int:
         )  # fmt: skip
     )
     try:  # all this takes its time, and so does the bench
-        windows = import_windows()
-        screen.check()
+        windows = import_screen("windows")
+        display.check()
         if refused := bench.refused():
             raise InputError(refused)
     except BaseException:
@@ -139,37 +133,10 @@ def print_plan(args: argparse.Namespace) -> int:
     return 0
 
 
-def import_windows():
-    """The windows. InputError if a system library is missing."""
-    try:
-        from app.screens import windows
-    except ImportError as error:
-        if ".so" not in str(error):
-            raise
-        raise InputError(f"the window cannot be opened, a system library is missing: {error}") from None
-    return windows
-
-
 def whole(name_or_path: str) -> str:
     """A file by its whole path, for another process; a shipped name as it is."""
     path = Path(name_or_path)
     return str(path.absolute()) if path.is_file() else name_or_path
-
-
-class ScreenCheck:
-    """Whether Qt can open a screen: tried in a process of its own, for Qt ends the process if it cannot."""
-
-    def __init__(self) -> None:
-        code = "from PySide6.QtGui import QGuiApplication; QGuiApplication([])"
-        null = subprocess.DEVNULL
-        self._process = subprocess.Popen([sys.executable, "-c", code], stdin=null, stdout=null, stderr=null)
-
-    def check(self) -> None:
-        """Wait for it. InputError if there is no screen."""
-        if self._process.wait() != 0:
-            names = [name for name in (*SCREENS, "QT_QPA_PLATFORM") if name in os.environ]
-            named = ", ".join(f"{name}={os.environ[name]}" for name in names)
-            raise InputError(f"the window cannot be opened: Qt finds no usable screen ({named})")
 
 
 def check_writable(folder: Path) -> None:
@@ -178,7 +145,7 @@ def check_writable(folder: Path) -> None:
     while not place.exists() and place != place.parent:
         place = place.parent
     try:
-        with tempfile.TemporaryFile(dir=place):
-            pass
+        with tempfile.TemporaryFile(dir=place) as file:
+            file.write(b"phd")
     except OSError as error:
         raise InputError(f"{folder}: cannot be written to ({(error.strerror or str(error)).lower()})") from None

@@ -1,0 +1,44 @@
+"""Whether a window can be opened on this machine: asked before Qt is, which ends the process where it cannot."""
+
+import os
+import subprocess
+import sys
+from importlib import import_module
+from types import ModuleType
+
+from core.errors import InputError
+
+#: On Linux one of these says where a window can be.
+PLACES = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
+_CODE = "from PySide6.QtGui import QGuiApplication; QGuiApplication([])"
+
+
+class Display:
+    """Tried in a process of its own, beside whatever else has to be prepared."""
+
+    def __init__(self, purpose: str, without: str = "") -> None:
+        """purpose: ends "there is no screen to ..."; without: what can be done all the same.
+
+        InputError if nothing says where a screen could be.
+        """
+        if sys.platform == "linux" and not any(map(os.environ.get, PLACES)):
+            more = f" ({without})" if without else ""
+            raise InputError(f"there is no screen to {purpose}: none of DISPLAY, WAYLAND_DISPLAY is set{more}")
+        null = subprocess.DEVNULL
+        self._tried = subprocess.Popen([sys.executable, "-c", _CODE], stdin=null, stdout=null, stderr=null)
+
+    def check(self) -> None:
+        """Wait for the answer. InputError if there is no screen."""
+        if self._tried.wait() != 0:
+            named = ", ".join(f"{name}={os.environ[name]}" for name in PLACES if name in os.environ)
+            raise InputError(f"the window cannot be opened: Qt finds no usable screen ({named})")
+
+
+def import_screen(name: str) -> ModuleType:
+    """A module of app.screens. InputError if a system library is missing."""
+    try:
+        return import_module(f"app.screens.{name}")
+    except ImportError as error:
+        if ".so" not in str(error):
+            raise
+        raise InputError(f"the window cannot be opened, a system library is missing: {error}") from None
