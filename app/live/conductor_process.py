@@ -44,6 +44,7 @@ def main() -> None:
 
 def _conduct(setup: Setup, place: Place, ring: Ring, loop: LoopProcess) -> None:
     from app.live.conductor import Conductor
+    from app.live.spare_scipy import spare_scipy
     from experiments.session_files import hold_lock
 
     data_dir, new = setup.data_dir, not setup.data_dir.exists()
@@ -59,6 +60,7 @@ def _conduct(setup: Setup, place: Place, ring: Ring, loop: LoopProcess) -> None:
     log = os.open(data_dir / LOG, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     os.dup2(log, 2)
     faulthandler.enable()
+    spare_scipy()
     try:
         protocol = read_protocol(setup)
         listener, address = place.listen()

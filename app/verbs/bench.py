@@ -3,10 +3,13 @@
 import argparse
 import contextlib
 import json
+import os
+import sys
 from pathlib import Path
 
 from app.progress import Progress, announce_first_use
 from app.verbs.common import add_verb, whole_number_of
+from app.verbs.run import SCREENS, ScreenCheck
 from core.errors import InputError
 
 
@@ -24,8 +27,9 @@ def add(verbs) -> None:
         "phd bench --out bench-1",
     )
     verb.add_argument(
-        "--screens", nargs="?", type=seconds, const=10.0, metavar="SECONDS",
-        help="instead, what the windows cost at several sizes, and the way from pointer to picture; each case so long",
+        "--screens", nargs="?", type=seconds, const=5.0, metavar="SECONDS",
+        help="instead, what the windows cost at several sizes, and the way from pointer to picture, in seven cases of "
+        "so many seconds (default: 5, about a minute in all)",
     )  # fmt: skip
     verb.add_argument("--quick", action="store_true", help="one device, two steps, fewer repeats")
     verb.add_argument("--json", action="store_true", help="print the result as JSON instead of a table")
@@ -88,6 +92,9 @@ def bench_screens(args: argparse.Namespace) -> int:
     """The table of windows and the pointer's way; with --json as data."""
     if args.quick or args.out is not None:
         raise InputError("--screens: stands alone, or with --json")
+    if sys.platform == "linux" and not any(map(os.environ.get, SCREENS)):
+        raise InputError("--screens: there is no screen to open a window on: none of DISPLAY, WAYLAND_DISPLAY is set")
+    ScreenCheck().check()
     from app.screens.screen_bench import run_screens, table
 
     announce_first_use()

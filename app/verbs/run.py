@@ -13,6 +13,7 @@ from core.errors import InputError
 
 #: On Linux one of these says where a window can be; without any, Qt would end the process with a core dump.
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
+LEAST_ROOM = (1240, 690)  # px, for the console with its frame
 
 
 def add(verbs) -> None:
@@ -57,6 +58,7 @@ def add(verbs) -> None:
     verb.add_argument(
         "--data-dir", type=Path, default=Path("data"), metavar="DIR", help="where sessions are kept (default: data)"
     )
+    verb.add_argument("--theme", choices=("dark", "light"), default="dark", help="of the windows (default: dark)")
     verb.add_argument(
         "--print-plan", action="store_true", help="print every trial of the participant, in order, and end: no window"
     )
@@ -73,7 +75,6 @@ def run(args: argparse.Namespace) -> int:
     from app.live.bench import Bench
     from app.live.setup import Setup
 
-    announce_first_use()
     bench = Bench(
         Setup(
             args.data_dir.absolute(), whole(args.protocol), tuple(map(whole, args.device)) if args.device else None,
@@ -81,8 +82,10 @@ def run(args: argparse.Namespace) -> int:
         )  # fmt: skip
     )
     try:  # all this takes its time, and so does the bench
-        windows = import_windows()
+        announce_first_use()
+        windows = import_windows(args.theme)
         screen.check()
+        windows.make_ready()
         if refused := bench.refused():
             raise InputError(refused)
     except BaseException:
@@ -122,8 +125,11 @@ def print_plan(args: argparse.Namespace) -> int:
     return 0
 
 
-def import_windows():
-    """The windows. InputError if a system library is missing."""
+def import_windows(theme: str):
+    """The windows, in this palette. InputError if a system library is missing."""
+    from app.screens import palette
+
+    palette.choose(theme)
     try:
         from app.screens import windows
     except ImportError as error:
@@ -143,13 +149,26 @@ class ScreenCheck:
     """Whether Qt can open a screen: tried in a process of its own, for Qt ends the process if it cannot."""
 
     def __init__(self) -> None:
-        code = "from PySide6.QtGui import QGuiApplication; QGuiApplication([])"
-        null = subprocess.DEVNULL
-        self._process = subprocess.Popen([sys.executable, "-c", code], stdin=null, stdout=null, stderr=null)
+        code = (
+            "from PySide6.QtGui import QGuiApplication as A; a = A([]); room = a.primaryScreen().availableGeometry();"
+            "print(room.width(), room.height())"
+        )
+        null, pipe = subprocess.DEVNULL, subprocess.PIPE
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", code], stdin=null, stdout=pipe, stderr=null, text=True
+        )
 
     def check(self) -> None:
-        """Wait for it. InputError if there is no screen."""
-        if self._process.wait() != 0:
+        """Wait for it. InputError if there is no screen. On one with little room (a small one at 200 %) all is drawn
+        smaller, so that nothing is cut: before a window is made, for Qt reads the scale once.
+        """
+        said, _ = self._process.communicate()
+        if self._process.returncode == 0:
+            width, height = map(int, said.split())
+            share = min(width / LEAST_ROOM[0], height / LEAST_ROOM[1])
+            if share < 1.0:
+                os.environ["QT_SCALE_FACTOR"] = f"{share * float(os.environ.get('QT_SCALE_FACTOR', 1.0)):.4f}"
+        else:
             names = [name for name in (*SCREENS, "QT_QPA_PLATFORM") if name in os.environ]
             named = ", ".join(f"{name}={os.environ[name]}" for name in names)
             raise InputError(f"the window cannot be opened: Qt finds no usable screen ({named})")
