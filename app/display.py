@@ -10,7 +10,11 @@ from core.errors import InputError
 
 #: On Linux one of these says where a window can be.
 PLACES = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
-_CODE = "from PySide6.QtGui import QGuiApplication; QGuiApplication([])"
+LEAST_ROOM = (1240, 690)  # px, for the console with its frame
+_CODE = (
+    "from PySide6.QtGui import QGuiApplication as A; a = A([]); room = a.primaryScreen().availableGeometry();"
+    "print(room.width(), room.height())"
+)
 
 
 class Display:
@@ -24,14 +28,25 @@ class Display:
         if sys.platform == "linux" and not any(map(os.environ.get, PLACES)):
             more = f" ({without})" if without else ""
             raise InputError(f"there is no screen to {purpose}: none of DISPLAY, WAYLAND_DISPLAY is set{more}")
-        null = subprocess.DEVNULL
-        self._tried = subprocess.Popen([sys.executable, "-c", _CODE], stdin=null, stdout=null, stderr=null)
+        null, pipe = subprocess.DEVNULL, subprocess.PIPE
+        self._tried = subprocess.Popen(
+            [sys.executable, "-c", _CODE], stdin=null, stdout=pipe, stderr=null, text=True
+        )  # fmt: skip
 
     def check(self) -> None:
-        """Wait for the answer. InputError if there is no screen."""
-        if self._tried.wait() != 0:
+        """Wait for the answer. InputError if there is no screen.
+
+        On one with little room (a small one at 200 %) all is drawn smaller, so that nothing is cut; before a window is
+        made, for Qt reads the scale once.
+        """
+        said, _ = self._tried.communicate()
+        if self._tried.returncode != 0:
             named = ", ".join(f"{name}={os.environ[name]}" for name in PLACES if name in os.environ)
             raise InputError(f"the window cannot be opened: Qt finds no usable screen ({named})")
+        width, height = map(int, said.split())
+        share = min(width / LEAST_ROOM[0], height / LEAST_ROOM[1])
+        if share < 1.0:
+            os.environ["QT_SCALE_FACTOR"] = f"{share * float(os.environ.get('QT_SCALE_FACTOR', 1.0)):.4f}"
 
 
 def import_screen(name: str) -> ModuleType:

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 from hardware.frames import FrameCounts
+from hardware.messages import State, joints_of
 from hardware.sensing import BoardSensing
 
 
@@ -23,11 +24,17 @@ class LinkHealth:
     frames: FrameCounts = field(default_factory=FrameCounts)  # of the present connection
 
     def report(self, sensing: BoardSensing | None) -> dict:
-        """All of it, with the clock model and the board's number, as JSON holds it."""
+        """All of it, with the clock model and what the board says of itself, as JSON holds it."""
         about = {name: value for name, value in vars(self).items() if name not in ("frames", "round_trip_s")}
         about["round_trip_s"] = self.round_trip_s if math.isfinite(self.round_trip_s) else None
         about["frames"] = {**vars(self.frames), "bad": self.frames.bad}
         if sensing is not None:
             about["clock"] = sensing.clock.fit._asdict()
-            about["board"] = sensing.hello.serial.decode(errors="replace")
+            hello = sensing.hello
+            about["board"] = hello.serial.decode(errors="replace")
+            about["firmware"] = ".".join(map(str, hello.firmware))
+            about["protocol"] = hello.version
+            about["starts"] = hello.starts
+            about["state"] = State(sensing.state).name if sensing.state in set(State) else f"state {sensing.state}"
+            about["counts_per_rev"] = [hello.counts_per_rev[i] for i in joints_of(hello.encoders)]
         return about

@@ -27,6 +27,7 @@ class BoardSensing:
     def __init__(self, device: Device, hello: Hello, before: "BoardSensing | None" = None) -> None:
         """before: of the connection before this one, whose zeros (and clock, where the board went on) still hold."""
         self.hello = hello
+        self.state = hello.state  # of the board, by the newest sample
         self.pose = PoseSensing(device, joints_of(hello.encoders), hello.counts_per_rev)
         self.force = ForceSensing(device, hello.force_channels, hello.force_unit)
         self.clock, self.current_zero = ClockModel(), np.zeros(4)  # A
@@ -44,6 +45,7 @@ class BoardSensing:
 
     def take(self, sample: Sample, came_s: float) -> LinkSample:
         """A sample that came at host time `came_s` (s)."""
+        self.state = sample.state
         self.clock.add(sample.board_us, came_s)
         pose = self.pose.pose(sample.counts)
         velocity, acceleration = self.motion.add(1e-6 * sample.board_us, *pose.tip)

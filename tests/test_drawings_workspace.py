@@ -293,7 +293,7 @@ def test_no_label_lies_on_an_arm_another_label_or_the_edge(qtbot, device: Device
             view.labels.sides.clear()
             workspace.add(quiet(TIP_X=tip[0], TIP_Y=tip[1], **{f"CURRENT_{joint}": 0.5 for joint in device.braked}))
             view.word()
-            at, marks = view._joints(view.instant), view._marks(view.instant)
+            at, _, marks = view._places()
             boxes = {
                 name: box_at(marks[name], view.labels.sides[name], *view.labels._size(name, words))
                 for name, words in view.labels.words.items()

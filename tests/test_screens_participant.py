@@ -6,7 +6,7 @@ import pytest
 from fake_bench import PLAN, PRESETS, movement, opened, ready, result, running, ticks
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from screens import Screens, opened_screens, point, visible_texts
+from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
 
 from app.live import messages as m
 from app.screens.questionnaire import ITEMS
@@ -36,12 +36,15 @@ def test_one_word_at_each_phase(screens: Screens) -> None:
     assert screens.participant.view.said.large == "Well done"
 
 
-def test_with_the_mouse_it_says_how_to_take_hold_and_without_it_does_not(screens: Screens) -> None:
+@pytest.mark.parametrize("phase", [row.APPROACH, row.HOLD, row.MOVE])
+def test_with_the_mouse_it_says_how_to_take_hold_and_without_it_does_not(screens: Screens, phase: int) -> None:
     screens.hear(opened(), running())
-    screens.tick(ticks(row.APPROACH), taken=False)
+    screens.tick(ticks(phase), taken=False)
     assert "pointer" in said(screens)
+    screens.tick(ticks(phase), taken=True)
+    assert "pointer" not in said(screens)
     screens.hear(opened(hand="sensor"), running(1))
-    screens.tick(ticks(row.APPROACH), taken=False)
+    screens.tick(ticks(phase), taken=False)
     assert "pointer" not in said(screens)
 
 
@@ -174,3 +177,16 @@ def test_the_questions_wait_for_all_answers_and_are_empty_the_next_time(screens:
     screens.hear(ready(10))
     screens.hear(ready(20, stage=m.QUESTIONS))
     assert all(scale.value is None for scale in questions.scales.values())
+
+
+def test_questions_are_larger_where_there_is_room_and_never_cut(screens: Screens) -> None:
+    window = screens.participant
+    screens.hear(opened(), ready(10, stage=m.QUESTIONS))
+    window.show()
+    sizes = []
+    for width, height in ((960, 540), (1280, 720), (1920, 1080)):
+        window.resize(width, height)
+        settle(window)
+        assert cut_texts(window) == []
+        sizes.append(window.questions.done.font().pixelSize())
+    assert sizes == sorted(set(sizes))

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from fake_bench import GREEN, PLAN, RED, movement, opened, ready, running
 from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QLabel
 from screens import Screens, cut_texts, opened_screens, settle, visible_texts
 
 from app.live import messages as m
-from app.screens import words
+from app.screens import theme, words
 from app.screens.linkage_view import REACHABLE
 from core import row
 
@@ -131,3 +132,37 @@ def test_a_hidden_trace_has_neither_curve_nor_scale(screens: Screens) -> None:
     rows[:, row.CURRENT : row.CURRENT + 4] = np.array([3.0, 2.0, 1.0, 0.0])
     screens.tick(rows)
     assert currents.grab().toImage() == before
+
+
+@pytest.mark.parametrize("moment", [False, True])
+def test_on_the_bench_a_step_is_named_for_what_it_is_and_waits_while_it_is_done(screens: Screens, moment: bool) -> None:
+    says = "A moment ..." if moment else "Hold the handle in its jig, then go on."
+    console = screens.hear(opened(real_device=True), ready(stage=m.RERIG, wait_for=says))
+    card = console.cards.notice
+    assert card is not None and card.title.text() == f"Make {PLAN[0].configuration} ready" and card.text.text() == says
+    assert screens.press(KEY.Key_Space) == ([] if moment else [m.Confirm()])
+
+
+def test_brakes_that_the_board_took_off_are_said_so_and_others_with_who_did(screens: Screens) -> None:
+    banner = screens.hear(opened(), ready(9, brakes_off="the board: no command for 50 ms")).preflight.advice
+    assert banner.text().startswith("The board took all current off: no command for 50 ms.")
+    screens.hear(ready(9, brakes_off="Esc on the console"))
+    assert banner.text().startswith("Brakes are off: Esc on the console.")
+
+
+def test_a_done_plan_is_said_under_the_name(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(60, stage=m.FINISHED))
+    assert console.preflight.where.text() == "All 60 trials are done · protocol paper"
+
+
+def test_the_key_on_a_button_is_legible_whatever_the_button_looks_like(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(9))
+
+    def hint(button) -> str:
+        label = button.findChild(QLabel)
+        return label.palette().color(label.foregroundRole()).name()
+
+    panel = console.panel
+    assert (hint(panel.start), hint(panel.pause), hint(panel.abort)) == (theme.TEXT, theme.QUIET, theme.BRAKE_OFF)
+    screens.hear(ready(9, paused=True))
+    assert (hint(panel.start), hint(panel.pause)) == (theme.BRAKE_OFF, theme.TEXT)

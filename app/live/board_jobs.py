@@ -1,10 +1,11 @@
 """What the conductor gives a control loop with a device on the bench to do besides, and what that answers."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from core.device import Device
-from core.device_link import ZeroRecord
-from experiments.linked_trial import LinkedTrial
+if TYPE_CHECKING:  # else the conductor imports all of numba before it can start the loop
+    from core.device import Device
+    from core.device_link import ZeroRecord
+    from experiments.linked_trial import LinkedTrial
 
 # jobs
 
@@ -12,7 +13,7 @@ from experiments.linked_trial import LinkedTrial
 class Connect(NamedTuple):
     """Reach the board of one of these devices, the first that it is wired to."""
 
-    devices: tuple[Device, ...]
+    devices: "tuple[Device, ...]"
 
 
 class HomeAt(NamedTuple):
@@ -32,7 +33,7 @@ class Reset(NamedTuple):
 class RunLinked(NamedTuple):
     """Run this trial now."""
 
-    trial: LinkedTrial
+    trial: "LinkedTrial"
 
 
 # answers
@@ -52,6 +53,12 @@ class Linked(NamedTuple):
     encoders: str = ""
     force_channels: int = 0
     report: dict = {}  # health counters and clock
+    port: str = ""
+    counts: tuple[int, ...] = ()  # of the encoders, in the order of their letters
+    theta: tuple[float, ...] = ()  # rad, joints A, E, B, C
+    homed_at: float = 0.0  # s since 1970, when it was last done here; 0: not here
+    zeroed_at: float = 0.0
+    told_s: float = 0.0  # monotonic clock
 
 
 class Homed(NamedTuple):
@@ -63,7 +70,7 @@ class Homed(NamedTuple):
 class Zeroed(NamedTuple):
     """What was read with nobody at the handle."""
 
-    record: ZeroRecord
+    record: "ZeroRecord"
 
 
 class NotDone(NamedTuple):
@@ -75,4 +82,4 @@ class NotDone(NamedTuple):
 class LinkedDone(NamedTuple):
     """A trial has ended, as it was when it ended."""
 
-    trial: LinkedTrial
+    trial: "LinkedTrial"

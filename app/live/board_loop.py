@@ -47,6 +47,7 @@ class BoardLoop:
         self._link: SerialLink | None = None
         self._devices: tuple[Device, ...] = ()
         self._problem, self._zeroed = "not connected yet", False
+        self._homed_at = self._zeroed_at = 0.0
         self._sample: LinkSample | None = None
         self._told_s = self._tried_s = 0.0
         self._jobs: queue.SimpleQueue = queue.SimpleQueue()
@@ -109,10 +110,11 @@ class BoardLoop:
                     self._leave()
                 case HomeAt(tip):
                     self._there().home(tip)
+                    self._homed_at = time.time()
                     self._answer(Homed(tip))
                 case TakeZero():
                     record = self._there().zero()
-                    self._zeroed = True
+                    self._zeroed, self._zeroed_at = True, time.time()
                     self._answer(Zeroed(record))
                 case Reset():
                     self._reset()
@@ -177,6 +179,7 @@ class BoardLoop:
                 problem = problem or str(error)
                 continue
             self._link, self._zeroed, self._sample = link, link.force_channels == 0, None
+            self._homed_at = self._zeroed_at = 0.0
             break
         self._problem, self._tried_s = problem, time.monotonic()
 
@@ -188,15 +191,19 @@ class BoardLoop:
     def _linked(self) -> Linked:
         link, sample = self._link, self._sample
         if link is None:
-            return Linked(problem=self._problem)
+            return Linked(problem=self._problem, port=self.port)
         report = link.report()
         told = Linked(
             link.device.name, report.get("board", ""), link.problem, zeroed=self._zeroed, encoders=link.encoders,
-            force_channels=link.force_channels, report=report,
+            force_channels=link.force_channels, report=report, port=link.port, homed_at=self._homed_at,
+            zeroed_at=self._zeroed_at, told_s=time.monotonic(),
         )  # fmt: skip
         if sample is None:
             return told
-        return told._replace(fault=sample.fault, homed=sample.homed, tip=sample.tip, hand_force=sample.hand_force)
+        return told._replace(
+            fault=sample.fault, homed=sample.homed, tip=sample.tip, hand_force=sample.hand_force, counts=sample.counts,
+            theta=sample.theta,
+        )  # fmt: skip
 
     # ------------------------------------------------------------------------------------- a trial
 

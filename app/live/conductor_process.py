@@ -48,6 +48,7 @@ def main() -> None:
 
 def _conduct(setup: Setup, place: Place, ring: Ring, loop: LoopProcess) -> None:
     from app.live.conductor import Conductor
+    from app.live.spare_scipy import spare_scipy
     from experiments.session_files import LOCK, hold_lock
 
     data_dir = setup.data_dir
@@ -62,6 +63,7 @@ def _conduct(setup: Setup, place: Place, ring: Ring, loop: LoopProcess) -> None:
         _answer({"refused": f"{data_dir}: cannot be written to ({(error.strerror or str(error)).lower()})"})
         _leave_nothing(new)
         return
+    spare_scipy()
     served = False
     try:
         protocol = read_protocol(setup)

@@ -145,9 +145,9 @@ class Desk:
 
     def pulse(self) -> m.Pulse:
         """Proof of recording, and timing."""
-        run = self.runner.run
+        proof = self.runner.run.recorder.proof() if self.runner.run else None
         verified = sum(bool(row.recording) for row in self.session.rows) if self.session else 0
-        return m.Pulse(run.recorder.proof() if run else None, self.runner.timing, verified, self._free)
+        return m.Pulse(proof, self.runner.timing, verified, self._free, self.device.linked)
 
     def _tip(self) -> m.Point:
         """Where the handle stands; during a trial: where it stood before, m."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from app.live import messages as m
 from app.live.desk import Desk
 from app.live.practice import person_at
+from app.live.rigging import Rigging
 from app.live.sitting import ANSWERS, BREAK_ENDED, NOTE, Sitting
 from core.errors import InputError
 from experiments.plan import PlannedTrial
@@ -183,6 +184,15 @@ def _confirm(desk: Desk, _: m.Confirm) -> None:
     sitting.last_end_s = None
 
 
+def _rig(desk: Desk, intent: m.Rig) -> None:
+    if not isinstance(desk.device, Rigging):
+        raise InputError("The device is simulated: there is nothing to make ready.")
+    sitting = _between(desk)  # whose journal keeps what was done
+    if sitting.coming is None:
+        raise InputError(_REFUSALS[m.FINISHED])
+    desk.device.do(sitting, intent.step)
+
+
 def _unblind(desk: Desk, intent: m.Unblind) -> None:
     _in_order(desk).session.unblind(intent.who)
     desk.keeping.changed("The key is open: controllers are shown from now on.")
@@ -209,6 +219,7 @@ _ACTIONS: dict[type, Callable[[Desk, object], None]] = {
     m.Note: _note,
     m.AllowBrakes: _allow,
     m.Confirm: _confirm,
+    m.Rig: _rig,
     m.Unblind: _unblind,
     m.Answers: _answer,
 }  # type: ignore[dict-item]

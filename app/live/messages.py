@@ -4,13 +4,15 @@ A window holds no state of the experiment: `Opened` and the newest `Snapshot` sa
 comes later, in place of one that died, shows the same.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from core.control import Preset
-from core.device import Device
-from core.path_file import PathFile
-from experiments.plan import PlannedTrial
-from experiments.trials_table import TrialRow
+if TYPE_CHECKING:  # a window can start its bench before it imports all this
+    from app.live.board_jobs import Linked
+    from core.control import Preset
+    from core.device import Device
+    from core.path_file import PathFile
+    from experiments.plan import PlannedTrial
+    from experiments.trials_table import TrialRow
 
 Point = tuple[float, float]  # m
 
@@ -72,6 +74,12 @@ class Confirm(NamedTuple):
     """What the conductor waits for is done: the re-rig, the break."""
 
 
+class Rig(NamedTuple):
+    """Make the device on the bench ready, or ready again, between two trials: one step of it."""
+
+    step: str  # CONNECT, HOME, ZERO
+
+
 class Unblind(NamedTuple):
     """Open the key of a blind session; who asked for it is journalled."""
 
@@ -101,6 +109,9 @@ PREPARING, NO_SESSION, READY, RUNNING, RERIG, BREAK, QUESTIONS, FINISHED, FAILED
     "preparing", "no session", "ready", "running", "re-rig", "break", "questions", "finished", "failed"
 )  # fmt: skip
 
+#: steps that make a device on the bench ready; DONE: there is none to do
+CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""
+
 GOOD, CAUTION, BAD, WAITING = "good", "caution", "bad", "waiting"
 
 
@@ -118,10 +129,10 @@ class Opened(NamedTuple):
 
     participant: str  # "" before a session
     protocol: str  # its name
-    devices: tuple[Device, ...]
-    paths: dict[int, PathFile]  # segment number -> path
-    controllers: dict[int, Preset]
-    plan: tuple[PlannedTrial, ...]
+    devices: "tuple[Device, ...]"
+    paths: "dict[int, PathFile]"  # segment number -> path
+    controllers: "dict[int, Preset]"
+    plan: "tuple[PlannedTrial, ...]"
     plan_sha256: str
     folder: str
     note: str  # what every figure says: rules, low gain, assumed
@@ -139,9 +150,9 @@ class Snapshot(NamedTuple):
     """Where the session is; sent whenever something in it changes."""
 
     stage: str  # PREPARING ..
-    rows: tuple[TrialRow, ...] = ()  # of this session, redone ones included
-    coming: PlannedTrial | None = None
-    running: PlannedTrial | None = None
+    rows: "tuple[TrialRow, ...]" = ()  # of this session, redone ones included
+    coming: "PlannedTrial | None" = None
+    running: "PlannedTrial | None" = None
     practice: bool = False  # the running or coming trial is practice
     tip: Point = (0.0, 0.0)  # m, where the handle stands in the coming configuration
     paused: bool = False  # or will be, after the running trial
@@ -184,3 +195,4 @@ class Pulse(NamedTuple):
     timing: Timing | None
     verified: int  # earlier runs of this session whose recording was verified
     disk_free_bytes: int
+    linked: "Linked | None" = None  # how the device on the bench is, while no trial runs; None: simulated, or not told

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 from app.live import messages as m
 from app.live.board_jobs import Connect, HomeAt, Homed, Linked, NotDone, Reset, TakeZero, Zeroed
 from app.live.checks import check_linked, check_sensor
+from app.live.home import home_of
+from app.live.messages import CONNECT, DONE, HOME, ZERO
 from app.live.sitting import Sitting
 from core.device import Device
 from core.errors import InputError
-from core.path import point_at
-from core.path_file import build_path
 from core.simulator import Simulation
 from experiments.linked_trial import LinkedTrial
 from experiments.plan import PlannedTrial
@@ -23,8 +23,6 @@ from experiments.session_about import SENSOR
 if TYPE_CHECKING:
     from app.live.runner import Runner
 
-CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""
-
 
 class Rigging:
     """How the bench is, as its loop tells it, and what has to be done to it next."""
@@ -35,6 +33,7 @@ class Rigging:
         """send: a job to the loop. protocol: whose devices are looked for at first."""
         self.linked: Linked | None = None  # None: not told yet
         self._send, self._first = send, Connect(tuple(protocol.devices))
+        self._home = home_of(protocol.devices[0], protocol.paths)
         self._busy = False  # a step has been asked for and not been answered
         send(self._first)
 
@@ -71,7 +70,7 @@ class Rigging:
                 joints = " ".join(protocol.device(name).braked)
                 return f"Put {name} on the bench (brakes at {joints}), connect its board, then go on."
             case "home":
-                x, y = home_of(protocol.device(name), protocol)
+                x, y = home_of(protocol.device(name), protocol.paths)
                 return f"Hold the handle in its jig at x = {1e3 * x:.0f} mm, y = {1e3 * y:.0f} mm, then go on."
             case "zero":
                 return "Let go of the handle, go on, and do not touch it for a second."
@@ -80,10 +79,15 @@ class Rigging:
     def confirm(self, sitting: Sitting, write: Callable[..., None]) -> None:
         """The person has done it: now the loop does its part."""
         assert sitting.coming is not None
-        name, protocol = sitting.coming.configuration, sitting.session.protocol
-        device, step = protocol.device(name), self.step(name)
+        self.do(sitting, self.step(sitting.coming.configuration))
+
+    def do(self, sitting: Sitting, step: str) -> None:
+        """Let the loop do a step, or do it again; while one is being done, nothing."""
+        assert sitting.coming is not None
+        protocol = sitting.session.protocol
+        device = protocol.device(sitting.coming.configuration)
         if step and not self._busy:
-            jobs = {CONNECT: Connect((device,)), HOME: HomeAt(home_of(device, protocol)), ZERO: TakeZero()}
+            jobs = {CONNECT: Connect((device,)), HOME: HomeAt(home_of(device, protocol.paths)), ZERO: TakeZero()}
             self._busy = True
             self._send(jobs[step])
 
@@ -117,8 +121,10 @@ class Rigging:
         self._send(Reset())
 
     def tip(self, sitting: Sitting | None, practice: Simulation | None) -> m.Point:
-        """Where the handle is, m; rounded, so that a hand that rests tells the window nothing new."""
-        x, y = self.linked.tip if self.linked else (0.0, 0.0)
+        """Where the handle is, m; rounded, so that a hand that rests tells the window nothing new. Nobody knows it
+        before the encoders are homed: then where the jig will hold it.
+        """
+        x, y = self.linked.tip if self.linked and self.linked.homed else self._home
         return round(x, 3), round(y, 3)
 
     def begin(self, session: Session, planned: PlannedTrial) -> tuple[LinkedTrial, RecordingWriter]:
@@ -142,12 +148,3 @@ class Rigging:
 
     def close(self) -> None:
         """The loop lets the board go."""
-
-
-def home_of(device: Device, protocol: Protocol) -> tuple[float, float]:
-    """Where the jig holds the handle for homing, m; the middle of the first path where the device file has none."""
-    if device.sensing is not None and device.sensing.home_m is not None:
-        return device.sensing.home_m
-    path = build_path(next(iter(protocol.paths.values())), "path")
-    x, y, _, _ = point_at(path, 0.5 * path.length)
-    return float(x), float(y)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 class SimulatedDevice:
     """The counterpart of `rigging.Rigging`."""
 
-    real = False
+    real, linked = False, None
 
     def __init__(self, ring: Ring, hand: str) -> None:
         """InputError: the hand is a six-axis device, and none is attached."""

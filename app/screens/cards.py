@@ -12,6 +12,7 @@ from app.screens.words import clock
 from experiments.trials_table import COUNTED
 
 UNBLIND = ("Open the key?", "The controllers become visible here and in the tables. Who asks is kept in the journal.")
+A_MOMENT = "A moment"  # begins what is said while a step is being done
 CLOSE = (
     "A trial is being recorded",
     "Close the window? The trial ends, brakes off; what was recorded is kept. It comes again when you resume.",
@@ -113,8 +114,13 @@ class Cards:
 
     def _make(self, opened: m.Opened, snapshot: m.Snapshot, do) -> Card:
         if snapshot.stage == m.RERIG and snapshot.coming is not None:
-            title = f"Change to {snapshot.coming.configuration}"
-            return Notice(title, snapshot.wait_for, [("It is done  Enter", do.confirm)], self._parent)
+            name = snapshot.coming.configuration
+            if not opened.real_device:
+                answers = [("It is done  Enter", do.confirm)]
+                return Notice(f"Change to {name}", snapshot.wait_for, answers, self._parent)
+            answers = [("Go on  Enter", do.confirm), ("Device page  F3", do.device)]
+            busy = snapshot.wait_for.startswith(A_MOMENT)
+            return Notice(f"Make {name} ready", snapshot.wait_for, [] if busy else answers, self._parent)
         if snapshot.stage == m.BREAK:
             self._over_s = time.monotonic() + snapshot.wait_s
             return Notice("Break", snapshot.wait_for, [("Go on  Enter", do.confirm)], self._parent)

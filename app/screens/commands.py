@@ -33,7 +33,7 @@ class Commands:
     def start(self) -> None:
         """The next trial; or go on, where something waits for that."""
         window = self._window
-        if window.cards.press_main():
+        if window.device_shown or window.cards.press_main():
             return
         if window.trying:
             self.practice()
@@ -125,6 +125,10 @@ class Commands:
     def escape(self, cause: str) -> None:
         """Brakes off while a trial runs; else leave what is open, and with nothing open brakes off."""
         window = self._window
+        if window.device_shown:
+            if not window.device.leave():
+                window.show_device(False)
+            return
         left = window.cards.leave()
         if not self._running():
             if left or window.panel.note.hasFocus():
@@ -152,6 +156,14 @@ class Commands:
     def confirm(self) -> None:
         """The re-rig is done, the break is over."""
         self._bench.send(m.Confirm())
+
+    def device(self) -> None:
+        """The device page, or away from it."""
+        self._window.show_device(not self._window.device_shown)
+
+    def rig(self, step: str) -> None:
+        """A step that makes the device on the bench ready."""
+        self._bench.send(m.Rig(step))
 
     def unblind(self, who: str) -> None:
         """Open the key of a blind session."""

@@ -15,6 +15,7 @@ from app.screens import theme
 from app.screens.cards import Cards
 from app.screens.centre import Centre
 from app.screens.commands import Commands
+from app.screens.device_page import DevicePage
 from app.screens.energy_panel import EnergyPanel
 from app.screens.keys import bind
 from app.screens.labels import breakable, line
@@ -28,7 +29,7 @@ from app.screens.traces import Traces
 from experiments.plan import PlannedTrial
 
 RIGHT_PX = 372
-SMALLEST = (1024, 640)
+SMALLEST = (1240, 660)
 LARGEST = (1920, 1080)
 
 
@@ -50,6 +51,8 @@ class ConsoleWindow(QWidget):
         self.panel, self.centre = SessionPanel(), Centre()
         self.start_page = StartPage()
         self.questions = Questionnaire()
+        self.device = DevicePage()
+        self.device_shown = False  # the device page is looked at
         self.participant_answers = False  # the questions stand on the participant's own window
         self.banner = line("", "banner", theme.TITLE, bold=True)
         self.banner.hide()
@@ -86,6 +89,7 @@ class ConsoleWindow(QWidget):
         self.pages.addWidget(self.start_page)
         self.pages.addWidget(desk)
         self.pages.addWidget(self.questions)
+        self.pages.addWidget(self.device)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(theme.GAP, theme.GAP, theme.GAP, theme.GAP)
         layout.setSpacing(10)
@@ -102,6 +106,10 @@ class ConsoleWindow(QWidget):
         for signal, command in (
             (self.preflight.brakes_off_asked, lambda: do.brakes_off("the button of the console")),
             (self.preflight.brakes_allowed, do.allow_brakes),
+            (self.preflight.device_asked, do.device),
+            (self.device.rig_asked, do.rig),
+            (self.device.reset_asked, do.allow_brakes),
+            (self.device.back_asked, do.device),
             (self.panel.start_asked, do.start),
             (self.panel.redo_asked, do.redo),
             (self.panel.skip_asked, do.skip),
@@ -110,6 +118,7 @@ class ConsoleWindow(QWidget):
             (self.panel.noted, do.note),
             (self.start_page.session_asked, do.open_session),
             (self.start_page.practice_asked, do.practice),
+            (self.start_page.device_asked, do.device),
             (self.questions.answered, do.answer),
             (self.centre.results_asked, do.results),
             (self.centre.participant_asked, self.participant_asked),
@@ -132,6 +141,7 @@ class ConsoleWindow(QWidget):
             "abort": do.abort,
             "note": do.write_note,
             "results": do.results,
+            "device": do.device,
             "participant": self.participant_asked.emit,
         }
 
@@ -152,6 +162,7 @@ class ConsoleWindow(QWidget):
         before, self.snapshot = self.snapshot, snapshot
         if snapshot.stage not in (m.NO_SESSION, m.RUNNING, m.PREPARING):
             self.trying = False
+        self.device_shown &= snapshot.stage not in (m.RUNNING, m.FAILED)
         self.commands.follow(before, snapshot)
         if snapshot.stage == m.QUESTIONS != before.stage:
             self.questions.clear()
@@ -189,6 +200,7 @@ class ConsoleWindow(QWidget):
         """Proof of recording, and timing."""
         self.proof.show_pulse(pulse)
         self.timing.show_timing(pulse.timing)
+        self.device.show_linked(pulse.linked)
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
         """Ticks (n, row.WIDTH) of the running trial; taken: the pointer has hold of the handle."""
@@ -198,6 +210,12 @@ class ConsoleWindow(QWidget):
         self.traces.add(rows)
         self.energy.add(rows)
         self.timing.add(rows)
+
+    def show_device(self, shown: bool) -> None:
+        """The device page over everything else, or away again."""
+        self.device_shown = shown and self.snapshot.stage not in (m.RUNNING, m.FAILED)
+        self.device.leave()
+        self._refresh()
 
     def show_time(self) -> None:
         """What only the clock changes: the countdown of a break."""
@@ -226,7 +244,9 @@ class ConsoleWindow(QWidget):
         before_session = opened is None or not opened.participant
         at_start = before_session and not self.trying and snapshot.stage != m.RUNNING
         asks = snapshot.stage == m.QUESTIONS and not self.participant_answers
-        self.pages.setCurrentWidget(self.start_page if at_start else self.questions if asks else self.desk)
+        page = self.start_page if at_start else self.questions if asks else self.desk
+        self.device.show_session(opened, snapshot)
+        self.pages.setCurrentWidget(self.device if self.device_shown else page)
         if opened is None:
             return
         self.panel.show_session(opened, snapshot, self.trying)

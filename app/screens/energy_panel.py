@@ -33,9 +33,10 @@ class Ledger:
         columns = rows[:, [row.ENERGY_HAND, row.ENERGY_BRAKES, row.ENERGY_KINETIC, row.ENERGY_STOPS]]
         if self._first is None:
             self._first, self._heat = columns[0].copy(), float(columns[0, 1])
-        fall = -np.diff(columns[:, 1], prepend=self._heat)
-        self.added = max(self.added, float(fall.max()))
-        self._heat = float(columns[-1, 1])
+        heat = columns[:, 1]
+        fall = float((heat[:-1] - heat[1:]).max(initial=-np.inf))
+        self.added = max(self.added, self._heat - float(heat[0]), fall)
+        self._heat = float(heat[-1])
         self.hand, self.brakes, self.kinetic, self.stops = (columns[-1] - self._first).tolist()
 
     @property

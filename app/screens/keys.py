@@ -16,6 +16,7 @@ KEYS = {
     "abort": (Qt.Key.Key_A,),
     "note": (Qt.Key.Key_N,),
     "results": (Qt.Key.Key_F2,),
+    "device": (Qt.Key.Key_F3,),
     "participant": (Qt.Key.Key_F11,),
 }
 

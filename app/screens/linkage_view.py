@@ -1,8 +1,10 @@
 """The linkage on the plane: arms, brakes in the colour of what they do, forces with their values, layers on demand."""
 
+from typing import NamedTuple
+
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRect, QRectF
-from PySide6.QtGui import QPainter
+from PySide6.QtGui import QPainter, QRegion
 from PySide6.QtWidgets import QWidget
 
 from app.screens import theme
@@ -26,9 +28,18 @@ FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE = "field", "SDOF directions", "reac
 ARMS = ("AE", "ED", "BC", "CD")
 BARE_PX = 5.0  # radius of a joint without a brake
 TITLE_PX = 36  # the line above is so high
-EDGE_PX = 4.0  # what pens and letters reach beyond a mark's radius
+EDGE_PX = 6.0  # what pens and letters reach beyond a mark's radius
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
 ASSUMED = "parameters assumed"
+PIECES = 3  # an arm lies aslant: the boxes around its pieces hold far less than the one around all of it
+
+
+class Placed(NamedTuple):
+    """Where an instant is on the widget, px."""
+
+    joints: dict[str, QPointF]  # none where the linkage is hidden
+    rings: dict[str, QPointF]  # their middles; the brakes of coaxial bases stand side by side
+    marks: dict[str, QPointF]  # label -> the point that it stands beside
 
 
 class LinkageView(Plane):
@@ -46,6 +57,7 @@ class LinkageView(Plane):
         self.title, self.line = "", ""
         self.labels = Labels()
         self.instant: Instant | None = None
+        self._placed: Placed | None = None
         self._ticks: np.ndarray | None = None  # since the last words (n, row.WIDTH), n > 0; none between trials
         self._worded = False  # words have been made of these
         self._field: Field | None = None
@@ -80,6 +92,7 @@ class LinkageView(Plane):
     def _show(self, tip: Point, ticks: np.ndarray | None) -> None:
         self._ticks, self._worded = ticks, False
         self.instant = Instant(self.device, tip, None if ticks is None else ticks[-1], self.blind)
+        self._placed = None
         self.pointer = self.instant.wanted
         self.show_handle(tip)
 
@@ -94,7 +107,14 @@ class LinkageView(Plane):
         (self.shown.add if shown else self.shown.discard)(layer)
         if layer == TRAIL:
             self.trail_shown = shown
+        self._placed = None
         self.repaint_still()
+
+    def say(self, title: str, line: str) -> None:
+        """The line above."""
+        if (title, line) != (self.title, self.line):
+            self.title, self.line = title, line
+            self.update(0, 0, self.width(), TITLE_PX)
 
     def set_blind(self, blind: bool) -> None:
         """Hide what would tell the controllers apart: what the brakes do, and their force."""
@@ -113,23 +133,29 @@ class LinkageView(Plane):
             self._worded = True
             if LINKAGE in self.shown:
                 self._place_labels(self.instant)
-        self.update()
+            self.repaint_moved()
 
     # painting
 
-    def moving(self) -> QRect:
+    def moving(self) -> QRegion:
         """Also arms, rings, arrows, layers and labels; the line above changes with the labels' words."""
-        around = QRectF(super().moving())
-        if self.instant is not None:
-            handle, marks = self.to_screen(self.instant.tip), self._marks(self.instant)
-            places = [(handle, WEDGE_PX + EDGE_PX), *((at, JOINT_PX + EDGE_PX) for at in marks.values())]
-            if LINKAGE in self.shown:
-                places += [(at, JOINT_PX + EDGE_PX) for at in self._joints(self.instant).values()]
-                for box in self.labels.boxes(marks).values():
-                    around = around.united(box)
-            for at, reach in places:
-                around = around.united(QRectF(at.x() - reach, at.y() - reach, 2.0 * reach, 2.0 * reach))
-        return around.adjusted(-2.0, -2.0, 2.0, 2.0).toAlignedRect()
+        region = super().moving()
+        if self.instant is None:
+            return region
+        at, rings, marks = self._places()
+        handle = self.to_screen(self.instant.tip)
+        ways = [(handle, marks[HAND]), (handle, marks[BRAKES])]
+        if at:
+            ways += [(rings[joint], rings[joint]) for joint in "AB"]
+            for one, other in ARMS:  # with room for the rings at their ends
+                stops = [at[one] + (at[other] - at[one]) * (i / PIECES) for i in range(PIECES + 1)]
+                ways += zip(stops, stops[1:], strict=False)
+            for box in self.labels.boxes(marks).values():
+                region += box.adjusted(-2.0, -2.0, 2.0, 2.0).toAlignedRect()
+        region += around(handle, handle, WEDGE_PX + EDGE_PX)
+        for one, other in ways:
+            region += around(one, other, JOINT_PX + EDGE_PX)
+        return region
 
     def paint_under_path(self, painter: QPainter) -> None:
         if self.follower is not None and FIELD in self.shown:
@@ -146,7 +172,7 @@ class LinkageView(Plane):
         if self.instant is None:
             return
         handle = self.to_screen(self.instant.tip)
-        at = self._joints(self.instant) if LINKAGE in self.shown else {}
+        at, rings, _ = self._places()
         if REACHABLE in self.shown and (wedge := self.instant.reachable()) is not None:
             paint_wedge(painter, handle, wedge)
         for width, colour in ((7.0, theme.ARM), (2.0, theme.ARM_CORE)) if at else ():
@@ -157,13 +183,13 @@ class LinkageView(Plane):
             found = directions(self.device, self.instant.g, self._field, self.follower.rules)
             paint_directions(painter, handle, found, self._field)
         if at:
-            self._paint_joints(painter, self._rings(at))
+            self._paint_joints(painter, rings)
         paint_arrow(painter, handle, arrow_of(self.instant.brakes), theme.BRAKE_SLIPPING, 3.0)
         paint_arrow(painter, handle, arrow_of(self.instant.hand), theme.GOOD, 3.0)
 
     def paint_over_handle(self, painter: QPainter) -> None:
         if self.instant is not None and LINKAGE in self.shown:
-            self.labels.paint(painter, self._marks(self.instant))
+            self.labels.paint(painter, self._places().marks)
         if self.dirty.top() > TITLE_PX:
             return
         painter.setFont(font(theme.HEAD, bold=True))
@@ -175,28 +201,30 @@ class LinkageView(Plane):
             painter.setPen(shade(theme.QUIET))
             painter.drawText(QRectF(x, 9.0, self.width() - x, 26.0), LEFT, self.line)
 
-    def _joints(self, instant: Instant) -> dict[str, QPointF]:
-        """Joint -> where it is, px."""
-        return {joint: self.to_screen(place) for joint, place in instant.joints.items()}
+    def _places(self) -> Placed:
+        """Where the instant is: worked out once, for it is asked for when it comes and when it is painted."""
+        assert self.instant is not None
+        if self._placed is None:
+            at = {}
+            if LINKAGE in self.shown:
+                at = {joint: self.to_screen(place) for joint, place in self.instant.joints.items()}
+            rings = dict(at)
+            if at and "A" in self.device.braked and "B" in self.device.braked:
+                if (at["A"] - at["B"]).manhattanLength() < 2.0 * JOINT_PX + 2.0:
+                    middle, apart = 0.5 * (at["A"] + at["B"]), QPointF(JOINT_PX + 2.0, 0.0)
+                    rings["A"], rings["B"] = middle - apart, middle + apart
+            ends = force_ends(self.to_screen(self.instant.tip), self.instant)
+            self._placed = Placed(at, rings, {**rings, **ends})
+        return self._placed
 
-    def _rings(self, at: dict[str, QPointF]) -> dict[str, QPointF]:
-        """Joint -> the middle of its ring, px: the brakes of coaxial bases stand side by side."""
-        rings = dict(at)
-        if "A" in self.device.braked and "B" in self.device.braked:
-            if (at["A"] - at["B"]).manhattanLength() < 2.0 * JOINT_PX + 2.0:
-                middle, apart = 0.5 * (at["A"] + at["B"]), QPointF(JOINT_PX + 2.0, 0.0)
-                rings["A"], rings["B"] = middle - apart, middle + apart
-        return rings
-
-    def _marks(self, instant: Instant) -> dict[str, QPointF]:
-        """Label -> the point that it stands beside, px."""
-        at = self._joints(instant)
-        return {**(self._rings(at) if at else {}), **force_ends(self.to_screen(instant.tip), instant)}
+    def _fit(self) -> None:
+        self._placed = None
+        super()._fit()
 
     def _place_labels(self, instant: Instant) -> None:
         """Labels keep off arms, path, arrows, directions, rings and the pointer."""
-        at, handle = self._joints(instant), self.to_screen(instant.tip)
-        marks = self._marks(instant)
+        at, _, marks = self._places()
+        handle = self.to_screen(instant.tip)
         ends = [(at[a], at[b]) for a, b in ARMS] if at else []
         ends += [(handle, marks[HAND]), (handle, marks[BRAKES])]
         places = [(marks[joint], JOINT_PX) for joint in self.device.braked if joint in marks]
@@ -226,3 +254,8 @@ class LinkageView(Plane):
             painter.setPen(pen(SHADE[state], 3.0))
             painter.drawEllipse(place, JOINT_PX, JOINT_PX)
             write(painter, place, joint, theme.SMALL, True, theme.QUIET if state == OFF else theme.TEXT)
+
+
+def around(one: QPointF, other: QPointF, reach: float) -> QRect:
+    """The box around two points (px) and so much more on each side."""
+    return QRectF(one, other).normalized().adjusted(-reach, -reach, reach, reach).toAlignedRect()

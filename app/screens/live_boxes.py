@@ -133,7 +133,7 @@ class LiveBoxes(Panel):
         painter.setBrush(shade(colour, 0.75 if filled else 0.12))
         painter.drawRoundedRect(QRectF(x - half, q3, width, max(q1 - q3, 1.0)), 1.5, 1.5)
         flat = q1 - q3 < 4.0  # one trial: a line in the controller's colour
-        painter.setPen(pen("#ffffff" if filled and not flat else colour, 2.0))
+        painter.setPen(pen(theme.HANDLE if filled and not flat else colour, 2.0))
         painter.drawLine(QPointF(x - half, median), QPointF(x + half, median))
         painter.setPen(pen(colour, 1.4))
         painter.setBrush(shade(theme.PANEL))

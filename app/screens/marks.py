@@ -19,7 +19,6 @@ LEAST_FORCE_N = 0.2  # weaker than this is not drawn
 HEAD_PX = 8.0  # of an arrow's head
 DIRECTION_PX, LETTER_PX, WEDGE_PX = 58.0, 69.0, 78.0  # length of a direction, its letter, radius of the wedge
 NEEDLE_SHARE = 0.24  # half a needle's length, of the distance between two
-WEDGE_COLOUR, WEDGE_EDGE = "#cc79a7", "#7d5070"
 
 
 def arrow_of(force: Point) -> QPointF:
@@ -63,7 +62,7 @@ def paint_field(
 
 
 def paint_directions(painter: QPainter, handle: QPointF, found: Iterable[Direction], field: Field) -> None:
-    """Each brake's line; the valid sense an arrow, the chosen one strong; the desired direction white."""
+    """Each brake's line; the valid sense an arrow, the chosen one strong; the desired direction as text."""
     for direction in found:
         reach = QPointF(direction.p_x, -direction.p_y) * ((direction.sense or 1.0) * DIRECTION_PX)
         painter.setPen(pen(theme.QUIET, 1.0, 0.6))
@@ -80,13 +79,13 @@ def paint_directions(painter: QPainter, handle: QPointF, found: Iterable[Directi
 def paint_wedge(painter: QPainter, handle: QPointF, found: Wedge) -> None:
     """The wedge and, in it, each brake by itself."""
     painter.setPen(Qt.PenStyle.NoPen)
-    painter.setBrush(shade(WEDGE_COLOUR, 0.24))
+    painter.setBrush(shade(theme.WEDGE, 0.24))
     box = QRectF(handle.x() - WEDGE_PX, handle.y() - WEDGE_PX, 2.0 * WEDGE_PX, 2.0 * WEDGE_PX)
     first, span = math.degrees(found.first), math.degrees(found.last - found.first)
     painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)  # a third of the time; the edges below are smooth
     painter.drawPie(box, round(16.0 * first), round(16.0 * span))  # sixteenths of a degree
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-    painter.setPen(pen(WEDGE_EDGE, 1.2))
+    painter.setPen(pen(theme.WEDGE_EDGE, 1.2))
     for angle in found.spokes:
         painter.drawLine(handle, handle + QPointF(math.cos(angle), -math.sin(angle)) * WEDGE_PX)
     painter.setBrush(Qt.BrushStyle.NoBrush)

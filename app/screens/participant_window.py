@@ -3,8 +3,8 @@ says so: no numbers, no controller's name, no brake's colour.
 """
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QRect, QRectF, Qt, Signal
-from PySide6.QtGui import QCloseEvent, QMouseEvent, QPainter, QResizeEvent
+from PySide6.QtCore import QMarginsF, QRectF, Qt, Signal
+from PySide6.QtGui import QCloseEvent, QMouseEvent, QPainter, QRegion, QResizeEvent
 from PySide6.QtWidgets import QStackedLayout, QWidget
 
 from app.live import messages as m
@@ -56,8 +56,8 @@ class ParticipantView(Plane):
         if self.mouse:
             super().mouseMoveEvent(event)
 
-    def moving(self) -> QRect:
-        return super().moving() if self._device is None else self.rect()
+    def moving(self) -> QRegion:
+        return super().moving() if self._device is None else QRegion(self.rect())
 
     def paint_under_path(self, painter: QPainter) -> None:
         height = float(self.height())

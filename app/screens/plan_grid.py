@@ -128,8 +128,8 @@ class PlanGrid(QWidget):
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(theme.colour(theme.STATUS[status], 0.55) if status else theme.colour(theme.LINE, 0.6))
         if run == self.marked:
-            painter.setPen(QPen(theme.colour("#ffffff" if self.running else theme.ACCENT), 2.0))
-            painter.setBrush(theme.colour(theme.ACCENT if self.running else theme.ACCENT_DARK))
+            painter.setPen(QPen(theme.colour(theme.TEXT if self.running else theme.ACCENT), 2.0))
+            painter.setBrush(theme.colour(theme.ACCENT if self.running else theme.ACCENT_GROUND))
         painter.drawRoundedRect(cell, 3.0, 3.0)
         if status in MARKS:
             painter.setFont(theme.font(theme.SMALL, bold=True))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from PySide6.QtCore import QLineF, QMarginsF, QPointF, QRect, QRectF, Qt, Signal
-from PySide6.QtGui import QMouseEvent, QPainter, QPaintEvent, QPixmap, QPolygonF, QResizeEvent
+from PySide6.QtGui import QMouseEvent, QPainter, QPaintEvent, QPixmap, QPolygonF, QRegion, QResizeEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from app.screens import theme
@@ -61,7 +61,8 @@ class Plane(QWidget):
         super().__init__(parent)
         self.sizes, self._extent, self._grid = sizes, extent, grid
         self._keep_free = keep_free or QMarginsF()
-        self._background: QPixmap | None = None
+        self._background = QPixmap()
+        self._still = False  # the background shows what stands still
         self._scale, self._zero_x, self._zero_y = 1.0, 0.0, 0.0  # px / m; where (0, 0) is, px
         self.path: PathFile | None = None
         self.outline = np.empty((0, 2))  # m
@@ -72,7 +73,7 @@ class Plane(QWidget):
         self.trail: list[Point] = []
         self.trail_shown = True
         self.dirty = QRect()  # what is being painted anew, px
-        self._moving = QRect()  # where things that move were last, px
+        self._moving = QRegion()  # where things that move were last, px
         self._follows_mouse, self._pointer_moved = follows_mouse, False
         self.setMouseTracking(follows_mouse)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
@@ -109,7 +110,7 @@ class Plane(QWidget):
 
     def extend_trail(self, tip: Point) -> None:
         """The way of the handle goes on to here (m)."""
-        if self.trail and self.trail_shown and self._background is not None:
+        if self.trail and self.trail_shown and self._still:
             self._paint_trail(self._background, [self.trail[-1], tip])
         self.trail.append(tip)
         if len(self.trail) > TRAIL_MOST:
@@ -132,7 +133,7 @@ class Plane(QWidget):
 
     def repaint_still(self) -> None:
         """What stands still has changed: paint it anew with the next frame."""
-        self._background = None
+        self._still = False
         self.update()
 
     def repaint_moved(self) -> None:
@@ -146,7 +147,7 @@ class Plane(QWidget):
             self._pointer_moved = False
             self.repaint_moved()
 
-    def moving(self) -> QRect:
+    def moving(self) -> QRegion:
         """Where handle, pointer and spring are, px. A subclass in which more moves says so."""
         sizes = self.sizes
         around = QRectF()
@@ -154,7 +155,7 @@ class Plane(QWidget):
             if place is not None:
                 at, reach = self.to_screen(place), radius + sizes.trail + 2.0
                 around = around.united(QRectF(at.x() - reach, at.y() - reach, 2.0 * reach, 2.0 * reach))
-        return around.toAlignedRect()
+        return QRegion(around.toAlignedRect())
 
     # metres and pixels
 
@@ -201,8 +202,8 @@ class Plane(QWidget):
 
     def paintEvent(self, event: QPaintEvent) -> None:
         ratio = self.devicePixelRatioF()
-        if self._background is None or self._background.devicePixelRatio() != ratio:
-            self._background = self._paint_background(ratio)
+        if not self._still or self._background.devicePixelRatio() != ratio:
+            self._paint_background(ratio)
         self.dirty = event.rect()
         painter = QPainter(self)
         painter.drawPixmap(0, 0, self._background)
@@ -222,8 +223,10 @@ class Plane(QWidget):
     def paint_over_handle(self, painter: QPainter) -> None:
         """What moves, over everything."""
 
-    def _paint_background(self, ratio: float) -> QPixmap:
-        pixmap = QPixmap(self.size() * ratio)
+    def _paint_background(self, ratio: float) -> None:
+        if self._background.size() != self.size() * ratio:  # else the memory that is there is painted again
+            self._background = QPixmap(self.size() * ratio)
+        pixmap, self._still = self._background, True
         pixmap.setDevicePixelRatio(ratio)
         pixmap.fill(shade(theme.CANVAS))
         painter = QPainter(pixmap)
@@ -236,7 +239,6 @@ class Plane(QWidget):
         painter.end()
         if self.trail_shown and len(self.trail) > 1:
             self._paint_trail(pixmap, self.trail)
-        return pixmap
 
     def _paint_grid(self, painter: QPainter) -> None:
         """Lines every 10 cm; those across are named."""
@@ -259,7 +261,7 @@ class Plane(QWidget):
     def _paint_path(self, painter: QPainter) -> None:
         """The path, the start as a ring, the end as a ring with a point in it."""
         sizes = self.sizes
-        painter.setPen(pen("#ffffff", sizes.path, 0.92, round_cap=True))
+        painter.setPen(pen(theme.HANDLE, sizes.path, 0.92, round_cap=True))
         painter.drawPolyline(QPolygonF([self.to_screen(point) for point in self.outline]))
         start, end = self.to_screen(self.outline[0]), self.to_screen(self.outline[-1])
         painter.setBrush(Qt.BrushStyle.NoBrush)
@@ -289,7 +291,7 @@ class Plane(QWidget):
             painter.drawLine(handle, pointer)
         if handle:
             painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(shade("#ffffff"))
+            painter.setBrush(shade(theme.HANDLE))
             painter.drawEllipse(handle, sizes.handle, sizes.handle)
         if pointer:
             painter.setPen(pen(theme.POINTER, 2.0))

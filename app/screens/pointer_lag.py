@@ -1,8 +1,9 @@
 """From the pointer to the picture: how long it takes until a place that the pointer was moved to is in a tick of the
 control loop, and until the frame with that tick is painted. Over a whole live bench, with a practice trial that runs.
 
-The pointer is moved from here, through the window system; the time counts from before that. As a program it measures
-one case (Qt takes its scale when it starts).
+The pointer is moved from here, through the window system; the time counts from before that. On its way are noted: the
+place in the memory that the loop reads, the tick that used it (by the loop's own clock, to within a tick), the end of
+painting. As a program it measures one case (Qt takes its scale when it starts).
 """
 
 import json
@@ -23,13 +24,14 @@ from app.live.bench import Bench
 from app.live.setup import Setup
 from app.screens import theme
 from app.screens.layers import compile_kernels
-from app.screens.windows import FRAME_MS, Windows
+from app.screens.windows import Windows
 from core import row
 
 MOVE_MS = 37  # in no step with the frames
 SAME_M = 1e-9
 READY_S, TAKE_S = 120.0, 20.0  # longest waits: for the bench, for the pointer to have hold of the handle
-LIMIT_MS = 2.0 * FRAME_MS + 1.0  # what we hold to: two frames and one tick
+FRAME_MS, TICK_MS = 1e3 / 60.0, 1.0
+LIMIT_MS = 2.0 * FRAME_MS + TICK_MS  # what we hold to
 
 
 class PointerLag(NamedTuple):
@@ -40,23 +42,30 @@ class PointerLag(NamedTuple):
     height: int
     moves: int  # of which the way was seen to its end
     lost: int  # overtaken by the next move, or by the trial's end
-    aimed_p50_ms: float  # until the window has passed the place on
-    p50_ms: float  # until the picture
-    p99_ms: float
+    aimed_p50_ms: float  # from the move until the place is where the loop reads it
+    tick_p50_ms: float  # from there to the tick that used it
+    drawn_p50_ms: float  # from there to the end of painting
+    p50_ms: float  # all the way
+    p95_ms: float
     max_ms: float
-    within: float  # share of the moves within two frames and one tick
+    limit_ms: float  # two frames and one tick
+    within: float  # share of the moves within that
 
 
 class Moves(QObject):
-    """Moves the pointer round the middle of a view, and times each move on its way."""
+    """Moves the pointer round the middle of a view, and times each move on its way.
 
-    def __init__(self, windows: Windows, bench: Bench) -> None:
+    newest_tick_s: when the loop made its newest tick, by time.monotonic.
+    """
+
+    def __init__(self, windows: Windows, newest_tick_s: Callable[[], float]) -> None:
         super().__init__()
-        self.aimed_s: list[float] = []
+        self.aimed_s: list[float] = []  # each since the move
+        self.tick_s: list[float] = []
         self.painted_s: list[float] = []
         self.lost = 0
         self.measuring = False
-        self._view, self._bench, self._turn = windows.participant.view, bench, 0
+        self._view, self._newest_tick_s, self._turn = windows.participant.view, newest_tick_s, 0
         self._moved_s: float | None = None  # of the move that is on its way; none is
         self._aimed: tuple[float, float] | None = None
         self._view.pointer_moved.connect(self._aim)
@@ -75,7 +84,7 @@ class Moves(QObject):
             self.lost += 1
         place = view.to_screen(view.tip) if view.tip and not view.taken else self._round(view)
         self._aimed, self._in_picture = None, False
-        self._moved_s = time.perf_counter()
+        self._moved_s = time.monotonic()
         QCursor.setPos(view.mapToGlobal(place).toPoint())
 
     def _round(self, view) -> QPointF:
@@ -87,20 +96,23 @@ class Moves(QObject):
 
     def _aim(self, x: float, y: float) -> None:
         if self._moved_s is not None and self._aimed is None:
-            self._aimed, self._aimed_at_s = (x, y), time.perf_counter()
+            self._aimed, self._aimed_at_s = (x, y), time.monotonic()
 
     def _frame(self, rows: np.ndarray) -> None:
         if self._aimed is None or not len(rows):
             return
         off = np.abs(rows[:, row.TARGET_X : row.TARGET_Y + 1] - self._aimed).max(axis=1)
         if off.min() < SAME_M:
+            t = rows[:, row.T]
+            self._tick_at_s = self._newest_tick_s() - float(t[-1] - t[np.argmax(off < SAME_M)])
             self._in_picture = True
             self._painted.start()
 
     def _end(self) -> None:
         if self._in_picture and self._moved_s is not None and self.measuring:
             self.aimed_s.append(self._aimed_at_s - self._moved_s)
-            self.painted_s.append(time.perf_counter() - self._moved_s)
+            self.tick_s.append(max(self._tick_at_s, self._aimed_at_s) - self._moved_s)
+            self.painted_s.append(time.monotonic() - self._moved_s)
         self._moved_s, self._aimed, self._in_picture = None, None, False
 
 
@@ -123,7 +135,8 @@ def measure(seconds: float, width: int, height: int) -> PointerLag | str:
             participant.show()
             participant.raise_()
             console.commands.practice()
-            moves = Moves(windows, bench)
+            control = bench._ring.control  # type: ignore[union-attr]  # it is ready
+            moves = Moves(windows, lambda: 1e-9 * int(control.loop_beat))
             if _until(application, lambda: participant.view.taken, TAKE_S):
                 return "the window system does not let the pointer be moved"
             moves.measuring = True
@@ -136,12 +149,12 @@ def measure(seconds: float, width: int, height: int) -> PointerLag | str:
             QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     if not moves.painted_s:
         return "no move of the pointer came into a picture"
-    painted = 1e3 * np.array(moves.painted_s)
-    p50, p99 = np.percentile(painted, (50, 99)).tolist()
+    aimed, ticked, painted = (1e3 * np.array(times) for times in (moves.aimed_s, moves.tick_s, moves.painted_s))
+    parts = [float(np.median(part)) for part in (aimed, ticked - aimed, painted - ticked)]
+    p50, p95 = np.percentile(painted, (50, 95)).tolist()
     return PointerLag(
-        application.platformName(), width, height, len(painted), moves.lost,
-        float(np.median(1e3 * np.array(moves.aimed_s))), p50, p99, float(painted.max()),
-        float((painted <= LIMIT_MS).mean()),
+        application.platformName(), width, height, len(painted), moves.lost, *parts, p50, p95, float(painted.max()),
+        LIMIT_MS, float((painted <= LIMIT_MS).mean()),
     )  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """The top of the console: who and which trial, the pre-flight row, and the brakes-off button with its cause."""
 
 from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from app.live import messages as m
@@ -11,10 +12,14 @@ from app.screens.words import where
 COLOURS = {m.GOOD: theme.GOOD, m.CAUTION: theme.CAUTION, m.BAD: theme.BAD, m.WAITING: theme.BRAKE_OFF}
 #: Said by shape too, not by colour alone.
 MARKS = {m.GOOD: "●", m.CAUTION: "▲", m.BAD: "✕", m.WAITING: "○"}
+BOARD = "the board: "  # begins the cause of a brakes-off that the board latched
+DEVICE = "Device"  # the check that leads to the device page
 
 
 class Pill(QFrame):
     """One item of the pre-flight row."""
+
+    clicked = Signal(str)  # its name
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent, objectName="pill")
@@ -34,7 +39,13 @@ class Pill(QFrame):
         self.mark.setStyleSheet(f"color: {COLOURS[check.state]}")
         self.name.setText(check.name)
         self.text.setText(check.text)
-        self.setToolTip(" ".join(filter(None, (f"{check.name}: {check.text}.", check.advice))))
+        leads = "A click (F3) shows the device page." if check.name == DEVICE else ""
+        self.setCursor(Qt.CursorShape.PointingHandCursor if leads else Qt.CursorShape.ArrowCursor)
+        self.setToolTip(" ".join(filter(None, (f"{check.name}: {check.text}.", check.advice, leads))))
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        if self.rect().contains(event.position().toPoint()):
+            self.clicked.emit(self.name.text())
 
 
 class Preflight(QWidget):
@@ -42,6 +53,7 @@ class Preflight(QWidget):
 
     brakes_off_asked = Signal()
     brakes_allowed = Signal()
+    device_asked = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -80,11 +92,12 @@ class Preflight(QWidget):
         while len(self.pills) < len(snapshot.checks):
             self.pills.append(Pill())
             self._row.addWidget(self.pills[-1])
+            self.pills[-1].clicked.connect(self._asked)
         for i, pill in enumerate(self.pills):
             pill.setVisible(i < len(snapshot.checks))
             if i < len(snapshot.checks):
                 pill.show_check(snapshot.checks[i])
-        self._show_advice(snapshot)
+        self._show_advice(snapshot, opened is not None and opened.real_device)
         self._off = bool(snapshot.brakes_off)
         theme.name_anew(self.brakes, "brakes-off" if self._off else "brakes")
         self.brakes.setText("Allow brakes  B" if self._off else "Brakes off  Esc")
@@ -92,9 +105,15 @@ class Preflight(QWidget):
             "Let currents flow again" if self._off else "Zero current at once; a running trial ends and is kept"
         )
 
-    def _show_advice(self, snapshot: m.Snapshot) -> None:
+    def _asked(self, name: str) -> None:
+        if name == DEVICE:
+            self.device_asked.emit()
+
+    def _show_advice(self, snapshot: m.Snapshot, on_bench: bool) -> None:
         """One line for each thing that is wrong; nothing when all is well."""
         said = advice(snapshot)
+        if said and on_bench and any(check.name == DEVICE and check.state == m.BAD for check in snapshot.checks):
+            said[-1] += " F3 shows the device page."
         self.advice.setText(breakable("\n".join(said)))
         self.advice.setVisible(bool(said))
 
@@ -106,7 +125,10 @@ def advice(snapshot: m.Snapshot) -> list[str]:
     """A line for each thing that is wrong and keeps trials from starting: what to do about it."""
     said = []
     if snapshot.brakes_off:
-        said.append(f"Brakes are off: {sentence(snapshot.brakes_off)} B or the button lets them act again.")
+        cause = sentence(snapshot.brakes_off)
+        by_board = cause.startswith(BOARD)
+        why = f"The board took all current off: {cause.removeprefix(BOARD)}" if by_board else f"Brakes are off: {cause}"
+        said.append(f"{why} B or the button lets them act again.")
     for check in snapshot.checks:
         if check.state == m.BAD and not (snapshot.brakes_off and check.name == "Device"):
             said.append(" ".join(filter(None, (f"{check.name}: {sentence(check.text)}", check.advice))))

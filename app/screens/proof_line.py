@@ -28,7 +28,8 @@ class ProofLine(QFrame):
         self._light(theme.BRAKE_OFF)
 
     def _light(self, colour: str) -> None:
-        self.lamp.setStyleSheet(f"color: {colour}")
+        if (sheet := f"color: {colour}") != self.lamp.styleSheet():  # each one makes the window lay itself out anew
+            self.lamp.setStyleSheet(sheet)
 
     def show_opened(self, opened: m.Opened) -> None:
         """Seed, plan and version: with them the same session can be laid out again."""

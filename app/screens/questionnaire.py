@@ -4,7 +4,7 @@ Each scale has 21 marks, 0 to 100; none is set before it is touched, and all are
 """
 
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 
 from app.screens import theme
@@ -21,6 +21,7 @@ ITEMS = (
     ("smoothness", "How did the movement feel?", "smooth", "jerky"),
 )
 STEPS = 20
+LARGEST = 1.8  # times the size in a small window
 
 
 class Scale(QWidget):
@@ -84,29 +85,24 @@ class Questionnaire(QWidget):
 
     answered = Signal(dict)  # item -> 0 .. 100
 
-    def __init__(self, framed: bool = True, parent: QWidget | None = None) -> None:
-        """framed: on a panel of its own, with its title."""
+    def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self._by = 0.0  # how much larger than in a small window
         self.scales = {item: Scale(question) for item, question, *_ in ITEMS}
         self.done = QPushButton("Done", objectName="main")
-        self.done.setFont(theme.font(theme.TITLE, bold=True))
-        self.done.setMinimumSize(160, 42)
         self.done.clicked.connect(self._answer)
-        card = QFrame(objectName="panel" if framed else "")
-        card.setMaximumWidth(860)
-        grid = QGridLayout(card)
-        grid.setContentsMargins(*((28, 20, 28, 20) if framed else (0, 0, 0, 0)))
-        grid.setHorizontalSpacing(16)
-        grid.setVerticalSpacing(12)
-        if framed:
-            grid.addWidget(word("A few questions about the last trials", size=theme.HEAD, bold=True), 0, 0, 1, 4)
+        self._card = card = QFrame(objectName="panel")
+        self._grid = grid = QGridLayout(card)
+        self._title = word("A few questions about the last trials", bold=True)
+        grid.addWidget(self._title, 0, 0, 1, 4)
+        self._asked, self._ends = [], []
         for at, (item, question, low, high) in enumerate(ITEMS, start=1):
-            asked = line(question, size=theme.TITLE)
-            asked.setMinimumWidth(270)
-            grid.addWidget(asked, at, 0)
-            grid.addWidget(word(low, "quiet"), at, 1, Qt.AlignmentFlag.AlignRight)
+            self._asked.append(line(question))
+            self._ends += [word(low, "quiet"), word(high, "quiet")]
+            grid.addWidget(self._asked[-1], at, 0)
+            grid.addWidget(self._ends[-2], at, 1, Qt.AlignmentFlag.AlignRight)
             grid.addWidget(self.scales[item], at, 2)
-            grid.addWidget(word(high, "quiet"), at, 3)
+            grid.addWidget(self._ends[-1], at, 3)
             self.scales[item].changed.connect(self._allow)
         grid.setColumnStretch(2, 1)
         grid.addWidget(self.done, len(ITEMS) + 1, 0, 1, 4, Qt.AlignmentFlag.AlignRight)
@@ -119,7 +115,34 @@ class Questionnaire(QWidget):
         across.addStretch(1)
         layout.addLayout(across)
         layout.addStretch(1)
+        self._enlarge(1.0)
         self._allow()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Larger where there is room: the participant sits further away."""
+        super().resizeEvent(event)
+        self._enlarge(min(max(min(self.width() / 1000.0, self.height() / 560.0), 1.0), LARGEST))
+
+    def _enlarge(self, by: float) -> None:
+        if by == self._by:
+            return
+        self._by = by
+        for labels, size, bold in (
+            ([self._title], theme.HEAD, True),
+            (self._asked, theme.TITLE, False),
+            (self._ends, theme.NORMAL, False),
+            ([self.done], theme.TITLE, True),
+        ):
+            for label in labels:
+                label.setFont(theme.font(round(by * size), bold))
+        for asked in self._asked:
+            asked.setMinimumWidth(round(by * 300))
+        self.done.setMinimumSize(round(by * 160), round(by * 42))
+        across, down = round(by * 28), round(by * 20)
+        self._grid.setContentsMargins(across, down, across, down)
+        self._grid.setHorizontalSpacing(round(by * 16))
+        self._grid.setVerticalSpacing(round(by * 12))
+        self._card.setMaximumWidth(round(by * 900))
 
     def clear(self) -> None:
         """No answer yet."""

@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QCheckBox, QFrame, QHBoxLayout, QLineEdit, QPushBu
 from app.live import messages as m
 from app.screens import theme
 from app.screens.labels import breakable, line, word
-from app.screens.words import why_not
+from app.screens.words import why_no_session, why_not
 
 CARD_PX = 372
 RESUMABLE_MOST = 4  # shown; the others can be typed
@@ -18,6 +18,7 @@ class StartPage(QWidget):
 
     session_asked = Signal(str, bool, bool)  # participant, resume, blind
     practice_asked = Signal()
+    device_asked = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -35,11 +36,14 @@ class StartPage(QWidget):
         self.resume_head = line("", "caution")
         self.resumable: list[QPushButton] = []
         self.problem = line("", "bad")
-        self.practice = self._button("Try a trial with the mouse  T", main=True)
-        self.practice.setShortcut("T")
+        self.practice = self._button("Try a trial with the mouse  F4", main=True)
+        self.practice.setShortcut("F4")  # a letter would go into the participant's name
         self.practice.clicked.connect(self.practice_asked)
+        self.device = self._button("Device page  F3")
+        self.device.clicked.connect(self.device_asked)
         self.why = line("", "caution", theme.SMALL)
         self._why, self._known = "preparing", ()  # why nothing can be opened; participants to resume
+        self._why_no_practice = "preparing"
         self._lay_out()
         self._allow()
 
@@ -71,7 +75,7 @@ class StartPage(QWidget):
         text = "One trial with the mouse as the hand. Nothing to set up; it counts nowhere."
         practice, inside = self._card("Just try it", text)
         for step in (
-            "1   Touch the white dot: the pointer takes hold of it",
+            f"1   Touch the {theme.HANDLE_NAME} dot: the pointer takes hold of it",
             "2   Bring it into the green circle and keep still",
             "3   Follow the line to the orange circle",
         ):
@@ -80,11 +84,21 @@ class StartPage(QWidget):
         inside.addStretch(1)
         inside.addWidget(self.practice)
 
+        text = "A session begins with its guided steps: connect, home, take the zero. The hand moves the real handle."
+        bench, inside = self._card("The device is on the bench", text)
+        inside.addWidget(line("Real currents flow in real brakes. Esc takes them off at once, in any window."))
+        inside.addWidget(line("Its page says how it is and what to do if it is not well.", "quiet"))
+        inside.addStretch(1)
+        inside.addWidget(self.device)
+        self._practice, self._bench = practice, bench
+        bench.hide()
+
         cards = QHBoxLayout()
         cards.setSpacing(2 * theme.GAP)
         cards.addStretch(1)
         cards.addWidget(session)
         cards.addWidget(practice)
+        cards.addWidget(bench)
         cards.addStretch(1)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -121,7 +135,12 @@ class StartPage(QWidget):
         self._show_resumable(snapshot.resumable)
         self.problem.setText(breakable(snapshot.said if snapshot.said_bad else ""))
         self.problem.setVisible(snapshot.said_bad and bool(snapshot.said))
-        self._why = "Preparing …" if snapshot.stage == m.PREPARING else why_not(snapshot)
+        on_bench = opened is not None and opened.real_device
+        self._practice.setVisible(not on_bench)
+        self._bench.setVisible(on_bench)
+        prepares = snapshot.stage == m.PREPARING
+        self._why = "Preparing …" if prepares else why_no_session(snapshot, on_bench)
+        self._why_no_practice = "Preparing …" if prepares else why_not(snapshot)
         if snapshot.stage == m.PREPARING:
             self.why.setText("Preparing … on first use this takes about half a minute.")
         else:
@@ -141,8 +160,9 @@ class StartPage(QWidget):
                 button.deleteLater()
             self.resumable = [self._resume_button(label) for label in shown]
         more = len(participants) - len(shown)
-        one = "An interrupted session can go on:" if len(participants) == 1 else "Interrupted sessions can go on:"
-        self.resume_head.setText(one if more <= 0 else f"Interrupted sessions can go on ({more} more by their name):")
+        several = "Interrupted sessions can go on"
+        one = "An interrupted session can go on:" if len(participants) == 1 else f"{several}:"
+        self.resume_head.setText(one if more <= 0 else f"{several} (type the name for {more} more):")
         self.resume_head.setVisible(bool(participants))
         self._known = participants
 
@@ -158,7 +178,7 @@ class StartPage(QWidget):
         known = label in self._known
         self.new.setText("Resume this session  Enter" if known else "New session  Enter")
         self.new.setEnabled(not self._why and label.isascii() and label.isalnum())
-        self.practice.setEnabled(not self._why)
+        self.practice.setEnabled(not self._why_no_practice)
         for button in self.resumable:
             button.setEnabled(not self._why)
 

@@ -17,7 +17,7 @@ from app.screens.pens import pen, shade
 WINDOW_S = 6.0
 LINE_PX = 1.3
 LEAST_RISE_PX = 1.0  # device px
-LEAST_NEW_PX = 2  # device px: fewer wait for the next frame, a strip is painted about thirty times a second
+LEAST_NEW_PX = 2.0  # fewer wait for the next frame: a strip is painted about twenty-five times a second
 PADDING = 0.04  # of the range, above and below: a line at its end is not cut
 STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 
@@ -78,7 +78,7 @@ class Strip:
         self._values[:, self._count : self._count + n] = values
         self._count += n
         now = self._bin(float(t[-1]))
-        if (now - self._next) * self._step < LEAST_NEW_PX:
+        if (now - self._next) * self._step < LEAST_NEW_PX * self._ratio:
             return False
         self._scroll(self._next, now)
         self._next = now

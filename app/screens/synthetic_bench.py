@@ -14,7 +14,7 @@ from experiments.plan import make_plan
 from experiments.protocol import load_protocol
 
 TICKS_PER_S = 1000
-TRIAL_S, PULSE_S = 8.0, 0.1
+TRIAL_S, PULSE_S = 4.0, 0.1  # so short that every measurement sees a trial begin
 CHECKS = tuple(m.Check(name, m.GOOD, "synthetic") for name in ("Device", "Hand", "Loop", "Disk", "Recording"))
 
 

@@ -1,22 +1,25 @@
 """The look of every screen: palette, typeface, sizes (DESIGN, section 10)."""
 
 import os
+from importlib.util import find_spec
 from pathlib import Path
 
-import matplotlib
 from PySide6.QtGui import QColor, QFont, QFontDatabase
 from PySide6.QtWidgets import QApplication, QWidget
 
-GROUND, PANEL, LINE, TEXT, QUIET = "#12161b", "#1a2027", "#2a323c", "#e6eaee", "#8b96a3"
-CANVAS = "#0d1115"  # the workspace: darker than the panels, so that what moves stands out
-FIELD = "#242c35"  # buttons
-GOOD, BAD, CAUTION = "#3fb68b", "#e5604d", "#e0a33e"
-BAD_GROUND, BAD_TEXT = "#3a1c1a", "#f3a598"
-BRAKE_OFF, BRAKE_SLIPPING, BRAKE_STUCK = "#5b6672", "#e69f00", "#d55e00"
-ARM, ARM_CORE, POINTER = "#2e363f", "#505b67", "#c6ced6"
-START_RING, END_RING = GOOD, "#e69f00"
-TRACE, ACCENT, ACCENT_DARK = "#58b4e8", "#4f9de0", "#1f4b7a"
-CONTROLLER = {1: "#9aa5b1", 2: "#e69f00", 3: "#f0c75e", 4: "#4f9de0", 5: "#8ec7f2"}
+from app.screens import palette
+
+_OF = palette.chosen()
+GROUND, PANEL, LINE, TEXT, QUIET, CANVAS, FIELD = (
+    _OF.ground, _OF.panel, _OF.line, _OF.text, _OF.quiet, _OF.canvas, _OF.field
+)  # fmt: skip
+GOOD, BAD, CAUTION, BAD_GROUND, BAD_TEXT = _OF.good, _OF.bad, _OF.caution, _OF.bad_ground, _OF.bad_text
+BRAKE_OFF, BRAKE_SLIPPING, BRAKE_STUCK = _OF.brake_off, _OF.brake_slipping, _OF.brake_stuck
+ARM, ARM_CORE, POINTER, HANDLE, HANDLE_NAME = _OF.arm, _OF.arm_core, _OF.pointer, _OF.handle, _OF.handle_name
+START_RING, END_RING, WEDGE, WEDGE_EDGE = GOOD, _OF.end_ring, _OF.wedge, _OF.wedge_edge
+TRACE, ACCENT, ACCENT_GROUND, EDGE = _OF.trace, _OF.accent, _OF.accent_ground, _OF.edge
+JOINT = dict(zip("AEBC", _OF.joints, strict=True))
+CONTROLLER = dict(enumerate(_OF.controllers, start=1))
 STATUS = {
     "done": GOOD, "timeout": CAUTION, "aborted": BAD, "redone": QUIET, "recovered": CAUTION, "skipped": QUIET,
     "stopped": BAD,
@@ -64,38 +67,40 @@ QWidget {{ background: {GROUND}; color: {TEXT}; }}
 QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {LINE}; padding: 4px; }}
 QFrame#panel {{ background: {PANEL}; border: 1px solid {LINE}; border-radius: {RADIUS}px; }}
 QFrame#canvas {{ background: {CANVAS}; border: 1px solid {LINE}; border-radius: {RADIUS}px; }}
-QFrame#card {{ background: {PANEL}; border: 1px solid #3d4854; border-radius: {RADIUS}px; }}
+QFrame#card {{ background: {PANEL}; border: 1px solid {EDGE}; border-radius: {RADIUS}px; }}
 QFrame#line {{ background: {LINE}; border: none; max-height: 1px; min-height: 1px; }}
 QFrame#pill {{ background: {PANEL}; border: 1px solid {LINE}; border-radius: 15px; }}
 QFrame#pill-bad {{ background: {BAD_GROUND}; border: 1px solid {BAD}; border-radius: 15px; }}
 QLabel, QCheckBox, QRadioButton {{ background: transparent; }}
 QLabel#quiet {{ color: {QUIET}; }}
+QLabel#hint {{ color: {TEXT}; }}
+QLabel#quiet:disabled, QLabel#hint:disabled {{ color: {BRAKE_OFF}; }}
 QLabel#good {{ color: {GOOD}; }}
 QLabel#caution {{ color: {CAUTION}; }}
 QLabel#bad {{ color: {BAD}; }}
-QLabel#banner {{ background: {BAD_GROUND}; color: #ff9c8c; border: 1px solid {BAD}; border-radius: {RADIUS}px;
+QLabel#banner {{ background: {BAD_GROUND}; color: {BAD_TEXT}; border: 1px solid {BAD}; border-radius: {RADIUS}px;
     padding: 8px 12px; }}
 QPushButton {{ background: {FIELD}; border: 1px solid {LINE}; border-radius: 5px; padding: 6px 12px; }}
 QPushButton:hover {{ border-color: {QUIET}; }}
 QPushButton:focus {{ border-color: {ACCENT}; }}
 QPushButton:disabled {{ color: {BRAKE_OFF}; background: {PANEL}; }}
-QPushButton#main:enabled {{ background: {ACCENT_DARK}; border-color: {ACCENT}; }}
-QPushButton#main:focus {{ border-color: #ffffff; }}
+QPushButton#main:enabled {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
+QPushButton#main:focus {{ border-color: {TEXT}; }}
 QPushButton#brakes {{ background: {BAD_GROUND}; border-color: {BAD}; color: {BAD_TEXT}; padding: 6px 10px; }}
-QPushButton#brakes-off {{ background: {BAD}; border-color: {BAD}; color: #180806; padding: 6px 10px; }}
+QPushButton#brakes-off {{ background: {BAD}; border-color: {BAD}; color: {_OF.on_bad}; padding: 6px 10px; }}
 QPushButton#key {{ text-align: left; }}
-QPushButton#key:checked {{ background: {ACCENT_DARK}; border-color: {ACCENT}; }}
+QPushButton#key:checked {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
 QPushButton#toggle {{ background: transparent; color: {QUIET}; border-radius: 12px; padding: 3px 12px; }}
-QPushButton#toggle:checked {{ background: {FIELD}; color: {TEXT}; border-color: #3d4854; }}
+QPushButton#toggle:checked {{ background: {FIELD}; color: {TEXT}; border-color: {EDGE}; }}
 QPushButton#small {{ padding: 3px 10px; color: {QUIET}; }}
 QPushButton#small:hover {{ color: {TEXT}; }}
 QLineEdit, QComboBox, QPlainTextEdit {{ background: {GROUND}; border: 1px solid {LINE}; border-radius: 5px;
-    padding: 5px 8px; selection-background-color: {ACCENT_DARK}; }}
+    padding: 5px 8px; selection-background-color: {ACCENT_GROUND}; }}
 QComboBox::drop-down {{ border: none; width: 22px; }}
 QLineEdit:focus, QComboBox:focus, QPlainTextEdit:focus {{ border-color: {ACCENT}; }}
 QLineEdit:disabled, QComboBox:disabled {{ color: {QUIET}; }}
 QComboBox QAbstractItemView {{ background: {PANEL}; border: 1px solid {LINE};
-    selection-background-color: {ACCENT_DARK}; }}
+    selection-background-color: {ACCENT_GROUND}; }}
 QScrollArea {{ border: none; background: transparent; }}
 QScrollBar:vertical {{ background: transparent; width: 8px; margin: 0; }}
 QScrollBar::handle:vertical {{ background: {LINE}; border-radius: 4px; min-height: 24px; }}
@@ -104,14 +109,16 @@ QScrollBar::add-line, QScrollBar::sub-line, QScrollBar::add-page, QScrollBar::su
 QCheckBox::indicator {{ width: 14px; height: 14px; border: 1px solid {QUIET}; border-radius: 3px;
     background: {GROUND}; }}
 QCheckBox::indicator:checked {{ background: {ACCENT}; border-color: {ACCENT}; }}
-QCheckBox:focus {{ color: #ffffff; }}
+QCheckBox:focus {{ color: {TEXT}; }}
 """
 
 
 def dress(application: QApplication) -> None:
     """Give the application its typeface and colours, and let it paint in one thread."""
     os.environ.setdefault("QT_NO_GUI_THREADPOOL", "1")  # shared out, our small areas cost more than they gain
-    folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    matplotlib = find_spec("matplotlib")  # not imported, which takes a fifth of a second
+    assert matplotlib is not None and matplotlib.origin is not None
+    folder = Path(matplotlib.origin).parent / "mpl-data" / "fonts" / "ttf"
     for name in ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf"):
         QFontDatabase.addApplicationFont(str(folder / name))
     application.setStyle("Fusion")

@@ -17,7 +17,7 @@ from core.device import Device
 from core.mechanism import JOINTS
 from core.path_file import PathFile, build_path
 
-JOINT_COLOURS = dict(zip(JOINTS, ("#8ec7f2", "#f0e442", "#3fb68b", "#cc79a7"), strict=True))
+JOINT_COLOURS = theme.JOINT
 NOTHING = "–"
 HIDDEN = "hidden: the session is blind"
 

@@ -1,17 +1,22 @@
 """What the windows make ready beside their work, so that neither the first trial nor the first look at the results
-has to wait for it: the kernels that drawing calls, the results window, and no more garbage to look through.
+has to wait for it: the kernels that drawing calls, the results window, no more garbage to look through; then one
+picture of what no one sees yet, for layouts, styles and letters take longest the first time.
 """
 
 import gc
 import threading
 import time
 
+import numpy as np
 from PySide6.QtCore import QObject, QTimer
 
-from app.live.messages import PREPARING
+from app.live.messages import PREPARING, RUNNING
 from app.screens.console_window import ConsoleWindow
 from app.screens.layers import compile_kernels
+from app.screens.workspace import Workspace
+from core import row
 from core.device import Device
+from core.path_file import build_path
 
 LOOK_MS = 100
 #: Where the bench takes longer than this its kernels are being compiled, and ours must be too. Our choice.
@@ -33,8 +38,12 @@ class WarmUp(QObject):
         console = self._console
         if console.opened is None:
             return
-        if console.snapshot.stage != PREPARING or time.monotonic() > self._since_s + FIRST_USE_S:
-            self._timer.stop()
+        if self.beside is not None:
+            if not self.beside.is_alive():
+                self._timer.stop()
+                if console.snapshot.stage != RUNNING:
+                    paint_once(console)
+        elif console.snapshot.stage != PREPARING or time.monotonic() > self._since_s + FIRST_USE_S:
             device = console.opened.devices[0]
             self.beside = threading.Thread(target=make_ready, args=(device,), name="warm-up")
             self.beside.start()
@@ -53,3 +62,25 @@ def make_ready(device: Device) -> None:
 
     gc.collect()
     gc.freeze()  # else looking through all that was imported holds a frame for 50 ms now and then
+
+
+def paint_once(console: ConsoleWindow) -> None:
+    """A picture of the desk, and of a workspace in which a trial begins, with every layer; thrown away."""
+    opened, desk = console.opened, console.desk
+    assert opened is not None
+    if not desk.isVisible():
+        desk.resize(console.pages.size())
+        desk.grab()
+    workspace = Workspace(opened.devices, opened.paths)
+    for button in workspace.buttons.values():
+        button.setChecked(True)
+    path = next(iter(opened.paths.values()))
+    x0, y0, x1, y1 = build_path(path, "path")[1:5]
+    tip = (0.5 * (x0 + x1), 0.5 * (y0 + y1))
+    workspace.show_trial(opened.devices[0], path, tip, opened.rules)
+    tick = np.zeros((1, row.WIDTH))
+    tick[0, [row.PHASE, row.TIP_X, row.TIP_Y, row.TIP_VX, row.HAND_FX]] = row.MOVE, *tip, 0.1, 2.0
+    workspace.add(tick)
+    workspace.resize(desk.size())
+    workspace.grab()
+    workspace.deleteLater()

@@ -9,11 +9,13 @@ from PySide6.QtWidgets import QApplication
 
 from app.live import messages as m
 from app.live.bench import Bench
+from app.live.spare_scipy import spare_scipy
 from app.screens import theme, words
 from app.screens.console_window import ConsoleWindow
 from app.screens.keys import bind
 from app.screens.participant_window import ParticipantWindow
 from app.screens.warm_up import WarmUp
+from core.path_file import Segment, outline
 
 FRAME_MS = 16
 
@@ -150,12 +152,21 @@ class Windows(QObject):
         self.bench.stop(reason)
 
 
-def run(bench: Bench) -> int:
-    """Open the app on a bench and stay until it closes; the exit code."""
+def make_ready() -> QApplication:
+    """What need not wait for the bench: the application, and a first kernel, which loads most of the compiler."""
+    spare_scipy()
+    outline(Segment((0.0, 0.0), (0.0, 0.1)), 0.1)
     application = QApplication.instance() or QApplication(sys.argv[:1])
     assert isinstance(application, QApplication)
     theme.dress(application)
     application.setQuitOnLastWindowClosed(False)
+    return application
+
+
+def run(bench: Bench) -> int:
+    """Open the app, which has been made ready, on a bench and stay until it closes; the exit code."""
+    application = QApplication.instance()
+    assert isinstance(application, QApplication)
     code = 0
     try:
         windows = Windows(bench)

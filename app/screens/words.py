@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from app.live import messages as m
+from app.screens import theme
 from core import row
 from experiments.plan import PlannedTrial
 from experiments.trials_table import TrialRow
@@ -17,11 +18,11 @@ class Said(NamedTuple):
 
 
 PHASES = {
-    row.APPROACH: Said("Move to the start", "Bring the white dot into the green circle"),
+    row.APPROACH: Said("Move to the start", f"Bring the {theme.HANDLE_NAME} dot into the green circle"),
     row.HOLD: Said("Hold", "Keep still in the green circle"),
     row.MOVE: Said("Go", "Follow the line to the orange circle"),
 }
-TAKE_IT = "Touch the white dot with the pointer to take hold of it"
+TAKE_IT = f"Touch the {theme.HANDLE_NAME} dot with the pointer to take hold of it"
 ENDINGS = {
     "done": "Well done", "timeout": "Time is up", "aborted": "Stopped", "recovered": "Stopped", "stopped": "Stopped"
 }  # fmt: skip
@@ -29,7 +30,7 @@ ENDED = Said("", "The next one starts in a moment")
 WELCOME = Said("Welcome", "We start in a moment")
 PREPARING = Said("One moment", "Everything is being made ready")
 BREAK = Said("Take a break", "Rest your hand")
-CHANGE = Said("One moment", "The device is being changed")
+CHANGE = Said("One moment", "The device is made ready")
 STOPPED = Said("Stopped", "One moment, please")
 QUESTIONS = Said("A few questions")
 FINISHED = Said("Thank you", "That was the last one")
@@ -49,7 +50,7 @@ CELL = ("configuration", "block", "segment", "controller", "repetition")  # what
 def moving(phase: int, taken: bool) -> Said | None:
     """What is said during a trial; none once it has ended (how is said when its row is there)."""
     said = PHASES.get(phase)
-    if said is not None and phase == row.APPROACH and not taken:
+    if said is not None and not taken:
         return said._replace(small=TAKE_IT)
     return said
 
@@ -119,7 +120,8 @@ def where(snapshot: m.Snapshot, opened: m.Opened) -> str:
         return "Practice · counts nowhere"
     planned = snapshot.running or snapshot.coming
     if not opened.participant or planned is None:
-        return f"Protocol {opened.protocol}"
+        over = f"All {len(opened.plan)} trials are done · " if snapshot.stage == m.FINISHED else ""
+        return f"{over}protocol {opened.protocol}" if over else f"Protocol {opened.protocol}"
     if planned.block == 0:
         return f"Practice · {describe(planned, opened, snapshot.blind)}"
     at = f"Trial {place(planned, opened.plan)} of {len(opened.plan)}"
@@ -151,7 +153,7 @@ def clock(seconds: float) -> str:
 
 def grouped(number: int) -> str:
     """A whole number with thin gaps between thousands."""
-    return f"{number:,}".replace(",", "\u2009")
+    return f"{number:,}".replace(",", "\u202f")
 
 
 def size(count: int) -> str:
@@ -160,6 +162,14 @@ def size(count: int) -> str:
         if count >= least:
             return f"{count / least:.1f} {unit}"
     return f"{count} bytes"
+
+
+def why_no_session(snapshot: m.Snapshot, on_bench: bool) -> str:
+    """Why no session can be opened now; empty: one can. What is homed and zeroed on the bench belongs to a session."""
+    if on_bench:
+        there = tuple(check for check in snapshot.checks if check.name not in ("Device", "Hand"))
+        snapshot = snapshot._replace(checks=there, brakes_off="")
+    return why_not(snapshot)
 
 
 def why_not(snapshot: m.Snapshot) -> str:

@@ -74,8 +74,7 @@ class Workspace(QFrame):
 
     def say(self, title: str, line: str = "") -> None:
         """What stands above the workspace while no trial runs."""
-        self.view.title, self.view.line = title, line
-        self.view.update()
+        self.view.say(title, line)
 
     def add(self, rows: np.ndarray) -> None:
         """Ticks (n, row.WIDTH) since the last frame."""

@@ -26,8 +26,9 @@ def add(verbs) -> None:
         "phd bench --out bench-1",
     )
     verb.add_argument(
-        "--screens", nargs="?", type=seconds, const=10.0, metavar="SECONDS",
-        help="instead, what the windows cost at several sizes, and the way from pointer to picture; each case so long",
+        "--screens", nargs="?", type=seconds, const=5.0, metavar="SECONDS",
+        help="instead, what the windows cost at several sizes, and the way from pointer to picture, in seven cases of "
+        "so many seconds (default: 5, about a minute in all)",
     )  # fmt: skip
     verb.add_argument(
         "--board", nargs="?", type=whole_number_of(1), const=60, metavar="TRIALS",
@@ -110,9 +111,9 @@ def bench_screens(args: argparse.Namespace) -> int:
     """The table of windows and the pointer's way; with --json as data."""
     if args.quick or args.out is not None:
         raise InputError("--screens: stands alone, or with --json")
+    Display("measure windows on").check()
     from app.screens.screen_bench import run_screens, table
 
-    Display("measure windows on").check()
     announce_first_use()
     with Progress("drawing") as progress:
         result = run_screens(args.screens, progress)

@@ -57,6 +57,7 @@ def add(verbs) -> None:
     verb.add_argument(
         "--data-dir", type=Path, default=Path("data"), metavar="DIR", help="where sessions are kept (default: data)"
     )
+    verb.add_argument("--theme", choices=("dark", "light"), default="dark", help="of the windows (default: dark)")
     verb.add_argument(
         "--print-plan", action="store_true", help="print every trial of the participant, in order, and end: no window"
     )
@@ -70,8 +71,8 @@ def run(args: argparse.Namespace) -> int:
     display = Display("open a window on")
     from app.live.bench import Bench
     from app.live.setup import Setup
+    from app.screens import palette
 
-    announce_first_use()
     bench = Bench(
         Setup(
             args.data_dir.absolute(), whole(args.protocol), tuple(map(whole, args.device)) if args.device else None,
@@ -79,8 +80,11 @@ def run(args: argparse.Namespace) -> int:
         )  # fmt: skip
     )
     try:  # all this takes its time, and so does the bench
+        announce_first_use()
+        palette.choose(args.theme)
         windows = import_screen("windows")
         display.check()
+        windows.make_ready()
         if refused := bench.refused():
             raise InputError(refused)
     except BaseException:

@@ -1,8 +1,8 @@
-"""Makes the pictures of this folder again, by hand: python docs/screens/make.py (two minutes; without a screen:
+"""Makes the pictures of this folder again, by hand: python docs/screens/make.py (four minutes; without a screen:
 QT_QPA_PLATFORM=offscreen).
 
-The real app on a live bench: two sessions of the paper's protocol, whose pointer is led by a made-up hand, then the
-results of a study by simulated operators. Nothing on the pictures is painted for them.
+The real app on a live bench: two sessions of the paper's protocol, whose pointer is led by a made-up hand, the results
+of a study by simulated operators, an emulated board on the bench. Nothing on the pictures is painted for them.
 """
 
 import subprocess
@@ -21,6 +21,11 @@ from PySide6.QtWidgets import QApplication, QWidget
 from app.live import messages as m
 from app.live.bench import Bench
 from app.live.setup import Setup
+from app.screens import palette
+
+LIGHT = "light"
+palette.choose(LIGHT if sys.argv[1:] == [LIGHT] else "dark")
+# ruff: noqa: E402  (the palette is chosen before the first window's modules)
 from app.screens import theme
 from app.screens.linkage_view import DIRECTIONS
 from app.screens.windows import Windows
@@ -32,9 +37,12 @@ from core.path_file import build_path
 HERE = Path(__file__).resolve().parent
 SMALL, LARGE = (1280, 720), (1920, 1080)
 SPEED_M_S, NEAR_M = 0.07, 0.0015  # how fast it likes to move; so near to the start it holds still
-LEAST_M, MOST_M, STEP_M = 0.01, 0.12, 0.0012  # the pointer's lead, which grows in each frame that is slower
+LEAST_M, MOST_M, STEP_M = 0.01, 0.12, 0.0012  # the pointer's lead, which grows with each frame that is slower
 SWAY_M, SWAY_HZ = 0.022, 0.45  # it is never quite on the line
 LONGEST_S = 120.0
+SETTLED_S = 0.12  # after which a window has laid itself out at another size
+COLOURS, AS_THEY_ARE = 256, 64
+FRAME_S = 0.016
 OPERATORS = 6
 
 
@@ -46,7 +54,7 @@ class MadeUpHand(QObject):
         self._windows, self._bench = windows, bench
         self.now: np.ndarray | None = None  # the newest tick of the running trial
         self._path: Line | None = None
-        self._lead = LEAST_M
+        self._lead, self._at_s = LEAST_M, 0.0
         windows.framed.connect(self._frame)
 
     @property
@@ -73,7 +81,9 @@ class MadeUpHand(QObject):
         self._path = build_path(opened.paths[running.segment], "path")
         tip = self.now[row.TIP_X : row.TIP_Y + 1]
         slow = np.hypot(self.now[row.TIP_VX], self.now[row.TIP_VY]) < SPEED_M_S
-        self._lead = min(max(self._lead + (STEP_M if slow else -2.0 * STEP_M), LEAST_M), MOST_M)
+        frames = min(max(float(self.now[row.T]) - self._at_s, 0.0) / FRAME_S, 10.0)
+        self._at_s = float(self.now[row.T])
+        self._lead = min(max(self._lead + frames * (STEP_M if slow else -2.0 * STEP_M), LEAST_M), MOST_M)
         goal = np.array([self._path.x0, self._path.y0])
         if self.is_in(row.MOVE):
             length = self._path.length
@@ -92,77 +102,89 @@ class MadeUpHand(QObject):
 
 
 def main() -> None:
-    """All pictures."""
+    """All pictures; with `light` as the argument those of the light palette."""
     application = QApplication(sys.argv[:1])
     theme.dress(application)
     application.setQuitOnLastWindowClosed(False)
     with tempfile.TemporaryDirectory(prefix="phd-") as folder:
-        data = Path(folder) / "data"
-        bench = Bench(Setup(data))
-        windows = Windows(bench)
+        windows = Windows(Bench(Setup(Path(folder) / "data")))
         try:
-            trials(windows, MadeUpHand(windows, bench))
+            if sys.argv[1:] == [LIGHT]:
+                in_light(windows, MadeUpHand(windows, windows.bench))
+                return
+            trials(windows, MadeUpHand(windows, windows.bench))
             study = Path(folder) / "study"
             command = [sys.executable, "-m", "app.cli", "study", "--operators", str(OPERATORS), "--out", str(study)]
             subprocess.run(command, check=True, cwd=HERE.parents[1], stdout=subprocess.DEVNULL)
             results(windows, study)
         finally:
             windows.close()
+        on_the_bench(Path(folder) / "bench")
+    subprocess.run([sys.executable, __file__, LIGHT], check=True)
 
 
 def trials(windows: Windows, hand: MadeUpHand) -> None:
     """Participant's view in each phase, the console with three brakes and with four, a pre-flight with red."""
     console, participant, send = windows.console, windows.participant, windows.bench.send
-    console.resize(*SMALL)
-    windows.show()
-    participant.setGeometry(0, 0, *SMALL)
-    participant.show()
-    until(lambda: console.snapshot.stage == m.NO_SESSION)
-
-    send(m.Open("01"))
-    until(lambda: console.snapshot.stage == m.READY)
+    begin(windows, "01")
     view = participant.view
     trial(windows, controller=2)
     until(lambda: view.taken and hand.is_in(row.APPROACH))
     until(lambda: after(0.15))
     shoot(participant, "participant-approach")
     until(lambda: hand.is_in(row.HOLD))
-    until(lambda: after(0.2))
+    until(lambda: after(0.1))
     shoot(participant, "participant-hold")
     until(lambda: hand.progress > 0.55)
     shoot(participant, "participant-move")
     until(lambda: console.snapshot.stage == m.READY)
     until(lambda: after(0.2))
     shoot(participant, "participant-end")
+    send(m.Pause(True))
+    until(lambda: console.snapshot.paused)
+    shoot(participant, "participant-break")
+    send(m.Pause(False))
+    until(lambda: not console.snapshot.paused)
     trial(windows, controller=4)
     until(lambda: hand.progress > 0.5 and brakes(console) > 1.0)
     shoot(console, "console-three-brake")
     until(lambda: console.snapshot.stage == m.READY)
     windows.bench.brakes_off("Esc on the console")
     until(lambda: bool(console.snapshot.brakes_off))
-    until(lambda: after(0.2))
     shoot(console, "preflight-red")
     send(m.AllowBrakes())
     send(m.Leave())
     until(lambda: console.snapshot.stage == m.NO_SESSION)
-
-    send(m.Open("02"))  # who meets the four-brake device first
-    until(lambda: console.snapshot.stage == m.READY)
+    begin(windows, "02")  # who meets the four-brake device first
     assert console.centre.workspace is not None
     console.centre.workspace.buttons[DIRECTIONS].setChecked(True)
-    trial(windows, controller=2)
+    trial(windows, controller=4)
     until(lambda: hand.progress > 0.5 and brakes(console) > 1.0)
     shoot(console, "console-four-brake")
     until(lambda: console.snapshot.stage == m.READY)
-    console.centre.workspace.buttons[DIRECTIONS].setChecked(False)
-    console.resize(*LARGE)
-    trial(windows, controller=4)
-    until(lambda: hand.progress > 0.6 and brakes(console) > 1.0)
-    shoot(console, "console-1920x1080")
-    until(lambda: console.snapshot.stage == m.READY)
     send(m.Leave())
     until(lambda: console.snapshot.stage == m.NO_SESSION)
+
+
+def in_light(windows: Windows, hand: MadeUpHand) -> None:
+    """The console in the light palette."""
+    begin(windows, "01")
+    trial(windows, controller=4)
+    until(lambda: hand.progress > 0.5 and brakes(windows.console) > 1.0)
+    shoot(windows.console, "console-light", (SMALL,))
+    until(lambda: windows.console.snapshot.stage == m.READY)
+
+
+def begin(windows: Windows, participant: str) -> None:
+    """Both windows, and a session of this participant."""
+    console = windows.console
     console.resize(*SMALL)
+    windows.show()
+    windows.participant.setGeometry(0, 0, *SMALL)
+    windows.participant.show()
+    until(lambda: console.snapshot.stage == m.NO_SESSION)
+    windows.bench.send(m.Open(participant))
+    until(lambda: console.snapshot.stage == m.READY)
 
 
 def results(windows: Windows, study: Path) -> None:
@@ -173,11 +195,30 @@ def results(windows: Windows, study: Path) -> None:
     assert opened is not None
     folder = study / "sub-01" / "ses-01"
     shown = ResultsWindow(opened._replace(participant="01", folder=str(folder)), m.Snapshot(m.FINISHED))
-    shown.resize(*SMALL)
     shown.show()
-    until(lambda: after(0.3))
     shoot(shown, "results")
     shown.close()
+
+
+def on_the_bench(data: Path) -> None:
+    """The device page, of an emulated board."""
+    command = [sys.executable, "-m", "app.cli", "emulate", "--device", "four-brake", "--hand", "still"]
+    board = subprocess.Popen(command, cwd=HERE.parents[1], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert board.stdout is not None
+    windows = Windows(Bench(Setup(data, devices=("four-brake",), link=board.stdout.readline().strip())))
+    console = windows.console
+    try:
+        windows.show()
+        until(lambda: console.snapshot.stage == m.NO_SESSION)
+        windows.bench.send(m.Open("01"))
+        until(lambda: console.snapshot.stage == m.RERIG)
+        console.show_device(True)
+        until(lambda: after(6.0))  # the clock model has its drift
+        shoot(console, "device", (SMALL,))
+    finally:
+        windows.close()
+        board.terminate()
+        board.wait()
 
 
 def trial(windows: Windows, controller: int) -> None:
@@ -222,14 +263,35 @@ def until(done: Callable[[], bool]) -> None:
         application.exec()
 
 
-def shoot(window: QWidget, name: str) -> None:
-    """Keep a picture, in 256 colours: so many are enough for it."""
-    picture = window.grab().toImage().convertToFormat(QImage.Format.Format_RGB888)
-    pixels = np.frombuffer(picture.constBits(), np.uint8).reshape(picture.height(), picture.bytesPerLine())
-    whole = Image.fromarray(pixels[:, : 3 * picture.width()].reshape(picture.height(), picture.width(), 3).copy())
-    file = HERE / f"{name}.png"
-    whole.quantize(256, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).save(file, optimize=True)
-    print(f"{file.name} {picture.width()} x {picture.height()} px, {file.stat().st_size} bytes")
+def shoot(window: QWidget, name: str, sizes: tuple[tuple[int, int], ...] = (SMALL, LARGE)) -> None:
+    """Keep a picture at each size."""
+    for width, height in sizes:
+        window.resize(width, height)
+        until(lambda: after(SETTLED_S))
+        picture = window.grab().toImage().convertToFormat(QImage.Format.Format_RGB888)
+        lines = np.frombuffer(picture.constBits(), np.uint8).reshape(picture.height(), picture.bytesPerLine())
+        pixels = lines[:, : 3 * picture.width()].reshape(picture.height(), picture.width(), 3)
+        file = HERE / f"{name}-{width}x{height}.png"
+        in_few_colours(pixels).save(file, optimize=True)
+        print(f"{file.name} {picture.width()} x {picture.height()} px, {file.stat().st_size} bytes")
+    window.resize(*SMALL)
+
+
+def in_few_colours(pixels: np.ndarray) -> Image.Image:
+    """Pixels (height, width, 3) in 256 colours: the most frequent ones as they are, then always the one that is
+    furthest from all so far.
+    """
+    found, which, often = np.unique(pixels.reshape(-1, 3), axis=0, return_inverse=True, return_counts=True)
+    colours = found.astype(float)
+    chosen = list(np.argsort(-often)[:AS_THEY_ARE])
+    far = np.min([((colours - colours[i]) ** 2).sum(axis=1) for i in chosen], axis=0)
+    while len(chosen) < min(COLOURS, len(found)):
+        chosen.append(int(np.argmax(far)))
+        far = np.minimum(far, ((colours - colours[chosen[-1]]) ** 2).sum(axis=1))
+    nearest = np.argmin([((colours - colours[i]) ** 2).sum(axis=1) for i in chosen], axis=0).astype(np.uint8)
+    picture = Image.fromarray(nearest[which.reshape(pixels.shape[:2])], "P")
+    picture.putpalette(found[chosen].tobytes())
+    return picture
 
 
 if __name__ == "__main__":

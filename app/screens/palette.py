@@ -1,0 +1,89 @@
+"""The colours, dark and light, of the same meaning; chosen once, before the first window's modules are imported."""
+
+from typing import NamedTuple
+
+
+class Palette(NamedTuple):
+    """What each colour is for."""
+
+    ground: str  # behind everything
+    panel: str
+    field: str  # buttons
+    canvas: str  # the workspace and the participant's view: set off from the panels, so that what moves stands out
+    line: str
+    edge: str  # of cards, that lie over panels
+    text: str
+    quiet: str
+    good: str
+    bad: str
+    caution: str
+    bad_ground: str  # behind what is wrong
+    bad_text: str  # on it
+    on_bad: str  # text on `bad` itself
+    brake_off: str  # also: what cannot be used now
+    brake_slipping: str
+    brake_stuck: str
+    arm: str
+    arm_core: str
+    pointer: str
+    end_ring: str
+    trace: str
+    accent: str
+    accent_ground: str  # behind the text of what comes first
+    handle: str  # and the path
+    handle_name: str  # its colour, to the participant
+    wedge: str
+    wedge_edge: str
+    joints: tuple[str, str, str, str]  # A, E, B, C
+    controllers: tuple[str, ...]  # 1 ..
+
+
+#: The colours of brakes, joints and controllers are from Okabe and Ito's set, which people with any colour vision can
+#: tell apart; in the light palette the same hues are darker. Nothing is said by colour alone.
+DARK = Palette(
+    ground="#12161b", panel="#1a2027", field="#242c35", canvas="#0d1115", line="#2a323c", edge="#3d4854",
+    text="#e6eaee", quiet="#8b96a3", good="#3fb68b", bad="#e5604d", caution="#e0a33e",
+    bad_ground="#3a1c1a", bad_text="#f3a598", on_bad="#180806",
+    brake_off="#5b6672", brake_slipping="#e69f00", brake_stuck="#d55e00",
+    arm="#2e363f", arm_core="#505b67", pointer="#c6ced6", end_ring="#e69f00",
+    trace="#58b4e8", accent="#4f9de0", accent_ground="#1f4b7a", handle="#ffffff", handle_name="white",
+    wedge="#cc79a7", wedge_edge="#7d5070",
+    joints=("#8ec7f2", "#f0e442", "#3fb68b", "#cc79a7"),
+    controllers=("#9aa5b1", "#e69f00", "#f0c75e", "#4f9de0", "#8ec7f2"),
+)  # fmt: skip
+LIGHT = Palette(
+    ground="#e9edf1", panel="#fbfcfd", field="#e3e8ed", canvas="#f5f7f9", line="#cfd6dd", edge="#aab4be",
+    text="#1b2229", quiet="#56616c", good="#0b6e4b", bad="#b3301f", caution="#835400",
+    bad_ground="#fbe3df", bad_text="#8c2013", on_bad="#ffffff",
+    brake_off="#7c8792", brake_slipping="#8a5c00", brake_stuck="#b04a00",
+    arm="#c3ccd5", arm_core="#8d99a5", pointer="#46505a", end_ring="#c47400",
+    trace="#1c6fa8", accent="#1d6cba", accent_ground="#cde2f7", handle="#12161b", handle_name="black",
+    wedge="#b5568a", wedge_edge="#c98bad",
+    joints=("#1f6fb2", "#8a7a00", "#0b7a52", "#a8447d"),
+    controllers=("#6b7681", "#c27a00", "#9c7f10", "#1d6cba", "#3d8ac4"),
+)  # fmt: skip
+PALETTES = {"dark": DARK, "light": LIGHT}
+_chosen = DARK
+
+
+def choose(name: str) -> None:
+    """The palette of this process, by its name; without effect once `theme` has been imported."""
+    global _chosen
+    _chosen = PALETTES[name]
+
+
+def chosen() -> Palette:
+    """The palette of this process."""
+    return _chosen
+
+
+def contrast(one: str, other: str) -> float:
+    """Of two colours, 1 to 21 (WCAG 2); 4.5 is enough for text."""
+    brighter, darker = sorted((_luminance(one), _luminance(other)), reverse=True)
+    return (brighter + 0.05) / (darker + 0.05)
+
+
+def _luminance(colour: str) -> float:
+    parts = [int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
+    red, green, blue = (p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
