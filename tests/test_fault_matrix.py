@@ -71,7 +71,7 @@ def test_a_fault_is_told_makes_the_currents_zero_and_loses_nothing(
         check_told(case)
         reading_on = case.bench.link.health.lost_links  # a thread that looks for the board makes time pass as well
         assert phase == BETWEEN and reading_on or case.seen_ms <= fault.seen_ms
-        assert case.killed or phase in (BETWEEN, "end") or case.row.status == "aborted"
+        assert case.killed or phase in (BETWEEN, "end") or case.row.status == "stopped"
         if phase == "move":
             assert case.zero_ms <= (BOARD_MS if fault.board else case.seen_ms + WIRE_MS)
             assert case.zero_ms <= case.seen_ms + WIRE_MS or fault.board
