@@ -26,7 +26,6 @@ from app.screens.synthetic_bench import TRIAL_S, SyntheticBench
 from app.screens.warm_up import WarmUp
 from app.screens.workspace import Workspace
 from app.verbs.bench import seconds
-from app.verbs.run import SCREENS
 from core import row
 from core.device import load_device
 
@@ -219,15 +218,6 @@ def test_the_report_has_a_line_for_every_case_and_the_pointer() -> None:
 def test_a_length_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(ArgumentTypeError):
         seconds(text)
-
-
-def test_without_a_screen_nothing_is_measured(monkeypatch, capsys) -> None:
-    for name in SCREENS:
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr("sys.platform", "linux")
-    assert main(["bench", "--screens"]) == 2
-    said = capsys.readouterr()
-    assert said.out == "" and said.err.count("\n") == 1 and "no screen" in said.err
 
 
 def test_screens_are_measured_alone(capsys) -> None:
