@@ -99,7 +99,7 @@ class BoardInStep:
             self.device.sensors.noise[:] = 0.0
         self._late = how.late
         self._sent = b""
-        self.ticks = 0
+        self.ticks = self.not_taken = 0
         self.moves = False  # before the trial, operator and device stand
         self.read()  # kernels are compiled, or loaded, before a host waits for an answer
 

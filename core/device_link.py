@@ -5,6 +5,9 @@ from typing import NamedTuple, Protocol
 
 from core.device import Device
 
+#: 1/s: the noise (rms) of the velocity that a link tells, over its encoders' step at the tip (hardware/motion_filter)
+VELOCITY_NOISE_HZ = 17.0
+
 
 class LinkSample(NamedTuple):
     """One tick of a device as its sensors tell it. Positions in m, forces in N, currents in A, times in s."""

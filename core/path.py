@@ -26,6 +26,8 @@ FROM, LENGTH, X, Y, TX, TY, CURVATURE, TURN = range(8)
 #: m. Outside a corner, nearer to it than this, the tangent turns in proportion to the distance from it: at the corner
 #: itself it is that of the piece. Zero: encoder steps at the corner turn the direction by the whole corner.
 CORNER_M = 1e-3
+#: m. A shorter way counts as none: its square would be no normal number.
+LEAST_M = 1e-100
 #: m. A piece is left for another one that is nearer by more than this times (1 - cosine between their tangents).
 #: Zero: noise of the tip half-way between two pieces picks the piece at every tick.
 HOLD_M = 1e-3
@@ -91,7 +93,7 @@ def beside_arc(piece: np.ndarray, i: int, x: float, y: float) -> tuple[float, fl
     sense = 1.0 if k > 0.0 else -1.0
     rx, ry = x - (piece[i, X] - ty / k), y - (piece[i, Y] + tx / k)  # from the centre
     radius = math.sqrt(rx * rx + ry * ry)
-    if radius <= 0.0:
+    if radius <= LEAST_M:
         return 0.0, 1.0 / k, tx, ty
     ux, uy = -sense * ry / radius, sense * rx / radius
     angle = sense * math.atan2(tx * uy - ty * ux, tx * ux + ty * uy)  # turned since the start, -pi .. pi
@@ -137,7 +139,7 @@ def at_corner(
     """
     rx, ry = x - corner_x, y - corner_y
     distance = math.sqrt(rx * rx + ry * ry)
-    if distance <= 0.0:
+    if distance <= LEAST_M:
         return 0.0, tx, ty
     across_x, across_y = outside * ry / distance, -outside * rx / distance  # at right angles to the way to the corner
     turned = math.atan2(tx * across_y - ty * across_x, tx * across_x + ty * across_y)

@@ -54,7 +54,7 @@ OUT_OF_PLACE, TOO_FAST, TRAPPED, ASTRAY = 10, 11, 12, 13
 REASONS = {
     OUT_OF_PLACE: "the handle was where the device file says it cannot be: check the homing",
     TOO_FAST: "the handle moved faster than {speed_max:g} m/s",
-    ASTRAY: "the brakes did not get the currents that were asked for: check the board, its supply and its drivers",
+    ASTRAY: "the brakes did not get the currents that were asked for",
     TRAPPED: "a hand pushed with more than {force:g} N for {time:g} s against a full lock: the brakes let go",
 }
 

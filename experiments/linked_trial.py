@@ -15,10 +15,11 @@ import numpy as np
 from core import row
 from core.control import Controller, Preset, make_controller, new_memory
 from core.device import Device
-from core.device_link import DeviceLink, LinkSample
+from core.device_link import VELOCITY_NOISE_HZ, DeviceLink, LinkSample
+from core.encoder_step import encoder_step
 from core.hand import new_hand
 from core.mechanism import JOINTS
-from core.path import Path
+from core.path import Path, point_at
 from core.path_file import PathFile, build_path
 from core.simulator import FIDELITIES, INTEGRATORS
 from core.state import new_record, new_state, pack_brakes, pack_mechanism
@@ -65,7 +66,8 @@ class LinkedTrial:
         """
         self.device, self.planned, self.link, self.clock = device, planned, link, clock
         self.path: Path = build_path(path, f"path {planned.segment}")
-        self.controller: Controller = make_controller(preset, device.force_normalised_N, rules)
+        noise = encoder_noise(device, *point_at(self.path, 0.5 * self.path.length)[:2])
+        self.controller: Controller = make_controller(preset, device.force_normalised_N, rules, velocity_noise=noise)
         self._memory = new_memory()
         self._mechanism = plain(pack_mechanism(device.mechanism))
         self._brakes = plain(pack_brakes(device.brakes, backlash=False))
@@ -134,6 +136,11 @@ class LinkedTrial:
         """Stop at the next sample, brakes off at once; the trial ends as aborted with this reason (the first one)."""
         self._reason = self._reason or reason
         self._run["stop"][0] = 1
+
+    def give_up(self, reason: str) -> None:
+        """There is no device to run it on: it ends as aborted, without a tick."""
+        self.abort(reason)
+        self._run["finished"][0] = 1
 
     @property
     def finished(self) -> bool:
@@ -266,6 +273,15 @@ class LinkedTrial:
             made.append(lost)
         self.filled += len(made)
         return made
+
+
+def encoder_noise(device: Device, x: float, y: float) -> float:
+    """Noise (m/s, rms) of the velocity that a link tells at a tip (m); 0 where the device file says no encoders."""
+    encoders = device.sensing.encoders if device.sensing else None
+    if encoders is None:
+        return 0.0
+    counts = [getattr(encoders, joint) or 0 for joint in JOINTS]
+    return VELOCITY_NOISE_HZ * encoder_step(device, (x, y), counts)
 
 
 def load_kernels() -> None:

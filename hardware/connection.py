@@ -40,6 +40,7 @@ class Wire(Protocol):
     """What a connection needs of a port; all raise LinkError where it has died."""
 
     name: str
+    not_taken: int  # writes that found no room in time
 
     def read(self) -> bytes:
         """What has come; waits at most some ms."""
@@ -58,7 +59,7 @@ class Connection:
         self.wire = wire
         self._decoder = FrameDecoder()
         self._layout: SampleLayout | None = None
-        self.not_understood = 0  # whole frames that hold no message
+        self.not_understood = 0  # whole frames that hold no message of this protocol
 
     @property
     def frames(self) -> FrameCounts:

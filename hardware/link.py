@@ -39,7 +39,7 @@ from hardware.messages import (
 )
 from hardware.port import Identity, Port, find_port, usb_ports
 from hardware.pose import load_kernels
-from hardware.sensing import BoardSensing, fault_words
+from hardware.sensing import NO_ZERO, BoardSensing, fault_words
 
 SILENCE_S = 0.2  # without a sample: the link is lost
 SAMPLE_S = 0.004  # longest wait of `exchange` for a sample
@@ -121,8 +121,13 @@ class SerialLink:
         return taken
 
     def report(self) -> dict:
-        """Counters since `open`, and the clock model: offset, drift and residual of host time over board time."""
-        return self.health.report(self.sensing)
+        """Counters since `open`, clock model (offset, drift, residual of host time over board time), and the zero."""
+        return self.health.report(self.sensing, self._connection)
+
+    @property
+    def zeroed(self) -> bool:
+        """Whether the zero of this board, since its last start, is known; a board without force sensor needs none."""
+        return self.sensing is not None and (self.sensing.zero.samples > 0 or self.force_channels == 0)
 
     def home(self, tip: tuple[float, float]) -> None:
         """The handle is held at `tip` (m) now: set the encoders. LinkError if the board did not."""
@@ -133,9 +138,12 @@ class SerialLink:
         self._last = None
 
     def zero(self) -> ZeroRecord:
-        """Nobody touches the handle: what sensor and amplifiers read is zero. LinkError: it moved, or no samples."""
+        """Nobody touches the handle: what sensor and amplifiers read is zero.
+
+        LinkError, and no zero: the handle moved, samples are missing, or the board was away meanwhile.
+        """
         sensing = self._there()[1]
-        sensing.current_zero = np.zeros(4)
+        sensing.set_zero(NO_ZERO)
         taken: list[LinkSample] = []
         for _ in range(2 * ZERO_SAMPLES):
             if (sample := self.exchange(NO_CURRENT)) is not None:
@@ -146,18 +154,18 @@ class SerialLink:
             raise LinkError(
                 f"zero: only {len(taken)} of {ZERO_SAMPLES} samples came; {self.problem or 'many are lost'}"
             )
-        if float(np.max(np.ptp(np.array([sample.tip for sample in taken]), axis=0))) > ZERO_STILL_M:
+        if self.sensing is not sensing:
+            raise LinkError("zero: the board was away meanwhile")
+        moved = float(np.max(np.ptp(np.array([sample.tip for sample in taken]), axis=0)))
+        if not math.isfinite(moved):
+            raise LinkError("zero: nobody can tell whether the handle is still; home the encoders first")
+        if moved > ZERO_STILL_M:
             raise LinkError("zero: the handle moved; nobody may touch it meanwhile")
         counts = np.array([sample.force_counts for sample in taken], dtype=float)
-        a, e, b, c = np.array([sample.current for sample in taken]).mean(axis=0)
-        sensing.force.zero, sensing.current_zero = counts.mean(axis=0), np.array([a, e, b, c])
-        spread = counts.std(axis=0)
-        return ZeroRecord(
-            len(taken),
-            tuple(map(float, sensing.force.zero)),
-            tuple(map(float, spread)),
-            (float(a), float(e), float(b), float(c)),
-        )
+        a, e, b, c = np.array([sample.current for sample in taken]).mean(axis=0).tolist()
+        mean, spread = counts.mean(axis=0).tolist(), counts.std(axis=0).tolist()
+        sensing.set_zero(ZeroRecord(len(taken), tuple(mean), tuple(spread), (a, e, b, c)))
+        return sensing.zero
 
     def stop(self) -> None:
         """Brakes off, latched on the board; where it cannot be reached, its watchdog does it."""
@@ -217,7 +225,7 @@ class SerialLink:
         connection = Connection(self._open_port(find_port(self.port, self._identity)))
         try:
             return self._shake_hands(connection)
-        except (LinkError, InputError):
+        except BaseException:
             connection.wire.close()
             raise
 

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
+from hardware.connection import Connection
 from hardware.frames import FrameCounts
 from hardware.messages import State, joints_of
 from hardware.sensing import BoardSensing
@@ -23,12 +24,15 @@ class LinkHealth:
     round_trip_s: float = math.inf  # the least, of heartbeats
     frames: FrameCounts = field(default_factory=FrameCounts)  # of the present connection
 
-    def report(self, sensing: BoardSensing | None) -> dict:
+    def report(self, sensing: BoardSensing | None, connection: Connection | None) -> dict:
         """All of it, with the clock model and what the board says of itself, as JSON holds it."""
         about = {name: value for name, value in vars(self).items() if name not in ("frames", "round_trip_s")}
         about["round_trip_s"] = self.round_trip_s if math.isfinite(self.round_trip_s) else None
         about["frames"] = {**vars(self.frames), "bad": self.frames.bad}
+        if connection is not None:
+            about["not_understood"], about["not_taken"] = connection.not_understood, connection.wire.not_taken
         if sensing is not None:
+            about["zero"] = sensing.zero._asdict() if sensing.zero.samples else None
             about["clock"] = sensing.clock.fit._asdict()
             hello = sensing.hello
             about["board"] = hello.serial.decode(errors="replace")

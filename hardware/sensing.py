@@ -3,7 +3,7 @@
 import numpy as np
 
 from core.device import Device
-from core.device_link import LinkSample
+from core.device_link import LinkSample, ZeroRecord
 from hardware.clock import ClockModel
 from hardware.force_sensing import ForceSensing
 from hardware.messages import Fault, Hello, Sample, joints_of
@@ -21,22 +21,30 @@ FAULT_WORDS = {
 }
 
 
+NO_ZERO = ZeroRecord(0, (), (), (0.0, 0.0, 0.0, 0.0))  # none has been taken
+
+
 class BoardSensing:
     """What one board's counts mean. InputError where board and device file do not fit."""
 
     def __init__(self, device: Device, hello: Hello, before: "BoardSensing | None" = None) -> None:
-        """before: of the connection before this one, whose zeros (and clock, where the board went on) still hold."""
+        """before: of the connection before this one, whose zero and clock hold where the same board went on."""
         self.hello = hello
         self.state = hello.state  # of the board, by the newest sample
         self.pose = PoseSensing(device, joints_of(hello.encoders), hello.counts_per_rev)
         self.force = ForceSensing(device, hello.force_channels, hello.force_unit)
-        self.clock, self.current_zero = ClockModel(), np.zeros(4)  # A
-        if before is not None and before.hello.serial == hello.serial:
-            self.force.zero, self.current_zero = before.force.zero, before.current_zero
-            if before.hello.starts == hello.starts:
-                self.clock = before.clock
+        self.clock, self.zero = ClockModel(), NO_ZERO
+        if before is not None and (before.hello.serial, before.hello.starts) == (hello.serial, hello.starts):
+            self.clock = before.clock
+            self.set_zero(before.zero)
         self.motion: Motion = MotionFilter()
         self._brakes = joints_of(hello.brakes)
+
+    def set_zero(self, zero: ZeroRecord) -> None:
+        """What the force channels and amplifiers read without a hand and without current."""
+        self.zero = zero
+        if zero.samples:
+            self.force.zero = np.array(zero.force_counts)
 
     def moved(self) -> None:
         """The encoders were set anew: nothing before tells where the tip is."""
@@ -51,7 +59,7 @@ class BoardSensing:
         velocity, acceleration = self.motion.add(1e-6 * sample.board_us, *pose.tip)
         current = [0.0] * 4
         for i, milliamperes in zip(self._brakes, sample.current_mA, strict=True):
-            current[i] = 1e-3 * milliamperes - float(self.current_zero[i])
+            current[i] = 1e-3 * milliamperes - self.zero.current[i]
         encoders = self.hello.encoders
         return LinkSample(
             t_s=self.clock.host_s(sample.board_us),

@@ -23,6 +23,7 @@ from app.live.runner import DIED
 from app.live.trial_run import LinkedRun
 from core import row
 from core.device import load_device
+from core.device_link import ZeroRecord
 from experiments.linked_trial import LinkedTrial
 from experiments.protocol import Protocol, load_protocol
 from experiments.recording import read_recording
@@ -94,14 +95,17 @@ class Case:
         self.bench = LinkedBench(hand=HeldHand(AWAY if phase == "approach" else START), device=device)
         self.board = self.bench.board
         now = self.bench.now
-        ours = SimpleNamespace(monotonic=now, monotonic_ns=lambda: round(1e9 * now()), sleep=lambda seconds: None)
+        ours = SimpleNamespace(
+            monotonic=now, monotonic_ns=lambda: round(1e9 * now()), time=now, sleep=lambda seconds: None
+        )  # fmt: skip
         monkeypatch.setattr(board_loop, "time", ours)
         path = place.folder / "ring"
         path.unlink(missing_ok=True)
         self.ring = Ring(path, create=True, width=row.BENCH_WIDTH)
         self.answers = io.BytesIO()
         self.loop = BoardLoop(self.ring, "bench", self.answers)
-        self.loop._link, self.loop._zeroed = self.bench.link, True
+        self.loop._link = self.bench.link
+        self.bench.link.sensing.set_zero(ZeroRecord(1, (0.0,) * 6, (0.0,) * 6, (0.0,) * 4))
         self.conductor_lives = True
         self.at = self.seen_ms = self.zero_ms = self.ago_ms = self.ticks = 0
         self.flowing = self.killed = self.past = False
@@ -183,7 +187,7 @@ class Case:
         self.keep()
 
     def live(self) -> None:
-        self.loop._run(self.running)
+        self.loop._run(self.running, self.bench.link)
 
     def exchange(self) -> list[np.ndarray]:
         """What the trial does each time, and what we do to it."""
@@ -248,7 +252,7 @@ class Case:
         session = self.place.session
         if self.killed:
             self.ticks = int(self.ring.control.head)
-            self.run.rescue(session, sync=False)
+            self.run.rescue(session)
             self.row = next(r for r in session.rows if r.run == self.run.planned.run)
             self.words = lost(self.run.name)
             return

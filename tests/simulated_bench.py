@@ -77,7 +77,7 @@ class BenchWire:
     """A wire to the bench."""
 
     def __init__(self, bench: Bench, name: str) -> None:
-        self.bench, self.name, self.closed = bench, name, False
+        self.bench, self.name, self.closed, self.not_taken = bench, name, False, 0
         self.check()
         bench.backlog = b""
 

@@ -41,7 +41,7 @@ def test_a_sensor_on_the_network_is_zeroed_recorded_and_ends_the_trial_when_it_f
             opened.until_tick(lambda ticks: (ticks[:, row.PHASE] == row.MOVE).any())
             sensor.plugged = False
             done = next(r for r in opened.until(lambda s: bool(s.rows)).rows)
-            assert done.status == "aborted" and f"the force sensor at {HOST} sends nothing" in opened.snapshot.said
+            assert done.status == "stopped" and f"the force sensor at {HOST} sends nothing" in opened.snapshot.said
             wait_until(lambda: emulated.order()["currents_mA"] == [0] * 4)
             recording = read_recording(Path(opened.opened.folder) / done.recording)
             assert recording.whole and set(np.unique(recording.column("force_1_counts"))) <= {10_000.0, 60_000.0}

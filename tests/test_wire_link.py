@@ -232,6 +232,44 @@ def test_zero_refuses_a_handle_that_moves(bench: Bench, link: SerialLink) -> Non
         link.zero()
 
 
+def once_back(bench: Bench, link: SerialLink) -> None:
+    run(link, 300)
+    while link.problem:
+        link.exchange(NO)
+        with bench.lock:
+            bench.backlog += bench.tick()
+
+
+@pytest.mark.parametrize(("fault", "keeps"), [("unplug@0+0.3", True), ("brown-out@0+0.3", False)])
+def test_a_zero_holds_for_the_board_it_was_taken_on_until_it_starts_again(
+    bench: Bench, link: SerialLink, fault: str, keeps: bool
+) -> None:
+    assert not link.zeroed and link.report()["zero"] is None
+    record = link.zero()
+    assert link.zeroed and link.report()["zero"] == record._asdict()
+    bench.fault(fault)
+    once_back(bench, link)
+    assert link.zeroed == keeps
+    assert link.sensing.force.zero == pytest.approx(record.force_counts if keeps else np.zeros(6))
+
+
+def test_a_board_that_was_away_while_its_zero_was_taken_has_none(bench: Bench, link: SerialLink) -> None:
+    bench.fault("unplug@0.1+0.1")
+    with pytest.raises(LinkError, match="zero: "):
+        link.zero()
+    once_back(bench, link)
+    assert not link.zeroed and not link.sensing.force.zero.any()
+
+
+def test_without_homing_nobody_can_tell_whether_the_handle_is_still(bench: Bench) -> None:
+    bench.device.sensors.power_up()
+    link = linked(bench)
+    with pytest.raises(LinkError, match="home the encoders first"):
+        link.zero()
+    assert not link.zeroed
+    link.close()
+
+
 def test_closing_leaves_the_board_idle_without_current(bench: Bench) -> None:
     link = linked(bench)
     run(link, 10, (0.5,) * 4)

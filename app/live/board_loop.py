@@ -46,11 +46,12 @@ class BoardLoop:
         self._flags = ring.controls.view(np.ndarray)
         self._link: SerialLink | None = None
         self._devices: tuple[Device, ...] = ()
-        self._problem, self._zeroed = "not connected yet", False
+        self._problem = "not connected yet"
         self._homed_at = self._zeroed_at = 0.0
         self._sample: LinkSample | None = None
         self._told_s = self._tried_s = 0.0
         self._jobs: queue.SimpleQueue = queue.SimpleQueue()
+        self._alone = False  # the conductor is gone
         ring.rows.max()  # every page is in memory before the first tick
 
     def prepare(self, real_time: bool) -> None:
@@ -85,6 +86,7 @@ class BoardLoop:
                 self._jobs.put(pickle.load(jobs))
             except (EOFError, pickle.UnpicklingError, OSError):
                 self._jobs.put(None)
+                self._alone = True
                 return
 
     def _next(self) -> Any:
@@ -114,12 +116,15 @@ class BoardLoop:
                     self._answer(Homed(tip))
                 case TakeZero():
                     record = self._there().zero()
-                    self._zeroed, self._zeroed_at = True, time.time()
+                    self._zeroed_at = time.time()
                     self._answer(Zeroed(record))
                 case Reset():
                     self._reset()
                 case RunLinked(trial):
-                    self._run(trial)
+                    if self._link is None:
+                        trial.give_up(f"the board cannot be reached: {self._problem}")
+                    else:
+                        self._run(trial, self._link)
                     self._answer(LinkedDone(trial))
         except (LinkError, InputError) as error:
             self._answer(NotDone(str(error)))
@@ -131,11 +136,19 @@ class BoardLoop:
         return self._link
 
     def _reset(self) -> None:
-        """A board that is not there has no faults to forget; the brakes-off is past all the same."""
-        if self._sample is not None and self._sample.fault:
-            self._there().reset()
-            self._sample = None
+        """A board that is not there has no faults to forget; the brakes-off is past all the same.
+
+        Allowed first: a brakes-off that comes while the board answers stands.
+        """
+        cause = self.ring.why_off
         self.ring.allow()
+        if self._sample is not None and self._sample.fault:
+            try:
+                self._there().reset()
+            except (LinkError, InputError):
+                self.ring.switch_off(cause)
+                raise
+            self._sample = None
 
     # ------------------------------------------------------------------------------------- between trials
 
@@ -178,7 +191,7 @@ class BoardLoop:
             except InputError as error:
                 problem = problem or str(error)
                 continue
-            self._link, self._zeroed, self._sample = link, link.force_channels == 0, None
+            self._link, self._sample = link, None
             self._homed_at = self._zeroed_at = 0.0
             break
         self._problem, self._tried_s = problem, time.monotonic()
@@ -194,9 +207,9 @@ class BoardLoop:
             return Linked(problem=self._problem, port=self.port)
         report = link.report()
         told = Linked(
-            link.device.name, report.get("board", ""), link.problem, zeroed=self._zeroed, encoders=link.encoders,
+            link.device.name, report.get("board", ""), link.problem, zeroed=link.zeroed, encoders=link.encoders,
             force_channels=link.force_channels, report=report, port=link.port, homed_at=self._homed_at,
-            zeroed_at=self._zeroed_at, told_s=time.monotonic(),
+            zeroed_at=self._zeroed_at if link.zeroed else 0.0, told_s=time.monotonic(),
         )  # fmt: skip
         if sample is None:
             return told
@@ -207,9 +220,9 @@ class BoardLoop:
 
     # ------------------------------------------------------------------------------------- a trial
 
-    def _run(self, trial: LinkedTrial) -> None:
+    def _run(self, trial: LinkedTrial, link: SerialLink) -> None:
         """From its first tick to its last; every tick goes into the ring."""
-        trial.link = self._there()
+        trial.link = link
         gc.disable()
         try:
             while not trial.finished:
@@ -231,7 +244,7 @@ class BoardLoop:
             return BRAKES_OFF
         if flags["stop"][0]:
             return STOPPED
-        if time.monotonic_ns() - flags["conductor_beat"][0] > SILENT_NS:
+        if self._alone or time.monotonic_ns() - flags["conductor_beat"][0] > SILENT_NS:
             return CONDUCTOR_SILENT
         if flags["head"][0] - flags["tail"][0] > len(self.ring.rows) - ROOM:
             return RING_FULL

@@ -32,7 +32,7 @@ class Recorder:
         self._bytes, self._last_write = 0, time.monotonic()
         self._beside: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._end = threading.Event()
-        self._thread = threading.Thread(target=self._work, name="recorder")
+        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._thread.start()
 
     def beside(self, write: Callable[[], None]) -> None:

@@ -21,6 +21,7 @@ REMEDIES = {
     "of no pose": "Look at the encoders' couplings, put the handle into its jig and home them.",
     "where the device file says": "Look at the encoders' couplings and take up the session anew to home them.",
     "the handle moved faster": "Ask for slower movements.",
+    "did not get the currents": "Look at the board, the brakes' supply and the amplifiers.",
     "the brakes let go": "See that the hand is free and well.",
     "brakes off:": "Allow the brakes when its cause is past.",
     "the process that records": "This computer was held up: close other programs.",

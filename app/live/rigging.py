@@ -32,25 +32,28 @@ class Rigging:
     def __init__(self, send: Callable[[object], None], protocol: Protocol) -> None:
         """send: a job to the loop. protocol: whose devices are looked for at first."""
         self.linked: Linked | None = None  # None: not told yet
-        self._send, self._first = send, Connect(tuple(protocol.devices))
+        self._send, self._connect = send, Connect(tuple(protocol.devices))
         self._home = home_of(protocol.devices[0], protocol.paths)
         self._busy = False  # a step has been asked for and not been answered
-        send(self._first)
+        send(self._connect)
 
     def stage(self, sitting: Sitting) -> str:
         """As the session's; but a device has to be made ready, and again after its board has lost its power."""
         stage = sitting.stage
         if stage not in (m.READY, m.RERIG) or sitting.coming is None:
             return stage
-        if self.step(sitting.coming.configuration):
+        if self.step(self._device(sitting)):
             return m.RERIG
         sitting.rigged = sitting.coming.configuration
         return sitting.stage
 
-    def step(self, configuration: str) -> str:
-        """What is next before this configuration can be used. A board that is lost is no step: it comes back itself."""
+    def step(self, device: Device) -> str:
+        """What is next before this device can be used. A board that is lost is no step: it comes back itself.
+
+        The loop must have the device as the session has it: the file may be another one by now.
+        """
         linked = self.linked or Linked()
-        if linked.device != configuration:
+        if linked.device != device.name or not any(same(device, one) for one in self._connect.devices):
             return CONNECT
         if linked.problem or linked.fault:
             return DONE
@@ -62,15 +65,15 @@ class Rigging:
         """The step in one sentence."""
         if self.stage(sitting) != m.RERIG or sitting.coming is None:
             return sitting.wait_for()
-        name, protocol = sitting.coming.configuration, sitting.session.protocol
+        device = self._device(sitting)
         if self._busy:
             return "A moment ..."
-        match self.step(name):
+        match self.step(device):
             case "connect":
-                joints = " ".join(protocol.device(name).braked)
-                return f"Put {name} on the bench (brakes at {joints}), connect its board, then go on."
+                joints = " ".join(device.braked)
+                return f"Put {device.name} on the bench (brakes at {joints}), connect its board, then go on."
             case "home":
-                x, y = home_of(protocol.device(name), protocol.paths)
+                x, y = home_of(device, sitting.session.protocol.paths)
                 return f"Hold the handle in its jig at x = {1e3 * x:.0f} mm, y = {1e3 * y:.0f} mm, then go on."
             case "zero":
                 return "Let go of the handle, go on, and do not touch it for a second."
@@ -78,24 +81,29 @@ class Rigging:
 
     def confirm(self, sitting: Sitting, write: Callable[..., None]) -> None:
         """The person has done it: now the loop does its part."""
-        assert sitting.coming is not None
-        self.do(sitting, self.step(sitting.coming.configuration))
+        self.do(sitting, self.step(self._device(sitting)))
 
     def do(self, sitting: Sitting, step: str) -> None:
         """Let the loop do a step, or do it again; while one is being done, nothing."""
-        assert sitting.coming is not None
-        protocol = sitting.session.protocol
-        device = protocol.device(sitting.coming.configuration)
+        device = self._device(sitting)
         if step and not self._busy:
-            jobs = {CONNECT: Connect((device,)), HOME: HomeAt(home_of(device, protocol.paths)), ZERO: TakeZero()}
+            home = HomeAt(home_of(device, sitting.session.protocol.paths))
+            job = {CONNECT: Connect((device,)), HOME: home, ZERO: TakeZero()}[step]
+            if isinstance(job, Connect):
+                self._connect = job
             self._busy = True
-            self._send(jobs[step])
+            self._send(job)
+
+    def _device(self, sitting: Sitting) -> Device:
+        """That of the coming trial."""
+        assert sitting.coming is not None
+        return sitting.session.protocol.device(sitting.coming.configuration)
 
     def hear(self, runner: "Runner", write: Callable[..., None], say: Callable[..., None]) -> None:
         """What the loop says. write: into the journal; say: to the experimenter."""
         if runner.replaced:  # the new loop knows of no device
             runner.replaced, self._busy = False, False
-            self._send(self._first)
+            self._send(self._connect)
         told, runner.told = runner.told, []
         for answer in told:
             match answer:
@@ -136,7 +144,7 @@ class Rigging:
     def ready_device(self, protocol: Protocol) -> Device | None:
         """The device on the bench, to practise on without a session. InputError: it is not ready."""
         device = next((one for one in protocol.devices if self.linked and one.name == self.linked.device), None)
-        if device is None or self.step(device.name) != DONE:
+        if device is None or self.step(device) != DONE:
             raise InputError(
                 "The device on the bench is not ready. Open a session: it leads through homing and zero; "
                 "from then on practice needs none."
@@ -148,3 +156,8 @@ class Rigging:
 
     def close(self) -> None:
         """The loop lets the board go."""
+
+
+def same(one: Device, other: Device) -> bool:
+    """Whether two devices are so by the same files."""
+    return (one.text, one.brake_texts, one.calibration_text) == (other.text, other.brake_texts, other.calibration_text)

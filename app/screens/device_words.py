@@ -4,12 +4,11 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from app.live import messages as m
 from core.control import Preset
 from core.device import Device
-from core.linkage import jacobian
+from core.device_link import VELOCITY_NOISE_HZ
+from core.encoder_step import encoder_step
 from core.mechanism import JOINTS
 
 if TYPE_CHECKING:
@@ -20,8 +19,6 @@ SAMPLE_HZ = 1000.0
 #: Our choice: fewer samples or more losses than this are worth a word; recordings keep every gap either way.
 LEAST_HZ, LOST_SHARE = 990.0, 0.001
 RESIDUAL_S, DRIFT = 1e-3, 200e-6  # our choice: a quartz drifts by less, a quiet USB port is ten times as regular
-#: 1/s: noise of the filtered velocity over the encoders' step at the tip (hardware/motion_filter.py)
-NOISE_HZ = 17.0
 FELT_SHARE = 0.05  # of what the brakes can do, from where a noise may be felt. Our choice
 
 STATES = {
@@ -183,18 +180,11 @@ def quantisation(device: Device, linked: "Linked", controllers: dict[int, Preset
     counts = linked.report.get("counts_per_rev", ())
     joints = [JOINTS.index(letter) for letter in linked.encoders]
     gain = max((preset.gain for preset in controllers.values()), default=0.0)
-    if gain <= 0.0 or not linked.homed or len(linked.theta) != 4 or len(counts) != len(joints) or not all(counts):
+    if gain <= 0.0 or not linked.homed or len(counts) != len(joints) or not all(counts):
         return None
-    arms = device.mechanism.arm_1, device.mechanism.arm_2
-    turns = np.vstack(
-        [
-            np.linalg.pinv(jacobian(arm.length_1, arm.length_2, *linked.theta[2 * i : 2 * i + 2]))
-            for i, arm in enumerate(arms)
-        ]
-    )  # (4, 2), rad of each joint a metre of the tip
-    per_metre = turns[joints] * np.array(counts)[:, None] / (2.0 * math.pi)
-    least = float(np.linalg.svd(per_metre, compute_uv=False)[-1])
-    if least <= 0.0:
+    per_joint = dict(zip(joints, counts, strict=True))
+    step = encoder_step(device, linked.tip, [per_joint.get(i, 0) for i in range(4)])
+    if not math.isfinite(step):
         return None
-    noise = NOISE_HZ / least
-    return Quantisation(gain, 1.0 / least, noise, noise * gain, device.force_normalised_N)
+    noise = VELOCITY_NOISE_HZ * step
+    return Quantisation(gain, step, noise, noise * gain, device.force_normalised_N)

@@ -104,10 +104,10 @@ def port_of(args: argparse.Namespace) -> str:
         raise InputError(f"--input {args.input}: on the bench the force sensor says what the hand does")
     from hardware.port import find_port
 
-    port = find_port(port)
-    if os.name == "posix" and not os.path.exists(port):
-        raise InputError(f"--link serial:{port}: there is no such port (phd devices lists those there are)")
-    return port
+    found = find_port(port)
+    if os.name == "posix" and not os.path.exists(found):
+        raise InputError(f"--link serial:{found}: there is no such port (phd devices lists those there are)")
+    return port  # "auto" is looked for again for each device
 
 
 def link_of(args: argparse.Namespace) -> str:
