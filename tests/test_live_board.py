@@ -19,7 +19,7 @@ from experiments.recording import read_recording
 from experiments.session_files import cell
 
 DEVICE = "four-brake"
-BRAKING = (2, 4, 5)  # controllers that act on everybody
+BRAKING = (2, 4)  # controllers that act on everybody
 
 
 class Session:
