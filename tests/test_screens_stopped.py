@@ -39,3 +39,13 @@ def test_the_end_of_the_plan_says_how_many_trials_have_no_result(screens: Screen
     rows += [result(PLAN[7]._replace(run=61), "done")]  # it was done after all
     console = screens.hear(opened(), m.Snapshot(m.FINISHED, tuple(rows)))
     assert f"1 of {len(PLAN)} trials have no result" in " ".join(visible_texts(console))
+
+
+@pytest.mark.parametrize(
+    ("status", "offered"), [("done", True), ("aborted", True), ("stopped", False), ("recovered", False)]
+)
+def test_only_a_trial_that_does_not_come_again_by_itself_is_offered_to_be_redone(
+    screens: Screens, status: str, offered: bool
+) -> None:
+    console = screens.hear(opened(), ready(1, rows=(result(PLAN[0], status),)))
+    assert console.panel.redo.isEnabled() == offered

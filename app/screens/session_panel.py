@@ -173,8 +173,8 @@ class SessionPanel(QFrame):
 
 
 def can_be_redone(row) -> bool:
-    """Whether a trial is one that can be run again: a redone one has been already."""
-    return row.status not in ("redone", "skipped")
+    """Whether a trial is one that can be run again: a redone one has been, one that was cut short comes by itself."""
+    return row.status in ("done", "timeout", "aborted")
 
 
 class NoteLine(QLineEdit):
