@@ -7,6 +7,7 @@ from core import row
 
 SPEED = 0.25  # m/s, of the pointer
 PULL = 4.0  # 1/s, at which the pointer goes beyond the goal while the handle (which drags) is short of it
+LONGEST_S = 0.03  # that a hand moves on before it looks again: one that sees four pictures a second is slow, not wild
 
 
 class SyntheticHand:
@@ -19,6 +20,7 @@ class SyntheticHand:
         self._goal = self._start
 
     def __call__(self, tip: tuple[float, float], phase: int, dt: float) -> tuple[float, float]:
+        dt = min(dt, LONGEST_S)
         goal = self._start if phase in (row.APPROACH, row.HOLD) else self._end
         if goal is not self._goal:
             self._goal, self._at, self._beyond = goal, self._at + self._beyond, np.zeros(2)
