@@ -192,12 +192,12 @@ def open_trials(plan: tuple[PlannedTrial, ...], rows: list[TrialRow]) -> list[Pl
     return [trial for trial in plan if cell(trial) not in settled]
 
 
-def unfinished_sessions(data_dir: Path) -> list[str]:
-    """Participants whose session has open trials, or a key to open, and is in no live process's hands: it can go on.
+def kept_sessions(data_dir: Path) -> dict[str, bool]:
+    """Participants whose session can be taken up, and whether it is unfinished: open trials, or a key to open.
 
-    One that cannot be read is left out: `phd verify` names what is wrong with it.
+    Left out are those in a live process's hands, and one that cannot be read: `phd verify` names what is wrong with it.
     """
-    found = []
+    found = {}
     for session in sorted(data_dir.glob("sub-*/ses-01")):
         if not (session / STORED).exists() or is_in_use(session):
             continue
@@ -207,8 +207,7 @@ def unfinished_sessions(data_dir: Path) -> list[str]:
             continue
         settled = sum(row.status in SETTLED for row in rows)
         sealed = any(isinstance(row.controller, str) for row in rows)
-        if settled < len(stored.plan) or sealed:
-            found.append(stored.participant)
+        found[stored.participant] = settled < len(stored.plan) or sealed
     return found
 
 

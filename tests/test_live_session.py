@@ -18,7 +18,7 @@ from app.live.bench import Bench
 from app.live.setup import Setup
 from core.control import NO_CONTROL
 from experiments.recording import read_recording
-from experiments.session_files import unfinished_sessions
+from experiments.session_files import kept_sessions
 from experiments.trials_table import read_table
 from experiments.verify import verify
 
@@ -200,7 +200,7 @@ def test_what_somebody_did_to_another_session_stops_nobody(bench: Window, setup:
         folder.mkdir(parents=True)
         (folder / "session.json").write_bytes(text.encode("latin-1"))
     (setup.data_dir / "sub-x0" / "ses-01" / "trials.csv").write_text("nothing of ours\n")
-    assert unfinished_sessions(setup.data_dir) == []
+    assert kept_sessions(setup.data_dir) == {}
     bench.bench.send(m.Redo(bench.snapshot.rows[-1].run, "see what the others do"))
     snapshot = bench.until(lambda s: s.stage != m.FINISHED)
     assert snapshot.said_bad and "was not rewritten" in snapshot.said and "sub-x0" in snapshot.said
@@ -223,10 +223,18 @@ def test_the_next_participant_has_a_session_of_their_own(bench: Window, setup: S
     assert verify(setup.data_dir)["faults"] == []
 
 
-def test_a_bench_for_somebody_who_is_done_is_refused_before_anything_is_opened(bench: Window, setup: Setup) -> None:
-    bench.bench.stop("the test is over")
-    again = Window(setup)
-    assert "exists already" in again.bench.refused() and again.until_stage(m.FAILED).said == again.bench.refused()
-    again.bench.stop("")
-    bench.bench, bench.snapshot = Bench(setup._replace(participant="01")), None
-    assert bench.until_stage(m.NO_SESSION).resumable == ("01",)
+def test_a_session_that_is_done_can_be_opened_again_to_redo_a_trial(bench: Window, setup: Setup) -> None:
+    bench.bench.stop("the day is over")
+    bench.bench, bench.snapshot = Bench(setup), None
+    snapshot = bench.until_stage(m.NO_SESSION)
+    assert (snapshot.resumable, snapshot.finished) == (("01",), ("07",)) and bench.opened.next_participant == "07"
+    snapshot = ask(bench, m.Open("07", resume=True), lambda s: s.stage == m.FINISHED)
+    last = snapshot.rows[-1]
+    assert snapshot.coming is None and last.status == "done"
+    snapshot = ask(bench, m.Redo(last.run, "a word was said"), lambda s: s.coming is not None)
+    assert cell(snapshot.coming) == cell(last)
+    while bench.snapshot.stage != m.READY:
+        ask(bench, m.Confirm(), lambda s: s.stage != m.RERIG)
+    rows = run_one(bench).rows
+    assert [row.status for row in rows if cell(row) == cell(last)][-2:] == ["redone", "done"]
+    assert bench.snapshot.stage == m.FINISHED and verify(setup.data_dir)["faults"] == []

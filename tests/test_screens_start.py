@@ -79,6 +79,13 @@ def test_interrupted_sessions_are_offered_to_go_on(screens: Screens) -> None:
     assert screens.press(Qt.Key.Key_Return, page.participant) == [m.Open("02", True, False)]
 
 
+def test_a_finished_session_is_opened_again_by_its_name_and_never_a_new_one(screens: Screens) -> None:
+    page = screens.hear(opened(""), before(finished=("01", "02"))).start_page
+    page.participant.setText("02")
+    assert page.new.text().startswith("Open this finished session") and not page.resumable
+    assert screens.press(Qt.Key.Key_Return, page.participant) == [m.Open("02", True, False)]
+
+
 def test_a_refusal_is_readable_on_the_page(screens: Screens) -> None:
     refused = before(said="sub-01/ses-01: exists already, name another participant", said_bad=True)
     page = screens.hear(opened(""), refused).start_page

@@ -21,8 +21,8 @@ from experiments.session import Session
 from experiments.session_files import (
     cell,
     free_participant,
+    kept_sessions,
     rows_of,
-    unfinished_sessions,
     write_pooled_table,
 )
 from experiments.trials_table import read_table
@@ -110,18 +110,19 @@ def test_when_all_is_settled_nothing_can_be_skipped(tmp_path):
     session = new_session(tmp_path, protocol=short(paths=1))
     while session.next_planned():
         session.skip("no time")
-    assert session.settled == len(session.plan) and unfinished_sessions(tmp_path) == []
+    assert session.settled == len(session.plan) and kept_sessions(tmp_path) == {}  # in our hands
     with pytest.raises(InputError, match="none to skip"):
         session.skip("more")
     session.close()
+    assert kept_sessions(tmp_path) == {"01": False}
     assert main(["verify", str(tmp_path)]) == 0
 
 
 def test_a_resumed_session_knows_what_was_skipped_and_redone(data):
     before = rows_of(of(data))
-    assert unfinished_sessions(data) == ["01"]
+    assert kept_sessions(data) == {"01": True}
     session = Session.resume(data, "01", sync=False)
-    assert unfinished_sessions(data) == []  # a live process has it
+    assert kept_sessions(data) == {}  # a live process has it
     assert session.rows == before
     assert statuses(session) == [(1, "done"), (2, "skipped"), (3, "redone"), (21, "done"), (4, "done")]
     assert session.next_planned() == session.plan[4]

@@ -99,10 +99,10 @@ def read_protocol(setup: Setup) -> "Protocol":
     protocol = load_protocol(
         setup.protocol, devices=setup.devices, rules=setup.rules, low_gain=setup.low_gain, seed=setup.seed
     )
-    unfinished = files.unfinished_sessions(setup.data_dir)
-    if not setup.participant and not unfinished:
+    kept = files.kept_sessions(setup.data_dir)
+    if not setup.participant and not any(kept.values()):
         files.free_participant(setup.data_dir, protocol.participants)  # somebody is left
-    if setup.participant and setup.participant not in unfinished:
+    if setup.participant and setup.participant not in kept:
         folder = files.session_folder(setup.data_dir, setup.participant)
         if (folder / files.STORED).exists():
             files.read_stored(folder)  # one that is damaged is said to be

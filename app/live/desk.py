@@ -23,7 +23,7 @@ from core.errors import InputError
 from experiments.linked_trial import LinkedTrial
 from experiments.protocol import Protocol
 from experiments.session import Session
-from experiments.session_files import free_participant, unfinished_sessions
+from experiments.session_files import free_participant, kept_sessions
 from experiments.trial import Trial
 
 DISK_S = 5.0  # between two looks at the disk, while nothing runs
@@ -44,6 +44,7 @@ class Desk:
         self.keeping = Keeping(setup.data_dir, self.runner, self.say)
         self._said, self._said_bad = "", False
         self._resumable: tuple[str, ...] = ()
+        self._finished: tuple[str, ...] = ()
         self._next_participant = ""
         self.look_for_participants()
         self._next_participant = setup.participant or self._next_participant
@@ -52,8 +53,10 @@ class Desk:
         self.practice = Practice(setup, protocol)
 
     def look_for_participants(self) -> None:
-        """Whose session can be gone on with, and who has none yet."""
-        self._resumable = tuple(unfinished_sessions(self.setup.data_dir))
+        """Whose session can be gone on with, whose is done, and who has none yet."""
+        kept = kept_sessions(self.setup.data_dir)
+        self._resumable = tuple(name for name, unfinished in kept.items() if unfinished)
+        self._finished = tuple(name for name, unfinished in kept.items() if not unfinished)
         try:
             self._next_participant = free_participant(self.setup.data_dir, self.protocol.participants)
         except InputError:
@@ -141,6 +144,7 @@ class Desk:
             wait_s=float(math.ceil(sitting.break_left_s())) if sitting and stage == m.BREAK else 0.0,
             seconds_left=sitting.seconds_left() if sitting else None,
             resumable=() if session else self._resumable,
+            finished=() if session else self._finished,
         )
 
     def pulse(self) -> m.Pulse:

@@ -20,7 +20,7 @@ Point = tuple[float, float]  # m
 
 
 class Open(NamedTuple):
-    """Take up a session: a new one, or (resume) one that was interrupted."""
+    """Take up a session: a new one, or (resume) one that is there."""
 
     participant: str
     resume: bool = False
@@ -166,6 +166,7 @@ class Snapshot(NamedTuple):
     wait_s: float = 0.0  # in BREAK: whole seconds that it lasts at least from now on
     seconds_left: float | None = None  # of the whole session, estimated from the trials so far
     resumable: tuple[str, ...] = ()  # participants whose session in the data folder is unfinished
+    finished: tuple[str, ...] = ()  # .. is done: it can be opened again, to redo a trial or write a note
 
 
 class Proof(NamedTuple):

@@ -42,7 +42,9 @@ class StartPage(QWidget):
         self.device = self._button("Device page  F3")
         self.device.clicked.connect(self.device_asked)
         self.why = line("", "caution", theme.SMALL)
-        self._why, self._known = "preparing", ()  # why nothing can be opened; participants to resume
+        self._why = "preparing"  # why nothing can be opened
+        self._resumable: tuple[str, ...] = ()  # participants whose session is unfinished
+        self._finished: tuple[str, ...] = ()  # .. is done
         self._why_no_practice = "preparing"
         self._lay_out()
         self._allow()
@@ -133,6 +135,7 @@ class StartPage(QWidget):
             trials = f"{len(opened.plan)} trials, " if opened.plan else ""
             self.about.setText(f"Protocol {opened.protocol}: {trials}{names}, {len(opened.controllers)} controllers.")
         self._show_resumable(snapshot.resumable)
+        self._finished = snapshot.finished
         self.problem.setText(breakable(snapshot.said if snapshot.said_bad else ""))
         self.problem.setVisible(snapshot.said_bad and bool(snapshot.said))
         on_bench = opened is not None and opened.real_device
@@ -164,7 +167,7 @@ class StartPage(QWidget):
         one = "An interrupted session can go on:" if len(participants) == 1 else f"{several}:"
         self.resume_head.setText(one if more <= 0 else f"{several} (type the name for {more} more):")
         self.resume_head.setVisible(bool(participants))
-        self._known = participants
+        self._resumable = participants
 
     def _resume_button(self, label: str) -> QPushButton:
         button = self._button(f"Resume participant {label}")
@@ -175,8 +178,8 @@ class StartPage(QWidget):
 
     def _allow(self) -> None:
         label = self.participant.text()
-        known = label in self._known
-        self.new.setText("Resume this session  Enter" if known else "New session  Enter")
+        done = "Open this finished session" if label in self._finished else "New session"
+        self.new.setText(f"{'Resume this session' if label in self._resumable else done}  Enter")
         self.new.setEnabled(not self._why and label.isascii() and label.isalnum())
         self.practice.setEnabled(not self._why_no_practice)
         for button in self.resumable:
@@ -185,4 +188,5 @@ class StartPage(QWidget):
     def _open(self) -> None:
         if self.new.isEnabled():
             label = self.participant.text()
-            self.session_asked.emit(label, label in self._known, self.blind.isChecked())
+            there = label in (*self._resumable, *self._finished)
+            self.session_asked.emit(label, there, self.blind.isChecked())
