@@ -72,6 +72,7 @@ RUN = np.dtype(
         ("status", "i8"),
         ("reason", "i8"),
         ("stop", "i8"),  # set to 1 from outside: abort
+        ("held", "i8"),  # set to 0 from outside: nobody has the handle, and no start is held without a hand
         ("finished", "i8"),
         ("decision", "i8"),
         ("current", "f8", (4,)),  # A
@@ -94,6 +95,7 @@ def new_run(fidelity: int, integrator: int, simulated_hand: bool) -> np.recarray
         fidelity=fidelity,
         integrator=integrator,
         phase=APPROACH,
+        held=1,
         decision=OFF,
     )
     for name, value in fields.items():
@@ -161,7 +163,7 @@ def next_phase(run, path, state, grip):
     if run.stop != 0:
         enter(run, END, ABORTED, BY_EXPERIMENTER)
         return
-    at_start = math.hypot(x - path.x0, y - path.y0) <= run.start_radius
+    at_start = run.held != 0 and math.hypot(x - path.x0, y - path.y0) <= run.start_radius
     if run.phase == APPROACH:
         if at_start:
             enter(run, HOLD, RUNNING, NO_REASON)

@@ -91,7 +91,7 @@ class Bench:
     def brakes_off(self, cause: str) -> None:
         """No currents from the next tick on: the trial ends, until AllowBrakes; also without a line any more."""
         if self._ring is not None:
-            self._ring.switch_off(cause)
+            self._ring.press_off(cause)
 
     def stop(self, reason: str) -> None:
         """End the bench: what runs is aborted for this reason and kept. Waits until that is done.

@@ -27,7 +27,9 @@ class TakeZero(NamedTuple):
 
 
 class Reset(NamedTuple):
-    """Brakes may act again: forget the board's faults and the brakes-off."""
+    """Brakes may act again: forget the board's faults and the brakes-off, unless it was pressed again since."""
+
+    presses: int  # of the brakes-off, that were seen (`Ring.presses`)
 
 
 class RunLinked(NamedTuple):
@@ -59,6 +61,10 @@ class Linked(NamedTuple):
     homed_at: float = 0.0  # s since 1970, when it was last done here; 0: not here
     zeroed_at: float = 0.0
     told_s: float = 0.0  # monotonic clock
+
+
+class Looked(NamedTuple):
+    """The boards to be reached have been looked for; the `Linked` just before says what was found."""
 
 
 class Homed(NamedTuple):

@@ -19,7 +19,19 @@ from typing import Any
 
 import numpy as np
 
-from app.live.board_jobs import Connect, HomeAt, Homed, Linked, LinkedDone, NotDone, Reset, RunLinked, TakeZero, Zeroed
+from app.live.board_jobs import (
+    Connect,
+    HomeAt,
+    Homed,
+    Linked,
+    LinkedDone,
+    Looked,
+    NotDone,
+    Reset,
+    RunLinked,
+    TakeZero,
+    Zeroed,
+)
 from app.live.clock import new_timespec
 from app.live.jobs import REAL_TIME, Prepared, Tried, Try
 from app.live.real_time import ROOM, SILENT_NS, run_idle
@@ -50,6 +62,7 @@ class BoardLoop:
         self._homed_at = self._zeroed_at = 0.0
         self._sample: LinkSample | None = None
         self._told_s = self._tried_s = 0.0
+        self._looking = False  # boards have been asked for, and it has not been told what was found
         self._jobs: queue.SimpleQueue = queue.SimpleQueue()
         self._alone = False  # the conductor is gone
         ring.rows.max()  # every page is in memory before the first tick
@@ -108,7 +121,7 @@ class BoardLoop:
                     run_idle(lateness, new_timespec())
                     self._answer(Tried(lateness))
                 case Connect(devices):
-                    self._devices, self._tried_s = devices, 0.0
+                    self._devices, self._tried_s, self._looking = devices, 0.0, True
                     self._leave()
                 case HomeAt(tip):
                     self._there().home(tip)
@@ -118,11 +131,13 @@ class BoardLoop:
                     record = self._there().zero()
                     self._zeroed_at = time.time()
                     self._answer(Zeroed(record))
-                case Reset():
-                    self._reset()
+                case Reset(presses):
+                    self._reset(presses)
                 case RunLinked(trial):
                     if self._link is None:
                         trial.give_up(f"the board cannot be reached: {self._problem}")
+                    elif not self._link.zeroed:
+                        trial.give_up("the zero of the device does not hold any more")
                     else:
                         self._run(trial, self._link)
                     self._answer(LinkedDone(trial))
@@ -135,11 +150,13 @@ class BoardLoop:
             raise LinkError(f"the board cannot be reached: {self._problem}")
         return self._link
 
-    def _reset(self) -> None:
+    def _reset(self, presses: int) -> None:
         """A board that is not there has no faults to forget; the brakes-off is past all the same.
 
-        Allowed first: a brakes-off that comes while the board answers stands.
+        Allowed first: a brakes-off that comes while the board answers stands, as does one that came since the asking.
         """
+        if self.ring.presses != presses:
+            return
         cause = self.ring.why_off
         self.ring.allow()
         if self._sample is not None and self._sample.fault:
@@ -169,6 +186,9 @@ class BoardLoop:
         if known and now - self._told_s >= TELL_S:
             self._told_s = now
             self._answer(self._linked())
+            if self._looking:
+                self._looking = False
+                self._answer(Looked())
 
     def _latch(self, link: SerialLink, sample: LinkSample) -> None:
         """Brakes-off here is brakes-off on the board, and the other way round."""
@@ -186,6 +206,7 @@ class BoardLoop:
         problem = ""
         for device in self._devices:
             link = link_to(device, self.port)
+            self._flags["loop_beat"][0] = time.monotonic_ns()  # one that does not answer takes more than a second
             try:
                 link.open()
             except InputError as error:
@@ -226,7 +247,7 @@ class BoardLoop:
         gc.disable()
         try:
             while not trial.finished:
-                if (cause := self._why_end()) and not self._flags["cause"][0]:
+                if (cause := self._why_end()) and not self._flags["cause"][0] and trial.phase != "end":
                     self._flags["cause"][0] = cause
                     trial.abort("")
                 for made in trial.exchange():

@@ -81,6 +81,7 @@ class Conductor:
                 self._window.close()
             self._window, self._had_window = Mailbox(self._arrived.get()), True
             self._shown = self._opened = None
+            self._ring.let_go()
 
     def _listen(self) -> None:
         """Do what the window asks for; without one, wait for another."""
@@ -105,7 +106,7 @@ class Conductor:
             self.end = LEFT_ALONE
 
     def _tell(self) -> None:
-        if self._window is None:
+        if self._window is None or self._window.behind:  # one that hangs is told how things are then
             return
         opened = self._desk.opened()
         if opened != self._opened:

@@ -9,8 +9,9 @@ import json
 import os
 import signal
 import sys
+import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 from app.live.loop_process import LoopProcess
 from app.live.place import NAME, Place, publish
@@ -29,6 +30,8 @@ LOG = ".bench.log"  # of what should not happen
 def main() -> None:
     """Be the conductor. One line of JSON on the standard output: where it is, or why it cannot be."""
     setup = Setup.from_json(sys.argv[1])
+    early = tempfile.TemporaryFile()  # what the loop says should not happen, before it is known where that belongs
+    os.dup2(early.fileno(), 2)
     try:
         place = Place()
     except OSError as error:
@@ -38,7 +41,7 @@ def main() -> None:
         ring = Ring(place.ring, create=True, width=row.BENCH_WIDTH if setup.link else row.WIDTH)
         loop = LoopProcess(ring, setup.real_time, setup.link)  # it takes its time, and so do all the imports below
         try:
-            _conduct(setup, place, ring, loop)
+            _conduct(setup, place, ring, loop, early)
         finally:
             if not loop.closed:
                 loop.kill()
@@ -46,7 +49,7 @@ def main() -> None:
         place.remove()
 
 
-def _conduct(setup: Setup, place: Place, ring: Ring, loop: LoopProcess) -> None:
+def _conduct(setup: Setup, place: Place, ring: Ring, loop: LoopProcess, early: BinaryIO) -> None:
     from app.live.conductor import Conductor
     from app.live.spare_scipy import spare_scipy
     from experiments.session_files import LOCK, hold_lock
@@ -85,7 +88,7 @@ def _conduct(setup: Setup, place: Place, ring: Ring, loop: LoopProcess) -> None:
         raise
     finally:
         with contextlib.suppress(OSError):  # a disk that fails now has been told of
-            _clear(data_dir)
+            _clear(data_dir, early)
         lock.release()
         if not served or not any(data_dir.glob("sub-*")):
             _leave_nothing(new)
@@ -110,10 +113,14 @@ def read_protocol(setup: Setup) -> "Protocol":
     return protocol
 
 
-def _clear(data_dir: Path) -> None:
+def _clear(data_dir: Path, early: BinaryIO) -> None:
     """Leave only what was recorded, and the log if there is anything in it."""
     (data_dir / NAME).unlink(missing_ok=True)
     log = data_dir / LOG
+    early.seek(0)
+    if log.exists() and (said := early.read()):
+        with log.open("ab") as file:
+            file.write(said)
     if log.exists() and not log.stat().st_size:
         log.unlink()
 

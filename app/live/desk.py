@@ -40,6 +40,7 @@ class Desk:
         self.runner = Runner(ring, loop, setup.real_time, setup.link)
         self.device = Rigging(self.runner.send, protocol) if setup.link else SimulatedDevice(ring, setup.hand)
         self.why_off = ""  # cause of the brakes-off, as the journal has it
+        self.presses = 0  # of it, as the windows have been told
         self.broken = ""  # why no more trials can be run
         self.keeping = Keeping(setup.data_dir, self.runner, self.say)
         self._said, self._said_bad = "", False
@@ -167,6 +168,7 @@ class Desk:
 
     def look_at_brakes(self) -> None:
         """Whether currents may flow; what has changed is journalled."""
+        self.presses = self.ring.presses
         if (why_off := self.ring.why_off) != self.why_off:
             self.why_off = why_off
             self.keeping.write("brakes off" if why_off else "brakes allowed", **({"cause": why_off} if why_off else {}))
@@ -212,5 +214,4 @@ class Desk:
         self.runner.close()
         if self.runner.run is not None:
             self.keeping.rescue(self.runner.run, reason)
-        if self.session is not None:
-            self.session.close()
+        self.keeping.let_go()

@@ -7,11 +7,21 @@ from app.live import messages as m
 from app.live.desk import Desk
 from app.live.practice import person_at
 from app.live.rigging import Rigging
+from app.live.setup import HID, MOUSE, OPERATOR
 from app.live.sitting import ANSWERS, BREAK_ENDED, NOTE, Sitting
 from core.errors import InputError
 from experiments.plan import PlannedTrial
 from experiments.session import Session
+from experiments.session_about import SENSOR
 from experiments.session_files import other_protocol
+
+#: hand -> in words
+HANDS = {
+    MOUSE: "the simulated device and the mouse",
+    HID: "the simulated device and a six-axis device",
+    OPERATOR: "the simulated device and a simulated operator",
+    SENSOR: "a device on the bench",
+}
 
 #: stage -> why an intent that does not fit it is refused
 _REFUSALS = {
@@ -70,7 +80,6 @@ def _open(desk: Desk, intent: m.Open) -> None:
     setup, name = desk.setup, intent.participant
     if intent.resume:
         session = Session.resume(setup.data_dir, name, setup.sync)
-        session.hand = desk.device.hand
     else:
         person, blind = person_at(setup, desk.protocol, name), intent.blind or None
         session = Session(setup.data_dir, name, desk.protocol, person, setup.sync, blind, desk.device.hand)
@@ -83,13 +92,21 @@ def _open(desk: Desk, intent: m.Open) -> None:
     other = other_protocol(setup.data_dir, name, session.protocol)
     if other:
         said += f" Their protocol is not the one of participant {other}: file, devices or options have changed since."
-    desk.say(said, bad=bool(other))
+    wrong = _wrong_hand(desk)
+    desk.say(f"{said} {wrong}".strip(), bad=bool(other or wrong))
+
+
+def _wrong_hand(desk: Desk) -> str:
+    """Why no trials of the open session can be run on this bench; "": they can. Everything else can be done."""
+    session, hand = desk.session, desk.device.hand
+    if session is None or session.hand == hand:
+        return ""
+    return f"It was begun with {HANDS[session.hand]}, this is {HANDS[hand]}: no trials, for they would not compare."
 
 
 def _leave(desk: Desk, _: m.Leave) -> None:
-    sitting = _between(desk)
-    sitting.session.close()
-    desk.keeping.take(None)
+    _between(desk)
+    desk.keeping.leave()
     desk.look_for_participants()
     desk.say("")
 
@@ -121,6 +138,8 @@ def _practise(desk: Desk, _: m.Practice) -> None:
 def _run(desk: Desk, planned: PlannedTrial) -> None:
     _check(desk)
     assert desk.session is not None
+    if wrong := _wrong_hand(desk):
+        raise InputError(wrong)
     trial, writer = desk.device.begin(desk.session, planned)
     desk.runner.start(planned, trial, writer)
     desk.say("")
@@ -166,7 +185,7 @@ def _allow(desk: Desk, _: m.AllowBrakes) -> None:
     if desk.runner.run is not None:
         raise InputError("The trial is still ending; after it the brakes can be allowed again.")
     if desk.why_off:
-        desk.device.allow()
+        desk.device.allow(desk.presses)
         desk.look_at_brakes()
 
 

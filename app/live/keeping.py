@@ -4,6 +4,7 @@ What the disk does not take is said, kept in mind and tried again: no trial star
 recording that is whole but does not become a Parquet file stops nothing: it is converted later.
 """
 
+import sys
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -34,8 +35,28 @@ class Keeping:
         self._tried_s = time.monotonic()
 
     def take(self, sitting: Sitting | None) -> None:
-        """Another session, or none: what this one lacks is made up for when it is resumed, or by `phd recover`."""
+        """A session to keep."""
         self.sitting, self.undone, self.verified, self._late = sitting, "", "", []
+
+    def leave(self) -> None:
+        """The session is closed. OSError, and it stays open: the disk does not take the journal's last lines.
+
+        What else it lacks is made up for when it is opened again, or by `phd recover`.
+        """
+        self._write_late()
+        self.let_go()
+
+    def let_go(self) -> None:
+        """The session is closed, whatever the disk says: lines that it does not take go to the log of the bench."""
+        if self.sitting is None:
+            return
+        try:
+            self._write_late()
+        except OSError as error:
+            for event, about in self._late:
+                print(f"{self.sitting.session.folder}: not in the journal ({error}): {event} {about}", file=sys.stderr)
+        self.sitting.session.close()
+        self.take(None)
 
     @property
     def streams(self) -> int:
@@ -63,6 +84,14 @@ class Keeping:
                 put()
         except OSError as error:
             self.fail("The journal is not complete", error)
+
+    def _write_late(self) -> None:
+        """Lines of the journal that the disk has not taken, with their own times. OSError."""
+        while self._late:
+            assert self.sitting is not None
+            event, about = self._late[0]
+            self.sitting.session.journal(event, **about)
+            self._late.pop(0)
 
     def fail(self, what: str, error: Exception) -> None:
         """The disk took no more."""
@@ -124,10 +153,7 @@ class Keeping:
         session, streams = self.sitting.session, self.streams
         there = {row.run for row in session.rows}
         try:
-            while self._late:
-                event, about = self._late[0]
-                session.journal(event, **about)
-                self._late.pop(0)
+            self._write_late()
             left = session.put_in_order()
             if self.undone or self.streams != streams:
                 new = [row for row in session.rows if row.run not in there]

@@ -33,8 +33,7 @@ class Mailbox:
 
     def offer(self, message: object) -> bool:
         """Send, or not at all while much is waiting; whether it was sent."""
-        self.flush()
-        if len(self._outbox) > _BACKLOG:
+        if self.behind:
             return False
         self.send(message)
         return True
@@ -43,6 +42,12 @@ class Mailbox:
     def waiting(self) -> bool:
         """Whether something still waits for the other end, which lives."""
         return bool(self._outbox) and not self.closed
+
+    @property
+    def behind(self) -> bool:
+        """Whether much waits for the other end, which does not read."""
+        self.flush()
+        return len(self._outbox) > _BACKLOG
 
     def flush(self) -> None:
         """Send what waits, as far as there is room."""

@@ -32,9 +32,9 @@ class Practice:
     def _prepare(self) -> None:
         protocol = self._protocol
         try:
-            start = build_path(next(iter(protocol.paths.values())), "path")
+            path = build_path(next(iter(protocol.paths.values())), "path")
             hand = None if self._setup.hand == OPERATOR else protocol.mouse.hand()
-            self.simulation = new_simulation(protocol.devices[0], (start.x0, start.y0), hand)
+            self.simulation = new_simulation(protocol.devices[0], (path.x1, path.y1), hand)  # there is a way to go
             self.loop_ready.wait()
             import scipy.fft
             import scipy.signal  # noqa: F401  (the measures need them: seconds, but not after the first trial)

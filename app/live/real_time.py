@@ -7,7 +7,7 @@ what is done with it      `due`: the deadline and the beat; `why_end`; `keep`: l
 from app.live.clock import fence, native, now_ns, sleep_until
 from app.live.ring import AIMS, BRAKES_OFF, CONDUCTOR_SILENT, NO_CAUSE, RING_FULL, STOPPED
 from core.jit import kernel
-from core.row import LATENESS_US
+from core.row import END, LATENESS_US
 from experiments.tick import run_ticks
 
 TICK_NS = 1_000_000
@@ -86,11 +86,12 @@ def run_trial(
     while run.finished == 0:
         late, deadline = due(control, deadline, timespec)
         cause = why_end(control, control.loop_beat, size)
-        if cause != NO_CAUSE and run.stop == 0:
+        if cause != NO_CAUSE and run.stop == 0 and run.phase != END:  # one that has ended is what it is
             control.cause = cause
             run.stop = 1
         if run.simulated_hand == 0:
             take_aim(control, hand.grips[0], state[0].tip)
+            run.held = 1 if control.push_count != 0 else control.taken
         full = control.head - control.tail >= size
         place = control.head % size
         written = spare if full else ring[place : place + 1]

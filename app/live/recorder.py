@@ -4,6 +4,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -36,8 +37,14 @@ class Recorder:
         self._thread.start()
 
     def beside(self, write: Callable[[], None]) -> None:
-        """Do something else that waits for the disk (the journal) between two looks into the ring."""
-        self._beside.put(write)
+        """Do something else that waits for the disk (the journal) between two looks into the ring.
+
+        After the last look it is done here and now: OSError.
+        """
+        if self._thread.is_alive() and not self._end.is_set():
+            self._beside.put(write)
+        else:
+            write()
 
     def close(self) -> None:
         """Take what is left in the ring and end the thread."""
@@ -77,19 +84,22 @@ class Recorder:
         while not ending:
             ending = self._end.wait(DRAIN_S)
             rows = self._ring.take()
-            try:
-                if self.writer is not None and not self.error:  # after one: the trial is being ended for it
-                    self.writer.write(rows)
-                while not self._beside.empty():
-                    self._beside.get()()
-            except (OSError, ValueError) as error:
-                self.error = f"the recording failed: {getattr(error, 'strerror', None) or error}"
+            if self.writer is not None and not self.error:  # after one: the trial is being ended for it
+                self._try(partial(self.writer.write, rows))
+            while not self._beside.empty():
+                self._try(self._beside.get())
             self._ring.taken(len(rows))
             if len(rows):
                 lateness = rows[:, row.LATENESS_US].copy()
                 self._max_us = max(self._max_us, float(lateness.max()))
                 self._missed += int(np.count_nonzero(lateness >= LATE_US))
                 self._lateness.append(lateness)
+
+    def _try(self, write: Callable[[], None]) -> None:
+        try:
+            write()
+        except (OSError, ValueError) as error:
+            self.error = f"the recording failed: {getattr(error, 'strerror', None) or error}"
 
 
 def timing_of(lateness_us: np.ndarray, scheduling: str, stolen_ms: float = 0.0) -> Timing:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from app.live import messages as m
-from app.live.board_jobs import Connect, HomeAt, Homed, Linked, NotDone, Reset, TakeZero, Zeroed
+from app.live.board_jobs import Connect, HomeAt, Homed, Linked, Looked, NotDone, Reset, TakeZero, Zeroed
 from app.live.checks import check_linked, check_sensor
 from app.live.home import home_of
 from app.live.messages import CONNECT, DONE, HOME, ZERO
@@ -108,8 +108,9 @@ class Rigging:
         for answer in told:
             match answer:
                 case Linked():
-                    self._busy &= self.linked is not None and answer.device == self.linked.device and not answer.problem
                     self.linked = answer
+                case Looked():
+                    self._busy = False
                 case Homed(tip):
                     self._busy = False
                     write("homed", tip_m=tip, board=self.linked.board if self.linked else "")
@@ -124,9 +125,12 @@ class Rigging:
         """For the pre-flight row: device and hand."""
         return check_linked(self.linked, why_off), check_sensor(self.linked)
 
-    def allow(self) -> None:
-        """Currents may flow again: the board has latched the brakes-off, too, and what it latches is a brakes-off."""
-        self._send(Reset())
+    def allow(self, presses: int) -> None:
+        """Currents may flow again, if nobody has pressed since those presses of the brakes-off.
+
+        The board has latched it, too, and what it latches is a brakes-off.
+        """
+        self._send(Reset(presses))
 
     def tip(self, sitting: Sitting | None, practice: Simulation | None) -> m.Point:
         """Where the handle is, m; rounded, so that a hand that rests tells the window nothing new. Nobody knows it
@@ -136,13 +140,15 @@ class Rigging:
         return round(x, 3), round(y, 3)
 
     def begin(self, session: Session, planned: PlannedTrial) -> tuple[LinkedTrial, RecordingWriter]:
-        """Open a trial of the session on the board that is connected."""
+        """Open a trial of the session on the board that is connected. InputError: a step is being done."""
+        self._need_rest()
         assert self.linked is not None
         trial, writer = session.begin(planned, Sensors(self.linked.encoders, self.linked.force_channels))
         return trial, writer
 
     def ready_device(self, protocol: Protocol) -> Device | None:
-        """The device on the bench, to practise on without a session. InputError: it is not ready."""
+        """The device on the bench, to practise on without a session. InputError: it is not ready, or a step is done."""
+        self._need_rest()
         device = next((one for one in protocol.devices if self.linked and one.name == self.linked.device), None)
         if device is None or self.step(device) != DONE:
             raise InputError(
@@ -150,6 +156,10 @@ class Rigging:
                 "from then on practice needs none."
             )
         return device
+
+    def _need_rest(self) -> None:
+        if self._busy:
+            raise InputError("A step on the device is being done: a moment.")
 
     def take_handle(self, simulation: Simulation) -> None:
         """A person has it already."""

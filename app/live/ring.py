@@ -27,6 +27,7 @@ CONTROL = np.dtype(
         ("aims", "f8", (AIMS, 2)),  # m
         ("brakes_off", "i8"),  # 1: no currents until the conductor allows them again
         ("why_off", "u1", (TEXT,)),  # its cause, UTF-8
+        ("presses", "i8"),  # how often somebody asked for the brakes-off
         # by the conductor
         ("push_count", "i8"),  # how often a force was pushed; 0: the pointer is the hand
         ("pushes", "f8", (AIMS, 2)),  # N, likewise
@@ -75,6 +76,16 @@ class Ring:
         self.control.aims[count % AIMS] = x, y
         self.control.aim_count = count + 1
 
+    def press_off(self, cause: str) -> None:
+        """Somebody asks for the brakes-off: also one that lasts already is not ended by who has not seen this."""
+        self.control.presses += 1
+        self.switch_off(cause)
+
+    @property
+    def presses(self) -> int:
+        """How often somebody asked for the brakes-off."""
+        return int(self.control.presses)
+
     def switch_off(self, cause: str) -> None:
         """No currents from the next tick on, for this cause (the first one stands)."""
         if not self.control.brakes_off:
@@ -111,6 +122,10 @@ class Ring:
         count = int(self.control.push_count)
         self.control.pushes[count % AIMS] = fx, fy
         self.control.push_count = count + 1
+
+    def let_go(self) -> None:
+        """There is another pointer now, perhaps elsewhere: it has to touch the handle first, which does not leap to it."""
+        self.control.aim_count = self.control.taken = 0
 
     def beat(self) -> None:
         """The conductor lives."""

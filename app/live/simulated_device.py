@@ -49,9 +49,10 @@ class SimulatedDevice:
     def hear(self, runner: "Runner", write: Callable[..., None], say: Callable[..., None]) -> None:
         """A simulated device says nothing by itself."""
 
-    def allow(self) -> None:
-        """Currents may flow again."""
-        self._ring.allow()
+    def allow(self, presses: int) -> None:
+        """Currents may flow again, if nobody has pressed since those presses of the brakes-off."""
+        if self._ring.presses == presses:
+            self._ring.allow()
 
     def checks(self, why_off: str) -> tuple[m.Check, m.Check]:
         """For the pre-flight row: device and hand."""
