@@ -124,7 +124,7 @@ class Ring:
         self.control.push_count = count + 1
 
     def let_go(self) -> None:
-        """There is another pointer now, perhaps elsewhere: it has to touch the handle first, which does not leap to it."""
+        """There is another pointer now, perhaps elsewhere: the handle does not leap to it, but waits for its touch."""
         self.control.aim_count = self.control.taken = 0
 
     def beat(self) -> None:
