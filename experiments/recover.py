@@ -35,8 +35,8 @@ from experiments.session_files import (
     sessions_in,
     write_pooled_table,
 )
-from experiments.session_rows import put_right, recorded_row, rows_without_recording, told
-from experiments.trials_table import append_row, read_table, table_bytes, write_table
+from experiments.session_rows import Told, put_right, recorded_row, rows_without_recording, told
+from experiments.trials_table import TrialRow, append_row, read_table, table_bytes, write_table
 from experiments.verify import verify
 from experiments.whole_files import PARTIAL_FILES, set_aside
 
@@ -169,16 +169,10 @@ def _add_rows(session: Path, done: Rescue) -> None:
         done.set_aside.append(set_aside(table, DAMAGED).name)  # changed by hand: nothing can be added to it
         have = set()
     for run in sorted({*on_disk, *bare} - have):
-        path = on_disk.get(run, {}).get(PARQUET_SUFFIX)
+        path, row = on_disk.get(run, {}).get(PARQUET_SUFFIX), bare.get(run)
         if path is not None:
-            recording = read_recording(path)
-            if not recording.whole:
-                done.not_rescued.append(f"{path.relative_to(session).as_posix()}: {'; '.join(recording.damaged)}")
-                continue
-            row = recorded_row(recording, session, journal)
-        elif run in bare:
-            row = bare[run]
-        else:
+            row = _measured(path, session, journal, done)
+        if row is None:
             continue
         append_row(session / TABLE, row)
         done.rows_added.append(f"{TABLE}: run {run}, {row.status}")
@@ -188,6 +182,18 @@ def _add_rows(session: Path, done: Rescue) -> None:
         write_table(session / TABLE, right, replacing=True)
         changed = [str(new.run) for old, new in zip(rows, right, strict=True) if new != old]
         done.rows_changed.append(f"{TABLE}: run {', '.join(changed)}, as the journal says")
+
+
+def _measured(path: Path, session: Path, journal: Told, done: Rescue) -> TrialRow | None:
+    """The row of a recording; None where it can give none, which is told and keeps no other trial from its row."""
+    try:
+        recording = read_recording(path)
+        if recording.whole:
+            return recorded_row(recording, session, journal)
+        done.not_rescued.append(f"{path.relative_to(session).as_posix()}: {'; '.join(recording.damaged)}")
+    except InputError as error:
+        done.not_rescued.append(_after(str(error), session))
+    return None
 
 
 def _after(sentence: str, session: Path) -> str:

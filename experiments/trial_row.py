@@ -7,7 +7,7 @@ from core.errors import InputError
 from core.path_file import build_path, path_from
 from experiments.metrics import NO_METRICS, trial_metrics
 from experiments.recording import Recording
-from experiments.trials_table import TrialRow
+from experiments.trials_table import COUNTED, TrialRow
 
 #: What a recording must say of its trial.
 NEEDED = (
@@ -16,7 +16,11 @@ NEEDED = (
 
 
 def row_of(recording: Recording, folder: Path) -> TrialRow:
-    """A trial's row, from its recording alone; `folder`: where the table that gets it stands."""
+    """A trial's row, from its recording alone; `folder`: where the table that gets it stands.
+
+    InputError: the recording does not say which trial it is of, or cannot be measured. A trial that does not count (it
+    was cut short, say by a force that is not a number) then has a row without measures.
+    """
     about, outcome = recording.metadata, recording.outcome
     for key in NEEDED:
         if key not in about:
@@ -29,8 +33,8 @@ def row_of(recording: Recording, folder: Path) -> TrialRow:
     if recording.in_phase("move").any():
         try:
             metrics = trial_metrics(recording, path)
-        except InputError:  # ticks are missing in between: nothing that needs an even grid can be said
-            if outcome["status"] != "recovered":
+        except InputError:  # ticks are missing, or a sample is no number: then there is nothing to say of it
+            if outcome["status"] in COUNTED:
                 raise
     place = os.path.relpath(recording.path, folder).replace(os.sep, "/")
     return TrialRow(

@@ -31,6 +31,12 @@ class ClockModel:
     """Fed with every sample; fits anew after each block."""
 
     def __init__(self) -> None:
+        self.went_back = 0  # how often the board's clock did, which no board's may: the model then begins anew
+        self._newest_us = 0
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget everything: one of the clocks has not just run on."""
         self.fit = ClockFit(0.0, 0.0, 0.0, 0)
         self._quickest: deque[tuple[float, float]] = deque(maxlen=BLOCKS)  # board s, host s less board s
         self._block: tuple[float, float] | None = None  # the quickest of the running block
@@ -38,6 +44,10 @@ class ClockModel:
 
     def add(self, board_us: int, host_s: float) -> None:
         """A sample that was true at `board_us` came at `host_s`."""
+        if board_us < self._newest_us:
+            self.went_back += 1
+            self.begin()
+        self._newest_us = board_us
         board_s = 1e-6 * board_us
         behind = host_s - board_s
         if self._block is None:

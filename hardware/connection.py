@@ -16,8 +16,11 @@ from hardware.messages import (
     AskHello,
     Four,
     Hello,
+    Home,
     Limits,
+    Refusal,
     Refused,
+    ResetFault,
     SampleLayout,
     SetLimits,
     joints_of,
@@ -32,6 +35,21 @@ AGAIN_S = 0.1  # a question without answer is put again after this
 #: rad/s, at which a joint is too fast (assumed; 9 m/s at the end of a 0.3 m link)
 SPEED_MAX = 30.0
 TURN = 6.283185307179586
+
+#: why a board refused, for whoever asked
+REFUSAL_WORDS = {
+    Refusal.WRONG_STATE: "it does not do that in the state it is in",
+    Refusal.BAD_VALUE: "it cannot take what it was told",
+    Refusal.FAULT_STANDS: "what caused its fault is still there",
+    Refusal.VERSION: "it speaks another version of the protocol",
+}
+#: .. and what it would not do
+ASKED_WORDS = {
+    SetLimits: "take the limits of the brakes",
+    Home: "take the homing",
+    ResetFault: "forget its fault",
+    AskHello: "connect",
+}
 
 Answer = TypeVar("Answer")
 
@@ -93,7 +111,7 @@ class Connection:
                 if isinstance(message, kind):
                     return message
                 if isinstance(message, Refused) and message.message == pack(question)[0]:
-                    raise LinkError(f"the board refused {type(question).__name__} (reason {message.reason})")
+                    raise LinkError(refusal(question, message.reason))
         raise LinkError(f"{self.wire.name}: no board answers there")
 
     def hello(self, device: Device) -> Hello:
@@ -112,6 +130,13 @@ class Connection:
             raise LinkError(f"the board has set other current limits, {limits.current_mA} mA, than {asked.current_mA}")
         self._layout = layout_of(hello)
         return limits
+
+
+def refusal(question: tuple, reason: int) -> str:
+    """That the board would not do what it was asked, in one sentence."""
+    words = {int(known): text for known, text in REFUSAL_WORDS.items()}
+    asked = ASKED_WORDS.get(type(question), f"answer {type(question).__name__}")
+    return f"the board would not {asked}: {words.get(reason, f'its reason, {reason}, is not known here')}"
 
 
 def limits_of(hello: Hello, device: Device) -> SetLimits:
@@ -135,7 +160,9 @@ def check_hello(hello: Hello, device: Device) -> None:
     if hello.sample_hz != SAMPLE_HZ or not 0 < hello.watchdog_ms <= WATCHDOG_US // 1000:
         raise InputError(f"{where} samples at {hello.sample_hz} Hz with a watchdog of {hello.watchdog_ms} ms")
     wired = hello.device.decode(errors="replace")
-    if wired and wired != device.name.encode()[:24].decode(errors="replace"):
+    if not wired:
+        raise InputError(f"{where} does not say which device it is wired to: its firmware must name {device.name!r}")
+    if wired != device.name.encode()[:24].decode(errors="replace"):
         raise InputError(f"{where} is wired to the device {wired!r}, not to {device.name!r}")
     encoders = sensing_of(device)[0]
     wanted: Four = tuple(getattr(encoders, joint) or 0 for joint in JOINTS)  # type: ignore[assignment]

@@ -16,7 +16,8 @@ from hardware.hid_layouts import AXES, Attached, Layout, attached, decode, layou
 WORD = "deflection, not a force sensor"
 #: N at full deflection. Assumed: what a person pushes with ease.
 FORCE_FULL_N = 20.0
-#: s. Old units miss zero: what the cap says while nobody touches it, right after the start, is taken off.
+#: s. Old units miss zero: what the cap says while nobody touches it, right after the start, is taken off. Plugged in
+#: again in the middle of a trial, with a hand on it, a device keeps what it had.
 BIAS_S = 0.5
 #: Share of full scale. A larger bias means that somebody holds the cap: then none is taken.
 BIAS_MOST = 0.2
@@ -79,6 +80,7 @@ class HidHand:
         self._lock = threading.Lock()
         self._newest, self._reports, self._unplugged = -math.inf, 0, 0
         self._counts, self._bias = dict.fromkeys(AXES, 0), dict.fromkeys(AXES, 0)
+        self._biases: dict[tuple[str, str], dict[str, int]] = {}  # of every device seen: none is taken anew on replug
         self._found, self._device = self._look()
         self._problem = ""
         self._thread = threading.Thread(target=self._work, name="six-axis device", daemon=True)
@@ -91,9 +93,14 @@ class HidHand:
             pushed = {axis: self._counts[axis] - self._bias[axis] for axis in ("x", "y")}
             connected = self._device is not None
             felt = connected and age <= SILENT_S
-            text = f"{self._found.product} ({WORD})" if connected else self._problem
+            text = f"{self._found.product} ({WORD}{self._bias_words()})" if connected else self._problem
             fx, fy = (self._scale * pushed["x"], -self._scale * pushed["y"]) if felt else (0.0, 0.0)
             return Reading(fx, fy, connected, text, age, self._reports, self._unplugged)
+
+    def _bias_words(self) -> str:
+        """How large the bias is in the plane of the handle; nothing where there is none."""
+        bias = self._scale * math.hypot(self._bias["x"], self._bias["y"])
+        return f"; {bias:.1f} N taken off as its zero" if bias else ""
 
     def take_bias(self) -> bool:
         """Call what the cap says now its zero; False, and nothing changes, if somebody seems to hold it."""
@@ -101,7 +108,7 @@ class HidHand:
             limit = BIAS_MOST * layouts().full_scale_counts
             if any(abs(count) > limit for count in self._counts.values()):
                 return False
-            self._bias = dict(self._counts)
+            self._bias = self._biases[self._found.who] = dict(self._counts)
             return True
 
     def close(self) -> None:
@@ -133,7 +140,7 @@ class HidHand:
         while not self._ended.is_set():
             if self._device is None:
                 self._look_again()
-                started, biased = self._clock(), False
+                started, biased = self._clock(), self._found.who in self._biases
                 continue
             try:
                 self._drain(self._device, self._found.layout)
@@ -142,6 +149,7 @@ class HidHand:
                 continue
             if not biased and self._clock() - started >= BIAS_S:
                 biased = True
+                self._biases.setdefault(self._found.who, self._bias)
                 self.take_bias()
         if self._device is not None:
             self._device.close()
@@ -178,4 +186,5 @@ class HidHand:
             self._ended.wait(LOOK_AGAIN_S)
             return
         with self._lock:
-            self._found, self._device, self._bias = found, device, dict.fromkeys(AXES, 0)
+            self._found, self._device = found, device
+            self._bias = self._biases.get(found.who, dict.fromkeys(AXES, 0))

@@ -36,6 +36,12 @@ class Attached(NamedTuple):
     ids: str  # "046d:c626"
     product: str
     layout: Layout
+    serial: str = ""
+
+    @property
+    def who(self) -> tuple[str, str]:
+        """What stays the same when it is plugged in again; two without a number, of one kind, are not told apart."""
+        return self.ids, self.serial
 
 
 @cache
@@ -59,7 +65,7 @@ def attached(listed: list[dict]) -> list[Attached]:
         if layout and usage in ((layouts().usage_page, layouts().usage), (0, 0)):
             ids = f"{entry['vendor_id']:04x}:{entry['product_id']:04x}"
             name = entry.get("product_string") or "six-axis device"
-            found[entry["path"]] = Attached(entry["path"], ids, name, layout)
+            found[entry["path"]] = Attached(entry["path"], ids, name, layout, entry.get("serial_number") or "")
     return list(found.values())
 
 

@@ -10,13 +10,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from core.device import Device
 from core.device_link import LinkError, LinkSample, ZeroRecord
 from core.errors import InputError
 from core.mechanism import JOINTS
 from hardware.connection import Connection, Wire
+from hardware.freshness_watch import FreshnessWatch
 from hardware.link_health import LinkHealth
 from hardware.messages import (
     TYPES,
@@ -37,17 +36,16 @@ from hardware.messages import (
     Stop,
     joints_of,
 )
-from hardware.port import Identity, Port, find_port, usb_ports
+from hardware.port import Identity, Port, find_port, identity_of
 from hardware.pose import load_kernels
-from hardware.sensing import NO_ZERO, BoardSensing, fault_words
+from hardware.sensing import BoardSensing, fault_words
+from hardware.zero import ZERO_SAMPLES, zero_of
 
 SILENCE_S = 0.2  # without a sample: the link is lost
 SAMPLE_S = 0.004  # longest wait of `exchange` for a sample
 AGAIN_S = 0.1  # between attempts to reach the board again
 HEARTBEAT_S = 0.5
 MOST_KEPT = 2000  # samples that wait for whoever asks for all of them
-ZERO_SAMPLES = 500
-ZERO_STILL_M = 1e-3  # a handle that moved further was touched
 WRAP = 1 << 32
 NOT_CONNECTED = Refused(TYPES[Command], Refusal.WRONG_STATE)
 NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
@@ -77,6 +75,7 @@ class SerialLink:
         self._beat: tuple[int, float] | None = None  # token and time of the heartbeat that is out
         self._beat_at = self._heard = self._asked = -math.inf
         self._last: int | None = None  # sequence of the last sample
+        self._watch = FreshnessWatch()  # of the present connection
         self._taken: deque[LinkSample] = deque(maxlen=MOST_KEPT)  # since `samples` was called
         self._limits = Limits((0, 0, 0, 0), (0, 0, 0, 0))
         self._identity: Identity | None = None
@@ -85,7 +84,7 @@ class SerialLink:
         """Reach the board. InputError, in one sentence: no port, no board, or another board."""
         load_kernels(self.device)
         self.port = find_port(self.port)
-        self._identity = usb_ports().get(self.port)
+        self._identity = identity_of(self.port)
         try:
             self._begin(*self._reach())
         except LinkError as error:
@@ -140,10 +139,9 @@ class SerialLink:
     def zero(self) -> ZeroRecord:
         """Nobody touches the handle: what sensor and amplifiers read is zero.
 
-        LinkError, and no zero: the handle moved, samples are missing, or the board was away meanwhile.
+        LinkError, and what was taken before holds: the handle moved, samples are missing, the board was away meanwhile.
         """
         sensing = self._there()[1]
-        sensing.set_zero(NO_ZERO)
         taken: list[LinkSample] = []
         for _ in range(2 * ZERO_SAMPLES):
             if (sample := self.exchange(NO_CURRENT)) is not None:
@@ -156,15 +154,7 @@ class SerialLink:
             )
         if self.sensing is not sensing:
             raise LinkError("zero: the board was away meanwhile")
-        moved = float(np.max(np.ptp(np.array([sample.tip for sample in taken]), axis=0)))
-        if not math.isfinite(moved):
-            raise LinkError("zero: nobody can tell whether the handle is still; home the encoders first")
-        if moved > ZERO_STILL_M:
-            raise LinkError("zero: the handle moved; nobody may touch it meanwhile")
-        counts = np.array([sample.force_counts for sample in taken], dtype=float)
-        a, e, b, c = np.array([sample.current for sample in taken]).mean(axis=0).tolist()
-        mean, spread = counts.mean(axis=0).tolist(), counts.std(axis=0).tolist()
-        sensing.set_zero(ZeroRecord(len(taken), tuple(mean), tuple(spread), (a, e, b, c)))
+        sensing.set_zero(zero_of(taken, sensing.zero))
         return sensing.zero
 
     def stop(self) -> None:
@@ -235,7 +225,7 @@ class SerialLink:
         self.encoders = "".join(JOINTS[i] for i in joints_of(sensing.hello.encoders))
         self.force_channels = sensing.hello.force_channels
         self._connection, self._back, self._bringing = connection, None, None
-        self._last = None
+        self._last, self._watch = None, FreshnessWatch()
         self._sequence, self._beat = 0, None
         self._heard = self._clock()
         self.health.frames = connection.frames
@@ -290,7 +280,7 @@ class SerialLink:
         return newest
 
     def _sample(self, sensing: BoardSensing, sample: Sample, now: float) -> LinkSample | None:
-        """A sample in SI units; None for one that came before."""
+        """A sample in SI units; None for one that came before. LinkError: the connection must begin anew."""
         if self._last is not None:
             ahead = (sample.sequence - self._last) % WRAP
             if not 0 < ahead < WRAP // 2:
@@ -303,4 +293,8 @@ class SerialLink:
         taken = sensing.take(sample, now)
         self.health.not_closed += not taken.closed
         self._taken.append(taken)
+        if doubt := self._watch.doubt(sample, now):
+            self.health.begun_anew += 1
+            sensing.clock.begin()
+            raise LinkError(doubt)
         return taken

@@ -21,6 +21,7 @@ class LinkHealth:
     clamped: int = 0  # exchanges whose currents had to be put right: beyond a limit, below zero, not finite
     not_closed: int = 0  # samples whose encoders are of no pose
     lost_links: int = 0
+    begun_anew: int = 0  # of these: connections given up because the board took, or would take, all commands for late
     round_trip_s: float = math.inf  # the least, of heartbeats
     frames: FrameCounts = field(default_factory=FrameCounts)  # of the present connection
 
@@ -34,6 +35,7 @@ class LinkHealth:
         if sensing is not None:
             about["zero"] = sensing.zero._asdict() if sensing.zero.samples else None
             about["clock"] = sensing.clock.fit._asdict()
+            about["board_time_back"] = sensing.clock.went_back  # since the board's last start
             hello = sensing.hello
             about["board"] = hello.serial.decode(errors="replace")
             about["firmware"] = ".".join(map(str, hello.firmware))

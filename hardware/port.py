@@ -35,6 +35,12 @@ class Identity(NamedTuple):
     vendor: int
     product: int
     serial: str
+    #: which port of a device with several (its USB interface); without a serial number also the socket. "": not told
+    place: str = ""
+
+    def made_as(self, other: "Identity") -> bool:
+        """Whether the other one may be this device in another socket."""
+        return self[:3] == other[:3]
 
 
 class Port:
@@ -84,19 +90,42 @@ def usb_ports() -> dict[str, Identity]:
         ports = list_ports.comports()
     except (OSError, TypeError, ValueError):
         return {}
-    return {p.device: Identity(p.vid, p.pid or 0, p.serial_number or "") for p in ports if p.vid is not None}
+    return {
+        p.device: Identity(p.vid, p.pid or 0, p.serial_number or "", _place(p.location or "", p.serial_number or ""))
+        for p in ports
+        if p.vid is not None
+    }
+
+
+def identity_of(name: str) -> Identity | None:
+    """Who has this name now; None where that is not on USB, or another port looks just like it."""
+    ports = usb_ports()
+    found = ports.get(name)
+    return found if found is not None and list(ports.values()).count(found) == 1 else None
+
+
+def _place(location: str, serial_number: str) -> str:
+    """Of a location as pyserial tells it, "1-2.4:1.0" (socket, interface), what does not change by itself."""
+    return location.partition(":")[2] if serial_number else location
 
 
 def find_port(wanted: str, identity: Identity | None = None) -> str:
-    """The name of the port: the one that has this identity now; else `wanted`; "auto": the only one on USB.
+    """The name of a port. identity: whom `wanted` was when it was opened; it may have another name by now.
 
-    InputError: "auto" finds none, or more than one.
+    "auto": the only port on USB. InputError: "auto" finds none or more than one; several ports have the identity; or
+    `wanted` is the name of another device now.
     """
     ports = usb_ports()
     if identity is not None:
-        for name, found in ports.items():
-            if found == identity:
-                return name
+        there = ports.get(wanted)
+        names = [name for name, found in ports.items() if found == identity]
+        if there == identity or (not names and (there is None or identity.made_as(there))):
+            return wanted
+        if not names:
+            raise InputError(f"serial port {wanted}: another device has this name now")
+        if len(names) > 1:
+            raise InputError(f"serial port {wanted}: it is gone, and {' and '.join(names)} both look like it")
+        return names[0]
     if wanted != "auto":
         return wanted
     if len(ports) != 1:

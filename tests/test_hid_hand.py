@@ -175,6 +175,63 @@ def test_unplugged_there_is_no_force_and_plugged_in_again_it_works_on(bus, hand)
     wait_until(lambda: hand.read().fx_N == pytest.approx(FORCE_FULL_N))
 
 
+def biased(bus, hand) -> None:
+    """It has said 10 counts for long enough."""
+    bus.now += BIAS_S
+    bus.push("01 0a00 0000 0000")
+    wait_until(lambda: "taken off" in hand.read().text and hand.read().fx_N == 0.0)
+
+
+def replugged(bus, hand, after: float = 2 * BIAS_S) -> None:
+    """Out, and in again with a hand on the cap; long enough for a zero to be taken."""
+    bus.plugged = False
+    wait_until(lambda: not hand.read().connected)
+    bus.plugged = True
+    wait_until(lambda: hand.read().connected)
+    for _ in range(3):
+        came = hand.read().reports
+        bus.push("01 4500 0000 0000")  # a fifth of full scale, less one
+        wait_until(lambda came=came: hand.read().reports == came + 1)
+        bus.now += after / 2
+        time.sleep(0.03)  # its thread looks at the time after each wait for a report
+
+
+def test_a_device_that_is_plugged_in_again_keeps_its_zero_whoever_pushes_it(bus, hand):
+    biased(bus, hand)
+    assert "0.6 N taken off" in hand.read().text
+    replugged(bus, hand)
+    bus.push("01 0a00 0000 0000")
+    wait_until(lambda: hand.read().fx_N == 0.0)
+    bus.push("01 6801 0000 0000")
+    wait_until(lambda: hand.read().fx_N == pytest.approx(FORCE_FULL_N))
+
+
+def test_a_cap_that_was_held_at_the_start_has_no_zero_after_a_replug_either(bus, hand):
+    bus.push("01 5e01 0000 0000")
+    wait_until(lambda: hand.read().reports == 1)
+    bus.now += BIAS_S
+    time.sleep(0.05)
+    replugged(bus, hand)
+    bus.push("01 5e01 0000 0000")
+    wait_until(lambda: hand.read().fx_N == pytest.approx(FORCE_FULL_N))
+
+
+@pytest.mark.parametrize("other", [{"serial_number": "2"}, {"product_id": 0xC627}])
+def test_another_device_takes_a_zero_of_its_own(bus, hand, other):
+    biased(bus, hand)
+    bus.plugged = False
+    wait_until(lambda: not hand.read().connected)
+    bus.entry = {**bus.entry, **other}
+    bus.plugged = True
+    wait_until(lambda: hand.read().connected)
+    assert "taken off" not in hand.read().text
+    bus.push("01 1e00 0000 0000")
+    wait_until(lambda: hand.read().fx_N != 0.0)
+    bus.now += BIAS_S
+    bus.push("01 1e00 0000 0000")
+    wait_until(lambda: "1.7 N taken off" in hand.read().text and hand.read().fx_N == 0.0)
+
+
 def test_nothing_attached_or_nothing_allowed_is_one_sentence():
     with pytest.raises(InputError, match="no six-axis device is attached"):
         HidHand(listing=lambda: [], opening=lambda path: None)

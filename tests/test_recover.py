@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from test_recording import batch_ends
 
 from app.cli import main
 from experiments import recover as recovery
-from experiments.recording import read_recording
+from experiments.recording import read_recording, save_as_parquet
 from experiments.recover import recover
 from experiments.session_files import cell, hold_lock, read_stored, write_pooled_table
 from experiments.trials_table import read_table
@@ -176,6 +177,41 @@ def test_what_cannot_be_rescued_is_named_and_left_as_it_is(data, capsys):
     before = files(data)
     assert main(["recover", str(data)]) == 1
     assert "run-001.parquet" in capsys.readouterr().out and files(data) == before
+
+
+def spoil(data: Path, **outcome) -> None:
+    """The first trial's force is not a number from some tick on; outcome: what else its end record says."""
+    path = of(data) / "trials" / "run-001.parquet"
+    there = read_recording(path)
+    force = there.column("hand_fx_N").copy()
+    force[-300:] = np.nan
+    path.unlink()
+    columns, outcome = {**there.columns, "hand_fx_N": force}, {**there.outcome, **outcome}
+    save_as_parquet(replace(there, columns=columns, outcome=outcome), path, sync=False)
+
+
+def test_one_recording_that_can_give_no_row_keeps_no_other_trial_from_its_row(data):
+    """A trial that counts, with a force that is not a number in it; the trials behind it have lost their rows."""
+    spoil(data)
+    (of(data) / "trials.csv").unlink()
+    done = recover(data)
+    assert [row.run for row in read_table(of(data) / "trials.csv")] == [2, 3]
+    assert done["rows_added"] == [f"sub-01/ses-01/trials.csv: run {run}" for run in ("2, done", "3, recovered")]
+    (told,) = done["not_rescued"]
+    assert "run-001.parquet: hand_fx_N: the sample of tick" in told and done["faults"]
+    once = files(data)
+    recover(data)
+    assert files(data) == once
+
+
+@pytest.mark.parametrize("status", ["aborted", "stopped", "recovered"])
+def test_a_trial_that_a_bad_force_cut_short_has_a_row_without_measures(data, status):
+    spoil(data, status=status)
+    (of(data) / "trials.csv").unlink()
+    assert not recover(data)["faults"]
+    rows = read_table(of(data) / "trials.csv")
+    assert [row.run for row in rows] == [1, 2, 3] and rows[0].status == status
+    assert rows[0].duration_s is None and rows[0].path_error_m is None and rows[1].path_error_m > 0
 
 
 def test_a_session_that_a_live_process_holds_is_refused_and_not_touched(data, capsys):

@@ -66,6 +66,21 @@ def test_a_command_after_the_watchdog_finds_it_tripped_even_between_ticks(progra
         assert live_alike(program, [bench.board])[-1].state == state
 
 
+@pytest.mark.parametrize("late", [True, False])
+def test_a_command_that_is_old_or_late_is_not_obeyed_and_yet_is_no_silence(program: Path, late: bool) -> None:
+    bench = recorded()
+    bench.connect()
+    bench.command(mode=0)
+    bench.delay_us = 60_000 if late else 0
+    for _ in range(30):  # 1.5 s
+        bench.tick(50)
+        bench.command(step=int(late))
+    did = live_alike(program, [bench.board])[-1]
+    assert did.state == State.READY and (did.late if late else did.old) == 30
+    bench.tick(1100)
+    assert live_alike(program, [bench.board])[-1].state == State.IDLE
+
+
 def test_every_limit_lies_where_it_lies_in_python(program: Path) -> None:
     """One less than what is too much is borne, on either side of zero; then one more."""
     edges = [{"current_mA": (0, 0, most, 0)} for most in (1200, 1201, -1200, -1201, -(2**15))]
