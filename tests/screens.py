@@ -37,9 +37,10 @@ class Screens:
         return self.console
 
     def tick(self, rows: np.ndarray, taken: bool = True) -> None:
-        """One frame with these ticks (n, row.WIDTH)."""
+        """One frame with these ticks (n, row.WIDTH), which the panels need not wait for."""
         self.bench.rows, self.bench.taken = rows, taken
         self.windows.frame()
+        self.console.show_panels()
 
     def press(self, key: Qt.Key, window: QWidget | None = None) -> list:
         """Press a key; what was sent because of it."""

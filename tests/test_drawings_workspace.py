@@ -201,16 +201,19 @@ def test_the_field_leads_to_the_path_and_along_it_and_turns_with_the_hand() -> N
     follower = Follower(build_path(ALONG, "path"), SETTLED)
     needles = follower.needles(FOUR, (-0.2, 0.3), (0.2, 0.48), 0.02)
     assert len(needles) > 50
-    for needle in needles:
-        off = needle.y - 0.4
+    for x, y, *beta in needles.tolist():
+        off = y - 0.4
         if abs(off) >= 0.05:
-            assert (needle.beta_x, needle.beta_y) == pytest.approx((0.0, -math.copysign(1.0, off)))
+            assert beta == pytest.approx((0.0, -math.copysign(1.0, off)))
         elif abs(off) < 1e-9:
-            assert (needle.beta_x, needle.beta_y) == pytest.approx((1.0, 0.0))
+            assert beta == pytest.approx((1.0, 0.0))
+        found = Follower(follower.path, SETTLED).follow(x, y, 0.0, 0.0, 0.0, 0.0)
+        assert beta == pytest.approx((found.beta_x, found.beta_y))  # as a tip that comes there first would find it
     follower.follow(0.0, 0.4, 0.0, 0.0, -5.0, 0.0)  # the hand pulls back
     assert follower.sense == -1.0
-    back = {(n.x, n.y): n.beta_x for n in follower.needles(FOUR, (-0.2, 0.3), (0.2, 0.48), 0.02)}
-    assert all(back[n.x, n.y] == pytest.approx(-n.beta_x) for n in needles)
+    back = follower.needles(FOUR, (-0.2, 0.3), (0.2, 0.48), 0.02)
+    assert back[:, :3] == pytest.approx(needles[:, :3] * (1.0, 1.0, -1.0))
+    assert follower.sense == -1.0  # to look is not to move
 
 
 # --------------------------------------------------------------------------------------------------------- workspace
@@ -302,7 +305,7 @@ def test_no_label_lies_on_an_arm_another_label_or_the_edge(qtbot, device: Device
             for name, box in boxes.items():
                 assert QRectF(view.rect()).contains(box), (name, share)
                 for a, b in ARMS:
-                    assert not meets((at[a].x(), at[a].y(), at[b].x(), at[b].y()), box), (name, share)
+                    assert not meets((*at[a].toTuple(), *at[b].toTuple()), box.getCoords()), (name, share)
                 assert not any(box.intersects(other) for key, other in boxes.items() if key != name)
 
 
@@ -327,7 +330,7 @@ def test_a_line_meets_a_box_where_some_point_of_it_is_inside() -> None:
         x, y = line[0] + share * (line[2] - line[0]), line[1] + share * (line[3] - line[1])
         inside = np.maximum(np.abs(x) - 1.0, np.abs(y) - 0.5).min()
         if abs(inside) > 2e-3:  # not only touching
-            assert meets(line, box) is bool(inside < 0.0)
+            assert meets(line, box.getCoords()) is bool(inside < 0.0)
 
 
 def test_the_line_above_says_phase_time_error_and_speed(workspace: Workspace) -> None:

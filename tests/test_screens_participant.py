@@ -2,6 +2,7 @@
 
 import re
 
+import numpy as np
 import pytest
 from fake_bench import PLAN, PRESETS, movement, opened, ready, result, running, ticks
 from PySide6.QtCore import Qt
@@ -9,6 +10,7 @@ from PySide6.QtTest import QTest
 from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
 
 from app.live import messages as m
+from app.screens.plane import TRAIL_STEP_PX
 from app.screens.questionnaire import ITEMS
 from core import row
 
@@ -136,7 +138,10 @@ def test_the_handle_and_its_way_follow_the_ticks(screens: Screens) -> None:
         screens.tick(rows[i : i + 16])
     view = screens.participant.view
     assert view.tip == pytest.approx((rows[-1, row.TIP_X], rows[-1, row.TIP_Y]))
-    assert len(view.trail) == -(-len(rows) // 16)
+    assert set(view.trail) <= {(x, y) for x, y in rows[:, (row.TIP_X, row.TIP_Y)].tolist()}
+    steps = np.hypot(*np.diff(np.array([*view.trail, view.tip]), axis=0).T) * view.scale
+    assert steps[:-1].min() >= TRAIL_STEP_PX > steps[-1]  # what is missing lies under the handle
+    assert TRAIL_STEP_PX < view.sizes.handle
     screens.hear(ready(5))
     screens.hear(running(5))
     assert not view.trail

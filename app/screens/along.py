@@ -1,15 +1,18 @@
-"""What drawing works out of ticks, in one call for all of a frame: a call from Python costs more than what it does."""
+"""What drawing works out, in one call for all of a frame: a call from Python costs more than what it does."""
+
+import math
 
 import numpy as np
 
 from core.control import BLEND_WIDTH
 from core.jit import kernel
-from core.mechanism import Brakes
+from core.linkage import links
+from core.mechanism import Brakes, Mechanism
 from core.path import Path, nearest
 from core.row import HAND_FX, HAND_FY, MOVE, PHASE, TIP_VX, TIP_VY, TIP_X, TIP_Y
 from core.rules import Rules
 from core.sdof import nearest_valid_brake, sdof_direction, valid_sense
-from core.velocity_field import Field, field_at
+from core.velocity_field import PIECE, SIDE, TRAVEL, Field, field_at
 
 
 @kernel
@@ -33,6 +36,55 @@ def errors(path: Path, rows: np.ndarray, error: np.ndarray) -> None:
     """Into `error` (n,), m: the tip's distance from the path in the ticks (n, row.WIDTH) of the move, else NaN."""
     for i in range(len(rows)):
         error[i] = abs(nearest(path, rows[i, TIP_X], rows[i, TIP_Y])[1]) if rows[i, PHASE] == MOVE else np.nan
+
+
+@kernel
+def field_on(path: Path, memory: np.ndarray, places: np.ndarray, rules: Rules, beta: np.ndarray) -> None:
+    """Into `beta` (n, 2): the desired directions at places (n, 2), m, each as if it were the first; uses up memory."""
+    piece, travel = memory[PIECE], memory[TRAVEL]
+    for i in range(len(places)):
+        memory[PIECE], memory[TRAVEL], memory[SIDE] = piece, travel, 0.0
+        field = field_at(path, memory, places[i, 0], places[i, 1], 0.0, 0.0, 0.0, 0.0, BLEND_WIDTH, rules)
+        beta[i, 0], beta[i, 1] = field.beta_x, field.beta_y
+
+
+@kernel
+def elbows(mechanism: Mechanism, x: float, y: float) -> tuple[float, float, float, float]:
+    """Where the elbows E and C are (x, y, x, y; m) for a tip (m); NaN where an arm does not reach it."""
+    first, second = mechanism.arm_1, mechanism.arm_2
+    a_x, a_y, _, _, s_1 = links(first, x, y)
+    b_x, b_y, _, _, s_2 = links(second, x, y)
+    if s_1 == 0.0 or s_2 == 0.0:
+        return np.nan, np.nan, np.nan, np.nan
+    return first.base_x + a_x, first.base_y + a_y, second.base_x + b_x, second.base_y + b_y
+
+
+@kernel
+def by_bin(
+    t: np.ndarray, values: np.ndarray, begin: int, end: int, rate: float,
+    bins: np.ndarray, low: np.ndarray, high: np.ndarray, falls: np.ndarray,
+) -> int:
+    """Ticks begin .. end - 1 of times t (s) and values (series, n) in bins, `rate` a second; how many bins there are.
+
+    Into bins (m,) their numbers; into low, high and falls (series, m) the lowest and the highest tick of each, NaN
+    where one is NaN, and whether its last tick is lower than its first.
+    """  # fmt: skip
+    count, start = 0, begin
+    for k in range(begin, end):
+        now = math.floor(t[k] * rate + 1e-9)
+        new = count == 0 or now != bins[count - 1]
+        if new:
+            bins[count] = now
+            count, start = count + 1, k
+        at = count - 1
+        for i in range(len(values)):
+            value = values[i, k]
+            if new or value < low[i, at] or value != value:
+                low[i, at] = value
+            if new or value > high[i, at] or value != value:
+                high[i, at] = value
+            falls[i, at] = value < values[i, start]
+    return count
 
 
 @kernel

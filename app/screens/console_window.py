@@ -29,6 +29,9 @@ from app.screens.traces import Traces
 from experiments.plan import PlannedTrial
 
 RIGHT_PX = 372
+#: Our choice: curves, energies and lateness go on with every third frame, twenty times a second and by two or three
+#: pixels, which is as smooth as they can be read; only what follows the hand goes on with every frame.
+PANELS_EVERY = 3
 SMALLEST = (1240, 660)
 LARGEST = (1920, 1080)
 
@@ -58,6 +61,7 @@ class ConsoleWindow(QWidget):
         self.banner.hide()
         self.trying = False  # a practice trial without a session is looked at
         self._shown: PlannedTrial | None = None  # the trial that the workspace is set up for
+        self._waiting: list[np.ndarray] = []  # ticks that the panels have not had yet
         self._lay_out()
         self.cards = Cards(self.centre)
         self.commands = Commands(self)
@@ -188,12 +192,14 @@ class ConsoleWindow(QWidget):
             now, begins = coming, True
         if begins and now is not None:
             self._shown = now
+            self._waiting.clear()
             device = next(device for device in opened.devices if device.name == now.configuration)
             self.centre.begin(now, snapshot.tip)
             self.traces.show_trial(device, opened.paths[now.segment])
             self.energy.clear()
             self.timing.clear()
         elif snapshot.running is None:
+            self.show_panels()
             self.centre.rest(snapshot.tip)
 
     def show_pulse(self, pulse: m.Pulse) -> None:
@@ -207,9 +213,17 @@ class ConsoleWindow(QWidget):
         if not len(rows) or self.dead or self.snapshot.running is None:
             return
         self.centre.show_ticks(rows, taken)
-        self.traces.add(rows)
-        self.energy.add(rows)
-        self.timing.add(rows)
+        self._waiting.append(rows)
+        if len(self._waiting) >= PANELS_EVERY:
+            self.show_panels()
+
+    def show_panels(self) -> None:
+        """The panels go on; at the end of a trial up to its last tick."""
+        if self._waiting:
+            rows = np.concatenate(self._waiting)
+            self._waiting.clear()
+            for panel in (self.traces, self.energy, self.timing):
+                panel.add(rows)
 
     def show_device(self, shown: bool) -> None:
         """The device page over everything else, or away again."""
@@ -229,6 +243,7 @@ class ConsoleWindow(QWidget):
             m.FAILED, last.rows, blind=last.blind, notes=last.notes, said=sentence, said_bad=True
         )
         self.proof.show_dead()
+        self.show_panels()
         if self.centre.workspace is not None and self.centre.workspace.view.tip is not None:
             self.centre.rest(self.centre.workspace.view.tip)
         self._refresh()

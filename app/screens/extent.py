@@ -1,14 +1,15 @@
 """Where the joints of a device are, and how much of the plane must be seen (m)."""
 
+import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 from PySide6.QtCore import QRectF
 
+from app.screens.along import elbows
 from core.device import Device
 from core.mechanism import Mechanism
 from core.path_file import PathFile, outline
-from core.workspace import arm_pose
 
 Point = tuple[float, float]  # m
 
@@ -18,13 +19,14 @@ SPACING_M = 0.002  # of the points of a drawn path: straight between them
 
 def joints_at(mechanism: Mechanism, tip: Point) -> dict[str, Point]:
     """Where the joints A, E, B, C and D are (m) for a tip; none where the arms do not reach it."""
-    places: dict[str, Point] = {}
-    for base, elbow, arm in (("A", "E", mechanism.arm_1), ("B", "C", mechanism.arm_2)):
-        e1 = arm_pose(arm, np.float64(tip[0]), np.float64(tip[1])).e1
-        places[base] = (arm.base_x, arm.base_y)
-        places[elbow] = (arm.base_x + float(e1[0]), arm.base_y + float(e1[1]))
-    places["D"] = tip
-    return places if np.all(np.isfinite(list(places.values()))) else {}
+    first, second = mechanism.arm_1, mechanism.arm_2
+    e_x, e_y, c_x, c_y = elbows(mechanism, *tip)
+    if math.isnan(e_x):
+        return {}
+    return {
+        "A": (first.base_x, first.base_y), "E": (e_x, e_y), "B": (second.base_x, second.base_y), "C": (c_x, c_y),
+        "D": tip,
+    }  # fmt: skip
 
 
 def extent_of_paths(paths: Iterable[PathFile], margin: float = MARGIN_M) -> QRectF:

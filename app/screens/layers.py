@@ -5,27 +5,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.screens.along import brake_directions, errors, follow_ticks
+from app.screens.along import brake_directions, by_bin, elbows, errors, field_on, follow_ticks
 from core import row
 from core.control import BLEND_WIDTH
 from core.device import Device
 from core.linkage import tip_force_map
 from core.path import Path, line, nearest
 from core.rules import SETTLED, Rules
-from core.velocity_field import SIDE, TRAVEL, Field, field_at, new_memory
+from core.velocity_field import TRAVEL, Field, field_at, new_memory
 from core.workspace import tip_is_free
 
 MOVES_M_S = 0.002  # slower than this there is no present motion to act against
 AT_REST_RAD_S = 1e-9  # a joint that turns more slowly is stuck
-
-
-class Needle(NamedTuple):
-    """The desired direction at one place, m and a unit vector."""
-
-    x: float
-    y: float
-    beta_x: float
-    beta_y: float
 
 
 class Direction(NamedTuple):
@@ -70,18 +61,15 @@ class Follower:
         """Distance of the tip from the path, m."""
         return abs(nearest(self.path, x, y)[1])
 
-    def needles(self, device: Device, low: tuple[float, float], high: tuple[float, float], step: float) -> list[Needle]:
-        """The field on a grid (m) between two corners, wherever the tip can be."""
+    def needles(self, device: Device, low: tuple[float, float], high: tuple[float, float], step: float) -> np.ndarray:
+        """The field on a grid (m) between two corners, wherever the tip can be: rows x, y, beta_x, beta_y (n, 4)."""
         x, y = (step * np.arange(math.ceil(a / step), math.floor(b / step) + 1) for a, b in zip(low, high, strict=True))
         x, y = np.meshgrid(x, y)
         free = tip_is_free(device.mechanism, x, y)
-        found = []
-        for place_x, place_y in zip(x[free].tolist(), y[free].tolist(), strict=True):
-            memory = self._memory.copy()
-            memory[SIDE] = 0.0
-            field = field_at(self.path, memory, place_x, place_y, 0.0, 0.0, 0.0, 0.0, BLEND_WIDTH, self.rules)
-            found.append(Needle(place_x, place_y, field.beta_x, field.beta_y))
-        return found
+        places = np.column_stack((x[free], y[free]))
+        beta = np.empty_like(places)
+        field_on(self.path, self._memory.copy(), places, self.rules, beta)
+        return np.hstack((places, beta))
 
 
 def compile_kernels(device: Device) -> None:
@@ -92,6 +80,10 @@ def compile_kernels(device: Device) -> None:
     ticks = np.zeros((1, row.WIDTH))
     follower.follow_ticks(ticks)
     errors(follower.path, ticks, np.empty(1))
+    follower.needles(device, (-0.05, 0.35), (0.05, 0.4), 0.02)
+    elbows(device.mechanism, 0.0, 0.4)
+    ones = np.zeros((1, 1))
+    by_bin(ticks[0], ones, 0, 1, 1.0, ones[0], ones, ones, np.zeros((1, 1), dtype=bool))
     directions(device, force_map(device, 0.0, 0.4), field, SETTLED)
 
 

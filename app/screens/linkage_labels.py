@@ -46,6 +46,7 @@ class Labels:
         self.words: dict[str, str] = {}
         self.doing: dict[str, Doing] = {}  # joint -> what its brake does
         self.sides: dict[str, str] = {}
+        self.boxes: dict[str, QRectF] = {}  # where each stands, px
 
     def word(self, instant: Instant, doing: dict[str, Doing]) -> None:
         """New words: of each brake, of both forces."""
@@ -78,17 +79,17 @@ class Labels:
             self.sides[name] = free_side(marks[name], sides, size, lines, own, room)
             taken.append(box_at(marks[name], self.sides[name], *size))
 
-    def boxes(self, marks: Mapping[str, QPointF]) -> dict[str, QRectF]:
-        """Where each label stands beside its mark, px."""
-        return {
+    def stand(self, marks: Mapping[str, QPointF]) -> None:
+        """Each label beside its mark (px)."""
+        self.boxes = {
             name: box_at(marks[name], self.sides.get(name, RIGHT_OF), *self._size(name, words))
             for name, words in self.words.items()
             if name in marks
         }
 
-    def paint(self, painter: QPainter, marks: Mapping[str, QPointF]) -> None:
-        """Write each label beside its mark (px)."""
-        for name, box in self.boxes(marks).items():
+    def paint(self, painter: QPainter) -> None:
+        """Write each label where it stands."""
+        for name, box in self.boxes.items():
             words = self.words[name]
             colour = FORCE_SHADE.get(name) or (theme.QUIET if words == OFF else SHADE[words.split()[0]])
             painter.fillRect(box, shade(theme.CANVAS, 0.6))  # to be read even where it must lie on something

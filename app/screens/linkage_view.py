@@ -1,9 +1,10 @@
 """The linkage on the plane: arms, brakes in the colour of what they do, forces with their values, layers on demand."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QPointF, QRect, QRectF
+from PySide6.QtCore import QMarginsF, QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QPainter, QRegion
 from PySide6.QtWidgets import QWidget
 
@@ -31,7 +32,8 @@ TITLE_PX = 36  # the line above is so high
 EDGE_PX = 6.0  # what pens and letters reach beyond a mark's radius
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
 ASSUMED = "parameters assumed"
-PIECES = 3  # an arm lies aslant: the boxes around its pieces hold far less than the one around all of it
+ARM_PX = 7.0  # how wide an arm is
+PIECE_PX = 250.0  # an arm lies aslant: the boxes around pieces of it hold far less than the one around all of it
 
 
 class Placed(NamedTuple):
@@ -133,6 +135,7 @@ class LinkageView(Plane):
             self._worded = True
             if LINKAGE in self.shown:
                 self._place_labels(self.instant)
+            self._placed = None
             self.repaint_moved()
 
     # painting
@@ -144,17 +147,20 @@ class LinkageView(Plane):
             return region
         at, rings, marks = self._places()
         handle = self.to_screen(self.instant.tip)
-        ways = [(handle, marks[HAND]), (handle, marks[BRAKES])]
-        if at:
-            ways += [(rings[joint], rings[joint]) for joint in "AB"]
-            for one, other in ARMS:  # with room for the rings at their ends
-                stops = [at[one] + (at[other] - at[one]) * (i / PIECES) for i in range(PIECES + 1)]
-                ways += zip(stops, stops[1:], strict=False)
-            for box in self.labels.boxes(marks).values():
-                region += box.adjusted(-2.0, -2.0, 2.0, 2.0).toAlignedRect()
         region += around(handle, handle, WEDGE_PX + EDGE_PX)
-        for one, other in ways:
-            region += around(one, other, JOINT_PX + EDGE_PX)
+        for force in (HAND, BRAKES):
+            region += around(handle, marks[force], EDGE_PX)
+        if at:
+            for ring in rings.values():
+                region += around(ring, ring, JOINT_PX + EDGE_PX)
+            for one, other in ARMS:
+                pieces = 1 + int((at[other] - at[one]).manhattanLength() / PIECE_PX)
+                piece = (at[other] - at[one]) / pieces
+                for i in range(pieces):
+                    start = at[one] + piece * i
+                    region += around(start, start + piece, ARM_PX)
+            for box in self.labels.boxes.values():
+                region += box.adjusted(-2.0, -2.0, 2.0, 2.0).toAlignedRect()
         return region
 
     def paint_under_path(self, painter: QPainter) -> None:
@@ -162,7 +168,8 @@ class LinkageView(Plane):
             step = max(NEEDLE_M, NEEDLE_PX / self.scale)
             low, high = self.to_plane(QPointF(60.0, self.height())), self.to_plane(QPointF(self.width() - 12.0, 40.0))
             needles = self.follower.needles(self.device, low, high, step)
-            paint_field(painter, needles, self.to_screen, step * self.scale)
+            middles = needles[:, :2] * (self.scale, -self.scale) + (self._zero_x, self._zero_y)
+            paint_field(painter, middles, needles[:, 2:] * (1.0, -1.0), step * self.scale)
         if self.device.assumed:
             painter.setFont(font(theme.SMALL))
             painter.setPen(shade(theme.CAUTION, 0.9))
@@ -175,7 +182,7 @@ class LinkageView(Plane):
         at, rings, _ = self._places()
         if REACHABLE in self.shown and (wedge := self.instant.reachable()) is not None:
             paint_wedge(painter, handle, wedge)
-        for width, colour in ((7.0, theme.ARM), (2.0, theme.ARM_CORE)) if at else ():
+        for width, colour in ((ARM_PX, theme.ARM), (2.0, theme.ARM_CORE)) if at else ():
             painter.setPen(pen(colour, width))  # flat ends, opaque, line by line: a twentieth of the time
             for one, other in ARMS:
                 painter.drawLine(at[one], at[other])
@@ -189,7 +196,7 @@ class LinkageView(Plane):
 
     def paint_over_handle(self, painter: QPainter) -> None:
         if self.instant is not None and LINKAGE in self.shown:
-            self.labels.paint(painter, self._places().marks)
+            self.labels.paint(painter)
         if self.dirty.top() > TITLE_PX:
             return
         painter.setFont(font(theme.HEAD, bold=True))
@@ -215,6 +222,7 @@ class LinkageView(Plane):
                     rings["A"], rings["B"] = middle - apart, middle + apart
             ends = force_ends(self.to_screen(self.instant.tip), self.instant)
             self._placed = Placed(at, rings, {**rings, **ends})
+            self.labels.stand(self._placed.marks)
         return self._placed
 
     def _fit(self) -> None:
@@ -229,8 +237,8 @@ class LinkageView(Plane):
         ends += [(handle, marks[HAND]), (handle, marks[BRAKES])]
         places = [(marks[joint], JOINT_PX) for joint in self.device.braked if joint in marks]
         if DIRECTIONS in self.shown:
-            for i in map(JOINTS.index, self.device.braked):
-                reach = QPointF(instant.g[i, 1], instant.g[i, 0]) * (LETTER_PX / np.hypot(*instant.g[i]))
+            for g_x, g_y in instant.g[[JOINTS.index(joint) for joint in self.device.braked]].tolist():
+                reach = QPointF(g_y, g_x) * (LETTER_PX / math.hypot(g_x, g_y))
                 ends.append((handle - reach, handle + reach))
                 places += [(handle - reach, 9.0), (handle + reach, 9.0)]
         path = [self.to_screen(point) for point in self.outline[:: max(1, len(self.outline) // 12)]]
@@ -243,17 +251,22 @@ class LinkageView(Plane):
         self.labels.place(instant, marks, lines, boxes, QRectF(self.rect()).adjusted(4.0, 36.0, -4.0, -2.0))
 
     def _paint_joints(self, painter: QPainter, rings: dict[str, QPointF]) -> None:
-        painter.setBrush(shade(theme.CANVAS))
+        painter.setPen(Qt.PenStyle.NoPen)
         for joint in JOINTS:
             place = rings[joint]
             if joint not in self.device.braked:
-                painter.setPen(pen(theme.BRAKE_OFF, 2.0))
-                painter.drawEllipse(place, BARE_PX, BARE_PX)
+                paint_ring(painter, place, BARE_PX, 2.0, theme.BRAKE_OFF)
                 continue
             state = self.labels.doing.get(joint, Doing()).state
-            painter.setPen(pen(SHADE[state], 3.0))
-            painter.drawEllipse(place, JOINT_PX, JOINT_PX)
+            paint_ring(painter, place, JOINT_PX, 3.0, SHADE[state])
             write(painter, place, joint, theme.SMALL, True, theme.QUIET if state == OFF else theme.TEXT)
+
+
+def paint_ring(painter: QPainter, middle: QPointF, radius: float, width: float, colour: str) -> None:
+    """A ring and the canvas in it (px; no pen): two discs take half of the time of a circle drawn with a pen."""
+    for reach, fill in ((radius + 0.5 * width, colour), (radius - 0.5 * width, theme.CANVAS)):
+        painter.setBrush(shade(fill))
+        painter.drawEllipse(middle, reach, reach)
 
 
 def around(one: QPointF, other: QPointF, reach: float) -> QRect:

@@ -1,14 +1,15 @@
 """The marks on the workspace: arrows of forces, needles of the field, SDOF directions, the reachable forces."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
+import numpy as np
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
-from PySide6.QtGui import QPainter, QPolygonF
+from PySide6.QtGui import QPainter
 
 from app.screens import theme
 from app.screens.extent import Point
-from app.screens.layers import Direction, Needle, Wedge
+from app.screens.layers import Direction, Wedge
 from app.screens.pens import pen, shade, write
 from core.mechanism import JOINTS
 from core.velocity_field import Field
@@ -32,33 +33,26 @@ def arrow_of(force: Point) -> QPointF:
 
 def paint_arrow(painter: QPainter, tail: QPointF, reach: QPointF, colour: str, width: float) -> None:
     """An arrow from `tail` over `reach`, px."""
-    length = math.hypot(reach.x(), reach.y())
+    x, y = reach.toTuple()
+    length = math.hypot(x, y)
     if length < 1.0:
         return
-    along = reach / length
-    across = QPointF(-along.y(), along.x())
     head, size = tail + reach, min(HEAD_PX, length)
-    foot = head - along * size
+    share = size / length
+    foot, half = head - reach * share, QPointF(-y, x) * (0.45 * share)
     painter.setPen(pen(colour, width))
-    painter.drawLine(tail, head - along * (0.8 * size))
+    painter.drawLine(tail, head - reach * (0.8 * share))
     painter.setPen(Qt.PenStyle.NoPen)
     painter.setBrush(shade(colour))
-    painter.drawPolygon(QPolygonF([head, foot + across * (0.45 * size), foot - across * (0.45 * size)]))
+    painter.drawPolygon([head, foot + half, foot - half])
 
 
-def paint_field(
-    painter: QPainter, needles: Iterable[Needle], to_screen: Callable[[Point], QPointF], apart: float
-) -> None:
-    """Short needles `apart` px from each other, brighter towards where they point."""
-    tails, heads = [], []
-    for needle in needles:
-        middle = to_screen((needle.x, needle.y))
-        half = QPointF(needle.beta_x, -needle.beta_y) * (NEEDLE_SHARE * apart)
-        tails.append(QLineF(middle - half, middle))
-        heads.append(QLineF(middle, middle + half))
-    for lines, alpha in ((tails, 0.35), (heads, 0.8)):
+def paint_field(painter: QPainter, middles: np.ndarray, ways: np.ndarray, apart: float) -> None:
+    """Needles, their middles (n, 2) `apart` px from each other, brighter towards their ways (n, 2), unit vectors."""
+    half = NEEDLE_SHARE * apart * ways
+    for one, other, alpha in ((middles - half, middles, 0.35), (middles, middles + half, 0.8)):
         painter.setPen(pen(theme.BRAKE_OFF, 1.0, alpha))
-        painter.drawLines(lines)
+        painter.drawLines([QLineF(*line) for line in np.hstack((one, other)).tolist()])
 
 
 def paint_directions(painter: QPainter, handle: QPointF, found: Iterable[Direction], field: Field) -> None:

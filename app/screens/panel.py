@@ -81,14 +81,19 @@ class Panel(QWidget):
             painter.end()
         painter = QPainter(self)
         dirty = event.rect()
-        source = QRectF(dirty.x() * ratio, dirty.y() * ratio, dirty.width() * ratio, dirty.height() * ratio)
-        painter.drawPixmap(QRectF(dirty), self._still, source)
+        if not self.covers(dirty):
+            source = QRectF(dirty.x() * ratio, dirty.y() * ratio, dirty.width() * ratio, dirty.height() * ratio)
+            painter.drawPixmap(QRectF(dirty), self._still, source)
         if dirty.intersects(self.head):
             self._paint_value(painter)
         self.paint_moving(painter, dirty)
 
     def paint_still(self, painter: QPainter) -> None:
         """What stands still, besides frame and title."""
+
+    def covers(self, dirty: QRect) -> bool:
+        """Whether what moves covers all of this, so that nothing need be painted under it."""
+        return False
 
     def paint_moving(self, painter: QPainter, dirty: QRect) -> None:
         """What moves, at least inside `dirty`."""

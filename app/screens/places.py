@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from PySide6.QtCore import QPointF, QRectF
 
 Line = tuple[float, float, float, float]  # px: x0, y0, x1, y1
+Box = tuple[float, float, float, float]  # px: left, top, right, bottom
 
 RIGHT_OF, LEFT_OF, BELOW, ABOVE = "right", "left", "below", "above"
 CORNERS = ("above right", "below right", "above left", "below left")
@@ -12,10 +13,10 @@ FAR, FAR_PX = "far ", 18.0  # before a side: so much further away
 ROUND = (*CORNERS, *(FAR + side for side in (RIGHT_OF, LEFT_OF, BELOW, ABOVE, *CORNERS)))
 
 
-def meets(line: Line, box: QRectF) -> bool:
+def meets(line: Line, box: Box) -> bool:
     """Whether a straight line passes through a box: what is left of it between the box's four sides."""
     x0, y0, x1, y1 = line
-    left, top, right, bottom = box.getCoords()
+    left, top, right, bottom = box
     if (x0 < left and x1 < left) or (x0 > right and x1 > right) or (y0 < top and y1 < top) or (y0 > bottom < y1):
         return False  # most of them: all of it is beyond one side
     first, last = 0.0, 1.0
@@ -60,8 +61,9 @@ def free_side(
 
     def touched(side: str) -> int:
         box = box_at(mark, side, *size)
-        outside = 0 if room.contains(box) else 100
-        return outside + sum(meets(line, box) for line in lines) + 2 * sum(box.intersects(other) for other in boxes)
+        outside, corners = 0 if room.contains(box) else 100, box.getCoords()
+        crossed = sum(meets(line, corners) for line in lines)
+        return outside + crossed + 2 * sum(box.intersects(other) for other in boxes)
 
     best, least = sides[0], touched(sides[0])
     for side in sides[1:]:

@@ -5,6 +5,7 @@ piece by piece as it grows; a frame paints only what moves. A plane holds no sta
 to show, and tells where the pointer is.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -15,14 +16,12 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from app.screens import theme
 from app.screens.extent import SPACING_M, Point
-from app.screens.extent import extent_of_linkages as extent_of_linkages
-from app.screens.extent import extent_of_paths as extent_of_paths
-from app.screens.extent import joints_at as joints_at
 from app.screens.pens import SHADES, font, pen, shade, spring_pen
 from core.path_file import PathFile, outline
 
 FORCE_RED_N = 20.0  # the spring is green when slack, red from here on
 TRAIL_MOST = 4000  # points; a longer trail is thinned out
+TRAIL_STEP_PX = 3.0  # a trail grows by pieces so long; what is missing lies under the handle
 
 
 class Sizes(NamedTuple):
@@ -48,6 +47,7 @@ class Plane(QWidget):
     """
 
     pointer_moved = Signal(float, float)  # m, inside what is drawn
+    painted = Signal()  # what had to be painted anew has been
 
     def __init__(
         self,
@@ -61,15 +61,13 @@ class Plane(QWidget):
         super().__init__(parent)
         self.sizes, self._extent, self._grid = sizes, extent, grid
         self._keep_free = keep_free or QMarginsF()
-        self._background = QPixmap()
-        self._still = False  # the background shows what stands still
+        self._background, self._still = QPixmap(), False  # for what stands still; whether it shows it
         self._scale, self._zero_x, self._zero_y = 1.0, 0.0, 0.0  # px / m; where (0, 0) is, px
         self.path: PathFile | None = None
         self.outline = np.empty((0, 2))  # m
         self.tip: Point | None = None
         self.pointer: Point | None = None
-        self.force_N = 0.0
-        self.taken = False
+        self.force_N, self.taken = 0.0, False
         self.trail: list[Point] = []
         self.trail_shown = True
         self.dirty = QRect()  # what is being painted anew, px
@@ -110,6 +108,8 @@ class Plane(QWidget):
 
     def extend_trail(self, tip: Point) -> None:
         """The way of the handle goes on to here (m)."""
+        if self.trail and self._scale * math.dist(tip, self.trail[-1]) < TRAIL_STEP_PX:
+            return
         if self.trail and self.trail_shown and self._still:
             self._paint_trail(self._background, [self.trail[-1], tip])
         self.trail.append(tip)
@@ -138,13 +138,12 @@ class Plane(QWidget):
 
     def repaint_moved(self) -> None:
         """Paint anew where things that move were and where they are."""
-        before, self._moving = self._moving, self.moving()
+        before, self._moving, self._pointer_moved = self._moving, self.moving(), False
         self.update(before.united(self._moving))
 
     def follow_pointer(self) -> None:
         """With every frame: the own pointer, which tells more often than can be seen where it is."""
         if self._pointer_moved:
-            self._pointer_moved = False
             self.repaint_moved()
 
     def moving(self) -> QRegion:
@@ -211,6 +210,7 @@ class Plane(QWidget):
         self.paint_under_handle(painter)
         self._paint_hand(painter)
         self.paint_over_handle(painter)
+        self.painted.emit()
 
     # painting: a subclass adds to these three
 

@@ -23,6 +23,7 @@ class Pill(QFrame):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent, objectName="pill")
+        self._check: m.Check | None = None  # what is shown
         self.mark, self.name = word("", size=theme.SMALL), word("", size=theme.SMALL, bold=True)
         self.text = word("", "quiet", theme.SMALL)
         layout = QHBoxLayout(self)
@@ -34,6 +35,9 @@ class Pill(QFrame):
 
     def show_check(self, check: m.Check) -> None:
         """What was found, its reason and advice in the tooltip."""
+        if check == self._check:
+            return
+        self._check = check
         theme.name_anew(self, "pill-bad" if check.state == m.BAD else "pill")
         self.mark.setText(MARKS[check.state])
         self.mark.setStyleSheet(f"color: {COLOURS[check.state]}")

@@ -105,10 +105,10 @@ def table(result: dict) -> str:
         [
             *lines,
             "",
-            f"pointer to picture, {pointer['width']}x{pointer['height']}, both windows, ms: {times}",
+            f"pointer to the participant's picture, {pointer['width']}x{pointer['height']}, both windows, ms: {times}",
             f"of which, p50: to the memory that the loop reads {pointer['aimed_p50_ms']:.1f}, to the tick that used it "
             f"{pointer['tick_p50_ms']:.1f}, to the end of painting {pointer['drawn_p50_ms']:.1f}",
-            f"{pointer['within']:.1%} of {pointer['moves']} moves within two frames and a tick "
+            f"{pointer['within']:.1%} of {pointer['moves'] + pointer['lost']} moves within two frames and a tick "
             f"({pointer['limit_ms']:.1f} ms); {pointer['lost']} overtaken by the next",
         ]
     )

@@ -12,6 +12,7 @@ from PySide6.QtCore import QLineF, QPointF, QRect, QRectF
 from PySide6.QtGui import QPainter, QPixmap, QPolygonF
 
 from app.screens import theme
+from app.screens.along import by_bin
 from app.screens.pens import pen, shade
 
 WINDOW_S = 6.0
@@ -113,8 +114,8 @@ class Strip:
 
     # painting, in device pixels
 
-    def y(self, value: np.ndarray) -> np.ndarray:
-        """Where values are in the picture, device px from its top."""
+    def y(self, value):
+        """Where a value, or an array of them, is in the picture, device px from its top."""
         room = self._size[1] / (1.0 + 2.0 * PADDING)
         return room * (1.0 + PADDING - value / self.end)
 
@@ -127,7 +128,7 @@ class Strip:
         painter.fillRect(x0, 0, width - x0, height, shade(theme.PANEL))
         painter.setPen(pen(theme.LINE, max(1.0, math.floor(self._ratio))))
         for share in (0.0, 0.5, 1.0):
-            y = math.floor(float(self.y(np.float64(share * self.end)))) + 0.5
+            y = math.floor(self.y(share * self.end)) + 0.5
             painter.drawLine(QLineF(x0, y, width, y))
         if self._count:
             self._paint_columns(painter, first, last, x0 - first * self._step)
@@ -137,23 +138,17 @@ class Strip:
         """The series over the bins first .. last - 1; bin b begins at the pixel x0 + b step."""
         t = self._t[: self._count]
         rate = self._bins / self._seconds
-        begin, end = np.searchsorted(t, ((first - 2) / rate - 1e-9, last / rate - 1e-9))
+        begin, end = np.searchsorted(t, ((first - 2) / rate - 1e-9, last / rate - 1e-9)).tolist()
         if begin >= end:
             return
-        bins = np.floor(t[begin:end] * rate + 1e-9)
-        new = np.empty(len(bins), dtype=bool)
-        new[0] = True
-        np.not_equal(bins[1:], bins[:-1], out=new[1:])
-        starts = np.flatnonzero(new)
-        x = (x0 + (0.5 + bins[starts]) * self._step).tolist()
-        values = self._values[:, begin:end]
-        low, high = np.minimum.reduceat(values, starts, axis=1), np.maximum.reduceat(values, starts, axis=1)
-        ends = np.append(starts[1:], len(bins)) - 1
-        falls = values[:, ends] < values[:, starts]
+        bins, shape = np.empty(end - begin), (len(self.colours), end - begin)
+        low, high, falls = np.empty(shape), np.empty(shape), np.empty(shape, dtype=bool)
+        count = by_bin(self._t, self._values, begin, end, rate, bins, low, high, falls)
+        x = (x0 + (0.5 + bins[:count]) * self._step).tolist()
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.setClipRect(QRectF(x0 + first * self._step, 0, self._size[0] + self._step, self._size[1]))
         for i, colour in enumerate(self.colours):
-            self.paint_series(painter, x, low[i], high[i], falls[i], colour)
+            self.paint_series(painter, x, low[i, :count], high[i, :count], falls[i, :count], colour)
 
     def paint_series(
         self, painter: QPainter, x: list[float], low: np.ndarray, high: np.ndarray, falls: np.ndarray, colour: str

@@ -31,7 +31,7 @@ class Bars(Strip):
     def paint_series(
         self, painter: QPainter, x: list[float], low: np.ndarray, high: np.ndarray, falls: np.ndarray, colour: str
     ) -> None:
-        width, bottom = max(self._step - max(round(self._ratio), 1), 1), float(self.y(np.float64(0.0)))
+        width, bottom = max(self._step - max(round(self._ratio), 1), 1), self.y(0.0)
         late, missed = share_of(np.array([LATE_US, MISSED_US])).tolist()
         painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
         for place, value, top in zip(x, high.tolist(), self.y(high).tolist(), strict=True):
@@ -63,8 +63,8 @@ class TimingStrip(Panel):
 
     def show_timing(self, timing: Timing | None) -> None:
         """Percentiles, missed ticks, scheduling."""
-        if timing != self.timing:
-            self.timing = timing
+        before, self.timing = (self.said, self.foot), timing
+        if (self.said, self.foot) != before:
             self.update()
 
     @property
@@ -94,8 +94,11 @@ class TimingStrip(Panel):
         painter.setFont(font(theme.SMALL))
         painter.setPen(shade(theme.QUIET))
         for share, says in ((1.0, "10 ms"), (0.5, "100 µs"), (0.0, "1 µs")):
-            y = self.plot.y() + float(self.strip.y(np.float64(share))) / self.devicePixelRatioF()
+            y = self.plot.y() + self.strip.y(share) / self.devicePixelRatioF()
             self.paint_scale(painter, y, says)
+
+    def covers(self, dirty: QRect) -> bool:
+        return self.plot.contains(QRectF(dirty))
 
     def paint_moving(self, painter: QPainter, dirty: QRect) -> None:
         plot = self.plot

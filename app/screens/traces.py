@@ -55,10 +55,12 @@ class Trace(Panel):
     def clear(self) -> None:
         """A new trial: nothing to show yet."""
         self.newest, self._worded_s = (), -np.inf
-        self.strip.end = self._least
+        if self.strip.end != self._least:
+            self.strip.end = self._least
+            self.repaint_still()
         self.strip.clear()
         self.show_newest()
-        self.repaint_still()
+        self.update()
 
     def hide_values(self, hidden: bool) -> None:
         """Blind: neither curve nor value."""
@@ -83,12 +85,15 @@ class Trace(Panel):
         painter.setPen(shade(theme.QUIET))
         for share in (0.0, 1.0):
             value = share * self.strip.end
-            y = self.plot.y() + float(self.strip.y(np.float64(value))) / self.devicePixelRatioF()
+            y = self.plot.y() + self.strip.y(value) / self.devicePixelRatioF()
             self.paint_scale(painter, y, f"{value:g}")
 
     def _fit(self) -> None:
         plot = self.plot
         self.strip.fit(plot.width(), plot.height(), self.devicePixelRatioF())
+
+    def covers(self, dirty: QRect) -> bool:
+        return not self.hidden and self.plot.contains(QRectF(dirty))
 
     def paint_moving(self, painter: QPainter, dirty: QRect) -> None:
         plot = self.plot

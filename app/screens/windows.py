@@ -2,6 +2,7 @@
 
 import signal
 import sys
+import time
 
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication, QScreen
@@ -17,7 +18,7 @@ from app.screens.participant_window import ParticipantWindow
 from app.screens.warm_up import WarmUp
 from core.path_file import Segment, outline
 
-FRAME_MS = 16
+FRAME_S = 1.0 / 60.0
 
 
 class Windows(QObject):
@@ -38,9 +39,10 @@ class Windows(QObject):
         shown.answered.connect(console.commands.answer)
         shown.close_asked.connect(self._close_asked)
         bind(shown, self._keys_of_participant())
-        self._timer = QTimer(self)
+        self._due_s = 0.0  # when the next frame is due
+        self._timer = QTimer(self, singleShot=True)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
-        self._timer.timeout.connect(self.frame)
+        self._timer.timeout.connect(self._on_time)
 
     def _keys_of_participant(self) -> dict:
         """The same keys; what leads to a question brings the console to the front first."""
@@ -82,7 +84,8 @@ class Windows(QObject):
         if not self.one_screen:
             self._show_participant()
             self.console.activateWindow()
-        self._timer.start(FRAME_MS)
+        self._due_s = time.monotonic()
+        self._timer.start(0)
 
     def show_or_hide_participant(self) -> None:
         """F11: on the second screen, else over the console until F11 is pressed again."""
@@ -104,6 +107,13 @@ class Windows(QObject):
 
     # ------------------------------------------------------------------------------------------- frames
 
+    def _on_time(self) -> None:
+        """A frame, and the next one on the next sixtieth of a second: a timer knows whole milliseconds only."""
+        late_s = time.monotonic() - self._due_s
+        self._due_s += FRAME_S * (1.0 + max(late_s, 0.0) // FRAME_S)
+        self._timer.start(max(round(1e3 * (self._due_s - time.monotonic())), 0))
+        self.frame()
+
     def frame(self) -> None:
         """Take in what has come, and see whether the bench lives."""
         alive = self.bench.alive  # asked first: what it said before it died is still read
@@ -120,9 +130,9 @@ class Windows(QObject):
         rows = self.bench.ticks()
         if len(rows):
             taken = self.bench.taken
-            self.console.show_ticks(rows, taken)
-            if self.participant.isVisible():
+            if self.participant.isVisible():  # first, for what is told first is painted first
                 self.participant.show_ticks(rows, taken)
+            self.console.show_ticks(rows, taken)
         self.participant.view.follow_pointer()
         self.console.show_time()
         if not alive and not self._dead:
