@@ -1,17 +1,35 @@
 """What tests of the mechanics share."""
 
 import os
+from pathlib import Path
 
 import pytest
 from devices import BENCH, FIXED, FiveBar, random_five_bar
+from hypothesis import HealthCheck, settings
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # windows without a screen, as CI has them
+
+#: no law depends on how long this machine takes for an example
+settings.register_profile("any machine", deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any machine")
 
 MANY = (*FIXED, *(random_five_bar(seed) for seed in range(6)))
 
 
 def _name(bar: FiveBar) -> str:
     return bar.name.replace(" ", "-")
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Box plots that are empty files, for tests of everything else: drawing takes longer than the trials."""
+
+    def leave_files(_table, folder: Path, _note: str, **_options: object) -> None:
+        folder.mkdir(parents=True)
+        (folder / "boxplots.png").touch()
+
+    for module in ("study", "analyze"):
+        monkeypatch.setattr(f"experiments.{module}.draw_boxplots", leave_files)
 
 
 @pytest.fixture(params=FIXED, ids=_name)

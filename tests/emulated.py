@@ -23,7 +23,7 @@ class Emulated:
         self.port = Path(self.process.stdout.readline().strip())
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.bind(str(folder / "answers"))
-        self._socket.settimeout(10.0)
+        self._socket.settimeout(60.0)
 
     def order(self, **order) -> dict:
         """An order; the truth."""
@@ -33,7 +33,7 @@ class Emulated:
     def end(self, number: int = signal.SIGTERM) -> int:
         """End it; its exit code."""
         self.process.send_signal(number)
-        code = self.process.wait(20)
+        code = self.process.wait(60)
         self.process.stdout.close()
         self._socket.close()
         return code

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from fault_kinds import AWAY, BETWEEN, END, LOCKED_TICKS, PULL, START, Fault, Killed
 from linked import LinkedBench
+from simulated_bench import reach
 
 from app.live import board_loop
 from app.live.board_jobs import HomeAt, Linked, LinkedDone, Reset
@@ -277,7 +278,7 @@ class Case:
         self.bench.pass_time(20)
         if self.killed:  # the next loop
             self.loop._link = SerialLink(self.bench.device, "bench", self.bench.now, self.bench.link._open_port)
-            self.loop._link.open()
+            reach(self.loop._link)
             self.bench.link = self.loop._link
         began, link = self.board.ticks, self.bench.link
         while True:

@@ -44,7 +44,7 @@ class KilledPhd:
     def close(self) -> None:
         """End it."""
         self._process.stdin.close()
-        self._process.wait(20)
+        self._process.wait(60)
         self._folder.cleanup()
 
 
@@ -57,16 +57,20 @@ def written_rows(seed: int):
 
 
 def write(stream: str, acks: str, seed: int) -> None:
-    """Write ticks at twenty times real time; after each flush note when and how many are safe."""
+    """Write ticks at twenty times real time until killed; note when each call began and ended, what was given by then,
+    and how many ticks are safe.
+    """
     from experiments.recording import RecordingWriter
 
     rows = written_rows(seed)
     handle = os.open(acks, os.O_WRONLY | os.O_CREAT)
     with RecordingWriter(stream, "AEB", {"participant": "01"}) as writer:
         for start in range(0, ROWS, PIECE):
+            began = time.monotonic()
             writer.write(rows[start : start + PIECE])
-            os.write(handle, f"{time.monotonic()} {writer.rows} {writer.rows_written}\n".encode())
+            os.write(handle, f"{began} {time.monotonic()} {writer.rows} {writer.rows_written}\n".encode())
             time.sleep(PIECE / 20_000)
+        signal.pause()  # the kill comes late on this machine
 
 
 def do(job: dict) -> int:

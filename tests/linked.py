@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 from protocols import PAPER, PEOPLE
-from simulated_bench import TIP, Bench, BenchWire
+from simulated_bench import TIP, Bench, BenchWire, reach
 
 from app.emulated_operator import EmulatedOperator
 from core import row
@@ -59,7 +59,7 @@ class LinkedBench:
         self.link = SerialLink(
             self.device, "bench", clock=self.now, open_port=lambda name: BenchWire(self.board, name)
         )  # fmt: skip
-        self.link.open()
+        reach(self.link)
         self.link.home(self.board.device.tip)
 
     def now(self) -> float:
@@ -106,7 +106,7 @@ class LinkedBench:
             self.link.exchange((0.0,) * 4)
             self.link.samples()
 
-    def until_back(self, patience_s: float = 10.0) -> float:
+    def until_back(self, patience_s: float = 60.0) -> float:
         """Exchange zeros until samples come again; s of real time that it took (a thread looks for the board)."""
         began = time.monotonic()
         while self.link.exchange((0.0,) * 4) is None:

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -20,14 +21,18 @@ def gone(pid: int) -> bool:
     """Whether a process has ended (one that nobody has waited for yet counts as ended)."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] in "ZX"
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):
         return True
 
 
 def children(pid: int) -> list[int]:
     """The processes that a process has started and that live."""
-    tasks = Path(f"/proc/{pid}/task").glob("*/children")
-    return [int(child) for file in tasks for child in file.read_text().split()]
+    found: list[int] = []
+    with contextlib.suppress(OSError):  # it ends just now
+        for file in sorted(Path(f"/proc/{pid}/task").glob("*/children")):
+            with contextlib.suppress(OSError):  # or one of its threads
+                found += map(int, file.read_text().split())
+    return found
 
 
 def wait_until(what: Callable[[], object], seconds: float = LONG_S) -> None:
@@ -39,14 +44,19 @@ def wait_until(what: Callable[[], object], seconds: float = LONG_S) -> None:
 
 
 class Window:
-    """A window without eyes: a Bench, the newest of everything that it has been told, and all ticks."""
+    """A window without eyes: a Bench, what it has been told, snapshot by snapshot, and all ticks."""
 
     def __init__(self, setup: Setup) -> None:
+        self.opened: m.Opened | None = None
+        self.ticks: list[np.ndarray] = []
+        self.join(setup)
+
+    def join(self, setup: Setup) -> None:
+        """A line of its own, in place of the one there was."""
         self.bench = Bench(setup)
         self.snapshot: m.Snapshot | None = None
-        self.opened: m.Opened | None = None
         self.pulse: m.Pulse | None = None
-        self.ticks: list[np.ndarray] = []
+        self._told: deque = deque()
 
     @property
     def rows(self) -> np.ndarray:
@@ -54,10 +64,13 @@ class Window:
         return np.concatenate(self.ticks)
 
     def look(self) -> None:
-        for message in self.bench.receive():
-            match message:
+        """Take in what has been told, up to the next snapshot: no state is passed over, however seldom we look."""
+        self._told += self.bench.receive()
+        while self._told:
+            match message := self._told.popleft():
                 case m.Snapshot():
                     self.snapshot = message
+                    break
                 case m.Opened():
                     self.opened = message
                 case m.Pulse():
@@ -78,6 +91,16 @@ class Window:
             raise AssertionError(f"waited in vain; the last was {self.snapshot}") from None
         assert self.snapshot is not None
         return self.snapshot
+
+    def within(self, seconds: float, what: Callable[[m.Snapshot], object]) -> bool:
+        """Whether something comes true in this time, where it need not."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.look()
+            if self.snapshot is not None and what(self.snapshot):
+                return True
+            time.sleep(0.005)
+        return False
 
     def until_stage(self, *stages: str) -> m.Snapshot:
         return self.until(lambda s: s.stage in stages)
@@ -109,6 +132,11 @@ class Window:
         """The conductor and its loop."""
         return [self.bench.pid, *children(self.bench.pid)]
 
+    def loop(self) -> int:
+        """The control loop's process, once it is there."""
+        wait_until(lambda: len(children(self.bench.pid)) == 1)
+        return children(self.bench.pid)[0]
+
 
 @contextlib.contextmanager
 def window(setup: Setup) -> Iterator[Window]:
@@ -121,7 +149,7 @@ def window(setup: Setup) -> Iterator[Window]:
         address = find(setup.data_dir)
         pids = opened.processes() if not gone(opened.bench.pid) else []
         opened.bench.stop("the test is over")
-        wait_until(lambda: all(map(gone, pids)), 20.0)
+        wait_until(lambda: all(map(gone, pids)))
         assert address is None or not address.ring.parent.exists()
         assert not (setup.data_dir / ".bench.log").exists() or not (setup.data_dir / ".bench.log").read_text()
 

@@ -9,10 +9,9 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from live import Window, children, gone, kill, wait_until
+from live import Window, gone, kill, wait_until
 
 from app.live import messages as m
-from app.live.bench import Bench
 from app.live.place import find
 from app.live.setup import Setup
 from core import row
@@ -66,12 +65,12 @@ class Killing:
                 self._look()
             running = bench.snapshot.running
             pids = bench.processes()
-            kill(bench.bench.pid if victim == "conductor" else children(bench.bench.pid)[0])
+            kill(bench.bench.pid if victim == "conductor" else bench.loop())
             self.seen["in a trial" if running else "between trials"] += 1
             if victim == "conductor":
                 self._again(pids)
             else:
-                bench.until(lambda s: "control loop" in s.said, 20.0)
+                bench.until(lambda s: "control loop" in s.said)
                 self._look()
                 bench.until_stage(m.READY, m.RERIG, m.FINISHED)
         self.seen[victim] += 1
@@ -104,7 +103,7 @@ class Killing:
             time.sleep(max(0.0, moment - time.monotonic()))
             other.kill()
         self.bench.bench.close()
-        self.bench.bench, self.bench.snapshot = Bench(self.setup), None
+        self.bench.join(self.setup)
         rows = self.bench.until(lambda s: s.stage != m.RUNNING).rows
         done = next(one for one in rows if one.run == running.run)
         assert done.status in ("done", "timeout"), f"a window's end changed a trial: {done}"
@@ -113,13 +112,13 @@ class Killing:
     def _again(self, pids: list[int]) -> None:
         """A new bench in place of a dead one; the session is gone on with."""
         place = find(self.setup.data_dir)
-        wait_until(lambda: all(map(gone, pids)), 20.0)
+        wait_until(lambda: all(map(gone, pids)))
         assert place is None or not place.ring.parent.exists(), "the dead bench left its memory"
         self.bench.look()
         if len(self.bench.rows):
             assert not self.bench.rows[-1, row.CURRENT : row.CURRENT + 4].any(), "currents at the end"
         self.bench.bench.close()
-        self.bench.bench, self.bench.snapshot = Bench(self.setup), None
+        self.bench.join(self.setup)
         self.bench.until_stage(m.NO_SESSION)
         self.bench.bench.send(m.Open("01", resume=True))
         self.bench.until_stage(m.READY, m.RERIG, m.FINISHED)
@@ -147,4 +146,4 @@ class Killing:
         with contextlib.suppress(FileNotFoundError):
             pids = self.bench.processes() if not gone(self.bench.bench.pid) else []
             self.bench.bench.stop("the test is over")
-            wait_until(lambda: all(map(gone, pids)), 20.0)
+            wait_until(lambda: all(map(gone, pids)))

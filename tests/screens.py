@@ -23,6 +23,7 @@ class Screens:
 
     def __init__(self, width: int = 1280, height: int = 720) -> None:
         theme.dress(QApplication.instance())  # type: ignore[arg-type]
+        QApplication.setCursorFlashTime(0)  # pictures are compared, whenever they are taken
         self.bench = FakeBench()
         self.windows = Windows(self.bench)
         self.console: ConsoleWindow = self.windows.console

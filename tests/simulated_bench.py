@@ -5,10 +5,12 @@ from dataclasses import replace
 
 from core.device import Device, load_device
 from core.device_link import LinkError
+from core.errors import InputError
 from hardware.board import Board
 from hardware.emulated_device import EmulatedDevice, EmulatedHand, HeldHand
 from hardware.emulated_sensors import capability_of
 from hardware.faults import Line, LineFault, read_fault
+from hardware.link import SerialLink
 
 DEVICE = load_device("four-brake")
 TIP = (0.02, 0.40)
@@ -71,6 +73,17 @@ class Bench:
 
     def fault(self, text: str) -> None:
         self.faults.append(read_fault(text, self.now_s))
+
+
+def reach(link: SerialLink) -> None:
+    """Open a link; again where this machine held us up for longer than a board may take to answer."""
+    for left in (3, 2, 1, 0):
+        try:
+            link.open()
+            return
+        except InputError as error:
+            if not left or "no board answers" not in str(error):
+                raise
 
 
 class BenchWire:

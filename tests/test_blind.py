@@ -176,7 +176,7 @@ def test_analysis_stays_coded_names_no_controller_and_refuses_findings(data, tmp
     assert "<!-- K2 -->" in svg
 
 
-def test_analysis_that_opens_the_key_says_who_did_it_and_leaves_the_tables_coded(data, tmp_path):
+def test_analysis_that_opens_the_key_says_who_did_it_and_leaves_the_tables_coded(data, undrawn, tmp_path):
     tables = [(path, path.read_bytes()) for path in (data / "trials.csv", of(data) / "trials.csv")]
     key = key_of(data)
     assert main(["analyze", str(data), "--out", str(tmp_path / "out"), "--unblind"]) == 0
@@ -190,7 +190,7 @@ def test_analysis_that_opens_the_key_says_who_did_it_and_leaves_the_tables_coded
     assert (tmp_path / "out" / "report" / "findings.csv").exists()
 
 
-def test_an_unblinded_session_gives_its_own_table_again(data, tmp_path):
+def test_an_unblinded_session_gives_its_own_table_again(data, undrawn, tmp_path):
     session = Session.resume(data, "01", sync=False)
     session.unblind("Dr Weiss")
     session.close()
@@ -209,7 +209,7 @@ def test_codes_of_two_participants_are_not_pooled(data, tmp_path):
     assert f"<!-- 02 {code} -->" in svg and f"<!-- {code} -->" not in svg
 
 
-def test_a_simulated_operator_is_never_blind_unless_asked(tmp_path):
+def test_a_simulated_operator_is_never_blind_unless_asked(undrawn, tmp_path):
     session = Session(tmp_path, "01", short(blind="true"), sync=False)
     assert session.blind and (session.folder / "key.json").exists()
     session.close()

@@ -36,7 +36,7 @@ def study(participants=3, seed=0):
 
 
 @given(st.lists(finite, min_size=1, max_size=40))
-@settings(max_examples=200)
+@settings(max_examples=80)
 def test_a_box_is_the_one_that_matplotlib_would_draw(values):
     """matplotlib.cbook.boxplot_stats(values, whis=1.5), which also uses NumPy's linear quartiles."""
     box, (oracle,) = box_statistics(values), boxplot_stats(values, whis=1.5)

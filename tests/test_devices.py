@@ -129,6 +129,7 @@ def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
         [sys.executable, "-m", "app.cli", "emulate", "--device", "three-brake", "--seed", "9"],
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
     )  # fmt: skip
+    monkeypatch.setattr(discovery, "HELLO_S", 60.0)
     try:
         assert emulated.stdout is not None
         port = emulated.stdout.readline().strip()
@@ -146,7 +147,7 @@ def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
         assert "ok  board" in (looked := capsys.readouterr().out) and "EMULATED-9, wired to three-brake" in looked
     finally:
         emulated.terminate()
-        emulated.wait(20)
+        emulated.wait(60)
         if emulated.stdout is not None:
             emulated.stdout.close()
 
@@ -168,7 +169,7 @@ def test_a_link_that_cannot_be_is_refused_before_any_window_is_loaded(
     )
     done = subprocess.run(
         [sys.executable, "-c", code, "run", *arguments, "--data-dir", str(tmp_path / "data")],
-        cwd=ROOT, capture_output=True, text=True, timeout=60, check=False,
+        cwd=ROOT, capture_output=True, text=True, timeout=200, check=False,
     )  # fmt: skip
     assert done.stdout == "2 False\n" and says in done.stderr and done.stderr.count("\n") == 1
     assert not (tmp_path / "data").exists()

@@ -64,10 +64,10 @@ def test_it_says_which_trial_it_is(window: ReplayWindow) -> None:
 
 def test_space_and_the_button_play_and_pause(qtbot, window: ReplayWindow) -> None:
     window.activateWindow()
-    qtbot.waitUntil(window.isActiveWindow)
+    qtbot.waitUntil(window.isActiveWindow, timeout=60_000)
     QTest.keyClick(window, Qt.Key.Key_Space)
     assert window.playing and window.play_button.text().startswith("Pause")
-    qtbot.waitUntil(lambda: window.at > 50)
+    qtbot.waitUntil(lambda: window.at > 50, timeout=60_000)
     QTest.mouseClick(window.play_button, Qt.MouseButton.LeftButton)
     assert not window.playing
     at = window.at
@@ -104,7 +104,7 @@ def test_any_moment_looks_as_if_it_had_been_played(window: ReplayWindow, rows: n
 
 def test_arrows_step_home_and_end_jump_and_up_is_faster(qtbot, window: ReplayWindow) -> None:
     window.activateWindow()
-    qtbot.waitUntil(window.isActiveWindow)
+    qtbot.waitUntil(window.isActiveWindow, timeout=60_000)
     for key, at in ((Qt.Key.Key_End, len(window.rows)), (Qt.Key.Key_Home, 0)):
         QTest.keyClick(window, key)
         assert window.at == at

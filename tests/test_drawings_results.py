@@ -1,6 +1,9 @@
 """The results window: boxes of whom one asks for, what the data say, and an export that is whole or not there."""
 
 import os
+import signal
+import subprocess
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +17,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel
 
 from app.live import messages as m
+from app.live.process import start_python
 from app.screens import theme
 from app.screens.export import DIED
 from app.screens.export_process import Job, export_results
@@ -140,12 +144,43 @@ def test_an_export_is_whole_and_in_a_new_folder(qtbot, data: Path) -> None:
     assert (folder / exported[0].recording).resolve() == data / "sub-01" / "ses-01" / "trials" / "run-001.parquet"
 
 
-def test_a_cancelled_export_leaves_nothing(qtbot, data: Path) -> None:
-    window = window_on(qtbot, data)
-    before = sorted(data.iterdir())
+class Held:
+    """What a process says; after its first line it waits, for a machine may hold us up for longer than it takes."""
+
+    def __init__(self, process: subprocess.Popen) -> None:
+        self._process, self._lines = process, process.stdout
+        process.stdout = self  # type: ignore[assignment]
+
+    def __iter__(self) -> Iterator[bytes]:
+        for number, line in enumerate(self._lines):
+            if number == 0:
+                self._process.send_signal(signal.SIGSTOP)
+            yield line
+
+    def close(self) -> None:
+        self._lines.close()
+
+
+def begun(qtbot, window: ResultsWindow, monkeypatch: pytest.MonkeyPatch) -> subprocess.Popen:
+    """The process of an export that has begun, and waits."""
+
+    def start(*arguments: str, **how: object) -> subprocess.Popen:
+        process = start_python(*arguments, **how)
+        Held(process)
+        return process
+
+    monkeypatch.setattr("app.screens.export.start_python", start)
     with qtbot.waitSignal(window._export.progressed, timeout=60_000):
         window.export()
+    return window._export._process
+
+
+def test_a_cancelled_export_leaves_nothing(qtbot, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    window = window_on(qtbot, data)
+    before = sorted(data.iterdir())
+    process = begun(qtbot, window, monkeypatch)
     QTest.mouseClick(window.cancel_button, Qt.MouseButton.LeftButton)
+    process.send_signal(signal.SIGCONT)
     qtbot.waitUntil(lambda: "cancelled" in window.said.text(), timeout=60_000)
     assert sorted(data.iterdir()) == before and not window.cancel_button.isVisible()
 
@@ -159,12 +194,12 @@ def test_a_window_that_closes_ends_its_export(qtbot, data: Path) -> None:
     assert window._export._process.poll() is not None
 
 
-def test_an_export_that_dies_is_said_and_leaves_nothing(qtbot, data: Path) -> None:
+def test_an_export_that_dies_is_said_and_leaves_nothing(
+    qtbot, data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     window = window_on(qtbot, data)
     before = sorted(data.iterdir())
-    with qtbot.waitSignal(window._export.progressed, timeout=60_000):
-        window.export()
-    window._export._process.kill()
+    begun(qtbot, window, monkeypatch).kill()
     qtbot.waitUntil(lambda: window.said.text() == DIED, timeout=60_000)
     assert sorted(data.iterdir()) == before
 

@@ -279,7 +279,7 @@ def test_a_click_or_its_key_lays_a_layer_over_the_workspace_and_takes_it_away(
     assert (layer in view.shown) is not was and button.isChecked() is not was
     assert view.grab().toImage() != before
     workspace.activateWindow()
-    qtbot.waitUntil(workspace.isActiveWindow)
+    qtbot.waitUntil(workspace.isActiveWindow, timeout=60_000)
     QTest.keyClick(workspace, getattr(Qt.Key, f"Key_{LAYERS[layer][0]}"))
     assert (layer in view.shown) is was and view.grab().toImage() == before
 

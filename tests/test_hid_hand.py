@@ -115,7 +115,7 @@ def hand(bus):
     assert bus.closed == bus.opened  # whatever happened, nothing stays open
 
 
-def wait_until(truth, most_s: float = 5.0) -> None:
+def wait_until(truth, most_s: float = 60.0) -> None:
     end = time.monotonic() + most_s
     while not truth():
         assert time.monotonic() < end, "did not come true"

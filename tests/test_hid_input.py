@@ -42,7 +42,7 @@ def played(tmp_path: Path) -> Iterator[tuple[Ring, Played, HidInput]]:
 
 
 def until(what) -> None:
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 60.0
     while not what():
         assert time.monotonic() < end
         time.sleep(0.002)

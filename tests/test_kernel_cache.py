@@ -37,7 +37,7 @@ def answer(tree: Path) -> tuple[float, bool]:
     environment = {**os.environ, "XDG_CACHE_HOME": str(tree / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
     environment.pop("NUMBA_DISABLE_JIT", None)
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tree, env=environment, capture_output=True, text=True, timeout=120, check=True
+        [sys.executable, "-c", code], cwd=tree, env=environment, capture_output=True, text=True, timeout=200, check=True
     )
     value, cold = done.stdout.split()
     return float(value), cold == "True"

@@ -109,14 +109,14 @@ class Tree:
 
     def run(self, *arguments: str, **environment: str) -> subprocess.CompletedProcess:
         process = self.start(*arguments, **environment)
-        out, err = process.communicate(timeout=20)
+        out, err = process.communicate(timeout=120)
         return subprocess.CompletedProcess(arguments, process.returncode, out, err)
 
     def calls(self, start: str) -> list[str]:
         return [line for line in self.log.read_text().splitlines() if line.startswith(start)]
 
     def wait_for_pip(self) -> None:
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + 120
         while not self.calls("pip"):
             assert time.monotonic() < deadline, "pip was never called"
             time.sleep(0.01)
@@ -181,8 +181,8 @@ def test_two_first_uses_at_once_set_up_once_and_both_succeed(tree: Tree, tmp_pat
     second = tree.start("doctor")
     assert second.stderr is not None and "waiting" in second.stderr.readline()
     gate.touch()
-    assert first.communicate(timeout=20)[0] == "phd was given: devices\n"
-    assert second.communicate(timeout=20)[0] == "phd was given: doctor\n"
+    assert first.communicate(timeout=120)[0] == "phd was given: devices\n"
+    assert second.communicate(timeout=120)[0] == "phd was given: doctor\n"
     assert (len(tree.calls("venv")), len(tree.calls("pip"))) == (1, 1)
 
 

@@ -101,7 +101,7 @@ def lint(folder: Path, **modules: str) -> str:
         (folder / package / "__init__.py").touch()
         (folder / package / "code.py").write_text(modules.get(package, ""))
     command = [Path(sys.executable).with_name("lint-imports"), "--no-cache", "--no-logo"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=200)
     assert done.returncode == (0 if "0 broken" in done.stdout else 1), done.stdout + done.stderr
     return done.stdout
 

@@ -2,16 +2,24 @@
 
 import math
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from emulated import Emulated
-from live import wait_until, window
+from live import Window, wait_until, window
 
 from app.live import messages as m
 from app.live.setup import Setup
 
 DEVICE = "four-brake"
+
+
+def take_zero(seen: Window, done: Callable[[], object]) -> None:
+    """The step is asked for, again where samples were missing on a machine with much else to do."""
+    while not done():
+        seen.bench.send(m.Rig(m.ZERO))
+        seen.within(5.0, lambda _: done())
 
 
 def test_the_page_is_told_how_the_device_is_and_its_steps_are_done(tmp_path: Path) -> None:
@@ -43,12 +51,10 @@ def test_the_page_is_told_how_the_device_is_and_its_steps_are_done(tmp_path: Pat
             home = seen.opened.paths[1]
             middle = [0.5 * (a + b) for a, b in zip(home.start_m, home.end_m, strict=True)]
             assert device().tip == pytest.approx(middle, abs=1e-3), "the encoders stand where the jig holds the handle"
-            seen.bench.send(m.Rig(m.ZERO))
+            take_zero(seen, lambda: device().zeroed_at)
             seen.until_stage(m.READY)
-            wait_until(lambda: device().zeroed_at)
             first = device().zeroed_at
-            seen.bench.send(m.Rig(m.ZERO))  # again, between two trials
-            wait_until(lambda: device().zeroed_at > first)
+            take_zero(seen, lambda: device().zeroed_at > first)  # again, between two trials
             seen.bench.send(m.Rig(m.CONNECT))
             wait_until(lambda: device().device and not device().zeroed)
             seen.until_stage(m.RERIG)

@@ -209,11 +209,11 @@ def test_the_end_of_the_plan_names_the_trials_without_a_result(desk, session, sa
 
 @pytest.fixture
 def rested(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Opens a session with a break of a minute after each trial, again and again; `later` lets the clock go on."""
+    """Opens a session with a break of ten minutes after each trial, again and again; `later` lets the clock go on."""
 
     class Again:
         def __init__(self) -> None:
-            text = changed(PAPER.text, blocks="1") + "\n[breaks]\nafter_trials = 1\nleast_s = 60.0\n"
+            text = changed(PAPER.text, blocks="1") + "\n[breaks]\nafter_trials = 1\nleast_s = 600.0\n"
             self.session = new_session(tmp_path / "data", protocol=protocol_of(text))
             self.session.close()
 
@@ -246,12 +246,12 @@ def test_a_break_is_gone_on_with_when_the_bench_had_to_be_started_again(rested):
     assert sitting.stage == READY
     run_trials(rested.session, 1)
     sitting = rested.open()
-    assert sitting.stage == BREAK and 55.0 < sitting.break_left_s() <= 60.0
-    rested.later(45.0)
+    assert sitting.stage == BREAK and 400.0 < sitting.break_left_s() <= 600.0
+    rested.later(450.0)
     sitting = rested.open()
-    assert sitting.stage == BREAK and 10.0 < sitting.break_left_s() <= 15.0
+    assert sitting.stage == BREAK and 0.0 < sitting.break_left_s() <= 150.0
     rested.later(-3600.0)  # somebody set the clock: the whole break, not an hour of it
-    assert 55.0 < rested.open().break_left_s() <= 60.0
+    assert 400.0 < rested.open().break_left_s() <= 600.0
 
 
 def test_a_break_that_passed_while_the_session_was_closed_is_not_asked_for(rested):

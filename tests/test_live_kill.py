@@ -13,11 +13,11 @@ if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parent.parent)]
 
 import pytest
-from live import Window, children, gone, kill, wait_until, window
+from live import Window, gone, kill, wait_until, window
 from live_kills import VICTIMS, Killing
+from protocols import PAPER, changed
 
 from app.live import messages as m
-from app.live.bench import Bench
 from app.live.place import find
 from app.live.setup import Setup
 from core import row
@@ -31,7 +31,9 @@ CURRENTS = slice(row.CURRENT, row.CURRENT + 4)
 @pytest.fixture(scope="module")
 def setup(tmp_path_factory: pytest.TempPathFactory) -> Setup:
     folder = tmp_path_factory.mktemp("killed") / "data"
-    return Setup(folder, hand="operator", seed=5, real_time=False, patience_s=10.0)
+    endless = changed(PAPER.text, end_radius_m="1e-6", time_out_s="1000.0")  # the kill comes in the movement
+    (folder.parent / "endless.toml").write_text(endless, encoding="utf-8")
+    return Setup(folder, str(folder.parent / "endless.toml"), hand="operator", seed=5, real_time=False, patience_s=60.0)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +56,7 @@ def until_current(opened: Window) -> None:
 def resume(opened: Window, setup: Setup) -> m.Snapshot:
     """A new bench in place of one that is gone, and its session."""
     opened.bench.close()
-    opened.bench, opened.snapshot = Bench(setup), None
+    opened.join(setup)
     assert opened.until_stage(m.NO_SESSION).resumable == ("01",)
     opened.bench.send(m.Open("01", resume=True))
     return opened.until_stage(m.READY)
@@ -65,15 +67,15 @@ def test_a_loop_that_is_lost_is_seen_its_trial_recovered_and_run_again(opened: W
     for run, again, how in ((1, 61, signal.SIGKILL), (61, 62, signal.SIGSTOP)):
         assert opened.start().running == first._replace(run=run)
         until_current(opened)
-        (loop,) = children(opened.bench.pid)
+        loop = opened.loop()
         kill(loop, how)
-        snapshot = opened.until(lambda s: s.said_bad, 10.0)
+        snapshot = opened.until(lambda s: s.said_bad)
         opened.look()
         assert "control loop" in snapshot.said and f"run {run}" in snapshot.said.lower()
         kept = read_recording(trial(setup, run))
         assert kept.whole and kept.outcome["status"] == "recovered"
         assert kept.rows >= len(opened.rows) - 1  # not a tick that the window saw is lost; one may be half written
-        wait_until(lambda loop=loop: gone(loop), 5.0)
+        wait_until(lambda loop=loop: gone(loop))
         assert opened.until_stage(m.READY).coming == first._replace(run=again)
     assert verify(setup.data_dir)["faults"] == []
 
@@ -85,7 +87,7 @@ def test_a_conductor_that_is_killed_leaves_no_current_no_process_and_a_trial_to_
     until_current(opened)
     pids, place = opened.processes(), find(setup.data_dir).ring.parent
     kill(opened.bench.pid)
-    wait_until(lambda: all(map(gone, pids)), 10.0)
+    wait_until(lambda: all(map(gone, pids)))
     assert not place.exists()
     opened.look()
     assert not opened.bench.alive
@@ -101,27 +103,27 @@ def test_a_bench_that_is_told_to_end_keeps_its_trial_which_comes_again(opened: W
     run = opened.start().running.run
     pids = opened.processes()
     kill(opened.bench.pid, signal.SIGTERM)
-    wait_until(lambda: all(map(gone, pids)), 20.0)
+    wait_until(lambda: all(map(gone, pids)))
     kept = read_recording(trial(setup, run))
     assert kept.whole and kept.outcome["status"] == "stopped" and kept.outcome["reason"] == "the bench was told to end"
     assert not (setup.data_dir / ".bench.json").exists()
-    snapshot = resume(opened, setup._replace(patience_s=1.0))
+    snapshot = resume(opened, setup._replace(patience_s=4.0))
     assert snapshot.rows[-1].status == "stopped" and cell(snapshot.coming) == cell(snapshot.rows[-1])
 
 
 def test_a_bench_that_is_left_alone_waits_a_while_and_then_ends(opened: Window, setup: Setup) -> None:
     run = opened.start().running.run
-    opened.bench.send(m.Abort("enough"))
+    opened.abort("enough")
     pids, place = opened.processes(), find(setup.data_dir).ring.parent
     opened.bench.close()
-    wait_until(lambda: all(map(gone, pids)), 20.0)
+    wait_until(lambda: all(map(gone, pids)))
     assert not place.exists() and not (setup.data_dir / ".bench.json").exists()
     assert read_recording(trial(setup, run)).outcome["status"] == "aborted"
     assert verify(setup.data_dir)["faults"] == []
 
 
 def test_kills_at_random_moments_lose_nothing_that_was_acknowledged(tmp_path: Path) -> None:
-    setup = Setup(tmp_path / "data", hand="operator", seed=5, real_time=False, patience_s=10.0)
+    setup = Setup(tmp_path / "data", hand="operator", seed=5, real_time=False, patience_s=60.0)
     killing = Killing(setup, longest_s=2.0)
     try:
         for victim in VICTIMS:

@@ -34,7 +34,7 @@ def refuse(setup: Setup) -> str:
     """What a conductor answers that refuses to begin."""
     command = [sys.executable, "-c", "from app.live.conductor_process import main; main()", setup.to_json()]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parent.parent)}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
     return json.loads(done.stdout)["refused"]
 
 

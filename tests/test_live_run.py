@@ -63,7 +63,7 @@ class Disk:
         """It is a disk that is full: nothing is closed."""
 
     def write(self, rows: np.ndarray) -> None:
-        self.free.wait(30.0)
+        self.free.wait(LONG_S)
         if self.error:
             raise self.error
         self.rows.append(rows)
@@ -74,8 +74,8 @@ def run_trial(loop: tuple[Ring, LoopProcess], disk: Disk, trial: Trial, ticks: i
     ring, process = loop
     run = TrialRun(ring, process, trial.planned, trial, disk)
     end = time.monotonic() + LONG_S
+    ring.control.conductor_beat = 1 << 62  # however long this machine holds us up: that is not what is tested
     while not (answers := process.receive()):
-        ring.beat()
         run.watch()
         if len(run.recorder.lateness_us) >= ticks:
             run.stop("enough")
@@ -87,13 +87,14 @@ def run_trial(loop: tuple[Ring, LoopProcess], disk: Disk, trial: Trial, ticks: i
 
 
 def new_one(person: Person | None = None) -> Trial:
-    """A trial of a simulated operator; without one, at a mouse that nobody moves: it goes on until it is ended."""
+    """A trial of a simulated operator, or at a mouse that nobody moves; it goes on until it is ended."""
     protocol = load_protocol()
+    rules = protocol.trial._replace(end_radius_m=1e-9, time_out_s=500.0)
     path, preset = protocol.paths[1], protocol.controllers[1]
     simulation = new_simulation(protocol.devices[0], (0.0, 0.35), None if person else protocol.mouse.hand())
     planned = PlannedTrial(0, 0, "three-brake", 1, 1, 1)
     generator = np.random.default_rng(2)
-    return Trial(simulation, planned, path, preset, protocol.rules, protocol.trial, person, generator)
+    return Trial(simulation, planned, path, preset, protocol.rules, rules, person, generator)
 
 
 def test_a_disk_that_falls_behind_ends_the_trial_and_still_gets_every_tick(loop) -> None:

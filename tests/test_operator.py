@@ -139,7 +139,7 @@ def test_the_arm_never_pushes_harder_than_its_clip():
 
 def test_tremor_has_the_frequency_and_the_size_of_its_person_and_tremulous_people_have_most():
     path, noise = line((-0.1, 0.4), (0.1, 0.4)), np.random.default_rng(6).standard_normal((1 << 16, 2))
-    still, sizes = np.tile((-0.1, 0.4), (40_000, 1)), []
+    still, sizes = np.tile((-0.1, 0.4), (20_000, 1)), []
     for name in ("steady", "average", "tremulous"):
         person = load_population(name).draw(np.random.default_rng(9))._replace(noise_share=0.0)
         held = Scripted(person, path, noise).move(still, row.HOLD)[1]

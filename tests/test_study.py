@@ -68,7 +68,7 @@ def test_every_cell_of_the_plan_is_there_and_nearly_all_trials_reach_the_end(stu
     assert all(box.count == 6 for box in boxes(rows, "path_error_m", ("three-brake", "four-brake")).values())
 
 
-def test_the_same_seed_gives_the_same_table_byte_for_byte_and_another_seed_does_not(study, tmp_path):
+def test_the_same_seed_gives_the_same_table_byte_for_byte_and_another_seed_does_not(study, undrawn, tmp_path):
     run_study(tmp_path / "again", 1, load_protocol(seed=4), PEOPLE)
     run_study(tmp_path / "other", 1, load_protocol(seed=5), PEOPLE)
     table = (study / "trials.csv").read_bytes()
