@@ -102,8 +102,10 @@ class Connection:
     def ask(self, question: tuple, kind: type[Answer], patience_s: float = ANSWER_S) -> Answer:
         """The board's answer of this kind; what else comes meanwhile is dropped. LinkError: refused, or none came."""
         end = time.monotonic() + patience_s
-        again = 0.0
-        while (now := time.monotonic()) < end:
+        again, late = 0.0, False
+        while not late:
+            now = time.monotonic()
+            late = now >= end  # who was held up for so long still reads what has come
             if now >= again:
                 self.send(question)
                 again = now + AGAIN_S

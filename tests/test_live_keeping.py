@@ -102,6 +102,25 @@ def test_a_stream_that_does_not_become_parquet_is_the_recording_until_it_does(de
     in_order(session)
 
 
+def test_lines_that_the_disk_did_not_take_are_written_before_a_session_is_left_or_it_is_not(desk, session, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr("experiments.session.write_event", full)
+        desk.write("answers", configuration="three-brake", block=1, values={"effort": 70})
+        with pytest.raises(OSError, match="No space left"):
+            desk.leave()
+        assert desk.sitting is not None
+    desk.leave()
+    assert desk.sitting is None
+    assert [event["values"] for event in read_events(session.folder) if event["event"] == "answers"] == [{"effort": 70}]
+
+
+def test_lines_that_the_disk_never_takes_are_in_the_log(desk, session, monkeypatch, capsys):
+    monkeypatch.setattr("experiments.session.write_event", full)
+    desk.write("note", text="the lamp flickers")
+    desk.let_go()
+    assert desk.sitting is None and "the lamp flickers" in capsys.readouterr().err
+
+
 def test_what_was_left_as_a_stream_is_converted_by_recover(desk, session, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("experiments.recording.written_beside", full)

@@ -15,6 +15,7 @@ from app.live.loop import stopped_trial
 from app.live.loop_process import LoopProcess
 from app.live.place import Place, _remove_abandoned
 from app.live.real_time import ROOM
+from app.live.recorder import Recorder
 from app.live.ring import Ring
 from app.live.trial_run import TrialRun
 from core import row
@@ -128,6 +129,60 @@ def test_a_live_trial_is_the_simulated_one_to_the_last_bit_and_leaves_the_device
     assert run.trial.finished and run.trial.ticks == len(rows) > 800
     assert run.trial.outcome()["reason"] == "enough"
     assert abs(run.trial.outcome()["energy_residual_J"]) < 1e-6
+
+
+def test_the_start_is_held_by_a_hand_and_not_by_a_handle_that_lies_there(loop) -> None:
+    ring, process = loop
+    protocol = load_protocol()
+    path, preset = protocol.paths[1], protocol.controllers[1]
+    at_start = new_simulation(protocol.devices[0], path.start_m, protocol.mouse.hand())
+    rules = protocol.trial._replace(time_out_s=500.0)
+    planned = PlannedTrial(0, 0, "three-brake", 1, 1, 1)
+    for touched, later in ((False, set()), (True, {row.HOLD, row.MOVE})):
+        ring.control.aim_count = 0
+        if touched:
+            ring.aim(*path.start_m)
+        disk = Disk()
+        disk.free.set()
+        trial = Trial(at_start, planned, path, preset, protocol.rules, rules, None, np.random.default_rng(2))
+        run_trial(loop, disk, trial, ticks=1500)
+        assert set(np.concatenate(disk.rows)[:, row.PHASE].astype(int)) & {row.HOLD, row.MOVE} == later
+    ring.control.aim_count = 0
+
+
+def test_a_trial_that_has_ended_stays_what_it_is_whatever_is_pressed_then(loop) -> None:
+    ring, _ = loop
+    disk, trial = Disk(), new_one(SOMEBODY)
+    disk.free.set()
+    trial.arguments().run["approach_ticks"][0] = 300  # it ends by itself
+    trial.arguments().run["end_ticks"][0] = 1500
+    write = disk.write
+
+    def press_late(rows: np.ndarray) -> None:
+        write(rows)
+        if len(rows) and rows[-1, row.PHASE] == row.END:
+            ring.control.stop = 1
+
+    disk.write = press_late
+    run = run_trial(loop, disk, trial)
+    assert ring.control.stop == 1 and "start was not reached" in run.trial.outcome()["reason"]
+
+
+def test_a_line_for_the_journal_is_tried_also_where_the_recording_fails_and_after_the_end(tmp_path: Path) -> None:
+    ring = Ring(tmp_path / "ring", create=True, ticks=SMALL)
+    disk, tried = Disk(OSError(28, "No space left on device")), []
+    recorder = Recorder(ring, disk)
+
+    def fails() -> None:
+        tried.append("first")
+        raise OSError(28, "No space left on device")
+
+    recorder.beside(fails)
+    recorder.beside(lambda: tried.append("second"))
+    disk.free.set()
+    recorder.close()
+    recorder.beside(lambda: tried.append("third"))
+    assert tried == ["first", "second", "third"] and "No space left" in recorder.error
 
 
 def test_a_trial_that_a_person_forgets_ends_by_itself_and_says_why() -> None:

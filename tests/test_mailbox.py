@@ -31,6 +31,17 @@ def test_an_end_that_does_not_read_never_makes_the_other_wait_and_loses_no_event
     ours.close()
 
 
+def test_what_an_end_said_right_before_it_left_is_heard_also_by_one_that_spoke_meanwhile() -> None:
+    ours, theirs = two_ends()
+    theirs.send("nobody reads this")
+    ours.send("abort")
+    ours.close()
+    theirs.send("a snapshot")
+    assert theirs.receive(1.0) == ["abort"] and not theirs.waiting
+    assert theirs.receive(1.0) == [] and theirs.closed
+    theirs.close()
+
+
 def test_messages_of_any_size_come_whole_and_in_order_also_the_last_ones_before_the_end() -> None:
     ours, theirs = two_ends()
     sent = [np.arange(n) for n in (0, 1, 100_000, 3)]
@@ -44,4 +55,16 @@ def test_messages_of_any_size_come_whole_and_in_order_also_the_last_ones_before_
     ours.close()
     got += theirs.receive(1.0)
     assert [len(message) for message in got] == [0, 1, 100_000, 3] and theirs.closed
+    theirs.close()
+
+
+def test_an_end_that_does_not_read_is_known_to_be_behind_until_it_does() -> None:
+    ours, theirs = two_ends()
+    while not theirs.behind:
+        theirs.send(b"x" * 4096)
+    assert theirs.waiting and not theirs.offer("a pulse")
+    while theirs.behind:
+        ours.receive()
+    assert theirs.offer("a pulse")
+    ours.close()
     theirs.close()

@@ -56,8 +56,8 @@ class Mailbox:
                 del self._outbox[: self._socket.send(self._outbox)]
             except BlockingIOError:
                 return
-            except OSError:
-                self.closed = True
+            except OSError:  # the other end is gone; what it said before is still read, up to its end
+                self._outbox.clear()
 
     def receive(self, wait_s: float = 0.0) -> list:
         """The messages that have come; waits at most `wait_s` for the first."""

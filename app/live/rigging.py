@@ -102,7 +102,7 @@ class Rigging:
     def hear(self, runner: "Runner", write: Callable[..., None], say: Callable[..., None]) -> None:
         """What the loop says. write: into the journal; say: to the experimenter."""
         if runner.replaced:  # the new loop knows of no device
-            runner.replaced, self._busy = False, False
+            runner.replaced, self._busy, self.linked = False, False, None
             self._send(self._connect)
         told, runner.told = runner.told, []
         for answer in told:
