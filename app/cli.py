@@ -32,7 +32,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM)
         )  # let half-written files be removed
     try:
-        args = make_parser().parse_args(with_verb(argv))
+        args, unknown = make_parser().parse_known_args(with_verb(argv))
+        if unknown:
+            raise InputError(f"unrecognized arguments: {' '.join(unknown)} (see phd {args.verb} --help)")
         code = args.do(args)
         sys.stdout.flush()
         return code

@@ -170,6 +170,17 @@ def other_protocol(data_dir: Path, participant: str, protocol: Protocol) -> str:
     return ""
 
 
+def protocols_otherwise(data_dir: Path, participants: Sequence[str], protocol: Protocol) -> dict[str, str]:
+    """Which of these participants' sessions run by another protocol than this one, and its name."""
+    ours, found = protocol_to_json(protocol), {}
+    for label in participants:
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # it cannot be read: it is not offered long
+            about = json.loads((session_folder(data_dir, label) / STORED).read_text(encoding="utf-8"))["protocol"]
+            if about != ours:
+                found[label] = str(about["name"])
+    return found
+
+
 def rows_of(session: Path) -> list[TrialRow]:
     """The rows of a session's table; none if there is no table yet."""
     table = session / TABLE

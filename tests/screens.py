@@ -43,13 +43,13 @@ class Screens:
         self.windows.frame()
         self.console.show_panels()
 
-    def press(self, key: Qt.Key, window: QWidget | None = None) -> list:
+    def press(self, key: Qt.Key, window: QWidget | None = None, modifier=Qt.KeyboardModifier.NoModifier) -> list:
         """Press a key; what was sent because of it."""
         before = len(self.bench.sent)
         top = (window or self.console).window()
         top.activateWindow()
         QTest.qWaitForWindowActive(top)
-        QTest.keyClick(window or self.console, key)
+        QTest.keyClick(window or self.console, key, modifier)
         return self.bench.sent[before:]
 
     def close(self) -> None:

@@ -17,7 +17,7 @@ from app.screens.console_window import SMALLEST
 from app.screens.plan_grid import MARKS
 from core import row
 
-KEY = Qt.Key
+KEY, ALT = Qt.Key, Qt.KeyboardModifier.AltModifier
 RERIG = "Take the three-brake linkage off and mount the four-brake one; turn each joint once by hand."
 
 
@@ -81,7 +81,7 @@ def test_escape_while_a_reason_is_asked_for_during_a_trial_is_still_brakes_off(s
 def test_redo_names_the_last_run_and_its_reason(screens: Screens) -> None:
     console = screens.hear(opened(), ready(5))
     assert screens.press(KEY.Key_R) == [] and "run 5" in console.cards.question.title.text()
-    assert screens.press(KEY.Key_2, console.cards.question.own) == [m.Redo(5, REDO_REASONS[1])]
+    assert screens.press(KEY.Key_2, console.cards.question.own, ALT) == [m.Redo(5, REDO_REASONS[1])]
     assert console.cards.question is None
 
 
@@ -89,7 +89,7 @@ def test_a_run_that_was_redone_is_not_redone_again(screens: Screens) -> None:
     rows = (result(PLAN[0]), result(PLAN[1], "redone"))
     screens.hear(opened(), ready(rows=rows, coming=PLAN[1]))
     screens.press(KEY.Key_R)
-    assert screens.press(KEY.Key_1, screens.console.cards.question.own)[0].run == 1
+    assert screens.press(KEY.Key_1, screens.console.cards.question.own, ALT)[0].run == 1
 
 
 def test_skip_takes_a_reason_in_ones_own_words_and_never_none(screens: Screens) -> None:
@@ -112,7 +112,7 @@ def test_an_abort_question_goes_when_its_trial_has_ended(screens: Screens) -> No
 def test_abort_sends_the_reason_while_the_trial_runs(screens: Screens) -> None:
     console = screens.hear(opened(), running())
     QTest.mouseClick(console.panel.abort, Qt.MouseButton.LeftButton)
-    sent = screens.press(KEY.Key_1, console.cards.question.own)
+    sent = screens.press(KEY.Key_1, console.cards.question.own, ALT)
     assert len(sent) == 1 and isinstance(sent[0], m.Abort) and sent[0].reason
 
 

@@ -15,7 +15,7 @@ from app.live.remedies import told
 from app.live.rigging import Rigging
 from app.live.ring import Ring
 from app.live.runner import Runner
-from app.live.setup import Setup
+from app.live.setup import OPERATOR, Setup
 from app.live.simulated_device import SimulatedDevice
 from app.live.sitting import Sitting
 from app.live.trial_run import TrialRun
@@ -23,7 +23,7 @@ from core.errors import InputError
 from experiments.linked_trial import LinkedTrial
 from experiments.protocol import Protocol
 from experiments.session import Session
-from experiments.session_files import free_participant, kept_sessions
+from experiments.session_files import free_participant, kept_sessions, protocols_otherwise
 from experiments.trial import Trial
 
 DISK_S = 5.0  # between two looks at the disk, while nothing runs
@@ -46,6 +46,7 @@ class Desk:
         self._said, self._said_bad = "", False
         self._resumable: tuple[str, ...] = ()
         self._finished: tuple[str, ...] = ()
+        self._otherwise: tuple[tuple[str, str], ...] = ()
         self._next_participant = ""
         self.look_for_participants()
         self._next_participant = setup.participant or self._next_participant
@@ -58,6 +59,7 @@ class Desk:
         kept = kept_sessions(self.setup.data_dir)
         self._resumable = tuple(name for name, unfinished in kept.items() if unfinished)
         self._finished = tuple(name for name, unfinished in kept.items() if not unfinished)
+        self._otherwise = tuple(protocols_otherwise(self.setup.data_dir, tuple(kept), self.protocol).items())
         try:
             self._next_participant = free_participant(self.setup.data_dir, self.protocol.participants)
         except InputError:
@@ -115,6 +117,7 @@ class Desk:
             hand=self.device.hand,
             next_participant=self._next_participant,
             rules=protocol.rules,
+            blind=protocol.blind and self.setup.hand != OPERATOR,
         )
 
     def snapshot(self) -> m.Snapshot:
@@ -146,6 +149,7 @@ class Desk:
             seconds_left=sitting.seconds_left() if sitting else None,
             resumable=() if session else self._resumable,
             finished=() if session else self._finished,
+            otherwise=() if session else self._otherwise,
         )
 
     def pulse(self) -> m.Pulse:

@@ -144,6 +144,7 @@ class Opened(NamedTuple):
     hand: str  # what moves the handle: "mouse", "operator"
     next_participant: str  # to be offered: the first without a session, or with an unfinished one; "": nobody is left
     rules: str  # by which the controllers decide: "settled", "literal"
+    blind: bool = False  # a new session is blind whether that is asked for or not
 
 
 class Snapshot(NamedTuple):
@@ -167,6 +168,7 @@ class Snapshot(NamedTuple):
     seconds_left: float | None = None  # of the whole session, estimated from the trials so far
     resumable: tuple[str, ...] = ()  # participants whose session in the data folder is unfinished
     finished: tuple[str, ...] = ()  # .. is done: it can be opened again, to redo a trial or write a note
+    otherwise: tuple[tuple[str, str], ...] = ()  # of these: whose protocol is not the one of new sessions, and its name
 
 
 class Proof(NamedTuple):

@@ -3,10 +3,10 @@
 import time
 from collections.abc import Callable, Sequence
 
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QLineEdit, QWidget
 
 from app.live import messages as m
-from app.screens.card import Card, Notice, Question
+from app.screens.card import LEAVE, LEAVE_RUNNING, Card, Notice, Question
 from app.screens.plan_grid import statuses
 from app.screens.words import clock
 from experiments.trials_table import COUNTED
@@ -37,7 +37,7 @@ class Cards:
     ) -> None:
         """Put a question, in place of another one."""
         self.leave()
-        question = Question(title, text, reasons, do, self._parent)
+        question = Question(title, text, reasons, do, self._parent, LEAVE_RUNNING if kind == "abort" else LEAVE)
 
         def answered(reason: str) -> None:
             self.leave()
@@ -52,8 +52,9 @@ class Cards:
         """Whether to close while a trial is recorded."""
         self.leave()
         self._kind = "abort"
-        answers = [("Go on recording  Enter", self.leave), ("Abort and close", close)]
+        answers = [("Go on  Enter", self.leave), ("Abort and close  Alt+C", close)]
         self._question = Notice(*CLOSE, answers, self._parent)
+        self._question.key("Alt+C", close)
         self._question.appear()
 
     def leave(self) -> bool:
@@ -64,7 +65,18 @@ class Cards:
         question.hide()
         question.deleteLater()
         self._parent.window().setFocus()
+        self.take_focus()
         return True
+
+    def _typing(self) -> bool:
+        """Whether somebody is writing a note: a notice that comes must not take the next letters for an answer."""
+        at = self._parent.window().focusWidget()
+        return isinstance(at, QLineEdit) and at.isVisible()
+
+    def take_focus(self) -> None:
+        """The keyboard is the card's that is up."""
+        if (card := self._question or self._notice) is not None:
+            card.take_focus()
 
     def withdraw(self, kinds: set[str]) -> None:
         """Take the question away if it is one of these."""
@@ -108,7 +120,7 @@ class Cards:
             self._notice = None
         if waits is not None:
             self._notice = self._make(opened, snapshot, do)
-            self._notice.appear()
+            self._notice.appear(focused=self._question is None and not self._typing())
             if self._question is not None:
                 self._question.raise_()
 

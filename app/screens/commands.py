@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from app.live import messages as m
 from app.screens.card import ABORT_REASONS, REDO_REASONS, SKIP_REASONS
+from app.screens.opening import show_whole
 from app.screens.session_panel import can_be_redone
 from app.screens.words import describe, place
 
@@ -125,7 +126,7 @@ class Commands:
     def escape(self, cause: str) -> None:
         """Brakes off while a trial runs; else leave what is open, and with nothing open brakes off."""
         window = self._window
-        if window.device_shown:
+        if window.device_shown and not self._running():
             if not window.device.leave():
                 window.show_device(False)
             return
@@ -133,6 +134,7 @@ class Commands:
         if not self._running():
             if left or window.panel.note.hasFocus():
                 window.panel.note.clearFocus()
+                window.cards.take_focus()
                 return
             if window.trying:
                 self.back()
@@ -152,6 +154,7 @@ class Commands:
     def note(self, text: str) -> None:
         """Keep a note."""
         self._bench.send(m.Note(text))
+        self._window.cards.take_focus()
 
     def confirm(self) -> None:
         """The re-rig is done, the break is over."""
@@ -178,11 +181,19 @@ class Commands:
         window = self._window
         if window.opened is None or not window.opened.participant or self._running():
             return
-        from app.screens.results_window import ResultsWindow
+        from app.screens.results_window import LARGEST, ResultsWindow
 
         self.close_results()
         self._results = ResultsWindow(window.opened, self._snapshot)
-        self._results.show()
+        self._results.escaped.connect(self._escape_results)
+        show_whole(self._results, *LARGEST)
+
+    def _escape_results(self, in_list: bool) -> None:
+        """In any window: brakes off while a trial runs; with nothing to stop the results go, or their list alone."""
+        if self._running():
+            self.escape("Esc on the results")
+        elif not in_list:
+            self.close_results()
 
     def close_results(self) -> None:
         """With the console goes its results window."""

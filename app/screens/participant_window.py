@@ -53,7 +53,7 @@ class ParticipantView(Plane):
         super().resizeEvent(event)
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        if self.mouse:
+        if self.mouse and self.tip is not None:  # else there is nothing to take hold of
             super().mouseMoveEvent(event)
 
     def moving(self) -> QRegion:
@@ -110,6 +110,7 @@ class ParticipantWindow(QWidget):
         self._snapshot = m.Snapshot(m.PREPARING)
         self.own_start = False  # the person who reads this has the space bar too
         self.leaving = False
+        self._tried = False  # a practice trial without a session was the last thing that happened
         self._stack = QStackedLayout(self)
         self._stack.addWidget(self.view)
         self._stack.addWidget(self.questions)
@@ -142,12 +143,26 @@ class ParticipantWindow(QWidget):
         if snapshot.stage in (m.RERIG, m.BREAK, m.FINISHED, m.FAILED, m.NO_SESSION, m.PREPARING):
             self.view.show_path(None)
             self.view.show_handle(None)
+            self.view.show_pointer(None)
         elif snapshot.coming is not None and (not snapshot.rows or self.view.path is None):
             self._show_trial(snapshot.coming, snapshot.tip)
-        if before.stage == m.RUNNING and before.practice and snapshot.stage == m.NO_SESSION:
-            self.view.say(words.practised(snapshot, self.own_start))
-        elif snapshot.stage != m.NO_SESSION or before.stage != m.NO_SESSION:
-            self.view.say(words.between(snapshot, self._opened, self.own_start))
+        if snapshot.stage != m.NO_SESSION:
+            self._tried = False
+        elif before.stage == m.RUNNING:
+            self._tried = before.practice
+        self._say(words.practised(snapshot, self.own_start) if self._tried else self._between())
+
+    def leave_practice(self) -> None:
+        """Back from practice: the page before a session stands on the console."""
+        self._tried = False
+        self._say(self._between())
+
+    def _between(self) -> Said:
+        return words.between(self._snapshot, self._opened, self.own_start)
+
+    def _say(self, said: Said) -> None:
+        """Between trials."""
+        self.view.say(words.with_keys(said, self._snapshot) if self.own_start else said)
 
     def _show_trial(self, planned: PlannedTrial, tip: m.Point) -> None:
         if self._opened is None:

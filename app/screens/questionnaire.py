@@ -3,8 +3,8 @@
 Each scale has 21 marks, 0 to 100; none is set before it is touched, and all are to be answered.
 """
 
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 
 from app.screens import theme
@@ -68,7 +68,7 @@ class Scale(QWidget):
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         middle = 0.5 * self.height()
-        painter.setPen(pen(theme.QUIET if self.hasFocus() else theme.BRAKE_OFF, 1.5))
+        painter.setPen(pen(theme.ACCENT if self.hasFocus() else theme.BRAKE_OFF, 1.5))
         painter.drawLine(QPointF(self._x(0), middle), QPointF(self._x(100), middle))
         for i in range(STEPS + 1):
             half = 7.0 if i % (STEPS // 2) == 0 else 4.0
@@ -80,6 +80,21 @@ class Scale(QWidget):
             painter.drawRoundedRect(QRectF(self._x(self.value) - 5.0, middle - 11.0, 10.0, 22.0), 4.0, 4.0)
 
 
+class Done(QPushButton):
+    """With the keyboard on it Enter and the space bar press it, whatever the space bar means to the window."""
+
+    def __init__(self) -> None:
+        super().__init__("Done", objectName="main")
+        self.setAutoDefault(True)
+
+    def event(self, event: QEvent) -> bool:
+        asks = event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent)
+        if asks and event.key() == Qt.Key.Key_Space:  # type: ignore[attr-defined]
+            event.accept()
+            return True
+        return super().event(event)
+
+
 class Questionnaire(QWidget):
     """The scales and a button that waits until all are answered."""
 
@@ -89,7 +104,7 @@ class Questionnaire(QWidget):
         super().__init__(parent)
         self._by = 0.0  # how much larger than in a small window
         self.scales = {item: Scale(question) for item, question, *_ in ITEMS}
-        self.done = QPushButton("Done", objectName="main")
+        self.done, self.lacking = Done(), word("", "quiet")
         self.done.clicked.connect(self._answer)
         self._card = card = QFrame(objectName="panel")
         self._grid = grid = QGridLayout(card)
@@ -105,7 +120,8 @@ class Questionnaire(QWidget):
             grid.addWidget(self._ends[-1], at, 3)
             self.scales[item].changed.connect(self._allow)
         grid.setColumnStretch(2, 1)
-        grid.addWidget(self.done, len(ITEMS) + 1, 0, 1, 4, Qt.AlignmentFlag.AlignRight)
+        grid.addWidget(self.lacking, len(ITEMS) + 1, 0, 1, 3)
+        grid.addWidget(self.done, len(ITEMS) + 1, 2, 1, 2, Qt.AlignmentFlag.AlignRight)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(theme.GAP, theme.GAP, theme.GAP, theme.GAP)
         layout.addStretch(1)
@@ -130,7 +146,7 @@ class Questionnaire(QWidget):
         for labels, size, bold in (
             ([self._title], theme.HEAD, True),
             (self._asked, theme.TITLE, False),
-            (self._ends, theme.NORMAL, False),
+            ([*self._ends, self.lacking], theme.NORMAL, False),
             ([self.done], theme.TITLE, True),
         ):
             for label in labels:
@@ -149,8 +165,16 @@ class Questionnaire(QWidget):
         for scale in self.scales.values():
             scale.set(None)
 
+    def showEvent(self, event: QShowEvent) -> None:
+        """The first question has the keyboard."""
+        super().showEvent(event)
+        next(iter(self.scales.values())).setFocus()
+
     def _allow(self) -> None:
-        self.done.setEnabled(all(scale.value is not None for scale in self.scales.values()))
+        answered = sum(scale.value is not None for scale in self.scales.values())
+        whole = answered == len(ITEMS)
+        self.done.setEnabled(whole)
+        self.lacking.setText("" if whole else f"{answered} of {len(ITEMS)} answered")
 
     def _answer(self) -> None:
         self.answered.emit({item: float(scale.value) for item, scale in self.scales.items() if scale.value is not None})

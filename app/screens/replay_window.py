@@ -21,6 +21,7 @@ from PySide6.QtWidgets import (
 from app.screens import theme
 from app.screens.energy_panel import EnergyPanel
 from app.screens.labels import Choice, OneLine, word
+from app.screens.opening import show_whole
 from app.screens.strip import WINDOW_S
 from app.screens.traces import Traces
 from app.screens.workspace import Workspace
@@ -34,6 +35,7 @@ from experiments.session_files import STORED, read_stored
 FRAME_MS = 16
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 STEP_S = 0.1  # of an arrow key
+LARGEST = (1280, 720)  # px, as it opens
 STRIDE = 8  # of the ticks that a jump takes in: all of them would take too long
 SLIDER = f"""
 QSlider {{ background: transparent; }}
@@ -112,7 +114,7 @@ class ReplayWindow(QWidget):
         self._timer.timeout.connect(self.frame)
         self._lay_out()
         self._bind()
-        self.resize(1280, 720)
+        self.resize(*LARGEST)
         self.seek(0)
         self._show_playing()
 
@@ -251,7 +253,7 @@ def run(path: Path) -> int:
     application = QApplication(sys.argv[:1])
     theme.dress(application)
     window = ReplayWindow(path)
-    window.show()
+    show_whole(window, *LARGEST)
     gc.collect()
     gc.freeze()  # else looking through all that was imported costs 50 ms now and then
     return application.exec()

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from PySide6.QtCore import QRectF, Qt
-from PySide6.QtGui import QCloseEvent, QKeySequence, QPainter, QShortcut
+from PySide6.QtCore import QEvent, QObject, QRectF, Qt, Signal
+from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QPainter, QShortcut
 from PySide6.QtWidgets import QHBoxLayout, QProgressBar, QPushButton, QVBoxLayout, QWidget
 
 from app.live import messages as m
@@ -27,6 +27,7 @@ from experiments.trials_table import COUNTED, TrialRow
 POOLED = "All participants"
 VERDICT = {HOLDS: theme.GOOD, FAILS: theme.BAD, CANNOT_TELL: theme.CAUTION}
 LINE_PX, PILL_PX = 25.0, 96.0
+LARGEST = (1280, 720)  # px, as it opens
 
 
 class Verdicts(Panel):
@@ -67,6 +68,8 @@ class Verdicts(Panel):
 class ResultsWindow(QWidget):
     """Everything that was recorded in a data folder, as far as it is known to be counted."""
 
+    escaped = Signal(bool)  # Esc, in the list of participants or not: whether it stops a trial is not known here
+
     def __init__(self, opened: m.Opened, snapshot: m.Snapshot, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setWindowTitle("phd: results")
@@ -96,10 +99,11 @@ class ResultsWindow(QWidget):
         self.cancel_button.clicked.connect(self._export.cancel)
         self._export.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
         self._export.ended.connect(self._exported)
-        QShortcut(QKeySequence(Qt.Key.Key_Escape), self, self.close)
+        QShortcut(QKeySequence(Qt.Key.Key_Escape), self, lambda: self.escaped.emit(False))
+        self.whose.view().installEventFilter(self)
         self._lay_out()
         self._show_busy(False)
-        self.resize(1280, 720)
+        self.resize(*LARGEST)
         self.refresh()
 
     def _lay_out(self) -> None:
@@ -190,6 +194,12 @@ class ResultsWindow(QWidget):
         self.bar.setVisible(busy)
         self.cancel_button.setVisible(busy)
         self.export_button.setEnabled(not busy and bool(self.rows))
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """The list that has dropped down keeps its keys from the window."""
+        if event.type() == QEvent.Type.KeyPress and isinstance(event, QKeyEvent) and event.key() == Qt.Key.Key_Escape:
+            self.escaped.emit(True)
+        return super().eventFilter(watched, event)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self._export.cancel()

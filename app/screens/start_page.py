@@ -10,7 +10,7 @@ from app.screens.words import why_no_session, why_not
 
 CARD_PX = 372
 RESUMABLE_MOST = 4  # shown; the others can be typed
-TRIAL_S = 15.0  # our choice: a first guess at a trial with its approach, for "about 15 min"
+OWN = "This session goes on with its own protocol: {}, as it was stored."
 
 
 class StartPage(QWidget):
@@ -28,6 +28,7 @@ class StartPage(QWidget):
         self.participant.setAccessibleName("Participant")
         self.participant.returnPressed.connect(self._open)
         self.participant.textChanged.connect(lambda _: self._allow())
+        self.wrong = line("Letters a to z and digits only, without spaces", "quiet", theme.SMALL)
         self.blind = QCheckBox("Blind console")
         self.blind.setToolTip("Hides controllers and currents from the experimenter too, until the key is opened")
         self.new = self._button("New session  Enter", main=True)
@@ -46,6 +47,10 @@ class StartPage(QWidget):
         self._resumable: tuple[str, ...] = ()  # participants whose session is unfinished
         self._finished: tuple[str, ...] = ()  # .. is done
         self._why_no_practice = "preparing"
+        self._otherwise: dict[str, str] = {}  # participant -> the protocol of their session, where it is another one
+        self._name, self._protocol, self._always_blind = "", "", False
+        self._problem, self._problem_of = "", ""  # what went wrong, and the label that stood there then
+        self._off = False  # brakes are off
         self._lay_out()
         self._allow()
 
@@ -64,6 +69,7 @@ class StartPage(QWidget):
         who.addWidget(word("Participant", "quiet"))
         who.addWidget(self.participant, 1)
         inside.addLayout(who)
+        inside.addWidget(self.wrong)
         inside.addWidget(self.problem)
         inside.addWidget(self.about)
         inside.addWidget(self.blind)
@@ -113,7 +119,7 @@ class StartPage(QWidget):
         layout.addStretch(3)
         self.why.setMinimumWidth(2 * CARD_PX)
         self.why.setAlignment(Qt.AlignmentFlag.AlignHCenter)
-        for absent in (self.problem, self.resume_head):
+        for absent in (self.wrong, self.problem, self.resume_head):
             absent.hide()
 
     @staticmethod
@@ -133,11 +139,18 @@ class StartPage(QWidget):
         if opened is not None:
             names = " and ".join(device.name for device in opened.devices)
             trials = f"{len(opened.plan)} trials, " if opened.plan else ""
-            self.about.setText(f"Protocol {opened.protocol}: {trials}{names}, {len(opened.controllers)} controllers.")
+            self._name = opened.protocol
+            self._protocol = f"Protocol {opened.protocol}: {trials}{names}, {len(opened.controllers)} controllers."
+            if opened.blind != self._always_blind:
+                self._always_blind = opened.blind
+                self.blind.setChecked(opened.blind)
+        self._otherwise = dict(snapshot.otherwise)
         self._show_resumable(snapshot.resumable)
         self._finished = snapshot.finished
-        self.problem.setText(breakable(snapshot.said if snapshot.said_bad else ""))
-        self.problem.setVisible(snapshot.said_bad and bool(snapshot.said))
+        problem = snapshot.said if snapshot.said_bad else ""
+        if problem != self._problem:
+            self._problem, self._problem_of = problem, self.participant.text()
+        self._mind_keys(bool(snapshot.brakes_off))
         on_bench = opened is not None and opened.real_device
         self._practice.setVisible(not on_bench)
         self._bench.setVisible(on_bench)
@@ -153,15 +166,27 @@ class StartPage(QWidget):
     def offer(self, participant: str) -> None:
         """Somebody for a session, at first and after another one's."""
         self.participant.setText(participant)
-        self.blind.setChecked(False)
+        self.blind.setChecked(self._always_blind)
+
+    def _mind_keys(self, off: bool) -> None:
+        """While brakes are off the letter B allows them: the field does not take it before it is clicked."""
+        if off == self._off:
+            return
+        self._off = off
+        self.participant.setFocusPolicy(Qt.FocusPolicy.ClickFocus if off else Qt.FocusPolicy.StrongFocus)
+        if off:
+            self.participant.clearFocus()
+        elif self.isVisible():
+            self.participant.setFocus()
 
     def _show_resumable(self, participants: tuple[str, ...]) -> None:
         shown = participants[:RESUMABLE_MOST]
-        if [button.property("participant") for button in self.resumable] != list(shown):
+        texts = [self._resume_text(label) for label in shown]
+        if [button.property("says") for button in self.resumable] != texts:
             for button in self.resumable:
                 self._resume.removeWidget(button)
                 button.deleteLater()
-            self.resumable = [self._resume_button(label) for label in shown]
+            self.resumable = [self._resume_button(label, text) for label, text in zip(shown, texts, strict=True)]
         more = len(participants) - len(shown)
         several = "Interrupted sessions can go on"
         one = "An interrupted session can go on:" if len(participants) == 1 else f"{several}:"
@@ -169,18 +194,37 @@ class StartPage(QWidget):
         self.resume_head.setVisible(bool(participants))
         self._resumable = participants
 
-    def _resume_button(self, label: str) -> QPushButton:
-        button = self._button(f"Resume participant {label}")
-        button.setProperty("participant", label)
-        button.clicked.connect(lambda: self.session_asked.emit(label, True, False))
+    def _resume_text(self, label: str) -> str:
+        other = self._otherwise.get(label)
+        if other is None:
+            return f"Resume participant {label}"
+        return f"Resume participant {label} · {other if other != self._name else 'other settings'}"
+
+    def _resume_button(self, label: str, text: str) -> QPushButton:
+        button = self._button("")
+        room = CARD_PX - 2 * 20 - 2 * 14  # px, between the edges of the card and of the button
+        button.setText(button.fontMetrics().elidedText(text, Qt.TextElideMode.ElideRight, room))
+        button.setProperty("says", text)
+        if label in self._otherwise:
+            button.setToolTip(OWN.format(self._otherwise[label]))
+        button.clicked.connect(lambda: self._ask(label, True, False))
         self._resume.addWidget(button)
         return button
 
     def _allow(self) -> None:
         label = self.participant.text()
+        there, fits = label in (*self._resumable, *self._finished), label.isascii() and label.isalnum()
         done = "Open this finished session" if label in self._finished else "New session"
         self.new.setText(f"{'Resume this session' if label in self._resumable else done}  Enter")
-        self.new.setEnabled(not self._why and label.isascii() and label.isalnum())
+        self.new.setEnabled(not self._why and fits)
+        self.wrong.setVisible(bool(label) and not fits)
+        self.problem.setText(breakable(self._problem))
+        self.problem.setVisible(bool(self._problem) and label == self._problem_of)
+        other = self._otherwise.get(label) if there else None
+        self.about.setText(self._protocol if other is None else OWN.format(other))
+        self.blind.setVisible(not there)  # of a session that is there it was settled with it
+        self.blind.setEnabled(not self._always_blind)
+        self.blind.setText("Blind console: the protocol says so" if self._always_blind else "Blind console")
         self.practice.setEnabled(not self._why_no_practice)
         for button in self.resumable:
             button.setEnabled(not self._why)
@@ -189,4 +233,8 @@ class StartPage(QWidget):
         if self.new.isEnabled():
             label = self.participant.text()
             there = label in (*self._resumable, *self._finished)
-            self.session_asked.emit(label, there, self.blind.isChecked())
+            self._ask(label, there, self.blind.isChecked() and not there)
+
+    def _ask(self, label: str, resume: bool, blind: bool) -> None:
+        self._problem_of = self.participant.text()  # what may be said now is about this
+        self.session_asked.emit(label, resume, blind)

@@ -82,7 +82,7 @@ QLabel#banner {{ background: {BAD_GROUND}; color: {BAD_TEXT}; border: 1px solid 
     padding: 8px 12px; }}
 QPushButton {{ background: {FIELD}; border: 1px solid {LINE}; border-radius: 5px; padding: 6px 12px; }}
 QPushButton:hover {{ border-color: {QUIET}; }}
-QPushButton:focus {{ border-color: {ACCENT}; }}
+QPushButton:focus {{ border-color: {ACCENT}; outline: none; }}
 QPushButton:disabled {{ color: {BRAKE_OFF}; background: {PANEL}; }}
 QPushButton#main:enabled {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
 QPushButton#main:focus {{ border-color: {TEXT}; }}
@@ -109,7 +109,10 @@ QScrollBar::add-line, QScrollBar::sub-line, QScrollBar::add-page, QScrollBar::su
 QCheckBox::indicator {{ width: 14px; height: 14px; border: 1px solid {QUIET}; border-radius: 3px;
     background: {GROUND}; }}
 QCheckBox::indicator:checked {{ background: {ACCENT}; border-color: {ACCENT}; }}
-QCheckBox:focus {{ color: {TEXT}; }}
+QCheckBox:disabled {{ color: {QUIET}; }}
+QCheckBox::indicator:checked:disabled {{ background: {BRAKE_OFF}; border-color: {BRAKE_OFF}; }}
+QCheckBox:focus {{ color: {TEXT}; outline: none; }}
+QCheckBox::indicator:focus {{ border-color: {ACCENT}; }}
 """
 
 

@@ -4,7 +4,7 @@ import signal
 import sys
 import time
 
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication, QScreen
 from PySide6.QtWidgets import QApplication
 
@@ -12,13 +12,15 @@ from app.live import messages as m
 from app.live.bench import Bench
 from app.live.spare_scipy import spare_scipy
 from app.screens import theme, words
-from app.screens.console_window import ConsoleWindow
+from app.screens.console_window import LARGEST, ConsoleWindow
 from app.screens.keys import bind
+from app.screens.opening import show_whole
 from app.screens.participant_window import ParticipantWindow
 from app.screens.warm_up import WarmUp
 from core.path_file import Segment, outline
 
 FRAME_S = 1.0 / 60.0
+HAND_BACK_S = 2.0  # after the participant's window was shown beside the console
 
 
 class Windows(QObject):
@@ -32,6 +34,8 @@ class Windows(QObject):
         self.console = ConsoleWindow(bench)
         self.participant = ParticipantWindow()
         self._dead = self._over = False
+        self._hand_back_until_s = 0.0
+        self.participant.installEventFilter(self)
         console, shown = self.console, self.participant
         console.participant_asked.connect(self.show_or_hide_participant)
         console.closed.connect(self.close)
@@ -49,7 +53,7 @@ class Windows(QObject):
         do = self.console.commands
         return {
             "start": do.start,
-            "escape": lambda: do.escape("Esc on the participant's screen"),
+            "escape": self._escape_on_participant,
             "allow brakes": do.allow_brakes,
             "pause": do.pause,
             "participant": self.show_or_hide_participant,
@@ -59,6 +63,14 @@ class Windows(QObject):
             "note": lambda: self._at_console(do.write_note),
             "results": lambda: self._at_console(do.results),
         }
+
+    def _escape_on_participant(self) -> None:
+        tried = self.console.trying
+        self.console.commands.escape("Esc on the participant's screen")
+        if tried and not self.console.trying:
+            self.participant.leave_practice()
+            if self.one_screen:
+                self.show_or_hide_participant()
 
     def _at_console(self, do) -> None:
         if self.one_screen:
@@ -83,7 +95,6 @@ class Windows(QObject):
         self.console.show()
         if not self.one_screen:
             self._show_participant()
-            self.console.activateWindow()
         self._due_s = time.monotonic()
         self._timer.start(0)
 
@@ -100,10 +111,23 @@ class Windows(QObject):
     def _show_participant(self) -> None:
         other = self._other_screen()
         self.participant.own_start = other is None
+        self.participant.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating, other is not None)
         self.participant.setGeometry((other or self.console.screen()).geometry())
         self.participant.showFullScreen()
+        if other is None:
+            self.participant.activateWindow()
+        else:
+            self._hand_back_until_s = time.monotonic() + HAND_BACK_S
+        if not self.console.trying:
+            self.participant.leave_practice()
         self.participant.show_snapshot(self.console.snapshot)
         self.console.participant_answers = True
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Where both windows are seen the keyboard is the experimenter's: some window systems give it to the newest."""
+        if event.type() == QEvent.Type.WindowActivate and time.monotonic() < self._hand_back_until_s:
+            QTimer.singleShot(0, self.console.activateWindow)
+        return super().eventFilter(watched, event)
 
     # ------------------------------------------------------------------------------------------- frames
 
@@ -190,6 +214,7 @@ def run(bench: Bench) -> int:
 
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, leave)
+        show_whole(windows.console, *LARGEST)
         windows.show()
         warm_up = WarmUp(windows.console)
         application.exec()

@@ -40,6 +40,9 @@ SLOWER, FASTER = "A little slower next time", "A little faster next time"
 #: The mouse on one screen: the person who moves also starts.
 SPACE_NEXT, SPACE_FIRST = "Space starts the next trial", "Space starts the first trial"
 
+#: .. whose view lies over the console.
+ALLOW_KEY, CONSOLE_KEY = "B lets the brakes act again", "F11 shows the console"
+
 BENCH_DIED = (
     "The bench has stopped: brakes off, what was recorded is kept. "
     "Close this window, start again and resume the session."
@@ -72,6 +75,13 @@ def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = Fal
         small = STOPPED.small if blocked else SPACE_FIRST if own_start else WELCOME.small
         return Said("Practice" if snapshot.practice else WELCOME.large, small)
     return after(snapshot.rows[-1], opened, own_start, blocked)
+
+
+def with_keys(said: Said, snapshot: m.Snapshot) -> Said:
+    """What is said while no trial runs to somebody who has no console beside it: which keys lead on."""
+    allow = ALLOW_KEY if snapshot.brakes_off and snapshot.stage != m.FAILED else ""
+    waits = said.small if not allow or said.small != STOPPED.small else ""  # nobody else comes
+    return said._replace(small=" · ".join(filter(None, (waits, allow, CONSOLE_KEY))))
 
 
 def practised(snapshot: m.Snapshot, own_start: bool = True) -> Said:

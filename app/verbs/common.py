@@ -18,7 +18,7 @@ def add_verb(verbs, name: str, do: Callable[[argparse.Namespace], int], says: st
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    verb.set_defaults(do=do)
+    verb.set_defaults(do=do, verb=name)
     return verb
 
 
