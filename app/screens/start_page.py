@@ -136,8 +136,9 @@ class StartPage(QWidget):
             self.about.setText(f"Protocol {opened.protocol}: {trials}{names}, {len(opened.controllers)} controllers.")
         self._show_resumable(snapshot.resumable)
         self._finished = snapshot.finished
-        self.problem.setText(breakable(snapshot.said if snapshot.said_bad else ""))
-        self.problem.setVisible(snapshot.said_bad and bool(snapshot.said))
+        problem = snapshot.said if snapshot.said_bad and snapshot.stage not in m.OVER else ""  # there a banner says it
+        self.problem.setText(breakable(problem))
+        self.problem.setVisible(bool(problem))
         on_bench = opened is not None and opened.real_device
         self._practice.setVisible(not on_bench)
         self._bench.setVisible(on_bench)
@@ -147,7 +148,7 @@ class StartPage(QWidget):
         if snapshot.stage == m.PREPARING:
             self.why.setText("Preparing … on first use this takes about half a minute.")
         else:
-            self.why.setText(f"Not yet: {self._why}" if self._why else "")
+            self.why.setText(f"Not yet: {self._why}" if self._why and snapshot.stage not in m.OVER else "")
         self._allow()
 
     def offer(self, participant: str) -> None:
