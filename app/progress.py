@@ -5,11 +5,14 @@ import sys
 import time
 
 
-def announce_first_use() -> None:
+def announce_first_use() -> bool:
+    """Say so if kernels will be compiled now; whether they will."""
     from core.jit import first_use
 
-    if first_use() and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0"):
+    first = first_use() and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
+    if first:
         print("compiling kernels (first use, about half a minute)", file=sys.stderr, flush=True)
+    return first
 
 
 class Progress:

@@ -38,6 +38,7 @@ class _Read:
     rows: list[TrialRow] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     notes: set[str] = field(default_factory=set)
+    protocols: set[str] = field(default_factory=set)  # names
     presets: dict[int, Preset] = field(default_factory=dict)
     keys: dict[str, dict[str, int]] = field(default_factory=dict)  # participant -> key that was opened here
 
@@ -119,6 +120,7 @@ def _read_one(folder: Path, path: Path, out: Path, journal: Told, rows: list[Tri
     rows.append(row)
     about = recording.metadata
     read.notes.add(f"{about.get('note', 'protocol not recorded')}, hand: {about.get('hand', 'not recorded')}")
+    read.protocols.add(str(about.get("protocol", "")))
     if isinstance(row.controller, int) and "preset" in about:
         read.presets[row.controller] = preset_from_json(about["preset"])
 
@@ -127,7 +129,8 @@ def _conclude(out: Path, read: _Read) -> None:
     """Figures and report."""
     without = f", {count_of(read.left_out, 'recording')} left out" if read.left_out else ""
     note = " / ".join(sorted(read.notes)) + without
-    draw_boxplots(told_apart(read.rows), out / "figures", note, labels=_labels(read))
+    protocol = " and ".join(sorted(read.protocols))
+    draw_boxplots(told_apart(read.rows), out / "figures", note, labels=_labels(read), protocol=protocol)
     if any(row.status in COUNTED for row in read.rows):
         write_report(read.rows, out / "report", note, of_recording(out), dict(sorted(read.presets.items())))
 

@@ -30,8 +30,10 @@ from experiments.whole_files import is_wrong_path
 
 WHISKER = 1.5  # box lengths
 QUARTILE_METHOD = "linear"  # NumPy's name; MATLAB's is "hazen" and differs
+PAPER = "paper"  # the protocol whose figures these are
 COMBINED_NAME = "boxplots.png"
 CODE_COLOUR = QUIET  # one for all: a code has no colour of a controller
+LABEL_IN = 10.5 / 72.0  # inches: a line of a controller's name
 CAPTION_SIZE, LINE_IN, CHARACTERS_PER_INCH = 7.0, 0.16, 18.5  # of the small print: points, inches, at most
 
 
@@ -79,6 +81,11 @@ MEASURES = (
 )
 
 
+def file_name(measure: Measure, protocol: str) -> str:
+    """Our choice: "fig16_path_error" for the paper's protocol, whose figure it repeats, "path_error" for any other."""
+    return measure.file_name if protocol == PAPER else measure.file_name.partition("_")[2]
+
+
 def boxes(
     rows: Iterable[TrialRow], column: str, configurations: Sequence[str], scale: float = 1.0
 ) -> dict[tuple[int | str, str], Box]:
@@ -107,12 +114,14 @@ def draw_boxplots(
     measures: Sequence[Measure] = MEASURES,
     labels: Mapping[int, str] = CONTROLLER_LABELS,
     progress: Callable[[float], None] = lambda share: None,
+    protocol: str = PAPER,
 ) -> list[Path]:
     """Draw every measure as PNG, SVG and PDF and all in one wide PNG into `out_folder`; returns the paths.
 
     note: what was used, as "settled rules, low gain 5 N s/m, parameters assumed"; it stands on every figure.
     configurations: the first is drawn filled, the second open; by default as the table first names them.
     labels: controller -> what stands under its box; codes of a blind session stand under theirs as they are.
+    protocol: its name; only the paper's own figures bear the numbers of its figures (`file_name`).
     progress: called with the share that is drawn; whatever it raises ends the work before anything is written.
     InputError before anything is written if a file exists already or there is nothing to draw.
     """
@@ -120,7 +129,7 @@ def draw_boxplots(
     configurations = tuple(configurations or dict.fromkeys(row.configuration for row in rows))
     if not configurations:
         raise InputError(f"{folder}: there are no trials, no box plots to draw")
-    paths = [folder / f"{measure.file_name}.{form}" for measure in measures for form in FORMATS]
+    paths = [folder / f"{file_name(measure, protocol)}.{form}" for measure in measures for form in FORMATS]
     paths.append(folder / COMBINED_NAME)
     for path in paths:
         if path.exists():
@@ -131,13 +140,13 @@ def draw_boxplots(
     with matplotlib.rc_context(STYLE):
         drawn: list[bytes] = []
         for measure in measures:
-            figure = new_figure(6.4 * wider, 4.5)
+            figure = new_figure(6.4 * wider, 4.5 + _label_room(shown))
             _draw(figure, rows, [measure], configurations, note, shown)
             for form in FORMATS:
                 progress(len(drawn) / len(paths))
                 drawn.append(figure_bytes(figure, form))
         progress(len(drawn) / len(paths))
-        figure = new_figure(5.0 * wider * len(measures), 4.5)
+        figure = new_figure(5.0 * wider * len(measures), 4.5 + _label_room(shown))
         _draw(figure, rows, measures, configurations, note, shown)
         drawn.append(figure_bytes(figure, "png"))
     progress(1.0)
@@ -161,6 +170,12 @@ def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> di
     return {controller: {**named, **coded}[controller] for controller in sorted({*named, *coded}, key=by_controller)}
 
 
+def _label_room(shown: Mapping[int | str, str]) -> float:
+    """What names of more than two lines need besides, inches."""
+    lines = max((len(name.splitlines()) for name in shown.values()), default=0)
+    return LABEL_IN * max(0, lines - 2)
+
+
 def _draw(
     figure: Figure,
     rows: Sequence[TrialRow],
@@ -174,7 +189,7 @@ def _draw(
     found = [boxes(rows, measure.column, configurations, measure.scale) for measure in measures]
     counts = {box.count for panel in found for box in panel.values()}
     lines = _caption(counts, note, int((width - left - right) * CHARACTERS_PER_INCH))
-    bottom = 0.66 + LINE_IN * len(lines)
+    bottom = 0.66 + LINE_IN * len(lines) + _label_room(shown)
 
     each = (width - left - right - between * (len(measures) - 1)) / len(measures)
     for i, measure in enumerate(measures):
@@ -206,10 +221,13 @@ def _caption(counts: set[int], note: str, characters: int) -> list[str]:
         trials = f"{min(counts)} trials a box."
     else:
         trials = "Under each box: the number of its trials."
+    single = "A square: one trial alone. " if 1 in counts else ""
     method = (
-        f"{trials} Line: median. Box: quartiles (NumPy's '{QUARTILE_METHOD}' method). "
+        f"{trials} {single}Line: median. Box: quartiles (NumPy's '{QUARTILE_METHOD}' method). "
         f"Whiskers: furthest trial within {WHISKER:g} box lengths. Circles: trials beyond."
     )
+    if counts == {1}:
+        method = "1 trial a box, drawn as a square."
     return [line for text in (method, note) for line in textwrap.wrap(text, characters)]
 
 
@@ -241,7 +259,7 @@ def draw_panel(
     for i, controller in enumerate(controllers):  # line by line: a tick label's lines shift with their letters
         for j, line in enumerate(shown[controller].splitlines()):
             axes.annotate(
-                line, (i, 0.0), (0, (-24 if show_counts else -15) - 10.5 * j), ("data", "axes fraction"),
+                line, (i, 0.0), (0, (-24 if show_counts else -15) - 72.0 * LABEL_IN * j), ("data", "axes fraction"),
                 "offset points", ha="center", va="baseline", fontsize=8.0,
             )  # fmt: skip
     axes.tick_params(axis="y", length=3)
@@ -259,6 +277,14 @@ def colour_of(controller: int | str) -> str:
 
 
 def _draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, filled: bool) -> None:
+    """Our choice: one trial, whose box would be a line and neither filled nor open, is a square that is."""
+    if box.count == 1:
+        axes.plot(
+            [x], [box.median], "s",
+            markersize=7.0, markerfacecolor=colour if filled else "white", markeredgecolor=colour,
+            markeredgewidth=1.3, zorder=4,
+        )  # fmt: skip
+        return
     axes.bar(
         x, box.q3 - box.q1, width, box.q1,
         facecolor=colour if filled else "white", edgecolor=colour, linewidth=1.3, zorder=3,

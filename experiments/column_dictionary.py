@@ -92,6 +92,33 @@ TRIALS: dict[str, Column] = {
     "energy_added_max_J": Column("J", "the most energy that any brake added in a step: must be none"),
 }
 
+#: The scales of the questionnaire after a block, 0 to 100.
+SCALES: dict[str, Column] = {
+    "mental_demand": Column("", "NASA-TLX mental demand, 0 very little to 100 very much"),
+    "physical_demand": Column("", "NASA-TLX physical demand, 0 very little to 100 very much"),
+    "temporal_demand": Column("", "NASA-TLX temporal demand, 0 not at all hurried to 100 very hurried"),
+    "performance": Column("", "NASA-TLX performance, 0 followed the lines perfectly to 100 not at all"),
+    "effort": Column("", "NASA-TLX effort, 0 very little to 100 very hard"),
+    "frustration": Column("", "NASA-TLX frustration, 0 not at all to 100 very irritated or discouraged"),
+    "smoothness": Column("", "how the movement felt, 0 smooth to 100 jerky"),
+}
+
+#: What questionnaire.csv holds, one row for each block that was asked about.
+QUESTIONNAIRE: dict[str, Column] = {
+    "participant": TRIALS["participant"],
+    "configuration": TRIALS["configuration"],
+    "block": TRIALS["block"],
+    **SCALES,
+    "time": Column("", "when it was answered, UTC, ISO 8601"),
+}
+
+#: What notes.csv holds, one row a note.
+NOTES: dict[str, Column] = {
+    "time": Column("", "when it was written, UTC, ISO 8601"),
+    "participant": Column("", "in whose session"),
+    "text": Column("", "what the experimenter wrote"),
+}
+
 PHASE_LEVELS: dict[str, str] = dict(zip(row.PHASES, _PHASES, strict=True))
 
 STATUS_MEANINGS = {

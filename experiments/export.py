@@ -80,7 +80,7 @@ def export(folder: Path, outs: dict[str, Path], progress: Callable[[float], None
             raise InputError(f"{folder}: none of its recordings can be exported: {'; '.join(left_out)}")
         blind = tuple(home.relative_to(folder).as_posix() for home, session in sessions.items() if session.blind)
         unrecorded = tuple(row for session in sessions.values() for row in session.unrecorded)
-        exported = Exported(folder.resolve().name, tuple(left_out), blind, unrecorded)
+        exported = Exported(folder.resolve().name, tuple(left_out), blind, unrecorded, tuple(homes))
         for form in forms:
             form.finish(exported)
     return {

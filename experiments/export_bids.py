@@ -4,6 +4,7 @@ OUT/dataset_description.json, README.md, participants.tsv, participants.json, sc
     task-pathfollow_events.json, task-pathfollow_tracksys-fivebar_channels.json     hold for every recording
     sub-01/ses-01/sub-01_ses-01_scans.tsv          a row a recording: when, which cell of the plan, its measures
                   motion/sub-01_.._run-07_motion.tsv, _motion.json, _channels.tsv, _events.tsv
+    phenotype/tlxsmoothness.tsv, .json             the answers to the questionnaire, if there are any
 
 Text does not go into a motion file: phases are events; `stuck` is a channel of 0 and 1 for each brake; `decision` is
 a number, its words are in _motion.json. The file names say device and run, never the controller.
@@ -19,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from experiments.column_dictionary import PHASE_LEVELS, STATUS_LEVELS, recording_column, trials_column
+from experiments.export_told import said_in, write_phenotype
 from experiments.exported import Exported, ExportedTrial, write_columns, write_json, write_rows
 from experiments.metrics import SAMPLE_RATE_HZ
 from experiments.recording import Recording
@@ -113,18 +115,12 @@ class BidsDataset:
         levels = {hand: _HANDS[hand] for hand in _HANDS if hand in self._hands.values()}
         hand = {"Description": "where the force of the hand came from", **({"Levels": levels} if levels else {})}
         write_json(self.folder / "participants.json", {"hand": hand})
+        write_phenotype(self.folder, [a for a in said_in(exported.sessions).answers if a.subject in self._hands])
         write_json(self.folder / f"task-{TASK}_events.json", _events_json())
         write_json(self.folder / f"task-{TASK}_tracksys-{TRACKSYS}_channels.json", _channels_json())
-        generator = {"Name": "phd", "Version": _version()}
-        write_json(
-            self.folder / "dataset_description.json",
-            {
-                "Name": exported.name or "phd",
-                "BIDSVersion": BIDS_VERSION,
-                "DatasetType": "raw",
-                "GeneratedBy": [generator],
-            },
-        )
+        about = {"Name": exported.name or "phd", "BIDSVersion": BIDS_VERSION, "DatasetType": "raw"}
+        generators = [{"Name": "phd", "Version": _version()}]
+        write_json(self.folder / "dataset_description.json", {**about, "GeneratedBy": generators})
         (self.folder / "README.md").write_text(
             (_README.format(name=exported.name) + exported.remarks()).rstrip() + "\n", encoding="utf-8"
         )

@@ -2,6 +2,8 @@
 
 OUT/README.md
     trials.csv                  as in the data folder; `recording` names the CSV file
+    questionnaire.csv           a row for each block that was asked about, if any was
+    notes.csv                   what the experimenter wrote down, if anything
     columns.json                file -> column -> unit and description
     sub-01/ses-01/run-001.csv   every tick
                   run-001.json  what is known of the trial: its path, rules, gain, how it ended
@@ -20,6 +22,7 @@ from experiments.column_dictionary import (
     recording_column,
     trials_column,
 )
+from experiments.export_told import said_in, write_said
 from experiments.exported import Exported, ExportedTrial, write_columns, write_json
 from experiments.recording_form import TEXT_COLUMNS
 from experiments.trials_table import COLUMNS, TrialRow, write_table
@@ -33,6 +36,7 @@ Trials on a planar five-bar whose joints carry brakes: a hand moves the handle a
 
 - `trials.csv`: one row a trial, in the order in which the sessions ran them. `recording` is the file of its ticks.
 - `sub-*/ses-*/run-*.csv`: every tick, 1000 a second; beside each a `.json` with what is known of the trial.
+- `questionnaire.csv`, `notes.csv`, where there are any: the answers after each block; what the experimenter wrote.
 - `columns.json`: unit and meaning of every column. J stands for a joint: A and B at the bases, E and C the elbows.
 
 UTF-8, comma, line feed, one header line; SI units; numbers in the shortest form that reads back to the same double;
@@ -73,6 +77,8 @@ class CsvTables:
             "trials.csv": {name: _entry(name, trials_column(name)) for name in COLUMNS},
             "sub-*/ses-*/run-*.csv": {name: _entry(name, recording_column(name)) for name in self._names},
         }
+        for name, columns in write_said(self.folder, said_in(exported.sessions)).items():
+            described[name] = {column: _entry(column, entry) for column, entry in columns.items()}
         write_json(self.folder / "columns.json", described)
         text = _README.format(name=exported.name) + exported.remarks()
         (self.folder / "README.md").write_text(text.rstrip() + "\n", encoding="utf-8")

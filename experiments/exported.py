@@ -44,6 +44,7 @@ class Exported(NamedTuple):
     left_out: tuple[str, ...]  # recordings, and why
     blind: tuple[str, ...]  # sessions not opened yet
     unrecorded: tuple[TrialRow, ...]  # rows of trials that left no recording
+    sessions: tuple[Path, ...]  # their folders
 
     def remarks(self) -> str:
         """What a reader has to know of what is missing, as lines of Markdown; empty if nothing is."""

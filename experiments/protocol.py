@@ -21,6 +21,7 @@ from experiments.protocol_file import Breaks, Cues, MouseHand, ProtocolFile, Tri
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "protocols"
 PAPER = "paper"
+MOST_TRIALS = 10_000  # of a participant. Our choice: 40 hours and more; what is typed in error is more
 REACH_SPACING_M = 0.002  # between the places of a path at which a device's stops are looked at
 
 
@@ -76,6 +77,13 @@ class Protocol:
     def controller_name(self, controller: int | str) -> str:
         """A controller's name; a code stays as it is."""
         return controller if isinstance(controller, str) else self.controllers[controller].name
+
+    def refuse_stranger(self, participant: str) -> None:
+        """InputError if the protocol names its participants, and this is none of them."""
+        if self.participants and participant not in self.participants:
+            raise InputError(
+                f"participant {participant}: is none of the {self.name} protocol's ({', '.join(self.participants)})"
+            )
 
     def labels(self) -> dict[int | str, str]:
         """Controller -> its name in lines that fit under a box."""
@@ -185,8 +193,20 @@ def build_protocol(
         breaks=file.breaks,
         device_files={device.name: named for device, named in devices},
     )
+    refuse_endless(protocol, where)
     check_reach(protocol, where)
     return protocol
+
+
+def refuse_endless(protocol: Protocol, where: str) -> None:
+    """InputError if a participant would have more trials than MOST_TRIALS."""
+    cells = len(protocol.devices) * len(protocol.paths) * len(protocol.controllers)
+    trials = cells * protocol.blocks * protocol.repetitions
+    if trials > MOST_TRIALS:
+        raise InputError(
+            f"{where}: blocks, repetitions: a participant can have at most {MOST_TRIALS} trials, not {trials} "
+            f"({cells} of device, path and controller, {protocol.blocks} blocks, {protocol.repetitions} repetitions)"
+        )
 
 
 def _numbered(key: str, numbers: Sequence[Any], where: str) -> list[int]:

@@ -203,7 +203,7 @@ def _change(result: Result | None, measure: str) -> str:
 
 def sentences(results: Sequence[Result], names: Mapping[int, str] = CONTROLLER) -> list[str]:
     """Differences, trend, speed and the order of controllers, each in a sentence or two."""
-    said = [*_differ(results), *_trend(results), *_speed(results, names), *_order(results)]
+    said = [*_differ(results), *_trend(results), *_speed(results, names), *_order(results, names)]
     return said or ["There is nothing to compare."]
 
 
@@ -252,7 +252,7 @@ def _speed(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]
         yield f"Path error at equal speed, {configuration} (mm, measured -> adjusted): {listed}; {kept}."
 
 
-def _order(results: Sequence[Result]) -> Iterable[str]:
+def _order(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]:
     orders = [r for r in results if r.test == "order"]
     for base in [r for r in orders if r.measure == r.second]:
         others = [r for r in orders if (r.second, r.configuration) == (base.measure, base.configuration)][1:]
@@ -260,8 +260,10 @@ def _order(results: Sequence[Result]) -> Iterable[str]:
         for other in others:
             pairs = swapped(base.first, other.first)
             if pairs:
-                changed.append(f"{other.measure} swaps {', '.join(f'{a} and {b}' for a, b in pairs)}")
-        text = f"Order of controllers by {base.measure}, {base.configuration}, least first: {base.first}"
+                named = (f"{_name(a, names)} and {_name(b, names)}" for a, b in pairs)
+                changed.append(f"{other.measure} swaps {', '.join(named)}")
+        order = " < ".join(_name(k, names) for k in base.first.split(" < "))
+        text = f"Order of controllers by {base.measure}, {base.configuration}, least first: {order}"
         if others:
             text += f"; {'; '.join(changed)}" if changed else f"; the same by {', '.join(r.measure for r in others)}"
         yield text + "."

@@ -79,11 +79,8 @@ class Session(SessionTrials):
         """
         if not (participant.isascii() and participant.isalnum()):
             raise InputError(f"participant {participant!r}: must be letters and digits only")
-        if protocol.participants and person is None and participant not in protocol.participants:
-            raise InputError(
-                f"participant {participant}: is none of the {protocol.name} protocol's "
-                f"({', '.join(protocol.participants)})"
-            )
+        if person is None:
+            protocol.refuse_stranger(participant)
         refuse_existing(data_dir, participant)
         self._take_up(data_dir, participant, protocol, person, sync)
         self.hand = "operator" if person else hand

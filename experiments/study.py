@@ -144,7 +144,7 @@ class _Run:
             folder = self.out / f".{name}.partial"
             shutil.rmtree(folder, ignore_errors=True)
             if name == FIGURES:
-                draw_boxplots(table, folder, note, labels=protocol.labels())
+                draw_boxplots(table, folder, note, labels=protocol.labels(), protocol=protocol.name)
             else:
                 said = f"{protocol.note()}, {self.study.population.note()}"
                 write_report(table, folder, said, controllers=protocol.controllers)

@@ -25,6 +25,7 @@ BAUD = 921_600  # means nothing to a USB port
 READ_S = 0.002  # longest wait for the first byte
 WRITE_S = 0.004
 CLOSE_S = 0.5  # after which a close that hangs is left to itself
+_UNPLUGGED = (errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF)
 #: what pyserial raises when the other end is gone
 _DEAD = (serial.SerialException, OSError, TerminalError)
 
@@ -140,6 +141,8 @@ def _reason(error: BaseException) -> str:
         return "another program is using it"
     if number == errno.EACCES:
         return "permission denied (phd doctor says what to do)"
+    if number in _UNPLUGGED or str(error).startswith("device reports readiness"):  # pyserial's words for it
+        return "the board was unplugged"
     text = os.strerror(number) if number else str(error).strip() or "it is gone"
     if text.startswith("Could not configure port"):  # pyserial's words for what is no terminal at all
         return "it is no serial port"

@@ -58,7 +58,7 @@ def test_the_ticks_of_a_recording_are_those_that_were_recorded(tmp_path: Path, r
 
 def test_it_says_which_trial_it_is(window: ReplayWindow) -> None:
     says = window.head.text()
-    for part in ("Participant 03", "run 7", "three-brake", "SDOF with gap", "segment 1", "done"):
+    for part in ("Participant 03", "run 7", "three-brake", "SDOF with gap", "path 1", "done"):
         assert part in says
 
 

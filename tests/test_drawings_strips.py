@@ -222,4 +222,4 @@ def test_a_fall_of_heat_is_shown(qtbot) -> None:
     rows = quiet(200)
     rows[100:, row.ENERGY_BRAKES] = -0.003
     panel.add(rows)
-    assert "a brake added 3e-03 J" in panel.said and "no brake" not in panel.said
+    assert "a brake added 3 mJ" in panel.said and "no brake" not in panel.said

@@ -39,7 +39,7 @@ def check_linked(linked: Linked | None, why_off: str) -> Check:
 
 def check_sensor(linked: Linked | None) -> Check:
     """Whether the hand force is measured."""
-    if linked is None or not linked.device:
+    if linked is None or not linked.device or linked.problem:
         return Check("Hand", WAITING, "force sensor", "The board on the bench is being reached.")
     if linked.force_channels == 0:
         advice = "The controllers cannot feel the hand: they see motion alone, and nothing releases a trapped hand."
@@ -54,17 +54,18 @@ def check_hand(hand: str) -> Check:
     return Check("Hand", GOOD, {"operator": "simulated operator"}.get(hand, hand))
 
 
-def check_loop(tried: Timing | None, dead: bool) -> Check:
-    """tried: how it kept its deadlines for a moment without work; None: not yet."""
+def check_loop(tried: Timing | None, dead: bool, last: Timing | None = None) -> Check:
+    """tried: how it kept its deadlines for a moment without work; None: not yet. last: over the last trial, if any."""
     if dead:
         return Check("Loop", WAITING, "starting again")
     if tried is None:
         return Check("Loop", WAITING, "preparing")
-    text = f"1 kHz, p99 {tried.p99_us:,.0f} µs"
-    if tried.p99_us <= LATE_US and tried.missed == 0:
+    kept = last or tried
+    text = f"1 kHz, p99 {kept.p99_us:,.0f} µs" + (f", {kept.missed} missed" if kept.missed else "")
+    if kept.p99_us <= LATE_US and kept.missed == 0:
         return Check("Loop", GOOD, text)
     advice = "Ticks come late: close other programs."
-    return Check("Loop", CAUTION, text, advice if tried.scheduling.startswith("real-time") else f"{advice} {ADVICE}")
+    return Check("Loop", CAUTION, text, advice if kept.scheduling.startswith("real-time") else f"{advice} {ADVICE}")
 
 
 def check_disk(folder: Path) -> tuple[Check, int]:

@@ -22,7 +22,7 @@ from experiments.protocol import Protocol
 BEAT_S = 0.02  # longest time between two looks at everything, and between two beats
 PULSE_S = 0.1
 CLOSE_S = 1.0  # longest wait for a window to take the last messages
-TAKEN_OVER = "Another window has taken over."
+TAKEN_OVER = "Another window has taken over: the session goes on there. This one shows nothing new and can be closed."
 LEFT_ALONE = "no window came back"
 
 
@@ -77,7 +77,7 @@ class Conductor:
         """The newest window is the one; the one before is told."""
         while not self._arrived.empty():
             if self._window is not None:
-                self._window.send(self._desk.snapshot()._replace(said=TAKEN_OVER, said_bad=True))
+                self._window.send(self._desk.snapshot()._replace(stage=m.ELSEWHERE, said=TAKEN_OVER, said_bad=True))
                 self._window.close()
             self._window, self._had_window = Mailbox(self._arrived.get()), True
             self._shown = self._opened = None

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, BinaryIO
 from app.live.loop_process import LoopProcess
 from app.live.place import NAME, Place, publish
 from app.live.ring import Ring
-from app.live.setup import Setup
+from app.live.setup import OPERATOR, Setup
 from core import row
 from core.errors import InputError
 
@@ -106,6 +106,8 @@ def read_protocol(setup: Setup) -> "Protocol":
     if not setup.participant and not any(kept.values()):
         files.free_participant(setup.data_dir, protocol.participants)  # somebody is left
     if setup.participant and setup.participant not in kept:
+        if setup.hand != OPERATOR:
+            protocol.refuse_stranger(setup.participant)
         folder = files.session_folder(setup.data_dir, setup.participant)
         if (folder / files.STORED).exists():
             files.read_stored(folder)  # one that is damaged is said to be

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from app.live import messages as m
 from app.live.desk import Desk
-from app.live.practice import person_at
+from app.live.practice import done_without, person_at
 from app.live.rigging import Rigging
 from app.live.setup import HID, MOUSE, OPERATOR
 from app.live.sitting import ANSWERS, BREAK_ENDED, NOTE, Sitting
@@ -88,7 +88,12 @@ def _open(desk: Desk, intent: m.Open) -> None:
     except BaseException:
         session.close()
         raise
-    said = f"Participant {name}: {session.settled} of {len(session.plan)} trials are settled."
+    left, whole = len(session.plan) - session.settled, len(session.plan)
+    which = "all" if left in (0, whole) else f"{left} of"
+    come = f"{which} {whole} trials are {'to come' if left else 'over'}"
+    said = f"Participant {name}: {come}."
+    if without := done_without(setup, session.protocol):
+        said += f" {without}"
     other = other_protocol(setup.data_dir, name, session.protocol)
     if other:
         said += f" Their protocol is not the one of participant {other}: file, devices or options have changed since."

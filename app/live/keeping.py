@@ -109,8 +109,10 @@ class Keeping:
         try:
             row = run.keep(self.sitting.session)
             self.verified = run.name.lower() if row.recording else self.verified
+            if row.status == "aborted":  # somebody decided so: the reason alone would not say what became of it
+                said = told(f"{run.name} was aborted", run.trial.outcome()["reason"])
             if row.status == "stopped":
-                said += " It comes again: start it, or skip it."
+                said += " It comes again: start it, or skip it." if row.block else " It comes again: start it."
             if row.recording.endswith(STREAM_SUFFIX):
                 said += f" The disk did not take the Parquet file of {run.name.lower()}: its stream is whole."
             self.sitting.trial_ended()

@@ -104,10 +104,11 @@ class Quit(NamedTuple):
 
 # ---------------------------------------------------------------------------------------- messages: conductor -> window
 
-#: where the conductor is
-PREPARING, NO_SESSION, READY, RUNNING, RERIG, BREAK, QUESTIONS, FINISHED, FAILED = (
-    "preparing", "no session", "ready", "running", "re-rig", "break", "questions", "finished", "failed"
+#: where the conductor is; ELSEWHERE: it serves another window, which has taken over
+PREPARING, NO_SESSION, READY, RUNNING, RERIG, BREAK, QUESTIONS, FINISHED, FAILED, ELSEWHERE = (
+    "preparing", "no session", "ready", "running", "re-rig", "break", "questions", "finished", "failed", "elsewhere"
 )  # fmt: skip
+OVER = (FAILED, ELSEWHERE)  # for this window
 
 #: steps that make a device on the bench ready; DONE: there is none to do
 CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""

@@ -60,6 +60,18 @@ class Practice:
         return Trial(self.simulation, planned, path, preset, p.rules, p.trial, person, np.random.default_rng(turn))
 
 
+def done_without(setup: Setup, protocol: Protocol) -> str:
+    """What the protocol asks for and a simulated operator's sessions have not, as a sentence; "": nothing is amiss."""
+    asked = {
+        "no blinding": protocol.blind, "no practice": protocol.practice_trials > 0,
+        "no questionnaire": protocol.questionnaire,
+    }  # fmt: skip
+    missing = [what for what, is_asked in asked.items() if is_asked]
+    if setup.hand != OPERATOR or not missing:
+        return ""
+    return f"A simulated operator moves the handle: {' and '.join(missing)}, whatever the protocol says."
+
+
 def person_at(setup: Setup, protocol: Protocol, participant: str) -> Person | None:
     """The simulated operator that has this participant's place, if one moves the handle."""
     if setup.hand != OPERATOR:

@@ -95,7 +95,7 @@ class Runner:
     @property
     def check(self) -> Check:
         """For the pre-flight row."""
-        return check_loop(self._tried, self._loop.dead)
+        return check_loop(self._tried, self._loop.dead, self._last)
 
     def close(self) -> None:
         """End the loop."""

@@ -5,6 +5,7 @@ import time
 from datetime import UTC, datetime
 
 from app.live import messages as m
+from app.live.setup import OPERATOR
 from experiments.journal import read_events
 from experiments.plan import PlannedTrial
 from experiments.session import Session
@@ -132,7 +133,7 @@ class Sitting:
     def _block_to_ask(self) -> tuple[str, int] | None:
         """Configuration and block of the first finished block whose questions wait; left out where all was skipped."""
         session = self.session
-        if not session.protocol.questionnaire:
+        if not session.protocol.questionnaire or session.hand == OPERATOR:  # nobody is there to answer
             return None
         still_open = {(trial.configuration, trial.block) for trial in open_trials(session.plan, session.rows)}
         over = {(row.configuration, row.block) for row in session.rows if row.status != "skipped"}

@@ -12,6 +12,7 @@ from app.screens.words import clock
 from experiments.trials_table import COUNTED
 
 UNBLIND = ("Open the key?", "The controllers become visible here and in the tables. Who asks is kept in the journal.")
+RESTED = "Go on when the participant is ready."
 A_MOMENT = "A moment"  # begins what is said while a step is being done
 CLOSE = (
     "A trial is being recorded",
@@ -160,4 +161,5 @@ class Cards:
         if says != self._notice.title.text():
             self._notice.title.setText(says)
             if left <= 0.0:
+                self._notice.text.setText(RESTED)
                 button.setFocus()

@@ -4,13 +4,13 @@ the workspace can be worked on too: its pointer is the hand as well.
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
-from PySide6.QtGui import QMouseEvent
+from PySide6.QtGui import QMouseEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from app.live import messages as m
 from app.screens import theme, words
 from app.screens.hand import hand_is_mouse
-from app.screens.labels import OneLine, word
+from app.screens.labels import line, word
 from app.screens.workspace import Workspace
 from core import row
 from experiments.plan import PlannedTrial
@@ -27,7 +27,11 @@ class Centre(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.large = word("", size=theme.HEAD, bold=True)
-        self.small = OneLine("", "quiet", theme.NORMAL, dots=Qt.TextElideMode.ElideRight)
+        self.small = line("", "quiet")  # a line of its own: the participant reads all of it
+        self.small.setIndent(2)
+        policy = self.small.sizePolicy()
+        policy.setHeightForWidth(False)  # `_fit` says how high it is: the window's own height must not hang on it
+        self.small.setSizePolicy(policy)
         self.results, self.participant, self.back = (
             QPushButton(text, objectName="small") for text in ("Results  F2", "Participant's view  F11", "Back  Esc")
         )
@@ -46,13 +50,14 @@ class Centre(QWidget):
         head.setContentsMargins(2, 0, 0, 0)
         head.setSpacing(10)
         head.addWidget(self.large)
-        head.addWidget(self.small, 1)
+        head.addStretch(1)
         for button in (self.results, self.participant, self.back):
             head.addWidget(button)
         self._layout = QVBoxLayout(self)
         self._layout.setContentsMargins(0, 0, 0, 0)
         self._layout.setSpacing(6)
         self._layout.addLayout(head)
+        self._layout.addWidget(self.small)
 
     def show_opened(self, opened: m.Opened) -> None:
         """Another session or protocol: its devices and paths decide the scale."""
@@ -66,6 +71,15 @@ class Centre(QWidget):
         self.workspace.view.setMouseTracking(True)
         self.workspace.view.installEventFilter(self)
         self._layout.addWidget(self.workspace, 1)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        """As many lines as the text needs, at least one, so that the workspace stays where it is."""
+        lines = self.small.heightForWidth(self.width())
+        self.small.setFixedHeight(max(lines, self.small.fontMetrics().height()))
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """The pointer over the workspace is the hand."""
@@ -108,7 +122,9 @@ class Centre(QWidget):
 
     def _say(self, said: words.Said) -> None:
         self.large.setText(said.large)
-        self.small.setText(said.small)
+        if said.small != self.small.text():
+            self.small.setText(said.small)
+            self._fit()
 
 
 def same_places(a: m.Opened, b: m.Opened) -> bool:

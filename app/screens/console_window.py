@@ -26,6 +26,7 @@ from app.screens.session_panel import SessionPanel
 from app.screens.start_page import StartPage
 from app.screens.timing_strip import TimingStrip
 from app.screens.traces import Traces
+from app.screens.words import feedback
 from experiments.plan import PlannedTrial
 
 RIGHT_PX = 372
@@ -166,7 +167,7 @@ class ConsoleWindow(QWidget):
         before, self.snapshot = self.snapshot, snapshot
         if snapshot.stage not in (m.NO_SESSION, m.RUNNING, m.PREPARING):
             self.trying = False
-        self.device_shown &= snapshot.stage not in (m.RUNNING, m.FAILED)
+        self.device_shown &= snapshot.stage not in (m.RUNNING, *m.OVER)
         self.commands.follow(before, snapshot)
         if snapshot.stage == m.QUESTIONS != before.stage:
             self.questions.clear()
@@ -227,7 +228,7 @@ class ConsoleWindow(QWidget):
 
     def show_device(self, shown: bool) -> None:
         """The device page over everything else, or away again."""
-        self.device_shown = shown and self.snapshot.stage not in (m.RUNNING, m.FAILED)
+        self.device_shown = shown and self.snapshot.stage not in (m.RUNNING, *m.OVER)
         self.device.leave()
         self._refresh()
 
@@ -239,10 +240,9 @@ class ConsoleWindow(QWidget):
         """There is no bench any more."""
         self.dead = True
         last = self.snapshot
-        self.snapshot = m.Snapshot(
-            m.FAILED, last.rows, blind=last.blind, notes=last.notes, said=sentence, said_bad=True
-        )
-        self.proof.show_dead()
+        stage = last.stage if last.stage in m.OVER else m.FAILED
+        self.snapshot = m.Snapshot(stage, last.rows, blind=last.blind, notes=last.notes, said=sentence, said_bad=True)
+        self.proof.show_dead(elsewhere=stage == m.ELSEWHERE)
         self.show_panels()
         if self.centre.workspace is not None and self.centre.workspace.view.tip is not None:
             self.centre.rest(self.centre.workspace.view.tip)
@@ -251,9 +251,9 @@ class ConsoleWindow(QWidget):
     def _refresh(self) -> None:
         """Everything that Opened and Snapshot say."""
         snapshot, opened = self.snapshot, self.opened
-        failed = snapshot.stage == m.FAILED
-        self.banner.setText(breakable(snapshot.said) if failed else "")
-        self.banner.setVisible(failed)
+        over = snapshot.stage in m.OVER
+        self.banner.setText(breakable(snapshot.said) if over else "")
+        self.banner.setVisible(over)
         self.preflight.show_session(opened, snapshot)
         self.start_page.show_session(opened, snapshot)
         before_session = opened is None or not opened.participant
@@ -264,6 +264,7 @@ class ConsoleWindow(QWidget):
         self.pages.setCurrentWidget(self.device if self.device_shown else page)
         if opened is None:
             return
+        self.questions.show_feedback(feedback(snapshot, opened))
         self.panel.show_session(opened, snapshot, self.trying)
         self.centre.show_session(opened, snapshot, self.trying)
         self.traces.set_blind(snapshot.blind)

@@ -19,6 +19,13 @@ ROUNDING_J = 1e-9  # heat that falls by less in a tick is rounding
 NOT_YET = "no trial yet"
 
 
+def small_energy(energy_J: float) -> str:
+    """-3 nJ, 20 µJ, 4 mJ, 1.5 J."""
+    units = (("J", 1.0), ("mJ", 1e-3), ("µJ", 1e-6), ("nJ", 1e-9))
+    unit, least = next(((unit, least) for unit, least in units if abs(energy_J) >= least), units[-1])
+    return f"{float(f'{energy_J / least:.2g}'):g} {unit}"
+
+
 class Ledger:
     """Energies (J) since the trial's first tick."""
 
@@ -91,10 +98,10 @@ class EnergyPanel(Panel):
         ]
         stops = [("+", theme.TEXT), (f"stops {ledger.stops:.2f}", STOPS)] if ledger.stops > 0.005 else []
         if ledger.added > ROUNDING_J:
-            verdict = (f"a brake added {ledger.added:.0e} J", theme.BAD)
+            verdict = (f"a brake added {small_energy(ledger.added)}", theme.BAD)
         else:
             verdict = ("no brake added energy", theme.GOOD)
-        residual = f"{ledger.residual:.0e} J" if abs(ledger.residual) > ROUNDING_J else "under 1 nJ"
+        residual = small_energy(ledger.residual) if abs(ledger.residual) > ROUNDING_J else "under 1 nJ"
         proof = [(f"residual {residual} ·", theme.QUIET), verdict] if ledger.began else [(NOT_YET, theme.QUIET)]
         self.lines = [balance, stops, proof]
         self.lines = [line for line in self.lines if line]

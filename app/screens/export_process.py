@@ -1,4 +1,4 @@
-"""Writing results for print: box plots as PNG, SVG and PDF, trials as CSV, into a new folder, all of it or nothing.
+"""Writing results for print: box plots as PNG, SVG and PDF, tables as CSV, into a new folder, all or nothing.
 
 `main` does it in a process of its own: figures take seconds of Python, which in a thread would hold up the window.
 """
@@ -27,6 +27,7 @@ class Job(NamedTuple):
     note: str  # stands on every figure
     devices: tuple[str, ...]
     labels: dict[int, str]  # controller -> what stands under its box
+    protocol: str = "paper"  # its name
 
 
 def new_folder(data_dir: Path) -> Path:
@@ -43,24 +44,30 @@ def partial_of(folder: Path) -> Path:
 
 
 def export_results(job: Job, progress: Callable[[float], None] = lambda share: None) -> int:
-    """Write figures and trials.csv; how many files. InputError says why not. progress: called with the share done."""
-    from experiments.boxplots import draw_boxplots  # matplotlib takes its time
+    """Write figures, trials.csv, and what was answered and noted; how many files. InputError says why not.
 
-    rows, data_dir, folder, note, devices, labels = job
+    progress: called with the share done.
+    """
+    from experiments.boxplots import draw_boxplots  # matplotlib takes its time
+    from experiments.export_told import said_in, write_said
+
+    rows, data_dir, folder, note, devices, labels, protocol = job
     if folder.exists():
         raise InputError(f"{folder}: exists already, the results need a new folder")
     partial = partial_of(folder)
     here = Path(os.path.relpath(data_dir, folder)).as_posix()
     try:
         partial.mkdir(parents=True)
-        figures = draw_boxplots(rows, partial, note, devices, labels=labels, progress=progress)
+        figures = draw_boxplots(rows, partial, note, devices, labels=labels, progress=progress, protocol=protocol)
         write_table(partial / "trials.csv", [row.seen_from(here) for row in rows])
+        people = sorted({row.participant for row in rows})
+        said = write_said(partial, said_in(home for who in people for home in data_dir.glob(f"sub-{who}/ses-*")))
         partial.rename(folder)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({(error.strerror or str(error)).lower()})") from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-    return len(figures) + 1
+    return len(figures) + 1 + len(said)
 
 
 def main() -> None:

@@ -125,6 +125,11 @@ class LiveBoxes(Panel):
         self, painter: QPainter, plot: QRectF, box: Box, x: float, width: float, colour: str, filled: bool
     ) -> None:
         half = 0.5 * width
+        if box.count == 1:  # its box would be a line, neither filled nor open
+            painter.setPen(pen(colour, 1.4))
+            painter.setBrush(shade(colour) if filled else shade(theme.PANEL))
+            painter.drawRect(QRectF(x - 4.0, self._y(plot, box.median) - 4.0, 8.0, 8.0))
+            return
         low, q1, median, q3, high = (self._y(plot, v) for v in (box.low, box.q1, box.median, box.q3, box.high))
         painter.setPen(pen(colour, 1.4))
         for inner, outer in ((q1, low), (q3, high)):

@@ -133,6 +133,7 @@ class ParticipantWindow(QWidget):
         before, self._snapshot = self._snapshot, snapshot
         if (snapshot.stage == m.QUESTIONS) != (before.stage == m.QUESTIONS):
             self.questions.clear()
+        self.questions.show_feedback(words.feedback(snapshot, self._opened))
         self._stack.setCurrentWidget(self.questions if snapshot.stage == m.QUESTIONS else self.view)
         if snapshot.running is not None:
             if snapshot.running != before.running or before.stage != m.RUNNING:
@@ -140,7 +141,7 @@ class ParticipantWindow(QWidget):
                 self.view.say(words.moving(row.APPROACH, False) or Said(""))
             return
         self.view.show_handle(snapshot.tip)
-        if snapshot.stage in (m.RERIG, m.BREAK, m.FINISHED, m.FAILED, m.NO_SESSION, m.PREPARING):
+        if snapshot.stage in (m.RERIG, m.BREAK, m.FINISHED, *m.OVER, m.NO_SESSION, m.PREPARING):
             self.view.show_path(None)
             self.view.show_handle(None)
             self.view.show_pointer(None)
@@ -191,11 +192,12 @@ class ParticipantWindow(QWidget):
 
     def show_dead(self) -> None:
         """There is no bench any more."""
-        self._snapshot = m.Snapshot(m.FAILED)
+        stage = self._snapshot.stage if self._snapshot.stage in m.OVER else m.FAILED
+        self._snapshot = m.Snapshot(stage)
         self.view.show_handle(None)
         self.view.show_path(None)
         self._stack.setCurrentWidget(self.view)
-        self.view.say(words.FAILED)
+        self.view.say(words.between(self._snapshot, self._opened))
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Closing is the console's: it asks while something is recorded."""

@@ -62,7 +62,7 @@ class ProofLine(QFrame):
         ]
         self.recording.setText(" · ".join(filter(None, parts)))
 
-    def show_dead(self) -> None:
-        """There is no bench any more."""
-        self._light(theme.BAD)
-        self.recording.setText("Not recording")
+    def show_dead(self, elsewhere: bool = False) -> None:
+        """There is no bench any more. elsewhere: there is, but it serves another window."""
+        self._light(theme.BRAKE_OFF if elsewhere else theme.BAD)
+        self.recording.setText("The other window shows what is being recorded" if elsewhere else "Not recording")

@@ -109,7 +109,12 @@ class Questionnaire(QWidget):
         self._card = card = QFrame(objectName="panel")
         self._grid = grid = QGridLayout(card)
         self._title = word("A few questions about the last trials", bold=True)
-        grid.addWidget(self._title, 0, 0, 1, 4)
+        self._feedback = line("", "quiet")  # of the trial before, which nothing else shows now
+        self._feedback.hide()
+        title = QVBoxLayout()
+        title.addWidget(self._title)
+        title.addWidget(self._feedback)
+        grid.addLayout(title, 0, 0, 1, 4)
         self._asked, self._ends = [], []
         for at, (item, question, low, high) in enumerate(ITEMS, start=1):
             self._asked.append(line(question))
@@ -146,7 +151,7 @@ class Questionnaire(QWidget):
         for labels, size, bold in (
             ([self._title], theme.HEAD, True),
             (self._asked, theme.TITLE, False),
-            ([*self._ends, self.lacking], theme.NORMAL, False),
+            ([*self._ends, self.lacking, self._feedback], theme.NORMAL, False),
             ([self.done], theme.TITLE, True),
         ):
             for label in labels:
@@ -159,6 +164,11 @@ class Questionnaire(QWidget):
         self._grid.setHorizontalSpacing(round(by * 16))
         self._grid.setVerticalSpacing(round(by * 12))
         self._card.setMaximumWidth(round(by * 900))
+
+    def show_feedback(self, feedback: str) -> None:
+        """What the protocol gives back of the trial before; "": nothing."""
+        self._feedback.setText(feedback and f"The last trial: {feedback}")
+        self._feedback.setVisible(bool(feedback))
 
     def clear(self) -> None:
         """No answer yet."""

@@ -163,7 +163,7 @@ class ReplayWindow(QWidget):
             f"run {about.get('run', '?')}",
             self.device.name,
             about.get("preset", {}).get("name") or f"controller {about.get('controller', '?')}",
-            f"segment {about.get('segment', '?')}",
+            f"path {about.get('segment', '?')}",
             str(self.recording.outcome.get("status", "no end record")),
         ]
         if self.recording.damaged:

@@ -171,6 +171,7 @@ class ResultsWindow(QWidget):
         refusal = why_no_findings(self._opened.controllers, coded)
         self.verdicts.setVisible(not refusal)
         self.verdicts.show_found(findings(rows) if counted and not refusal else [])
+        theme.name_anew(self.said, "caution")
         self.said.setText(self._unread or refusal or (too_few(len(people)) if counted else ""))
         self.export_button.setEnabled(bool(counted) and not self._export.busy)
 
@@ -181,13 +182,16 @@ class ResultsWindow(QWidget):
         if self._export.busy or not self.shown:
             return
         self._show_busy(True)
-        folder = new_folder(self.data_dir)
-        self._export.start(Job(self.shown, self.data_dir, folder, self._opened.note, self._devices, self._labels))
+        self._folder = new_folder(self.data_dir)  # there when all of it has been written
+        opened = self._opened
+        job = Job(self.shown, self.data_dir, self._folder, opened.note, self._devices, self._labels, opened.protocol)
+        self._export.start(job)
 
     def _exported(self, sentence: str) -> None:
         self._export.wait()
         self._show_busy(False)
         self.said.setText(sentence)
+        theme.name_anew(self.said, "good" if self._folder.exists() else "caution")
 
     def _show_busy(self, busy: bool) -> None:
         self.bar.setValue(0)

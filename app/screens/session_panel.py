@@ -22,7 +22,7 @@ from app.screens.labels import KeyButton, OneLine, breakable, line, word
 from app.screens.plan_grid import PlanGrid
 from app.screens.preflight import advice
 from app.screens.words import cell, minutes, place, why_not
-from experiments.trials_table import SETTLED
+from experiments.trials_table import COUNTED, SETTLED
 
 WIDTH_PX = 276
 
@@ -120,9 +120,14 @@ class SessionPanel(QFrame):
         self.head.setText("Plan" if opened.participant else "Practice")
         self.grid.show_session(opened, snapshot)
         self._scroll.setMaximumHeight(max(self.grid.sizeHint().height() + 2, 96))
-        over = sum(status in SETTLED for status in self.grid.statuses.values())
-        done = f"{over} done" if opened.participant else ""
+        statuses = list(self.grid.statuses.values())
+        over, valid = (sum(status in those for status in statuses) for those in (SETTLED, COUNTED))
+        done = f"{valid} done" if opened.participant else ""
+        done += f", {over - valid} missing" if over > valid else ""
+        self.done.setToolTip("Missing: aborted (×) or skipped (–), so without a result" if over > valid else "")
         left = minutes(snapshot.seconds_left) if snapshot.stage != m.FINISHED else ""
+        if over > valid:
+            left = left.removeprefix("about ")  # there is no room for both
         self.done.setText(" · ".join(filter(None, (done, left))))
         self._show_coming(opened, snapshot)
         self._say(snapshot)
@@ -154,7 +159,7 @@ class SessionPanel(QFrame):
             said = why_not(snapshot)
         theme.name_anew(self.notice, "bad" if bad else "caution")
         self.notice.setText(breakable(said))
-        self.notice.setVisible(bool(said) and snapshot.stage != m.FAILED)  # there a banner says it
+        self.notice.setVisible(bool(said) and snapshot.stage not in m.OVER)  # there a banner says it
 
     def _allow(self, snapshot: m.Snapshot, trying: bool) -> None:
         ready, runs = snapshot.stage == m.READY, snapshot.stage == m.RUNNING
@@ -169,7 +174,7 @@ class SessionPanel(QFrame):
             "Pause after this trial" if runs else "Pause"
         )  # fmt: skip
         self.abort.setEnabled(runs)
-        self.note.setEnabled(snapshot.stage not in (m.PREPARING, m.NO_SESSION, m.FAILED))
+        self.note.setEnabled(snapshot.stage not in (m.PREPARING, m.NO_SESSION, *m.OVER))
 
 
 def can_be_redone(row) -> bool:

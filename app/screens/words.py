@@ -24,7 +24,8 @@ PHASES = {
 }
 TAKE_IT = f"Touch the {theme.HANDLE_NAME} dot with the pointer to take hold of it"
 ENDINGS = {
-    "done": "Well done", "timeout": "Time is up", "aborted": "Stopped", "recovered": "Stopped", "stopped": "Stopped"
+    "done": "Well done", "timeout": "Time is up", "aborted": "Stopped", "recovered": "Stopped", "stopped": "Stopped",
+    "redone": "Once more", "skipped": "Let us go on",
 }  # fmt: skip
 ENDED = Said("", "The next one starts in a moment")
 WELCOME = Said("Welcome", "We start in a moment")
@@ -35,6 +36,7 @@ STOPPED = Said("Stopped", "One moment, please")
 QUESTIONS = Said("A few questions")
 FINISHED = Said("Thank you", "That was the last one")
 FAILED = Said("Please wait", "Someone is coming to help")
+ELSEWHERE = Said("Another window has taken over", "The session goes on there; this one can be closed")
 SLOWER, FASTER = "A little slower next time", "A little faster next time"
 
 #: The mouse on one screen: the person who moves also starts.
@@ -62,12 +64,12 @@ def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = Fal
     """What is said while no trial runs. own_start: the person who reads it has the space bar."""
     fixed = {
         m.PREPARING: PREPARING, m.NO_SESSION: WELCOME, m.RERIG: CHANGE, m.BREAK: BREAK, m.QUESTIONS: QUESTIONS,
-        m.FINISHED: FINISHED, m.FAILED: FAILED,
+        m.FINISHED: FINISHED, m.FAILED: FAILED, m.ELSEWHERE: ELSEWHERE,
     }  # fmt: skip
-    if snapshot.stage in fixed:
-        return fixed[snapshot.stage]
-    if snapshot.paused:
-        return BREAK
+    if snapshot.stage in fixed or snapshot.paused:
+        said = fixed.get(snapshot.stage, BREAK)
+        first = feedback(snapshot, opened) if said in (CHANGE, BREAK, FINISHED) else ""
+        return said._replace(small=" · ".join(filter(None, (first, said.small))))
     if snapshot.brakes_off:
         return STOPPED
     blocked = bool(why_not(snapshot))
@@ -92,26 +94,39 @@ def practised(snapshot: m.Snapshot, own_start: bool = True) -> Said:
 
 def after(trial: TrialRow, opened: m.Opened | None, own_start: bool = False, blocked: bool = False) -> Said:
     """What is said after a trial: how it went, and what the protocol gives back. blocked: the next cannot start yet."""
+    parts = given_back(trial, opened)
+    if own_start and not blocked:
+        parts.append(SPACE_NEXT)
+    return Said(ENDINGS[trial.status], " · ".join(parts) or (STOPPED if blocked else ENDED).small)
+
+
+def feedback(snapshot: m.Snapshot, opened: m.Opened | None) -> str:
+    """What the protocol gives back of the newest trial, where something else is said after it; "": nothing."""
+    return " · ".join(given_back(snapshot.rows[-1], opened)) if snapshot.rows else ""
+
+
+def given_back(trial: TrialRow, opened: m.Opened | None) -> list[str]:
+    """Feedback and cue after a trial, as far as the protocol gives them and the trial was done."""
+    if opened is None or trial.status != "done":
+        return []
     parts = []
-    if opened is not None and trial.status == "done":
-        if opened.feedback == "time" and trial.duration_s is not None:
-            parts.append(f"{trial.duration_s:.1f} seconds")
-        if opened.feedback == "error" and trial.path_error_m is not None:
-            parts.append(f"{1e3 * trial.path_error_m:.1f} mm from the line on average")
-        if opened.cues is not None and trial.duration_s is not None:
-            shortest, longest = opened.cues
-            parts += [SLOWER] if trial.duration_s < shortest else [FASTER] if trial.duration_s > longest else []
-    parts = parts or [STOPPED.small if blocked else SPACE_NEXT if own_start else ENDED.small]
-    return Said(ENDINGS.get(trial.status, ""), " · ".join(parts))
+    if opened.feedback == "time" and trial.duration_s is not None:
+        parts.append(f"{trial.duration_s:.1f} seconds")
+    if opened.feedback == "error" and trial.path_error_m is not None:
+        parts.append(f"{1e3 * trial.path_error_m:.1f} mm from the line on average")
+    if opened.cues is not None and trial.duration_s is not None:
+        shortest, longest = opened.cues
+        parts += [SLOWER] if trial.duration_s < shortest else [FASTER] if trial.duration_s > longest else []
+    return parts
 
 
 # ---------------------------------------------------------------------------------------------- for the experimenter
 
 
 def cell(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
-    """Controller and segment of a planned trial; the controller is left out of a blind console."""
-    segment = f"segment {planned.segment}"
-    return segment if blind else f"{controller_name(planned.controller, opened)} · {segment}"
+    """Controller and path of a planned trial; the controller is left out of a blind console."""
+    path = f"path {planned.segment}"
+    return path if blind else f"{controller_name(planned.controller, opened)} · {path}"
 
 
 def describe(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:

@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 from core.errors import InputError
 
+#: How a key ends -> its unit; longer ends first: they hold shorter ones.
+UNITS = {"N_s_m": "N s/m", "N_m": "N m", "s": "s", "m": "m", "N": "N", "A": "A", "J": "J"}
 DEFAULT_DEVICES = ["three-brake", "four-brake"]
 
 
@@ -61,7 +63,14 @@ def print_summary(summary: dict, as_json: bool) -> None:
     if as_json:
         print(json.dumps(summary))
     else:
-        width = max(map(len, summary), default=0)
+        width = max((len(in_words(key)) for key in summary), default=0)
         for key, value in summary.items():
             shown = f"{value:.4g}" if isinstance(value, float) else value
-            print(f"{key.replace('_', ' '):{width}}  {shown}")
+            print(f"{in_words(key):{width}}  {shown}")
+
+
+def in_words(key: str) -> str:
+    """The key of a summary to be read: low_gain_N_s_m is "low gain (N s/m)"."""
+    unit = next((unit for unit in UNITS if key.endswith(f"_{unit}")), "")
+    name = key.removesuffix(f"_{unit}").replace("_", " ") if unit else key.replace("_", " ")
+    return f"{name} ({UNITS[unit]})" if unit else name

@@ -18,7 +18,7 @@ def add(verbs) -> None:
         "write a study's recordings as BIDS-Motion or as CSV",
         "Each into a new folder, whole or not at all; both may be asked for at once. A recording that is damaged or\n"
         "was cut off is left out and named. While a session is blind, controllers keep their codes and what the\n"
-        "brakes did is not exported.",
+        "brakes did is not exported. Answers to the questionnaire go into both, the experimenter's notes into CSV.",
         "phd export study-1 --bids study-1-bids",
     )
     verb.add_argument("dir", type=Path, metavar="DIR", help="a folder that phd study or phd run has written")

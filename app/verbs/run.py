@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import sys
 import tempfile
 from pathlib import Path
 
@@ -70,15 +71,16 @@ def run(args: argparse.Namespace) -> int:
     link = link_of(args)
     display = Display("open a window on")
     from app.live.bench import Bench
-    from app.live.setup import Setup
+    from app.live.setup import OPERATOR, Setup
     from app.screens import palette
 
-    bench = Bench(
-        Setup(
-            args.data_dir.absolute(), whole(args.protocol), tuple(map(whole, args.device)) if args.device else None,
-            args.rules, args.low_gain, args.seed, args.input, args.participant or "", link,
-        )  # fmt: skip
-    )
+    setup = Setup(
+        args.data_dir.absolute(), whole(args.protocol), tuple(map(whole, args.device)) if args.device else None,
+        args.rules, args.low_gain, args.seed, args.input, args.participant or "", link,
+    )  # fmt: skip
+    if setup.hand == OPERATOR:
+        say_what_is_missing(args, setup)
+    bench = Bench(setup)
     try:  # all this takes its time, and so does the bench
         announce_first_use()
         palette.choose(args.theme)
@@ -123,16 +125,30 @@ def link_of(args: argparse.Namespace) -> str:
     return f"{port} {args.force}"
 
 
+def say_what_is_missing(args: argparse.Namespace, setup) -> None:
+    """On the standard error: what a simulated operator's sessions have not, though the protocol asks for it."""
+    from app.live.practice import done_without
+
+    if without := done_without(setup, protocol_of(args)):
+        print(f"phd: {without}", file=sys.stderr)
+
+
+def protocol_of(args: argparse.Namespace):
+    """The protocol with what the command line gives in place of what it says."""
+    from experiments.protocol import load_protocol
+
+    return load_protocol(args.protocol, devices=args.device, rules=args.rules, low_gain=args.low_gain, seed=args.seed)
+
+
 def print_plan(args: argparse.Namespace) -> int:
     """Every trial of the participant, for the standard output."""
     from experiments.plan_text import print_plan
-    from experiments.protocol import load_protocol
     from experiments.session_files import free_participant
 
-    protocol = load_protocol(
-        args.protocol, devices=args.device, rules=args.rules, low_gain=args.low_gain, seed=args.seed
-    )
+    protocol = protocol_of(args)
     participant = args.participant or free_participant(args.data_dir, protocol.participants)
+    if args.input != "operator":
+        protocol.refuse_stranger(participant)
     print(print_plan(protocol, participant), end="")
     return 0
 
