@@ -288,7 +288,7 @@ class Case:
             sample = self.loop._sample
             if sample.fault or self.ring.why_off:
                 self.idle(lambda: bool(self.loop._sample and self.loop._sample.fault and self.ring.why_off), 50)
-                self.loop._do(Reset())
+                self.loop._do(Reset(self.ring.presses))
             elif not sample.homed or not np.allclose(sample.tip, self.board.device.tip, atol=1e-3):
                 self.loop._do(HomeAt(self.board.device.tip))
                 self.loop._sample = None

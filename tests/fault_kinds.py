@@ -88,14 +88,14 @@ HARD = [
           False, math.inf, each=turn(0.002)),
     Fault("hand trapped", "", NO_CURRENTS, ("the brakes let go",), False, math.inf,
           acts=pull(*HARD_PULL), ends=pull(*START)),
-    Fault("recorder silent", "", (BETWEEN,), ("the process that records did not answer",), False,
+    Fault("recorder silent", "", (BETWEEN, "end"), ("the process that records did not answer",), False,
           1e3 * SILENT_S + 10.0, acts=fall_silent),
     Fault("loop held up 0.2 s", "", NO_CURRENTS, (LATE,), acts=lambda case: case.bench.pass_time(200),
           seen_ms=400.0),
     Fault("lid closed 5 s", "", (), (LATE, "the board had left"),
           acts=lambda case: case.bench.pass_time(5000), seen_ms=5200.0),
     Fault("loop killed", "", (), ("The control loop ended unexpectedly",), acts=die),
-    Fault("Esc", "", (), ("brakes off: Esc, participant's window", "Brakes off: Esc"), False,
+    Fault("Esc", "", ("end",), ("brakes off: Esc, participant's window", "Brakes off: Esc"), False,
           acts=lambda case: case.ring.switch_off("Esc, participant's window")),
 ]  # fmt: skip
 SOFT = [

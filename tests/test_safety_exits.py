@@ -113,7 +113,7 @@ def test_a_reset_that_finds_another_board_is_told_and_ends_nothing(
     case.board.board.capability = Capability(device=b"three-brake")
     case.answers.seek(0)
     case.answers.truncate()
-    case.loop._do(Reset())
+    case.loop._do(Reset(case.ring.presses))
     case.answers.seek(0)
     told = case._answer()
     assert isinstance(told, NotDone) and "three-brake" in told.why
