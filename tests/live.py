@@ -119,6 +119,12 @@ class Window:
         wait_until(lambda: self.look() or len(self.rows))
         return self.snapshot
 
+    def touch(self) -> m.Snapshot:
+        """The pointer takes hold of the handle of the running trial."""
+        self.until_stage(m.RUNNING)
+        self.bench.aim(*self.snapshot.tip)
+        return self.snapshot
+
     def abort(self, reason: str) -> m.Snapshot:
         """End the running trial; returns when its row is there."""
         self.bench.send(m.Abort(reason))

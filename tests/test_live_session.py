@@ -61,6 +61,7 @@ def refused(bench: Window, intent: object, says: str) -> None:
 def run_one(bench: Window) -> m.Snapshot:
     """One trial from its start to what comes after it."""
     bench.start()
+    bench.touch()
     return bench.until(lambda s: s.stage != m.RUNNING)
 
 
@@ -82,11 +83,11 @@ def test_a_first_try_is_with_a_controller_that_brakes(bench: Window) -> None:
     bench.until_stage(m.NO_SESSION)
     assert bench.opened.next_participant == "07" and bench.opened.hand == "mouse"
     bench.bench.send(m.Practice())
-    tried = bench.until_stage(m.RUNNING).running
+    tried = bench.touch().running
     assert bench.opened.controllers[tried.controller].algorithm != NO_CONTROL and tried.block == 0
     bench.until_stage(m.NO_SESSION)
     bench.bench.send(m.Start())  # another one
-    other = bench.until_stage(m.RUNNING).running
+    other = bench.touch().running
     assert (other.controller, other.repetition) != (tried.controller, tried.repetition)
     bench.until_stage(m.NO_SESSION)
 
@@ -101,7 +102,7 @@ def test_practice_comes_first_and_counts_nowhere(bench: Window) -> None:
     assert read_recording(practised).metadata["block"] == 0
     assert not (Path(bench.opened.folder) / "trials.csv").exists()
     bench.bench.send(m.Practice())  # one more, though none is due
-    assert bench.until_stage(m.RUNNING).practice
+    assert bench.touch().practice
     assert bench.until_stage(m.READY).coming == bench.opened.plan[0]
 
 
