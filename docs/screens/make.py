@@ -5,6 +5,7 @@ The real app on a live bench: two sessions of the paper's protocol, whose pointe
 of a study by simulated operators, an emulated board on the bench. Nothing on the pictures is painted for them.
 """
 
+import re
 import subprocess
 import sys
 import tempfile
@@ -26,13 +27,14 @@ from app.screens import palette
 LIGHT = "light"
 palette.choose(LIGHT if sys.argv[1:] == [LIGHT] else "dark")
 # ruff: noqa: E402  (the palette is chosen before the first window's modules)
-from app.screens import theme
+from app.screens import theme, words
 from app.screens.linkage_view import DIRECTIONS
 from app.screens.windows import Windows
 from core import row
 from core.path import Path as Line
 from core.path import nearest, point_at
 from core.path_file import build_path
+from experiments.protocol import load_protocol
 
 HERE = Path(__file__).resolve().parent
 SMALL, LARGE = (1280, 720), (1920, 1080)
@@ -43,6 +45,7 @@ LONGEST_S = 120.0
 SETTLED_S = 0.12  # after which a window has laid itself out at another size
 COLOURS, AS_THEY_ARE = 256, 64
 FRAME_S = 0.016
+HOLD_S = 3.0
 OPERATORS = 6
 
 
@@ -92,8 +95,10 @@ class MadeUpHand(QObject):
             goal = np.array([x - sway * tangent_y, y + sway * tangent_x])
         reach = goal - tip
         far = float(np.hypot(*reach))
-        if not self._bench.taken or far < NEAR_M or self.is_in(row.HOLD) or self.is_in(row.END):
+        if not self._bench.taken or self.is_in(row.END):
             goal, self._lead = tip, LEAST_M
+        elif self.is_in(row.HOLD) or far < NEAR_M:
+            self._lead = LEAST_M
         elif not self.is_in(row.MOVE):
             goal = tip + reach / far * (self._lead + 0.5 * far)
         view = self._windows.participant.view
@@ -107,7 +112,9 @@ def main() -> None:
     theme.dress(application)
     application.setQuitOnLastWindowClosed(False)
     with tempfile.TemporaryDirectory(prefix="phd-") as folder:
-        windows = Windows(Bench(Setup(Path(folder) / "data")))
+        protocol = Path(folder) / "paper.toml"  # held for longer: there is time for two pictures
+        protocol.write_text(re.sub(r"(?m)^hold_s = .*", f"hold_s = {HOLD_S}", load_protocol().text), encoding="utf-8")
+        windows = Windows(Bench(Setup(Path(folder) / "data", str(protocol))))
         try:
             if sys.argv[1:] == [LIGHT]:
                 in_light(windows, MadeUpHand(windows, windows.bench))
@@ -132,8 +139,7 @@ def trials(windows: Windows, hand: MadeUpHand) -> None:
     until(lambda: view.taken and hand.is_in(row.APPROACH))
     until(lambda: after(0.15))
     shoot(participant, "participant-approach")
-    until(lambda: hand.is_in(row.HOLD))
-    until(lambda: after(0.1))
+    until(lambda: hand.is_in(row.HOLD) and view.said == words.PHASES[row.HOLD] and after(0.2))
     shoot(participant, "participant-hold")
     until(lambda: hand.progress > 0.55)
     shoot(participant, "participant-move")
