@@ -112,6 +112,17 @@ def test_a_counter_that_rises_is_worth_a_word_and_an_old_count_is_not(counter: s
     assert not_well(linked(), rates) == []
 
 
+@pytest.mark.parametrize(
+    ("counted", "says"),
+    [({"lost_links": 2}, ["lost twice"]), ({"lost_links": 3, "begun_anew": 2}, ["lost once", "anew twice"]),
+     ({"lost_links": 1, "begun_anew": 1}, ["anew once"]), ({"board_time_back": 1}, ["time went back once"])],
+)  # fmt: skip
+def test_why_a_connection_was_cut_off_is_told_apart(counted: dict, says: list[str]) -> None:
+    words = not_well(linked(counted), Rates())
+    assert len(words) == len(says) and all(told in word.what for told, word in zip(says, words, strict=True))
+    assert all(word.advice for word in words)
+
+
 def test_samples_are_counted_by_the_clock_of_who_counted_them(screens: Screens) -> None:
     page = on_bench(screens).device
     for second in range(1, 4):

@@ -141,11 +141,16 @@ def _lately(linked: "Linked", rates: Rates) -> list[Word]:
         "Home the encoders again; if it comes back, look at their plugs.",
     )
     say(counts.get("refused", 0) > 0, "The board refuses commands.", "Reconnect it.")
+    anew = linked.report.get("begun_anew", 0)
+    cut = linked.report.get("lost_links", 0) - anew
+    say(cut > 0, f"The connection was lost {times(cut)} since the start.", "Look at cable and plug.")
     say(
-        linked.report.get("lost_links", 0) > 0,
-        f"The connection was lost {times(linked.report.get('lost_links', 0))} since the start.",
-        "Look at cable and plug.",
+        anew > 0,
+        f"The connection was begun anew {times(anew)}: the board would have taken every command for late.",
+        "This computer's clock stood still: no suspend and no pause of a virtual machine while the device is in use.",
     )
+    back = linked.report.get("board_time_back", 0)
+    say(back > 0, f"The board's time went back {times(back)}.", "Its firmware must count microseconds in 64 bits.")
     clock = linked.report.get("clock", {})
     say(
         clock.get("residual_s", 0.0) > RESIDUAL_S or abs(clock.get("drift", 0.0)) > DRIFT,
