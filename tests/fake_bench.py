@@ -13,6 +13,7 @@ from experiments.trials_table import TrialRow
 PAPER = load_protocol()
 DEVICES, PATHS, PRESETS = PAPER.devices, PAPER.paths, PAPER.controllers
 PLAN = make_plan(PAPER, "01")
+PRACTICE = PLAN[0]._replace(run=0, block=0)
 TIP = (0.02, 0.39)
 
 GREEN = (
@@ -80,6 +81,11 @@ def result(trial: PlannedTrial, status: str = "done", error: float = 0.002) -> T
         path_error_m=error, mean_tip_force_N=3.0, acceleration_dft_sum=40.0, duration_s=2.4,
         recording=f"trials/run-{trial.run:03d}.parquet",
     )  # fmt: skip
+
+
+def before(**changes) -> m.Snapshot:
+    """Before a session."""
+    return m.Snapshot(m.NO_SESSION, checks=GREEN, practice=True)._replace(**changes)
 
 
 def ready(over: int = 0, **changes) -> m.Snapshot:

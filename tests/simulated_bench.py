@@ -1,6 +1,7 @@
 """A board in simulated time with the simulated device behind it, and wires that a link can be plugged into."""
 
 import threading
+from collections.abc import Iterator
 from dataclasses import replace
 
 from core.device import Device, load_device
@@ -14,6 +15,7 @@ from hardware.link import SerialLink
 
 DEVICE = load_device("four-brake")
 TIP = (0.02, 0.40)
+NO = (0.0,) * 4  # currents
 
 
 class Bench:
@@ -111,3 +113,24 @@ class BenchWire:
 
     def close(self) -> None:
         self.closed = True
+
+
+def linked(bench: Bench) -> SerialLink:
+    """The link of a bench, reached."""
+    link = SerialLink(DEVICE, "bench", clock=lambda: bench.now_s, open_port=lambda name: BenchWire(bench, name))
+    reach(link)
+    return link
+
+
+def homed_link(bench: Bench) -> Iterator[SerialLink]:
+    """A link whose handle is homed, closed at the end, with nothing left that looks for the board."""
+    link = linked(bench)
+    link.home(TIP)
+    yield link
+    link.close()
+    assert not any(thread.name == "bring the board back" for thread in threading.enumerate())
+
+
+def run(link: SerialLink, n: int, currents=NO) -> list:
+    """The samples of n exchanges."""
+    return [sample for _ in range(n) if (sample := link.exchange(currents)) is not None]

@@ -111,6 +111,14 @@ def test_trials_with_another_hand_are_not_mixed_into_a_session(tmp_path: Path) -
     assert not any((tmp_path / "data").rglob("run-*"))
 
 
+def test_a_session_whose_hand_nobody_knows_is_opened_and_not_gone_on_with(tmp_path: Path) -> None:
+    Session(tmp_path / "data", "01", PAPER, sync=False, hand="a foot").close()
+    with window(Setup(tmp_path / "data", sync=False)) as seen:
+        seen.until_stage(m.NO_SESSION)
+        seen.bench.send(m.Open("01", resume=True))
+        assert "'a foot'" in seen.until_stage(m.READY).said
+
+
 def test_a_session_is_left_and_opened_again_in_one_go(tmp_path: Path) -> None:
     with window(Setup(tmp_path / "data", sync=False)) as seen:
         seen.open()

@@ -1,7 +1,7 @@
 """Every key does what the screen says that it does: brakes off in any window, cards, questions, the start page."""
 
 import pytest
-from fake_bench import GREEN, PLAN, opened, ready, running
+from fake_bench import GREEN, PRACTICE, before, opened, ready, running
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
@@ -15,16 +15,11 @@ from app.screens.questionnaire import ITEMS
 from app.screens.results_window import ResultsWindow
 
 KEY, ALT = Qt.Key, Qt.KeyboardModifier.AltModifier
-PRACTICE = PLAN[0]._replace(run=0, block=0)
 
 
 @pytest.fixture
 def screens(qtbot):
     yield from opened_screens()
-
-
-def before(**changes) -> m.Snapshot:
-    return m.Snapshot(m.NO_SESSION, checks=GREEN, practice=True)._replace(**changes)
 
 
 def focus(screens: Screens) -> QWidget | None:

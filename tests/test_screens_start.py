@@ -1,7 +1,7 @@
 """Before a session: one click to a practice trial, a new session, an interrupted one."""
 
 import pytest
-from fake_bench import GREEN, PLAN, RED, opened, ready, ticks
+from fake_bench import PRACTICE, RED, before, opened, ready, ticks
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from screens import Screens, opened_screens, visible_texts
@@ -10,16 +10,11 @@ from app.live import messages as m
 from core import row
 
 LEFT = Qt.MouseButton.LeftButton
-PRACTICE = PLAN[0]._replace(run=0, block=0)
 
 
 @pytest.fixture
 def screens(qtbot):
     yield from opened_screens()
-
-
-def before(**changes) -> m.Snapshot:
-    return m.Snapshot(m.NO_SESSION, checks=GREEN, practice=True)._replace(**changes)
 
 
 def test_nothing_can_be_started_while_it_is_being_prepared(screens: Screens) -> None:

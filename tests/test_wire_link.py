@@ -1,14 +1,13 @@
 """The host's side of the wire, against a board in simulated time: no port, no clock, any fault."""
 
 import math
-import threading
 import time
 from collections.abc import Iterator
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from simulated_bench import DEVICE, TIP, Bench, BenchWire, reach
+from simulated_bench import NO, TIP, Bench, homed_link, linked, run
 
 from core.device_link import LinkError
 from core.errors import InputError
@@ -17,8 +16,6 @@ from hardware.faults import read_fault
 from hardware.link import SerialLink
 from hardware.messages import Limits, State
 from hardware.port import find_port, usb_ports
-
-NO = (0.0,) * 4
 
 
 @pytest.fixture(autouse=True)
@@ -35,21 +32,7 @@ def bench() -> Bench:
 
 @pytest.fixture
 def link(bench: Bench) -> Iterator[SerialLink]:
-    link = linked(bench)
-    link.home(TIP)
-    yield link
-    link.close()
-    assert not any(thread.name == "bring the board back" for thread in threading.enumerate())
-
-
-def linked(bench: Bench) -> SerialLink:
-    link = SerialLink(DEVICE, "bench", clock=lambda: bench.now_s, open_port=lambda name: BenchWire(bench, name))
-    reach(link)
-    return link
-
-
-def run(link: SerialLink, n: int, currents=NO) -> list:
-    return [sample for _ in range(n) if (sample := link.exchange(currents)) is not None]
+    yield from homed_link(bench)
 
 
 def until(link: SerialLink, done, patience_s: float = 60.0) -> None:

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from simulated_bench import TIP, Bench
-from test_wire_link import NO, linked, run
+from simulated_bench import NO, Bench, homed_link, linked, run
 
 from core.device_link import LinkError
 from hardware.link import SerialLink
@@ -20,10 +19,7 @@ def bench() -> Bench:
 
 @pytest.fixture
 def link(bench: Bench) -> Iterator[SerialLink]:
-    link = linked(bench)
-    link.home(TIP)
-    yield link
-    link.close()
+    yield from homed_link(bench)
 
 
 def test_zero_takes_what_is_read_with_no_hand_and_no_current(bench: Bench, link: SerialLink) -> None:

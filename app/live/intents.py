@@ -106,7 +106,8 @@ def _wrong_hand(desk: Desk) -> str:
     session, hand = desk.session, desk.device.hand
     if session is None or session.hand == hand:
         return ""
-    return f"It was begun with {HANDS[session.hand]}, this is {HANDS[hand]}: no trials, for they would not compare."
+    begun = HANDS.get(session.hand, f"{session.hand!r}, which nobody knows here")  # a file that somebody has edited
+    return f"It was begun with {begun}, this is {HANDS[hand]}: no trials, for they would not compare."
 
 
 def _leave(desk: Desk, _: m.Leave) -> None:
