@@ -22,7 +22,7 @@ def small_tree(folder: Path) -> Path:
     """A tree with two kernels in two files, and a constant in a third that holds no kernel."""
     core = folder / "core"
     core.mkdir(parents=True)
-    shutil.copy(ROOT / "core" / "jit.py", core)
+    shutil.copy(ROOT / "core" / "kernel.py", core)
     (core / "__init__.py").touch()
     (core / "caller.py").write_text(CALLER)
     (core / "callee.py").write_text(CALLEE.format("1.0"))

@@ -16,7 +16,7 @@ from hardware.wire import messages
 from hardware.wire.frames import encode_frame
 from hardware.wire.messages import Command, Fault, State, pack
 
-SOURCES = Path(__file__).resolve().parents[2] / "hardware" / "reference"
+SOURCES = Path(__file__).resolve().parents[2] / "hardware" / "firmware"
 COMPILER = shutil.which("cc")
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1")
 SANITIZERS = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
