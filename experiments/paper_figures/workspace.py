@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from core.device import Device
 from core.mechanism import JOINTS, Arm, Mechanism
 from core.workspace import ArmPose, Array, arm_pose, free_tips, in_turn_of
-from experiments.figures import QUIET, TEXT, new_figure
+from experiments.analysis.figures import QUIET, TEXT, new_figure
 from experiments.paper_figures.sheet import (
     CM,
     JOINT_COLOURS,

@@ -1,0 +1,86 @@
+"""The marks on the workspace: arrows of forces, needles of the field, SDOF directions, the reachable forces."""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
+from PySide6.QtGui import QPainter
+
+from app.window.painting import theme
+from app.window.painting.extent import Point
+from app.window.painting.layers import Direction, Wedge
+from app.window.painting.pens import pen, shade, write
+from core.control.velocity_field import Field
+from core.mechanism import JOINTS
+
+PX_PER_N = 7.0  # of the arrows
+ARROW_MOST_PX = 150.0  # longer ones are cut: their value stands beside them
+LEAST_FORCE_N = 0.2  # weaker than this is not drawn
+HEAD_PX = 8.0  # of an arrow's head
+DIRECTION_PX, LETTER_PX, WEDGE_PX = 58.0, 69.0, 78.0  # length of a direction, its letter, radius of the wedge
+NEEDLE_SHARE = 0.24  # half a needle's length, of the distance between two
+
+
+def arrow_of(force: Point) -> QPointF:
+    """From the tail to the head of a force's arrow, px; nothing where it is too weak to be drawn."""
+    size = math.hypot(*force)
+    if size < LEAST_FORCE_N:
+        return QPointF()
+    scale = min(PX_PER_N, ARROW_MOST_PX / size)
+    return QPointF(scale * force[0], -scale * force[1])
+
+
+def paint_arrow(painter: QPainter, tail: QPointF, reach: QPointF, colour: str, width: float) -> None:
+    """An arrow from `tail` over `reach`, px."""
+    x, y = reach.toTuple()
+    length = math.hypot(x, y)
+    if length < 1.0:
+        return
+    head, size = tail + reach, min(HEAD_PX, length)
+    share = size / length
+    foot, half = head - reach * share, QPointF(-y, x) * (0.45 * share)
+    painter.setPen(pen(colour, width))
+    painter.drawLine(tail, head - reach * (0.8 * share))
+    painter.setPen(Qt.PenStyle.NoPen)
+    painter.setBrush(shade(colour))
+    painter.drawPolygon([head, foot + half, foot - half])
+
+
+def paint_field(painter: QPainter, middles: np.ndarray, ways: np.ndarray, apart: float) -> None:
+    """Needles, their middles (n, 2) `apart` px from each other, brighter towards their ways (n, 2), unit vectors."""
+    half = NEEDLE_SHARE * apart * ways
+    for one, other, alpha in ((middles - half, middles, 0.35), (middles, middles + half, 0.8)):
+        painter.setPen(pen(theme.BRAKE_OFF, 1.0, alpha))
+        painter.drawLines([QLineF(*line) for line in np.hstack((one, other)).tolist()])
+
+
+def paint_directions(painter: QPainter, handle: QPointF, found: Iterable[Direction], field: Field) -> None:
+    """Each brake's line; the valid sense an arrow, the chosen one strong; the desired direction as text."""
+    for direction in found:
+        reach = QPointF(direction.p_x, -direction.p_y) * ((direction.sense or 1.0) * DIRECTION_PX)
+        painter.setPen(pen(theme.QUIET, 1.0, 0.6))
+        painter.drawLine(handle - reach, handle + reach)
+        if direction.sense:
+            colour, width = (theme.ACCENT, 3.0) if direction.chosen else (theme.QUIET, 1.6)
+            paint_arrow(painter, handle, reach, colour, width)
+        beyond = handle + reach * (LETTER_PX / DIRECTION_PX)
+        colour = theme.TEXT if direction.chosen else theme.QUIET
+        write(painter, beyond, JOINTS[direction.joint], theme.SMALL, True, colour)
+    paint_arrow(painter, handle, QPointF(field.beta_x, -field.beta_y) * (0.6 * DIRECTION_PX), theme.TEXT, 1.6)
+
+
+def paint_wedge(painter: QPainter, handle: QPointF, found: Wedge) -> None:
+    """The wedge and, in it, each brake by itself."""
+    painter.setPen(Qt.PenStyle.NoPen)
+    painter.setBrush(shade(theme.WEDGE, 0.24))
+    box = QRectF(handle.x() - WEDGE_PX, handle.y() - WEDGE_PX, 2.0 * WEDGE_PX, 2.0 * WEDGE_PX)
+    first, span = math.degrees(found.first), math.degrees(found.last - found.first)
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)  # a third of the time; the edges below are smooth
+    painter.drawPie(box, round(16.0 * first), round(16.0 * span))  # sixteenths of a degree
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    painter.setPen(pen(theme.WEDGE_EDGE, 1.2))
+    for angle in found.spokes:
+        painter.drawLine(handle, handle + QPointF(math.cos(angle), -math.sin(angle)) * WEDGE_PX)
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    painter.drawArc(box, round(16.0 * first), round(16.0 * span))
