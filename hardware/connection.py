@@ -4,7 +4,7 @@ import time
 from typing import Protocol, TypeVar
 
 from core.device import Device
-from core.device_interface import LinkError
+from core.device_interface import DeviceError
 from core.errors import InputError
 from core.mechanism import JOINTS
 from hardware.emulated_board.sensors import sensing_of
@@ -55,7 +55,7 @@ Answer = TypeVar("Answer")
 
 
 class Wire(Protocol):
-    """What a connection needs of a port; all raise LinkError where it has died."""
+    """What a connection needs of a port; all raise DeviceError where it has died."""
 
     name: str
     not_taken: int  # writes that found no room in time
@@ -100,7 +100,7 @@ class Connection:
         return messages
 
     def ask(self, question: tuple, kind: type[Answer], patience_s: float = ANSWER_S) -> Answer:
-        """The board's answer of this kind; what else comes meanwhile is dropped. LinkError: refused, or none came."""
+        """The board's answer of this kind; what else comes meanwhile is dropped. DeviceError: refused, or none came."""
         end = time.monotonic() + patience_s
         again, late = 0.0, False
         while not late:
@@ -113,8 +113,8 @@ class Connection:
                 if isinstance(message, kind):
                     return message
                 if isinstance(message, Refused) and message.message == pack(question)[0]:
-                    raise LinkError(refusal(question, message.reason))
-        raise LinkError(f"{self.wire.name}: no board answers there")
+                    raise DeviceError(refusal(question, message.reason))
+        raise DeviceError(f"{self.wire.name}: no board answers there")
 
     def hello(self, device: Device) -> Hello:
         """Who is there, checked against the device file; ends what connection there was. InputError: another board."""
@@ -129,7 +129,9 @@ class Connection:
         asked = limits_of(hello, device)
         limits = self.ask(asked, Limits)
         if limits.current_mA != asked.current_mA:
-            raise LinkError(f"the board has set other current limits, {limits.current_mA} mA, than {asked.current_mA}")
+            raise DeviceError(
+                f"the board has set other current limits, {limits.current_mA} mA, than {asked.current_mA}"
+            )
         self._layout = layout_of(hello)
         return limits
 

@@ -9,9 +9,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from core.device import Device
-from core.device_interface import LinkError, LinkSample, ZeroRecord
+from core.device_interface import DeviceError, DeviceSample, ZeroRecord
 from core.errors import InputError
 from core.mechanism import JOINTS
 from hardware.connection import Connection, Wire
@@ -53,7 +54,7 @@ NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
 Reached = tuple[Connection, BoardSensing, Limits]
 
 
-class SerialLink:
+class SerialDevice:
     """One board. Its methods belong to one thread, the control loop's."""
 
     def __init__(
@@ -66,7 +67,7 @@ class SerialLink:
         self.health = LinkHealth()
         self.encoders, self.force_channels = "", 0
         self.sensing: BoardSensing | None = None  # of the present connection, or of the last one
-        self._clock, self._open_port = clock, open_port
+        self.clock, self._open_port = clock, open_port
         self._connection: Connection | None = None
         self._back: Reached | None = None  # made by the thread that brings it back
         self._bringing: threading.Thread | None = None
@@ -76,7 +77,7 @@ class SerialLink:
         self._beat_at = self._heard = self._asked = -math.inf
         self._last: int | None = None  # sequence of the last sample
         self._watch = FreshnessWatch()  # of the present connection
-        self._taken: deque[LinkSample] = deque(maxlen=MOST_KEPT)  # since `samples` was called
+        self._taken: deque[DeviceSample] = deque(maxlen=MOST_KEPT)  # since `samples` was called
         self._limits = Limits((0, 0, 0, 0), (0, 0, 0, 0))
         self._identity: Identity | None = None
 
@@ -87,12 +88,12 @@ class SerialLink:
         self._identity = identity_of(self.port)
         try:
             self._begin(*self._reach())
-        except LinkError as error:
+        except DeviceError as error:
             raise InputError(str(error)) from None
 
-    def exchange(self, currents: Sequence[float]) -> LinkSample | None:
+    def exchange(self, currents: Sequence[float]) -> DeviceSample | None:
         """Currents (4,), A, to the brakes; the newest sample, or None: nothing came, see `problem`."""
-        now = self._clock()
+        now = self.clock()
         if now - self._asked > SILENCE_S / 2:
             self._heard = max(self._heard, now)  # nobody listened for a while: that is no silence
         self._asked = now
@@ -109,15 +110,23 @@ class SerialLink:
             if now >= self._beat_at:
                 self._send_heartbeat(connection, now)
             return self._listen(connection, sensing, now + SAMPLE_S)
-        except LinkError as error:
+        except DeviceError as error:
             self._lose(str(error))
             return None
 
-    def samples(self) -> list[LinkSample]:
+    def samples(self) -> list[DeviceSample]:
         """Every sample since the last call, oldest first (the newest two seconds of them)."""
         taken = list(self._taken)
         self._taken.clear()
         return taken
+
+    def begin(self) -> None:
+        """A trial begins: samples from before are not its own."""
+        self._taken.clear()
+
+    def end_record(self) -> dict[str, Any]:
+        """Health and clock of the connection, for the end of a trial's recording."""
+        return {"link": self.report()}
 
     def report(self) -> dict:
         """Counters since `open`, clock model (offset, drift, residual of host time over board time), and the zero."""
@@ -129,7 +138,7 @@ class SerialLink:
         return self.sensing is not None and (self.sensing.zero.samples > 0 or self.force_channels == 0)
 
     def home(self, tip: tuple[float, float]) -> None:
-        """The handle is held at `tip` (m) now: set the encoders. LinkError if the board did not."""
+        """The handle is held at `tip` (m) now: set the encoders. DeviceError if the board did not."""
         self.exchange(NO_CURRENT)
         connection, sensing = self._there()
         connection.ask(Home(sensing.hello.encoders, sensing.pose.counts_at(tip)), Homed)
@@ -139,21 +148,21 @@ class SerialLink:
     def zero(self) -> ZeroRecord:
         """Nobody touches the handle: what sensor and amplifiers read is zero.
 
-        LinkError, and what was taken before holds: the handle moved, samples are missing, the board was away meanwhile.
+        DeviceError, and the zero before holds: the handle moved, samples are missing, the board was away meanwhile.
         """
         sensing = self._there()[1]
-        taken: list[LinkSample] = []
+        taken: list[DeviceSample] = []
         for _ in range(2 * ZERO_SAMPLES):
             if (sample := self.exchange(NO_CURRENT)) is not None:
                 taken.append(sample)
             if len(taken) == ZERO_SAMPLES:
                 break
         else:
-            raise LinkError(
+            raise DeviceError(
                 f"zero: only {len(taken)} of {ZERO_SAMPLES} samples came; {self.problem or 'many are lost'}"
             )
         if self.sensing is not sensing:
-            raise LinkError("zero: the board was away meanwhile")
+            raise DeviceError("zero: the board was away meanwhile")
         sensing.set_zero(zero_of(taken, sensing.zero))
         return sensing.zero
 
@@ -162,15 +171,15 @@ class SerialLink:
         if self._connection is not None:
             try:
                 self._connection.send(Stop())
-            except LinkError as error:
+            except DeviceError as error:
                 self._lose(str(error))
 
     def reset(self) -> None:
-        """Forget the board's faults. LinkError: a condition still stands, or the board is not there."""
+        """Forget the board's faults. DeviceError: a condition still stands, or the board is not there."""
         connection = self._there()[0]
         report = connection.ask(ResetFault(), FaultReport)
         if report.faults:
-            raise LinkError(f"the board keeps its fault: {fault_words(report.cause)}")
+            raise DeviceError(f"the board keeps its fault: {fault_words(report.cause)}")
         self._begin(*self._shake_hands(connection))
 
     def close(self) -> None:
@@ -182,9 +191,9 @@ class SerialLink:
             if connection is not None:
                 try:
                     self._sequence = self._sequence % (WRAP - 1) + 1
-                    connection.send(Command(self._sequence, round(1e6 * self._clock()), 0, (0, 0, 0, 0)))
+                    connection.send(Command(self._sequence, round(1e6 * self.clock()), 0, (0, 0, 0, 0)))
                     connection.send(Bye())
-                except LinkError:
+                except DeviceError:
                     pass  # gone already: its watchdog has made the currents zero
                 connection.wire.close()
         self._connection = self._back = None
@@ -200,7 +209,7 @@ class SerialLink:
 
     def _there(self) -> tuple[Connection, BoardSensing]:
         if self._connection is None or self.sensing is None:
-            raise LinkError(f"the board cannot be reached: {self.problem}")
+            raise DeviceError(f"the board cannot be reached: {self.problem}")
         return self._connection, self.sensing
 
     def _shake_hands(self, connection: Connection) -> Reached:
@@ -227,7 +236,7 @@ class SerialLink:
         self._connection, self._back, self._bringing = connection, None, None
         self._last, self._watch = None, FreshnessWatch()
         self._sequence, self._beat = 0, None
-        self._heard = self._clock()
+        self._heard = self.clock()
         self.health.frames = connection.frames
         self.problem = ""
 
@@ -248,7 +257,7 @@ class SerialLink:
             try:
                 self._back = self._reach()
                 return
-            except (LinkError, InputError) as error:
+            except (DeviceError, InputError) as error:
                 self.problem = str(error)
             self._closing.wait(AGAIN_S)
 
@@ -257,12 +266,12 @@ class SerialLink:
         self._beat, self._beat_at = (self._token, now), now + HEARTBEAT_S
         connection.send(Heartbeat(self._token))
 
-    def _listen(self, connection: Connection, sensing: BoardSensing, until: float) -> LinkSample | None:
+    def _listen(self, connection: Connection, sensing: BoardSensing, until: float) -> DeviceSample | None:
         """Take in what comes until there is a sample, or the time is over."""
         newest = None
         while newest is None:
             messages = connection.read()
-            now = self._clock()
+            now = self.clock()
             for message in messages:
                 if isinstance(message, Sample):
                     newest = self._sample(sensing, message, now) or newest
@@ -272,15 +281,15 @@ class SerialLink:
                 elif isinstance(message, Refused):
                     self.health.refused += 1
                     if message == NOT_CONNECTED:
-                        raise LinkError("the board had left: nobody talked to it for a second")
+                        raise DeviceError("the board had left: nobody talked to it for a second")
             if now - self._heard > SILENCE_S:
-                raise LinkError(f"no sample for {1e3 * SILENCE_S:.0f} ms")
+                raise DeviceError(f"no sample for {1e3 * SILENCE_S:.0f} ms")
             if now >= until:
                 break
         return newest
 
-    def _sample(self, sensing: BoardSensing, sample: Sample, now: float) -> LinkSample | None:
-        """A sample in SI units; None for one that came before. LinkError: the connection must begin anew."""
+    def _sample(self, sensing: BoardSensing, sample: Sample, now: float) -> DeviceSample | None:
+        """A sample in SI units; None for one that came before. DeviceError: the connection must begin anew."""
         if self._last is not None:
             ahead = (sample.sequence - self._last) % WRAP
             if not 0 < ahead < WRAP // 2:
@@ -296,5 +305,5 @@ class SerialLink:
         if doubt := self._watch.doubt(sample, now):
             self.health.begun_anew += 1
             sensing.clock.begin()
-            raise LinkError(doubt)
+            raise DeviceError(doubt)
         return taken

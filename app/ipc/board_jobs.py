@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:  # else the conductor imports all of numba before it can start the loop
     from core.device import Device
     from core.device_interface import ZeroRecord
-    from experiments.trial.linked_trial import LinkedTrial
+    from experiments.trial.trial import Trial
 
 # jobs
 
@@ -35,7 +35,7 @@ class Reset(NamedTuple):
 class RunLinked(NamedTuple):
     """Run this trial now."""
 
-    trial: "LinkedTrial"
+    trial: "Trial"
 
 
 # answers
@@ -88,4 +88,4 @@ class NotDone(NamedTuple):
 class LinkedDone(NamedTuple):
     """A trial has ended, as it was when it ended."""
 
-    trial: "LinkedTrial"
+    trial: "Trial"

@@ -49,4 +49,4 @@ class Done(NamedTuple):
 def changed(arguments: "Arguments") -> tuple[np.ndarray, ...]:
     """The arrays that running a trial changes."""
     a = arguments
-    return a.hand.grips, a.state, a.trial, a.run, a.operator, a.memory
+    return a.hand.grips, a.state, a.step_scratch, a.run, a.operator, a.memory

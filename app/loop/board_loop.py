@@ -38,11 +38,11 @@ from app.ipc.scheduling import take_scheduling
 from app.loop.clock import new_timespec
 from app.loop.real_time import ROOM, SILENT_NS, run_idle
 from core.device import Device
-from core.device_interface import LinkError, LinkSample
+from core.device_interface import DeviceError, DeviceSample
 from core.errors import InputError
-from experiments.trial.linked_trial import LinkedTrial, load_kernels
+from experiments.trial.trial import Trial, load_kernels
 from hardware.sensing.net_force_link import link_to
-from hardware.serial_device import SerialLink
+from hardware.serial_device import SerialDevice
 
 NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
 TELL_S = 0.1  # between two reports of how the device is
@@ -56,11 +56,11 @@ class BoardLoop:
     def __init__(self, ring: Ring, port: str, answers: Any) -> None:
         self.ring, self.port, self._answers = ring, port, answers
         self._flags = ring.controls.view(np.ndarray)
-        self._link: SerialLink | None = None
+        self._link: SerialDevice | None = None
         self._devices: tuple[Device, ...] = ()
         self._problem = "not connected yet"
         self._homed_at = self._zeroed_at = 0.0
-        self._sample: LinkSample | None = None
+        self._sample: DeviceSample | None = None
         self._told_s = self._tried_s = 0.0
         self._looking = False  # boards have been asked for, and it has not been told what was found
         self._jobs: queue.SimpleQueue = queue.SimpleQueue()
@@ -141,13 +141,13 @@ class BoardLoop:
                     else:
                         self._run(trial, self._link)
                     self._answer(LinkedDone(trial))
-        except (LinkError, InputError) as error:
+        except (DeviceError, InputError) as error:
             self._answer(NotDone(str(error)))
         self._told_s = 0.0
 
-    def _there(self) -> SerialLink:
+    def _there(self) -> SerialDevice:
         if self._link is None:
-            raise LinkError(f"the board cannot be reached: {self._problem}")
+            raise DeviceError(f"the board cannot be reached: {self._problem}")
         return self._link
 
     def _reset(self, presses: int) -> None:
@@ -162,7 +162,7 @@ class BoardLoop:
         if self._sample is not None and self._sample.fault:
             try:
                 self._there().reset()
-            except (LinkError, InputError):
+            except (DeviceError, InputError):
                 self.ring.switch_off(cause)
                 raise
             self._sample = None
@@ -190,7 +190,7 @@ class BoardLoop:
                 self._looking = False
                 self._answer(Looked())
 
-    def _latch(self, link: SerialLink, sample: LinkSample) -> None:
+    def _latch(self, link: SerialDevice, sample: DeviceSample) -> None:
         """Brakes-off here is brakes-off on the board, and the other way round."""
         if sample.fault:
             self.ring.switch_off(LATCHED + sample.fault)
@@ -241,9 +241,9 @@ class BoardLoop:
 
     # ------------------------------------------------------------------------------------- a trial
 
-    def _run(self, trial: LinkedTrial, link: SerialLink) -> None:
+    def _run(self, trial: Trial, link: SerialDevice) -> None:
         """From its first tick to its last; every tick goes into the ring."""
-        trial.link = link
+        trial.connect(link)
         gc.disable()
         try:
             while not trial.finished:
@@ -254,7 +254,7 @@ class BoardLoop:
                     self._keep(made)
                 self._flags["loop_beat"][0] = time.monotonic_ns()
         finally:
-            trial.link = None
+            trial.leave()
             gc.enable()
             self._sample = None
 

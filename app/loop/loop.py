@@ -21,10 +21,11 @@ from app.loop.clock import new_timespec
 from app.loop.real_time import ROOM, run_idle, run_trial
 from core import tick_log
 from core.path_file import build_path
+from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.state import new_record
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
-from experiments.trial.trial import Arguments, Trial, new_simulation
+from experiments.trial.trial import Arguments, Trial
 
 
 class Loop:
@@ -61,7 +62,7 @@ def stopped_trial() -> Arguments:
     segment, preset = next(iter(protocol.paths)), next(iter(protocol.controllers))
     device, path_file = protocol.devices[0], protocol.paths[segment]
     path = build_path(path_file, "path")
-    simulation = new_simulation(device, (path.x0, path.y0), protocol.mouse.hand())
+    simulation = SimulatedDevice(device, (path.x0, path.y0), protocol.mouse.hand())
     planned = PlannedTrial(0, 0, device.name, preset, segment, 1)
     trial = Trial(simulation, planned, path_file, protocol.controllers[preset], protocol.rules, protocol.trial)
     arguments = trial.arguments()

@@ -18,7 +18,7 @@ from experiments.recording.recording import RecordingWriter
 from experiments.recording.schema import Sensors
 from experiments.session.session import Session
 from experiments.session.session_about import SENSOR
-from experiments.trial.linked_trial import LinkedTrial
+from experiments.trial.trial import Trial
 
 if TYPE_CHECKING:
     from app.session_server.trial_runner import Runner
@@ -139,7 +139,7 @@ class Rigging:
         x, y = self.linked.tip if self.linked and self.linked.homed else self._home
         return round(x, 3), round(y, 3)
 
-    def begin(self, session: Session, planned: PlannedTrial) -> tuple[LinkedTrial, RecordingWriter]:
+    def begin(self, session: Session, planned: PlannedTrial) -> tuple[Trial, RecordingWriter]:
         """Open a trial of the session on the board that is connected. InputError: a step is being done."""
         self._need_rest()
         assert self.linked is not None

@@ -8,13 +8,13 @@ from app.ipc.setup import OPERATOR, Setup
 from core.control.controllers import NO_CONTROL
 from core.device import Device
 from core.path_file import build_path
+from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol
-from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.person import Person
 from experiments.trial.population import load_population
-from experiments.trial.trial import Trial, new_simulation
+from experiments.trial.trial import Trial
 
 
 class Practice:
@@ -34,14 +34,14 @@ class Practice:
         try:
             path = build_path(next(iter(protocol.paths.values())), "path")
             hand = None if self._setup.hand == OPERATOR else protocol.mouse.hand()
-            self.simulation = new_simulation(protocol.devices[0], (path.x1, path.y1), hand)  # there is a way to go
+            self.simulation = SimulatedDevice(protocol.devices[0], (path.x1, path.y1), hand)  # there is a way to go
             self.loop_ready.wait()
             import scipy.fft
             import scipy.signal  # noqa: F401  (the measures need them: seconds, but not after the first trial)
         except BaseException as error:
             self.failure = error  # raised again where it ends the conductor
 
-    def trial(self, linked: Device | None) -> Trial | LinkedTrial:
+    def trial(self, linked: Device | None) -> Trial:
         """The next one; linked: on this device, which stands on the bench.
 
         Our choice: it goes through the controllers, those that brake first, and through the paths.
@@ -54,7 +54,7 @@ class Practice:
         planned = PlannedTrial(0, 0, device.name, controller, segment, self.tried)
         path, preset = p.paths[segment], p.controllers[controller]
         if linked:
-            return LinkedTrial(linked, planned, path, preset, p.rules, p.trial)
+            return Trial(linked, planned, path, preset, p.rules, p.trial)
         assert self.simulation is not None
         person = person_at(self._setup, p, "0")
         return Trial(self.simulation, planned, path, preset, p.rules, p.trial, person, np.random.default_rng(turn))

@@ -23,7 +23,6 @@ from core.errors import InputError
 from experiments.protocol import Protocol
 from experiments.session.files import free_participant, kept_sessions, protocols_otherwise
 from experiments.session.session import Session
-from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.trial import Trial
 
 DISK_S = 5.0  # between two looks at the disk, while nothing runs
@@ -65,7 +64,7 @@ class Desk:
         except InputError:
             self._next_participant = next(iter(self._resumable), "")
 
-    def try_out(self) -> Trial | LinkedTrial:
+    def try_out(self) -> Trial:
         """A practice trial that no session knows of. InputError: the device on the bench is not ready."""
         linked = self.device.ready_device(self.protocol)
         if linked is None and self.practice.simulation is not None:

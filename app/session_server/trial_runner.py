@@ -11,7 +11,6 @@ from app.session_server.recorder import timing_of
 from app.session_server.trial_run import LinkedRun, TrialRun
 from experiments.plan import PlannedTrial
 from experiments.recording.recording import RecordingWriter
-from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.trial import Trial
 
 TRY_TICKS = 250  # a quarter of a second of deadlines, before the first trial
@@ -41,9 +40,9 @@ class Runner:
         """Whether a trial may start."""
         return self._tried is not None and self.run is None
 
-    def start(self, planned: PlannedTrial, trial: Trial | LinkedTrial, writer: RecordingWriter | None) -> None:
+    def start(self, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None) -> None:
         """Run a trial; the writer is the runner's until the run has ended or is lost."""
-        kind = LinkedRun if isinstance(trial, LinkedTrial) else TrialRun
+        kind = LinkedRun if trial.real else TrialRun
         self.run = kind(self._ring, self._loop, planned, trial, writer)
 
     def send(self, job: object) -> None:

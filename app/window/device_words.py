@@ -9,8 +9,7 @@ from app.ipc import messages as m
 from app.window.words import grouped
 from core.control.controllers import Preset
 from core.device import Device
-from core.device_interface import VELOCITY_NOISE_HZ
-from core.encoder_step import encoder_step
+from core.device_interface import VELOCITY_NOISE_HZ, encoder_step
 from core.mechanism import JOINTS
 
 if TYPE_CHECKING:

@@ -52,7 +52,6 @@ from experiments.session.session_rows import (
     told,
 )
 from experiments.session.session_trials import SessionTrials
-from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.operator import Person
 from experiments.trial.trial import Trial
 
@@ -178,14 +177,12 @@ class Session(SessionTrials):
         """Keep a remark of the experimenter, with the time."""
         self.journal("note", text=text)
 
-    def begin(
-        self, planned: PlannedTrial, sensors: Sensors | None = None
-    ) -> tuple[Trial | LinkedTrial, RecordingWriter]:
+    def begin(self, planned: PlannedTrial, sensors: Sensors | None = None) -> tuple[Trial, RecordingWriter]:
         """Open a trial, or a practice trial (block 0), and its recording.
 
         sensors: of the device on the bench, on which it is to be run; None: on the simulated device.
         """
-        trial = self._linked_trial(planned) if sensors else self._simulated_trial(planned)
+        trial = self._trial(planned, real=sensors is not None)
         practice = planned.block == PRACTICE_BLOCK
         if practice:
             (self.folder / PRACTICE).mkdir(exist_ok=True)
@@ -203,7 +200,7 @@ class Session(SessionTrials):
         return trial, writer
 
     def finish(
-        self, trial: Trial | LinkedTrial, writer: RecordingWriter, cut_short: bool = False, raw_will_do: bool = False
+        self, trial: Trial, writer: RecordingWriter, cut_short: bool = False, raw_will_do: bool = False
     ) -> TrialRow:
         """Close the recording, verify it, take the measures from what was recorded, add the row to the table.
 

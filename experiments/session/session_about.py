@@ -10,7 +10,6 @@ import msgspec
 from core.control.controllers import KINDS, Preset
 from experiments.plan import PlannedTrial, plan_hash, plan_to_json
 from experiments.protocol import Protocol, protocol_to_json
-from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.operator import Person
 from experiments.trial.trial import Trial
 
@@ -44,10 +43,10 @@ def session_about(
 
 
 def recording_metadata(
-    participant: str, protocol: Protocol, hand: str, trial: Trial | LinkedTrial, preset: Preset | None
+    participant: str, protocol: Protocol, hand: str, trial: Trial, preset: Preset | None
 ) -> dict[str, Any]:
     """What a recording says of its trial. preset: its controller; None: nothing may tell it, the session is blind."""
-    planned, path, linked = trial.planned, trial.path, isinstance(trial, LinkedTrial)
+    planned, path = trial.planned, trial.path
     about = {
         "participant": participant,
         **planned._asdict(),
@@ -58,8 +57,8 @@ def recording_metadata(
         "rules": protocol.rules,
         "seed": protocol.seed,
         "note": protocol.note(),
-        "hand": SENSOR if linked else hand,
-        "link": "serial" if linked else "sim",
+        "hand": SENSOR if trial.real else hand,
+        "link": "serial" if trial.real else "sim",
         "assumed": trial.device.assumed,
     }
     if preset is not None:

@@ -29,6 +29,7 @@ from core.errors import InputError
 from core.kernel import first_use
 from core.path import point_at
 from core.path_file import build_path
+from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import NO_METRICS, Metrics, trial_metrics
 from experiments.plan import PlannedTrial
 from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
@@ -36,7 +37,7 @@ from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, 
 from experiments.session.files import LOCK, hold_lock
 from experiments.study.sweep_file import Job, Sweep
 from experiments.trial.tick import TICK_S
-from experiments.trial.trial import Trial, new_simulation
+from experiments.trial.trial import Trial
 
 STORED, TABLE, PARTS = "sweep.json", "sweep.csv", "parts"
 CHUNK_TICKS = 65_536
@@ -95,7 +96,7 @@ def run_job(job: Job) -> tuple[int, bytes, int]:
     person = job.population.draw(np.random.default_rng(np.random.SeedSequence([job.seed, job.operator])))
     first = build_path(next(iter(job.paths.values())), "path")
     x, y, _, _ = point_at(first, 0.5 * first.length)
-    simulation = new_simulation(job.device, (x, y))
+    simulation = SimulatedDevice(job.device, (x, y))
     text, ticks = io.StringIO(), 0
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     for repetition in range(1, job.repetitions + 1):

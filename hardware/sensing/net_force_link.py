@@ -9,20 +9,20 @@ from dataclasses import replace
 from typing import Any
 
 from core.device import Device
-from core.device_interface import LinkSample
+from core.device_interface import DeviceSample
 from core.errors import InputError
 from hardware.sensing.net_ft import CHANNELS, COUNT_UN, NetFT
 from hardware.sensing.samples import BoardSensing
-from hardware.serial_device import NO_CURRENT, SerialLink
+from hardware.serial_device import NO_CURRENT, SerialDevice
 from hardware.wire.messages import Hello, Sample
 
 NET_FT = "netft:"
 
 
-def link_to(device: Device, where: str) -> SerialLink:
+def link_to(device: Device, where: str) -> SerialDevice:
     """The link that a text asks for: a port, or "PORT netft:HOST"."""
     port, found, host = where.partition(f" {NET_FT}")
-    return NetForceLink(device, port, host) if found else SerialLink(device, port)
+    return NetForceLink(device, port, host) if found else SerialDevice(device, port)
 
 
 def check_force(text: str) -> None:
@@ -32,11 +32,11 @@ def check_force(text: str) -> None:
     NetFT(text.removeprefix(NET_FT)).close()
 
 
-class NetForceLink(SerialLink):
+class NetForceLink(SerialDevice):
     """A board and a sensor."""
 
     def __init__(self, device: Device, port: str, host: str, **how: Any) -> None:
-        """host: of the sensor, as `NetFT` takes it; how: as `SerialLink` takes it."""
+        """host: of the sensor, as `NetFT` takes it; how: as `SerialDevice` takes it."""
         self._said = self._trouble = ""
         super().__init__(device, port, **how)
         self._host = host
@@ -52,7 +52,7 @@ class NetForceLink(SerialLink):
         self._said = text
 
     def open(self) -> None:
-        """As `SerialLink.open`; the sensor first, for a board does not wait."""
+        """As `SerialDevice.open`; the sensor first, for a board does not wait."""
         self._sensor = NetFT(self._host)
         try:
             super().open()
@@ -60,8 +60,8 @@ class NetForceLink(SerialLink):
             self._sensor.close()
             raise
 
-    def exchange(self, currents: Sequence[float]) -> LinkSample | None:
-        """As `SerialLink.exchange`; zero currents and no sample while the sensor is silent."""
+    def exchange(self, currents: Sequence[float]) -> DeviceSample | None:
+        """As `SerialDevice.exchange`; zero currents and no sample while the sensor is silent."""
         self._trouble = self._sensor.trouble() if self._sensor else ""
         sample = super().exchange(NO_CURRENT if self._trouble else currents)
         return None if self._trouble else sample
@@ -80,6 +80,6 @@ class NetForceLink(SerialLink):
         hello = hello._replace(force_channels=CHANNELS, force_unit=COUNT_UN)
         return BoardSensing(replace(self.device, calibration=None), hello, self.sensing)
 
-    def _sample(self, sensing: BoardSensing, sample: Sample, now: float) -> LinkSample | None:
+    def _sample(self, sensing: BoardSensing, sample: Sample, now: float) -> DeviceSample | None:
         assert self._sensor is not None
         return super()._sample(sensing, sample._replace(force=self._sensor.read()), now)

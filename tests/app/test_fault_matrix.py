@@ -19,7 +19,7 @@ from app.session_server.trial_run import SILENT as RECORDER_SILENT
 from app.session_server.trial_runner import DIED, HUNG, NEVER
 from core import tick_log
 from experiments.session.verify import verify
-from experiments.trial import linked_tick, linked_trial, tick
+from experiments.trial import tick, trial
 from hardware.emulated_board.line_faults import KINDS
 from hardware.sensing.samples import FAULT_WORDS
 
@@ -119,8 +119,8 @@ def test_every_recording_of_a_day_full_of_faults_is_whole_or_recovered(
 
 def test_every_cause_that_the_program_knows_has_words_that_say_what_to_do() -> None:
     causes = [
-        *FAULT_WORDS.values(), "unknown fault 4096", *linked_tick.REASONS.values(), *tick.REASONS[1:3],
-        linked_trial.SILENT, linked_trial.NOT_HOMED, linked_trial.CONTRADICT, linked_trial.NO_POSE, DIED, HUNG, NEVER,
+        *FAULT_WORDS.values(), "unknown fault 4096", *tick.REASONS[1:3], *tick.REASONS[4:],
+        trial.SILENT, trial.NOT_HOMED, trial.CONTRADICT, trial.NO_POSE, DIED, HUNG, NEVER,
         RECORDER_SILENT, "brakes off: Esc", "the disk could not keep up: it took nothing for 16 s",
         "the recording failed: no space left on device", "no sample for 200 ms", "serial port /dev/x: it is gone",
         "/dev/x: no board answers there", "the board had left: nobody talked to it for a second",

@@ -15,7 +15,7 @@ from app.session_server.hid_input import HidInput, feel_force_alone
 from app.session_server.simulated_device import SimulatedDevice
 from core.errors import InputError
 from core.simulator.hand import grip_force
-from experiments.trial.trial import new_simulation
+from core.simulator.simulated_device import SimulatedDevice as OneDevice
 from hardware.hid import WORD, HidHand, Reading
 
 
@@ -57,7 +57,7 @@ def test_the_deflection_is_the_force_at_the_handle_and_the_pointer_has_no_say(pl
     ring, hand, _ = played
     hand.reading = hand.reading._replace(fx_N=3.0, fy_N=-4.0)
     until(lambda: ring.control.push_count and newest(ring) == (3.0, -4.0))
-    simulation = new_simulation(PAPER.devices[0], (0.0, 0.35), PAPER.mouse.hand())
+    simulation = OneDevice(PAPER.devices[0], (0.0, 0.35), PAPER.mouse.hand())
     feel_force_alone(simulation)
     ring.aim(0.0, 0.35)
     grip = simulation.hand.grips[0]

@@ -13,9 +13,9 @@ from fault_cases import Case, Place
 from fault_kinds import START, Fault
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from linked import LinkedBench
 from live import gone, kill, wait_until
 from live_board import board_session
+from real_bench import RealBench
 
 from app.ipc.board_jobs import NotDone, Reset, RunLinked
 from app.ipc.ring import Ring
@@ -91,7 +91,7 @@ def test_an_exception_in_the_middle_of_a_trial_ends_in_zero_current(
 def test_a_conductor_that_is_gone_when_the_loop_reports_leaves_no_current(
     place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bench = LinkedBench(hand=HeldHand(START), device=place.session.devices["four-brake"])
+    bench = RealBench(hand=HeldHand(START), device=place.session.devices["four-brake"])
     answers = Told()
     path = place.folder / "ring-2"
     loop = BoardLoop(Ring(path, create=True, width=tick_log.BENCH_WIDTH), "bench", answers)
@@ -151,7 +151,7 @@ _LINKS: list = []
 def bench_link():
     """One link for many examples."""
     if not _LINKS:
-        _LINKS.append(LinkedBench(hand=HeldHand(START)))
+        _LINKS.append(RealBench(hand=HeldHand(START)))
     return _LINKS[0].link
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from fault_kinds import AWAY, BETWEEN, END, LOCKED_TICKS, PULL, START, Fault, Killed
-from linked import LinkedBench
+from real_bench import RealBench
 from simulated_bench import reach
 
 from app.ipc.board_jobs import HomeAt, Linked, LinkedDone, Reset
@@ -29,9 +29,9 @@ from experiments.protocol import Protocol, load_protocol
 from experiments.recording.recording import read_recording
 from experiments.recording.schema import Sensors
 from experiments.session.session import Session
-from experiments.trial.linked_trial import LinkedTrial
+from experiments.trial.trial import Trial
 from hardware.emulated_board.device import HeldHand
-from hardware.serial_device import SerialLink
+from hardware.serial_device import SerialDevice
 from hardware.wire.messages import State
 
 PROTOCOL = """
@@ -93,7 +93,7 @@ class Case:
         self.place, self.fault, self.phase = place, fault, phase
         session = place.session
         device = session.devices[fault.device]
-        self.bench = LinkedBench(hand=HeldHand(AWAY if phase == "approach" else START), device=device)
+        self.bench = RealBench(hand=HeldHand(AWAY if phase == "approach" else START), device=device)
         self.board = self.bench.board
         now = self.bench.now
         ours = SimpleNamespace(
@@ -173,8 +173,7 @@ class Case:
         trial, writer = session.begin(planned, sensors)
         sent: list = []
         self.run = LinkedRun(self.ring, SimpleNamespace(send=sent.append), planned, trial, writer)
-        self.running: LinkedTrial = pickle.loads(pickle.dumps(sent[0].trial))  # as it comes through the pipe
-        self.running.clock = self.bench.now
+        self.running: Trial = pickle.loads(pickle.dumps(sent[0].trial))  # as it comes through the pipe
         self.course = self.steps()
         self.running.exchange = self.exchange
         try:
@@ -195,7 +194,7 @@ class Case:
         before = self.board.ticks
         if self.conductor_lives:
             self.ring.control.conductor_beat = round(1e9 * self.bench.now())
-        made = LinkedTrial.exchange(self.running)
+        made = Trial.exchange(self.running)
         if self.board.ticks == before:
             self.bench.pass_time(4)
         self.ticks += len(made)
@@ -277,7 +276,7 @@ class Case:
         self.board.faults.clear()
         self.bench.pass_time(20)
         if self.killed:  # the next loop
-            self.loop._link = SerialLink(self.bench.device, "bench", self.bench.now, self.bench.link._open_port)
+            self.loop._link = SerialDevice(self.bench.device, "bench", self.bench.now, self.bench.link._open_port)
             reach(self.loop._link)
             self.bench.link = self.loop._link
         began, link = self.board.ticks, self.bench.link
