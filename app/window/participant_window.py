@@ -9,13 +9,12 @@ from PySide6.QtWidgets import QStackedLayout, QWidget
 
 from app.ipc import messages as m
 from app.window import words
-from app.window.hand import hand_is_mouse
 from app.window.painting import theme
-from app.window.painting.extent import extent_of_linkages, extent_of_paths, joints_at
-from app.window.painting.pens import pen
+from app.window.painting.layers import extent_of_linkages, extent_of_paths, joints_at
 from app.window.painting.plane import FROM_AFAR, Plane, Sizes
+from app.window.painting.theme import pen
 from app.window.questionnaire import Questionnaire
-from app.window.words import Said
+from app.window.words import Said, hand_is_mouse
 from core import tick_log
 from core.device import Device
 from experiments.plan import PlannedTrial

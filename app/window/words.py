@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from app.ipc import messages as m
+from app.ipc.setup import MOUSE
 from app.window.painting import theme
 from core import tick_log
 from experiments.analysis.trials_table import TrialRow
@@ -210,3 +211,8 @@ def why_not(snapshot: m.Snapshot) -> str:
             if check.state == state:
                 return f"{check.name}: {check.text}"
     return ""
+
+
+def hand_is_mouse(opened: m.Opened | None) -> bool:
+    """Whether the pointer is the hand (until it is known what is, yes: the pointer does nothing then)."""
+    return opened is None or opened.hand == MOUSE
