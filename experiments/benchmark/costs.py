@@ -12,7 +12,7 @@ from core import tick_log
 from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
-from experiments.benchmark.bench_kernels import (
+from experiments.benchmark.kernels import (
     acceptances,
     decisions,
     log_rows,

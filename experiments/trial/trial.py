@@ -25,8 +25,7 @@ from core.simulator.simulation import Simulation
 from core.simulator.state import new_record
 from core.stops import distal_sine
 from experiments.plan import PlannedTrial
-from experiments.protocol import load_protocol
-from experiments.protocol_file import TrialRules
+from experiments.protocol import TrialRules, load_protocol
 from experiments.trial.operator import OPERATOR, Person, new_operator, take_handle
 from experiments.trial.tick import (
     ABORTED,

@@ -15,8 +15,9 @@ from core import tick_log
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import trial_metrics
 from experiments.plan import PlannedTrial
-from experiments.recording.recording import RecordingWriter, convert_to_parquet, read_recording
+from experiments.recording.reader import read_recording
 from experiments.recording.schema import Sensors
+from experiments.recording.writer import RecordingWriter, convert_to_parquet
 from experiments.trial.trial import Trial
 
 #: Share by which a measure may differ from the simulated device's, with the same person and noise. Velocity is 7 ms
