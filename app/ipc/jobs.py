@@ -1,15 +1,17 @@
-"""What the conductor gives the control loop to do, and what the loop answers; over a pipe."""
+"""What the session server gives the control loop to do, and what the loop answers; over a pipe."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
+if TYPE_CHECKING:  # else the server imports all of numba before it can start the loop
+    import numpy as np
 
-if TYPE_CHECKING:
-    from experiments.trial.trial import Arguments
+    from core.device import Device
+    from core.device_interface import ZeroRecord
+    from experiments.trial.trial import Changed, Trial
 
 REAL_TIME, DEFAULT = "real-time", "default"  # what the process is started with: scheduling that it may try
 
-# jobs
+# ------------------------------------------------------------------------------------------------------------ jobs
 
 
 class Try(NamedTuple):
@@ -21,10 +23,32 @@ class Try(NamedTuple):
 class Run(NamedTuple):
     """Run this trial now."""
 
-    arguments: "Arguments"
+    trial: "Trial"
 
 
-# answers
+class Connect(NamedTuple):
+    """Reach the board of one of these real devices, the first that it is wired to."""
+
+    devices: "tuple[Device, ...]"
+
+
+class HomeAt(NamedTuple):
+    """The handle is held at `tip` (m) now: set the encoders."""
+
+    tip: tuple[float, float]
+
+
+class TakeZero(NamedTuple):
+    """Nobody touches the handle: take what is read as zero."""
+
+
+class Reset(NamedTuple):
+    """Brakes may act again: forget the board's faults and the brakes-off, unless it was pressed again since."""
+
+    presses: int  # of the brakes-off, that were seen (`Ring.presses`)
+
+
+# --------------------------------------------------------------------------------------------------------- answers
 
 
 class Prepared(NamedTuple):
@@ -37,16 +61,54 @@ class Prepared(NamedTuple):
 class Tried(NamedTuple):
     """How late each tick was."""
 
-    lateness_us: np.ndarray  # (n,)
+    lateness_us: "np.ndarray"  # (n,)
 
 
 class Done(NamedTuple):
-    """A trial has ended."""
+    """A trial has ended; what running it has changed (`Trial.take_back`)."""
 
-    changed: tuple[np.ndarray, ...]  # see `changed`
+    changed: "Changed"
 
 
-def changed(arguments: "Arguments") -> tuple[np.ndarray, ...]:
-    """The arrays that running a trial changes."""
-    a = arguments
-    return a.hand.grips, a.state, a.step_scratch, a.run, a.operator, a.memory
+class DeviceStatus(NamedTuple):
+    """How a real device is; about ten times a second while no trial runs."""
+
+    device: str = ""  # the one that its board is wired to; "": none has been reached
+    board: str = ""  # its number
+    problem: str = ""  # why there are no samples
+    fault: str = ""  # latched on the board
+    homed: bool = False
+    zeroed: bool = False
+    tip: tuple[float, float] = (0.0, 0.0)  # m
+    hand_force: tuple[float, float] = (0.0, 0.0)  # N
+    encoders: str = ""
+    force_channels: int = 0
+    report: dict = {}  # health counters and clock
+    port: str = ""
+    counts: tuple[int, ...] = ()  # of the encoders, in the order of their letters
+    theta: tuple[float, ...] = ()  # rad, joints A, E, B, C
+    homed_at: float = 0.0  # s since 1970, when it was last done here; 0: not here
+    zeroed_at: float = 0.0
+    told_s: float = 0.0  # monotonic clock
+
+
+class Looked(NamedTuple):
+    """The boards to be reached have been looked for; the `DeviceStatus` just before says what was found."""
+
+
+class Homed(NamedTuple):
+    """The encoders stand at the place where the handle was held, m."""
+
+    tip: tuple[float, float]
+
+
+class Zeroed(NamedTuple):
+    """What was read with nobody at the handle."""
+
+    record: "ZeroRecord"
+
+
+class NotDone(NamedTuple):
+    """A job could not be done; one sentence."""
+
+    why: str

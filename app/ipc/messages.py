@@ -7,7 +7,7 @@ comes later, in place of one that died, shows the same.
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:  # a window can start its bench before it imports all this
-    from app.ipc.board_jobs import Linked
+    from app.ipc.jobs import DeviceStatus
     from core.control.controllers import Preset
     from core.device import Device
     from core.path_file import PathFile
@@ -199,4 +199,4 @@ class Pulse(NamedTuple):
     timing: Timing | None
     verified: int  # earlier runs of this session whose recording was verified
     disk_free_bytes: int
-    linked: "Linked | None" = None  # how the device on the bench is, while no trial runs; None: simulated, or not told
+    linked: "DeviceStatus | None" = None  # a real device, while no trial runs; None: not told yet

@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 from app.ipc import messages as m
 from app.ipc.setup import HID, MOUSE, OPERATOR
-from app.session_server.device_setup import Rigging
 from app.session_server.practice import done_without, person_at
 from app.session_server.session_progress import ANSWERS, BREAK_ENDED, NOTE, Sitting
 from app.session_server.state import Desk
@@ -209,7 +208,7 @@ def _confirm(desk: Desk, _: m.Confirm) -> None:
 
 
 def _rig(desk: Desk, intent: m.Rig) -> None:
-    if not isinstance(desk.device, Rigging):
+    if not desk.device.real:
         raise InputError("The device is simulated: there is nothing to make ready.")
     sitting = _between(desk)  # whose journal keeps what was done
     if sitting.coming is None:

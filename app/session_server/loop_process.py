@@ -1,4 +1,4 @@
-"""The conductor's end of the control loop: start it, give it trials, see whether it lives, end it."""
+"""The session server's end of the control loop: start it, give it trials, see whether it lives, end it."""
 
 import contextlib
 import pickle
@@ -6,34 +6,32 @@ import queue
 import subprocess
 import threading
 
-from app.ipc.board_jobs import Linked, LinkedDone, RunLinked
-from app.ipc.jobs import DEFAULT, REAL_TIME, Done, Prepared, Run, Tried, Try
+from app.ipc.jobs import DEFAULT, REAL_TIME, DeviceStatus, Done, Run
 from app.ipc.process import start_python
 from app.ipc.ring import Ring
 
 #: Seconds without a tick after which a running loop counts as hung. Our choice: a stall below it is in the lateness.
 HUNG_S = 2.0
-#: The same for a loop on the bench between trials, which says ten times a second how its board is; a handshake takes a
-#: few seconds at most.
+#: The same for a loop with a real device between trials, which says ten times a second how its board is; a handshake
+#: takes a few seconds at most.
 BENCH_HUNG_S = 10.0
 END_S = 3.0  # longest wait for it to end by itself
 
 
 class LoopProcess:
-    """A control loop in a process of its own, on the conductor's ring."""
+    """A control loop in a process of its own, on the server's ring."""
 
     def __init__(self, ring: Ring, real_time: bool = True, port: str = "") -> None:
         """Start it; its first answer is Prepared. real_time: it tries scheduling that needs a privilege.
 
-        port: of a device on the bench; "": the device is simulated.
+        port: of a real device; "": the device is simulated.
         """
         self._ring = ring
         self._process = start_python(
-            "app.loop.board_loop" if port else "app.loop.loop",
-            str(ring.path), REAL_TIME if real_time else DEFAULT, port,
+            "app.loop.loop", str(ring.path), REAL_TIME if real_time else DEFAULT, port,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         )  # fmt: skip
-        self._answers: queue.SimpleQueue[Prepared | Tried | Done | None] = queue.SimpleQueue()
+        self._answers: queue.SimpleQueue[object] = queue.SimpleQueue()
         self._reader = threading.Thread(target=self._read, name="loop's answers", daemon=True)
         self._jobs: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._writer = threading.Thread(target=self._write, name="loop's jobs", daemon=True)  # a loop may not read
@@ -59,12 +57,12 @@ class LoopProcess:
         silent_s = self._ring.loop_silent_s
         return (self.running and silent_s > HUNG_S) or (self._beats and silent_s > BENCH_HUNG_S)
 
-    def send(self, job: Try | Run) -> None:
+    def send(self, job: object) -> None:
         """Give it something to do; one that is dead is seen by `dead`. Does not wait for it."""
-        self.running = isinstance(job, Run | RunLinked)
+        self.running = isinstance(job, Run)
         self._jobs.put(pickle.dumps(job))
 
-    def receive(self) -> list[Prepared | Tried | Done]:
+    def receive(self) -> list[object]:
         """What it has answered since the last time."""
         answers = []
         while not self._answers.empty():
@@ -73,8 +71,8 @@ class LoopProcess:
                 self.dead = True
             else:
                 answers.append(answer)
-                self.running &= not isinstance(answer, Done | LinkedDone)
-                self._beats |= isinstance(answer, Linked)
+                self.running &= not isinstance(answer, Done)
+                self._beats |= isinstance(answer, DeviceStatus)
         return answers
 
     def kill(self) -> None:

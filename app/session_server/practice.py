@@ -9,7 +9,6 @@ from core.control.controllers import NO_CONTROL
 from core.device import Device
 from core.path_file import build_path
 from core.simulator.simulated_device import SimulatedDevice
-from core.simulator.simulation import Simulation
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol
 from experiments.trial.person import Person
@@ -23,7 +22,7 @@ class Practice:
     def __init__(self, setup: Setup, protocol: Protocol) -> None:
         """Build the simulated device, whose kernels may have to be compiled, beside everything else."""
         self._setup, self._protocol = setup, protocol
-        self.simulation: Simulation | None = None  # None: not built yet
+        self.simulation: SimulatedDevice | None = None  # None: not built yet
         self.tried = 0
         self.failure: BaseException | None = None
         self.loop_ready = threading.Event()  # set by whoever knows: the loop needs the processors more

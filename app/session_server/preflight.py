@@ -4,7 +4,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from app.ipc.board_jobs import Linked
+from app.ipc.jobs import DeviceStatus
 from app.ipc.messages import BAD, CAUTION, GOOD, WAITING, Check, Timing
 from app.ipc.scheduling import ADVICE
 from app.session_server.remedies import remedy
@@ -23,7 +23,7 @@ def check_device(simulated: bool, why_off: str) -> Check:
     return Check("Device", GOOD, "simulated" if simulated else "connected")
 
 
-def check_linked(linked: Linked | None, why_off: str) -> Check:
+def check_linked(linked: DeviceStatus | None, why_off: str) -> Check:
     """Whether the device on the bench is there and fit, and currents may flow."""
     if linked is None:
         return Check("Device", WAITING, "connecting", "The board on the bench is being reached.")
@@ -37,7 +37,7 @@ def check_linked(linked: Linked | None, why_off: str) -> Check:
     return Check("Device", GOOD, f"{linked.device}, board {linked.board}")
 
 
-def check_sensor(linked: Linked | None) -> Check:
+def check_sensor(linked: DeviceStatus | None) -> Check:
     """Whether the hand force is measured."""
     if linked is None or not linked.device or linked.problem:
         return Check("Hand", WAITING, "force sensor", "The board on the bench is being reached.")

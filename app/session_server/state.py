@@ -9,16 +9,14 @@ import time
 from app.ipc import messages as m
 from app.ipc.ring import Ring
 from app.ipc.setup import OPERATOR, Setup
-from app.session_server.device_setup import Rigging
+from app.session_server.device_setup import DeviceSetup
 from app.session_server.loop_process import LoopProcess
 from app.session_server.practice import Practice
 from app.session_server.preflight import check_disk, check_recording
 from app.session_server.remedies import told
 from app.session_server.session_progress import Sitting
-from app.session_server.simulated_device import SimulatedDevice
 from app.session_server.storage import Keeping
-from app.session_server.trial_run import TrialRun
-from app.session_server.trial_runner import Runner
+from app.session_server.trial_runner import Runner, TrialRun
 from core.errors import InputError
 from experiments.protocol import Protocol
 from experiments.session.files import free_participant, kept_sessions, protocols_otherwise
@@ -37,7 +35,7 @@ class Desk:
         """protocol: of new sessions. loop: already started."""
         self.setup, self.protocol, self.ring = setup, protocol, ring
         self.runner = Runner(ring, loop, setup.real_time, setup.link)
-        self.device = Rigging(self.runner.send, protocol) if setup.link else SimulatedDevice(ring, setup.hand)
+        self.device = DeviceSetup(protocol, ring, self.runner.send, setup.hand, real=bool(setup.link))
         self.why_off = ""  # cause of the brakes-off, as the journal has it
         self.presses = 0  # of it, as the windows have been told
         self.broken = ""  # why no more trials can be run
@@ -155,7 +153,7 @@ class Desk:
         """Proof of recording, and timing."""
         proof = self.runner.run.recorder.proof() if self.runner.run else None
         verified = sum(bool(row.recording) for row in self.session.rows) if self.session else 0
-        return m.Pulse(proof, self.runner.timing, verified, self._free, self.device.linked)
+        return m.Pulse(proof, self.runner.timing, verified, self._free, self.device.status)
 
     def _tip(self) -> m.Point:
         """Where the handle stands; during a trial: where it stood before, m."""

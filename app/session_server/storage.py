@@ -12,8 +12,7 @@ from pathlib import Path
 
 from app.session_server.remedies import told
 from app.session_server.session_progress import Sitting
-from app.session_server.trial_run import TrialRun
-from app.session_server.trial_runner import Runner
+from app.session_server.trial_runner import Runner, TrialRun
 from core.errors import InputError
 from experiments.analysis.trials_table import SETTLED
 from experiments.recording.reader import STREAM_SUFFIX

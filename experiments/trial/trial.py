@@ -63,6 +63,10 @@ SILENT = f"no sample came from the board for {1e3 * SILENT_S:.0f} ms"
 NO_POSE = "the encoders are of no pose of the linkage: check the homing"
 
 
+#: what running a trial changes: arrays, and what is known of its end
+Changed = tuple[tuple[np.ndarray, ...], dict[str, Any]]
+
+
 class Arguments(NamedTuple):
     """What `run_ticks` takes before the rows, in its order: a trial as the kernels see it."""
 
@@ -166,13 +170,13 @@ class Trial:
             self._run, self._operator, self._noise, self._memory,
         )  # fmt: skip
 
-    def changed(self) -> tuple[tuple[np.ndarray, ...], dict[str, Any]]:
-        """What running it changes: arrays, and what is known of the end."""
+    def changed(self) -> Changed:
+        """What running it has changed, to be sent to the process that has the device and the session."""
         a = self.arguments()
         arrays = a.hand.grips, a.state, a.step_scratch, a.run, a.operator, a.memory
         return arrays, {name: getattr(self, name) for name in ("_reason", "filled", "_says")}
 
-    def take_back(self, changed: tuple[tuple[np.ndarray, ...], dict[str, Any]]) -> None:
+    def take_back(self, changed: Changed) -> None:
         """It was run in another process, which sends what it changed."""
         arrays, end = changed
         for ours, theirs in zip(self.changed()[0], arrays, strict=True):

@@ -17,7 +17,7 @@ from app.loop.loop import stopped_trial
 from app.loop.real_time import ROOM
 from app.session_server.loop_process import LoopProcess
 from app.session_server.recorder import Recorder
-from app.session_server.trial_run import TrialRun
+from app.session_server.trial_runner import TrialRun
 from core import tick_log
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
@@ -202,9 +202,8 @@ def test_a_loop_that_has_nothing_to_do_keeps_its_deadlines(loop) -> None:
 
 
 def test_a_trial_that_comes_out_of_the_pipe_needs_no_new_kernel(loop) -> None:
-    arguments = new_one(SOMEBODY).arguments()
-    sent = pickle.loads(pickle.dumps(Run(arguments))).arguments
-    assert [typeof(a) for a in sent] == [typeof(a) for a in stopped_trial()]
+    sent = pickle.loads(pickle.dumps(Run(new_one(SOMEBODY)))).trial.arguments()
+    assert [typeof(a) for a in sent] == [typeof(a) for a in stopped_trial().arguments()]
 
 
 def test_what_a_dead_bench_left_is_removed_and_what_a_live_one_has_is_not(loop, tmp_path: Path) -> None:

@@ -16,8 +16,8 @@ from core import tick_log
 from core.device_file import ForceSensor
 from core.device_interface import DeviceError, DeviceSample
 from core.errors import InputError
-from hardware.sensing.net_force_link import NetForceLink, link_to
 from hardware.sensing.net_ft import SILENT_S, NetFT
+from hardware.serial_device import SerialDevice
 
 pytest.importorskip("pynetft", reason="pynetft is not installed: ATI sensors cannot be read")
 
@@ -50,13 +50,13 @@ def bench(sensor: PlayedSensor, monkeypatch: pytest.MonkeyPatch) -> Iterator[Rea
     bench.link.close()
 
 
-def connected(bench: RealBench, sensor: PlayedSensor, **mounting) -> NetForceLink:
+def connected(bench: RealBench, sensor: PlayedSensor, **mounting) -> SerialDevice:
     """The bench's own link, with the sensor."""
     device = bench.device
     if mounting:
         device = replace(device, sensing=device.sensing and type(device.sensing)(
             encoders=device.sensing.encoders, force=ForceSensor(**mounting)))  # fmt: skip
-    link = NetForceLink(
+    link = SerialDevice(
         device, "bench", sensor.where, clock=bench.now, open_port=lambda name: BenchWire(bench.board, name)
     )
     reach(link)
@@ -73,7 +73,7 @@ def once(told: Callable[[], bool], within_s: float = PATIENT_S) -> None:
         time.sleep(0.002)
 
 
-def sample_of(link: NetForceLink, counts: int) -> DeviceSample:
+def sample_of(link: SerialDevice, counts: int) -> DeviceSample:
     """A sample, once the sensor says so many counts of force along x."""
     found: list[DeviceSample | None] = [None]
 
@@ -205,10 +205,12 @@ def test_a_host_without_a_name_is_refused() -> None:
         NetFT("")
 
 
-def test_a_link_is_of_a_board_alone_or_with_a_sensor(bench: RealBench) -> None:
-    assert type(link_to(bench.device, "/dev/a port")).__name__ == "SerialDevice"
-    both = link_to(bench.device, "/dev/a port netft:10.0.0.1")
-    assert isinstance(both, NetForceLink) and both.port == "/dev/a port"
+def test_a_device_is_a_board_alone_or_with_a_sensor(bench: RealBench) -> None:
+    assert "force_sensor" not in device_at(bench.device, "/dev/a port").report()
+    both = device_at(bench.device, "/dev/a port netft::1")
+    assert both.port == "/dev/a port"
+    with pytest.raises(InputError, match="the force sensor at :1 cannot be read"):
+        both.open()
 
 
 def test_closing_stops_the_stream(sensor: PlayedSensor) -> None:

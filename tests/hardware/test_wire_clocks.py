@@ -5,8 +5,8 @@ import pytest
 from real_bench import RealBench
 
 from core import tick_log
+from hardware.connection import FreshnessWatch
 from hardware.emulated_board.line_faults import read_fault
-from hardware.freshness_watch import FreshnessWatch
 from hardware.wire.messages import Sample, State
 
 WRAP_US = 1 << 32

@@ -3,7 +3,6 @@
 import math
 import time
 from collections.abc import Iterator
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,13 +15,6 @@ from hardware.emulated_board.line_faults import read_fault
 from hardware.serial_device import SerialDevice
 from hardware.serial_port import find_port, usb_ports
 from hardware.wire.messages import Limits, State
-
-
-@pytest.fixture(autouse=True)
-def no_long_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without a connection an exchange lets a sample's time pass; the board's time is not the machine's here."""
-    ours = SimpleNamespace(monotonic=time.monotonic, sleep=lambda seconds: time.sleep(0.1 * seconds))
-    monkeypatch.setattr("hardware.serial_device.time", ours)
 
 
 @pytest.fixture

@@ -56,11 +56,12 @@ class RealBench:
             hand = Late(self.operator)
         self.board = Bench(self.device, hand)
         self.hand = hand
-        self.link = SerialDevice(
-            self.device, "bench", clock=self.now, open_port=lambda name: BenchWire(self.board, name)
-        )  # fmt: skip
+        self.link = SerialDevice(self.device, "bench", clock=self.now, open_port=self.open_port)
         reach(self.link)
         self.link.home(self.board.device.tip)
+
+    def open_port(self, name: str) -> BenchWire:
+        return BenchWire(self.board, name)
 
     def now(self) -> float:
         return self.board.now_s

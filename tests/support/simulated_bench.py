@@ -1,6 +1,7 @@
 """A board in simulated time with the simulated device behind it, and wires that a link can be plugged into."""
 
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -117,7 +118,10 @@ class BenchWire:
 
 def linked(bench: Bench) -> SerialDevice:
     """The link of a bench, reached."""
-    link = SerialDevice(DEVICE, "bench", clock=lambda: bench.now_s, open_port=lambda name: BenchWire(bench, name))
+    link = SerialDevice(
+        DEVICE, "bench", clock=lambda: bench.now_s, open_port=lambda name: BenchWire(bench, name),
+        sleep=lambda seconds: time.sleep(0.1 * seconds),
+    )  # fmt: skip
     reach(link)
     return link
 
