@@ -41,6 +41,7 @@ class Verdicts(QFrame):
         """New verdicts, in two columns."""
         self.found = list(found)
         while (item := self._grid.takeAt(0)) is not None:
+            item.widget().hide()
             item.widget().deleteLater()
         self._grid.addWidget(word("What these data say", bold=True), 0, 0, 1, 2)
         if not self.found:
