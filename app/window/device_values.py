@@ -9,7 +9,7 @@ from app.window.words import grouped
 from core.mechanism import JOINTS
 
 if TYPE_CHECKING:
-    from app.ipc.board_jobs import Linked
+    from app.ipc.messages import Linked
 
 
 def board_values(linked: "Linked") -> dict[str, str]:

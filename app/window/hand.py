@@ -1,7 +1,7 @@
 """Whose hand moves the handle."""
 
 from app.ipc import messages as m
-from app.ipc.setup import MOUSE
+from app.ipc.messages import MOUSE
 
 
 def hand_is_mouse(opened: m.Opened | None) -> bool:
