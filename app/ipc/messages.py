@@ -144,10 +144,9 @@ class Quit(NamedTuple):
 # ------------------------------------------------------------------------------------ what is: session server -> window
 
 #: where the session server is
-PREPARING, NO_SESSION, READY, RUNNING, RERIG, BREAK, QUESTIONS, FINISHED, FAILED, ELSEWHERE = (
-    "preparing", "no session", "ready", "running", "re-rig", "break", "questions", "finished", "failed", "elsewhere"
+PREPARING, NO_SESSION, READY, RUNNING, RERIG, BREAK, QUESTIONS, FINISHED, FAILED = (
+    "preparing", "no session", "ready", "running", "re-rig", "break", "questions", "finished", "failed"
 )  # fmt: skip
-OVER = (FAILED, ELSEWHERE)
 
 #: steps that make a device on the bench ready; DONE: there is none to do
 CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""

@@ -3,8 +3,8 @@
 from typing import TYPE_CHECKING
 
 from app.ipc import messages as m
-from app.window.card import ABORT_REASONS, REDO_REASONS, SKIP_REASONS
-from app.window.painting.opening import show_whole
+from app.window.cards import ABORT_REASONS, REDO_REASONS, SKIP_REASONS
+from app.window.painting.theme import show_whole
 from app.window.session_panel import can_be_redone
 from app.window.words import describe, place
 

@@ -6,28 +6,206 @@ It shows what the bench says and asks the bench for what the experimenter wants;
 import time
 
 import numpy as np
-from PySide6.QtCore import Signal
-from PySide6.QtGui import QCloseEvent, QGuiApplication
-from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtCore import QEvent, QObject, Qt, Signal
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QMouseEvent, QResizeEvent
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
+from app import __version__
 from app.ipc import messages as m
+from app.window import words
 from app.window.cards import Cards
-from app.window.centre import Centre
 from app.window.commands import Commands
 from app.window.device_page import DevicePage
 from app.window.keys import bind
 from app.window.painting import theme
 from app.window.painting.energy_panel import EnergyPanel
-from app.window.painting.labels import breakable, line
+from app.window.painting.labels import OneLine, breakable, line, word
+from app.window.painting.linkage_view import Workspace
 from app.window.painting.timing_strip import TimingStrip
 from app.window.painting.traces import Traces
 from app.window.preflight import Preflight
-from app.window.proof_line import ProofLine
 from app.window.questionnaire import Questionnaire
 from app.window.session_panel import SessionPanel
 from app.window.start_page import StartPage
-from app.window.words import feedback
+from app.window.words import feedback, grouped, hand_is_mouse, size
+from core import tick_log
 from experiments.plan import PlannedTrial
+
+STALE_S = 1.0  # a last write longer ago than this is worth a look
+
+
+class ProofLine(QFrame):
+    """Name, rows, bytes and age of the recording; earlier runs verified; seed, plan and version."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent, objectName="panel")
+        self.lamp, self.recording = word("●", size=theme.SMALL), OneLine("Nothing recorded yet")
+        self.origin = word("", "quiet", theme.SMALL)
+        self._folder = ""
+        layout = QHBoxLayout(self)
+        layout.setContentsMargins(12, 7, 12, 7)
+        layout.setSpacing(8)
+        layout.addWidget(self.lamp)
+        layout.addWidget(self.recording, 1)
+        layout.addWidget(self.origin)
+        self._light(theme.BRAKE_OFF)
+
+    def _light(self, colour: str) -> None:
+        if (sheet := f"color: {colour}") != self.lamp.styleSheet():  # each one makes the window lay itself out anew
+            self.lamp.setStyleSheet(sheet)
+
+    def show_opened(self, opened: m.Opened) -> None:
+        """Seed, plan and version: with them the same session can be laid out again."""
+        parts = [f"seed {opened.seed}", f"phd {__version__}"]
+        if opened.plan_sha256:
+            parts.insert(1, f"plan {opened.plan_sha256[:4]}…{opened.plan_sha256[-2:]}")
+        self.origin.setText(" · ".join(parts))
+        self.origin.setToolTip(f"Plan {opened.plan_sha256}\n{opened.note}" if opened.plan_sha256 else opened.note)
+        self._folder = opened.folder
+
+    def show_pulse(self, pulse: m.Pulse) -> None:
+        """The newest proof."""
+        several = f"all {pulse.verified} earlier runs verified"
+        verified = {0: "", 1: "the earlier run verified"}.get(pulse.verified, several)
+        proof = pulse.proof
+        if proof is None:
+            self._light(theme.GOOD if pulse.verified else theme.BRAKE_OFF)
+            trials = "1 run" if pulse.verified == 1 else f"{pulse.verified} runs"
+            said = f"Not recording · {trials} recorded and verified in {self._folder}"
+            self.recording.setText(said if pulse.verified else "Nothing recorded yet")
+            return
+        fresh = proof.age_s < STALE_S
+        self._light(theme.BAD if fresh else theme.CAUTION)
+        parts = [
+            f"Recording {proof.name}",
+            f"{grouped(proof.rows)} rows",
+            size(proof.bytes),
+            f"last write {proof.age_s:.1f} s ago",
+            verified,
+        ]
+        self.recording.setText(" · ".join(filter(None, parts)))
+
+    def show_dead(self) -> None:
+        """The session server has ended."""
+        self._light(theme.BAD)
+        self.recording.setText("Not recording")
+
+
+class Centre(QWidget):
+    """Head and workspace."""
+
+    results_asked = Signal()
+    participant_asked = Signal()
+    back_asked = Signal()
+    aimed = Signal(float, float)  # m
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.large = word("", size=theme.HEAD, bold=True)
+        self.small = line("", "quiet")  # a line of its own: the participant reads all of it
+        self.small.setIndent(2)
+        policy = self.small.sizePolicy()
+        policy.setHeightForWidth(False)  # `_fit` says how high it is: the window's own height must not hang on it
+        self.small.setSizePolicy(policy)
+        self.results, self.participant, self.back = (
+            QPushButton(text, objectName="small") for text in ("Results  F2", "Participant's view  F11", "Back  Esc")
+        )
+        for button, asked in (
+            (self.results, self.results_asked),
+            (self.participant, self.participant_asked),
+            (self.back, self.back_asked),
+        ):
+            button.setFont(theme.font(theme.SMALL))
+            button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+            button.clicked.connect(asked)
+        self.workspace: Workspace | None = None
+        self._opened: m.Opened | None = None
+        self._snapshot = m.Snapshot(m.PREPARING)
+        head = QHBoxLayout()
+        head.setContentsMargins(2, 0, 0, 0)
+        head.setSpacing(10)
+        head.addWidget(self.large)
+        head.addStretch(1)
+        for button in (self.results, self.participant, self.back):
+            head.addWidget(button)
+        self._layout = QVBoxLayout(self)
+        self._layout.setContentsMargins(0, 0, 0, 0)
+        self._layout.setSpacing(6)
+        self._layout.addLayout(head)
+        self._layout.addWidget(self.small)
+
+    def show_opened(self, opened: m.Opened) -> None:
+        """Another session or protocol: its devices and paths decide the scale."""
+        before, self._opened = self._opened, opened
+        if self.workspace is not None:
+            if before is not None and same_places(before, opened):
+                return
+            self._layout.removeWidget(self.workspace)
+            self.workspace.deleteLater()
+        self.workspace = Workspace(opened.devices, opened.paths)
+        self.workspace.view.setMouseTracking(True)
+        self.workspace.view.installEventFilter(self)
+        self._layout.addWidget(self.workspace, 1)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        """As many lines as the text needs, at least one, so that the workspace stays where it is."""
+        lines = self.small.heightForWidth(self.width())
+        self.small.setFixedHeight(max(lines, self.small.fontMetrics().height()))
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """The pointer over the workspace is the hand."""
+        if event.type() == QEvent.Type.MouseMove and isinstance(event, QMouseEvent) and self.workspace is not None:
+            self.aimed.emit(*self.workspace.view.to_plane(event.position()))
+        return super().eventFilter(watched, event)
+
+    def show_session(self, opened: m.Opened, snapshot: m.Snapshot, trying: bool) -> None:
+        """Between trials: what the participant reads now."""
+        self._snapshot = snapshot
+        self.results.setVisible(bool(opened.participant) and snapshot.stage != m.RUNNING)
+        self.back.setVisible(trying and snapshot.stage == m.NO_SESSION)
+        if self.workspace is not None:
+            self.workspace.set_blind(snapshot.blind)
+        if snapshot.running is None:
+            said = words.practised(snapshot) if trying else words.between(snapshot, opened, hand_is_mouse(opened))
+            self._say(said)
+
+    def begin(self, planned: PlannedTrial, tip: m.Point) -> None:
+        """A trial, running or to come."""
+        if self._opened is None or self.workspace is None:
+            return
+        device = next(device for device in self._opened.devices if device.name == planned.configuration)
+        self.workspace.show_trial(device, self._opened.paths[planned.segment], tip, self._opened.rules)
+        if self._snapshot.running is not None:
+            self._say(words.moving(tick_log.APPROACH, not hand_is_mouse(self._opened)) or words.Said(""))
+
+    def rest(self, tip: m.Point) -> None:
+        """Between trials: the handle stands here."""
+        if self.workspace is not None:
+            self.workspace.rest(tip)
+
+    def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
+        """Ticks (n, tick_log.WIDTH) of the running trial; taken: the pointer has hold of the handle."""
+        if self._snapshot.running is None or self.workspace is None:
+            return
+        self.workspace.add(rows)
+        if (said := words.moving(int(rows[-1, tick_log.PHASE]), taken or not hand_is_mouse(self._opened))) is not None:
+            self._say(said)
+
+    def _say(self, said: words.Said) -> None:
+        self.large.setText(said.large)
+        if said.small != self.small.text():
+            self.small.setText(said.small)
+            self._fit()
+
+
+def same_places(a: m.Opened, b: m.Opened) -> bool:
+    """Whether two sessions have the same devices and paths."""
+    return [device.text for device in a.devices] == [device.text for device in b.devices] and a.paths == b.paths
+
 
 RIGHT_PX = 372
 #: Our choice: curves, energies and lateness go on with every third frame, twenty times a second and by two or three
@@ -167,7 +345,7 @@ class ConsoleWindow(QWidget):
         before, self.snapshot = self.snapshot, snapshot
         if snapshot.stage not in (m.NO_SESSION, m.RUNNING, m.PREPARING):
             self.trying = False
-        self.device_shown &= snapshot.stage not in (m.RUNNING, *m.OVER)
+        self.device_shown &= snapshot.stage not in (m.RUNNING, m.FAILED)
         self.commands.follow(before, snapshot)
         if snapshot.stage == m.QUESTIONS != before.stage:
             self.questions.clear()
@@ -228,7 +406,7 @@ class ConsoleWindow(QWidget):
 
     def show_device(self, shown: bool) -> None:
         """The device page over everything else, or away again."""
-        self.device_shown = shown and self.snapshot.stage not in (m.RUNNING, *m.OVER)
+        self.device_shown = shown and self.snapshot.stage not in (m.RUNNING, m.FAILED)
         self.device.leave()
         self._refresh()
 
@@ -240,9 +418,8 @@ class ConsoleWindow(QWidget):
         """There is no bench any more."""
         self.dead = True
         last = self.snapshot
-        stage = last.stage if last.stage in m.OVER else m.FAILED
-        self.snapshot = m.Snapshot(stage, last.rows, blind=last.blind, notes=last.notes, said=sentence, said_bad=True)
-        self.proof.show_dead(elsewhere=stage == m.ELSEWHERE)
+        self.snapshot = m.Snapshot(m.FAILED, last.rows, blind=last.blind, notes=last.notes, said=sentence, said_bad=True)
+        self.proof.show_dead()
         self.show_panels()
         if self.centre.workspace is not None and self.centre.workspace.view.tip is not None:
             self.centre.rest(self.centre.workspace.view.tip)
@@ -251,7 +428,7 @@ class ConsoleWindow(QWidget):
     def _refresh(self) -> None:
         """Everything that Opened and Snapshot say."""
         snapshot, opened = self.snapshot, self.opened
-        over = snapshot.stage in m.OVER
+        over = snapshot.stage == m.FAILED
         self.banner.setText(breakable(snapshot.said) if over else "")
         self.banner.setVisible(over)
         self.preflight.show_session(opened, snapshot)

@@ -6,9 +6,18 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
-from app.window.card import Notice
-from app.window.device_values import board_values, link_values, sensor_values
-from app.window.device_words import Rates, Recent, Word, counters_of, not_well, quantisation
+from app.window.cards import Notice
+from app.window.device_words import (
+    Rates,
+    Recent,
+    Word,
+    board_values,
+    counters_of,
+    link_values,
+    not_well,
+    quantisation,
+    sensor_values,
+)
 from app.window.painting import theme
 from app.window.painting.labels import OneLine, breakable, line, word
 from app.window.preflight import COLOURS, MARKS

@@ -9,13 +9,12 @@ from PySide6.QtWidgets import QStackedLayout, QWidget
 
 from app.ipc import messages as m
 from app.window import words
-from app.window.hand import hand_is_mouse
 from app.window.painting import theme
-from app.window.painting.extent import extent_of_linkages, extent_of_paths, joints_at
-from app.window.painting.pens import pen
+from app.window.painting.layers import extent_of_linkages, extent_of_paths, joints_at
 from app.window.painting.plane import FROM_AFAR, Plane, Sizes
+from app.window.painting.theme import pen
 from app.window.questionnaire import Questionnaire
-from app.window.words import Said
+from app.window.words import Said, hand_is_mouse
 from core import tick_log
 from core.device import Device
 from experiments.plan import PlannedTrial
@@ -142,7 +141,7 @@ class ParticipantWindow(QWidget):
                 self.view.say(words.moving(tick_log.APPROACH, False) or Said(""))
             return
         self.view.show_handle(snapshot.tip)
-        if snapshot.stage in (m.RERIG, m.BREAK, m.FINISHED, *m.OVER, m.NO_SESSION, m.PREPARING):
+        if snapshot.stage in (m.RERIG, m.BREAK, m.FINISHED, m.FAILED, m.NO_SESSION, m.PREPARING):
             self.view.show_path(None)
             self.view.show_handle(None)
             self.view.show_pointer(None)
@@ -192,9 +191,8 @@ class ParticipantWindow(QWidget):
             self.view.say(said)
 
     def show_dead(self) -> None:
-        """There is no bench any more."""
-        stage = self._snapshot.stage if self._snapshot.stage in m.OVER else m.FAILED
-        self._snapshot = m.Snapshot(stage)
+        """The session server has ended."""
+        self._snapshot = m.Snapshot(m.FAILED)
         self.view.show_handle(None)
         self.view.show_path(None)
         self._stack.setCurrentWidget(self.view)

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QPushButton, QSi
 
 from app.window.painting import theme
 from app.window.painting.labels import line, word
-from app.window.painting.pens import pen
+from app.window.painting.theme import pen
 
 ITEMS = (
     ("mental_demand", "How much thinking did it take?", "very little", "very much"),

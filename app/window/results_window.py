@@ -8,13 +8,12 @@ from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QPainter, QShort
 from PySide6.QtWidgets import QHBoxLayout, QProgressBar, QPushButton, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
-from app.window.export import Export
-from app.window.export_process import Job, new_folder
+from app.window.export import Export, Job, new_folder
 from app.window.painting import theme
 from app.window.painting.labels import Choice, OneLine, word
 from app.window.painting.live_boxes import LiveBoxes
 from app.window.painting.panel import CENTRE, LEFT, PAD, Panel
-from app.window.painting.pens import font, pen, shade
+from app.window.painting.theme import font, pen, shade
 from core.errors import InputError
 from experiments.analysis.boxplots import MEASURES
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings

@@ -18,8 +18,7 @@ from PySide6.QtWidgets import QApplication, QLabel
 
 from app.ipc import messages as m
 from app.ipc.process import start_python
-from app.window.export import DIED
-from app.window.export_process import Job, export_results
+from app.window.export import DIED, Job, export_results
 from app.window.painting import theme
 from app.window.painting.labels import OneLine
 from app.window.painting.live_boxes import ticks_to

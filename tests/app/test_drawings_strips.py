@@ -15,8 +15,8 @@ from app.window.console_window import RIGHT_PX
 from app.window.painting import theme
 from app.window.painting.energy_panel import EnergyPanel, Ledger
 from app.window.painting.panel import PAD
-from app.window.painting.pens import text_width
 from app.window.painting.strip import WINDOW_S, Strip, range_for
+from app.window.painting.theme import text_width
 from app.window.painting.timing_strip import Bars, TimingStrip, share_of
 from app.window.painting.traces import NOTHING, Traces
 from core import tick_log

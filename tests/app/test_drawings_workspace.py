@@ -14,16 +14,23 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from app.window.painting import theme
-from app.window.painting.along import errors
-from app.window.painting.extent import extent_of_linkages, extent_of_paths, joints_at
-from app.window.painting.instant import OFF, SLIPPING, STUCK, Instant
-from app.window.painting.layers import Follower, directions, force_map, wedge
-from app.window.painting.linkage_labels import BRAKES, HAND
-from app.window.painting.linkage_view import ARMS, DIRECTIONS, FIELD, LINKAGE, REACHABLE, TRAIL
-from app.window.painting.marks import ARROW_MOST_PX, arrow_of
-from app.window.painting.places import box_at, free_side, meets
+from app.window.painting.layers import (
+    OFF,
+    SLIPPING,
+    STUCK,
+    Follower,
+    Instant,
+    directions,
+    errors,
+    extent_of_linkages,
+    extent_of_paths,
+    force_map,
+    joints_at,
+    wedge,
+)
+from app.window.painting.linkage_view import ARMS, DIRECTIONS, FIELD, LAYERS, LINKAGE, REACHABLE, TRAIL, Workspace
+from app.window.painting.marks import ARROW_MOST_PX, BRAKES, HAND, arrow_of, box_at, free_side, meets
 from app.window.painting.plane import Plane
-from app.window.painting.workspace import LAYERS, Workspace
 from core import tick_log
 from core.control.rule_sets import SETTLED
 from core.device import Device, load_device

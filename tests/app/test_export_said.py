@@ -10,7 +10,7 @@ from sessions import files, session_of
 from test_export import table, validate
 
 from app.ipc import messages as m
-from app.window.export_process import Job, export_results
+from app.window.export import Job, export_results
 from app.window.questionnaire import ITEMS
 from experiments.export.export import export
 from experiments.export.export_told import NOTES_CSV, QUESTIONNAIRE_CSV, Answers, said_in, write_phenotype

@@ -17,12 +17,12 @@ from screens import Screens, opened_screens, settle
 from app.cli import main
 from app.ipc import messages as m
 from app.verbs.bench import seconds
-from app.window import warm_up
+from app.window import windows as windows_of_app
 from app.window.painting import theme
+from app.window.painting.linkage_view import Workspace
 from app.window.painting.panel import Panel
 from app.window.painting.plane import Plane
-from app.window.painting.workspace import Workspace
-from app.window.warm_up import WarmUp
+from app.window.windows import WarmUp
 from core import tick_log
 from core.device import load_device
 from tests.benchmarks.pointer_lag import Moves
@@ -102,7 +102,7 @@ class Painted(Plane):
 
 
 def test_a_handle_that_moves_is_painted_where_it_was_and_where_it_is_and_nowhere_else(qtbot) -> None:
-    from app.window.painting.extent import extent_of_paths
+    from app.window.painting.layers import extent_of_paths
 
     theme.dress(QApplication.instance())
     plane = Painted(extent_of_paths([ALONG]))
@@ -136,7 +136,7 @@ def test_a_handle_that_moves_is_painted_where_it_was_and_where_it_is_and_nowhere
 
 def test_the_warm_up_waits_for_the_bench_and_happens_once(screens: Screens, monkeypatch, qtbot) -> None:
     done = []
-    monkeypatch.setattr(warm_up, "make_ready", lambda device: done.append(device.name))
+    monkeypatch.setattr(windows_of_app, "prepare_drawing", lambda device: done.append(device.name))
     console = screens.hear(opened(""), m.Snapshot(m.PREPARING))
     warm = WarmUp(console)
     warm._look()
@@ -150,10 +150,10 @@ def test_the_warm_up_waits_for_the_bench_and_happens_once(screens: Screens, monk
 
 def test_on_first_use_the_warm_up_does_not_wait_for_a_bench_that_compiles(screens: Screens, monkeypatch) -> None:
     done = []
-    monkeypatch.setattr(warm_up, "make_ready", lambda device: done.append(device.name))
+    monkeypatch.setattr(windows_of_app, "prepare_drawing", lambda device: done.append(device.name))
     console = screens.hear(opened(""), m.Snapshot(m.PREPARING))
     warm = WarmUp(console)
-    warm._since_s -= warm_up.FIRST_USE_S
+    warm._since_s -= windows_of_app.FIRST_USE_S
     warm._look()
     warm.close()
     assert len(done) == 1
@@ -164,8 +164,8 @@ def test_when_all_is_ready_the_desk_is_painted_once_unless_a_trial_runs(
     screens: Screens, monkeypatch, runs: bool
 ) -> None:
     painted = []
-    monkeypatch.setattr(warm_up, "make_ready", lambda device: None)
-    monkeypatch.setattr(warm_up, "paint_once", painted.append)
+    monkeypatch.setattr(windows_of_app, "prepare_drawing", lambda device: None)
+    monkeypatch.setattr(windows_of_app, "paint_once", painted.append)
     warm = WarmUp(screens.hear(opened(""), ready()))
     warm._look()
     warm.beside.join()
@@ -181,7 +181,7 @@ def test_painting_once_changes_nothing_and_leaves_no_window(screens: Screens) ->
     console = screens.hear(opened(""), m.Snapshot(m.NO_SESSION, coming=PLAN[0], tip=TIP))
     settle(console)
     before, shown = console.grab().toImage(), set(QApplication.topLevelWidgets())
-    warm_up.paint_once(console)
+    windows_of_app.paint_once(console)
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     settle(console)
     assert console.grab().toImage() == before and set(QApplication.topLevelWidgets()) <= shown

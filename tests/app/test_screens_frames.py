@@ -14,12 +14,11 @@ from screens import Screens, opened_screens, settle
 from app.ipc import messages as m
 from app.window.console_window import PANELS_EVERY
 from app.window.painting import theme
-from app.window.painting.along import by_bin, elbows
 from app.window.painting.energy_panel import Ledger
-from app.window.painting.extent import joints_at
+from app.window.painting.layers import by_bin, elbows, joints_at
+from app.window.painting.linkage_view import Workspace
 from app.window.painting.timing_strip import TimingStrip
 from app.window.painting.traces import Traces
-from app.window.painting.workspace import Workspace
 from app.window.preflight import Pill
 from app.window.windows import FRAME_S
 from core import tick_log

@@ -9,8 +9,8 @@ from screens import Screens, cut_texts, opened_screens, settle
 
 from app.cli import main
 from app.ipc import messages as m
-from app.window.card import ABORT_REASONS
-from app.window.painting.opening import show_whole
+from app.window.cards import ABORT_REASONS
+from app.window.painting.theme import show_whole
 from app.window.questionnaire import ITEMS
 from app.window.results_window import ResultsWindow
 

@@ -12,7 +12,7 @@ from screens import Screens, cut_texts, opened_screens, point, settle, visible_t
 
 from app.ipc import messages as m
 from app.window import words
-from app.window.card import REDO_REASONS
+from app.window.cards import REDO_REASONS
 from app.window.console_window import SMALLEST
 from app.window.plan_grid import MARKS
 from core import tick_log

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.window.painting import theme
 from app.window.painting.panel import LEFT, PAD, WORDS_EVERY_S, Panel
-from app.window.painting.pens import font, shade, text_width
+from app.window.painting.theme import font, shade, text_width
 from core import tick_log
 
 BRAKES, KINETIC, STOPS = theme.BRAKE_SLIPPING, theme.TRACE, theme.BAD

@@ -8,8 +8,8 @@ from PySide6.QtWidgets import QWidget
 
 from app.window.painting import theme
 from app.window.painting.panel import CENTRE, LEFT, RIGHT, Panel
-from app.window.painting.pens import font, pen, shade
 from app.window.painting.strip import range_for
+from app.window.painting.theme import font, pen, shade
 from experiments.analysis.boxplots import Box, Measure, boxes
 from experiments.analysis.trials_table import TrialRow
 

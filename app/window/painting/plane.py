@@ -15,8 +15,8 @@ from PySide6.QtGui import QMouseEvent, QPainter, QPaintEvent, QPixmap, QPolygonF
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from app.window.painting import theme
-from app.window.painting.extent import SPACING_M, Point
-from app.window.painting.pens import SHADES, font, pen, shade, spring_pen
+from app.window.painting.layers import SPACING_M, Point
+from app.window.painting.theme import SHADES, font, pen, shade, spring_pen
 from core.path_file import PathFile, outline
 
 FORCE_RED_N = 20.0  # the spring is green when slack, red from here on

@@ -12,8 +12,8 @@ from PySide6.QtCore import QLineF, QPointF, QRect, QRectF
 from PySide6.QtGui import QPainter, QPixmap, QPolygonF
 
 from app.window.painting import theme
-from app.window.painting.along import by_bin
-from app.window.painting.pens import pen, shade
+from app.window.painting.layers import by_bin
+from app.window.painting.theme import pen, shade
 
 WINDOW_S = 6.0
 LINE_PX = 1.3

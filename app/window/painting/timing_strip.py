@@ -8,8 +8,8 @@ from PySide6.QtWidgets import QWidget
 from app.ipc.messages import Timing
 from app.window.painting import theme
 from app.window.painting.panel import HEAD, LEFT, PAD, RIGHT, Panel
-from app.window.painting.pens import font, shade
 from app.window.painting.strip import Strip
+from app.window.painting.theme import font, shade
 from core import tick_log
 
 LEAST_US, DECADES = 1.0, 4.0  # the scale: 1 us at the bottom, 100 us in the middle, 10 ms at the top

@@ -8,10 +8,10 @@ from PySide6.QtGui import QPainter
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.window.painting import theme
-from app.window.painting.along import errors
+from app.window.painting.layers import errors
 from app.window.painting.panel import CENTRE, HEAD, LEFT, PAD, RIGHT, WORDS_EVERY_S, Panel
-from app.window.painting.pens import font, shade, text_width
 from app.window.painting.strip import Strip, range_for
+from app.window.painting.theme import font, shade, text_width
 from core import tick_log
 from core.device import Device
 from core.mechanism import JOINTS
