@@ -418,7 +418,9 @@ class ConsoleWindow(QWidget):
         """There is no bench any more."""
         self.dead = True
         last = self.snapshot
-        self.snapshot = m.Snapshot(m.FAILED, last.rows, blind=last.blind, notes=last.notes, said=sentence, said_bad=True)
+        self.snapshot = m.Snapshot(
+            m.FAILED, last.rows, blind=last.blind, notes=last.notes, said=sentence, said_bad=True
+        )
         self.proof.show_dead()
         self.show_panels()
         if self.centre.workspace is not None and self.centre.workspace.view.tip is not None:
