@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 
 from app.ipc import messages as m
-from app.ipc.setup import HID, MOUSE, OPERATOR
+from app.ipc.messages import HID, MOUSE, OPERATOR
 from app.session_server.device_setup import Rigging
 from app.session_server.practice import done_without, person_at
 from app.session_server.session_progress import ANSWERS, BREAK_ENDED, NOTE, Sitting
@@ -12,8 +12,7 @@ from app.session_server.state import Desk
 from core.errors import InputError
 from experiments.plan import PlannedTrial
 from experiments.session.files import other_protocol
-from experiments.session.session import Session
-from experiments.session.session_about import SENSOR
+from experiments.session.session import SENSOR, Session
 
 #: hand -> in words
 HANDS = {

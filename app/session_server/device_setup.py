@@ -4,20 +4,31 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from app.ipc import messages as m
-from app.ipc.board_jobs import Connect, HomeAt, Homed, Linked, Looked, NotDone, Reset, TakeZero, Zeroed
-from app.ipc.messages import CONNECT, DONE, HOME, ZERO
+from app.ipc.messages import (
+    CONNECT,
+    DONE,
+    HOME,
+    ZERO,
+    Connect,
+    HomeAt,
+    Homed,
+    Linked,
+    Looked,
+    NotDone,
+    Reset,
+    TakeZero,
+    Zeroed,
+)
 from app.session_server.preflight import check_linked, check_sensor
 from app.session_server.session_progress import Sitting
 from core.device import Device
 from core.errors import InputError
 from core.simulator.simulation import Simulation
-from experiments.home import home_of
 from experiments.plan import PlannedTrial
-from experiments.protocol import Protocol
-from experiments.recording.recording import RecordingWriter
+from experiments.protocol import Protocol, home_of
 from experiments.recording.schema import Sensors
-from experiments.session.session import Session
-from experiments.session.session_about import SENSOR
+from experiments.recording.writer import RecordingWriter
+from experiments.session.session import SENSOR, Session
 from experiments.trial.linked_trial import LinkedTrial
 
 if TYPE_CHECKING:

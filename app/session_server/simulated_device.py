@@ -4,8 +4,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from app.ipc import messages as m
+from app.ipc.messages import HID
 from app.ipc.ring import Ring
-from app.ipc.setup import HID
 from app.session_server.hid_input import HidInput, feel_force_alone
 from app.session_server.preflight import check_device, check_hand
 from app.session_server.session_progress import Sitting
@@ -13,7 +13,7 @@ from core.device import Device
 from core.simulator.simulation import Simulation
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
-from experiments.recording.recording import RecordingWriter
+from experiments.recording.writer import RecordingWriter
 from experiments.session.session import Session
 from experiments.trial.trial import Trial
 from hardware.hid import HidHand

@@ -1,8 +1,6 @@
 """Keeps a control loop at hand: starts it, tries it, gives it trials, and starts a new one when it dies."""
 
-from app.ipc.board_jobs import LinkedDone
-from app.ipc.jobs import Done, Prepared, Tried, Try
-from app.ipc.messages import Check, Timing
+from app.ipc.messages import Check, Done, LinkedDone, Prepared, Timing, Tried, Try
 from app.ipc.ring import Ring
 from app.ipc.scheduling import leave_core
 from app.session_server.loop_process import LoopProcess
@@ -10,7 +8,7 @@ from app.session_server.preflight import check_loop
 from app.session_server.recorder import timing_of
 from app.session_server.trial_run import LinkedRun, TrialRun
 from experiments.plan import PlannedTrial
-from experiments.recording.recording import RecordingWriter
+from experiments.recording.writer import RecordingWriter
 from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.trial import Trial
 

@@ -24,10 +24,10 @@ from app.window.preflight import COLOURS, MARKS
 from app.window.words import grouped
 from core.device import Device
 from core.mechanism import JOINTS
-from experiments.home import home_of
+from experiments.protocol import home_of
 
 if TYPE_CHECKING:
-    from app.ipc.board_jobs import Linked
+    from app.ipc.messages import Linked
 
 SIMULATED = (
     "The device is simulated: it is computed on this computer, with no board and no sensors, and is always ready. "

@@ -11,8 +11,8 @@ from live import Window, wait_until, window
 from protocols import PAPER
 
 from app.ipc import messages as m
-from app.ipc.setup import Setup
-from experiments.recording.recording import read_recording
+from app.ipc.messages import Setup
+from experiments.recording.reader import read_recording
 from experiments.session.session import Session
 
 DEVICE = "four-brake"
