@@ -37,7 +37,7 @@ from experiments.session.files import (
 from experiments.session.journal import NAME as JOURNAL
 from experiments.session.journal import write_event
 from experiments.session.recover import recover_session
-from experiments.session.session_about import recording_metadata, session_about
+from experiments.session.session_about import operators_from_json, recording_metadata, session_about
 from experiments.session.session_rows import (
     BEGUN,
     ENDED,
@@ -54,6 +54,7 @@ from experiments.session.session_rows import (
 from experiments.session.session_trials import SessionTrials
 from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.operator import Person
+from experiments.trial.population import Operators
 from experiments.trial.trial import Trial
 
 
@@ -69,12 +70,13 @@ class Session(SessionTrials):
         sync: bool = True,
         blind: bool | None = None,
         hand: str = "mouse",
+        operators: Operators | None = None,
     ) -> None:
         """Create the folder and store the plan. person: a simulated operator; None: a hand at the mouse or device.
 
         blind: whether the controllers stand as codes (None: as the protocol says; a simulated operator's never do).
         sync = False leaves it to the system when data reach the disk (simulated studies: they can be run again).
-        hand: what moves the handle where it is no simulated operator.
+        hand: what moves the handle where it is no simulated operator. operators: the population of the person.
         InputError if the session exists, is none of the protocol's, or the folder cannot be made.
         """
         if not (participant.isascii() and participant.isalnum()):
@@ -83,6 +85,7 @@ class Session(SessionTrials):
             protocol.refuse_stranger(participant)
         refuse_existing(data_dir, participant)
         self._take_up(data_dir, participant, protocol, person, sync)
+        self.operators = operators
         self.hand = "operator" if person else hand
         self.blind = (protocol.blind and person is None) if blind is None else blind
         self._plan_as(make_plan(protocol, participant, self.blind))
@@ -104,7 +107,7 @@ class Session(SessionTrials):
             if self.blind:
                 self._key = new_key(protocol.controllers)
                 key_sha256 = write_key(self.folder, self._key, sync)
-            about = session_about(participant, protocol, person, self.hand, self.plan, key_sha256)
+            about = session_about(participant, protocol, person, operators, self.hand, self.plan, key_sha256)
             text = json.dumps(about, indent=1, sort_keys=True).encode() + b"\n"
             with written_beside(self.folder / STORED, text, sync) as partial:
                 partial.rename(self.folder / STORED)
@@ -131,7 +134,7 @@ class Session(SessionTrials):
         try:
             person = Person(**stored.about["person"]) if stored.about["person"] else None
             blind, key_sha256 = bool(stored.about["blind"]), str(stored.about["key_sha256"])
-            hand = str(stored.about["hand"])
+            hand, operators = str(stored.about["hand"]), operators_from_json(stored.about)
         except (KeyError, TypeError) as error:
             raise InputError(f"{folder / STORED}: is damaged ({type(error).__name__}: {error})") from None
         session = cls.__new__(cls)
@@ -142,7 +145,8 @@ class Session(SessionTrials):
             session._told = told(folder)
             session._plan_as(stored.plan)
             session.plan = session._told.plan(stored.plan)
-            session.hand, session.blind = hand, blind and session._told.key is None
+            session.hand, session.operators = hand, operators
+            session.blind = blind and session._told.key is None
             session._practised = dict(session._told.practised)
             session._key = read_key(folder, key_sha256) if session.blind else session._told.key or {}
             session.rows = rows_of(folder)
@@ -192,7 +196,7 @@ class Session(SessionTrials):
         name = run_path(self.folder, planned.run, STREAM_SUFFIX, PRACTICE if practice else TRIALS)
         device = self.devices[planned.configuration]
         preset = None if self.blind else self.preset(planned)
-        about = recording_metadata(self.participant, self.protocol, self.hand, trial, preset)
+        about = recording_metadata(self.participant, self.protocol, self.operators, self.hand, trial, preset)
         about["plan_sha256"] = self.plan_sha256
         writer = RecordingWriter(name, device.braked, about, sync=self._sync, sensors=sensors)
         try:

@@ -12,6 +12,7 @@ from experiments.plan import PlannedTrial, plan_hash, plan_to_json
 from experiments.protocol import Protocol, protocol_to_json
 from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.operator import Person
+from experiments.trial.population import Operators
 from experiments.trial.trial import Trial
 
 SENSOR = "force sensor"  # of a device on the bench: whoever moves the handle
@@ -19,8 +20,8 @@ LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 
 
 def session_about(
-    participant: str, protocol: Protocol, person: Person | None, hand: str, plan: tuple[PlannedTrial, ...],
-    key_sha256: str,
+    participant: str, protocol: Protocol, person: Person | None, operators: Operators | None, hand: str,
+    plan: tuple[PlannedTrial, ...], key_sha256: str,
 ) -> dict[str, Any]:  # fmt: skip
     """What session.json holds. key_sha256: of the key of a blind session, whose plan holds codes; else empty."""
     return {
@@ -28,6 +29,7 @@ def session_about(
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "hand": hand,
         "person": person._asdict() if person else None,
+        "operators": operators._asdict() if operators else None,
         "fidelity": "mr",
         "seed": protocol.seed,
         "rules": protocol.rules,
@@ -44,8 +46,9 @@ def session_about(
 
 
 def recording_metadata(
-    participant: str, protocol: Protocol, hand: str, trial: Trial | LinkedTrial, preset: Preset | None
-) -> dict[str, Any]:
+    participant: str, protocol: Protocol, operators: Operators | None, hand: str, trial: Trial | LinkedTrial,
+    preset: Preset | None,
+) -> dict[str, Any]:  # fmt: skip
     """What a recording says of its trial. preset: its controller; None: nothing may tell it, the session is blind."""
     planned, path, linked = trial.planned, trial.path, isinstance(trial, LinkedTrial)
     about = {
@@ -59,6 +62,7 @@ def recording_metadata(
         "seed": protocol.seed,
         "note": protocol.note(),
         "hand": SENSOR if linked else hand,
+        "operators": operators._asdict() if operators else None,
         "link": "serial" if linked else "sim",
         "assumed": trial.device.assumed,
     }
@@ -76,6 +80,12 @@ def preset_to_json(preset: Preset) -> dict[str, Any]:
 def preset_from_json(about: dict[str, Any]) -> Preset:
     """A controller as a recording has it. KeyError if something is missing."""
     return Preset(about["name"], KINDS[about["kind"]], float(about["gap_m"]), float(about["gain_N_s_m"]))
+
+
+def operators_from_json(about: dict[str, Any]) -> Operators | None:
+    """The population of the simulated operator, as session and recordings have it; None: a person, or not stored."""
+    stored = about.get("operators")
+    return Operators(str(stored["population"]), tuple(stored["changed_after_findings"])) if stored else None
 
 
 def _version(package: str) -> str:
