@@ -12,18 +12,16 @@ import contextlib
 import gc
 import pickle
 import queue
-import shutil
 import signal
 import sys
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from app.ipc.jobs import (
+from app.ipc.messages import (
     REAL_TIME,
     Connect,
     DeviceStatus,
@@ -40,9 +38,9 @@ from app.ipc.jobs import (
     Try,
     Zeroed,
 )
+from app.ipc.process import spare_scipy
 from app.ipc.ring import CONTROL, Ring
 from app.ipc.scheduling import take_scheduling
-from app.ipc.spare_scipy import spare_scipy
 from app.loop.clock import NATIVE, new_timespec
 from app.loop.real_time import ROOM, end_early, put, run_idle, run_trial
 from core import tick_log
@@ -309,9 +307,8 @@ def main() -> None:
     jobs, answers = sys.stdin.buffer, sys.stdout.buffer
     sys.stdout = sys.stderr
     spare_scipy()
-    path, real_time, port = Path(sys.argv[1]), sys.argv[2] == REAL_TIME, sys.argv[3]
+    ring, real_time, port = Ring(sys.argv[1]), sys.argv[2] == REAL_TIME, sys.argv[3]
     with contextlib.suppress(BrokenPipeError):
-        loop = Loop(Ring(path), port, answers)
+        loop = Loop(ring, port, answers)
         loop.prepare(real_time)
         loop.work(jobs)
-    shutil.rmtree(path.parent, ignore_errors=True)  # the last one out: a server that was killed could not

@@ -9,10 +9,26 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from app.ipc import messages as m
-from app.ipc.jobs import Connect, DeviceStatus, HomeAt, Homed, Looked, NotDone, Reset, TakeZero, Zeroed
-from app.ipc.messages import BAD, CONNECT, DONE, GOOD, HOME, ZERO, Check
+from app.ipc.messages import (
+    BAD,
+    CONNECT,
+    DONE,
+    GOOD,
+    HID,
+    HOME,
+    ZERO,
+    Check,
+    Connect,
+    DeviceStatus,
+    HomeAt,
+    Homed,
+    Looked,
+    NotDone,
+    Reset,
+    TakeZero,
+    Zeroed,
+)
 from app.ipc.ring import Ring
-from app.ipc.setup import HID
 from app.session_server.preflight import check_device, check_hand, check_linked, check_sensor
 from app.session_server.session_progress import Sitting
 from core.device import Device

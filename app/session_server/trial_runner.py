@@ -2,8 +2,7 @@
 
 import contextlib
 
-from app.ipc.jobs import Done, Prepared, Run, Tried, Try
-from app.ipc.messages import Check, Timing
+from app.ipc.messages import Check, Done, Prepared, Run, Timing, Tried, Try
 from app.ipc.ring import BRAKES_OFF, CONDUCTOR_SILENT, RING_FULL, STOPPED, Ring
 from app.ipc.scheduling import leave_core
 from app.session_server.loop_process import LoopProcess

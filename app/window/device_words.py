@@ -13,7 +13,7 @@ from core.device_interface import VELOCITY_NOISE_HZ, encoder_step
 from core.mechanism import JOINTS
 
 if TYPE_CHECKING:
-    from app.ipc.jobs import DeviceStatus
+    from app.ipc.messages import DeviceStatus
 
 RECENT_S = 10.0  # what is counted as happening now
 SAMPLE_HZ = 1000.0
@@ -197,7 +197,7 @@ def quantisation(device: Device, linked: "DeviceStatus", controllers: dict[int, 
 
 
 if TYPE_CHECKING:
-    from app.ipc.jobs import DeviceStatus
+    from app.ipc.messages import DeviceStatus
 
 
 def board_values(linked: "DeviceStatus") -> dict[str, str]:

@@ -17,7 +17,7 @@ from core.device_file import ForceSensor
 from core.device_interface import DeviceError, DeviceSample
 from core.errors import InputError
 from hardware.sensing.net_ft import SILENT_S, NetFT
-from hardware.serial_device import SerialDevice
+from hardware.serial_device import SerialDevice, device_at
 
 pytest.importorskip("pynetft", reason="pynetft is not installed: ATI sensors cannot be read")
 

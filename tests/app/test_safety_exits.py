@@ -17,7 +17,7 @@ from live import gone, kill, wait_until
 from live_board import board_session
 from real_bench import RealBench
 
-from app.ipc.jobs import NotDone, Reset, Run
+from app.ipc.messages import NotDone, Reset, Run
 from app.ipc.ring import Ring
 from app.loop.loop import Loop
 from core import tick_log
@@ -89,8 +89,7 @@ def test_an_exception_in_the_middle_of_a_trial_ends_in_zero_current(error: type[
 def test_a_conductor_that_is_gone_when_the_loop_reports_leaves_no_current(place: Place) -> None:
     bench = RealBench(hand=HeldHand(START), device=place.session.devices["four-brake"])
     answers = Told()
-    path = place.folder / "ring-2"
-    loop = Loop(Ring(path, create=True, width=tick_log.BENCH_WIDTH), "bench", answers)
+    loop = Loop(Ring(width=tick_log.BENCH_WIDTH), "bench", answers)
     loop.device, answers.broken = bench.link, True
     read, write = os.pipe()  # a server that sends nothing
     with pytest.raises(BrokenPipeError):

@@ -13,8 +13,7 @@ from fault_kinds import AWAY, BETWEEN, END, LOCKED_TICKS, PULL, START, Fault, Ki
 from real_bench import RealBench
 from simulated_bench import reach
 
-from app.ipc.jobs import DeviceStatus, Done, HomeAt, Reset
-from app.ipc.messages import GOOD
+from app.ipc.messages import GOOD, DeviceStatus, Done, HomeAt, Reset
 from app.ipc.ring import Ring
 from app.loop.loop import Loop
 from app.session_server.preflight import check_linked
@@ -93,9 +92,7 @@ class Case:
         device = session.devices[fault.device]
         self.bench = RealBench(hand=HeldHand(AWAY if phase == "approach" else START), device=device)
         self.board = self.bench.board
-        path = place.folder / "ring"
-        path.unlink(missing_ok=True)
-        self.ring = Ring(path, create=True, width=tick_log.BENCH_WIDTH)
+        self.ring = Ring(width=tick_log.BENCH_WIDTH)
         self.answers = io.BytesIO()
         self.loop = Loop(self.ring, "bench", self.answers, self.bench.now, lambda seconds: None)
         self.loop.device = self.bench.link

@@ -5,7 +5,7 @@ import time
 from fake_bench import GREEN, pulse
 
 from app.ipc import messages as m
-from app.ipc.jobs import DeviceStatus
+from app.ipc.messages import DeviceStatus
 
 ON_BENCH = {"real_device": True, "hand": "force sensor"}
 WELL = (m.Check("Device", m.GOOD, "four-brake, board B-7"), m.Check("Hand", m.GOOD, "force sensor"), *GREEN[2:])
@@ -36,4 +36,4 @@ def linked(report: dict | None = None, **changes) -> DeviceStatus:
 
 def told(device: DeviceStatus | None, told_s: float = 0.0) -> m.Pulse:
     """A pulse that brings it."""
-    return pulse("")._replace(linked=device and device._replace(told_s=told_s))
+    return pulse("")._replace(device=device and device._replace(told_s=told_s))
