@@ -69,6 +69,7 @@ class RealDevice(AnyDevice, Protocol):
 
     encoders: str  # letters of the joints that have one, as "AB"; known once it is open
     force_channels: int  # likewise
+    port: str  # by which it is reached
     clock: Callable[[], float]  # s, monotonic: the host's, as in `DeviceSample.t_s`
 
     @property

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from core.device import Device
-from core.device_interface import DeviceError, DeviceSample, ZeroRecord
+from core.device_interface import DeviceError, DeviceSample, RealDevice, ZeroRecord
 from core.errors import InputError
 from core.mechanism import JOINTS
 from hardware.connection import Connection, FreshnessWatch, Wire
@@ -384,7 +384,7 @@ class SerialDevice:
         return taken
 
 
-def device_at(device: Device, where: str) -> SerialDevice:
+def device_at(device: Device, where: str) -> RealDevice:
     """The real device that a text asks for: a port, or "PORT netft:HOST". It is not opened yet."""
     port, _, host = where.partition(f" {NET_FT}")
     return SerialDevice(device, port, host)

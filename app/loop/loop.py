@@ -45,7 +45,7 @@ from app.loop.clock import NATIVE, new_timespec
 from app.loop.real_time import ROOM, end_early, put, run_idle, run_trial
 from core import tick_log
 from core.device import Device
-from core.device_interface import DeviceError, DeviceSample
+from core.device_interface import DeviceError, DeviceSample, RealDevice
 from core.errors import InputError
 from core.path_file import build_path
 from core.simulator.simulated_device import SimulatedDevice
@@ -54,7 +54,7 @@ from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
 from experiments.trial.tick import RUN
 from experiments.trial.trial import Trial, load_kernels
-from hardware.serial_device import SerialDevice, device_at
+from hardware.serial_device import device_at
 
 NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
 TELL_S = 0.1  # between two reports of how a real device is
@@ -71,7 +71,7 @@ class Loop:
     ) -> None:  # fmt: skip
         """port: of a real device; "": the device is simulated. answers: the pipe to the server."""
         self.ring, self.port, self._answers = ring, port, answers
-        self.device: SerialDevice | None = None  # the real one, once it was reached
+        self.device: RealDevice | None = None  # the real one, once it was reached
         self.sample: DeviceSample | None = None  # its newest
         self.jobs: queue.SimpleQueue = queue.SimpleQueue()  # None: there will be no more
         self._clock, self._sleep = clock, sleep
@@ -171,7 +171,7 @@ class Loop:
         else:
             self._run_on(self.device, trial)
 
-    def _run_on(self, device: SerialDevice, trial: Trial) -> None:
+    def _run_on(self, device: RealDevice, trial: Trial) -> None:
         trial.connect(device)
         run = trial.arguments().run
         run = run.view(np.ndarray) if NATIVE else run
@@ -215,7 +215,7 @@ class Loop:
             self._looking = False
             self._answer(Looked())
 
-    def _latch(self, device: SerialDevice, sample: DeviceSample) -> None:
+    def _latch(self, device: RealDevice, sample: DeviceSample) -> None:
         """Brakes-off here is brakes-off on the board, and the other way round."""
         if sample.fault:
             self.ring.switch_off(LATCHED + sample.fault)
@@ -246,7 +246,7 @@ class Loop:
             self.device.close()
         self.device, self.sample, self._problem = None, None, "not connected yet"
 
-    def _there(self) -> SerialDevice:
+    def _there(self) -> RealDevice:
         if self.device is None:
             raise DeviceError(f"the board cannot be reached: {self._problem}")
         return self.device
