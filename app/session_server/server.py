@@ -41,10 +41,10 @@ class SessionServer:
     """Serves its window until the end."""
 
     def __init__(self, setup: Setup, protocol: "Protocol", ring: Ring, loop: LoopProcess, window: Pipe) -> None:
-        from app.session_server.state import Desk
+        from app.session_server.state import State
 
         self._ring, self._window = ring, window
-        self._state = Desk(setup, protocol, ring, loop)
+        self._state = State(setup, protocol, ring, loop)
         self._shown: m.Snapshot | None = None
         self._opened: m.Opened | None = None
         self._pulse_s = 0.0
