@@ -230,7 +230,7 @@ class Snapshot(NamedTuple):
 
     @property
     def why_not(self) -> str:
-        """Why no trial can be started now; "": one can. By this the server refuses, and the window greys its buttons."""
+        """Why no trial can be started now; "": one can. The server refuses by it, the window greys its buttons."""
         if self.stage not in (READY, NO_SESSION):
             return NOT_NOW[self.stage]
         if self.paused:

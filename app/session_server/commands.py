@@ -14,8 +14,7 @@ from core.errors import InputError
 from experiments.plan import PlannedTrial
 from experiments.session.files import other_protocol
 from experiments.session.journal import ANSWERS, BREAK_ENDED, NOTE, PAUSED, RESUMED_AFTER_PAUSE
-from experiments.session.session import Session
-from experiments.session.session_about import SENSOR
+from experiments.session.session import SENSOR, Session
 
 #: hand -> in words
 HANDS = {

@@ -12,7 +12,8 @@ from app.ipc.ring import Ring
 from app.session_server.device_setup import DeviceSetup
 from app.session_server.loop_process import LoopProcess
 from app.session_server.practice import Practice
-from app.session_server.preflight import check_disk, check_recording, with_advice
+from app.session_server.preflight import check_disk, check_recording
+from app.session_server.remedies import with_advice
 from app.session_server.session_progress import SessionProgress
 from app.session_server.simulated_device import SimulatedDevice
 from app.session_server.steps import BY_NAME

@@ -10,13 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from app.session_server.preflight import with_advice
+from app.session_server.remedies import with_advice
 from app.session_server.session_progress import SessionProgress
 from app.session_server.trial_run import TrialRun
 from app.session_server.trial_runner import TrialRunner
 from core.errors import InputError
 from experiments.analysis.trials_table import SETTLED
-from experiments.recording.recording import STREAM_SUFFIX
+from experiments.recording.reader import STREAM_SUFFIX
 from experiments.session.files import write_pooled_table
 from experiments.session.journal import LOOP_LOST, Event, now
 

@@ -142,14 +142,15 @@ def protocol_of(args: argparse.Namespace):
 
 def print_plan(args: argparse.Namespace) -> int:
     """Every trial of the participant, for the standard output."""
-    from experiments.plan_text import print_plan
+    from app.session_server.steps import planned_steps
+    from experiments.plan import print_plan
     from experiments.session.files import free_participant
 
     protocol = protocol_of(args)
     participant = args.participant or free_participant(args.data_dir, protocol.participants)
     if args.input != "operator":
         protocol.refuse_stranger(participant)
-    print(print_plan(protocol, participant), end="")
+    print(print_plan(protocol, participant, planned_steps), end="")
     return 0
 
 

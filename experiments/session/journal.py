@@ -16,10 +16,10 @@ from typing import Any, NamedTuple, get_type_hints
 
 from core.device_interface import ZeroRecord
 from experiments.analysis.metrics import NO_METRICS
-from experiments.analysis.trial_row import row_of
-from experiments.analysis.trials_table import COUNTED, TrialRow
+from experiments.analysis.trials_table import COUNTED, TrialRow, row_of
 from experiments.plan import PlannedTrial
-from experiments.recording.recording import PARQUET_SUFFIX, STREAM_SUFFIX, Recording, read_recording
+from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
+from experiments.recording.schema import Recording
 from experiments.session.blind import opened, veiled
 from experiments.session.files import CRASHED, row_place
 

@@ -14,7 +14,8 @@ from pathlib import Path
 
 from core.errors import InputError
 from experiments.analysis.trials_table import TrialRow, read_table
-from experiments.recording.recording import PARQUET_SUFFIX, STREAM_SUFFIX, Recording, read_recording
+from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
+from experiments.recording.schema import Recording
 from experiments.session.blind import KEY, read_key
 from experiments.session.files import (
     PRACTICE,

@@ -23,7 +23,7 @@ from protocols import PAPER, changed
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 from experiments.session.files import cell
 from experiments.session.journal import ENDED, WINDOW_LOST, read_events
 from experiments.session.verify import verify

@@ -75,8 +75,7 @@ def start_window(setup: Setup, most: int) -> subprocess.Popen:
 
 def session(data: Path, args: argparse.Namespace) -> dict:
     """Run it, kill as asked, and look at what there is."""
-    from app.ipc.address import find
-    from live import children
+    from live import children, gone, wait_until
 
     victim, setup = args.kill, Setup(data, hand="operator", seed=1, real_time=not args.default)
     window, kills, began = start_window(setup, args.trials), 0, time.monotonic()
@@ -94,12 +93,14 @@ def session(data: Path, args: argparse.Namespace) -> dict:
         if victim and trials % EVERY == 0:
             time.sleep(MOVING_S)
             kills += 1
+            server = children(window.pid)[0]
             if victim == "window":
                 window.send_signal(signal.SIGKILL)
                 window.wait()
+                wait_until(lambda server=server: gone(server))  # it finishes its trial
                 window = start_window(setup, args.trials)
             else:
-                os.kill(children(find(data).pid)[0], signal.SIGKILL)
+                os.kill(children(server)[0], signal.SIGKILL)
     wall_s = round(time.monotonic() - began, 1)
     return {"killed": victim, "kills": kills, "hogs": args.hogs, "wall_s": wall_s, **recorded(data)}
 
@@ -110,7 +111,7 @@ def recorded(data: Path) -> dict:
 
     import numpy as np
 
-    from experiments.recording.recording import read_recording
+    from experiments.recording.reader import read_recording
     from experiments.session.files import cell, read_stored, rows_of, session_folder
     from experiments.session.verify import verify
 

@@ -20,7 +20,7 @@ from killed_phd import KilledPhd, written_rows
 from recorded import assert_holds
 
 from experiments.analysis.trials_table import COUNTED, read_table
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 from experiments.session.files import cell, open_trials, read_stored, rows_of
 from experiments.session.journal import journal_summary, read_events
 from experiments.session.recover import recover

@@ -10,7 +10,7 @@ from live import Window, gone, kill, wait_until
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 from experiments.session.files import PARQUET_SUFFIX, rows_of, run_path, session_folder
 from experiments.session.journal import journal_summary
 from experiments.session.verify import verify
