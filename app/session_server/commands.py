@@ -15,6 +15,7 @@ from experiments.plan import PlannedTrial
 from experiments.session.files import other_protocol
 from experiments.session.journal import ANSWERS, BREAK_ENDED, NOTE, PAUSED, RESUMED_AFTER_PAUSE
 from experiments.session.session import SENSOR, Session
+from experiments.trial.population import load_population
 
 #: hand -> in words
 HANDS = {
@@ -69,7 +70,9 @@ def _open(state: State, command: m.Open) -> None:
         session = Session.resume(setup.data_dir, name, setup.sync)
     else:
         person, blind = person_at(setup, state.protocol, name), command.blind or None
-        session = Session(setup.data_dir, name, state.protocol, person, setup.sync, blind, state.device.hand)
+        operators = load_population().operators if person else None
+        hand = state.device.hand
+        session = Session(setup.data_dir, name, state.protocol, person, setup.sync, blind, hand, operators)
     try:
         state.storage.take(SessionProgress(session))
     except BaseException:
