@@ -33,6 +33,6 @@ def test_a_library_that_the_windows_need_and_the_system_lacks_is_one_sentence(mo
     def missing(name: str):
         raise ImportError("libEGL.so.1: cannot open shared object file")
 
-    monkeypatch.setattr(display, "import_module", missing)
+    monkeypatch.setattr(progress, "import_module", missing)
     with pytest.raises(progress.InputError, match=r"a system library is missing: libEGL"):
         progress.import_screen("windows")
