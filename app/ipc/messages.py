@@ -110,7 +110,7 @@ class AllowBrakes(NamedTuple):
 
 
 class Confirm(NamedTuple):
-    """What the conductor waits for is done: the re-rig, the break."""
+    """The step that the session waits for is done: the re-rig, the break."""
 
 
 class Rig(NamedTuple):
@@ -136,7 +136,7 @@ class Answers(NamedTuple):
 
 
 class Quit(NamedTuple):
-    """Abort what runs, keep it, and end the conductor."""
+    """Abort what runs, keep it, and end the session server."""
 
     reason: str
 
@@ -200,7 +200,7 @@ class Opened(NamedTuple):
     seed: int
     real_device: bool  # currents flow in real brakes
     hand: str  # what moves the handle: "mouse", "operator"
-    next_participant: str  # to be offered: the first without a session, or with an unfinished one; "": nobody is left
+    next_participant: str  # to be offered: the first without a session, or with an unfinished one; "": none is left
     rules: str  # by which the controllers decide: "settled", "literal"
     blind: bool = False  # a new session is blind whether that is asked for or not
 
@@ -311,7 +311,7 @@ class HomeAt(NamedTuple):
 
 
 class TakeZero(NamedTuple):
-    """Nobody touches the handle: take what is read as zero."""
+    """The handle is free: take what is read as zero."""
 
 
 class Reset(NamedTuple):
@@ -387,7 +387,7 @@ class Homed(NamedTuple):
 
 
 class Zeroed(NamedTuple):
-    """What was read with nobody at the handle."""
+    """What was read with the handle free."""
 
     record: "ZeroRecord"
 

@@ -92,11 +92,11 @@ def _open(state: State, command: m.Open) -> None:
 
 
 def _wrong_hand(state: State) -> str:
-    """Why no trials of the open session can be run on this bench; "": they can. Everything else can be done."""
+    """Why no trials of the open session can be run with this hand; "": they can. Everything else can be done."""
     session, hand = state.session, state.device.hand
     if session is None or session.hand == hand:
         return ""
-    begun = HANDS.get(session.hand, f"{session.hand!r}, which nobody knows here")  # a file that somebody has edited
+    begun = HANDS.get(session.hand, f"{session.hand!r}, an unknown hand")  # session.json was edited
     return f"It was begun with {begun}, this is {HANDS[hand]}: no trials, for they would not compare."
 
 

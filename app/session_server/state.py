@@ -42,7 +42,7 @@ class State:
         self.runner = TrialRunner(ring, loop, setup.real_time, setup.link)
         self.device = DeviceSetup(self.runner.send, protocol) if setup.link else SimulatedDevice(ring, setup.hand)
         self.why_off = ""  # cause of the brakes-off, as the journal has it
-        self.presses = 0  # of it, as the window has been told
+        self.presses = 0  # of the brakes-off, as the window has seen them
         self.broken = ""  # why no more trials can be run
         self.storage = Storage(setup.data_dir, self.runner, self.say)
         self._said, self._said_bad = "", False
@@ -68,7 +68,7 @@ class State:
             self._next_participant = next(iter(self._resumable), "")
 
     def try_out(self) -> Trial | LinkedTrial:
-        """A practice trial that no session knows of. InputError: the device on the bench is not ready."""
+        """A practice trial outside of any session. InputError: the device on the bench is not ready."""
         linked = self.device.ready_device(self.protocol)
         if linked is None and self.practice.simulation is not None:
             self.device.take_handle(self.practice.simulation)

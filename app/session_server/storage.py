@@ -50,7 +50,7 @@ class Storage:
         self.let_go()
 
     def let_go(self) -> None:
-        """The session is closed, whatever the disk says: lines that it does not take go to the log of the bench."""
+        """The session is closed, whatever the disk says: lines that it does not take go to the log."""
         if self.progress is None:
             return
         try:
@@ -114,7 +114,7 @@ class Storage:
         try:
             row = run.keep(self.progress.session)
             self.verified = run.name.lower() if row.recording else self.verified
-            if row.status == "aborted":  # somebody decided so: the reason alone would not say what became of it
+            if row.status == "aborted":  # the experimenter decided so: their reason alone would not say it
                 said = with_advice(f"{run.name} was aborted", run.trial.outcome()["reason"])
             if row.status == "stopped":
                 said += " It comes again: start it, or skip it." if row.block else " It comes again: start it."
