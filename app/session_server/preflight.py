@@ -37,7 +37,7 @@ def check_linked(linked: Linked | None, why_off: str) -> Check:
     if why_off or linked.fault:
         return check_device(False, why_off or f"the board: {linked.fault}")
     if not linked.homed:
-        return Check("Device", BAD, "not homed", "The encoders must be homed: until then the place of the handle is unknown.")
+        return Check("Device", BAD, "not homed", "Home the encoders: until then the place of the handle is unknown.")
     return Check("Device", GOOD, f"{linked.device}, board {linked.board}")
 
 
