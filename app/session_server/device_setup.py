@@ -30,7 +30,7 @@ from app.ipc.messages import (
 )
 from app.ipc.ring import Ring
 from app.session_server.preflight import check_device, check_hand, check_linked, check_sensor
-from app.session_server.session_progress import Sitting
+from app.session_server.session_progress import SessionProgress
 from core.device import Device
 from core.errors import InputError
 from core.simulator.simulated_device import SimulatedDevice
@@ -38,12 +38,13 @@ from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol, home_of
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter
+from experiments.session.journal import HOMED, RERIGGED, ZEROED
 from experiments.session.session import SENSOR, Session
 from experiments.trial.trial import Trial
 from hardware.hid import HidHand
 
 if TYPE_CHECKING:
-    from app.session_server.trial_runner import Runner
+    from app.session_server.trial_runner import TrialRunner
 
 HID_S = 0.004  # between two looks at a six-axis device: twice as often as one reports
 
@@ -68,15 +69,15 @@ class DeviceSetup:
         if real:
             send(self._connect)
 
-    def stage(self, sitting: Sitting) -> str:
+    def stage(self, progress: SessionProgress) -> str:
         """As the session's; but a real device has to be made ready, and again after its board has lost its power."""
-        stage = sitting.stage
-        if not self.real or stage not in (m.READY, m.RERIG) or sitting.coming is None:
+        stage = progress.stage
+        if not self.real or stage not in (m.READY, m.RERIG) or progress.coming is None:
             return stage
-        if self.step(self._device(sitting)):
+        if self.step(self._device(progress)):
             return m.RERIG
-        sitting.rigged = sitting.coming.configuration
-        return sitting.stage
+        progress.rigged = progress.coming.configuration
+        return progress.stage
 
     def step(self, device: Device) -> str:
         """What is next before this real device can be used. A board that is lost is no step: it comes back itself.
@@ -92,11 +93,11 @@ class DeviceSetup:
             return HOME
         return DONE if status.zeroed else ZERO
 
-    def wait_for(self, sitting: Sitting) -> str:
+    def wait_for(self, progress: SessionProgress) -> str:
         """What the person is to do, in one sentence."""
-        if not self.real or self.stage(sitting) != m.RERIG or sitting.coming is None:
-            return sitting.wait_for()
-        device = self._device(sitting)
+        if not self.real or self.stage(progress) != m.RERIG or progress.coming is None:
+            return progress.wait_for()
+        device = self._device(progress)
         if self._busy:
             return "A moment ..."
         match self.step(device):
@@ -104,38 +105,38 @@ class DeviceSetup:
                 joints = " ".join(device.braked)
                 return f"Put {device.name} on the bench (brakes at {joints}), connect its board, then go on."
             case "home":
-                x, y = home_of(device, sitting.session.protocol.paths)
+                x, y = home_of(device, progress.session.protocol.paths)
                 return f"Hold the handle in its jig at x = {1e3 * x:.0f} mm, y = {1e3 * y:.0f} mm, then go on."
             case "zero":
                 return "Let go of the handle, go on, and do not touch it for a second."
         return ""
 
-    def confirm(self, sitting: Sitting, write: Callable[..., None]) -> None:
+    def confirm(self, progress: SessionProgress, write: Callable[..., None]) -> None:
         """The person has done it. write: into the journal. With a real device the loop now does its part."""
         if self.real:
-            self.do(sitting, self.step(self._device(sitting)))
+            self.do(progress, self.step(self._device(progress)))
             return
-        assert sitting.coming is not None
-        write("re-rigged", configuration=sitting.coming.configuration)
-        sitting.rigged = sitting.coming.configuration
+        assert progress.coming is not None
+        write(RERIGGED, configuration=progress.coming.configuration)
+        progress.rigged = progress.coming.configuration
 
-    def do(self, sitting: Sitting, step: str) -> None:
+    def do(self, progress: SessionProgress, step: str) -> None:
         """Let the loop do a step on the real device, or do it again; while one is being done, nothing."""
-        device = self._device(sitting)
+        device = self._device(progress)
         if step and not self._busy:
-            home = HomeAt(home_of(device, sitting.session.protocol.paths))
+            home = HomeAt(home_of(device, progress.session.protocol.paths))
             job = {CONNECT: Connect((device,)), HOME: home, ZERO: TakeZero()}[step]
             if isinstance(job, Connect):
                 self._connect = job
             self._busy = True
             self._send(job)
 
-    def _device(self, sitting: Sitting) -> Device:
+    def _device(self, progress: SessionProgress) -> Device:
         """That of the coming trial."""
-        assert sitting.coming is not None
-        return sitting.session.protocol.device(sitting.coming.configuration)
+        assert progress.coming is not None
+        return progress.session.protocol.device(progress.coming.configuration)
 
-    def hear(self, runner: "Runner", write: Callable[..., None], say: Callable[..., None]) -> None:
+    def hear(self, runner: "TrialRunner", write: Callable[..., None], say: Callable[..., None]) -> None:
         """What the loop says of a real device. write: into the journal; say: to the experimenter."""
         if runner.replaced and self.real:  # the new loop knows of no device
             runner.replaced, self._busy, self.status = False, False, None
@@ -149,10 +150,10 @@ class DeviceSetup:
                     self._busy = False
                 case Homed(tip):
                     self._busy = False
-                    write("homed", tip_m=tip, board=self.status.board if self.status else "")
+                    write(HOMED, tip_m=tip, board=self.status.board if self.status else "")
                 case Zeroed(record):
                     self._busy = False
-                    write("zero taken", **record._asdict())
+                    write(ZEROED, **record._asdict())
                 case NotDone(why):
                     self._busy = False
                     say(f"{why[0].upper()}{why[1:]}.", bad=True)
@@ -173,7 +174,7 @@ class DeviceSetup:
         elif self._ring.presses == presses:
             self._ring.allow()
 
-    def tip(self, sitting: Sitting | None, practice: SimulatedDevice | None) -> m.Point:
+    def tip(self, progress: SessionProgress | None, practice: SimulatedDevice | None) -> m.Point:
         """Where the handle is, m. practice: the device of trials without a session.
 
         Of a real device rounded, so that a hand that rests tells the window nothing new; before its encoders are homed,
@@ -182,8 +183,8 @@ class DeviceSetup:
         if self.real:
             x, y = self.status.tip if self.status and self.status.homed else self._home
             return round(x, 3), round(y, 3)
-        if sitting is not None:
-            return sitting.tip
+        if progress is not None:
+            return progress.tip
         return practice.tip if practice is not None else (0.0, 0.0)
 
     def begin(self, session: Session, planned: PlannedTrial) -> tuple[Trial, RecordingWriter]:

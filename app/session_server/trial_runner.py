@@ -100,7 +100,7 @@ class TrialRun:
         return reasons.get(int(self._ring.control.cause), "")
 
 
-class Runner:
+class TrialRunner:
     """One trial at a time, on the loop that lives."""
 
     def __init__(self, ring: Ring, loop: LoopProcess, real_time: bool, port: str = "") -> None:

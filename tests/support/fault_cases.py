@@ -17,7 +17,7 @@ from app.ipc.messages import GOOD, DeviceStatus, Done, HomeAt, Reset
 from app.ipc.ring import Ring
 from app.loop.loop import Loop
 from app.session_server.preflight import check_linked
-from app.session_server.remedies import remedy, told
+from app.session_server.remedies import remedy, with_advice
 from app.session_server.trial_runner import DIED, TrialRun
 from core import tick_log
 from core.device import load_device
@@ -247,7 +247,7 @@ class Case:
             self.words = lost(self.run.name)
             return
         self.run.ended(Done(self.running.changed()), "")
-        self.words = told(self.run.name, self.running.outcome()["reason"])
+        self.words = with_advice(self.run.name, self.running.outcome()["reason"])
         self.row = self.run.keep(session)
 
     @property
