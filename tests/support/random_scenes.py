@@ -167,7 +167,7 @@ def _force(draw: _Draw, duration: float) -> list[list[float]]:
     return knots
 
 
-def write_scene(device: dict, scene: dict, step: float, folder: Path) -> Path:
+def write_scene(device: dict, scene: dict, step: float, folder: Path, integrator: str = "event") -> Path:
     """The files of a scene with a step (s) in `folder`, for `phd simulate`."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "device.toml").write_text(_device_text(device), encoding="utf-8")
@@ -179,6 +179,7 @@ def write_scene(device: dict, scene: dict, step: float, folder: Path) -> Path:
         f"initial_tip_m = {scene['tip']!r}",
         f"initial_tip_velocity_m_s = {scene['velocity']!r}",
         f'fidelity = "{scene["fidelity"]}"',
+        f'integrator = "{integrator}"',
         "[brakes]",
     ]
     key = "torque_N_m" if scene["fidelity"] == "ideal" else "current_amperes"
@@ -193,7 +194,7 @@ def write_scene(device: dict, scene: dict, step: float, folder: Path) -> Path:
     else:
         lines.append('file = "force.csv"')
         _write_table(folder / "force.csv", "t_s,fx_N,fy_N", scene["force"])
-    path = folder / f"scene_{step!r}.toml"
+    path = folder / f"scene_{integrator}_{step!r}.toml"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 

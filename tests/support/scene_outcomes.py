@@ -69,14 +69,16 @@ def reference(device: dict, scene: dict) -> Reference:
     return solve_scene(device, brakes, scene, INTERVAL_S * np.arange(round(scene["duration"] / INTERVAL_S) + 1))
 
 
-def outcomes(name: str, device: dict, scene: dict, tips: np.ndarray, steps=STEPS) -> Iterator[Outcome]:
+def outcomes(
+    name: str, device: dict, scene: dict, tips: np.ndarray, steps=STEPS, integrator="event"
+) -> Iterator[Outcome]:
     """The simulator's runs of a scene, by way of its file, beside the tips (n, 2) every THINNED INTERVAL_S."""
     with tempfile.TemporaryDirectory() as folder:
         for step in steps:
-            yield _outcome(name, device, scene, tips, step, Path(folder))
+            yield _outcome(name, device, scene, tips, step, integrator, Path(folder))
 
 
-def _outcome(name, device, scene, tips, step, folder: Path) -> Outcome:
+def _outcome(name, device, scene, tips, step, integrator, folder: Path) -> Outcome:
     sources = []
 
     def source(asked):
@@ -84,8 +86,9 @@ def _outcome(name, device, scene, tips, step, folder: Path) -> Outcome:
         return sources[-1]
 
     out = folder / f"{step!r}.csv"
+    path = write_scene(device, scene, step, folder, integrator)
     try:
-        warnings = simulate(read_scene(write_scene(device, scene, step, folder)), out, source).warnings
+        warnings = simulate(read_scene(path), out, source).warnings
         got = np.loadtxt(out, delimiter=",", skiprows=1, usecols=(1, 2))[::THINNED]
         off = float(np.hypot(*(got - tips).T).max())
     except FloatingPointError as error:
