@@ -14,17 +14,26 @@ import pyarrow as pa
 from pyarrow import csv as pa_csv
 
 from core import row
-from core.control import DECISIONS
+from core.control import DECISIONS, Preset
 from core.device import Device, load_device
 from core.errors import InputError
 from core.path import Path as PathAhead
 from core.workspace import tip_is_free
+from experiments.decisions import Checked, check_decisions
 from experiments.metrics import along_path, trial_metrics
 from experiments.person import Person
 from experiments.protocol import Protocol, check_reach, load_protocol
 from experiments.recording import Recording, recording_columns
 from experiments.recording_form import TEXT_COLUMNS, column_words
-from experiments.replay_hand import HANDS, WITH_TARGET, RecordedHand, force_hand, target_hand
+from experiments.replay_hand import (
+    HANDS,
+    WITH_TARGET,
+    RecordedHand,
+    force_hand,
+    has_arm,
+    recorded_arm,
+    target_hand,
+)
 from experiments.replay_run import Recorded, read_recorded, run_replay
 from experiments.session_files import STORED
 from experiments.whole_files import give_new_name, is_wrong_path, written_beside
@@ -32,6 +41,10 @@ from experiments.whole_files import give_new_name, is_wrong_path, written_beside
 A_PERSON_WOULD_REACT = (
     "A person would feel the difference and react: this is what the recorded hand would have come to, not what a "
     "person would have done."
+)
+EARLIER_VERSION = (
+    "an earlier version recorded the trial, without its start and the arm of the hand: the replay begins with the "
+    "movement and comes near the recorded motion, mostly to rounding, not to the last bit"
 )
 
 
@@ -51,11 +64,19 @@ def replay(
     """
     trial = read_recorded(Path(file))
     chosen, number = _choose_controller(trial, controller, protocol)
-    onto = _choose_device(trial, device)
+    own = trial.stored.protocol.device(trial.row.configuration)
+    onto = own if device is None else _choose_device(trial, device)
     kind, moved = _choose_hand(trial, hand)
     if out is not None and out.exists():
         raise InputError(f"{out}: exists already and is never overwritten")
-    rows, outcome = run_replay(trial, moved, onto, chosen.controllers[number], chosen.rules, progress)
+    same_device = (onto.text, onto.brake_texts) == (own.text, own.brake_texts)
+    lead = recorded_arm(trial.recording, 0) if same_device and has_arm(trial.recording) else None
+    preset = chosen.controllers[number]
+    rows, outcome = run_replay(trial, moved, onto, preset, chosen.rules, lead, progress)
+    itself = kind == "target" and same_device and is_own(trial, preset, chosen.rules)
+    difference = first_difference(trial.recording, rows) if lead and itself else None
+    checked = decisions_of(trial, own)
+    rows = rows[trial.first :] if lead else rows
     replayed = as_recording(trial, rows, onto)
     if out is not None:
         _write(replayed, trial.first, out)
@@ -76,11 +97,15 @@ def replay(
         | {"way_made": way_made(replayed, trial.path)}
         | outcome,
         "metrics": compared(trial, replayed),
+        "begins": "start" if lead else "move",
+        "equal": None if difference is None else not difference,
+        "decisions": checked._asdict() if checked else None,
         "largest_tip_difference_m": tip_difference(trial, rows),
         "ticks": len(rows),
         "note": chosen.note(),
         "assumed": onto.assumed,
         "says": A_PERSON_WOULD_REACT,
+        "warnings": warnings(trial, bool(lead) or not same_device, difference, checked),
         "out": None if out is None else str(out),
     }
 
@@ -117,7 +142,8 @@ def _choose_device(trial: Recorded, device: str | None) -> Device:
 def _choose_hand(trial: Recorded, hand: str | None) -> tuple[str, RecordedHand]:
     """Which of `HANDS` it is, and that hand."""
     about = trial.recording.metadata
-    has_target = about.get("hand") in WITH_TARGET
+    whole_arm = has_arm(trial.recording)
+    has_target = whole_arm or about.get("hand") in WITH_TARGET
     kind = hand or ("target" if has_target else "force")
     if kind not in HANDS:
         raise InputError(f"hand: {kind!r} is not one of {', '.join(HANDS)}")
@@ -125,6 +151,8 @@ def _choose_hand(trial: Recorded, hand: str | None) -> tuple[str, RecordedHand]:
         return kind, force_hand(trial.recording, trial.first)
     if not has_target:
         raise InputError(f"{trial.recording.path}: the hand ({about.get('hand')!r}) has no target, replay its force")
+    if whole_arm:
+        return kind, recorded_arm(trial.recording, trial.first)
     stored = trial.stored
     try:
         person = Person(**stored.about["person"]) if about["hand"] == "operator" else None
@@ -133,11 +161,62 @@ def _choose_hand(trial: Recorded, hand: str | None) -> tuple[str, RecordedHand]:
     return kind, target_hand(trial.recording, trial.first, trial.path, person, stored.protocol.mouse)
 
 
+def is_own(trial: Recorded, preset: Preset, rules: str) -> bool:
+    """Whether this is what the trial was run with; a blind session does not say."""
+    number, protocol = trial.row.controller, trial.stored.protocol
+    return not isinstance(number, str) and (preset, rules) == (protocol.controllers[number], protocol.rules)
+
+
+def decisions_of(trial: Recorded, own: Device) -> Checked | None:
+    """The recorded decisions, each taken again; None: the session is blind, or an earlier version recorded it."""
+    number, protocol = trial.row.controller, trial.stored.protocol
+    if isinstance(number, str):
+        return None
+    return check_decisions(trial.recording, trial.path, own, protocol.controllers[number], protocol.rules)
+
+
+def first_difference(recording: Recording, rows: np.ndarray) -> str:
+    """Where replayed ticks (n, row.WIDTH) from the first one on differ from the recording; "": nowhere, bit for bit."""
+    words = column_words(DECISIONS)
+    first, where = len(rows), ""
+    for name, place in recording_columns(recording.braked):
+        if name == "lateness_us":  # of the machine, not of the trial
+            continue
+        then = recording.column(name)[: len(rows)]
+        if name in TEXT_COLUMNS:
+            then = np.array([words[name].index(word) for word in recording.words[name]])[then]
+        differs = np.flatnonzero(then != rows[:, place])
+        if len(differs) and differs[0] < first:
+            first, where = int(differs[0]), f"tick {differs[0]}, {name}"
+    return where or ("" if len(rows) == recording.rows else f"tick {len(rows)}, after which the replay ends")
+
+
+def warnings(trial: Recorded, exact: bool, difference: str | None, checked: Checked | None) -> list[str]:
+    """What speaks against the replay, or the recording, a sentence each.
+
+    exact: it is no replay on the recorded device that had to do without the recorded start.
+    """
+    said = []
+    if not exact and not trial.recording.sensors:
+        said.append(EARLIER_VERSION)
+    if difference:
+        said.append(
+            f"the replay differs from the recording, first in {difference}: another version of the program or "
+            "another kind of machine recorded it"
+        )
+    if checked and checked.different:
+        said.append(
+            f"{checked.different} of {checked.decisions} recorded decisions are not what the controller decides on "
+            "what it was given"
+        )
+    return said
+
+
 def as_recording(trial: Recorded, rows: np.ndarray, device: Device) -> Recording:
     """The replayed ticks as a recording of this device, behind the recorded tip until then (filters need a lead)."""
     ticks = np.zeros((trial.first, row.WIDTH))
     for name, place in recording_columns(""):
-        if name not in TEXT_COLUMNS:
+        if name not in TEXT_COLUMNS and name in trial.recording.columns:
             ticks[:, place] = trial.recording.column(name)[: trial.first]
     ticks = np.concatenate((ticks, rows))
     ticks[:, row.T] = trial.recording.column("t_s")[: len(ticks)]

@@ -12,7 +12,7 @@ from core.path import Path
 from core.path_file import PathFile, build_path
 from core.pattern import look
 from core.simulator import Simulation
-from core.state import new_record
+from core.state import CARRIED, new_record
 from core.stick_slip import STILL
 from experiments.operator import OPERATOR, Person, new_operator, take_handle
 from experiments.plan import PlannedTrial
@@ -78,6 +78,7 @@ class Trial:
         self._abort_reason = ""
         self.timing: dict[str, Any] | None = None  # of a live trial, for the end record: how late its ticks were
         come_to_rest(simulation)
+        self.start = recorded_start(simulation)
         self._before = simulation.ledger()
 
     def aim(self, x: float, y: float) -> None:
@@ -169,3 +170,23 @@ def come_to_rest(simulation: Simulation) -> None:
     state["held"][0] = STILL
     state["added_by_brakes"][0] = 0.0
     look(simulation.mechanism[0], state[0])
+
+
+def recorded_start(simulation: Simulation) -> dict[str, Any]:
+    """What a trial that begins now depends on and its ticks do not tell, as JSON holds it without rounding.
+
+    state: the device as the trial before left it (yields, backlash, stops, ledger); arm: what of the hand stays.
+    """
+    grip = simulation.hand.grips
+    return {
+        "state": {name: simulation.state[name][0].tolist() for name in CARRIED},
+        "arm": {name: grip[name][0].tolist() for name in ("spring", "damping", "mass")},
+    }
+
+
+def start_again(simulation: Simulation, start: dict[str, Any]) -> None:
+    """Bring a device and its hand to a recorded start. KeyError, TypeError or ValueError: it is another version's."""
+    for name in CARRIED:
+        simulation.state[name][0] = start["state"][name]
+    for name in ("spring", "damping", "mass"):
+        simulation.hand.grips[name][0] = start["arm"][name]

@@ -50,7 +50,8 @@ def ticks_of(recording: Recording) -> np.ndarray:
     """The tick log (n, row.WIDTH) of a recording; text columns with the codes of this program."""
     rows = np.zeros((recording.rows, row.WIDTH))
     for name, place in recording_columns(recording.braked):
-        rows[:, place] = recording.column(name)
+        if name in recording.columns:  # earlier versions recorded fewer
+            rows[:, place] = recording.column(name)
     for name, place, words in (("phase", row.PHASE, row.PHASES), ("stuck", row.STUCK, row.STUCK_LETTERS)):
         codes = np.array([words.index(text) for text in recording.words[name]], dtype=float)
         rows[:, place] = codes[recording.column(name)]
