@@ -28,7 +28,7 @@ application = QGuiApplication([])
 print(json.dumps([[s.name(), s.size().width(), s.size().height(), s.devicePixelRatio(), s.refreshRate()]
                   for s in application.screens()]))
 """
-SCHEDULING_CODE = "from app.live.scheduling import take_scheduling; print(take_scheduling()[0])"
+SCHEDULING_CODE = "from app.ipc.scheduling import take_scheduling; print(take_scheduling()[0])"
 
 
 class Line(NamedTuple):
@@ -90,7 +90,7 @@ def screens() -> list[Line]:
 
 def scheduling() -> Line:
     """The best scheduling that the control loop gets here; tried in a process of its own."""
-    from app.live.scheduling import ADVICE
+    from app.ipc.scheduling import ADVICE
 
     tried = subprocess.run([sys.executable, "-c", SCHEDULING_CODE], capture_output=True, text=True, check=False)
     if tried.returncode != 0:
@@ -112,7 +112,7 @@ def cores() -> Line:
 
 def memory() -> Line:
     """Room for what the processes of a live bench share."""
-    from app.live.place import LEAST_BYTES, memory_folder
+    from app.ipc.address import LEAST_BYTES, memory_folder
 
     home = memory_folder()
     free = shutil.disk_usage(home).free
@@ -151,7 +151,7 @@ def disk(data_dir: Path) -> Line:
 
 def kernels() -> Line:
     """Whether the compiled kernels are at hand."""
-    from core.jit import CACHE_FOLDER, first_use
+    from core.kernel import CACHE_FOLDER, first_use
 
     if first_use():
         return Line("kernels", CAUTION, f"not compiled yet ({CACHE_FOLDER})",

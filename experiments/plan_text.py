@@ -2,7 +2,7 @@
 
 import math
 
-from core.control import PROPORTIONAL, SDOF, Preset
+from core.control.controllers import PROPORTIONAL, SDOF, Preset
 from core.path_file import Arc, PathFile, Polyline, build_path
 from experiments.plan import PRACTICE_BLOCK, PlannedTrial, break_after, make_plan, plan_hash, practice_trial
 from experiments.protocol import Protocol

@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from core.control import KINDS, PROPORTIONAL, Preset
+from core.control.controllers import KINDS, PROPORTIONAL, Preset
+from core.control.rule_sets import RULE_SETS
 from core.device import Device, build_device, load_device
 from core.errors import InputError
 from core.files import parse_toml, read_text
 from core.path_file import PathFile, build_path, outline, path_from
-from core.rules import RULE_SETS
 from core.workspace import tip_is_free
 from experiments.protocol_file import Breaks, Cues, MouseHand, ProtocolFile, TrialRules
 

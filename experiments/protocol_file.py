@@ -7,10 +7,10 @@ from typing import Annotated, Any, NamedTuple
 
 import msgspec
 
-from core.control import KINDS
+from core.control.controllers import KINDS
+from core.control.rule_sets import RULE_SETS
 from core.files import NotNegative, Positive, Table, one_of
-from core.hand import Hand, spring_hand
-from core.rules import RULE_SETS
+from core.simulator.hand import Hand, spring_hand
 
 FEEDBACKS = ("none", "time", "error")  # what the participant is told after a trial
 
