@@ -12,8 +12,7 @@ from app.session_server.state import Desk
 from core.errors import InputError
 from experiments.plan import PlannedTrial
 from experiments.session.files import other_protocol
-from experiments.session.session import Session
-from experiments.session.session_about import SENSOR
+from experiments.session.session import SENSOR, Session
 
 #: hand -> in words
 HANDS = {

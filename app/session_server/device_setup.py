@@ -11,13 +11,11 @@ from app.session_server.session_progress import Sitting
 from core.device import Device
 from core.errors import InputError
 from core.simulator.simulation import Simulation
-from experiments.home import home_of
 from experiments.plan import PlannedTrial
-from experiments.protocol import Protocol
-from experiments.recording.recording import RecordingWriter
+from experiments.protocol import Protocol, home_of
 from experiments.recording.schema import Sensors
-from experiments.session.session import Session
-from experiments.session.session_about import SENSOR
+from experiments.recording.writer import RecordingWriter
+from experiments.session.session import SENSOR, Session
 from experiments.trial.linked_trial import LinkedTrial
 
 if TYPE_CHECKING:

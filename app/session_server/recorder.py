@@ -12,7 +12,7 @@ from app.ipc.messages import Proof, Timing
 from app.ipc.ring import Ring
 from app.ipc.scheduling import stolen_ms
 from core import tick_log
-from experiments.recording.recording import RecordingWriter
+from experiments.recording.writer import RecordingWriter
 
 DRAIN_S = 0.02
 LATE_US = 1000.0  # a tick so late has missed its millisecond

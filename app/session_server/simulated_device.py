@@ -13,7 +13,7 @@ from core.device import Device
 from core.simulator.simulation import Simulation
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
-from experiments.recording.recording import RecordingWriter
+from experiments.recording.writer import RecordingWriter
 from experiments.session.session import Session
 from experiments.trial.trial import Trial
 from hardware.hid import HidHand

@@ -16,7 +16,7 @@ from app.session_server.trial_run import TrialRun
 from app.session_server.trial_runner import Runner
 from core.errors import InputError
 from experiments.analysis.trials_table import SETTLED
-from experiments.recording.recording import STREAM_SUFFIX
+from experiments.recording.reader import STREAM_SUFFIX
 from experiments.session.files import write_pooled_table
 
 AGAIN_S = 5.0  # between two attempts

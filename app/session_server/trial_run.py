@@ -10,7 +10,7 @@ from app.session_server.loop_process import LoopProcess
 from app.session_server.recorder import Recorder
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
-from experiments.recording.recording import RecordingWriter
+from experiments.recording.writer import RecordingWriter
 from experiments.session.session import Session
 from experiments.trial.trial import Trial
 

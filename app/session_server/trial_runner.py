@@ -10,7 +10,7 @@ from app.session_server.preflight import check_loop
 from app.session_server.recorder import timing_of
 from app.session_server.trial_run import LinkedRun, TrialRun
 from experiments.plan import PlannedTrial
-from experiments.recording.recording import RecordingWriter
+from experiments.recording.writer import RecordingWriter
 from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.trial import Trial
 

@@ -69,7 +69,7 @@ def replay_verb(args: argparse.Namespace) -> int:
 
 def play(recording: Path) -> int:
     """On the screen."""
-    from experiments.recording.recording import read_recording
+    from experiments.recording.reader import read_recording
 
     if not read_recording(recording).rows:
         raise InputError(f"{recording}: there are no ticks to play")

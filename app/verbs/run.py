@@ -142,7 +142,7 @@ def protocol_of(args: argparse.Namespace):
 
 def print_plan(args: argparse.Namespace) -> int:
     """Every trial of the participant, for the standard output."""
-    from experiments.plan_text import print_plan
+    from experiments.plan import print_plan
     from experiments.session.files import free_participant
 
     protocol = protocol_of(args)

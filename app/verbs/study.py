@@ -116,8 +116,7 @@ def study(args: argparse.Namespace) -> int:
 
 
 def sweep(args: argparse.Namespace) -> int:
-    from experiments.study.sweep import run_sweep
-    from experiments.study.sweep_file import load_sweep
+    from experiments.study.sweep import load_sweep, run_sweep
 
     for name in IN_SWEEP_FILE:
         if getattr(args, name) is not None:

@@ -24,7 +24,7 @@ from app.window.preflight import COLOURS, MARKS
 from app.window.words import grouped
 from core.device import Device
 from core.mechanism import JOINTS
-from experiments.home import home_of
+from experiments.protocol import home_of
 
 if TYPE_CHECKING:
     from app.ipc.board_jobs import Linked

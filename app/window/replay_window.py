@@ -29,7 +29,8 @@ from core import tick_log
 from core.device import Device, load_device
 from core.errors import InputError
 from core.path_file import PathFile, Segment, path_from
-from experiments.recording.recording import Recording, read_recording, recording_columns
+from experiments.recording.reader import read_recording
+from experiments.recording.schema import Recording, recording_columns
 from experiments.session.files import STORED, read_stored
 
 FRAME_MS = 16

@@ -16,7 +16,7 @@ from experiments.analysis.metrics import POSITION_FILTER_ORDER, SAMPLE_RATE_HZ
 from experiments.analysis.participants import configurations_of
 from experiments.analysis.statistics import Result
 from experiments.analysis.trials_table import COUNTED, TrialRow
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 
 #: What stands for one thing; the first is the definition that the figures use.
 DEFINITIONS = {

@@ -1,4 +1,4 @@
-"""trials.csv: one row a trial, with its place in the plan, its status, its measures and its recording.
+"""trials.csv: one row a trial, from its recording: its place in the plan, its status and its measures.
 
 UTF-8, comma, line feed, a header; numbers in the shortest form that reads back to the same double; an empty cell
 where there was nothing to measure. The same rows give the same bytes.
@@ -6,19 +6,19 @@ where there was nothing to measure. The same rows give the same bytes.
 
 import csv
 import io
+import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from core.errors import InputError
+from core.path_file import build_path, path_from
+from experiments.analysis.metrics import NO_METRICS, Metrics, trial_metrics
 from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
-
-if TYPE_CHECKING:
-    from experiments.analysis.metrics import Metrics
+from experiments.recording.schema import Recording
 
 STATUSES = ("done", "timeout", "aborted", "redone", "recovered", "skipped", "stopped")
 #: Trials whose measures count in tables of results and box plots: a time-out keeps its measures (and is marked).
@@ -56,7 +56,7 @@ class TrialRow:
     energy_residual_J: float | None = None  # what the ledger leaves unexplained
     energy_added_max_J: float | None = None  # the most that any brake added in a step: must be none
 
-    def with_metrics(self, metrics: "Metrics") -> "TrialRow":
+    def with_metrics(self, metrics: Metrics) -> "TrialRow":
         """The same row with the measures of its trial."""
         return replace(self, **metrics._asdict())
 
@@ -174,3 +174,38 @@ def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -
     if values["status"] not in STATUSES:
         raise InputError(f"{path}: line {number}: status {cells[COLUMNS.index('status')]!r} is none of {STATUSES}")
     return TrialRow(**values)  # type: ignore[arg-type]
+
+
+#: What a recording must say of its trial.
+NEEDED = (
+    "participant", "run", "block", "configuration", "controller", "segment", "repetition", "path",
+)  # fmt: skip
+
+
+def row_of(recording: Recording, folder: Path) -> TrialRow:
+    """A trial's row, from its recording alone; `folder`: where the table that gets it stands.
+
+    InputError: the recording does not say which trial it is of, or cannot be measured. A trial that does not count (it
+    was cut short, say by a force that is not a number) then has a row without measures.
+    """
+    about, outcome = recording.metadata, recording.outcome
+    for key in NEEDED:
+        if key not in about:
+            raise InputError(f"{recording.path}: the metadata lack {key}")
+    if "status" not in outcome:
+        raise InputError(f"{recording.path}: the end record lacks the status")
+    where = f"{recording.path}: path"
+    path = build_path(path_from(about["path"], where), where)
+    metrics = NO_METRICS
+    if recording.in_phase("move").any():
+        try:
+            metrics = trial_metrics(recording, path)
+        except InputError:  # ticks are missing, or a sample is no number: then there is nothing to say of it
+            if outcome["status"] in COUNTED:
+                raise
+    place = os.path.relpath(recording.path, folder).replace(os.sep, "/")
+    return TrialRow(
+        about["participant"], about["run"], about["block"], about["configuration"], about["controller"],
+        about["segment"], about["repetition"], outcome["status"], recording=place,
+        energy_residual_J=outcome.get("energy_residual_J"), energy_added_max_J=outcome.get("energy_added_max_J"),
+    ).with_metrics(metrics)  # fmt: skip

@@ -16,8 +16,8 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from core.simulator.simulation import Simulation, run_rows
-from experiments.benchmark.bench_kernels import accelerations
 from experiments.benchmark.costs import fallback_costs, part_costs, tick_cost
+from experiments.benchmark.kernels import accelerations
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import reference_tips
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, BenchScene, bench_devices, bench_scenes

@@ -11,7 +11,7 @@ import numpy as np
 from core import tick_log
 from core.simulator.hand import spring_hand
 from core.simulator.simulation import Simulation
-from experiments.benchmark.bench_kernels import (
+from experiments.benchmark.kernels import (
     acceptances,
     decisions,
     log_rows,

@@ -22,10 +22,17 @@ import numpy as np
 from experiments.analysis.metrics import SAMPLE_RATE_HZ
 from experiments.analysis.trials_table import COLUMNS, TrialRow, table_bytes
 from experiments.export.columns import PHASE_LEVELS, STATUS_LEVELS, recording_column, trials_column
-from experiments.export.export_told import said_in, write_phenotype
-from experiments.export.trial import Exported, ExportedTrial, write_columns, write_json, write_rows
-from experiments.recording.recording import Recording
-from experiments.session.session_about import SENSOR
+from experiments.export.trial import (
+    Exported,
+    ExportedTrial,
+    said_in,
+    write_columns,
+    write_json,
+    write_phenotype,
+    write_rows,
+)
+from experiments.recording.schema import Recording
+from experiments.session.session import SENSOR
 
 BIDS_VERSION = "1.11.1"
 TASK, TRACKSYS = "pathfollow", "fivebar"

@@ -23,8 +23,7 @@ from experiments.export.columns import (
     recording_column,
     trials_column,
 )
-from experiments.export.export_told import said_in, write_said
-from experiments.export.trial import Exported, ExportedTrial, write_columns, write_json
+from experiments.export.trial import Exported, ExportedTrial, said_in, write_columns, write_json, write_said
 from experiments.recording.schema import TEXT_COLUMNS
 
 _LEVELS = {"phase": PHASE_LEVELS, "status": STATUS_LEVELS}

@@ -16,12 +16,11 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from core.errors import InputError
-from experiments.analysis.trial_row import row_of
-from experiments.analysis.trials_table import TrialRow
+from experiments.analysis.trials_table import TrialRow, row_of
 from experiments.export.bids import BidsDataset
 from experiments.export.csv import CsvTables
 from experiments.export.trial import Exported, ExportedTrial
-from experiments.recording.recording import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
+from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.session.files import STORED, TABLE, rows_of, runs_on_disk
 from experiments.session.journal import read_events
 

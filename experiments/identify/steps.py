@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from core.errors import InputError
-from experiments.simulate.number_table import NumberTable, read_number_table
+from experiments.simulate.scene import NumberTable, read_number_table
 
 COLUMNS = ("t_s", "current_from_A", "current_to_A", "speed_rpm", "torque_N_m", "step_index")
 FEWEST_SAMPLES = 20  # of a step, after the current has changed

@@ -26,7 +26,7 @@ from core.errors import InputError
 from experiments.analysis.trials_table import SETTLED, TrialRow, read_table, write_table
 from experiments.plan import PlannedTrial, plan_from_json, plan_hash
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
-from experiments.recording.recording import PARQUET_SUFFIX, STREAM_SUFFIX
+from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX
 
 LOCK = ".lock"
 STORED = "session.json"

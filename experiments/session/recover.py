@@ -15,14 +15,9 @@ from pathlib import Path
 from core.errors import InputError
 from experiments.analysis.trials_table import TrialRow, append_row, read_table, table_bytes, write_table
 from experiments.recording.atomic_files import PARTIAL_FILES, set_aside
-from experiments.recording.recording import (
-    PARQUET_SUFFIX,
-    STREAM_SUFFIX,
-    Recording,
-    convert_to_parquet,
-    read_recording,
-    save_as_parquet,
-)
+from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
+from experiments.recording.schema import Recording
+from experiments.recording.writer import convert_to_parquet, save_as_parquet
 from experiments.session.files import (
     CRASHED,
     DAMAGED,
@@ -36,8 +31,7 @@ from experiments.session.files import (
     sessions_in,
     write_pooled_table,
 )
-from experiments.session.journal import write_event
-from experiments.session.session_rows import Told, put_right, recorded_row, rows_without_recording, told
+from experiments.session.journal import Told, put_right, recorded_row, rows_without_recording, told, write_event
 from experiments.session.verify import verify
 
 RECOVERED = "recovered"

@@ -1,22 +1,42 @@
-"""A participant's session: its plan, its trials in order, and what is kept of them (files: see `session_files`).
+"""A participant's session: its plan, its trials in order, and what is kept of them (files: see `files`).
 
 Nothing is overwritten: every file is new, tables are replaced whole, and what changes a table stands in the journal
 first. One live process may write in a session.
 """
 
 import contextlib
+import importlib.metadata
 import json
+import platform
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
+import msgspec
+import numpy as np
+
+from core.control.controllers import KINDS, Preset
 from core.errors import InputError
+from core.path import point_at
+from core.path_file import build_path
+from core.simulator.simulation import Simulation
 from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow, append_row, write_table
-from experiments.plan import PRACTICE_BLOCK, PlannedTrial, make_plan, plan_hash
-from experiments.protocol import Protocol
+from experiments.plan import (
+    PRACTICE_BLOCK,
+    PlannedTrial,
+    break_after,
+    make_plan,
+    participant_index,
+    plan_hash,
+    plan_to_json,
+    practice_trial,
+)
+from experiments.protocol import Protocol, protocol_to_json
 from experiments.recording.atomic_files import is_wrong_path, written_beside
-from experiments.recording.recording import STREAM_SUFFIX, RecordingWriter, convert_to_parquet, read_recording
+from experiments.recording.reader import STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Sensors
+from experiments.recording.writer import RecordingWriter, convert_to_parquet
 from experiments.session.blind import KEY, new_key, read_key, write_key
 from experiments.session.files import (
     LOCK,
@@ -31,14 +51,11 @@ from experiments.session.files import (
     remove_empty,
     rows_of,
     run_path,
+    runs_used,
     session_folder,
     write_pooled_table,
 )
-from experiments.session.journal import NAME as JOURNAL
-from experiments.session.journal import write_event
-from experiments.session.recover import recover_session
-from experiments.session.session_about import recording_metadata, session_about
-from experiments.session.session_rows import (
+from experiments.session.journal import (
     BEGUN,
     ENDED,
     PRACTICE_ENDED,
@@ -50,14 +67,19 @@ from experiments.session.session_rows import (
     put_right,
     recorded_row,
     told,
+    write_event,
 )
-from experiments.session.session_trials import SessionTrials
+from experiments.session.journal import NAME as JOURNAL
+from experiments.session.recover import recover_session
 from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.operator import Person
-from experiments.trial.trial import Trial
+from experiments.trial.trial import Trial, new_simulation
+
+SENSOR = "force sensor"  # of a device on the bench: whoever moves the handle
+LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 
 
-class Session(SessionTrials):
+class Session:
     """One participant's session in progress; it holds the session's lock until `close` or the end of the process."""
 
     def __init__(
@@ -165,6 +187,88 @@ class Session(SessionTrials):
 
     def _plan_as(self, plan: tuple[PlannedTrial, ...]) -> None:
         self.plan, self.plan_sha256 = plan, plan_hash(plan)
+
+    def next_planned(self) -> PlannedTrial | None:
+        """The first trial of the plan that is not settled, or the practice that comes before it; None: all are.
+
+        It takes the next free run number if its own is used up, by a crash or because it is done again: same cell of
+        the plan, another recording. A simulated operator does not practise.
+        """
+        waiting = open_trials(self.plan, self.rows)
+        if not waiting:
+            return None
+        due = self._practised.get(waiting[0].configuration, 0) < self.protocol.practice_trials
+        if due and self.person is None and not self._begun(waiting[0].configuration):
+            return self.next_practice()
+        used = runs_used(self.folder) | {row.run for row in self.rows}
+        if waiting[0].run not in used:
+            return waiting[0]
+        return waiting[0]._replace(run=max(used | {trial.run for trial in self.plan}) + 1)
+
+    def _begun(self, configuration: str) -> bool:
+        return any(row.configuration == configuration for row in self.rows)
+
+    def next_practice(self) -> PlannedTrial:
+        """A practice trial (block 0) in the configuration that comes next, due or not. InputError if nothing comes."""
+        waiting = open_trials(self.plan, self.rows)
+        if not waiting:
+            raise InputError("all trials of the plan are done, there is nothing to practise for")
+        configuration = waiting[0].configuration
+        number = self._practised.get(configuration, 0) + 1
+        planned = practice_trial(self.protocol, self.participant, configuration, number, bool(self._key))
+        run = max(runs_used(self.folder, PRACTICE), default=0) + 1
+        controller = planned.controller if self.blind else self._number(planned)
+        return planned._replace(run=run, controller=controller)
+
+    @property
+    def settled(self) -> int:
+        """How many trials of the plan are settled."""
+        return len(self.plan) - len(open_trials(self.plan, self.rows))
+
+    @property
+    def break_due(self) -> bool:
+        """Whether a break of the protocol comes before the next trial."""
+        waiting = open_trials(self.plan, self.rows)
+        if not waiting:
+            return False
+        here = waiting[0].configuration
+        left = sum(trial.configuration == here for trial in waiting)
+        return break_after(self.protocol, sum(trial.configuration == here for trial in self.plan) - left, left)
+
+    def _number(self, planned: PlannedTrial) -> int:
+        controller = planned.controller
+        return self._key[controller] if isinstance(controller, str) else controller
+
+    def preset(self, planned: PlannedTrial) -> Preset:
+        """The controller of a trial, in a blind session too: not to be shown then."""
+        return self.protocol.controllers[self._number(planned)]
+
+    def simulation(self, configuration: str) -> Simulation:
+        """The simulated device of a configuration; it stays as the last trial left it."""
+        if configuration not in self._simulations:
+            number, path_file = next(iter(self.protocol.paths.items()))
+            path = build_path(path_file, f"path {number}")
+            x, y, _, _ = point_at(path, 0.5 * path.length)
+            hand = None if self.person else self.protocol.mouse.hand()
+            self._simulations[configuration] = new_simulation(self.devices[configuration], (x, y), hand)
+            self._simulations[configuration].hand.grips["target"][0, :2] = (x, y)
+        return self._simulations[configuration]
+
+    def _simulated_trial(self, planned: PlannedTrial) -> Trial:
+        generator = None
+        if self.person:  # the same noise for every controller and configuration
+            key = [self.protocol.seed, participant_index(self.participant), planned.segment, planned.repetition]
+            generator = np.random.default_rng(np.random.SeedSequence(key))
+        return Trial(
+            self.simulation(planned.configuration), planned, self.protocol.paths[planned.segment],
+            self.preset(planned), self.protocol.rules, self.protocol.trial, self.person, generator,
+        )  # fmt: skip
+
+    def _linked_trial(self, planned: PlannedTrial) -> LinkedTrial:
+        return LinkedTrial(
+            self.devices[planned.configuration], planned, self.protocol.paths[planned.segment],
+            self.preset(planned), self.protocol.rules, self.protocol.trial,
+        )  # fmt: skip
 
     def close(self) -> None:
         """Let other processes have the session."""
@@ -293,3 +397,72 @@ class Session(SessionTrials):
         if (self.folder / TABLE).exists():
             write_table(self.folder / TABLE, rows, replacing=True)
         self.rows = rows
+
+
+def session_about(
+    participant: str, protocol: Protocol, person: Person | None, hand: str, plan: tuple[PlannedTrial, ...],
+    key_sha256: str,
+) -> dict[str, Any]:  # fmt: skip
+    """What session.json holds. key_sha256: of the key of a blind session, whose plan holds codes; else empty."""
+    return {
+        "participant": participant,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "hand": hand,
+        "person": person._asdict() if person else None,
+        "fidelity": "mr",
+        "seed": protocol.seed,
+        "rules": protocol.rules,
+        "note": protocol.note(),
+        "assumed": protocol.assumed,
+        "protocol": protocol_to_json(protocol),
+        "blind": bool(key_sha256),
+        "key_sha256": key_sha256,
+        "plan": plan_to_json(plan),
+        "plan_sha256": plan_hash(plan),
+        "versions": {"phd": _version("phd"), "python": platform.python_version()}
+        | {name: _version(name) for name in LIBRARIES},
+    }
+
+
+def recording_metadata(
+    participant: str, protocol: Protocol, hand: str, trial: Trial | LinkedTrial, preset: Preset | None
+) -> dict[str, Any]:
+    """What a recording says of its trial. preset: its controller; None: nothing may tell it, the session is blind."""
+    planned, path, linked = trial.planned, trial.path, isinstance(trial, LinkedTrial)
+    about = {
+        "participant": participant,
+        **planned._asdict(),
+        "start_m": (path.x0, path.y0),
+        "end_m": (path.x1, path.y1),
+        "path": msgspec.to_builtins(protocol.paths[planned.segment]),
+        "protocol": protocol.name,
+        "rules": protocol.rules,
+        "seed": protocol.seed,
+        "note": protocol.note(),
+        "hand": SENSOR if linked else hand,
+        "link": "serial" if linked else "sim",
+        "assumed": trial.device.assumed,
+    }
+    if isinstance(trial, Trial):
+        about["start"] = trial.start
+    if preset is not None:
+        about["preset"] = preset_to_json(preset)
+    return about
+
+
+def preset_to_json(preset: Preset) -> dict[str, Any]:
+    """A controller as plain words and numbers."""
+    kind = next(word for word, algorithm in KINDS.items() if algorithm == preset.algorithm)
+    return {"name": preset.name, "kind": kind, "gap_m": preset.gap_m, "gain_N_s_m": preset.gain}
+
+
+def preset_from_json(about: dict[str, Any]) -> Preset:
+    """A controller as a recording has it. KeyError if something is missing."""
+    return Preset(about["name"], KINDS[about["kind"]], float(about["gap_m"]), float(about["gain_N_s_m"]))
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"

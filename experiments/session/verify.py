@@ -14,7 +14,8 @@ from pathlib import Path
 
 from core.errors import InputError
 from experiments.analysis.trials_table import TrialRow, read_table
-from experiments.recording.recording import PARQUET_SUFFIX, STREAM_SUFFIX, Recording, read_recording
+from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
+from experiments.recording.schema import Recording
 from experiments.session.blind import KEY, read_key
 from experiments.session.files import (
     PRACTICE,
@@ -28,7 +29,7 @@ from experiments.session.files import (
     runs_on_disk,
     sessions_in,
 )
-from experiments.session.session_rows import Told, recorded_row, rows_without_recording, told
+from experiments.session.journal import Told, recorded_row, rows_without_recording, told
 from experiments.session.study_file import STUDY, read_study
 
 #: Largest share by which a number of the table may differ from what the recording gives: library versions round apart.

@@ -18,12 +18,11 @@ from experiments.analysis.statements import why_no_findings
 from experiments.analysis.trials_table import COUNTED, TrialRow, read_table, write_table
 from experiments.protocol import label
 from experiments.recording.atomic_files import give_new_name, written_beside
-from experiments.recording.recording import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
+from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.session.blind import opened, read_key
 from experiments.session.files import TABLE, hold_lock, read_stored, runs_on_disk
-from experiments.session.journal import write_event
-from experiments.session.session_about import preset_from_json
-from experiments.session.session_rows import KEY_OPENED, Told, recorded_row, rows_without_recording, told
+from experiments.session.journal import KEY_OPENED, Told, recorded_row, rows_without_recording, told, write_event
+from experiments.session.session import preset_from_json
 
 
 def find_recordings(session: Path) -> list[Path]:

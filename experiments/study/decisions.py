@@ -14,7 +14,7 @@ from core.mechanism import JOINTS
 from core.path import Path
 from core.simulator.state import new_state, pack_brakes, pack_mechanism
 from core.simulator.stick_slip_mode import look
-from experiments.recording.recording import Recording
+from experiments.recording.schema import Recording
 from experiments.trial.linked_trial import encoder_noise
 
 #: What a decision is taken from, in the order in which `decide_again` reads it.

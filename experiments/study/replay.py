@@ -22,8 +22,7 @@ from core.workspace import tip_is_free
 from experiments.analysis.metrics import along_path, trial_metrics
 from experiments.protocol import Protocol, check_reach, load_protocol
 from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
-from experiments.recording.recording import Recording, recording_columns
-from experiments.recording.schema import TEXT_COLUMNS, column_words
+from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns
 from experiments.session.files import STORED
 from experiments.study.decisions import Checked, check_decisions
 from experiments.study.replay_hand import (

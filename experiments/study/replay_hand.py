@@ -14,9 +14,8 @@ import numpy as np
 from core.errors import InputError
 from core.path import CURVATURE, Path, nearest
 from core.simulator.hand import Hand, new_hand
-from experiments.protocol_file import MouseHand
-from experiments.recording.recording import Recording
-from experiments.recording.schema import ARM_COLUMNS
+from experiments.protocol import MouseHand
+from experiments.recording.schema import ARM_COLUMNS, Recording
 from experiments.trial.operator import TICK_S, take_handle, turn_arm
 from experiments.trial.person import Person
 from experiments.trial.trial import is_start

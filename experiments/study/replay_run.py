@@ -32,9 +32,10 @@ from core.simulator.state import new_record
 from core.workspace import arm_pose
 from experiments.analysis.metrics import check_samples
 from experiments.analysis.trials_table import TrialRow
-from experiments.recording.recording import Recording, read_recording
+from experiments.recording.reader import read_recording
+from experiments.recording.schema import Recording
 from experiments.session.files import STORED, StoredSession, read_stored
-from experiments.session.session_rows import recorded_row, told
+from experiments.session.journal import recorded_row, told
 from experiments.study.replay_hand import RecordedHand
 from experiments.trial.operator import OPERATOR
 from experiments.trial.tick import STATUSES, new_run, run_ticks

@@ -25,8 +25,7 @@ from core.simulator.simulation import FIDELITIES, INTEGRATORS
 from core.simulator.state import new_record, new_state, pack_brakes, pack_mechanism
 from core.stops import distal_sine
 from experiments.plan import PlannedTrial
-from experiments.protocol import load_protocol
-from experiments.protocol_file import TrialRules
+from experiments.protocol import TrialRules, load_protocol
 from experiments.trial import linked_tick, tick
 from experiments.trial.linked_tick import SPEED_MAX_M_S, WATCH
 from experiments.trial.trial import DEFAULT_RULES, run_fields

@@ -15,7 +15,7 @@ from core.simulator.state import CARRIED, STATE, new_record
 from core.simulator.stick_slip import STILL
 from core.simulator.stick_slip_mode import look
 from experiments.plan import PlannedTrial
-from experiments.protocol_file import TrialRules
+from experiments.protocol import TrialRules
 from experiments.trial.operator import OPERATOR, Person, new_operator, take_handle
 from experiments.trial.tick import REASONS, RUNNING, STATUSES, TICK_S, new_run, run_ticks
 

@@ -12,7 +12,7 @@ from sessions import crash_in_trial, files, session_of
 
 from app.cli import main
 from experiments.analysis.trials_table import read_table
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 from experiments.session import session as sessions
 from experiments.session.files import cell, write_pooled_table
 from experiments.session.recover import recover

@@ -27,7 +27,7 @@ from app.window.painting import theme
 from app.window.windows import Windows
 from core import tick_log
 from experiments.analysis.trials_table import read_table
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 

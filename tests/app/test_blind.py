@@ -11,7 +11,7 @@ from sessions import crash_in_trial, files, new_session, run_trials
 from app.cli import main
 from core.errors import InputError
 from experiments.analysis.trials_table import read_table
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 from experiments.session import session as sessions
 from experiments.session.blind import new_key, read_key
 from experiments.session.files import cell, read_stored, write_pooled_table

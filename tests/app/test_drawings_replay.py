@@ -17,7 +17,8 @@ from app.window.replay_window import SPEEDS, ReplayWindow, device_of, ticks_of
 from core import tick_log
 from core.device import load_device
 from core.errors import InputError
-from experiments.recording.recording import RecordingWriter, read_recording
+from experiments.recording.reader import read_recording
+from experiments.recording.writer import RecordingWriter
 
 THREE = load_device("three-brake")
 ABOUT = {

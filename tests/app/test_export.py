@@ -19,7 +19,9 @@ from experiments.analysis.trials_table import COLUMNS, TrialRow, read_table, wri
 from experiments.export.columns import recording_column, trials_column
 from experiments.export.csv import CsvTables
 from experiments.export.export import export
-from experiments.recording.recording import RecordingWriter, convert_to_parquet, read_recording, recording_columns
+from experiments.recording.reader import read_recording
+from experiments.recording.schema import recording_columns
+from experiments.recording.writer import RecordingWriter, convert_to_parquet
 from experiments.session.files import pooled_rows
 
 SESSION = Path("sub-01", "ses-01")

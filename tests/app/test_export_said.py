@@ -13,7 +13,7 @@ from app.ipc import messages as m
 from app.window.export import Job, export_results
 from app.window.questionnaire import ITEMS
 from experiments.export.export import export
-from experiments.export.export_told import NOTES_CSV, QUESTIONNAIRE_CSV, Answers, said_in, write_phenotype
+from experiments.export.trial import NOTES_CSV, QUESTIONNAIRE_CSV, Answers, said_in, write_phenotype
 from experiments.session.files import pooled_rows
 
 SCALES = [item for item, *_ in ITEMS]

@@ -18,7 +18,8 @@ from app.ipc.ring import Ring
 from app.ipc.setup import Setup
 from core import tick_log
 from experiments.analysis.trials_table import read_table
-from experiments.recording.recording import Recording, read_recording
+from experiments.recording.reader import read_recording
+from experiments.recording.schema import Recording
 from experiments.session.files import cell, hold_lock
 
 JOINTS = range(tick_log.CURRENT, tick_log.CURRENT + 4)

@@ -12,7 +12,7 @@ from live import kill, wait_until
 from live_board import DEVICE, LET_GO, BoardSession, board_session
 
 from app.ipc import messages as m
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 
 
 @pytest.fixture

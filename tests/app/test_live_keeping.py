@@ -18,7 +18,7 @@ from app.session_server import storage as keeping_module
 from app.session_server.preflight import check_recording
 from app.session_server.session_progress import BREAK_ENDED, Sitting
 from app.session_server.storage import Keeping
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 from experiments.session import journal
 from experiments.session.files import cell, rows_of
 from experiments.session.journal import read_events
@@ -86,7 +86,7 @@ def in_order(session: Session) -> None:
 
 def test_a_stream_that_does_not_become_parquet_is_the_recording_until_it_does(desk, session, said, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr("experiments.recording.recording.written_beside", full)
+        patch.setattr("experiments.recording.writer.written_beside", full)
         desk.keep(Ended(session))
         assert [(row.status, row.recording) for row in session.rows] == [("done", "trials/run-001.arrows")]
         assert not desk.undone and desk.streams == 1 and "its stream is whole" in said[-1][0]
@@ -123,7 +123,7 @@ def test_lines_that_the_disk_never_takes_are_in_the_log(desk, session, monkeypat
 
 def test_what_was_left_as_a_stream_is_converted_by_recover(desk, session, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr("experiments.recording.recording.written_beside", full)
+        patch.setattr("experiments.recording.writer.written_beside", full)
         desk.keep(Ended(session))
     session.close()
     assert recover(session.data_dir)["faults"] == []
@@ -158,7 +158,7 @@ def test_wherever_a_disk_takes_no_more_the_trial_has_its_row_when_it_does_again(
 
     with monkeypatch.context() as patch:
         patch.setattr(journal.os, "write", until_full)
-        patch.setattr("experiments.recording.recording.written_beside", full)
+        patch.setattr("experiments.recording.writer.written_beside", full)
         desk.keep(ended)
         desk.write("somebody coughed")
     desk.catch_up()

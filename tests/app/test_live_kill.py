@@ -21,7 +21,7 @@ from app.ipc import messages as m
 from app.ipc.address import find
 from app.ipc.setup import Setup
 from core import tick_log
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 from experiments.session.files import cell
 from experiments.session.verify import verify
 

@@ -9,7 +9,7 @@ from live_board import board_session
 from played_net_ft import HOST, PlayedSensor
 
 from app.ipc import messages as m
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 
 pytest.importorskip("pynetft", reason="pynetft is not installed: ATI sensors cannot be read")
 

@@ -12,7 +12,7 @@ from protocols import PAPER
 
 from app.ipc import messages as m
 from app.ipc.setup import Setup
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 from experiments.session.session import Session
 
 DEVICE = "four-brake"

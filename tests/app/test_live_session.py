@@ -18,7 +18,7 @@ from app.ipc import messages as m
 from app.ipc.setup import Setup
 from core.control.controllers import NO_CONTROL
 from experiments.analysis.trials_table import read_table
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 from experiments.session.files import kept_sessions
 from experiments.session.verify import verify
 

@@ -11,8 +11,9 @@ from recorded import NAMES, record, ticks
 from core import tick_log
 from core.control.controllers import DECISIONS
 from core.errors import InputError
-from experiments.recording.recording import convert_to_parquet, read_recording
+from experiments.recording.reader import read_recording
 from experiments.recording.schema import same_content
+from experiments.recording.writer import convert_to_parquet
 
 
 def test_parquet_holds_the_same_as_the_stream_which_then_goes(tmp_path):

@@ -13,7 +13,8 @@ from sessions import crash_in_trial, files, new_session, run_trials, session_of
 
 from app.cli import main
 from experiments.analysis.trials_table import read_table
-from experiments.recording.recording import read_recording, save_as_parquet
+from experiments.recording.reader import read_recording
+from experiments.recording.writer import save_as_parquet
 from experiments.session import recover as recovery
 from experiments.session.files import cell, hold_lock, read_stored, write_pooled_table
 from experiments.session.recover import recover

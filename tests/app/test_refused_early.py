@@ -18,8 +18,8 @@ from app.session_server.session_progress import Sitting
 from core.errors import InputError
 from core.kernel import keep_in_use, remove_unused
 from experiments.protocol import MOST_TRIALS
+from experiments.session.journal import bare_row
 from experiments.session.session import Session
-from experiments.session.session_rows import bare_row
 from experiments.trial.population import load_population
 
 NAMED = changed(PAPER.text, participants='["07", "08"]', devices='["four-brake"]')

@@ -16,7 +16,8 @@ from synthetic_hand import SyntheticHand
 from app.cli import main
 from core import tick_log
 from core.device import load_device
-from experiments.recording.recording import read_recording, recording_columns
+from experiments.recording.reader import read_recording
+from experiments.recording.schema import recording_columns
 from experiments.session.session import Session
 from experiments.study.replay import A_PERSON_WOULD_REACT, replay
 from experiments.study.replay_run import HAND_ENDED, play_after, read_recorded

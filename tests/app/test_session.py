@@ -13,7 +13,7 @@ from app.cli import main
 from core import tick_log
 from core.errors import InputError
 from experiments.analysis.trials_table import read_table
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 from experiments.session import session as sessions
 from experiments.session.files import (
     cell,

@@ -13,7 +13,7 @@ from core.device import SHIPPED_FOLDER
 from experiments.analysis.boxplots import boxes
 from experiments.analysis.trials_table import read_table
 from experiments.protocol import load_protocol
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 from experiments.study.study import run_study
 
 ALSO_NAMED = [

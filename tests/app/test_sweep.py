@@ -13,8 +13,7 @@ import pytest
 
 from app.cli import main
 from core.errors import InputError
-from experiments.study.sweep import COLUMNS, run_job, run_sweep
-from experiments.study.sweep_file import load_sweep
+from experiments.study.sweep import COLUMNS, load_sweep, run_job, run_sweep
 
 SMALL = """
 name = "small"

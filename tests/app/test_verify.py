@@ -9,7 +9,8 @@ from recorded import batch_ends, record, ticks
 from sessions import crash_in_trial, files, new_session, run, session_of
 
 from app.cli import main
-from experiments.recording.recording import convert_to_parquet, read_recording
+from experiments.recording.reader import read_recording
+from experiments.recording.writer import convert_to_parquet
 from experiments.session.files import write_pooled_table
 from experiments.session.verify import verify
 

@@ -111,7 +111,7 @@ def recorded(data: Path) -> dict:
 
     import numpy as np
 
-    from experiments.recording.recording import read_recording
+    from experiments.recording.reader import read_recording
     from experiments.session.files import cell, read_stored, rows_of, session_folder
     from experiments.session.verify import verify
 

@@ -20,11 +20,10 @@ from killed_phd import KilledPhd, written_rows
 from recorded import assert_holds
 
 from experiments.analysis.trials_table import COUNTED, read_table
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 from experiments.session.files import cell, open_trials, read_stored, rows_of
-from experiments.session.journal import read_events
+from experiments.session.journal import read_events, told
 from experiments.session.recover import recover
-from experiments.session.session_rows import told
 from experiments.session.verify import verify
 
 SAFE_S = 0.25  # rows given longer before the writer was last alive must survive

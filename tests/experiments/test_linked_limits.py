@@ -15,7 +15,7 @@ from core.control.controllers import PROPORTIONAL, Preset
 from core.device import load_device
 from core.device_interface import LinkSample
 from core.simulator.state import new_record, pack_brakes
-from experiments.protocol_file import Release
+from experiments.protocol import Release
 from experiments.trial.linked_tick import ASTRAY_TICKS, SPEED_MAX_M_S, WATCH, astray
 from experiments.trial.linked_trial import plain
 from experiments.trial.tick import RUN, RUNNING

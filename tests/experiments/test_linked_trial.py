@@ -14,8 +14,9 @@ from simulated_bench import TIP
 from core import tick_log
 from experiments.analysis.metrics import trial_metrics
 from experiments.plan import PlannedTrial
-from experiments.recording.recording import RecordingWriter, convert_to_parquet, read_recording
+from experiments.recording.reader import read_recording
 from experiments.recording.schema import Sensors
+from experiments.recording.writer import RecordingWriter, convert_to_parquet
 from experiments.trial.trial import Trial, new_simulation
 
 #: Share by which a measure may differ from the simulated device's, with the same person and noise. Velocity is 7 ms

@@ -14,8 +14,9 @@ from core.path import line, point_at
 from core.path_file import Arc, Polyline, build_path
 from experiments.analysis import metrics as m
 from experiments.analysis.trials_table import COLUMNS
-from experiments.recording.recording import RecordingWriter, read_recording
+from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording, column_words, recording_columns
+from experiments.recording.writer import RecordingWriter
 
 START, END = (-0.1, 0.4), (0.1, 0.4)
 PATH = line(START, END)

@@ -12,7 +12,8 @@ from core import tick_log
 from core.control.controllers import DECISIONS
 from core.errors import InputError
 from experiments.recording import writer as recording_writer
-from experiments.recording.recording import RecordingWriter, convert_to_parquet, read_recording
+from experiments.recording.reader import read_recording
+from experiments.recording.writer import RecordingWriter, convert_to_parquet
 
 
 @pytest.mark.parametrize("braked", ["AEBC", "AEB", "A", "", "BC"])

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.errors import InputError
-from experiments.simulate.number_table import read_number_table
-from experiments.simulate.scene import read_scene
+from experiments.simulate.scene import read_number_table, read_scene
 
 SCENE = """\
 device = "three-brake"

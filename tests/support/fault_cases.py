@@ -26,7 +26,7 @@ from core import tick_log
 from core.device import load_device
 from core.device_interface import ZeroRecord
 from experiments.protocol import Protocol, load_protocol
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 from experiments.recording.schema import Sensors
 from experiments.session.session import Session
 from experiments.trial.linked_trial import LinkedTrial

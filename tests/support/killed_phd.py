@@ -60,7 +60,7 @@ def write(stream: str, acks: str, seed: int) -> None:
     """Write ticks at twenty times real time until killed; note when each call began and ended, what was given by then,
     and how many ticks are safe.
     """
-    from experiments.recording.recording import RecordingWriter
+    from experiments.recording.writer import RecordingWriter
 
     rows = written_rows(seed)
     handle = os.open(acks, os.O_WRONLY | os.O_CREAT)

@@ -14,7 +14,7 @@ from core.device import Device, load_device
 from core.path_file import build_path
 from core.simulator.hand import Hand
 from experiments.plan import PlannedTrial
-from experiments.protocol_file import TrialRules
+from experiments.protocol import TrialRules
 from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.person import Person
 from hardware.emulated_board.device import EmulatedHand

@@ -15,9 +15,9 @@ from app.ipc import messages as m
 from app.ipc.address import find
 from app.ipc.setup import Setup
 from core import tick_log
-from experiments.recording.recording import read_recording
+from experiments.recording.reader import read_recording
 from experiments.session.files import PARQUET_SUFFIX, rows_of, run_path, session_folder
-from experiments.session.session_rows import told
+from experiments.session.journal import told
 from experiments.session.verify import verify
 
 TESTS = Path(__file__).resolve().parent

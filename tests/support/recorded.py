@@ -5,7 +5,8 @@ import pyarrow as pa
 
 from core import tick_log
 from core.control.controllers import DECISIONS
-from experiments.recording.recording import RecordingWriter, recording_columns
+from experiments.recording.schema import recording_columns
+from experiments.recording.writer import RecordingWriter
 
 NAMES = (
     "t_s, phase, tip_x_m, tip_y_m, tip_vx_m_s, tip_vy_m_s, tip_ax_m_s2, tip_ay_m_s2, hand_fx_N, hand_fy_N, "

@@ -1,4 +1,4 @@
-"""Compiled loops that `phd bench` times. In a file of their own: a change elsewhere in the bench compiles nothing."""
+"""Compiled loops that `phd bench` times. In a file of their own, so that changes elsewhere compile no kernel anew."""
 
 from core.control.controllers import decide
 from core.dynamics import motion
