@@ -74,6 +74,7 @@ def replay(
     preset = chosen.controllers[number]
     rows, outcome = run_replay(trial, moved, onto, preset, chosen.rules, lead, progress)
     itself = kind == "target" and same_device and is_own(trial, preset, chosen.rules)
+    doubts = outcome.pop("warnings")
     difference = first_difference(trial.recording, rows) if lead and itself else None
     checked = decisions_of(trial, own)
     rows = rows[trial.first :] if lead else rows
@@ -105,7 +106,11 @@ def replay(
         "note": chosen.note(),
         "assumed": onto.assumed,
         "says": A_PERSON_WOULD_REACT,
-        "warnings": warnings(trial, bool(lead) or not same_device, difference, checked),
+        "warnings": [
+            *(f"the recording: {doubt}" for doubt in trial.recording.outcome.get("warnings", ())),
+            *(f"the replay: {doubt}" for doubt in doubts),
+            *warnings(trial, bool(lead) or not same_device, difference, checked),
+        ],
         "out": None if out is None else str(out),
     }
 
@@ -192,7 +197,7 @@ def first_difference(recording: Recording, rows: np.ndarray) -> str:
 
 
 def warnings(trial: Recorded, exact: bool, difference: str | None, checked: Checked | None) -> list[str]:
-    """What speaks against the replay, or the recording, a sentence each.
+    """Why the replay is not the recorded trial though it might be, and what is wrong with the recording.
 
     exact: it is no replay on the recorded device that had to do without the recorded start.
     """

@@ -39,7 +39,7 @@ from experiments.session.journal import recorded_row, told
 from experiments.study.replay_hand import RecordedHand
 from experiments.trial.operator import OPERATOR
 from experiments.trial.tick import STATUSES, new_run, run_ticks
-from experiments.trial.trial import new_simulation, run_fields, start_again
+from experiments.trial.trial import ledger_warnings, new_simulation, run_fields, start_again
 
 HAND_ENDED = "hand ended"  # the recorded hand is over and the end of the path was not reached
 PROGRESS_EVERY = 500  # ticks
@@ -129,6 +129,7 @@ def run_replay(
         "status": {"running": HAND_ENDED, "aborted": recording.outcome["status"]}.get(status, status),
         "energy_residual_J": after.residual - before.residual,
         "energy_added_max_J": after.added_by_brakes,
+        "warnings": ledger_warnings(before, after),
     }
 
 
