@@ -7,15 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.control.controllers import DECISIONS, Preset, decide, make_controller, new_memory
+from core.control.controllers import DECISIONS, Preset, make_controller, new_memory
 from core.device import Device
-from core.kernel import kernel
 from core.mechanism import JOINTS
 from core.path import Path
 from core.simulator.state import new_state, pack_brakes, pack_mechanism
-from core.simulator.stick_slip_mode import look
 from experiments.recording.schema import Recording
 from experiments.trial.linked_trial import encoder_noise
+from experiments.trial.tick import decide_again
 
 #: What a decision is taken from, in the order in which `decide_again` reads it.
 GIVEN = ("tip_x_m", "tip_y_m", "tip_vx_m_s", "tip_vy_m_s", "sensed_fx_N", "sensed_fy_N")
@@ -48,17 +47,3 @@ def check_decisions(recording: Recording, path: Path, device: Device, preset: Pr
     for joint in device.braked:
         different |= currents[:, JOINTS.index(joint)] != recording.column(f"current_{joint}_A")[taken]
     return Checked(len(given), int(np.count_nonzero(different)))
-
-
-@kernel
-def decide_again(path, controller, mechanisms, brake_records, states, memory, given, codes, currents):
-    """Decision codes (n,) and currents (n, 4), A, for what was given (n, 6), see `GIVEN`."""
-    mechanism, brakes, state = mechanisms[0], brake_records[0], states[0]
-    for n in range(given.shape[0]):
-        for i in range(4):
-            state.tip[i] = given[n, i]
-        look(mechanism, state)
-        codes[n] = decide(
-            controller, brakes, path, memory, given[n, 0], given[n, 1], given[n, 2], given[n, 3], given[n, 4],
-            given[n, 5], state.g, state.mass, currents[n],
-        )  # fmt: skip

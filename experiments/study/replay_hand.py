@@ -38,9 +38,9 @@ class RecordedHand(NamedTuple):
     def take(self, tick: int) -> None:
         """Want what the recorded hand wanted at a tick of the recording."""
         if len(self.target):
-            grip, n = self.hand.grips[0], tick - self.first
-            grip.target[:], grip.stiffness[:] = self.target[n], self.stiffness[n]
-            grip.held[:], grip.force_max = self.held[n], self.force_max[n]
+            grip, n = self.hand.grips.view(np.ndarray)[0], tick - self.first
+            grip["target"], grip["stiffness"] = self.target[n], self.stiffness[n]
+            grip["held"], grip["force_max"] = self.held[n], self.force_max[n]
 
 
 def force_hand(recording: Recording, first: int) -> RecordedHand:

@@ -37,6 +37,7 @@ from experiments.recording.schema import Recording
 from experiments.session.files import STORED, StoredSession, read_stored
 from experiments.session.journal import recorded_row, told
 from experiments.study.replay_hand import RecordedHand
+from experiments.trial.linked_trial import plain
 from experiments.trial.operator import OPERATOR
 from experiments.trial.tick import STATUSES, new_run, run_ticks
 from experiments.trial.trial import ledger_warnings, new_simulation, run_fields, start_again
@@ -96,25 +97,27 @@ def run_replay(
     recording = trial.recording
     s = from_the_start(trial, device, lead) if lead else from_the_movement(trial, device, hand)
     before = s.ledger()
-    run = new_run(s.fidelity, s.integrator, simulated_hand=False)
+    run = plain(new_run(s.fidelity, s.integrator, simulated_hand=False))
     for name, value in run_fields(trial.stored.protocol.trial, simulated_hand=False).items():
         run[name][0] = value
     first = 0 if lead else trial.first
     if not lead:
         run["phase"][0], run["tick"][0] = tick_log.MOVE, first
     controller, memory = make_controller(preset, device.force_normalised_N, rules), new_memory()
-    operator, noise = new_record(OPERATOR), np.zeros((1, 2))
+    operator, noise = plain(new_record(OPERATOR)), np.zeros((1, 2))
+    mechanism, brakes, state, scratch = (plain(record) for record in (s.mechanism, s.brakes, s.state, s.trial))
+    felt = s.hand._replace(grips=plain(s.hand.grips))
     away, stopped = recording.in_phase("approach"), stopped_at(recording)
     rows = np.empty((recording.rows - first, tick_log.WIDTH))
     done = 0
     while done < len(rows):
         tick = first + done
         if tick == trial.first and s.hand is not hand.hand:
-            s.hand, s.state["settled"][0] = hand.hand, 0
+            felt, state["settled"][0] = hand.hand._replace(grips=plain(hand.hand.grips)), 0
         (hand if tick >= trial.first or lead is None else lead).take(tick)
         run["held"][0], run["stop"][0] = not away[tick], tick >= stopped
         if not run_ticks(
-            trial.path, controller, s.mechanism, s.brakes, s.hand, s.state, s.trial, run, operator, noise, memory,
+            trial.path, controller, mechanism, brakes, felt, state, scratch, run, operator, noise, memory,
             rows[done : done + 1],
         ):  # fmt: skip
             break

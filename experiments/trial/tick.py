@@ -15,7 +15,7 @@ from core.kernel import kernel
 from core.path import nearest
 from core.simulator.simulation import advance, apply, kinetic, stuck_bits
 from core.simulator.state import new_record
-from core.simulator.stick_slip_mode import resolve
+from core.simulator.stick_slip_mode import look, resolve
 from core.tick_log import (
     APPROACH,
     ARM_FORCE_MAX,
@@ -226,3 +226,20 @@ def log_row(mechanism, brakes, state, grip, run, t, row):
     row[ARM_HELD_X], row[ARM_HELD_Y], row[ARM_FORCE_MAX] = grip.held[0], grip.held[1], grip.force_max
     for i in range(3):
         row[ARM_STIFFNESS + i] = grip.stiffness[i]
+
+
+@kernel
+def decide_again(path, controller, mechanisms, brake_records, states, memory, given, codes, currents):
+    """Decision codes (n,) and currents (n, 4), A, of the ticks of a movement, from the rows alone.
+
+    given (n, 6): tip (m), its velocity (m/s) and the sensed hand force (N).
+    """
+    mechanism, brakes, state = mechanisms[0], brake_records[0], states[0]
+    for n in range(given.shape[0]):
+        for i in range(4):
+            state.tip[i] = given[n, i]
+        look(mechanism, state)
+        codes[n] = decide(
+            controller, brakes, path, memory, given[n, 0], given[n, 1], given[n, 2], given[n, 3], given[n, 4],
+            given[n, 5], state.g, state.mass, currents[n],
+        )  # fmt: skip
