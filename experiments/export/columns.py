@@ -43,9 +43,9 @@ _ARM = {
     "arm_held_x_N": Column("N", "force of the arm beside its spring-damper, held over the tick, x"),
     "arm_held_y_N": Column("N", "force of the arm beside its spring-damper, held over the tick, y"),
     "arm_force_max_N": Column("N", "cap of the force of the arm's spring-damper"),
-    "arm_stiffness_xx_N_m": Column("N/m", "stiffness of the arm, xx"),
-    "arm_stiffness_xy_N_m": Column("N/m", "stiffness of the arm, xy"),
-    "arm_stiffness_yy_N_m": Column("N/m", "stiffness of the arm, yy"),
+    "arm_stiffness_xx_N_per_m": Column("N/m", "stiffness of the arm, xx"),
+    "arm_stiffness_xy_N_per_m": Column("N/m", "stiffness of the arm, xy"),
+    "arm_stiffness_yy_N_per_m": Column("N/m", "stiffness of the arm, yy"),
 }
 
 #: What the ticks of a recording hold. Frame: x to the participant's right, y away from the participant.

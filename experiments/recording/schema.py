@@ -46,9 +46,9 @@ ARM_COLUMNS = (
     ("arm_held_x_N", tick_log.ARM_HELD_X),
     ("arm_held_y_N", tick_log.ARM_HELD_Y),
     ("arm_force_max_N", tick_log.ARM_FORCE_MAX),
-    ("arm_stiffness_xx_N_m", tick_log.ARM_STIFFNESS),
-    ("arm_stiffness_xy_N_m", tick_log.ARM_STIFFNESS + 1),
-    ("arm_stiffness_yy_N_m", tick_log.ARM_STIFFNESS + 2),
+    ("arm_stiffness_xx_N_per_m", tick_log.ARM_STIFFNESS),
+    ("arm_stiffness_xy_N_per_m", tick_log.ARM_STIFFNESS + 1),
+    ("arm_stiffness_yy_N_per_m", tick_log.ARM_STIFFNESS + 2),
 )
 
 
