@@ -18,9 +18,9 @@ from core.locate import (
 )
 from core.pattern import enter_line, finish, meet, release, set_costs, settle_edges, strike
 from core.smooth import age_yields, begin, rk4
-from core.solver_numbers import MAX_EVENTS, RATE_ROUNDING, REST_ROUNDING, SHORTEST
+from core.solver_numbers import MAX_EVENTS, RATE_ROUNDING, REST_ROUNDING, REST_SPEED, SHORTEST
 from core.stepping import advance_stepping, stiffer_than
-from core.stick_slip import STILL, largest_excess, solve_at_rest
+from core.stick_slip import STILL, largest_excess, same_line, solve_at_rest
 
 
 @kernel
@@ -120,7 +120,7 @@ def happen(mechanism, brakes, hand, state, trial, kind, t):
         state.play[i] = brakes.play[i] if state.sign[i] > 0.0 else 0.0
         set_costs(brakes, state)
     at_rest = tip[2] == 0.0 and tip[3] == 0.0
-    if kind == SPEED or at_rest or (kind < SPEED and comes_to_rest(brakes, state)):
+    if kind == SPEED or at_rest or (kind < SPEED and comes_to_rest(mechanism, state)):
         stop_moving(state)
         from_rest(mechanism, state, fx, fy, arm_mass)
     elif kind >= STOP:
@@ -128,25 +128,24 @@ def happen(mechanism, brakes, hand, state, trial, kind, t):
     elif kind == LOOSE_PLUS or kind == LOOSE_MINUS:
         release(mechanism, state, state.held, 1.0 if kind == LOOSE_PLUS else -1.0)
     elif kind < SPEED:
-        if state.held >= 0:
-            state.sign[kind] = -state.sign[kind]  # parallel to the held joint's row for an instant: it passes zero
-        else:
-            meet(mechanism, state, kind, fx, fy, arm_mass)
+        meet(mechanism, state, kind, fx, fy, arm_mass)
     settle_edges(brakes, state)
     finish(mechanism, state, fx, fy, arm_mass)
 
 
 @kernel
-def comes_to_rest(brakes, state):
-    """True where every braked joint's rate is zero to rounding, and there are two at least: the tip is at rest."""
-    resting, moving = 0, 0
-    for i in range(4):
-        if brakes.present[i] > 0.0:
-            if abs(state.rate[i]) <= RATE_ROUNDING:
-                resting += 1
-            else:
-                moving += 1
-    return moving == 0 and resting >= 2
+def comes_to_rest(mechanism, state):
+    """True where two joints that are not on one line have no rate, and not because their rows are parallel just now."""
+    speed = state.tip[2] * state.tip[2] + state.tip[3] * state.tip[3]
+    if speed > REST_SPEED * REST_SPEED:
+        return False
+    for i in range(5):
+        if state.active[i] != 0 and abs(state.rate[i]) <= RATE_ROUNDING:
+            for j in range(i):
+                at_rest = state.active[j] != 0 and abs(state.rate[j]) <= RATE_ROUNDING
+                if at_rest and not same_line(i, j, mechanism.coaxial):
+                    return True
+    return False
 
 
 @kernel

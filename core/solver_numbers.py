@@ -30,6 +30,9 @@ GRAZING = 1e-10
 #: rad/s; a slipping rate this far on the wrong side of zero is rounding left by the location of an event, not motion.
 #: Larger: a real reversal is taken for rounding. Smaller: rounding is taken for a reversal and the brake chatters.
 RATE_ROUNDING = 1e-12
+#: m/s; a tip this slow, two joints of which have no rate, is at rest. Larger: motion is stopped that the brakes cannot
+#: stop. Smaller: rounding keeps a stopped tip moving.
+REST_SPEED = 1e-10
 #: Relative; a hand force this near to the last one is the same, taken at a time that differs by rounding. Larger: a
 #: small change between two calls is overlooked for a step. Smaller: nothing breaks, a pattern is worked out again.
 HAND_ROUNDING = 1e-9
