@@ -1,7 +1,9 @@
 """The `event` integrator: smooth RK4 between events, each located to rounding, the exact solver after each.
 
 Feasible by construction: after an event the motion is what the stick-slip problem says, with no tolerance and no creep.
-A step with too many events (chatter) or a hand too stiff for RK4 is given to `stepping`, and that is counted.
+A step whose own error estimate is too large is cut: near singular positions, where a lag's time constant changes
+quickly, and where a brake would give energy. Too many events within a short time (chatter) or a hand too stiff for RK4
+are given to `stepping`, and that is counted.
 """
 
 from core.hand import changes_by_itself, hand_force
@@ -16,9 +18,20 @@ from core.locate import (
     first_event,
     locate,
 )
-from core.pattern import enter_line, finish, meet, release, set_costs, settle_edges, strike
-from core.smooth import age_yields, begin, rk4
-from core.solver_numbers import MAX_EVENTS, RATE_ROUNDING, REST_ROUNDING, REST_SPEED, SHORTEST
+from core.pattern import enter_line, finish, meet, release, resolve, set_costs, settle_edges, strike
+from core.smooth import age_yields, begin, joint_acceleration, rk4
+from core.solver_numbers import (
+    FALLBACK_S,
+    FINEST,
+    GIVEN,
+    MAX_EVENTS,
+    RATE_ROUNDING,
+    REST_ROUNDING,
+    REST_SPEED,
+    SHORTEST,
+    STEP_ERROR,
+    YIELD_ERROR,
+)
 from core.stepping import advance_stepping, stiffer_than
 from core.stick_slip import STILL, largest_excess, same_line, solve_at_rest
 
@@ -28,14 +41,26 @@ def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged)
     """Move the state from t to t + h (s). Expects the pattern resolved at t; leaves the quantities of t + h."""
     state.steps += 1
     state.settled = 0
-    elapsed, events, longest = 0.0, 0, h
+    elapsed, longest = 0.0, h
+    crowd, since = 0, 0.0  # events of late, and from when on they are counted
     while elapsed < h:
         rest = h - elapsed
-        if events > MAX_EVENTS or stiffer_than(state, hand, rest):
+        step = min(rest, longest)
+        if step > FALLBACK_S and stiffer_than(state, hand, step):
+            longest = max(FALLBACK_S, 0.5 * step)
+            continue
+        if crowd > MAX_EVENTS or stiffer_than(state, hand, step):
             state.fallbacks += 1
-            state.events += events
-            advance_stepping(mechanism, brakes, hand, state, trial, currents, t + elapsed, rest, lagged)
-            return
+            piece = min(rest, FALLBACK_S)
+            advance_stepping(mechanism, brakes, hand, state, trial, currents, t + elapsed, piece, lagged)
+            if piece == rest:
+                return
+            elapsed += piece
+            longest, crowd, since = h, 0, elapsed
+            resolve(mechanism, brakes, hand, state, t + elapsed)
+            continue
+        if elapsed - since > FALLBACK_S:
+            crowd, since = 0, elapsed
         now = t + elapsed
         if state.held == STILL:
             begin(brakes, state, currents, rest, lagged)
@@ -45,34 +70,73 @@ def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged)
             fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
             state.hand_force[0], state.hand_force[1] = fx, fy
             if step < rest:
-                events += 1
+                state.events += 1
+                crowd += 1
                 leave_rest(mechanism, brakes, hand, state, fx, fy)
             continue
-        step = min(rest, longest)
         begin(brakes, state, currents, step, lagged)
         if not rk4(mechanism, brakes, hand, state, trial, now, step, lagged):
             state.shortened += 1
             longest = 0.5 * step
             if longest < SHORTEST:
-                events = MAX_EVENTS + 1
+                crowd = MAX_EVENTS + 1
             continue
+        error = trial.error
+        if lagged != 0:
+            error = max(error, yield_error(brakes, state, trial, step) * (STEP_ERROR / YIELD_ERROR))
+        if not error <= state.tolerance * STEP_ERROR:
+            if step > FINEST:
+                state.refined += 1
+                longest = step * max(0.2, 0.9 * (state.tolerance * STEP_ERROR / error) ** (1.0 / 3.0))
+                continue
+            state.doubtful += 1
         trial.seen = 0
         kind, guess = first_event(mechanism, brakes, state, trial, step, lagged)
         if kind != NONE:
             kind, step = locate(mechanism, brakes, hand, state, trial, now, step, kind, guess, lagged)
+        if min(min(trial.heat[0], trial.heat[1]), min(trial.heat[2], trial.heat[3])) < -GIVEN:
+            if step > FINEST:
+                state.refined += 1
+                longest = 0.5 * step
+                continue
+            state.doubtful += 1
+        if longest < h and 16.0 * error < state.tolerance * STEP_ERROR:
+            longest *= 2.0
         accept(mechanism, brakes, state, trial, step, lagged)
         elapsed = h if step == rest else elapsed + step
         if kind != NONE:
-            events += 1
+            state.events += 1
+            crowd += 1
             happen(mechanism, brakes, hand, state, trial, kind, t + elapsed)
         elif elapsed < h:
             fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], state.tip[2], state.tip[3])
             set_costs(brakes, state)
             finish(mechanism, state, fx, fy, hand.grips[0].mass)
-    state.events += events
     if lagged != 0:
         set_costs(brakes, state)
     state.settled = 0 if state.held == STILL else 1
+
+
+@kernel
+def yield_error(brakes, state, trial, step):
+    """How far the yields at the end of the trial may be off, because each lag's time constant was frozen (N m).
+
+    Estimated from how much the joint's rate changed beside its size, and how far it ended from the prediction that
+    the frozen constant was chosen by.
+    """
+    largest = 0.0
+    for i in range(4):
+        changed = abs(trial.torque_yield[1, i] - state.torque_yield[i])
+        if changed <= state.tolerance * YIELD_ERROR or state.sign[i] == 0.0 or brakes.present[i] == 0.0:
+            continue
+        start, end = state.rate[i], trial.rate[i]
+        if min(abs(start), abs(end)) >= brakes.omega_0[i] and start * end > 0.0:
+            continue
+        predicted = start + joint_acceleration(state, i) * step
+        middle = 0.5 * (abs(start) + abs(end)) + brakes.floor[i]
+        spread, missed = (end - start) / middle, (end - predicted) / middle
+        largest = max(largest, changed * (0.5 * abs(missed) + spread * spread / 12.0))
+    return largest
 
 
 @kernel

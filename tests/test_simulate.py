@@ -35,6 +35,9 @@ class Ramp:
         self.done, self.fails_after, self.error = 0, fails_after, error
         self.events, self.fallbacks = 3, 1
 
+    def warnings(self) -> tuple[str, ...]:
+        return ()
+
     def run_chunk(self, rows: int) -> np.ndarray:
         if self.error and self.fails_after is not None and self.done >= self.fails_after:
             raise self.error
