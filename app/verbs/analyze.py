@@ -38,7 +38,7 @@ def add(verbs) -> None:
 
 
 def analyze_verb(args: argparse.Namespace) -> int:
-    from experiments.analyze import analyze, read_studies, write_side_by_side
+    from experiments.study.analyze import analyze, read_studies, write_side_by_side
 
     studies = read_studies([args.dir, *args.beside]) if args.beside else {}
     with Progress("analyzing") as progress:

@@ -40,7 +40,7 @@ def add(verbs) -> None:
 
 
 def identify_verb(args: argparse.Namespace) -> int:
-    from experiments.identify import identify, summary
+    from experiments.identify.identify import identify, summary
 
     with Progress("identifying") as progress:
         found, brake, figures = identify(
