@@ -29,7 +29,7 @@ from experiments.session.files import (
     runs_on_disk,
     sessions_in,
 )
-from experiments.session.journal import Told, recorded_row, rows_without_recording, told
+from experiments.session.journal import JournalSummary, journal_summary, recorded_row, rows_without_recording
 from experiments.session.study_file import STUDY, read_study
 
 #: Largest share by which a number of the table may differ from what the recording gives: library versions round apart.
@@ -88,7 +88,7 @@ def verify_session(session: Path, live: bool = False) -> Findings:
     found = Findings()
     if is_half_created(session):
         return found
-    journal = told(session)
+    journal = journal_summary(session)
     try:
         about = read_stored(session).about
         if about.get("blind") and journal.key is None:
@@ -128,7 +128,9 @@ def _check_key(session: Path, about: dict, found: Findings) -> None:
         found.faults.append((KEY, _after(str(error), session)))
 
 
-def _check_bare_rows(session: Path, rows: dict[int, TrialRow], journal: Told, live: bool, found: Findings) -> None:
+def _check_bare_rows(
+    session: Path, rows: dict[int, TrialRow], journal: JournalSummary, live: bool, found: Findings
+) -> None:
     """Rows without a recording against the journal, both ways."""
     bare = {row.run: row for row in rows_without_recording(session, journal)}
     for run, right in bare.items():
@@ -178,7 +180,8 @@ def _faults_but_header(recording: Recording) -> list[str]:
 
 
 def _check_row(
-    session: Path, recording: Recording, rows: dict[int, TrialRow], journal: Told, live: bool, found: Findings
+    session: Path, recording: Recording, rows: dict[int, TrialRow], journal: JournalSummary, live: bool,
+    found: Findings,
 ) -> None:
     name = recording.path.relative_to(session).as_posix()
     try:
