@@ -1,22 +1,61 @@
-"""What a window and the conductor tell each other. A window sends intents; the conductor answers with what is.
+"""What the processes say to each other.
 
-A window holds no state of the experiment: `Opened` and the newest `Snapshot` say everything, so that a window that
-comes later, in place of one that died, shows the same.
+A window sends commands; the session server answers with what is. A window holds no state of the experiment: `Opened`
+and the newest `Snapshot` say everything. The session server gives jobs to the control loop, which answers each.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, Self
 
-if TYPE_CHECKING:  # a window can start its bench before it imports all this
-    from app.ipc.board_jobs import Linked
+if TYPE_CHECKING:  # else each process imports all of this before it can start the next
+    import numpy as np
+
     from core.control.controllers import Preset
     from core.device import Device
+    from core.device_interface import ZeroRecord
     from core.path_file import PathFile
     from experiments.analysis.trials_table import TrialRow
     from experiments.plan import PlannedTrial
+    from experiments.trial.linked_trial import LinkedTrial
+    from experiments.trial.trial import Arguments
 
 Point = tuple[float, float]  # m
 
-# ----------------------------------------------------------------------------------------- intents: window -> conductor
+# ------------------------------------------------------------------------- what a window starts its session server with
+
+#: operator: a simulated person, for sessions without a hand; hid: a six-axis device whose deflection is the force
+MOUSE, OPERATOR, HID = "mouse", "operator", "hid"
+
+
+class Setup(NamedTuple):
+    """Choices of the command line; None: as the protocol says."""
+
+    data_dir: Path
+    protocol: str = "paper"  # a shipped one by name, or a file
+    devices: tuple[str, ...] | None = None
+    rules: str | None = None
+    low_gain: float | None = None  # N s/m
+    seed: int | None = None
+    hand: str = MOUSE
+    participant: str = ""  # to be offered first; "": the first without a session
+    link: str = ""  # serial port of a device on the bench, or "PORT netft:HOST"; "": simulated
+    real_time: bool = True  # try scheduling that needs a privilege
+    sync: bool = True  # wait for the disk itself
+
+    def to_json(self) -> str:
+        """As text, for a command line."""
+        return json.dumps({**self._asdict(), "data_dir": str(self.data_dir)})
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """The same again."""
+        fields = json.loads(text)
+        devices = fields["devices"]
+        return cls(**{**fields, "data_dir": Path(fields["data_dir"]), "devices": devices and tuple(devices)})
+
+
+# ----------------------------------------------------------------------------------- commands: window -> session server
 
 
 class Open(NamedTuple):
@@ -71,7 +110,7 @@ class AllowBrakes(NamedTuple):
 
 
 class Confirm(NamedTuple):
-    """What the conductor waits for is done: the re-rig, the break."""
+    """The step that the session waits for is done: the re-rig, the break."""
 
 
 class Rig(NamedTuple):
@@ -97,18 +136,30 @@ class Answers(NamedTuple):
 
 
 class Quit(NamedTuple):
-    """Abort what runs, keep it, and end the conductor."""
+    """Abort what runs, keep it, and end the session server."""
 
     reason: str
 
 
-# ---------------------------------------------------------------------------------------- messages: conductor -> window
+# ------------------------------------------------------------------------------------ what is: session server -> window
 
-#: where the conductor is; ELSEWHERE: it serves another window, which has taken over
-PREPARING, NO_SESSION, READY, RUNNING, RERIG, BREAK, QUESTIONS, FINISHED, FAILED, ELSEWHERE = (
-    "preparing", "no session", "ready", "running", "re-rig", "break", "questions", "finished", "failed", "elsewhere"
+#: where the session server is
+PREPARING, NO_SESSION, READY, RUNNING, RERIG, BREAK, QUESTIONS, FINISHED, FAILED = (
+    "preparing", "no session", "ready", "running", "re-rig", "break", "questions", "finished", "failed"
 )  # fmt: skip
-OVER = (FAILED, ELSEWHERE)  # for this window
+
+#: stage -> why what does not fit it is refused
+NOT_NOW = {
+    PREPARING: "Everything is still being prepared.",
+    NO_SESSION: "No session is open.",
+    READY: "A session is open.",
+    RUNNING: "A trial is running.",
+    RERIG: "The device must be re-rigged first.",
+    BREAK: "There is a break first.",
+    QUESTIONS: "The questions after the block come first.",
+    FINISHED: "All trials of the plan are done.",
+    FAILED: "No more trials can be run.",
+}
 
 #: steps that make a device on the bench ready; DONE: there is none to do
 CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""
@@ -123,6 +174,12 @@ class Check(NamedTuple):
     state: str  # GOOD, CAUTION, BAD, WAITING
     text: str  # short: "simulated", "mouse", "1 kHz, p99 31 µs", "82 GB free", "on"
     advice: str = ""  # what to do about it, one sentence
+
+
+class Refused(NamedTuple):
+    """The session server cannot serve, and ends; nothing was written."""
+
+    why: str  # one sentence
 
 
 class Opened(NamedTuple):
@@ -143,7 +200,7 @@ class Opened(NamedTuple):
     seed: int
     real_device: bool  # currents flow in real brakes
     hand: str  # what moves the handle: "mouse", "operator"
-    next_participant: str  # to be offered: the first without a session, or with an unfinished one; "": nobody is left
+    next_participant: str  # to be offered: the first without a session, or with an unfinished one; "": none is left
     rules: str  # by which the controllers decide: "settled", "literal"
     blind: bool = False  # a new session is blind whether that is asked for or not
 
@@ -170,6 +227,28 @@ class Snapshot(NamedTuple):
     resumable: tuple[str, ...] = ()  # participants whose session in the data folder is unfinished
     finished: tuple[str, ...] = ()  # .. is done: it can be opened again, to redo a trial or write a note
     otherwise: tuple[tuple[str, str], ...] = ()  # of these: whose protocol is not the one of new sessions, and its name
+
+    @property
+    def why_not(self) -> str:
+        """Why no trial can be started now; "": one can. The server refuses by it, the window greys its buttons."""
+        if self.stage not in (READY, NO_SESSION):
+            return NOT_NOW[self.stage]
+        if self.paused:
+            return "The session is paused: resume it first (P)."
+        if self.brakes_off:
+            return f"Brakes are off: {self.brakes_off}"
+        for state in (BAD, WAITING):
+            for check in self.checks:
+                if check.state == state:
+                    return f"{check.name}: {check.text}" + (f". {check.advice}" if check.advice else "")
+        return ""
+
+    def why_no_session(self, real_device: bool) -> str:
+        """Why no session can be opened now; "": one can. On the bench a session comes before homing and zero."""
+        if not real_device:
+            return self.why_not
+        there = tuple(check for check in self.checks if check.name not in ("Device", "Hand"))
+        return self._replace(checks=there, brakes_off="").why_not
 
 
 class Proof(NamedTuple):
@@ -200,3 +279,126 @@ class Pulse(NamedTuple):
     verified: int  # earlier runs of this session whose recording was verified
     disk_free_bytes: int
     linked: "Linked | None" = None  # how the device on the bench is, while no trial runs; None: simulated, or not told
+
+
+# ----------------------------------------------------------------------------------------- jobs: session server -> loop
+
+REAL_TIME, DEFAULT = "real-time", "default"  # what the loop is started with: scheduling that it may try
+
+
+class Try(NamedTuple):
+    """Keep the deadlines of so many ticks with nothing to do."""
+
+    ticks: int
+
+
+class Run(NamedTuple):
+    """Run this trial now."""
+
+    arguments: "Arguments"
+
+
+class Connect(NamedTuple):
+    """Reach the board of one of these devices, the first that it is wired to."""
+
+    devices: "tuple[Device, ...]"
+
+
+class HomeAt(NamedTuple):
+    """The handle is held at `tip` (m) now: set the encoders."""
+
+    tip: tuple[float, float]
+
+
+class TakeZero(NamedTuple):
+    """The handle is free: take what is read as zero."""
+
+
+class Reset(NamedTuple):
+    """Brakes may act again: forget the board's faults and the brakes-off, unless it was pressed again since."""
+
+    presses: int  # of the brakes-off, that were seen (`Ring.presses`)
+
+
+class RunLinked(NamedTuple):
+    """Run this trial now."""
+
+    trial: "LinkedTrial"
+
+
+# -------------------------------------------------------------------------------------- answers: loop -> session server
+
+
+class Prepared(NamedTuple):
+    """Trials can be run."""
+
+    scheduling: str  # what was got, in words
+    core: int  # that the loop has for itself; -1: none
+
+
+class Tried(NamedTuple):
+    """How late each tick was."""
+
+    lateness_us: "np.ndarray"  # (n,)
+
+
+class Done(NamedTuple):
+    """A trial has ended."""
+
+    changed: "tuple[np.ndarray, ...]"  # see `changed`
+
+
+def changed(arguments: "Arguments") -> "tuple[np.ndarray, ...]":
+    """The arrays that running a trial changes."""
+    a = arguments
+    return a.hand.grips, a.state, a.trial, a.run, a.operator, a.memory
+
+
+class Linked(NamedTuple):
+    """How the device on the bench is; about ten times a second while no trial runs."""
+
+    device: str = ""  # the one that its board is wired to; "": none has been reached
+    board: str = ""  # its number
+    problem: str = ""  # why there are no samples
+    fault: str = ""  # latched on the board
+    homed: bool = False
+    zeroed: bool = False
+    tip: tuple[float, float] = (0.0, 0.0)  # m
+    hand_force: tuple[float, float] = (0.0, 0.0)  # N
+    encoders: str = ""
+    force_channels: int = 0
+    report: dict = {}  # health counters and clock
+    port: str = ""
+    counts: tuple[int, ...] = ()  # of the encoders, in the order of their letters
+    theta: tuple[float, ...] = ()  # rad, joints A, E, B, C
+    homed_at: float = 0.0  # s since 1970, when it was last done here; 0: not here
+    zeroed_at: float = 0.0
+    told_s: float = 0.0  # monotonic clock
+
+
+class Looked(NamedTuple):
+    """The boards to be reached have been looked for; the `Linked` just before says what was found."""
+
+
+class Homed(NamedTuple):
+    """The encoders stand at the place where the handle was held, m."""
+
+    tip: tuple[float, float]
+
+
+class Zeroed(NamedTuple):
+    """What was read with the handle free."""
+
+    record: "ZeroRecord"
+
+
+class NotDone(NamedTuple):
+    """A job could not be done; one sentence."""
+
+    why: str
+
+
+class LinkedDone(NamedTuple):
+    """A trial has ended, as it was when it ended."""
+
+    trial: "LinkedTrial"

@@ -1,13 +1,17 @@
-"""What loop, conductor and window share: a ring of ticks and a block of flags, in a file mapped into memory.
+"""What loop, session server and window share: a ring of ticks and a block of flags, in memory that each inherits.
 
-One writer for each part: the loop writes ticks, `head` and its beat; the conductor `tail`, `stop` and its beat; the
-window the pointer's place and `brakes_off`. A reader needs no lock: a count is raised only after what it counts is
-there. Not multiprocessing's shared memory, whose tracker unlinks the segments of other live processes.
+One writer for each part: the loop writes ticks, `head` and its beat; the session server `tail`, `stop` and its
+beat; the window the pointer's place and `brakes_off`. A reader needs no lock: a count is raised only after what it
+counts is there.
 """
 
 import mmap
+import os
+import secrets
+import sys
+import tempfile
 import time
-from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 
@@ -25,10 +29,10 @@ CONTROL = np.dtype(
         # by the window
         ("aim_count", "i8"),  # how often the pointer was pointed; the newest place is aims[(aim_count - 1) % AIMS]
         ("aims", "f8", (AIMS, 2)),  # m
-        ("brakes_off", "i8"),  # 1: no currents until the conductor allows them again
+        ("brakes_off", "i8"),  # 1: no currents until the session server allows them again
         ("why_off", "u1", (TEXT,)),  # its cause, UTF-8
-        ("presses", "i8"),  # how often somebody asked for the brakes-off
-        # by the conductor
+        ("presses", "i8"),  # of the brakes-off, so far
+        # by the session server
         ("push_count", "i8"),  # how often a force was pushed; 0: the pointer is the hand
         ("pushes", "f8", (AIMS, 2)),  # N, likewise
         ("conductor_beat", "i8"),  # ns
@@ -51,22 +55,43 @@ _TICKS_AT = -(-CONTROL.itemsize // 64) * 64
 class Ring:
     """One process's view of it."""
 
-    def __init__(self, path: Path, create: bool = False, ticks: int = TICKS, width: int = tick_log.WIDTH) -> None:
-        """Map a ring; `create` makes a new one with room for `ticks` of `width` columns. OSError if that cannot be."""
-        self.path = path
-        with path.open("x+b" if create else "r+b") as file:
-            if create:
-                file.truncate(_TICKS_AT + ticks * width * 8)
-            memory = mmap.mmap(file.fileno(), 0)  # let go with the last array on it
+    def __init__(self, handle: str = "", ticks: int = TICKS, width: int = tick_log.WIDTH) -> None:
+        """Map the ring that was inherited under this handle; "": make a new one, with room for `ticks` of `width`
+        columns. OSError if there is no memory for it.
+        """
+        memory = self._map(handle, _TICKS_AT + ticks * width * 8)
         self.controls = np.frombuffer(memory, CONTROL, 1).view(np.recarray)
         self.control = self.controls[0]
-        if create:
+        if not handle:
             self.control.width = width
         self.rows = np.frombuffer(memory, np.float64, offset=_TICKS_AT).reshape(-1, int(self.control.width))
         self._shown = int(self.control.head)
-        if create:
-            self.rows[:] = 0.0  # every page is there: a full memory is noticed now
+        if not handle:
             self.control.core = -1
+
+    @property
+    def inherited(self) -> dict[str, Any]:
+        """Options for `start_python` with which a process that gets our `handle` can map the ring, too."""
+        return {} if sys.platform == "win32" else {"pass_fds": (int(self.handle),)}
+
+    def _map(self, handle: str, size: int) -> mmap.mmap:
+        """The memory; it has no name in any folder and goes with the last process that has it."""
+        if sys.platform == "win32":  # where memory is inherited by a name of its own
+            self.handle = handle or f"phd-{secrets.token_hex(16)}:{size}"
+            name, _, bytes_there = self.handle.partition(":")
+            return mmap.mmap(-1, int(bytes_there), tagname=name)
+        if handle:
+            self.handle = handle
+            return mmap.mmap(int(handle), 0)
+        if sys.platform == "linux":
+            self._file: IO[bytes] = open(os.memfd_create("phd-ring"), "w+b", buffering=0)
+        else:
+            self._file = tempfile.TemporaryFile(buffering=0)
+        missing = bytes(size)  # every page is there: a full memory is noticed now
+        while missing:
+            missing = missing[self._file.write(missing) :]
+        self.handle = str(self._file.fileno())
+        return mmap.mmap(self._file.fileno(), 0)  # let go with the last array on it
 
     # the window
 
@@ -77,13 +102,13 @@ class Ring:
         self.control.aim_count = count + 1
 
     def press_off(self, cause: str) -> None:
-        """Somebody asks for the brakes-off: also one that lasts already is not ended by who has not seen this."""
+        """The brakes-off is pressed: an `allow` that was asked for before this press does not end it."""
         self.control.presses += 1
         self.switch_off(cause)
 
     @property
     def presses(self) -> int:
-        """How often somebody asked for the brakes-off."""
+        """How often the brakes-off was pressed."""
         return int(self.control.presses)
 
     def switch_off(self, cause: str) -> None:
@@ -108,7 +133,7 @@ class Ring:
         self._shown = head
         return rows[max(0, overwritten) :]
 
-    # the conductor
+    # the session server
 
     def begin_trial(self) -> None:
         """Before the loop is told to run one."""
@@ -123,12 +148,12 @@ class Ring:
         self.control.pushes[count % AIMS] = fx, fy
         self.control.push_count = count + 1
 
-    def let_go(self) -> None:
-        """There is another pointer now, perhaps elsewhere: the handle does not leap to it, but waits for its touch."""
-        self.control.aim_count = self.control.taken = 0
+    def last(self, column: int) -> float:
+        """One column of the newest tick, 0 before the first."""
+        return float(self.rows[(int(self.control.head) - 1) % len(self.rows), column])
 
     def beat(self) -> None:
-        """The conductor lives."""
+        """The session server lives."""
         self.control.conductor_beat = time.monotonic_ns()
 
     @property

@@ -1,8 +1,6 @@
 """Keeps a control loop at hand: starts it, tries it, gives it trials, and starts a new one when it dies."""
 
-from app.ipc.board_jobs import LinkedDone
-from app.ipc.jobs import Done, Prepared, Tried, Try
-from app.ipc.messages import Check, Timing
+from app.ipc.messages import Check, Done, LinkedDone, Prepared, Timing, Tried, Try
 from app.ipc.ring import Ring
 from app.ipc.scheduling import leave_core
 from app.session_server.loop_process import LoopProcess
@@ -21,7 +19,7 @@ HUNG = "the control loop hung and was ended"
 NEVER = f"the control loop cannot be started: it died {MOST_STARTS} times while it was being prepared"
 
 
-class Runner:
+class TrialRunner:
     """One trial at a time, on the loop that lives."""
 
     def __init__(self, ring: Ring, loop: LoopProcess, real_time: bool, port: str = "") -> None:

@@ -5,8 +5,7 @@ import contextlib
 import json
 from pathlib import Path
 
-from app.display import Display
-from app.progress import Progress, announce_first_use
+from app.progress import Display, Progress, announce_first_use
 from app.verbs.common import add_verb, whole_number_of
 from core.errors import InputError
 
@@ -90,7 +89,7 @@ def bench_loop(args: argparse.Namespace) -> int:
     """How late the control loop's ticks are."""
     if args.out is not None or args.quick:
         raise InputError("--loop: takes neither --out nor --quick")
-    from app.loop.lateness import measure_all, table
+    from app.verbs.loop_lateness import measure_all, table
 
     announce_first_use()
     with Progress("measuring") as progress:

@@ -6,7 +6,6 @@ from PySide6.QtWidgets import QCheckBox, QFrame, QHBoxLayout, QLineEdit, QPushBu
 from app.ipc import messages as m
 from app.window.painting import theme
 from app.window.painting.labels import breakable, line, word
-from app.window.words import why_no_session, why_not
 
 CARD_PX = 372
 RESUMABLE_MOST = 4  # shown; the others can be typed
@@ -147,7 +146,7 @@ class StartPage(QWidget):
         self._otherwise = dict(snapshot.otherwise)
         self._show_resumable(snapshot.resumable)
         self._finished = snapshot.finished
-        problem = snapshot.said if snapshot.said_bad and snapshot.stage not in m.OVER else ""  # there a banner says it
+        problem = snapshot.said if snapshot.said_bad and snapshot.stage != m.FAILED else ""  # there a banner says it
         if problem != self._problem:
             self._problem, self._problem_of = problem, self.participant.text()
         self._mind_keys(bool(snapshot.brakes_off))
@@ -155,12 +154,12 @@ class StartPage(QWidget):
         self._practice.setVisible(not on_bench)
         self._bench.setVisible(on_bench)
         prepares = snapshot.stage == m.PREPARING
-        self._why = "Preparing …" if prepares else why_no_session(snapshot, on_bench)
-        self._why_no_practice = "Preparing …" if prepares else why_not(snapshot)
+        self._why = "Preparing …" if prepares else snapshot.why_no_session(on_bench)
+        self._why_no_practice = "Preparing …" if prepares else snapshot.why_not
         if snapshot.stage == m.PREPARING:
             self.why.setText("Preparing … on first use this takes about half a minute.")
         else:
-            self.why.setText(f"Not yet: {self._why}" if self._why and snapshot.stage not in m.OVER else "")
+            self.why.setText(f"Not yet: {self._why}" if self._why and snapshot.stage != m.FAILED else "")
         self._allow()
 
     def offer(self, participant: str) -> None:

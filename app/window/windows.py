@@ -7,14 +7,14 @@ import threading
 import time
 
 import numpy as np
-from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QCoreApplication, QEvent, QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication, QScreen
 from PySide6.QtWidgets import QApplication
 
 from app.ipc import messages as m
-from app.ipc.client import Bench
+from app.ipc.client import Client
 from app.ipc.messages import PREPARING, RUNNING
-from app.ipc.spare_scipy import spare_scipy
+from app.ipc.process import spare_scipy
 from app.window import words
 from app.window.console_window import LARGEST, ConsoleWindow
 from app.window.keys import bind
@@ -235,8 +235,9 @@ class Windows(QObject):
         rows = self.bench.ticks()
         if len(rows):
             taken = self.bench.taken
-            if self.participant.isVisible():  # first, for what is told first is painted first
+            if self.participant.isVisible():  # first, and painted at once: it is what the hand looks at
                 self.participant.show_ticks(rows, taken)
+                QCoreApplication.sendPostedEvents(self.participant, QEvent.Type.UpdateRequest)
             self.console.show_ticks(rows, taken)
         self.participant.view.follow_pointer()
         self.console.show_time()
@@ -278,7 +279,7 @@ def make_ready() -> QApplication:
     return application
 
 
-def run(bench: Bench) -> int:
+def run(bench: Client) -> int:
     """Open the app, which has been made ready, on a bench and stay until it closes; the exit code."""
     application = QApplication.instance()
     assert isinstance(application, QApplication)

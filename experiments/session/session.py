@@ -57,22 +57,29 @@ from experiments.session.files import (
 )
 from experiments.session.journal import (
     BEGUN,
+    CREATED,
     ENDED,
+    LEFT_AS_STREAM,
+    NOTE,
+    PRACTICE_BEGUN,
     PRACTICE_ENDED,
     REDONE,
+    RESUMED,
     SKIPPED,
     UNBLINDED,
-    Told,
+    Event,
+    JournalSummary,
     bare_row,
+    journal_summary,
     put_right,
     recorded_row,
-    told,
     write_event,
 )
 from experiments.session.journal import NAME as JOURNAL
 from experiments.session.recover import recover_session
 from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.operator import Person
+from experiments.trial.population import Operators
 from experiments.trial.trial import Trial, new_simulation
 
 SENSOR = "force sensor"  # of a device on the bench: whoever moves the handle
@@ -91,12 +98,13 @@ class Session:
         sync: bool = True,
         blind: bool | None = None,
         hand: str = "mouse",
+        operators: Operators | None = None,
     ) -> None:
         """Create the folder and store the plan. person: a simulated operator; None: a hand at the mouse or device.
 
         blind: whether the controllers stand as codes (None: as the protocol says; a simulated operator's never do).
         sync = False leaves it to the system when data reach the disk (simulated studies: they can be run again).
-        hand: what moves the handle where it is no simulated operator.
+        hand: what moves the handle where it is no simulated operator. operators: the population of the person.
         InputError if the session exists, is none of the protocol's, or the folder cannot be made.
         """
         if not (participant.isascii() and participant.isalnum()):
@@ -105,6 +113,7 @@ class Session:
             protocol.refuse_stranger(participant)
         refuse_existing(data_dir, participant)
         self._take_up(data_dir, participant, protocol, person, sync)
+        self.operators = operators
         self.hand = "operator" if person else hand
         self.blind = (protocol.blind and person is None) if blind is None else blind
         self._plan_as(make_plan(protocol, participant, self.blind))
@@ -126,11 +135,11 @@ class Session:
             if self.blind:
                 self._key = new_key(protocol.controllers)
                 key_sha256 = write_key(self.folder, self._key, sync)
-            about = session_about(participant, protocol, person, self.hand, self.plan, key_sha256)
+            about = session_about(participant, protocol, person, operators, self.hand, self.plan, key_sha256)
             text = json.dumps(about, indent=1, sort_keys=True).encode() + b"\n"
             with written_beside(self.folder / STORED, text, sync) as partial:
                 partial.rename(self.folder / STORED)
-            self.journal("created", plan=self.plan_sha256)
+            self.journal(CREATED, plan=self.plan_sha256)
         except BaseException:
             for name in (STORED, KEY, JOURNAL, LOCK):
                 with contextlib.suppress(OSError):  # the first error tells the story
@@ -153,7 +162,7 @@ class Session:
         try:
             person = Person(**stored.about["person"]) if stored.about["person"] else None
             blind, key_sha256 = bool(stored.about["blind"]), str(stored.about["key_sha256"])
-            hand = str(stored.about["hand"])
+            hand, operators = str(stored.about["hand"]), operators_from_json(stored.about)
         except (KeyError, TypeError) as error:
             raise InputError(f"{folder / STORED}: is damaged ({type(error).__name__}: {error})") from None
         session = cls.__new__(cls)
@@ -161,15 +170,16 @@ class Session:
         session._lock = hold_lock(folder)
         try:
             recover_session(folder, sync)
-            session._told = told(folder)
+            session._summary = journal_summary(folder)
             session._plan_as(stored.plan)
-            session.plan = session._told.plan(stored.plan)
-            session.hand, session.blind = hand, blind and session._told.key is None
-            session._practised = dict(session._told.practised)
-            session._key = read_key(folder, key_sha256) if session.blind else session._told.key or {}
+            session.plan = session._summary.plan(stored.plan)
+            session.hand, session.operators = hand, operators
+            session.blind = blind and session._summary.key is None
+            session._practised = dict(session._summary.practised)
+            session._key = read_key(folder, key_sha256) if session.blind else session._summary.key or {}
             session.rows = rows_of(folder)
             if still_open := len(open_trials(session.plan, session.rows)):
-                session.journal("resumed", open=still_open)
+                session.journal(RESUMED, open=still_open)
         except BaseException:
             session.close()
             raise
@@ -181,7 +191,7 @@ class Session:
         self.folder = session_folder(data_dir, participant)
         self.rows = []
         self.blind, self._key, self._practised = False, {}, {}
-        self._told = Told()
+        self._summary = JournalSummary()
         self._sync = sync
         self._simulations = {}
 
@@ -274,13 +284,13 @@ class Session:
         """Let other processes have the session."""
         self._lock.release()
 
-    def journal(self, event: str, **about: object) -> None:
-        """Append one line: what happened, and when."""
+    def journal(self, event: Event, **about: Any) -> None:
+        """Append one line: what happened, and when (`time`: if not now)."""
         write_event(self.folder, event, self._sync, **about)
 
     def note(self, text: str) -> None:
         """Keep a remark of the experimenter, with the time."""
-        self.journal("note", text=text)
+        self.journal(NOTE, text=text)
 
     def begin(
         self, planned: PlannedTrial, sensors: Sensors | None = None
@@ -296,11 +306,11 @@ class Session:
         name = run_path(self.folder, planned.run, STREAM_SUFFIX, PRACTICE if practice else TRIALS)
         device = self.devices[planned.configuration]
         preset = None if self.blind else self.preset(planned)
-        about = recording_metadata(self.participant, self.protocol, self.hand, trial, preset)
+        about = recording_metadata(self.participant, self.protocol, self.operators, self.hand, trial, preset)
         about["plan_sha256"] = self.plan_sha256
         writer = RecordingWriter(name, device.braked, about, sync=self._sync, sensors=sensors)
         try:
-            self.journal("practice begun" if practice else BEGUN, **planned._asdict())
+            self.journal(PRACTICE_BEGUN if practice else BEGUN, **planned._asdict())
         except OSError:
             writer.abandon()
             raise
@@ -325,8 +335,8 @@ class Session:
         except OSError as error:
             if not raw_will_do:
                 raise
-            self.journal("left as a stream", file=path.name, reason=error.strerror or str(error))
-        row = recorded_row(read_recording(path), self.folder, self._told)
+            self.journal(LEFT_AS_STREAM, file=path.name, reason=error.strerror or str(error))
+        row = recorded_row(read_recording(path), self.folder, self._summary)
         ended = {"run": row.run, "status": row.status, "reason": outcome["reason"]}
         if trial.planned.block == PRACTICE_BLOCK:
             self.journal(PRACTICE_ENDED, **ended, configuration=row.configuration)
@@ -387,9 +397,9 @@ class Session:
         if not who.strip():
             raise InputError(f"{self.folder}: say who opens the key")
         self.journal(UNBLINDED, who=who, key=self._key)
-        self._told, self.blind = told(self.folder), False
-        self.plan = self._told.plan(self.plan)
-        self._replace_rows(put_right(self.folder, self.rows, self._told))
+        self._summary, self.blind = journal_summary(self.folder), False
+        self.plan = self._summary.plan(self.plan)
+        self._replace_rows(put_right(self.folder, self.rows, self._summary))
         if (self.data_dir / TABLE).exists():
             write_pooled_table(self.data_dir)
 
@@ -400,8 +410,8 @@ class Session:
 
 
 def session_about(
-    participant: str, protocol: Protocol, person: Person | None, hand: str, plan: tuple[PlannedTrial, ...],
-    key_sha256: str,
+    participant: str, protocol: Protocol, person: Person | None, operators: Operators | None, hand: str,
+    plan: tuple[PlannedTrial, ...], key_sha256: str,
 ) -> dict[str, Any]:  # fmt: skip
     """What session.json holds. key_sha256: of the key of a blind session, whose plan holds codes; else empty."""
     return {
@@ -409,6 +419,7 @@ def session_about(
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "hand": hand,
         "person": person._asdict() if person else None,
+        "operators": operators._asdict() if operators else None,
         "fidelity": "mr",
         "seed": protocol.seed,
         "rules": protocol.rules,
@@ -425,8 +436,9 @@ def session_about(
 
 
 def recording_metadata(
-    participant: str, protocol: Protocol, hand: str, trial: Trial | LinkedTrial, preset: Preset | None
-) -> dict[str, Any]:
+    participant: str, protocol: Protocol, operators: Operators | None, hand: str, trial: Trial | LinkedTrial,
+    preset: Preset | None,
+) -> dict[str, Any]:  # fmt: skip
     """What a recording says of its trial. preset: its controller; None: nothing may tell it, the session is blind."""
     planned, path, linked = trial.planned, trial.path, isinstance(trial, LinkedTrial)
     about = {
@@ -440,9 +452,12 @@ def recording_metadata(
         "seed": protocol.seed,
         "note": protocol.note(),
         "hand": SENSOR if linked else hand,
+        "operators": operators._asdict() if operators else None,
         "link": "serial" if linked else "sim",
         "assumed": trial.device.assumed,
     }
+    if isinstance(trial, Trial):
+        about["start"] = trial.start
     if preset is not None:
         about["preset"] = preset_to_json(preset)
     return about
@@ -457,6 +472,12 @@ def preset_to_json(preset: Preset) -> dict[str, Any]:
 def preset_from_json(about: dict[str, Any]) -> Preset:
     """A controller as a recording has it. KeyError if something is missing."""
     return Preset(about["name"], KINDS[about["kind"]], float(about["gap_m"]), float(about["gain_N_s_m"]))
+
+
+def operators_from_json(about: dict[str, Any]) -> Operators | None:
+    """The population of the simulated operator, as session and recordings have it; None: a person, or not stored."""
+    stored = about.get("operators")
+    return Operators(str(stored["population"]), tuple(stored["changed_after_findings"])) if stored else None
 
 
 def _version(package: str) -> str:
