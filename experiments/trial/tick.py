@@ -31,7 +31,12 @@ from core.simulator.stick_slip_mode import look, resolve
 from core.stops import stop_gap
 from core.tick_log import (
     APPROACH,
+    ARM_FORCE_MAX,
+    ARM_HELD_X,
+    ARM_HELD_Y,
+    ARM_STIFFNESS,
     CURRENT,
+    DECIDED,
     DECISION,
     END,
     ENERGY_BRAKES,
@@ -45,7 +50,11 @@ from core.tick_log import (
     MEASURED,
     MOVE,
     PHASE,
+    SENSED_FX,
+    SENSED_FY,
     STUCK,
+    TARGET_VX,
+    TARGET_VY,
     TARGET_X,
     TARGET_Y,
     TIP_AX,
@@ -176,7 +185,8 @@ def run_ticks(
         guard(mechanism, brakes, state, run, row)
         if run.simulated_hand != 0:
             operate(operator, grip, path, run.phase, run.tick, run.phase_tick, state.tip[0], state.tip[1], noise)
-        choose_currents(controller, brakes, path, memory, state, run)
+        choose_currents(controller, brakes, path, memory, state, run, row)
+        row[SENSED_FX], row[SENSED_FY] = state.hand_force[0], state.hand_force[1]
         if run.real == 0:
             apply(brakes, state, run.current, run.fidelity)
             resolve(mechanism, brakes, hand, state, t)
@@ -337,8 +347,10 @@ def full_lock(brakes, current):
 
 
 @kernel
-def choose_currents(controller, brakes, path, memory, state, run):
+def choose_currents(controller, brakes, path, memory, state, run, row):
     """Stage: the controller decides on the newest sample; outside the movement the brakes are off."""
+    if run.real != 0:
+        row[DECIDED] = 1.0 if run.phase == MOVE and run.newest != 0 else 0.0
     if run.phase != MOVE:
         release(run.current)
         run.decision = OFF
@@ -352,7 +364,7 @@ def choose_currents(controller, brakes, path, memory, state, run):
 
 @kernel
 def log_row(mechanism, brakes, state, grip, run, t, row):
-    """Stage: one row of the log, after what happens at t."""
+    """Stage: one row of the log, after what happens at t; what was sensed stands in it already."""
     row[T], row[PHASE], row[DECISION] = t, run.phase, run.decision
     row[TIP_X], row[TIP_Y], row[TIP_VX], row[TIP_VY] = state.tip[0], state.tip[1], state.tip[2], state.tip[3]
     row[TIP_AX], row[TIP_AY] = state.acceleration[0], state.acceleration[1]
@@ -365,6 +377,11 @@ def log_row(mechanism, brakes, state, grip, run, t, row):
     row[ENERGY_KINETIC] = kinetic(state)
     row[ENERGY_STOPS] = state.lost_at_stops - run.energy_zero[2]
     row[TARGET_X], row[TARGET_Y] = grip.target[0], grip.target[1]
+    if run.real == 0:  # else the hand is a person's
+        row[TARGET_VX], row[TARGET_VY] = grip.target[2], grip.target[3]
+        row[ARM_HELD_X], row[ARM_HELD_Y], row[ARM_FORCE_MAX] = grip.held[0], grip.held[1], grip.force_max
+        for i in range(3):
+            row[ARM_STIFFNESS + i] = grip.stiffness[i]
 
 
 @kernel
@@ -375,3 +392,20 @@ def resting_bits(brakes, state):
         if brakes.present[i] != 0.0 and abs(state.rate[i]) < RESTING_RAD_S:
             bits |= 1 << i
     return bits
+
+
+@kernel
+def decide_again(path, controller, mechanisms, brake_records, states, memory, given, codes, currents):
+    """Decision codes (n,) and currents (n, 4), A, of the ticks of a movement, from the rows alone.
+
+    given (n, 6): tip (m), its velocity (m/s) and the sensed hand force (N).
+    """
+    mechanism, brakes, state = mechanisms[0], brake_records[0], states[0]
+    for n in range(given.shape[0]):
+        for i in range(4):
+            state.tip[i] = given[n, i]
+        look(mechanism, state)
+        codes[n] = decide(
+            controller, brakes, path, memory, given[n, 0], given[n, 1], given[n, 2], given[n, 3], given[n, 4],
+            given[n, 5], state.g, state.mass, currents[n],
+        )  # fmt: skip

@@ -45,6 +45,10 @@ from experiments.trial.tick import (
 NOISE_DRAWS = 1 << 16
 #: Our choice: a person's approach, which may take its time, ends a forgotten trial after 10 minutes.
 PERSON_APPROACH_S = 600.0
+#: Share of the energy that changed hands, and J, that the ledger of a trial may leave unexplained without a warning.
+UNEXPLAINED, UNEXPLAINED_J = 0.01, 1e-5
+#: J; energy that a brake may seem to add in a step: rounding.
+ADDED_J = 1e-9
 #: What a protocol that says nothing else has.
 DEFAULT_RULES = TrialRules()
 
@@ -132,6 +136,7 @@ class Trial:
         self._not_closed = self.filled = 0
         self._says: dict[str, Any] = {}  # what the device had to say, once the trial has left it
         self.timing: dict[str, Any] | None = None  # of a live trial, for the end record: how late its ticks were
+        self.start = device.recorded_start() if isinstance(device, SimulatedDevice) else None
 
     def __getstate__(self) -> dict[str, Any]:
         """To another process: a real device stays where it is."""
