@@ -1,4 +1,4 @@
-"""What the experimenter asks for, by key or button: commands to the session server, and the question before some of them."""
+"""What the experimenter asks for, by key or button: commands to the server, and the question before some of them."""
 
 from typing import TYPE_CHECKING
 

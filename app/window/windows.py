@@ -33,7 +33,7 @@ FIRST_USE_S = 3.0
 
 
 class WarmUp(QObject):
-    """Waits until the session server is ready (it needs the processors more), or until it is clear that this takes long."""
+    """Waits until the server is ready (it needs the processors more), or until it is clear that this takes long."""
 
     def __init__(self, console: ConsoleWindow) -> None:
         super().__init__()
@@ -269,7 +269,7 @@ class Windows(QObject):
 
 
 def make_ready() -> QApplication:
-    """What need not wait for the session server: the application, and a first kernel, which loads most of the compiler."""
+    """What need not wait for the server: the application, and a first kernel, which loads most of the compiler."""
     spare_scipy()
     outline(Segment((0.0, 0.0), (0.0, 0.1)), 0.1)
     application = QApplication.instance() or QApplication(sys.argv[:1])
