@@ -247,7 +247,7 @@ class Case:
             self.words = lost(self.run.name)
             return
         self.run.ended(Done(self.running.changed()), "")
-        self.words = with_advice(self.run.name, self.running.outcome()["reason"])
+        self.words = with_advice(self.run.name, self.run.trial.outcome()["reason"])
         self.row = self.run.keep(session)
 
     @property
