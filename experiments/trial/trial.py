@@ -1,6 +1,5 @@
 """One trial, tick by tick, on a simulated device or on a real one, for every kind of hand.
 
-<<<<<<< HEAD
 A simulated device's ticks are made by the tick kernel, as many as there is room for (`run`). A real device's come from
 its samples (`exchange`): a row of the log belongs to one tick of the board, whose sequence numbers are the 1 ms grid.
 The samples that came while the host was late are all recorded, and only the newest decides. A lost one is interpolated
@@ -9,9 +8,6 @@ recording ends with the last one.
 """
 
 import math
-=======
-from dataclasses import replace
->>>>>>> main
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -351,7 +347,6 @@ class Trial:
         return rows
 
 
-<<<<<<< HEAD
 def plain(argument: Any) -> Any:
     """The same for a call from Python: records as plain arrays, with which it takes 30 us less each."""
     if isinstance(argument, Hand):
@@ -372,20 +367,6 @@ def sensed_row(sample: DeviceSample, encoders: str, late_us: float) -> np.ndarra
     row[tick_log.FORCE_COUNT : tick_log.FORCE_COUNT + len(sample.force_counts)] = sample.force_counts
     row[tick_log.MEASURED : tick_log.MEASURED + 4] = sample.current
     return row
-=======
-def ledger_warnings(before: Ledger, after: Ledger) -> list[str]:
-    """What the simulator's ledger says against its motion between two of its states; none where it agrees."""
-    between = replace(
-        after,
-        work_hand=after.work_hand - before.work_hand,
-        heat=(sum(after.heat) - sum(before.heat),),
-        lost_at_stops=after.lost_at_stops - before.lost_at_stops,
-        residual=after.residual - before.residual,
-        steps=after.steps - before.steps,
-        doubtful=after.doubtful - before.doubtful,
-    )
-    return list(between.warnings())
->>>>>>> main
 
 
 def run_fields(how: TrialRules, simulated_hand: bool) -> dict[str, float]:
