@@ -119,11 +119,13 @@ class Loop:
 
     def _listen(self, jobs: Any) -> None:
         """Reading a job may wait, so it has a thread of its own. At the end of the pipe a running trial ends."""
-        with contextlib.suppress(EOFError, pickle.UnpicklingError, OSError):
-            while True:
-                self.jobs.put(pickle.load(jobs))
-        self.ring.control.conductor_beat = 0
-        self.jobs.put(None)
+        try:
+            with contextlib.suppress(EOFError, pickle.UnpicklingError, OSError):
+                while True:
+                    self.jobs.put(pickle.load(jobs))
+        finally:
+            self.ring.control.conductor_beat = 0
+            self.jobs.put(None)
 
     def _answer(self, answer: Any) -> None:
         pickle.dump(answer, self._answers)

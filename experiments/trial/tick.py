@@ -23,7 +23,7 @@ import numpy as np
 
 from core.brake import begin_lag, lagged_yield
 from core.control.controllers import OFF, decide, release
-from core.kernel import kernel
+from core.kernel import inlined, kernel
 from core.path import nearest
 from core.simulator.simulation import advance, apply, kinetic, stuck_bits
 from core.simulator.state import new_record
@@ -180,9 +180,11 @@ def run_ticks(
         row, t = rows[n], run.tick * TICK_S
         if run.tick == 0:
             begin(run, state, operator, path)
-        sense(mechanism, brakes, state, grip, run, row)
+        if run.real != 0:
+            sense(mechanism, brakes, state, grip, run, row)
         next_phase(run, path, state, grip)
-        guard(mechanism, brakes, state, run, row)
+        if run.real != 0:
+            guard(mechanism, brakes, state, run, row)
         if run.simulated_hand != 0:
             operate(operator, grip, path, run.phase, run.tick, run.phase_tick, state.tip[0], state.tip[1], noise)
         choose_currents(controller, brakes, path, memory, state, run, row)
@@ -213,9 +215,6 @@ def begin(run, state, operator, path):
 @kernel
 def sense(mechanism, brakes, state, grip, run, row):
     """Stage: a real device's sample becomes the state, with what follows from it by linkage and brake model."""
-    if run.real == 0:
-        row[LATENESS_US] = 0.0
-        return
     state.tip[0], state.tip[1], state.tip[2], state.tip[3] = row[TIP_X], row[TIP_Y], row[TIP_VX], row[TIP_VY]
     state.acceleration[0], state.acceleration[1] = row[TIP_AX], row[TIP_AY]
     state.hand_force[0], state.hand_force[1] = row[HAND_FX], row[HAND_FY]
@@ -296,7 +295,7 @@ def enter(run, phase, status, reason):
 @kernel
 def guard(mechanism, brakes, state, run, row):
     """Stage: the trial ends, brakes off, where a real device does not obey, or it or the hand must be spared."""
-    if run.real == 0 or run.phase == END:
+    if run.phase == END:
         return
     if disobeys(brakes, run, row):
         enter(run, END, ABORTED, DISOBEYED)
@@ -346,7 +345,7 @@ def full_lock(brakes, current):
     return True
 
 
-@kernel
+@inlined
 def choose_currents(controller, brakes, path, memory, state, run, row):
     """Stage: the controller decides on the newest sample; outside the movement the brakes are off."""
     if run.real != 0:
@@ -377,7 +376,8 @@ def log_row(mechanism, brakes, state, grip, run, t, row):
     row[ENERGY_KINETIC] = kinetic(state)
     row[ENERGY_STOPS] = state.lost_at_stops - run.energy_zero[2]
     row[TARGET_X], row[TARGET_Y] = grip.target[0], grip.target[1]
-    if run.real == 0:  # else the hand is a person's
+    if run.real == 0:  # else it is how late the sample came, and the hand is a person's
+        row[LATENESS_US] = 0.0
         row[TARGET_VX], row[TARGET_VY] = grip.target[2], grip.target[3]
         row[ARM_HELD_X], row[ARM_HELD_Y], row[ARM_FORCE_MAX] = grip.held[0], grip.held[1], grip.force_max
         for i in range(3):
