@@ -15,6 +15,8 @@ from pathlib import Path
 
 import numba
 
+from core.kernel_compiler import Kernel
+
 try:
     import fcntl
 except ImportError:  # Windows has none: nothing is ever removed there
@@ -120,8 +122,18 @@ def first_use() -> bool:
 #: No flag that assumes finite numbers. Without numba's run-time for arrays (_nrt) a kernel that allocates does not
 #: compile: that nothing is allocated per tick is checked by the compiler, and arrays cost no reference counting.
 #: No entry for C (no_cfunc_wrapper): nothing calls one, and it is a seventh of the compilation.
-_OPTIONS = dict(cache=True, nogil=True, error_model="numpy", _nrt=False, no_cfunc_wrapper=True)
-kernel = numba.njit(**_OPTIONS)
+_OPTIONS = dict(nopython=True, boundscheck=None, nogil=True, error_model="numpy", _nrt=False)
+
+
+def _decorator(**options):
+    def decorate(function):
+        if numba.config.DISABLE_JIT:
+            return function
+        return Kernel(function, {**_OPTIONS, **options})
+    return decorate
+
+
+kernel = _decorator()
 #: A kernel that is always compiled into its caller: the few small ones of which a step is made. A call costs more than
 #: most of them do; the compiler by itself leaves them out of line and a step takes half as long again.
-inlined = numba.njit(**_OPTIONS, forceinline=True)
+inlined = _decorator(forceinline=True)
