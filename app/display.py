@@ -50,9 +50,9 @@ class Display:
 
 
 def import_screen(name: str) -> ModuleType:
-    """A module of app.screens. InputError if a system library is missing."""
+    """A module of app.window. InputError if a system library is missing."""
     try:
-        return import_module(f"app.screens.{name}")
+        return import_module(f"app.window.{name}")
     except ImportError as error:
         if ".so" not in str(error):
             raise

@@ -28,7 +28,7 @@ application = QGuiApplication([])
 print(json.dumps([[s.name(), s.size().width(), s.size().height(), s.devicePixelRatio(), s.refreshRate()]
                   for s in application.screens()]))
 """
-SCHEDULING_CODE = "from app.live.scheduling import take_scheduling; print(take_scheduling()[0])"
+SCHEDULING_CODE = "from app.ipc.scheduling import take_scheduling; print(take_scheduling()[0])"
 
 
 class Line(NamedTuple):
@@ -43,7 +43,7 @@ class Line(NamedTuple):
 def examine(data_dir: Path, attached: Callable[[], list[Line]]) -> list[Line]:
     """Everything, in the order of the report; `attached` looks at ports and hands."""
     return [
-        libraries(), *screens(), scheduling(), cores(), memory(), disk(data_dir), kernels(), *attached()
+        libraries(), *screens(), scheduling(), cores(), disk(data_dir), kernels(), *attached()
     ]  # fmt: skip
 
 
@@ -90,7 +90,7 @@ def screens() -> list[Line]:
 
 def scheduling() -> Line:
     """The best scheduling that the control loop gets here; tried in a process of its own."""
-    from app.live.scheduling import ADVICE
+    from app.ipc.scheduling import ADVICE
 
     tried = subprocess.run([sys.executable, "-c", SCHEDULING_CODE], capture_output=True, text=True, check=False)
     if tried.returncode != 0:
@@ -108,18 +108,6 @@ def cores() -> Line:
     if count < 2:
         return Line("cores", CAUTION, "1: loop and window share it", "Give the machine a second core.")
     return Line("cores", GOOD, f"{count}")
-
-
-def memory() -> Line:
-    """Room for what the processes of a live bench share."""
-    from app.live.place import LEAST_BYTES, memory_folder
-
-    home = memory_folder()
-    free = shutil.disk_usage(home).free
-    found = f"{home}: {free / 1e6:,.0f} MB free for what the processes share"
-    if free < LEAST_BYTES:
-        return Line("memory", BAD, found, f"Remove what fills {home}: a bench needs {LEAST_BYTES / 1e6:.0f} MB there.")
-    return Line("memory", GOOD, found)
 
 
 def disk(data_dir: Path) -> Line:
@@ -151,7 +139,7 @@ def disk(data_dir: Path) -> Line:
 
 def kernels() -> Line:
     """Whether the compiled kernels are at hand."""
-    from core.jit import CACHE_FOLDER, first_use
+    from core.kernel import CACHE_FOLDER, first_use
 
     if first_use():
         return Line("kernels", CAUTION, f"not compiled yet ({CACHE_FOLDER})",

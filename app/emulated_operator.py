@@ -5,14 +5,14 @@ import math
 import numpy as np
 
 from core.errors import InputError
-from core.hand import new_hand
-from core.jit import kernel
+from core.kernel import kernel
 from core.path import Path
 from core.path_file import build_path, path_from
-from core.row import APPROACH, END, MOVE
-from experiments.operator import TICK_S, begin_approach, new_operator, operate, take_handle
-from experiments.person import Person
-from experiments.trial import NOISE_DRAWS
+from core.simulator.hand import new_hand
+from core.tick_log import APPROACH, END, MOVE
+from experiments.trial.operator import TICK_S, begin_approach, new_operator, operate, take_handle
+from experiments.trial.person import Person
+from experiments.trial.trial import NOISE_DRAWS
 
 START_RADIUS_M, HOLD_S = 0.003, 1.0  # longer at the start than a trial asks for: nobody tells this person to go
 END_RADIUS_M, REST_S, LONGEST_S = 0.005, 1.0, 30.0

@@ -7,7 +7,7 @@ import time
 
 def announce_first_use() -> bool:
     """Say so if kernels will be compiled now; whether they will."""
-    from core.jit import first_use
+    from core.kernel import first_use
 
     first = first_use() and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
     if first:

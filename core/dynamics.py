@@ -11,7 +11,7 @@ and Q1, Q2 act on the tip through the same rows.
 
 from typing import NamedTuple
 
-from core.jit import inlined, kernel
+from core.kernel import inlined, kernel
 from core.linkage import links
 
 

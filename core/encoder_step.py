@@ -7,7 +7,7 @@ import numpy as np
 
 from core.device import Device
 from core.linkage import tip_force_map
-from core.state import pack_mechanism
+from core.simulator.state import pack_mechanism
 
 
 def encoder_step(device: Device, tip: tuple[float, float], counts_per_rev: Sequence[int]) -> float:

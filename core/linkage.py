@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from core.jit import inlined, kernel
+from core.kernel import inlined, kernel
 
 
 @inlined

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from core.errors import InputError
-from core.jit import kernel
+from core.kernel import kernel
 
 #: Columns of `Path.pieces`: progress at the piece's start (m), its length (m), start (m), unit tangent there,
 #: curvature (1/m, positive to the left, 0: straight), turn from its end to the next piece (rad, positive to the left).

@@ -19,7 +19,7 @@ from core.device_file import DeviceFile
 from core.files import parse_toml
 from core.linkage import joint_angles
 from core.mechanism import JOINTS
-from core.state import pack_mechanism
+from core.simulator.state import pack_mechanism
 
 THETA_AE, THETA_BC, ED, CD, HANDLE = 0, 1, 2, 5, 8  # ED and CD: x, then y, then theta
 COORDINATES, CONSTRAINTS = 10, 8
@@ -173,7 +173,7 @@ def solve(
     """Accelerations and multipliers, Eq. (5), with each stuck joint (indices into A, E, B, C) as one more constraint.
 
     `torque` (4,) acts on the joints that are not stuck. `hold` (4,), N m: what each brake can hold at most; several
-    stuck brakes then share the load so that the sum of (torque / hold)^2 is least (core/load_sharing.py).
+    stuck brakes then share the load so that the sum of (torque / hold)^2 is least (core/simulator/load_sharing.py).
     """
     given = np.where(np.isin(np.arange(4), stuck), 0.0, torque)
     force = generalised_forces(hand_force, given)

@@ -4,12 +4,12 @@ import time
 from typing import Protocol, TypeVar
 
 from core.device import Device
-from core.device_link import LinkError
+from core.device_interface import LinkError
 from core.errors import InputError
 from core.mechanism import JOINTS
-from hardware.emulated_sensors import sensing_of
-from hardware.frames import FrameCounts, FrameDecoder, encode_frame
-from hardware.messages import (
+from hardware.emulated_board.sensors import sensing_of
+from hardware.wire.frames import FrameCounts, FrameDecoder, encode_frame
+from hardware.wire.messages import (
     SAMPLE_HZ,
     VERSION,
     WATCHDOG_US,

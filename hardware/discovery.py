@@ -6,15 +6,15 @@ from typing import NamedTuple
 
 from serial.tools import list_ports
 
-from core.device_link import LinkError
+from core.device_interface import LinkError
 from core.errors import InputError
 from core.mechanism import JOINTS
 from hardware.connection import HELLO_S, Connection
-from hardware.hid_hand import list_hid
+from hardware.hid import list_hid
 from hardware.hid_layouts import attached
-from hardware.messages import VERSION, AskHello, Hello, State, joints_of
-from hardware.port import Port
-from hardware.sensing import fault_words
+from hardware.sensing.samples import fault_words
+from hardware.serial_port import Port
+from hardware.wire.messages import VERSION, AskHello, Hello, State, joints_of
 
 
 class SerialPort(NamedTuple):

@@ -5,7 +5,7 @@ was paused, a suspend that was given up), every command is late from then on, fo
 with it freshness begins anew, and the currents are zero until somebody asks for some.
 """
 
-from hardware.messages import Flag, Sample
+from hardware.wire.messages import Flag, Sample
 
 #: s. The clock stood still for longer than this (or as long in several steps). Below what makes a board call a command
 #: late (freshness.LATE_US) by what the way of a command may vary.

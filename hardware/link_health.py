@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass, field
 
 from hardware.connection import Connection
-from hardware.frames import FrameCounts
-from hardware.messages import State, joints_of
-from hardware.sensing import BoardSensing
+from hardware.sensing.samples import BoardSensing
+from hardware.wire.frames import FrameCounts
+from hardware.wire.messages import State, joints_of
 
 
 @dataclass

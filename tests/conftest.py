@@ -29,7 +29,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
         (folder / "boxplots.png").touch()
 
     for module in ("study", "analyze"):
-        monkeypatch.setattr(f"experiments.{module}.draw_boxplots", leave_files)
+        monkeypatch.setattr(f"experiments.study.{module}.draw_boxplots", leave_files)
 
 
 @pytest.fixture(params=FIXED, ids=_name)

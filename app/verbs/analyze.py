@@ -38,7 +38,7 @@ def add(verbs) -> None:
 
 
 def analyze_verb(args: argparse.Namespace) -> int:
-    from experiments.analyze import analyze, read_studies, write_side_by_side
+    from experiments.study.analyze import analyze, read_studies, write_side_by_side
 
     studies = read_studies([args.dir, *args.beside]) if args.beside else {}
     with Progress("analyzing") as progress:
@@ -48,9 +48,11 @@ def analyze_verb(args: argparse.Namespace) -> int:
     if args.json:
         print_summary(summary, True)
         return 0
+    warnings = summary.pop("warnings")
     lists = {name: entries for name, entries in summary.items() if isinstance(entries, list)}
     print_summary({**summary, **{name: len(entries) for name, entries in lists.items()}}, False)
     for name, entries in lists.items():
         for entry in entries:
             print(f"{name.replace('_', ' ')}: {entry}")
+    print_summary({"warnings": warnings}, False)
     return 0

@@ -56,8 +56,8 @@ def bench(args: argparse.Namespace) -> int:
             raise InputError(f"--out: {args.out}: exists already and is never overwritten")
         if not args.out.parent.is_dir():
             raise InputError(f"--out: {args.out}: there is no folder {args.out.parent}")
-    from experiments.bench import run_bench
-    from experiments.bench_report import table, work_precision
+    from experiments.benchmark.bench import run_bench
+    from experiments.benchmark.report import table, work_precision
 
     announce_first_use()
     with Progress("measuring") as progress:
@@ -77,7 +77,7 @@ def bench_board(args: argparse.Namespace) -> int:
     """What a board makes of a session's measures."""
     if args.out is not None or args.quick or args.loop is not None:
         raise InputError("--board: stands alone, or with --json")
-    from app.board_bench import run_board, table
+    from tests.benchmarks.board_bench import run_board, table
 
     announce_first_use()
     with Progress("comparing") as progress:
@@ -90,7 +90,7 @@ def bench_loop(args: argparse.Namespace) -> int:
     """How late the control loop's ticks are."""
     if args.out is not None or args.quick:
         raise InputError("--loop: takes neither --out nor --quick")
-    from app.live.measure import measure_all, table
+    from app.verbs.loop_lateness import measure_all, table
 
     announce_first_use()
     with Progress("measuring") as progress:
@@ -112,7 +112,7 @@ def bench_screens(args: argparse.Namespace) -> int:
     if args.quick or args.out is not None:
         raise InputError("--screens: stands alone, or with --json")
     Display("measure windows on").check()
-    from app.screens.screen_bench import run_screens, table
+    from tests.benchmarks.screen_bench import run_screens, table
 
     announce_first_use()
     with Progress("drawing") as progress:

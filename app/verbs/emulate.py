@@ -51,7 +51,7 @@ def add(verbs) -> None:
 
 
 def emulate(args: argparse.Namespace) -> int:
-    from hardware.faults import read_fault
+    from hardware.emulated_board.line_faults import read_fault
 
     faults = [read_fault(text) for text in args.fault]
     from app.progress import announce_first_use
@@ -64,8 +64,8 @@ def emulate(args: argparse.Namespace) -> int:
     path = build_path(path_file, "--path")
     tip = (path.x0, path.y0)
     announce_first_use()
-    from hardware.emulated_device import HeldHand
-    from hardware.emulator import Emulator
+    from hardware.emulated_board.device import HeldHand
+    from hardware.emulated_board.emulator import Emulator
 
     hand = operator(path, args.seed) if args.hand == "operator" else HeldHand(tip, holds=args.hand == "still")
     emulator = Emulator(device, hand, tip, faults, args.seed, not args.not_homed, log)
@@ -88,7 +88,7 @@ def emulate(args: argparse.Namespace) -> int:
 def prompt() -> str:
     """Ask not to be held up by other programs, as a board is not, on cores that a control loop here leaves free; what
     was got. Called last: what is there by then is never looked through for garbage again, and nothing else is."""
-    from app.live.scheduling import leave_core, take_scheduling
+    from app.ipc.scheduling import leave_core, take_scheduling
 
     got, core = take_scheduling()
     leave_core(core)
@@ -108,7 +108,7 @@ def operator(path, seed: int):
     import numpy as np
 
     from app.emulated_operator import EmulatedOperator
-    from experiments.population import load_population
+    from experiments.trial.population import load_population
 
     generator = np.random.default_rng([seed, 3])
     return EmulatedOperator(load_population().draw(generator), path, (path.x0, path.y0), generator)

@@ -33,7 +33,7 @@ def export_verb(args: argparse.Namespace) -> int:
     outs = {form: getattr(args, form) for form in FORMS if getattr(args, form) is not None}
     if not outs:
         raise InputError("export: nothing to write, --bids OUT or --csv OUT says what (see phd export --help)")
-    from experiments.export import export
+    from experiments.export.export import export
 
     with Progress("exporting") as progress:
         summary = export(args.dir, outs, progress)

@@ -23,7 +23,7 @@ def add(verbs) -> None:
 
 
 def recover_verb(args: argparse.Namespace) -> int:
-    from experiments.recover import recover
+    from experiments.session.recover import recover
 
     with Progress("recovering") as progress:
         done = recover(args.dir, progress)

@@ -51,7 +51,7 @@ def add(verbs) -> None:
 def replay_verb(args: argparse.Namespace) -> int:
     if not any(getattr(args, name) for name in HEADLESS):
         return play(args.recording)
-    from experiments.replay import replay
+    from experiments.study.replay import replay
 
     announce_first_use()
     with Progress("replaying") as progress:
@@ -65,7 +65,7 @@ def replay_verb(args: argparse.Namespace) -> int:
 
 def play(recording: Path) -> int:
     """On the screen."""
-    from experiments.recording import read_recording
+    from experiments.recording.reader import read_recording
 
     if not read_recording(recording).rows:
         raise InputError(f"{recording}: there are no ticks to play")

@@ -70,9 +70,9 @@ def run(args: argparse.Namespace) -> int:
     check_writable(args.data_dir)
     link = link_of(args)
     display = Display("open a window on")
-    from app.live.bench import Bench
-    from app.live.setup import OPERATOR, Setup
-    from app.screens import palette
+    from app.ipc.client import Client
+    from app.ipc.messages import OPERATOR, Setup
+    from app.window.painting import palette
 
     setup = Setup(
         args.data_dir.absolute(), whole(args.protocol), tuple(map(whole, args.device)) if args.device else None,
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     )  # fmt: skip
     if setup.hand == OPERATOR:
         say_what_is_missing(args, setup)
-    bench = Bench(setup)
+    bench = Client(setup)
     try:  # all this takes its time, and so does the bench
         announce_first_use()
         palette.choose(args.theme)
@@ -104,7 +104,7 @@ def port_of(args: argparse.Namespace) -> str:
         raise InputError(f"--link: must be sim or serial:PORT, not {args.link!r}")
     if args.input != "mouse":
         raise InputError(f"--input {args.input}: on the bench the force sensor says what the hand does")
-    from hardware.port import find_port
+    from hardware.serial_port import find_port
 
     found = find_port(port)
     if os.name == "posix" and not os.path.exists(found):
@@ -119,7 +119,7 @@ def link_of(args: argparse.Namespace) -> str:
         return port
     if not port:
         raise InputError("--force: goes with --link serial:PORT (the simulated device needs no force sensor)")
-    from hardware.net_force_link import check_force
+    from hardware.sensing.net_force_link import check_force
 
     check_force(args.force)
     return f"{port} {args.force}"
@@ -127,7 +127,7 @@ def link_of(args: argparse.Namespace) -> str:
 
 def say_what_is_missing(args: argparse.Namespace, setup) -> None:
     """On the standard error: what a simulated operator's sessions have not, though the protocol asks for it."""
-    from app.live.practice import done_without
+    from app.session_server.practice import done_without
 
     if without := done_without(setup, protocol_of(args)):
         print(f"phd: {without}", file=sys.stderr)
@@ -142,8 +142,8 @@ def protocol_of(args: argparse.Namespace):
 
 def print_plan(args: argparse.Namespace) -> int:
     """Every trial of the participant, for the standard output."""
-    from experiments.plan_text import print_plan
-    from experiments.session_files import free_participant
+    from experiments.plan import print_plan
+    from experiments.session.files import free_participant
 
     protocol = protocol_of(args)
     participant = args.participant or free_participant(args.data_dir, protocol.participants)

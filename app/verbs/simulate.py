@@ -24,10 +24,10 @@ def add(verbs) -> None:
 
 
 def simulate_verb(args: argparse.Namespace) -> int:
-    from experiments.scene import read_scene
+    from experiments.simulate.scene import read_scene
 
     scene = read_scene(args.scene)
-    from experiments.simulate import open_scene, simulate
+    from experiments.simulate.simulate import open_scene, simulate
 
     compiling_s = 0.0
 

@@ -88,13 +88,13 @@ def study(args: argparse.Namespace) -> int:
         return sweep(args)
     if args.cluster:
         raise InputError("--cluster: is for --sweep alone, a study runs in one process")
-    from experiments.population import load_population
     from experiments.protocol import load_protocol
+    from experiments.trial.population import load_population
 
     overrides = {name: getattr(args, name) for name in OVERRIDES if getattr(args, name) is not None}
     protocol = load_protocol(args.protocol or "paper", devices=args.device, **overrides)
     population = load_population(args.population or "average")
-    from experiments.study import resume_study, run_study
+    from experiments.study.study import resume_study, run_study
 
     announce_first_use()
     with Progress("study") as progress:
@@ -116,8 +116,7 @@ def study(args: argparse.Namespace) -> int:
 
 
 def sweep(args: argparse.Namespace) -> int:
-    from experiments.sweep import run_sweep
-    from experiments.sweep_file import load_sweep
+    from experiments.study.sweep import load_sweep, run_sweep
 
     for name in IN_SWEEP_FILE:
         if getattr(args, name) is not None:

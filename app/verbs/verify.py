@@ -22,7 +22,7 @@ def add(verbs) -> None:
 
 
 def verify_verb(args: argparse.Namespace) -> int:
-    from experiments.verify import verify
+    from experiments.session.verify import verify
 
     with Progress("verifying") as progress:
         found = verify(args.dir, progress)

@@ -19,18 +19,19 @@ from PySide6.QtCore import QObject, QTimer
 from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QApplication, QWidget
 
-from app.live import messages as m
-from app.live.bench import Bench
-from app.live.setup import Setup
-from app.screens import palette
+from app.ipc import messages as m
+from app.ipc.client import Client
+from app.ipc.messages import Setup
+from app.window.painting import palette
 
 LIGHT = "light"
 palette.choose(LIGHT if sys.argv[1:] == [LIGHT] else "dark")
 # ruff: noqa: E402  (the palette is chosen before the first window's modules)
-from app.screens import theme, words
-from app.screens.linkage_view import DIRECTIONS
-from app.screens.windows import Windows
-from core import row
+from app.window import words
+from app.window.painting import theme
+from app.window.painting.linkage_view import DIRECTIONS
+from app.window.windows import Windows
+from core import tick_log
 from core.path import Path as Line
 from core.path import nearest, point_at
 from core.path_file import build_path
@@ -52,7 +53,7 @@ OPERATORS = 6
 class MadeUpHand(QObject):
     """Leads the pointer: takes the handle, goes to the start, holds, follows the path, not very well."""
 
-    def __init__(self, windows: Windows, bench: Bench) -> None:
+    def __init__(self, windows: Windows, bench: Client) -> None:
         super().__init__()
         self._windows, self._bench = windows, bench
         self.now: np.ndarray | None = None  # the newest tick of the running trial
@@ -63,13 +64,13 @@ class MadeUpHand(QObject):
     @property
     def progress(self) -> float:
         """Share of the path that is behind the handle, in the move; else -1."""
-        if self.now is None or self._path is None or self.now[row.PHASE] != row.MOVE:
+        if self.now is None or self._path is None or self.now[tick_log.PHASE] != tick_log.MOVE:
             return -1.0
-        return float(nearest(self._path, self.now[row.TIP_X], self.now[row.TIP_Y])[0] / self._path.length)
+        return float(nearest(self._path, self.now[tick_log.TIP_X], self.now[tick_log.TIP_Y])[0] / self._path.length)
 
     def is_in(self, phase: int) -> bool:
         """Whether the running trial is in this phase."""
-        return self.now is not None and int(self.now[row.PHASE]) == phase
+        return self.now is not None and int(self.now[tick_log.PHASE]) == phase
 
     def _frame(self, rows: np.ndarray) -> None:
         console = self._windows.console
@@ -82,24 +83,26 @@ class MadeUpHand(QObject):
         if self.now is None:
             return
         self._path = build_path(opened.paths[running.segment], "path")
-        tip = self.now[row.TIP_X : row.TIP_Y + 1]
-        slow = np.hypot(self.now[row.TIP_VX], self.now[row.TIP_VY]) < SPEED_M_S
-        frames = min(max(float(self.now[row.T]) - self._at_s, 0.0) / FRAME_S, 10.0)
-        self._at_s = float(self.now[row.T])
+        tip = self.now[tick_log.TIP_X : tick_log.TIP_Y + 1]
+        slow = np.hypot(self.now[tick_log.TIP_VX], self.now[tick_log.TIP_VY]) < SPEED_M_S
+        frames = min(max(float(self.now[tick_log.T]) - self._at_s, 0.0) / FRAME_S, 10.0)
+        self._at_s = float(self.now[tick_log.T])
         self._lead = min(max(self._lead + frames * (STEP_M if slow else -2.0 * STEP_M), LEAST_M), MOST_M)
         goal = np.array([self._path.x0, self._path.y0])
-        if self.is_in(row.MOVE):
+        if self.is_in(tick_log.MOVE):
             length = self._path.length
             x, y, tangent_x, tangent_y = point_at(self._path, min(self.progress * length + self._lead, 1.2 * length))
-            sway = SWAY_M * np.sin(2.0 * np.pi * SWAY_HZ * self.now[row.T]) * min(1.0, 4.0 * abs(1.0 - self.progress))
+            sway = (
+                SWAY_M * np.sin(2.0 * np.pi * SWAY_HZ * self.now[tick_log.T]) * min(1.0, 4.0 * abs(1.0 - self.progress))
+            )
             goal = np.array([x - sway * tangent_y, y + sway * tangent_x])
         reach = goal - tip
         far = float(np.hypot(*reach))
-        if not self._bench.taken or self.is_in(row.END):
+        if not self._bench.taken or self.is_in(tick_log.END):
             goal, self._lead = tip, LEAST_M
-        elif self.is_in(row.HOLD) or far < NEAR_M:
+        elif self.is_in(tick_log.HOLD) or far < NEAR_M:
             self._lead = LEAST_M
-        elif not self.is_in(row.MOVE):
+        elif not self.is_in(tick_log.MOVE):
             goal = tip + reach / far * (self._lead + 0.5 * far)
         view = self._windows.participant.view
         view.pointer = (float(goal[0]), float(goal[1]))
@@ -114,7 +117,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="phd-") as folder:
         protocol = Path(folder) / "paper.toml"  # held for longer: there is time for two pictures
         protocol.write_text(re.sub(r"(?m)^hold_s = .*", f"hold_s = {HOLD_S}", load_protocol().text), encoding="utf-8")
-        windows = Windows(Bench(Setup(Path(folder) / "data", str(protocol))))
+        windows = Windows(Client(Setup(Path(folder) / "data", str(protocol))))
         try:
             if sys.argv[1:] == [LIGHT]:
                 in_light(windows, MadeUpHand(windows, windows.bench))
@@ -136,10 +139,10 @@ def trials(windows: Windows, hand: MadeUpHand) -> None:
     begin(windows, "01")
     view = participant.view
     trial(windows, controller=2)
-    until(lambda: view.taken and hand.is_in(row.APPROACH))
+    until(lambda: view.taken and hand.is_in(tick_log.APPROACH))
     until(lambda: after(0.15))
     shoot(participant, "participant-approach")
-    until(lambda: hand.is_in(row.HOLD) and view.said == words.PHASES[row.HOLD] and after(0.2))
+    until(lambda: hand.is_in(tick_log.HOLD) and view.said == words.PHASES[tick_log.HOLD] and after(0.2))
     shoot(participant, "participant-hold")
     until(lambda: hand.progress > 0.55)
     shoot(participant, "participant-move")
@@ -195,7 +198,7 @@ def begin(windows: Windows, participant: str) -> None:
 
 def results(windows: Windows, study: Path) -> None:
     """The results window, on all participants of a study."""
-    from app.screens.results_window import ResultsWindow
+    from app.window.results_window import ResultsWindow
 
     opened = windows.console.opened
     assert opened is not None
@@ -211,7 +214,7 @@ def on_the_bench(data: Path) -> None:
     command = [sys.executable, "-m", "app.cli", "emulate", "--device", "four-brake", "--hand", "still"]
     board = subprocess.Popen(command, cwd=HERE.parents[1], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert board.stdout is not None
-    windows = Windows(Bench(Setup(data, devices=("four-brake",), link=board.stdout.readline().strip())))
+    windows = Windows(Client(Setup(data, devices=("four-brake",), link=board.stdout.readline().strip())))
     console = windows.console
     try:
         windows.show()

@@ -15,7 +15,7 @@ import matplotlib
 
 from core.device import Device
 from core.errors import InputError
-from experiments.figures import STYLE, figure_bytes
+from experiments.analysis.figures import STYLE, figure_bytes
 from experiments.paper_figures.brake import brakes_of, draw_time_constants, draw_torque_gain
 from experiments.paper_figures.brake_motion import draw_current_steps, draw_sinusoidal_motion
 from experiments.paper_figures.directions import draw_maps, draw_sketch

@@ -13,9 +13,9 @@ from core.brake import time_constant, torque_gain
 from core.brake_file import BrakeFile, parse_brake
 from core.device import RAD_S_PER_RPM, Device, build_brakes
 from core.mechanism import A
-from core.state import pack_brakes
+from core.simulator.state import pack_brakes
 from core.workspace import Array
-from experiments.figures import LINE, QUIET, TEXT, new_figure
+from experiments.analysis.figures import LINE, QUIET, TEXT, new_figure
 from experiments.paper_figures.sheet import TITLE, foot_in, panels, parameters_of, plain, small_print, title
 
 MODEL, MODEL_2 = "#0072b2", "#d55e00"  # of Okabe and Ito's set

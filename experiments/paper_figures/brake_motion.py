@@ -10,7 +10,7 @@ from core.brake import begin_lag, lagged_yield
 from core.device import RAD_S_PER_RPM
 from core.mechanism import A
 from core.workspace import Array
-from experiments.figures import QUIET, TEXT, new_figure
+from experiments.analysis.figures import QUIET, TEXT, new_figure
 from experiments.paper_figures.brake import MODEL, MODEL_2, Brake
 from experiments.paper_figures.sheet import panels, parameters_of, plain, small_print, title
 

@@ -21,7 +21,7 @@ from matplotlib.patheffects import withStroke
 from core.device import Device
 from core.mechanism import JOINTS, Mechanism
 from core.workspace import Array, arm_pose
-from experiments.figures import QUIET, TEXT, new_figure
+from experiments.analysis.figures import QUIET, TEXT, new_figure
 from experiments.paper_figures.sheet import (
     CM,
     SMALL,

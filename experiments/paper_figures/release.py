@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from core.device import Device
-from core.hand import new_hand
 from core.mechanism import JOINTS, Mechanism
-from core.simulator import Simulation
+from core.simulator.hand import new_hand
+from core.simulator.simulation import Simulation
 from core.workspace import Array
-from experiments.figures import QUIET, TEXT, new_figure
+from experiments.analysis.figures import QUIET, TEXT, new_figure
 from experiments.paper_figures.sheet import CM, foot_in, panels, parameters_of, plain, small_print, title
 from experiments.paper_figures.workspace import Workspace, draw_outline, joint_angles, sdof_path, workspace_of
 

@@ -9,16 +9,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Wedge
 
+from core.control.proportional import force_direction, in_beta, influence, priority
+from core.control.rule_sets import SETTLED
+from core.control.sdof import nearest_valid_brake, sdof_direction, valid_sense
+from core.control.velocity_field import BLEND_WIDTH, Field, desired_direction, field_at, new_memory
 from core.device import Device
 from core.linkage import tip_force_map
 from core.mechanism import JOINTS
 from core.path import line
-from core.proportional import force_direction, in_beta, influence, priority
-from core.rules import SETTLED
-from core.sdof import nearest_valid_brake, sdof_direction, valid_sense
-from core.velocity_field import BLEND_WIDTH, Field, desired_direction, field_at, new_memory
 from core.workspace import Array
-from experiments.figures import QUIET, TEXT, new_figure
+from experiments.analysis.figures import QUIET, TEXT, new_figure
 from experiments.paper_figures.sheet import JOINT_COLOURS, arrow, panels, parameters_of, small_print, title
 from experiments.paper_figures.workspace import workspace_of
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.figures import LINE, QUIET
+from experiments.analysis.figures import LINE, QUIET
 
 #: Joint -> colour and line: told apart by the colour-blind (Okabe and Ito's set, C darkened for thin lines) and in
 #: print without colour.

@@ -3,11 +3,11 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from core.control.rule_sets import SETTLED
+from core.control.velocity_field import BLEND_WIDTH, Field, field_at, new_memory
 from core.path import line
-from core.rules import SETTLED
-from core.velocity_field import BLEND_WIDTH, Field, field_at, new_memory
 from core.workspace import Array
-from experiments.figures import TEXT, new_figure
+from experiments.analysis.figures import TEXT, new_figure
 from experiments.paper_figures.sheet import CM, arrow, panels, plain, small_print, title
 
 PATH_Y_M, HALF_WIDTH_M, HALF_HEIGHT_M = 0.40, 0.14, 0.10

@@ -10,8 +10,8 @@ from matplotlib.lines import Line2D
 
 from core.device import Device
 from core.mechanism import JOINTS, Arm, Mechanism
-from core.workspace import ArmPose, Array, arm_pose, free_tips
-from experiments.figures import QUIET, TEXT, new_figure
+from core.workspace import ArmPose, Array, arm_pose, free_tips, in_turn_of
+from experiments.analysis.figures import QUIET, TEXT, new_figure
 from experiments.paper_figures.sheet import (
     CM,
     JOINT_COLOURS,
@@ -42,6 +42,7 @@ class Workspace(NamedTuple):
     y: Array  # (n,) m
     room: Array  # (n, n), > 0 inside; rows are y
     home: tuple[float, float]  # m, the tip furthest from all stops, in front of the bases
+    tips: Array  # (m, 2) m, spread over it, however thin it is
 
     def room_at(self, x: Array, y: Array) -> Array:
         """How far tips are from the nearest stop, in units of sine (theta stops: rad; y: 10 cm); negative outside."""
@@ -78,8 +79,10 @@ def room(mechanism: Mechanism, side: float, x: Array, y: Array) -> Array:
     least = np.minimum(least, y / Y_UNIT_M)
     if mechanism.has_theta_stops:
         for i, theta in enumerate(joint_angles(mechanism, x, y)):
-            for gap in (theta - mechanism.theta_low[i], mechanism.theta_high[i] - theta):
-                least = np.minimum(least, np.nan_to_num(gap, nan=-1.0, posinf=math.inf))
+            low, high = mechanism.theta_low[i], mechanism.theta_high[i]
+            if math.isfinite(low):
+                theta = in_turn_of(theta, low, high)
+                least = np.minimum(least, np.nan_to_num(np.minimum(theta - low, high - theta), nan=-1.0))
     return least
 
 
@@ -93,7 +96,7 @@ def workspace_of(mechanism: Mechanism) -> Workspace:
     x, y = np.linspace(low[0], high[0], GRID), np.linspace(low[1], high[1], GRID)
     off_centre = np.abs(tips[:, 0] - 0.5 * (mechanism.arm_1.base_x + mechanism.arm_2.base_x))
     home = tips[np.argmax(room(mechanism, side, tips[:, 0], tips[:, 1]) - HOME_PULL * off_centre)]
-    return Workspace(mechanism, side, x, y, room(mechanism, side, *np.meshgrid(x, y)), (home[0], home[1]))
+    return Workspace(mechanism, side, x, y, room(mechanism, side, *np.meshgrid(x, y)), (home[0], home[1]), tips)
 
 
 def arm_of(mechanism: Mechanism, joint: str) -> Arm:
@@ -121,9 +124,7 @@ def sdof_path(workspace: Workspace, joint: str, angle: float) -> Array:
 
 def sdof_family(workspace: Workspace, joint: str, spacing: float) -> list[Array]:
     """The SDOF paths of a joint at all multiples of `spacing` (rad) that it takes in the workspace."""
-    x, y = np.meshgrid(workspace.x, workspace.y)
-    inside = workspace.room > 0.0
-    theta = joint_angles(workspace.mechanism, x[inside], y[inside])[JOINTS.index(joint)]
+    theta = joint_angles(workspace.mechanism, *workspace.tips.T)[JOINTS.index(joint)]
     numbers = range(math.ceil(theta.min() / spacing), math.floor(theta.max() / spacing) + 1)
     paths = (sdof_path(workspace, joint, k * spacing) for k in numbers)
     return [path for path in paths if np.any(np.isfinite(path))]

@@ -1,0 +1,120 @@
+"""The window's end: start the session server, send it commands, receive what it shows; no Qt.
+
+Nothing here waits for the other processes but `refused` and `stop`. The pointer and the brakes-off go straight into
+the memory that the control loop reads.
+"""
+
+import subprocess
+import time
+
+import numpy as np
+
+from app.ipc.messages import FAILED, Quit, Refused, Setup, Snapshot
+from app.ipc.pipe import Pipe
+from app.ipc.process import start_python
+from app.ipc.ring import Ring
+from app.ipc.scheduling import leave_core
+from core import tick_log
+from core.errors import InputError
+
+START_S = 60.0  # longest wait for a session server to say whether it can serve
+END_S = 20.0  # longest wait for it to keep what it has
+LOOK_S = 0.02
+
+
+class Client:
+    """A session server of one's own."""
+
+    def __init__(self, setup: Setup) -> None:
+        """Start it; returns at once. InputError if there is no memory for what the processes share."""
+        setup = setup._replace(data_dir=setup.data_dir.absolute())
+        self._data_dir, self._refused, self._left_core = setup.data_dir, "", False
+        self._received: list = []  # by `refused`, for `receive`
+        try:
+            self._ring = Ring(width=tick_log.BENCH_WIDTH if setup.link else tick_log.WIDTH)
+        except OSError as error:
+            raise InputError(f"no memory for the ticks of the control loop ({error.strerror or error})") from None
+        self._process = start_python(
+            "app.session_server.server", setup.to_json(), self._ring.handle,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True,
+            **self._ring.inherited,
+        )  # fmt: skip
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._pipe = Pipe(self._process.stdout, self._process.stdin)
+
+    @property
+    def pid(self) -> int:
+        """Process number of the session server."""
+        return self._process.pid
+
+    @property
+    def alive(self) -> bool:
+        """Whether the session server lives, as far as was received, and has not refused to serve."""
+        return not (self._refused or self._pipe.closed)
+
+    def refused(self) -> str:
+        """Wait until the session server serves: ""; or say why it does not."""
+        deadline = time.monotonic() + START_S
+        while not self._received and self.alive and time.monotonic() < deadline:
+            self._received += self._take(LOOK_S)
+        if not self._received and not self._refused:
+            what = "ended while it started" if self._pipe.closed else "does not answer"
+            self._refused = f"{self._data_dir}: the session server {what}"
+        return self._refused
+
+    def send(self, command: object) -> None:
+        """Ask for something."""
+        self._pipe.send(command)
+
+    def receive(self) -> list:
+        """What the session server has said since the last time: Opened, Snapshot, Pulse."""
+        if not self._left_core and (core := int(self._ring.control.core)) >= 0:
+            leave_core(core)
+            self._left_core = True
+        received, self._received = self._received + self._take(), []
+        return received
+
+    def _take(self, wait_s: float = 0.0) -> list:
+        messages = self._pipe.receive(wait_s)
+        for at, message in enumerate(messages):
+            if isinstance(message, Refused):
+                self._refused = message.why
+                messages[at] = Snapshot(FAILED, said=message.why, said_bad=True)
+        return messages
+
+    def ticks(self) -> np.ndarray:
+        """The ticks since the last call: (n, WIDTH), of one trial after the other (`t_s` starts again at 0)."""
+        return self._ring.newest()[:, : tick_log.WIDTH]
+
+    @property
+    def taken(self) -> bool:
+        """Whether the pointer has hold of the handle."""
+        return bool(self._ring.control.taken)
+
+    def aim(self, x: float, y: float) -> None:
+        """The pointer is here, m."""
+        self._ring.aim(x, y)
+
+    def brakes_off(self, cause: str) -> None:
+        """No currents from the next tick on: the trial ends, until AllowBrakes; also without a session server."""
+        self._ring.press_off(cause)
+
+    def stop(self, reason: str) -> None:
+        """End the session server: what runs is aborted for this reason and kept. Waits until that is done."""
+        self.send(Quit(reason))
+        self.leave()
+        deadline = time.monotonic() + END_S
+        while not self._pipe.closed and time.monotonic() < deadline:
+            self._take(LOOK_S)
+        try:
+            self._process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def leave(self) -> None:
+        """As a window that dies: the session server ends by itself after the running trial."""
+        self._pipe.close()
+        if self._left_core:
+            leave_core(-1)
+            self._left_core = False

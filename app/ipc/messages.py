@@ -1,0 +1,369 @@
+"""What the processes say to each other.
+
+A window sends commands; the session server answers with what is. A window holds no state of the experiment: `Opened`
+and the newest `Snapshot` say everything. The session server gives jobs to the control loop, which answers each.
+"""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, Self
+
+if TYPE_CHECKING:  # else each process imports all of this before it can start the next
+    import numpy as np
+
+    from core.control.controllers import Preset
+    from core.device import Device
+    from core.device_interface import ZeroRecord
+    from core.path_file import PathFile
+    from experiments.analysis.trials_table import TrialRow
+    from experiments.plan import PlannedTrial
+    from experiments.trial.linked_trial import LinkedTrial
+    from experiments.trial.trial import Arguments
+
+Point = tuple[float, float]  # m
+
+# ------------------------------------------------------------------------- what a window starts its session server with
+
+#: operator: a simulated person, for sessions without a hand; hid: a six-axis device whose deflection is the force
+MOUSE, OPERATOR, HID = "mouse", "operator", "hid"
+
+
+class Setup(NamedTuple):
+    """Choices of the command line; None: as the protocol says."""
+
+    data_dir: Path
+    protocol: str = "paper"  # a shipped one by name, or a file
+    devices: tuple[str, ...] | None = None
+    rules: str | None = None
+    low_gain: float | None = None  # N s/m
+    seed: int | None = None
+    hand: str = MOUSE
+    participant: str = ""  # to be offered first; "": the first without a session
+    link: str = ""  # serial port of a device on the bench, or "PORT netft:HOST"; "": simulated
+    real_time: bool = True  # try scheduling that needs a privilege
+    sync: bool = True  # wait for the disk itself
+
+    def to_json(self) -> str:
+        """As text, for a command line."""
+        return json.dumps({**self._asdict(), "data_dir": str(self.data_dir)})
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """The same again."""
+        fields = json.loads(text)
+        devices = fields["devices"]
+        return cls(**{**fields, "data_dir": Path(fields["data_dir"]), "devices": devices and tuple(devices)})
+
+
+# ----------------------------------------------------------------------------------- commands: window -> session server
+
+
+class Open(NamedTuple):
+    """Take up a session: a new one, or (resume) one that is there."""
+
+    participant: str
+    resume: bool = False
+    blind: bool = False  # the console too
+
+
+class Practice(NamedTuple):
+    """A practice trial, without or before a session; it is kept apart and counts nowhere."""
+
+
+class Start(NamedTuple):
+    """Run the next trial of the plan (or go on with practice)."""
+
+
+class Abort(NamedTuple):
+    """End the running trial at once, brakes off, for this reason; its recording is kept."""
+
+    reason: str
+
+
+class Redo(NamedTuple):
+    """Run the cell of this run again, next; the original is kept and marked."""
+
+    run: int
+    reason: str
+
+
+class Skip(NamedTuple):
+    """Leave the coming trial out, for this reason."""
+
+    reason: str
+
+
+class Pause(NamedTuple):
+    """No further trial starts after the running one, until resumed; the pause is journalled with its length."""
+
+    on: bool
+
+
+class Note(NamedTuple):
+    """Write this into the journal with the time."""
+
+    text: str
+
+
+class AllowBrakes(NamedTuple):
+    """Currents may flow again after a brakes-off, whose cause is then past."""
+
+
+class Confirm(NamedTuple):
+    """What the conductor waits for is done: the re-rig, the break."""
+
+
+class Rig(NamedTuple):
+    """Make the device on the bench ready, or ready again, between two trials: one step of it."""
+
+    step: str  # CONNECT, HOME, ZERO
+
+
+class Unblind(NamedTuple):
+    """Open the key of a blind session; who asked for it is journalled."""
+
+    who: str
+
+
+class Leave(NamedTuple):
+    """Close the session, done or not: the next participant's may be opened."""
+
+
+class Answers(NamedTuple):
+    """The participant's answers after a block: item -> value."""
+
+    values: dict[str, float]
+
+
+class Quit(NamedTuple):
+    """Abort what runs, keep it, and end the conductor."""
+
+    reason: str
+
+
+# ------------------------------------------------------------------------------------ what is: session server -> window
+
+#: where the session server is
+PREPARING, NO_SESSION, READY, RUNNING, RERIG, BREAK, QUESTIONS, FINISHED, FAILED = (
+    "preparing", "no session", "ready", "running", "re-rig", "break", "questions", "finished", "failed"
+)  # fmt: skip
+
+#: steps that make a device on the bench ready; DONE: there is none to do
+CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""
+
+GOOD, CAUTION, BAD, WAITING = "good", "caution", "bad", "waiting"
+
+
+class Check(NamedTuple):
+    """One item of the pre-flight row. The start is blocked while any is `bad` or `waiting`."""
+
+    name: str  # "Device", "Hand", "Loop", "Disk", "Recording"
+    state: str  # GOOD, CAUTION, BAD, WAITING
+    text: str  # short: "simulated", "mouse", "1 kHz, p99 31 µs", "82 GB free", "on"
+    advice: str = ""  # what to do about it, one sentence
+
+
+class Refused(NamedTuple):
+    """The session server cannot serve, and ends; nothing was written."""
+
+    why: str  # one sentence
+
+
+class Opened(NamedTuple):
+    """What does not change while a session is open (or, before one, of the protocol); sent on joining and on Open."""
+
+    participant: str  # "" before a session
+    protocol: str  # its name
+    devices: "tuple[Device, ...]"
+    paths: "dict[int, PathFile]"  # segment number -> path
+    controllers: "dict[int, Preset]"
+    plan: "tuple[PlannedTrial, ...]"
+    plan_sha256: str
+    folder: str
+    note: str  # what every figure says: rules, low gain, assumed
+    feedback: str  # to the participant: "none", "time", "error"
+    show_linkage: bool  # to the participant
+    cues: tuple[float, float] | None  # s: a move shorter / longer than this earns "slower" / "faster"
+    seed: int
+    real_device: bool  # currents flow in real brakes
+    hand: str  # what moves the handle: "mouse", "operator"
+    next_participant: str  # to be offered: the first without a session, or with an unfinished one; "": nobody is left
+    rules: str  # by which the controllers decide: "settled", "literal"
+    blind: bool = False  # a new session is blind whether that is asked for or not
+
+
+class Snapshot(NamedTuple):
+    """Where the session is; sent whenever something in it changes."""
+
+    stage: str  # PREPARING ..
+    rows: "tuple[TrialRow, ...]" = ()  # of this session, redone ones included
+    coming: "PlannedTrial | None" = None
+    running: "PlannedTrial | None" = None
+    practice: bool = False  # the running or coming trial is practice
+    tip: Point = (0.0, 0.0)  # m, where the handle stands in the coming configuration
+    paused: bool = False  # or will be, after the running trial
+    blind: bool = False  # hide currents, decisions, brake colours, controller names
+    checks: tuple[Check, ...] = ()
+    brakes_off: str = ""  # its cause; "": brakes may act
+    notes: tuple[str, ...] = ()  # "13:02 asked to move a little slower"
+    said: str = ""  # to the experimenter: what just happened or what was refused
+    said_bad: bool = False
+    wait_for: str = ""  # in RERIG and BREAK: what to do, one sentence
+    wait_s: float = 0.0  # in BREAK: whole seconds that it lasts at least from now on
+    seconds_left: float | None = None  # of the whole session, estimated from the trials so far
+    resumable: tuple[str, ...] = ()  # participants whose session in the data folder is unfinished
+    finished: tuple[str, ...] = ()  # .. is done: it can be opened again, to redo a trial or write a note
+    otherwise: tuple[tuple[str, str], ...] = ()  # of these: whose protocol is not the one of new sessions, and its name
+
+
+class Proof(NamedTuple):
+    """What of the running recording is in its file by now."""
+
+    name: str
+    rows: int
+    bytes: int
+    age_s: float  # since the last write
+
+
+class Timing(NamedTuple):
+    """The loop's lateness over the running (or last) trial, microseconds, and the scheduling that it got."""
+
+    p50_us: float
+    p99_us: float
+    max_us: float
+    missed: int  # ticks a millisecond or more late
+    scheduling: str  # "real-time: FIFO 50, core 0" | "default, short slice" ..
+    stolen_ms: float = 0.0  # that the host of a virtual machine kept the loop's core from it
+
+
+class Pulse(NamedTuple):
+    """About ten times a second: proof of recording and timing."""
+
+    proof: Proof | None  # None: nothing is being recorded
+    timing: Timing | None
+    verified: int  # earlier runs of this session whose recording was verified
+    disk_free_bytes: int
+    linked: "Linked | None" = None  # how the device on the bench is, while no trial runs; None: simulated, or not told
+
+
+# ----------------------------------------------------------------------------------------- jobs: session server -> loop
+
+REAL_TIME, DEFAULT = "real-time", "default"  # what the loop is started with: scheduling that it may try
+
+
+class Try(NamedTuple):
+    """Keep the deadlines of so many ticks with nothing to do."""
+
+    ticks: int
+
+
+class Run(NamedTuple):
+    """Run this trial now."""
+
+    arguments: "Arguments"
+
+
+class Connect(NamedTuple):
+    """Reach the board of one of these devices, the first that it is wired to."""
+
+    devices: "tuple[Device, ...]"
+
+
+class HomeAt(NamedTuple):
+    """The handle is held at `tip` (m) now: set the encoders."""
+
+    tip: tuple[float, float]
+
+
+class TakeZero(NamedTuple):
+    """Nobody touches the handle: take what is read as zero."""
+
+
+class Reset(NamedTuple):
+    """Brakes may act again: forget the board's faults and the brakes-off, unless it was pressed again since."""
+
+    presses: int  # of the brakes-off, that were seen (`Ring.presses`)
+
+
+class RunLinked(NamedTuple):
+    """Run this trial now."""
+
+    trial: "LinkedTrial"
+
+
+# -------------------------------------------------------------------------------------- answers: loop -> session server
+
+
+class Prepared(NamedTuple):
+    """Trials can be run."""
+
+    scheduling: str  # what was got, in words
+    core: int  # that the loop has for itself; -1: none
+
+
+class Tried(NamedTuple):
+    """How late each tick was."""
+
+    lateness_us: "np.ndarray"  # (n,)
+
+
+class Done(NamedTuple):
+    """A trial has ended."""
+
+    changed: "tuple[np.ndarray, ...]"  # see `changed`
+
+
+def changed(arguments: "Arguments") -> "tuple[np.ndarray, ...]":
+    """The arrays that running a trial changes."""
+    a = arguments
+    return a.hand.grips, a.state, a.trial, a.run, a.operator, a.memory
+
+
+class Linked(NamedTuple):
+    """How the device on the bench is; about ten times a second while no trial runs."""
+
+    device: str = ""  # the one that its board is wired to; "": none has been reached
+    board: str = ""  # its number
+    problem: str = ""  # why there are no samples
+    fault: str = ""  # latched on the board
+    homed: bool = False
+    zeroed: bool = False
+    tip: tuple[float, float] = (0.0, 0.0)  # m
+    hand_force: tuple[float, float] = (0.0, 0.0)  # N
+    encoders: str = ""
+    force_channels: int = 0
+    report: dict = {}  # health counters and clock
+    port: str = ""
+    counts: tuple[int, ...] = ()  # of the encoders, in the order of their letters
+    theta: tuple[float, ...] = ()  # rad, joints A, E, B, C
+    homed_at: float = 0.0  # s since 1970, when it was last done here; 0: not here
+    zeroed_at: float = 0.0
+    told_s: float = 0.0  # monotonic clock
+
+
+class Looked(NamedTuple):
+    """The boards to be reached have been looked for; the `Linked` just before says what was found."""
+
+
+class Homed(NamedTuple):
+    """The encoders stand at the place where the handle was held, m."""
+
+    tip: tuple[float, float]
+
+
+class Zeroed(NamedTuple):
+    """What was read with nobody at the handle."""
+
+    record: "ZeroRecord"
+
+
+class NotDone(NamedTuple):
+    """A job could not be done; one sentence."""
+
+    why: str
+
+
+class LinkedDone(NamedTuple):
+    """A trial has ended, as it was when it ended."""
+
+    trial: "LinkedTrial"

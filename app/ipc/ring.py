@@ -1,0 +1,182 @@
+"""What loop, conductor and window share: a ring of ticks and a block of flags, in memory that each process inherits.
+
+One writer for each part: the loop writes ticks, `head` and its beat; the conductor `tail`, `stop` and its beat; the
+window the pointer's place and `brakes_off`. A reader needs no lock: a count is raised only after what it counts is
+there.
+"""
+
+import mmap
+import os
+import secrets
+import sys
+import tempfile
+import time
+from typing import IO, Any
+
+import numpy as np
+
+from core import tick_log
+
+TICKS = 1 << 14  # 16 s: the longest that a disk may make the recorder wait
+AIMS = 16  # places of the pointer: the newest one is not overwritten while it is read
+TEXT = 240  # bytes of a cause
+
+#: why the loop ended a trial before its end
+NO_CAUSE, STOPPED, BRAKES_OFF, CONDUCTOR_SILENT, RING_FULL = range(5)
+
+CONTROL = np.dtype(
+    [
+        # by the window
+        ("aim_count", "i8"),  # how often the pointer was pointed; the newest place is aims[(aim_count - 1) % AIMS]
+        ("aims", "f8", (AIMS, 2)),  # m
+        ("brakes_off", "i8"),  # 1: no currents until the conductor allows them again
+        ("why_off", "u1", (TEXT,)),  # its cause, UTF-8
+        ("presses", "i8"),  # how often somebody asked for the brakes-off
+        # by the conductor
+        ("push_count", "i8"),  # how often a force was pushed; 0: the pointer is the hand
+        ("pushes", "f8", (AIMS, 2)),  # N, likewise
+        ("conductor_beat", "i8"),  # ns
+        ("stop", "i8"),  # 1: end the trial
+        ("tail", "i8"),  # ticks that the recorder has taken
+        # by the loop
+        ("loop_beat", "i8"),  # ns
+        ("head", "i8"),  # ticks in the ring since it was made
+        ("dropped", "i8"),  # ticks of this trial that found no room
+        ("cause", "i8"),  # NO_CAUSE ..
+        ("taken", "i8"),  # 1: the pointer has hold of the handle
+        ("core", "i8"),  # of the processor, that the loop has for itself; -1: none
+        # by who made it
+        ("width", "i8"),  # columns of a tick
+    ]
+)
+_TICKS_AT = -(-CONTROL.itemsize // 64) * 64
+
+
+class Ring:
+    """One process's view of it."""
+
+    def __init__(self, handle: str = "", ticks: int = TICKS, width: int = tick_log.WIDTH) -> None:
+        """Map the ring that was inherited under this handle; "": make a new one, with room for `ticks` of `width`
+        columns. OSError if there is no memory for it.
+        """
+        memory = self._map(handle, _TICKS_AT + ticks * width * 8)
+        self.controls = np.frombuffer(memory, CONTROL, 1).view(np.recarray)
+        self.control = self.controls[0]
+        if not handle:
+            self.control.width = width
+        self.rows = np.frombuffer(memory, np.float64, offset=_TICKS_AT).reshape(-1, int(self.control.width))
+        self._shown = int(self.control.head)
+        if not handle:
+            self.control.core = -1
+
+    @property
+    def inherited(self) -> dict[str, Any]:
+        """Options for `start_python` with which a process that gets our `handle` can map the ring, too."""
+        return {} if sys.platform == "win32" else {"pass_fds": (int(self.handle),)}
+
+    def _map(self, handle: str, size: int) -> mmap.mmap:
+        """The memory; it has no name in any folder and goes with the last process that has it."""
+        if sys.platform == "win32":  # where memory is inherited by a name of its own
+            self.handle = handle or f"phd-{secrets.token_hex(16)}:{size}"
+            name, _, bytes_there = self.handle.partition(":")
+            return mmap.mmap(-1, int(bytes_there), tagname=name)
+        if handle:
+            self.handle = handle
+            return mmap.mmap(int(handle), 0)
+        if sys.platform == "linux":
+            self._file: IO[bytes] = open(os.memfd_create("phd-ring"), "w+b", buffering=0)
+        else:
+            self._file = tempfile.TemporaryFile(buffering=0)
+        missing = bytes(size)  # every page is there: a full memory is noticed now
+        while missing:
+            missing = missing[self._file.write(missing) :]
+        self.handle = str(self._file.fileno())
+        return mmap.mmap(self._file.fileno(), 0)  # let go with the last array on it
+
+    # the window
+
+    def aim(self, x: float, y: float) -> None:
+        """The pointer is here, m."""
+        count = int(self.control.aim_count)
+        self.control.aims[count % AIMS] = x, y
+        self.control.aim_count = count + 1
+
+    def press_off(self, cause: str) -> None:
+        """Somebody asks for the brakes-off: also one that lasts already is not ended by who has not seen this."""
+        self.control.presses += 1
+        self.switch_off(cause)
+
+    @property
+    def presses(self) -> int:
+        """How often somebody asked for the brakes-off."""
+        return int(self.control.presses)
+
+    def switch_off(self, cause: str) -> None:
+        """No currents from the next tick on, for this cause (the first one stands)."""
+        if not self.control.brakes_off:
+            text = cause.encode()[:TEXT]
+            self.control.why_off = np.frombuffer(text.ljust(TEXT, b"\0"), np.uint8)
+            self.control.brakes_off = 1
+
+    @property
+    def why_off(self) -> str:
+        """Why no currents may flow; "": they may."""
+        if not self.control.brakes_off:
+            return ""
+        return self.control.why_off.tobytes().rstrip(b"\0").decode(errors="ignore") or "no cause given"
+
+    def newest(self) -> np.ndarray:
+        """The ticks since the last call, copied: (n, width). The oldest are left out if there were too many."""
+        head, size = int(self.control.head), len(self.rows)
+        rows = self._copy(max(self._shown, head - size), head)
+        overwritten = int(self.control.head) - size - (head - len(rows)) + 1  # meanwhile; one may be half written
+        self._shown = head
+        return rows[max(0, overwritten) :]
+
+    # the conductor
+
+    def begin_trial(self) -> None:
+        """Before the loop is told to run one."""
+        self.control.stop = self.control.cause = self.control.dropped = self.control.taken = 0
+        self.control.tail = self.control.head
+        self.control.loop_beat = time.monotonic_ns()
+        self.beat()
+
+    def push(self, fx: float, fy: float) -> None:
+        """The hand pushes with this force, N."""
+        count = int(self.control.push_count)
+        self.control.pushes[count % AIMS] = fx, fy
+        self.control.push_count = count + 1
+
+    def last(self, column: int) -> float:
+        """One column of the newest tick, 0 before the first."""
+        return float(self.rows[(int(self.control.head) - 1) % len(self.rows), column])
+
+    def beat(self) -> None:
+        """The conductor lives."""
+        self.control.conductor_beat = time.monotonic_ns()
+
+    @property
+    def loop_silent_s(self) -> float:
+        """Seconds since the loop's last tick."""
+        return 1e-9 * (time.monotonic_ns() - int(self.control.loop_beat))
+
+    def take(self) -> np.ndarray:
+        """The ticks that have not been recorded yet, copied: (n, width). They stay until `taken`."""
+        return self._copy(int(self.control.tail), int(self.control.head))
+
+    def taken(self, n: int) -> None:
+        """The oldest n ticks are recorded: the loop may overwrite them."""
+        self.control.tail += n
+
+    def allow(self) -> None:
+        """Currents may flow again."""
+        self.control.brakes_off = 0
+
+    def _copy(self, first: int, head: int) -> np.ndarray:
+        start, end = first % len(self.rows), head % len(self.rows)
+        if first == head:
+            return np.empty((0, self.rows.shape[1]))
+        if start < end:
+            return self.rows[start:end].copy()
+        return np.concatenate([self.rows[start:], self.rows[:end]])

@@ -1,1 +1,0 @@
-"""The windows: participant, console, results."""

@@ -1,0 +1,1 @@
+"""Process 2: owns session and disk. No Qt, no ticks of its own."""

@@ -1,0 +1,81 @@
+"""The conductor's end of the control loop: start it, give it trials, see whether it lives, end it."""
+
+import subprocess
+
+from app.ipc.messages import DEFAULT, REAL_TIME, Done, Linked, LinkedDone, Prepared, Run, RunLinked, Tried, Try
+from app.ipc.pipe import Pipe
+from app.ipc.process import start_python
+from app.ipc.ring import Ring
+
+#: Seconds without a tick after which a running loop counts as hung. Our choice: a stall below it is in the lateness.
+HUNG_S = 2.0
+#: The same for a loop on the bench between trials, which says ten times a second how its board is; a handshake takes a
+#: few seconds at most.
+BENCH_HUNG_S = 10.0
+END_S = 3.0  # longest wait for it to end by itself
+
+
+class LoopProcess:
+    """A control loop in a process of its own, on the conductor's ring."""
+
+    def __init__(self, ring: Ring, real_time: bool = True, port: str = "") -> None:
+        """Start it; its first answer is Prepared. real_time: it tries scheduling that needs a privilege.
+
+        port: of a device on the bench; "": the device is simulated.
+        """
+        self._ring = ring
+        self._process = start_python(
+            "app.loop.board_loop" if port else "app.loop.loop",
+            ring.handle, REAL_TIME if real_time else DEFAULT, port,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, **ring.inherited,
+        )  # fmt: skip
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._pipe = Pipe(self._process.stdout, self._process.stdin)
+        self.running = False  # a trial
+        self._beats = False  # also without a trial
+        self.dead = False  # seen by the end of its output, at once
+
+    @property
+    def pid(self) -> int:
+        """Its process number."""
+        return self._process.pid
+
+    @property
+    def closed(self) -> bool:
+        """Whether it has ended and been waited for."""
+        return self._process.returncode is not None
+
+    @property
+    def hung(self) -> bool:
+        """Whether it runs a trial and has had no tick for long, or has a board and did not look at it for long."""
+        silent_s = self._ring.loop_silent_s
+        return (self.running and silent_s > HUNG_S) or (self._beats and silent_s > BENCH_HUNG_S)
+
+    def send(self, job: Try | Run) -> None:
+        """Give it something to do; one that is dead is seen by `dead`. Does not wait for it."""
+        self.running = isinstance(job, Run | RunLinked)
+        self._pipe.send(job)
+
+    def receive(self) -> list[Prepared | Tried | Done]:
+        """What it has answered since the last time."""
+        answers = self._pipe.receive()
+        for answer in answers:
+            self.running &= not isinstance(answer, Done | LinkedDone)
+            self._beats |= isinstance(answer, Linked)
+        self.dead |= self._pipe.closed
+        return answers
+
+    def kill(self) -> None:
+        """End it at once, whatever it does."""
+        self._process.kill()
+        self.close()
+
+    def close(self) -> None:
+        """Let it end; kill it if it does not."""
+        self._pipe.close()
+        try:
+            self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self.running, self.dead = False, True

@@ -1,0 +1,102 @@
+"""The pre-flight row: what has to be right before a trial may start."""
+
+import shutil
+import tempfile
+from pathlib import Path
+
+from app.ipc.messages import BAD, CAUTION, GOOD, WAITING, Check, Linked, Timing
+from app.ipc.scheduling import ADVICE
+from app.session_server.remedies import remedy
+
+#: bytes. Our choice: a trial takes 7 MB at most, a session of 60 well under the lower one
+LOW, TOO_LOW = 2_000_000_000, 200_000_000
+#: µs. Our choice: what a loop without privilege keeps on an idle machine; later ticks are still in the recording
+LATE_US = 200.0
+
+
+def check_device(simulated: bool, why_off: str) -> Check:
+    """Whether currents may flow. why_off: the cause of a brakes-off, or ""."""
+    if why_off:
+        cause = f"Brakes off: {why_off}"
+        return Check("Device", BAD, "brakes off", f"{cause}. {remedy(cause)}")
+    return Check("Device", GOOD, "simulated" if simulated else "connected")
+
+
+def check_linked(linked: Linked | None, why_off: str) -> Check:
+    """Whether the device on the bench is there and fit, and currents may flow."""
+    if linked is None:
+        return Check("Device", WAITING, "connecting", "The board on the bench is being reached.")
+    if linked.problem:
+        problem = f"{linked.problem[0].upper()}{linked.problem[1:]}. {remedy(linked.problem)}"
+        return Check("Device", BAD, "not connected", problem.strip())
+    if why_off or linked.fault:
+        return check_device(False, why_off or f"the board: {linked.fault}")
+    if not linked.homed:
+        return Check("Device", BAD, "not homed", "The encoders must be homed: nobody knows where the handle is.")
+    return Check("Device", GOOD, f"{linked.device}, board {linked.board}")
+
+
+def check_sensor(linked: Linked | None) -> Check:
+    """Whether the hand force is measured."""
+    if linked is None or not linked.device or linked.problem:
+        return Check("Hand", WAITING, "force sensor", "The board on the bench is being reached.")
+    if linked.force_channels == 0:
+        advice = "The controllers cannot feel the hand: they see motion alone, and nothing releases a trapped hand."
+        return Check("Hand", CAUTION, "no force sensor", advice)
+    if not linked.zeroed:
+        return Check("Hand", BAD, "force not zeroed", "The force sensor has no zero yet.")
+    return Check("Hand", GOOD, "force sensor")
+
+
+def check_hand(hand: str) -> Check:
+    """hand: "mouse", "operator"."""
+    return Check("Hand", GOOD, {"operator": "simulated operator"}.get(hand, hand))
+
+
+def check_loop(tried: Timing | None, dead: bool, last: Timing | None = None) -> Check:
+    """tried: how it kept its deadlines for a moment without work; None: not yet. last: over the last trial, if any."""
+    if dead:
+        return Check("Loop", WAITING, "starting again")
+    if tried is None:
+        return Check("Loop", WAITING, "preparing")
+    kept = last or tried
+    text = f"1 kHz, p99 {kept.p99_us:,.0f} µs" + (f", {kept.missed} missed" if kept.missed else "")
+    if kept.p99_us <= LATE_US and kept.missed == 0:
+        return Check("Loop", GOOD, text)
+    advice = "Ticks come late: close other programs."
+    return Check("Loop", CAUTION, text, advice if kept.scheduling.startswith("real-time") else f"{advice} {ADVICE}")
+
+
+def check_disk(folder: Path) -> tuple[Check, int]:
+    """Whether the data folder can be written to and has room; and its free bytes."""
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    free = shutil.disk_usage(folder).free
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"phd")
+            file.flush()
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        return Check("Disk", BAD, reason, f"{folder} cannot be written to: {reason}."), free
+    text = f"{free / 1e9:.0f} GB free" if free >= 1e10 else f"{free / 1e9:.1f} GB free"
+    if free < TOO_LOW:
+        return Check("Disk", BAD, text, f"Make room on the disk of {folder}: there must be 0.2 GB."), free
+    if free < LOW:
+        return Check("Disk", CAUTION, text, f"Make room on the disk of {folder}."), free
+    return Check("Disk", GOOD, text), free
+
+
+def check_recording(broken: str, undone: str, last: str, streams: int) -> Check:
+    """broken: why no more can be recorded, or ""; last: what was last recorded and verified, "run 12", or "".
+
+    undone: what the disk has not taken yet, or ""; streams: recordings that are whole, but no Parquet files yet.
+    """
+    if broken:
+        return Check("Recording", BAD, "failed", f"{broken}.")
+    if undone:
+        return Check("Recording", BAD, "incomplete", f"{undone}.")
+    if streams:
+        advice = "What was recorded is whole, as a stream; it becomes a Parquet file when the disk takes it."
+        return Check("Recording", CAUTION, f"{streams} not converted", advice)
+    return Check("Recording", GOOD, f"{last} verified" if last else "ready")

@@ -1,0 +1,109 @@
+"""Brings the ticks of a trial from the ring to its recording, on a thread that alone waits for the disk."""
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from app.ipc.messages import Proof, Timing
+from app.ipc.ring import Ring
+from app.ipc.scheduling import stolen_ms
+from core import tick_log
+from experiments.recording.writer import RecordingWriter
+
+DRAIN_S = 0.02
+LATE_US = 1000.0  # a tick so late has missed its millisecond
+LIVE = 500  # looks into the ring, 10 s: the percentiles of a trial that runs are of these
+
+
+class Recorder:
+    """Takes every tick of one trial until `close`; the writer stays open for whoever knows the outcome."""
+
+    def __init__(self, ring: Ring, writer: RecordingWriter | None) -> None:
+        """writer: None for a trial that is not kept."""
+        self.writer = writer
+        self.error = ""  # why the recording takes no more
+        self._ring = ring
+        self._lateness: list[np.ndarray] = []
+        self._stolen_ms, self._stolen_before_ms = 0.0, stolen_ms(int(ring.control.core))
+        self._max_us, self._missed = 0.0, 0
+        self._bytes, self._last_write = 0, time.monotonic()
+        self._beside: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
+        self._thread.start()
+
+    def beside(self, write: Callable[[], None]) -> None:
+        """Do something else that waits for the disk (the journal) between two looks into the ring.
+
+        After the last look it is done here and now: OSError.
+        """
+        if self._thread.is_alive() and not self._end.is_set():
+            self._beside.put(write)
+        else:
+            write()
+
+    def close(self) -> None:
+        """Take what is left in the ring and end the thread."""
+        self._end.set()
+        self._thread.join()
+        self._look_at_host()
+
+    def proof(self) -> Proof | None:
+        """What is in the file by now; None: nothing is kept."""
+        writer, now = self.writer, time.monotonic()
+        if writer is None:
+            return None
+        if writer.bytes_written != self._bytes:
+            self._bytes, self._last_write = writer.bytes_written, now
+        return Proof(writer.path.name, writer.rows_written, writer.bytes_written, now - self._last_write)
+
+    @property
+    def lateness_us(self) -> np.ndarray:
+        """How late each tick so far was, (n,) us."""
+        return np.concatenate([np.empty(0), *self._lateness])
+
+    def timing(self, scheduling: str) -> Timing | None:
+        """The lateness of all ticks; while the trial runs, the percentiles of its last 10 s. None: there are none."""
+        if not self._lateness:
+            return None
+        if self._end.is_set():
+            return timing_of(self.lateness_us, scheduling, self._stolen_ms)
+        self._look_at_host()
+        now = timing_of(np.concatenate(self._lateness[-LIVE:]), scheduling, self._stolen_ms)
+        return now._replace(max_us=self._max_us, missed=self._missed)
+
+    def _look_at_host(self) -> None:
+        self._stolen_ms = stolen_ms(int(self._ring.control.core)) - self._stolen_before_ms
+
+    def _work(self) -> None:
+        ending = False
+        while not ending:
+            ending = self._end.wait(DRAIN_S)
+            rows = self._ring.take()
+            if self.writer is not None and not self.error:  # after one: the trial is being ended for it
+                self._try(partial(self.writer.write, rows))
+            while not self._beside.empty():
+                self._try(self._beside.get())
+            self._ring.taken(len(rows))
+            if len(rows):
+                lateness = rows[:, tick_log.LATENESS_US].copy()
+                self._max_us = max(self._max_us, float(lateness.max()))
+                self._missed += int(np.count_nonzero(lateness >= LATE_US))
+                self._lateness.append(lateness)
+
+    def _try(self, write: Callable[[], None]) -> None:
+        try:
+            write()
+        except (OSError, ValueError) as error:
+            self.error = f"the recording failed: {getattr(error, 'strerror', None) or error}"
+
+
+def timing_of(lateness_us: np.ndarray, scheduling: str, stolen_ms: float = 0.0) -> Timing:
+    """The figures of a loop's lateness (n,), us, while its core was kept from it for `stolen_ms`."""
+    p50, p99 = np.percentile(lateness_us, (50.0, 99.0))
+    missed = int(np.count_nonzero(lateness_us >= LATE_US))
+    return Timing(float(p50), float(p99), float(lateness_us.max()), missed, scheduling, stolen_ms)

@@ -1,0 +1,225 @@
+"""The conductor's desk: the whole state of the experiment, and what becomes of a trial when it ends.
+
+`intents` changes it as a window asks; `snapshot` shows it; `keeping` brings it to the disk.
+"""
+
+import math
+import time
+
+from app.ipc import messages as m
+from app.ipc.messages import OPERATOR, Setup
+from app.ipc.ring import Ring
+from app.session_server.device_setup import Rigging
+from app.session_server.loop_process import LoopProcess
+from app.session_server.practice import Practice
+from app.session_server.preflight import check_disk, check_recording
+from app.session_server.remedies import told
+from app.session_server.session_progress import Sitting
+from app.session_server.simulated_device import SimulatedDevice
+from app.session_server.storage import Keeping
+from app.session_server.trial_run import TrialRun
+from app.session_server.trial_runner import Runner
+from core.errors import InputError
+from experiments.protocol import Protocol
+from experiments.session.files import free_participant, kept_sessions, protocols_otherwise
+from experiments.session.session import Session
+from experiments.trial.linked_trial import LinkedTrial
+from experiments.trial.trial import Trial
+
+DISK_S = 5.0  # between two looks at the disk, while nothing runs
+END_S = 5.0  # longest wait for a trial to end by itself when the conductor ends
+WAIT_S = 0.01
+
+
+class Desk:
+    """One data folder, one session at a time, one trial at a time."""
+
+    def __init__(self, setup: Setup, protocol: Protocol, ring: Ring, loop: LoopProcess) -> None:
+        """protocol: of new sessions. loop: already started."""
+        self.setup, self.protocol, self.ring = setup, protocol, ring
+        self.runner = Runner(ring, loop, setup.real_time, setup.link)
+        self.device = Rigging(self.runner.send, protocol) if setup.link else SimulatedDevice(ring, setup.hand)
+        self.why_off = ""  # cause of the brakes-off, as the journal has it
+        self.presses = 0  # of it, as the windows have been told
+        self.broken = ""  # why no more trials can be run
+        self.keeping = Keeping(setup.data_dir, self.runner, self.say)
+        self._said, self._said_bad = "", False
+        self._resumable: tuple[str, ...] = ()
+        self._finished: tuple[str, ...] = ()
+        self._otherwise: tuple[tuple[str, str], ...] = ()
+        self._next_participant = ""
+        self.look_for_participants()
+        self._next_participant = setup.participant or self._next_participant
+        self._disk, self._free = check_disk(setup.data_dir)
+        self._looked_s = time.monotonic()
+        self.practice = Practice(setup, protocol)
+
+    def look_for_participants(self) -> None:
+        """Whose session can be gone on with, whose is done, and who has none yet."""
+        kept = kept_sessions(self.setup.data_dir)
+        self._resumable = tuple(name for name, unfinished in kept.items() if unfinished)
+        self._finished = tuple(name for name, unfinished in kept.items() if not unfinished)
+        self._otherwise = tuple(protocols_otherwise(self.setup.data_dir, tuple(kept), self.protocol).items())
+        try:
+            self._next_participant = free_participant(self.setup.data_dir, self.protocol.participants)
+        except InputError:
+            self._next_participant = next(iter(self._resumable), "")
+
+    def try_out(self) -> Trial | LinkedTrial:
+        """A practice trial that no session knows of. InputError: the device on the bench is not ready."""
+        linked = self.device.ready_device(self.protocol)
+        if linked is None and self.practice.simulation is not None:
+            self.device.take_handle(self.practice.simulation)
+        return self.practice.trial(linked)
+
+    # ------------------------------------------------------------------------------------- what is
+
+    @property
+    def stage(self) -> str:
+        """Where the session is."""
+        if self.broken:
+            return m.FAILED
+        if self.runner.run is not None:
+            return m.RUNNING
+        if self.practice.simulation is None or not self.runner.ready:
+            return m.PREPARING
+        return self.device.stage(self.sitting) if self.sitting else m.NO_SESSION
+
+    @property
+    def sitting(self) -> Sitting | None:
+        """The open session, and where it stands."""
+        return self.keeping.sitting
+
+    @property
+    def session(self) -> Session | None:
+        """The open one."""
+        return self.sitting.session if self.sitting else None
+
+    def opened(self) -> m.Opened:
+        """What does not change while a session is open."""
+        session = self.session
+        protocol = session.protocol if session else self.protocol
+        return m.Opened(
+            participant=session.participant if session else "",
+            protocol=protocol.name,
+            devices=tuple(protocol.devices),
+            paths=dict(protocol.paths),
+            controllers=dict(protocol.controllers),
+            plan=tuple(session.plan) if session else (),
+            plan_sha256=session.plan_sha256 if session else "",
+            folder=str(session.folder if session else self.setup.data_dir),
+            note=protocol.note(),
+            feedback=protocol.feedback,
+            show_linkage=protocol.show_linkage,
+            cues=(protocol.cues.too_fast_s, protocol.cues.too_slow_s) if protocol.cues else None,
+            seed=protocol.seed,
+            real_device=self.device.real,
+            hand=self.device.hand,
+            next_participant=self._next_participant,
+            rules=protocol.rules,
+            blind=protocol.blind and self.setup.hand != OPERATOR,
+        )
+
+    def snapshot(self) -> m.Snapshot:
+        """Everything that a window shows."""
+        stage, sitting, session, run = self.stage, self.sitting, self.session, self.runner.run
+        coming = sitting.coming if sitting else None
+        at = run.planned if run else coming
+        return m.Snapshot(
+            stage=stage,
+            rows=tuple(session.rows) if session else (),
+            coming=coming,
+            running=run.planned if run else None,
+            practice=session is None or (at is not None and at.block == 0),
+            tip=self._tip(),
+            paused=sitting is not None and sitting.paused_s is not None,
+            blind=session is not None and session.blind,
+            checks=(
+                *self.device.checks(self.why_off),
+                self.runner.check,
+                self._disk,
+                check_recording(self.broken, self.keeping.undone, self.keeping.verified, self.keeping.streams),
+            ),
+            brakes_off=self.why_off,
+            notes=tuple(sitting.notes) if sitting else (),
+            said=self._said,
+            said_bad=self._said_bad,
+            wait_for=self.device.wait_for(sitting) if sitting and stage in (m.RERIG, m.BREAK) else "",
+            wait_s=float(math.ceil(sitting.break_left_s())) if sitting and stage == m.BREAK else 0.0,
+            seconds_left=sitting.seconds_left() if sitting else None,
+            resumable=() if session else self._resumable,
+            finished=() if session else self._finished,
+            otherwise=() if session else self._otherwise,
+        )
+
+    def pulse(self) -> m.Pulse:
+        """Proof of recording, and timing."""
+        proof = self.runner.run.recorder.proof() if self.runner.run else None
+        verified = sum(bool(row.recording) for row in self.session.rows) if self.session else 0
+        return m.Pulse(proof, self.runner.timing, verified, self._free, self.device.linked)
+
+    def _tip(self) -> m.Point:
+        """Where the handle stands; during a trial: where it stood before, m."""
+        if self.runner.run is not None:
+            return self.runner.run.tip
+        return self.device.tip(self.sitting, self.practice.simulation)
+
+    # ------------------------------------------------------------------------------------- what happens
+
+    def say(self, sentence: str, bad: bool = False) -> None:
+        """Tell the experimenter."""
+        self._said, self._said_bad = sentence, bad
+
+    def look_at_brakes(self) -> None:
+        """Whether currents may flow; what has changed is journalled."""
+        self.presses = self.ring.presses
+        if (why_off := self.ring.why_off) != self.why_off:
+            self.why_off = why_off
+            self.keeping.write("brakes off" if why_off else "brakes allowed", **({"cause": why_off} if why_off else {}))
+
+    def window_lost(self) -> None:
+        """The window is gone, whatever runs."""
+        self.keeping.write("window lost")
+
+    def watch(self) -> None:
+        """Take in what has happened since the last time."""
+        if self.practice.failure is not None:
+            raise self.practice.failure
+        self.look_at_brakes()
+        run, lost = self.runner.watch()
+        self.device.hear(self.runner, self.keeping.write, self.say)
+        if self.runner.ready:
+            self.practice.loop_ready.set()
+        if lost:
+            self._lost(run, lost)
+        elif run is not None:
+            self.keeping.keep(run)
+        now = time.monotonic()
+        if self.runner.run is None and now - self._looked_s > DISK_S:
+            self._looked_s = now
+            self._disk, self._free = check_disk(self.setup.data_dir)
+        if self.runner.run is None:
+            self.keeping.catch_up()
+
+    def _lost(self, run: TrialRun | None, why: str) -> None:
+        """The loop died or hung, perhaps with a trial."""
+        self.broken = self.runner.broken
+        if run is not None:
+            self.keeping.rescue(run, why)
+        else:
+            self.say(told("", why), bad=True)
+
+    def end(self, reason: str) -> None:
+        """Abort what runs, keep it, let the session go, end the loop."""
+        if self.runner.run is not None:
+            self.runner.run.stop(reason)
+        deadline = time.monotonic() + END_S
+        while self.runner.run is not None and time.monotonic() < deadline:
+            self.ring.beat()
+            self.watch()
+            time.sleep(WAIT_S)
+        self.device.close()
+        self.runner.close()
+        if self.runner.run is not None:
+            self.keeping.rescue(self.runner.run, reason)
+        self.keeping.let_go()

@@ -1,0 +1,170 @@
+"""How late the control loop's ticks are on this machine: real trials of a simulated operator, one after the other.
+
+Timed figures depend on what else runs: they are said, never judged.
+"""
+
+import contextlib
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from app.ipc.messages import Done, Prepared, Tried
+from app.ipc.process import start_python
+from app.ipc.ring import Ring
+from app.ipc.scheduling import leave_core, program_cores, stolen_ms
+from app.session_server.loop_process import LoopProcess
+from app.session_server.recorder import timing_of
+from app.session_server.trial_run import TrialRun
+from core.path_file import build_path
+from experiments.plan import PlannedTrial
+from experiments.protocol import load_protocol
+from experiments.trial.population import load_population
+from experiments.trial.trial import Trial, new_simulation
+
+LOOK_S = 0.02
+WAIT_S = 600.0  # longest wait for the loop to compile its kernels, or for a trial to end
+
+
+def measure(
+    seconds: float, busy: int = 0, real_time: bool = True, progress: Callable[[float], None] | None = None
+) -> dict:
+    """Run the loop for so long: its lateness (us), missed ticks, and the scheduling that it got.
+
+    busy: processes beside it that do nothing but compute. real_time: try scheduling that needs a privilege. A window
+    draws beside it, as in the app. OSError if the loop dies or does not answer.
+    """
+    most, ticks, pieces = round(1000 * seconds), 0, []
+    ring = Ring()
+    loop = LoopProcess(ring, real_time)
+    try:
+        prepared = _answer(loop, ring)
+        assert isinstance(prepared, Prepared)
+        leave_core(prepared.core)
+        before_ms = stolen_ms(prepared.core)
+        with window(), hogs(busy):
+            for trial in _trials():
+                run = TrialRun(ring, loop, trial.planned, trial, None)
+
+                def look(run: TrialRun = run, before: int = ticks) -> None:
+                    now = before + len(run.recorder.lateness_us)
+                    if now >= most:
+                        run.stop("measured for long enough")
+                    if progress:
+                        progress(min(1.0, now / most))
+
+                try:
+                    done = _answer(loop, ring, look)
+                finally:
+                    run.recorder.close()
+                assert isinstance(done, Done)
+                run.ended(done, prepared.scheduling)
+                pieces.append(run.recorder.lateness_us)
+                ticks += len(pieces[-1])
+                if ticks >= most:
+                    break
+        timing = timing_of(np.concatenate(pieces), prepared.scheduling, stolen_ms(prepared.core) - before_ms)
+        return {**timing._asdict(), "ticks": ticks, "busy": busy}
+    finally:
+        leave_core(-1)
+        loop.close()
+
+
+def measure_all(seconds: float, progress: Callable[[float], None] | None = None) -> list[dict]:
+    """`measure` with and without the real-time privilege, if there is one, each alone and beside a process per core."""
+    cores = len(program_cores()) if sys.platform == "linux" else os.cpu_count() or 1
+    found: list[dict] = []
+    for real_time in (True, False):
+        if found and not found[0]["scheduling"].startswith("real-time"):
+            break  # no privilege: it would be the same again
+        for busy in (0, cores):
+            done = len(found)
+            shown = progress and (lambda share, done=done: progress((done + share) / 4))
+            found.append(measure(seconds, busy, real_time, shown))
+    return found
+
+
+def table(found: list[dict]) -> str:
+    """For reading."""
+    heads = f"{'ticks':>8} {'p50 µs':>8} {'p99 µs':>8} {'max µs':>8} {'missed':>7} {'stolen ms':>9} {'busy':>5}"
+    lines = [f"{heads}  scheduling"]
+    for one in found:
+        lines.append(
+            f"{one['ticks']:8} {one['p50_us']:8.0f} {one['p99_us']:8.0f} {one['max_us']:8.0f} {one['missed']:7} "
+            f"{one['stolen_ms']:9.0f} {one['busy']:5}  {one['scheduling']}"
+        )
+    return "\n".join(lines)
+
+
+def _answer(loop: LoopProcess, ring: Ring, look: Callable[[], None] = lambda: None) -> Prepared | Tried | Done:
+    """The loop's next answer. OSError if there is none."""
+    deadline = time.monotonic() + WAIT_S
+    while time.monotonic() < deadline:
+        ring.beat()
+        if answers := loop.receive():
+            return answers[0]
+        if loop.dead or loop.hung:
+            raise OSError("the control loop died" if loop.dead else "the control loop hung")
+        look()
+        time.sleep(LOOK_S)
+    raise OSError("the control loop does not answer")
+
+
+def _trials() -> Iterator[Trial]:
+    """Trials of one simulated operator, without end."""
+    protocol = load_protocol()
+    generator = np.random.default_rng(1)
+    person = load_population().draw(generator)
+    device = protocol.devices[0]
+    start = build_path(next(iter(protocol.paths.values())), "path")
+    simulation = new_simulation(device, (start.x0, start.y0))
+    while True:
+        for segment, path in protocol.paths.items():
+            for number, preset in protocol.controllers.items():
+                planned = PlannedTrial(0, 0, device.name, number, segment, 1)
+                yield Trial(simulation, planned, path, preset, protocol.rules, protocol.trial, person, generator)
+
+
+@contextlib.contextmanager
+def window() -> Iterator[None]:
+    """A console that draws made-up trials with everything on, in memory where there is no screen; it ends with us."""
+    platform = {} if sys.platform != "linux" or os.environ.get("DISPLAY") else {"QT_QPA_PLATFORM": "offscreen"}
+    process = start_python(
+        "tests.benchmarks.screen_cost", str(WAIT_S), "1280", "720", "0",
+        environment=platform, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    try:
+        yield
+    finally:
+        process.kill()
+        process.wait()
+
+
+@contextlib.contextmanager
+def hogs(n: int) -> Iterator[None]:
+    """Processes that only compute; they end with us."""
+    processes = [start_python("app.verbs.loop_lateness", stdin=subprocess.PIPE) for _ in range(n)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.communicate()
+
+
+def main() -> None:
+    """The process of `hogs`: compute until the input ends, on any core as a foreign program would."""
+    leave_core(-1)
+    threading.Thread(target=_end_with_input, daemon=True).start()
+    number = 1
+    while True:
+        number = number * 1_664_525 % 4_294_967_291
+
+
+def _end_with_input() -> None:
+    sys.stdin.buffer.read()
+    os._exit(0)

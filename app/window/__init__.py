@@ -1,0 +1,1 @@
+"""Process 3: Qt. Paints rows and sends commands. No physics, no control law."""

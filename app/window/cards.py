@@ -1,0 +1,332 @@
+"""Which card is up: a question that the experimenter has asked for, else what the session waits for."""
+
+import time
+from collections.abc import Callable, Sequence
+
+from PySide6.QtCore import QEvent, QObject, Qt, Signal
+from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLineEdit, QPushButton, QVBoxLayout, QWidget
+
+from app.ipc import messages as m
+from app.window.painting import theme
+from app.window.painting.labels import KeyButton, breakable, line
+from app.window.plan_grid import statuses
+from app.window.words import clock
+from experiments.analysis.trials_table import COUNTED
+
+WIDTH_PX = 400
+ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
+LEAVE, LEAVE_RUNNING = ("Leave it", "Esc"), ("Leave it", "Alt+0")  # while a trial runs Esc is brakes off
+
+ABORT_REASONS = ("the participant asked", "the participant was distracted", "something was wrong with the device")
+REDO_REASONS = ("the participant was distracted", "the participant had not understood", "something disturbed the trial")
+SKIP_REASONS = ("the participant asked", "short of time", "something is wrong with this condition")
+
+
+class Card(QFrame):
+    """Title, text and, below them, whatever a subclass adds; it stays in the middle of its parent."""
+
+    def __init__(self, title: str, text: str, parent: QWidget) -> None:
+        super().__init__(parent, objectName="card")
+        self.title, self.text = line(title, size=theme.HEAD, bold=True), line(breakable(text), "quiet")
+        self.text.setVisible(bool(text))
+        self.inside = QVBoxLayout(self)
+        self.inside.setContentsMargins(20, 16, 20, 18)
+        self.inside.setSpacing(8)
+        self.inside.addWidget(self.title)
+        self.inside.addWidget(self.text)
+        parent.installEventFilter(self)
+
+    def button(self, text: str, do: Callable[[], None], main: bool = False) -> QPushButton:
+        """One more button at the bottom of the card."""
+        made = QPushButton(text, objectName="main" if main else "")
+        made.setFont(theme.font(theme.NORMAL, bold=main))
+        made.setMinimumHeight(34)
+        made.setAutoDefault(True)
+        made.clicked.connect(lambda: do())
+        return made
+
+    def appear(self, focused: bool = True) -> None:
+        """Take its place and come to the front, with the keyboard or without."""
+        self.show()
+        self.place()
+        self.raise_()
+        if focused:
+            self.take_focus()
+
+    def take_focus(self) -> None:
+        """The keyboard is its own."""
+
+    def place(self) -> None:
+        """Into the middle of the parent."""
+        parent = self.parentWidget()
+        self.setFixedWidth(min(WIDTH_PX, max(parent.width() - 2 * theme.GAP, 280)))
+        height = self.heightForWidth(self.width()) if self.hasHeightForWidth() else self.sizeHint().height()
+        self.setFixedHeight(min(max(height, self.minimumSizeHint().height()), max(parent.height() - 8, 120)))
+        self.move((parent.width() - self.width()) // 2, max((parent.height() - self.height()) // 2, 4))
+
+    def key(self, key: str, do: Callable[[], None]) -> None:
+        """Let a key act while the card is there."""
+        QShortcut(QKeySequence(key), self, do).setAutoRepeat(False)
+
+    def enter(self) -> None:
+        """Enter was pressed beside the card: as on it."""
+
+    def focusNextPrevChild(self, forwards: bool) -> bool:
+        """Tab goes round on the card, so that Enter always means what its buttons say."""
+        stops = [
+            widget for widget in self.findChildren(QWidget)
+            if widget.isVisible() and widget.isEnabled() and widget.focusPolicy() & Qt.FocusPolicy.TabFocus
+        ]  # fmt: skip
+        if stops:
+            now = stops.index(self.focusWidget()) if self.focusWidget() in stops else -1 if forwards else 0
+            stops[(now + (1 if forwards else -1)) % len(stops)].setFocus(Qt.FocusReason.TabFocusReason)
+        return True
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Enter goes no further: what lies behind the card did not ask for it."""
+        if event.key() not in ENTER:
+            super().keyPressEvent(event)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if watched is self.parentWidget() and not self.isHidden():
+            if event.type() == QEvent.Type.Resize:
+                self.place()
+            elif event.type() == QEvent.Type.KeyPress and isinstance(event, QKeyEvent) and event.key() in ENTER:
+                self.enter()
+                return True
+        return super().eventFilter(watched, event)
+
+
+class Question(Card):
+    """What to do, and why: Alt with 1, 2, 3, or one's own words and Enter, which may begin with any digit."""
+
+    answered = Signal(str)
+    left = Signal()
+
+    def __init__(
+        self,
+        title: str,
+        text: str,
+        reasons: Sequence[str],
+        do: str,
+        parent: QWidget,
+        leave: tuple[str, str] = LEAVE,
+    ) -> None:
+        """do: what the button says; leave: what the other one says, and its key."""
+        super().__init__(title, text, parent)
+        self.reasons = tuple(reasons)
+        for number, reason in enumerate(self.reasons, start=1):
+            button = KeyButton(reason[0].upper() + reason[1:], f"Alt+{number}")
+            button.clicked.connect(lambda _=False, chosen=reason: self.answered.emit(chosen))
+            self.key(f"Alt+{number}", button.click)
+            self.inside.addWidget(button)
+        self.own = QLineEdit()
+        self.own.setPlaceholderText("Another reason")
+        self.own.setAccessibleName("Another reason")
+        self.own.setMaxLength(200)
+        self.own.textChanged.connect(lambda text: self.confirm.setEnabled(bool(text.strip())))
+        self.own.returnPressed.connect(self._answer)
+        self.confirm = self.button(f"{do}  Enter", self._answer, main=True)
+        self.confirm.setEnabled(False)
+        self.cancel = self.button("  ".join(leave), self.left.emit)
+        if leave != LEAVE:  # Esc is the window's
+            self.key(leave[1], self.left.emit)
+        row = QHBoxLayout()
+        row.setSpacing(8)
+        row.addWidget(self.cancel)
+        row.addStretch(1)
+        row.addWidget(self.confirm)
+        self.inside.addWidget(self.own)
+        self.inside.addSpacing(4)
+        self.inside.addLayout(row)
+
+    def take_focus(self) -> None:
+        self.own.setFocus()
+
+    enter = take_focus
+
+    def _answer(self) -> None:
+        if reason := self.own.text().strip():
+            self.answered.emit(reason)
+
+
+class Notice(Card):
+    """What has to be done or is over, with buttons; the first is the one that Enter presses."""
+
+    def __init__(self, title: str, text: str, buttons: Sequence[tuple[str, Callable[[], None]]], parent: QWidget):
+        super().__init__(title, text, parent)
+        self.buttons = [self.button(says, do, main=i == 0) for i, (says, do) in enumerate(buttons)]
+        self.inside.addSpacing(4)
+        if len(self.buttons) > 2:  # no room for them side by side
+            for made in self.buttons:
+                self.inside.addWidget(made)
+            return
+        row = QHBoxLayout()
+        row.setSpacing(8)
+        row.addStretch(1)
+        for made in reversed(self.buttons):
+            row.addWidget(made)
+        self.inside.addLayout(row)
+
+    def take_focus(self) -> None:
+        if self.buttons:
+            self.buttons[0].setFocus()
+
+    def enter(self) -> None:
+        if self.buttons:
+            self.buttons[0].click()
+
+
+UNBLIND = ("Open the key?", "The controllers become visible here and in the tables. Who asks is kept in the journal.")
+RESTED = "Go on when the participant is ready."
+A_MOMENT = "A moment"  # begins what is said while a step is being done
+CLOSE = (
+    "A trial is being recorded",
+    "Close the window? The trial ends, brakes off; what was recorded is kept. It comes again when you resume.",
+)
+
+
+class Cards:
+    """One question and one notice at most; the question lies on top."""
+
+    def __init__(self, parent: QWidget) -> None:
+        self._parent = parent
+        self._question: Card | None = None
+        self._kind = ""
+        self._notice: Card | None = None
+        self._waits: tuple | None = None  # what the notice is about
+        self._over_s: float | None = None  # when the break may end
+
+    # questions
+
+    def ask(
+        self, kind: str, title: str, text: str, reasons: Sequence[str], do: str, then: Callable[[str], None]
+    ) -> None:
+        """Put a question, in place of another one."""
+        self.leave()
+        question = Question(title, text, reasons, do, self._parent, LEAVE_RUNNING if kind == "abort" else LEAVE)
+
+        def answered(reason: str) -> None:
+            self.leave()
+            then(reason)
+
+        question.answered.connect(answered)
+        question.left.connect(self.leave)
+        self._question, self._kind = question, kind
+        question.appear()
+
+    def ask_to_close(self, close: Callable[[], None]) -> None:
+        """Whether to close while a trial is recorded."""
+        self.leave()
+        self._kind = "abort"
+        answers = [("Go on  Enter", self.leave), ("Abort and close  Alt+C", close)]
+        self._question = Notice(*CLOSE, answers, self._parent)
+        self._question.key("Alt+C", close)
+        self._question.appear()
+
+    def leave(self) -> bool:
+        """Take the question away; whether there was one."""
+        question, self._question, self._kind = self._question, None, ""
+        if question is None:
+            return False
+        question.hide()
+        question.deleteLater()
+        self._parent.window().setFocus()
+        self.take_focus()
+        return True
+
+    def _typing(self) -> bool:
+        """Whether somebody is writing a note: a notice that comes must not take the next letters for an answer."""
+        at = self._parent.window().focusWidget()
+        return isinstance(at, QLineEdit) and at.isVisible()
+
+    def take_focus(self) -> None:
+        """The keyboard is the card's that is up."""
+        if (card := self._question or self._notice) is not None:
+            card.take_focus()
+
+    def withdraw(self, kinds: set[str]) -> None:
+        """Take the question away if it is one of these."""
+        if self._kind in kinds:
+            self.leave()
+
+    @property
+    def question(self) -> Card | None:
+        """The question that is up."""
+        return self._question
+
+    @property
+    def notice(self) -> Card | None:
+        """The notice that is up."""
+        return self._notice
+
+    def press_main(self) -> bool:
+        """The space bar: the notice's first button. Whether there is a card that stands in the way of a start."""
+        if self._question is not None:
+            return True
+        if isinstance(self._notice, Notice):
+            if self._notice.buttons and self._notice.buttons[0].isEnabled():
+                self._notice.buttons[0].click()
+            return True
+        return self._notice is not None
+
+    # notices
+
+    def show_session(self, opened: m.Opened, snapshot: m.Snapshot, do) -> None:
+        """What the session waits for; do: the window's commands."""
+        coming = snapshot.coming.configuration if snapshot.coming else ""
+        waits = (snapshot.stage, coming, snapshot.wait_for, snapshot.blind, opened.folder)
+        if snapshot.stage not in (m.RERIG, m.BREAK, m.QUESTIONS, m.FINISHED):
+            waits = None
+        if waits == self._waits:
+            return
+        self._waits, self._over_s = waits, None
+        if self._notice is not None:
+            self._notice.hide()
+            self._notice.deleteLater()
+            self._notice = None
+        if waits is not None:
+            self._notice = self._make(opened, snapshot, do)
+            self._notice.appear(focused=self._question is None and not self._typing())
+            if self._question is not None:
+                self._question.raise_()
+
+    def _make(self, opened: m.Opened, snapshot: m.Snapshot, do) -> Card:
+        if snapshot.stage == m.RERIG and snapshot.coming is not None:
+            name = snapshot.coming.configuration
+            if not opened.real_device:
+                answers = [("It is done  Enter", do.confirm)]
+                return Notice(f"Change to {name}", snapshot.wait_for, answers, self._parent)
+            answers = [("Go on  Enter", do.confirm), ("Device page  F3", do.device)]
+            busy = snapshot.wait_for.startswith(A_MOMENT)
+            return Notice(f"Make {name} ready", snapshot.wait_for, [] if busy else answers, self._parent)
+        if snapshot.stage == m.BREAK:
+            self._over_s = time.monotonic() + snapshot.wait_s
+            return Notice("Break", snapshot.wait_for, [("Go on  Enter", do.confirm)], self._parent)
+        if snapshot.stage == m.QUESTIONS:
+            return Notice("Questions", "The participant answers them on the other screen.", [], self._parent)
+        kept = sum(bool(row.recording) for row in snapshot.rows)
+        text = f"{kept} runs are recorded and verified in {opened.folder}."
+        lacking = sum(status not in COUNTED for status in statuses(opened.plan, snapshot.rows).values())
+        if lacking:
+            text += f" {lacking} of {len(opened.plan)} trials have no result: × (aborted) or – (skipped) in the plan."
+        buttons = [("Results  F2", do.results)]
+        if snapshot.blind:
+            buttons.append(("Open the key …", lambda: self.ask("unblind", *UNBLIND, (), "Open", do.unblind)))
+        buttons.append(("Next participant", do.leave))
+        return Notice("The plan is done", text, buttons, self._parent)
+
+    def show_time(self, now_s: float) -> None:
+        """The countdown of a break."""
+        if self._over_s is None or not isinstance(self._notice, Notice):
+            return
+        left = self._over_s - now_s
+        button = self._notice.buttons[0]
+        button.setEnabled(left <= 0.0)
+        says = f"Break · {clock(left)}" if left > 0.0 else "The break is over"
+        if says != self._notice.title.text():
+            self._notice.title.setText(says)
+            if left <= 0.0:
+                self._notice.text.setText(RESTED)
+                button.setFocus()

@@ -1,0 +1,151 @@
+"""The plan as a grid: a row of cells for each block of each configuration, each cell a trial with its status."""
+
+from collections.abc import Sequence
+
+from PySide6.QtCore import QEvent, QRectF, QSize, Qt
+from PySide6.QtGui import QHelpEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
+
+from app.ipc import messages as m
+from app.window.painting import theme
+from app.window.words import describe, place, same_cell
+from experiments.analysis.trials_table import TrialRow
+from experiments.plan import PlannedTrial
+
+HEAD_PX, ROW_PX, SPACE_PX, LABEL_PX = 20, 20, 6, 52
+LEAST_SHARE = 0.7  # where there is little room, rows are so much lower before the grid must be scrolled
+CELL_LEAST_PX = 8.0  # a block with more trials than fit in a row goes on in the next
+#: Said by shape too, not by colour alone.
+MARKS = {"timeout": "t", "aborted": "×", "redone": "r", "recovered": "c", "skipped": "–", "stopped": "!"}
+
+
+class PlanGrid(QWidget):
+    """All trials at a glance; a cell's tooltip says which trial it is."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._opened: m.Opened | None = None
+        self._blind = False
+        self._groups: dict[str, dict[int, list[PlannedTrial]]] = {}
+        self.statuses: dict[int, str] = {}  # run of the plan -> status of its cell
+        self.marked: int | None = None  # run of the plan: next or running
+        self.running = False
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Maximum)
+
+    def show_session(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
+        """The trials, what became of those that are over, and which one is next or running."""
+        self._opened, self._blind = opened, snapshot.blind
+        self._groups = {}
+        for trial in opened.plan:
+            self._groups.setdefault(trial.configuration, {}).setdefault(trial.block, []).append(trial)
+        self.statuses = statuses(opened.plan, snapshot.rows)
+        now = snapshot.running or snapshot.coming
+        self.marked = None if now is None or now.block == 0 or not opened.plan else (
+            opened.plan[min(place(now, opened.plan), len(opened.plan)) - 1].run
+        )  # fmt: skip
+        self.running = snapshot.running is not None
+        self.updateGeometry()
+        self.update()
+
+    # lengths
+
+    def _per_row(self) -> int:
+        return max(int((self.width() - LABEL_PX) / (CELL_LEAST_PX + 3.0)), 1)
+
+    def _rows_of(self, trials: Sequence[PlannedTrial]) -> int:
+        return -(-len(trials) // self._per_row())
+
+    def sizeHint(self) -> QSize:
+        rows = sum(self._rows_of(trials) for blocks in self._groups.values() for trials in blocks.values())
+        spaces = max(len(self._groups) - 1, 0) * SPACE_PX
+        return QSize(230, len(self._groups) * HEAD_PX + rows * ROW_PX + spaces)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(120, round(LEAST_SHARE * self.sizeHint().height()))
+
+    def _share(self) -> float:
+        """How high a row is, of its full height."""
+        return min(max(self.height() / max(self.sizeHint().height(), 1), LEAST_SHARE), 1.0)
+
+    def cells(self) -> dict[int, QRectF]:
+        """Run of the plan -> its cell (px)."""
+        places, y, per_row, share = {}, 0.0, self._per_row(), self._share()
+        row = share * ROW_PX
+        for blocks in self._groups.values():
+            y += share * HEAD_PX
+            for trials in blocks.values():
+                step = (self.width() - LABEL_PX) / min(len(trials), per_row)
+                side = min(step - 3.0, row - 4.0)
+                wide = min(step - 3.0, 1.6 * side)
+                for i, trial in enumerate(trials):
+                    x, down = LABEL_PX + i % per_row * step, i // per_row * row
+                    places[trial.run] = QRectF(x, y + down + 0.5 * (row - side), wide, side)
+                y += self._rows_of(trials) * row
+            y += share * SPACE_PX
+        return places
+
+    # events
+
+    def event(self, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.ToolTip and isinstance(event, QHelpEvent) and self._opened:
+            cells = self.cells()
+            for trial in self._opened.plan:
+                if cells[trial.run].contains(event.pos()):
+                    status = self.statuses.get(trial.run, "")
+                    if trial.run == self.marked:
+                        status = "running" if self.running else "next"
+                    said = f"Trial {trial.run} · {describe(trial, self._opened, self._blind)} · {status or 'to come'}"
+                    QToolTip.showText(event.globalPos(), said, self)
+                    return True
+            QToolTip.hideText()
+            return True
+        return super().event(event)
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.fillRect(self.rect(), theme.colour(theme.PANEL))
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        middle = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
+        cells = self.cells()
+        y = 0.0
+        painter.setPen(theme.colour(theme.QUIET))
+        share = self._share()
+        head, row = share * HEAD_PX, share * ROW_PX
+        for configuration, blocks in self._groups.items():
+            painter.setFont(theme.font(theme.SMALL, bold=True))
+            painter.drawText(QRectF(0.0, y, self.width(), head), middle, configuration)
+            painter.setFont(theme.font(theme.SMALL))
+            y += head
+            for block, trials in blocks.items():
+                painter.drawText(QRectF(0.0, y, LABEL_PX, row), middle, f"block {block}")
+                y += self._rows_of(trials) * row
+            y += share * SPACE_PX
+        for run, cell in cells.items():
+            self._paint_cell(painter, cell, run)
+
+    def _paint_cell(self, painter: QPainter, cell: QRectF, run: int) -> None:
+        status = self.statuses.get(run)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(theme.colour(theme.STATUS[status], 0.55) if status else theme.colour(theme.LINE, 0.6))
+        if run == self.marked:
+            painter.setPen(QPen(theme.colour(theme.TEXT if self.running else theme.ACCENT), 2.0))
+            painter.setBrush(theme.colour(theme.ACCENT if self.running else theme.ACCENT_GROUND))
+        painter.drawRoundedRect(cell, 3.0, 3.0)
+        if status in MARKS:
+            painter.setFont(theme.font(theme.SMALL, bold=True))
+            painter.setPen(theme.colour(theme.TEXT))
+            painter.drawText(cell, Qt.AlignmentFlag.AlignCenter, MARKS[status])
+
+
+def statuses(plan: Sequence[PlannedTrial], rows: Sequence[TrialRow]) -> dict[int, str]:
+    """Run of the plan -> the status of the newest row of its cell. Rows of a blind session carry a code in place of
+    the controller: such a row is found by its run number."""
+    found: dict[int, str] = {}
+    by_run = {trial.run: trial for trial in plan}
+    for row in rows:
+        planned = by_run.get(row.run)
+        if planned is None:  # a redo or a resumed trial has a run number of its own
+            planned = next((trial for trial in plan if same_cell(trial, row)), None)
+        if planned is not None:
+            found[planned.run] = row.status
+    return found

@@ -1,0 +1,190 @@
+"""A short questionnaire after a block: the six raw NASA-TLX scales (Hart and Staveland 1988) and one on smoothness.
+
+Each scale has 21 marks, 0 to 100; none is set before it is touched, and all are to be answered.
+"""
+
+from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QResizeEvent, QShowEvent
+from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QPushButton, QSizePolicy, QVBoxLayout, QWidget
+
+from app.window.painting import theme
+from app.window.painting.labels import line, word
+from app.window.painting.theme import pen
+
+ITEMS = (
+    ("mental_demand", "How much thinking did it take?", "very little", "very much"),
+    ("physical_demand", "How much strength did it take?", "very little", "very much"),
+    ("temporal_demand", "How hurried did you feel?", "not at all", "very"),
+    ("performance", "How well did you follow the lines?", "perfectly", "not at all"),
+    ("effort", "How hard did you have to work?", "very little", "very hard"),
+    ("frustration", "How irritated or discouraged were you?", "not at all", "very"),
+    ("smoothness", "How did the movement feel?", "smooth", "jerky"),
+)
+STEPS = 20
+LARGEST = 1.8  # times the size in a small window
+
+
+class Scale(QWidget):
+    """Marks from 0 to 100 in steps of 5; a click, a drag or the arrows set it."""
+
+    changed = Signal()
+
+    def __init__(self, name: str, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.value: int | None = None
+        self.setAccessibleName(name)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+
+    def sizeHint(self) -> QSize:
+        return QSize(320, 28)
+
+    def set(self, value: int | None) -> None:
+        """0 to 100; None: not answered."""
+        self.value = value
+        self.update()
+        self.changed.emit()
+
+    def _x(self, value: float) -> float:
+        return 10.0 + (self.width() - 20.0) * value / 100.0
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        share = (event.position().x() - 10.0) / max(self.width() - 20.0, 1.0)
+        self.set(round(min(max(share, 0.0), 1.0) * STEPS) * (100 // STEPS))
+        self.setFocus()
+
+    mouseMoveEvent = mousePressEvent
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        step = {Qt.Key.Key_Left: -1, Qt.Key.Key_Right: 1}.get(Qt.Key(event.key()))
+        if step is None:
+            super().keyPressEvent(event)
+        elif self.value is None:
+            self.set(50)
+        else:
+            self.set(min(max(self.value + step * (100 // STEPS), 0), 100))
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        middle = 0.5 * self.height()
+        painter.setPen(pen(theme.ACCENT if self.hasFocus() else theme.BRAKE_OFF, 1.5))
+        painter.drawLine(QPointF(self._x(0), middle), QPointF(self._x(100), middle))
+        for i in range(STEPS + 1):
+            half = 7.0 if i % (STEPS // 2) == 0 else 4.0
+            x = self._x(100.0 * i / STEPS)
+            painter.drawLine(QPointF(x, middle - half), QPointF(x, middle + half))
+        if self.value is not None:
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(theme.colour(theme.ACCENT))
+            painter.drawRoundedRect(QRectF(self._x(self.value) - 5.0, middle - 11.0, 10.0, 22.0), 4.0, 4.0)
+
+
+class Done(QPushButton):
+    """With the keyboard on it Enter and the space bar press it, whatever the space bar means to the window."""
+
+    def __init__(self) -> None:
+        super().__init__("Done", objectName="main")
+        self.setAutoDefault(True)
+
+    def event(self, event: QEvent) -> bool:
+        asks = event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent)
+        if asks and event.key() == Qt.Key.Key_Space:  # type: ignore[attr-defined]
+            event.accept()
+            return True
+        return super().event(event)
+
+
+class Questionnaire(QWidget):
+    """The scales and a button that waits until all are answered."""
+
+    answered = Signal(dict)  # item -> 0 .. 100
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._by = 0.0  # how much larger than in a small window
+        self.scales = {item: Scale(question) for item, question, *_ in ITEMS}
+        self.done, self.lacking = Done(), word("", "quiet")
+        self.done.clicked.connect(self._answer)
+        self._card = card = QFrame(objectName="panel")
+        self._grid = grid = QGridLayout(card)
+        self._title = word("A few questions about the last trials", bold=True)
+        self._feedback = line("", "quiet")  # of the trial before, which nothing else shows now
+        self._feedback.hide()
+        title = QVBoxLayout()
+        title.addWidget(self._title)
+        title.addWidget(self._feedback)
+        grid.addLayout(title, 0, 0, 1, 4)
+        self._asked, self._ends = [], []
+        for at, (item, question, low, high) in enumerate(ITEMS, start=1):
+            self._asked.append(line(question))
+            self._ends += [word(low, "quiet"), word(high, "quiet")]
+            grid.addWidget(self._asked[-1], at, 0)
+            grid.addWidget(self._ends[-2], at, 1, Qt.AlignmentFlag.AlignRight)
+            grid.addWidget(self.scales[item], at, 2)
+            grid.addWidget(self._ends[-1], at, 3)
+            self.scales[item].changed.connect(self._allow)
+        grid.setColumnStretch(2, 1)
+        grid.addWidget(self.lacking, len(ITEMS) + 1, 0, 1, 3)
+        grid.addWidget(self.done, len(ITEMS) + 1, 2, 1, 2, Qt.AlignmentFlag.AlignRight)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(theme.GAP, theme.GAP, theme.GAP, theme.GAP)
+        layout.addStretch(1)
+        across = QHBoxLayout()
+        across.addStretch(1)
+        across.addWidget(card, 100)
+        across.addStretch(1)
+        layout.addLayout(across)
+        layout.addStretch(1)
+        self._enlarge(1.0)
+        self._allow()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Larger where there is room: the participant sits further away."""
+        super().resizeEvent(event)
+        self._enlarge(min(max(min(self.width() / 1000.0, self.height() / 560.0), 1.0), LARGEST))
+
+    def _enlarge(self, by: float) -> None:
+        if by == self._by:
+            return
+        self._by = by
+        for labels, size, bold in (
+            ([self._title], theme.HEAD, True),
+            (self._asked, theme.TITLE, False),
+            ([*self._ends, self.lacking, self._feedback], theme.NORMAL, False),
+            ([self.done], theme.TITLE, True),
+        ):
+            for label in labels:
+                label.setFont(theme.font(round(by * size), bold))
+        for asked in self._asked:
+            asked.setMinimumWidth(round(by * 300))
+        self.done.setMinimumSize(round(by * 160), round(by * 42))
+        across, down = round(by * 28), round(by * 20)
+        self._grid.setContentsMargins(across, down, across, down)
+        self._grid.setHorizontalSpacing(round(by * 16))
+        self._grid.setVerticalSpacing(round(by * 12))
+        self._card.setMaximumWidth(round(by * 900))
+
+    def show_feedback(self, feedback: str) -> None:
+        """What the protocol gives back of the trial before; "": nothing."""
+        self._feedback.setText(feedback and f"The last trial: {feedback}")
+        self._feedback.setVisible(bool(feedback))
+
+    def clear(self) -> None:
+        """No answer yet."""
+        for scale in self.scales.values():
+            scale.set(None)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """The first question has the keyboard."""
+        super().showEvent(event)
+        next(iter(self.scales.values())).setFocus()
+
+    def _allow(self) -> None:
+        answered = sum(scale.value is not None for scale in self.scales.values())
+        whole = answered == len(ITEMS)
+        self.done.setEnabled(whole)
+        self.lacking.setText("" if whole else f"{answered} of {len(ITEMS)} answered")
+
+    def _answer(self) -> None:
+        self.answered.emit({item: float(scale.value) for item, scale in self.scales.items() if scale.value is not None})

@@ -1,0 +1,202 @@
+"""The left panel: the plan, what comes next, what can be asked for, the notes.
+
+It shows what it is told and tells what is asked for; it decides nothing.
+"""
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import (
+    QFrame,
+    QGridLayout,
+    QHBoxLayout,
+    QLineEdit,
+    QPlainTextEdit,
+    QScrollArea,
+    QSizePolicy,
+    QVBoxLayout,
+    QWidget,
+)
+
+from app.ipc import messages as m
+from app.window.painting import theme
+from app.window.painting.labels import KeyButton, OneLine, breakable, line, word
+from app.window.plan_grid import PlanGrid
+from app.window.preflight import advice
+from app.window.words import cell, minutes, place, why_not
+from experiments.analysis.trials_table import COUNTED, SETTLED
+
+WIDTH_PX = 276
+
+
+class SessionPanel(QFrame):
+    """Plan, next, Start, Redo, Skip, Pause, Abort, notes."""
+
+    start_asked = Signal()
+    redo_asked = Signal()
+    skip_asked = Signal()
+    pause_asked = Signal()
+    abort_asked = Signal()
+    noted = Signal(str)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent, objectName="panel")
+        self.setFixedWidth(WIDTH_PX)
+        self.head = word("Plan", size=theme.TITLE, bold=True)
+        self.done = word("", "quiet", theme.SMALL)
+        self.grid = PlanGrid()
+        self.coming_head = word("Next", "quiet")
+        self.coming = word("", bold=True)
+        self.cell = OneLine("", "quiet")
+        self.notice = line("", "caution", theme.SMALL)
+        self.start = KeyButton("Start", "Space", "main")
+        self.redo = KeyButton("Redo last …", "R")
+        self.skip = KeyButton("Skip …", "S")
+        self.pause = KeyButton("Pause after this trial", "P")
+        self.pause.setCheckable(True)
+        self.abort = KeyButton("Abort trial …", "A")
+        for button, asked in (
+            (self.start, self.start_asked),
+            (self.redo, self.redo_asked),
+            (self.skip, self.skip_asked),
+            (self.pause, self.pause_asked),
+            (self.abort, self.abort_asked),
+        ):
+            button.clicked.connect(asked)
+        self.note = NoteLine()
+        self.note.written.connect(self.noted)
+        self.notes = QPlainTextEdit(readOnly=True)
+        self.notes.setFont(theme.font(theme.SMALL))
+        self.notes.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.notes.setMinimumHeight(24)
+        self.notes.setMaximumHeight(150)
+        self.notes.setStyleSheet("padding: 2px 4px")
+        self.notes.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
+        self.notes.hide()
+        self._lay_out()
+
+    def _lay_out(self) -> None:
+        head = QHBoxLayout()
+        head.addWidget(self.head)
+        head.addStretch(1)
+        head.addWidget(self.done)
+        scroll = QScrollArea()
+        scroll.setWidget(self.grid)
+        scroll.setWidgetResizable(True)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        scroll.setMinimumHeight(96)
+        scroll.viewport().setStyleSheet("background: transparent")
+        self._scroll = scroll
+        buttons = QGridLayout()
+        buttons.setSpacing(6)
+        buttons.addWidget(self.start, 0, 0, 1, 2)
+        buttons.addWidget(self.redo, 1, 0)
+        buttons.addWidget(self.skip, 1, 1)
+        buttons.addWidget(self.pause, 2, 0, 1, 2)
+        buttons.addWidget(self.abort, 3, 0, 1, 2)
+        buttons.setColumnStretch(0, 3)
+        buttons.setColumnStretch(1, 2)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(14, 10, 14, 12)
+        layout.setSpacing(5)
+        layout.addLayout(head)
+        layout.addWidget(scroll, 1000)
+        layout.addSpacing(2)
+        coming = QHBoxLayout()
+        coming.setSpacing(8)
+        coming.addWidget(self.coming_head)
+        coming.addWidget(self.coming, 1)
+        layout.addLayout(coming)
+        layout.addWidget(self.cell)
+        layout.addWidget(self.notice)
+        layout.addSpacing(2)
+        layout.addLayout(buttons)
+        layout.addSpacing(2)
+        layout.addWidget(self.note)
+        layout.addWidget(self.notes, 20)
+        layout.addStretch(1)
+
+    def show_session(self, opened: m.Opened, snapshot: m.Snapshot, trying: bool = False) -> None:
+        """Where the session stands and what can be asked for. trying: practice without a session."""
+        self.head.setText("Plan" if opened.participant else "Practice")
+        self.grid.show_session(opened, snapshot)
+        self._scroll.setMaximumHeight(max(self.grid.sizeHint().height() + 2, 96))
+        statuses = list(self.grid.statuses.values())
+        over, valid = (sum(status in those for status in statuses) for those in (SETTLED, COUNTED))
+        done = f"{valid} done" if opened.participant else ""
+        done += f", {over - valid} missing" if over > valid else ""
+        self.done.setToolTip("Missing: aborted (×) or skipped (–), so without a result" if over > valid else "")
+        left = minutes(snapshot.seconds_left) if snapshot.stage != m.FINISHED else ""
+        if over > valid:
+            left = left.removeprefix("about ")  # there is no room for both
+        self.done.setText(" · ".join(filter(None, (done, left))))
+        self._show_coming(opened, snapshot)
+        self._say(snapshot)
+        self._allow(snapshot, trying)
+        self.pause.setEnabled(self.pause.isEnabled() and bool(opened.participant))
+        text = "\n".join(snapshot.notes)
+        if text != self.notes.toPlainText():
+            self.notes.setPlainText(text)
+            bar = self.notes.verticalScrollBar()
+            bar.setValue(bar.maximum())
+        self.notes.setVisible(bool(text))
+
+    def _show_coming(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
+        now = snapshot.running or snapshot.coming
+        self.coming_head.setVisible(now is not None)
+        self.coming_head.setText("Now" if snapshot.running else "Next")
+        if now is None:
+            done = "The plan is done" if snapshot.stage == m.FINISHED else ""
+            self.coming.setText(done if opened.plan else "Another one")
+            self.cell.setText("")
+            return
+        self.coming.setText("Practice" if now.block == 0 else f"Trial {place(now, opened.plan)}")
+        self.cell.setText(cell(now, opened, snapshot.blind))
+
+    def _say(self, snapshot: m.Snapshot) -> None:
+        """What happened, and else why no trial can be started, unless the banner says it already."""
+        said, bad = snapshot.said, snapshot.said_bad
+        if not said and snapshot.stage == m.READY and not advice(snapshot):
+            said = why_not(snapshot)
+        theme.name_anew(self.notice, "bad" if bad else "caution")
+        self.notice.setText(breakable(said))
+        self.notice.setVisible(bool(said) and snapshot.stage != m.FAILED)  # there a banner says it
+
+    def _allow(self, snapshot: m.Snapshot, trying: bool) -> None:
+        ready, runs = snapshot.stage == m.READY, snapshot.stage == m.RUNNING
+        another = trying and snapshot.stage == m.NO_SESSION
+        self.start.setEnabled(not why_not(snapshot) and (another or ready and snapshot.coming is not None))
+        self.redo.setEnabled((ready or snapshot.stage == m.FINISHED) and any(map(can_be_redone, snapshot.rows)))
+        self.skip.setEnabled(ready and snapshot.coming is not None and not snapshot.practice)
+        self.pause.setEnabled(ready or runs)
+        self.pause.setChecked(snapshot.paused)
+        self.pause.setText(
+            "Resume" if snapshot.paused and not runs else "Paused after this trial" if snapshot.paused else
+            "Pause after this trial" if runs else "Pause"
+        )  # fmt: skip
+        self.abort.setEnabled(runs)
+        self.note.setEnabled(snapshot.stage not in (m.PREPARING, m.NO_SESSION, m.FAILED))
+
+
+def can_be_redone(row) -> bool:
+    """Whether a trial is one that can be run again: a redone one has been, one that was cut short comes by itself."""
+    return row.status in ("done", "timeout", "aborted")
+
+
+class NoteLine(QLineEdit):
+    """One line for a note: N goes here, Enter keeps it."""
+
+    written = Signal(str)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setPlaceholderText("Note …  N")
+        self.setAccessibleName("Note, kept with the time")
+        self.setMaxLength(500)
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
+        self.returnPressed.connect(self._keep)
+
+    def _keep(self) -> None:
+        if text := self.text().strip():
+            self.written.emit(text)
+        self.clear()
+        self.clearFocus()

@@ -1,0 +1,141 @@
+"""Proportional velocity control (Section IV-C, Fig. 14): brake the component of the tip velocity across beta.
+
+The space of desired velocity has its x axis along beta and its y axis 90 degrees to the left of beta.
+"""
+
+import math
+
+import numpy as np
+
+from core.control.rule_sets import Rules
+from core.control.velocity_field import Field
+from core.kernel import kernel
+from core.mechanism import Brakes
+
+
+@kernel
+def in_beta(a_x: float, a_y: float, field: Field) -> tuple[float, float]:
+    """Components of a vector along (x) and across (y) the desired direction."""
+    return a_x * field.beta_x + a_y * field.beta_y, a_y * field.beta_x - a_x * field.beta_y
+
+
+@kernel
+def impending_direction(fx: float, fy: float, mass: np.ndarray) -> tuple[float, float]:
+    """Unit vector along M^-1 F, the way the free tip would start under the hand force; 0 without force.
+
+    mass (3,): M_xx, M_xy, M_yy (kg) of the tip.
+    """
+    a_x = mass[2] * fx - mass[1] * fy  # M^-1 F times det M > 0
+    a_y = mass[0] * fy - mass[1] * fx
+    length = math.sqrt(a_x * a_x + a_y * a_y)
+    if length <= 0.0:
+        return 0.0, 0.0
+    return a_x / length, a_y / length
+
+
+@kernel
+def joint_sense(rate: float, impending_rate: float, felt: bool, still_rate: float) -> float:
+    """Sense in which a joint turns, +1, -1 or 0 (then its brake is no candidate); rates in rad/s.
+
+    Below still_rate the sense of the impending motion, known only where a hand is felt.
+    """
+    if abs(rate) < still_rate:
+        rate = impending_rate if felt else 0.0
+    if rate > 0.0:
+        return 1.0
+    if rate < 0.0:
+        return -1.0
+    return 0.0
+
+
+@kernel
+def force_direction(g_x: float, g_y: float, sense: float) -> tuple[float, float]:
+    """Direction of a brake's force on the tip, Eq. (13) (our reconstruction), as a unit vector.
+
+    Its angle is atan2(J_iy, J_ix), plus pi if omega_i > 0: a brake opposes the motion of its joint.
+    """
+    length = math.sqrt(g_x * g_x + g_y * g_y)
+    if length <= 0.0:
+        return 0.0, 0.0
+    return -sense * g_x / length, -sense * g_y / length
+
+
+@kernel
+def influence(
+    fx: float, fy: float, v_beta_x: float, v_beta_y: float, no_effect: float, along_beta: bool
+) -> tuple[int, int]:
+    """One column of the influence matrix H, Eq. (14): (H_x, H_y) of a force (fx along, fy across beta).
+
+    +1 where the force increases the magnitude of that velocity component, -1 where it decreases it, 0 where it has
+    no effect (|component| <= no_effect |force|). A component at rest can only grow: +1. Differs from the paper
+    where along_beta is set: H_x is +1 for a force along +beta and -1 for one against it, whatever v_beta_x is.
+    """
+    least = no_effect * math.sqrt(fx * fx + fy * fy)
+    h_x = 0
+    if abs(fx) > least:
+        growing = fx > 0.0 if along_beta else fx * v_beta_x > 0.0 or v_beta_x == 0.0
+        h_x = 1 if growing else -1
+    h_y = 0
+    if abs(fy) > least:
+        h_y = 1 if fy * v_beta_y > 0.0 or v_beta_y == 0.0 else -1
+    return h_x, h_y
+
+
+@kernel
+def priority(h_x: int, h_y: int) -> int:
+    """Rank of a column of H: 3 for [1 -1], 2 for [0 -1], 1 for [-1 -1], 0 for a brake not to be actuated."""
+    return h_x + 2 if h_y == -1 else 0
+
+
+@kernel
+def commanded_force(gain: float, v_beta_y: float, force_normalised: float) -> float:
+    """Proportional tip force (N), Eq. (15): K_y |v_beta_y|, at most the normalised force (our choice: the cap)."""
+    return min(gain * abs(v_beta_y), force_normalised)
+
+
+@kernel
+def decision_velocity(
+    vx: float, vy: float, push_x: float, push_y: float, felt: bool, rest_speed: float
+) -> tuple[float, float]:
+    """The velocity to decide with: the tip's own, or at rest under a felt hand rest_speed along the push (2,)."""
+    if felt and vx * vx + vy * vy < rest_speed * rest_speed:
+        return rest_speed * push_x, rest_speed * push_y
+    return vx, vy
+
+
+@kernel
+def best_brake(
+    brakes: Brakes,
+    g: np.ndarray,
+    field: Field,
+    vx: float,
+    vy: float,
+    push_x: float,
+    push_y: float,
+    felt: bool,
+    rules: Rules,
+) -> int:
+    """The brake (0..3) of highest priority in H, the one whose force is nearest to beta among equals; -1: none.
+
+    g (4, 2); v is the velocity to decide with, push the impending direction.
+    """
+    v_beta_x, v_beta_y = in_beta(vx, vy, field)
+    chosen = -1
+    highest = 0
+    nearest = -2.0  # cosine of the angle between force and beta
+    for i in range(4):
+        if brakes.present[i] == 0.0:
+            continue
+        g_x, g_y = g[i, 0], g[i, 1]
+        sense = joint_sense(g_x * vx + g_y * vy, g_x * push_x + g_y * push_y, felt, rules.still_rate)
+        if sense == 0.0:
+            continue
+        f_x, f_y = force_direction(g_x, g_y, sense)
+        f_along, f_across = in_beta(f_x, f_y, field)
+        h_x, h_y = influence(f_along, f_across, v_beta_x, v_beta_y, rules.no_effect, rules.along_beta)
+        rank = priority(h_x, h_y)
+        if rank > highest or (rank == highest and rank > 0 and f_along > nearest):
+            chosen = i
+            highest = rank
+            nearest = f_along
+    return chosen

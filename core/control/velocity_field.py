@@ -1,0 +1,103 @@
+"""The field of desired directions around the path (Section IV-A, Fig. 12), and which way along it is forward.
+
+t is the tangent in the travel sense, n the inward normal (towards the path), beta the desired direction. Half-way
+between two pieces of a path the field is that of the piece that the tip was nearest to last (`core.path.held_piece`).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from core.control.rule_sets import Rules
+from core.kernel import kernel
+from core.path import Path, held_piece, on_piece
+
+BLEND_WIDTH = 0.05  # m, the paper's boundary: nearer than this the direction is blended to the path's
+
+#: Places in the memory: travel sense (+1 to the end), side of the path (+1 left; 0 not yet known), piece of the path
+#: (-1: not yet known).
+TRAVEL, SIDE, PIECE = range(3)
+
+
+class Field(NamedTuple):
+    """The field at the tip: unit vectors in tip coordinates."""
+
+    distance: float  # m, >= 0
+    t_x: float
+    t_y: float
+    n_x: float
+    n_y: float
+    beta_x: float
+    beta_y: float
+
+
+def new_memory() -> np.ndarray:
+    """What a controller remembers between ticks, (3,), at the start of a trial: towards the end, no side, no piece."""
+    return np.array([1.0, 0.0, -1.0])
+
+
+@kernel
+def travel_sense(last: float, force_along: float, speed_along: float, rules: Rules) -> float:
+    """+1 where forward is towards the path's end, -1 towards its start.
+
+    The sign of the hand force along the path; kept while that force is too weak (turn_force) or the tip moves
+    against it (turn_speed). Force and speed are along the path's own tangent.
+    """
+    if force_along > rules.turn_force and speed_along >= -rules.turn_speed:
+        return 1.0
+    if force_along < -rules.turn_force and speed_along <= rules.turn_speed:
+        return -1.0
+    return last
+
+
+@kernel
+def side_of_path(last: float, distance: float, sense: float, rules: Rules) -> float:
+    """+1 left of the path's own tangent, -1 right of it; on the path the last side, at first the left of t.
+
+    Our choice, in both rule sets: the paper does not say which side a tip on the path is on.
+    """
+    if distance > rules.on_path:
+        return 1.0
+    if distance < -rules.on_path:
+        return -1.0
+    return last if last != 0.0 else sense
+
+
+@kernel
+def desired_direction(
+    distance: float, n_x: float, n_y: float, t_x: float, t_y: float, blend_width: float
+) -> tuple[float, float]:
+    """Unit vector beta at a distance >= 0 (m): n from blend_width on, inside its angle linearly blended to t."""
+    if distance >= blend_width:
+        return n_x, n_y
+    angle = 0.5 * math.pi * distance / blend_width  # from t; n and t are at right angles
+    c, s = math.cos(angle), math.sin(angle)
+    return c * t_x + s * n_x, c * t_y + s * n_y
+
+
+@kernel
+def field_at(
+    path: Path,
+    memory: np.ndarray,
+    x: float,
+    y: float,
+    vx: float,
+    vy: float,
+    fx: float,
+    fy: float,
+    blend_width: float,
+    rules: Rules,
+) -> Field:
+    """The field at the tip (x, y) for its velocity and the hand force; updates memory (3,)."""
+    piece = held_piece(path, int(memory[PIECE]), x, y)
+    memory[PIECE] = piece
+    _, distance, tx, ty = on_piece(path, piece, x, y)
+    sense = travel_sense(memory[TRAVEL], tx * fx + ty * fy, tx * vx + ty * vy, rules)
+    side = side_of_path(memory[SIDE], distance, sense, rules)
+    memory[TRAVEL] = sense
+    memory[SIDE] = side
+    t_x, t_y = sense * tx, sense * ty
+    n_x, n_y = side * ty, -side * tx
+    beta_x, beta_y = desired_direction(abs(distance), n_x, n_y, t_x, t_y, blend_width)
+    return Field(abs(distance), t_x, t_y, n_x, n_y, beta_x, beta_y)

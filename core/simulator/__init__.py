@@ -1,0 +1,1 @@
+"""The simulated device: state, exact stick and slip, integrators. No clock, no files."""

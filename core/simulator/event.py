@@ -1,0 +1,222 @@
+"""The `event` integrator: smooth RK4 between events, each located to rounding, the exact solver after each.
+
+Feasible by construction: after an event the motion is what the stick-slip problem says, with no tolerance and no creep.
+A step with too many events (chatter) or a hand too stiff for RK4 is given to `stepping`, and that is counted.
+"""
+
+from core.kernel import kernel
+from core.simulator.event_location import (
+    LOOSE_MINUS,
+    LOOSE_PLUS,
+    NONE,
+    PLAY,
+    SPEED,
+    STOP,
+    first_event,
+    locate,
+)
+from core.simulator.hand import changes_by_itself, hand_force
+from core.simulator.runge_kutta import age_yields, begin, rk4
+from core.simulator.solver_numbers import MAX_EVENTS, RATE_ROUNDING, REST_ROUNDING, SHORTEST
+from core.simulator.stepping import advance_stepping, stiffer_than
+from core.simulator.stick_slip import STILL, largest_excess, solve_at_rest
+from core.simulator.stick_slip_mode import enter_line, finish, meet, release, set_costs, settle_edges, strike
+
+
+@kernel
+def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged):
+    """Move the state from t to t + h (s). Expects the pattern resolved at t; leaves the quantities of t + h."""
+    state.steps += 1
+    state.settled = 0
+    elapsed, events, longest = 0.0, 0, h
+    while elapsed < h:
+        rest = h - elapsed
+        if events > MAX_EVENTS or stiffer_than(state, hand, rest):
+            state.fallbacks += 1
+            state.events += events
+            advance_stepping(mechanism, brakes, hand, state, trial, currents, t + elapsed, rest, lagged)
+            return
+        now = t + elapsed
+        if state.held == STILL:
+            begin(brakes, state, currents, rest, lagged)
+            step = still_until(mechanism, brakes, hand, state, now, rest, lagged)
+            age_yields(brakes, state, step, lagged)
+            elapsed = h if step == rest else elapsed + step
+            fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
+            state.hand_force[0], state.hand_force[1] = fx, fy
+            if step < rest:
+                events += 1
+                leave_rest(mechanism, brakes, hand, state, fx, fy)
+            continue
+        step = min(rest, longest)
+        begin(brakes, state, currents, step, lagged)
+        if not rk4(mechanism, brakes, hand, state, trial, now, step, lagged):
+            state.shortened += 1
+            longest = 0.5 * step
+            if longest < SHORTEST:
+                events = MAX_EVENTS + 1
+            continue
+        trial.seen = 0
+        kind, guess = first_event(mechanism, brakes, state, trial, step, lagged)
+        if kind != NONE:
+            kind, step = locate(mechanism, brakes, hand, state, trial, now, step, kind, guess, lagged)
+        accept(mechanism, brakes, state, trial, step, lagged)
+        elapsed = h if step == rest else elapsed + step
+        if kind != NONE:
+            events += 1
+            happen(mechanism, brakes, hand, state, trial, kind, t + elapsed)
+        elif elapsed < h:
+            fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], state.tip[2], state.tip[3])
+            set_costs(brakes, state)
+            finish(mechanism, state, fx, fy, hand.grips[0].mass)
+    state.events += events
+    if lagged != 0:
+        set_costs(brakes, state)
+    state.settled = 0 if state.held == STILL else 1
+
+
+@kernel
+def accept(mechanism, brakes, state, trial, step, lagged):
+    """Take the trial as the new state: motion, ledger, backlash, yields."""
+    for i in range(4):
+        state.tip[i] = trial.tip[i]
+        if brakes.present[i] > 0.0:
+            state.heat[i] += trial.heat[i]
+            if -trial.heat[i] > state.added_by_brakes:
+                state.added_by_brakes = -trial.heat[i]
+            if brakes.play[i] > 0.0 and state.sign[i] != 0.0 and state.edge[i] == 0.0:
+                state.play[i] = min(max(state.play[i] + trial.turned[i], 0.0), brakes.play[i])
+    for i in range(5):
+        state.rate[i], state.bias[i] = trial.rate[i], trial.bias[i]
+        state.g[i, 0], state.g[i, 1] = trial.g[i, 0], trial.g[i, 1]
+        if state.contact[i] != 0.0 and state.held != i:
+            state.contact[i] = 0.0
+    for i in range(3):
+        state.mass[i] = trial.mass[i]
+    for i in range(2):
+        state.bias_force[i] = trial.bias_force[i]
+        state.acceleration[i] = trial.acceleration[i]
+        state.hand_force[i] = trial.hand_force[i]
+    state.carry[0] = state.carry[1] = 0.0
+    state.line_torque = trial.line_torque
+    if lagged != 0:
+        for i in range(4):
+            state.torque_yield[i] = trial.torque_yield[1, i]
+    state.work_hand += trial.work
+
+
+@kernel
+def happen(mechanism, brakes, hand, state, trial, kind, t):
+    """Take up the pattern after an event at time t: the exact solver says which joint sticks, which slips on."""
+    tip, arm_mass = state.tip, hand.grips[0].mass
+    fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
+    set_costs(brakes, state)
+    if kind >= STOP:
+        strike(mechanism, state, kind - STOP, trial.gap_side[kind - STOP], arm_mass)
+        set_costs(brakes, state)
+    elif kind >= PLAY:
+        i = kind - PLAY
+        state.edge[i] = state.sign[i]
+        state.play[i] = brakes.play[i] if state.sign[i] > 0.0 else 0.0
+        set_costs(brakes, state)
+    at_rest = tip[2] == 0.0 and tip[3] == 0.0
+    if kind == SPEED or at_rest or (kind < SPEED and comes_to_rest(brakes, state)):
+        stop_moving(state)
+        from_rest(mechanism, state, fx, fy, arm_mass)
+    elif kind >= STOP:
+        meet(mechanism, state, kind - STOP, fx, fy, arm_mass)
+    elif kind == LOOSE_PLUS or kind == LOOSE_MINUS:
+        release(mechanism, state, state.held, 1.0 if kind == LOOSE_PLUS else -1.0)
+    elif kind < SPEED:
+        if state.held >= 0:
+            state.sign[kind] = -state.sign[kind]  # parallel to the held joint's row for an instant: it passes zero
+        else:
+            meet(mechanism, state, kind, fx, fy, arm_mass)
+    settle_edges(brakes, state)
+    finish(mechanism, state, fx, fy, arm_mass)
+
+
+@kernel
+def comes_to_rest(brakes, state):
+    """True where every braked joint's rate is zero to rounding, and there are two at least: the tip is at rest."""
+    resting, moving = 0, 0
+    for i in range(4):
+        if brakes.present[i] > 0.0:
+            if abs(state.rate[i]) <= RATE_ROUNDING:
+                resting += 1
+            else:
+                moving += 1
+    return moving == 0 and resting >= 2
+
+
+@kernel
+def stop_moving(state):
+    """The tip is at rest: exact zeros from here on."""
+    state.tip[2] = state.tip[3] = 0.0
+    for i in range(5):
+        state.rate[i] = state.bias[i] = 0.0
+    state.bias_force[0] = state.bias_force[1] = 0.0
+
+
+@kernel
+def from_rest(mechanism, state, fx, fy, arm_mass):
+    """The pattern in which a resting tip goes on under the hand force f."""
+    mass = state.mass
+    held, _, _ = solve_at_rest(
+        mass[0] + arm_mass,
+        mass[1],
+        mass[2] + arm_mass,
+        state.g,
+        state.active,
+        state.cost_plus,
+        state.cost_minus,
+        mechanism.coaxial,
+        fx,
+        fy,
+        state.sign,
+    )
+    state.held = held
+    if held >= 0:
+        enter_line(mechanism, state, held)
+
+
+@kernel
+def excess_at(mechanism, brakes, hand, state, t, elapsed, lagged):
+    """How much the hand pushes a resting tip beyond what the brakes hold, `elapsed` seconds into the step (N)."""
+    age_yields(brakes, state, elapsed, lagged)
+    set_costs(brakes, state)
+    fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
+    return largest_excess(state.g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial, fx, fy)
+
+
+@kernel
+def still_until(mechanism, brakes, hand, state, t, step, lagged):
+    """How long the resting tip stays at rest: `step`, or the first time at which the hand pushes it loose.
+
+    Seen at the middle and the end of the step, then bisected to rounding.
+    """
+    if lagged == 0 and not changes_by_itself(hand):
+        return step
+    low, high = 0.0, 0.5 * step
+    if excess_at(mechanism, brakes, hand, state, t, high, lagged) <= REST_ROUNDING:
+        low, high = high, step
+        if excess_at(mechanism, brakes, hand, state, t, step, lagged) <= REST_ROUNDING:
+            return step
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if excess_at(mechanism, brakes, hand, state, t, middle, lagged) > REST_ROUNDING:
+            high = middle
+        else:
+            low = middle
+        if high - low <= 1e-16 * step:
+            break
+    return high
+
+
+@kernel
+def leave_rest(mechanism, brakes, hand, state, fx, fy):
+    """The hand pushes the resting tip loose."""
+    set_costs(brakes, state)
+    from_rest(mechanism, state, fx, fy, hand.grips[0].mass)
+    settle_edges(brakes, state)
+    finish(mechanism, state, fx, fy, hand.grips[0].mass)

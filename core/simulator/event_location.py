@@ -1,0 +1,268 @@
+"""Where inside a step the next event lies, located to rounding.
+
+An event is a moment at which the pattern of stick and slip ends. Each kind has a value that stays >= 0 until then:
+    0-3    rate of a slipping joint, in its sense             (it stops)
+    4      speed along the SDOF path of a held joint          (the whole device stops)
+    5, 6   what a held joint can still hold, either way       (it breaks loose)
+    7-10   what is left of a brake's backlash                 (its torque sets in)
+    11-15  gap to a hard stop                                 (impact)
+An event inside the step is seen by its value at the end, or by a dip of its cubic Hermite (a parabola for 5 and 6)
+below zero in between: two crossings inside one step must not be missed.
+"""
+
+import math
+
+from core.kernel import kernel
+from core.simulator.crossing import hermite_zero, parabola_zero
+from core.simulator.runge_kutta import joint_acceleration, rk4
+from core.simulator.solver_numbers import GRAZING, LOCATED, MAX_LOCATE, ROUNDING
+from core.simulator.stick_slip import same_line
+from core.stops import stop_gap
+
+NONE = -1
+SPEED, LOOSE_PLUS, LOOSE_MINUS, PLAY, STOP = 4, 5, 6, 7, 11
+
+
+
+@kernel
+def tangent(state, at):
+    """Unit tangent of the held joint's SDOF path at a state or trial, turned counter-clockwise from the row g."""
+    j = state.held
+    gx, gy = at.g[j, 0], at.g[j, 1]
+    one_over = 1.0 / math.sqrt(gx * gx + gy * gy)
+    return -gy * one_over, gx * one_over
+
+
+@kernel
+def path_speed(state, at):
+    """Speed along the held joint's SDOF path (m/s), signed by `tangent`."""
+    tx, ty = tangent(state, at)
+    return tx * at.tip[2] + ty * at.tip[3]
+
+
+@kernel
+def path_sense(state):
+    """Sense of motion along the SDOF path at the start of the step: of the speed, or from rest of the acceleration."""
+    tx, ty = tangent(state, state)
+    speed = tx * state.tip[2] + ty * state.tip[3]
+    if speed == 0.0:
+        speed = tx * state.acceleration[0] + ty * state.acceleration[1]
+    return 1.0 if speed >= 0.0 else -1.0
+
+
+@kernel
+def held_limits(brakes, mechanism, state, at, yields, lagged):
+    """What the held joint's line can hold against + and - motion with brakes that yield at `yields` (4,), N m."""
+    j = state.held
+    plus, minus = 0.0, 0.0
+    square = at.g[j, 0] * at.g[j, 0] + at.g[j, 1] * at.g[j, 1]
+    for i in range(5):
+        if state.active[i] == 0 or not same_line(i, j, mechanism.coaxial):
+            continue
+        against_plus, against_minus = state.cost_plus[i], state.cost_minus[i]
+        if lagged != 0 and i < 4 and brakes.present[i] > 0.0:
+            held = yields[i]
+            if state.contact[i] <= 0.0 and (brakes.play[i] == 0.0 or state.edge[i] > 0.0):
+                against_plus = held
+            if state.contact[i] >= 0.0 and (brakes.play[i] == 0.0 or state.edge[i] < 0.0):
+                against_minus = held
+        ratio = (at.g[i, 0] * at.g[j, 0] + at.g[i, 1] * at.g[j, 1]) / square
+        if ratio > 0.0:
+            plus += ratio * against_plus
+            minus += ratio * against_minus
+        else:
+            plus -= ratio * against_minus
+            minus -= ratio * against_plus
+    return plus, minus
+
+
+@kernel
+def event_value(brakes, mechanism, state, trial, kind, elapsed, lagged):
+    """Value of one kind of event at the end of the trial, `elapsed` seconds into the step."""
+    if kind < SPEED:
+        return state.sign[kind] * trial.rate[kind]
+    if kind == SPEED:
+        return path_sense(state) * path_speed(state, trial)
+    if kind < PLAY:
+        plus, minus = held_limits(brakes, mechanism, state, trial, trial.torque_yield[1], lagged)
+        return trial.line_torque + plus if kind == LOOSE_PLUS else minus - trial.line_torque
+    if kind < STOP:
+        i = kind - PLAY
+        left = brakes.play[i] - state.play[i] if state.sign[i] > 0.0 else state.play[i]
+        return left - state.sign[i] * trial.turned[i]
+    stop_gap(mechanism, state.distal_side, trial.tip[0], trial.tip[1], trial.theta, trial.gap, trial.gap_side)
+    return trial.gap[kind - STOP]
+
+
+@kernel
+def event_slope(state, trial, kind):
+    """Rate of change of `event_value` at the end of the trial, where the trial knows it; else 0."""
+    if kind < SPEED:
+        return state.sign[kind] * joint_acceleration(trial, kind)
+    if kind == SPEED:
+        tx, ty = tangent(state, trial)
+        return path_sense(state) * (tx * trial.acceleration[0] + ty * trial.acceleration[1])
+    if PLAY <= kind < STOP:
+        return -state.sign[kind - PLAY] * trial.rate[kind - PLAY]
+    return 0.0
+
+
+@kernel
+def start_value(brakes, mechanism, state, trial, kind, lagged):
+    """Value of one kind of event at the start of the step."""
+    if kind < SPEED:
+        return state.sign[kind] * state.rate[kind]
+    if kind == SPEED:
+        return path_sense(state) * path_speed(state, state)
+    if kind < PLAY:
+        plus, minus = held_limits(brakes, mechanism, state, state, state.torque_yield, lagged)
+        return state.line_torque + plus if kind == LOOSE_PLUS else minus - state.line_torque
+    if kind < STOP:
+        i = kind - PLAY
+        return brakes.play[i] - state.play[i] if state.sign[i] > 0.0 else state.play[i]
+    stop_gap(mechanism, state.distal_side, state.tip[0], state.tip[1], trial.theta, trial.gap, trial.gap_side)
+    return trial.gap[kind - STOP]
+
+
+@kernel
+def first_event(mechanism, brakes, state, trial, step, lagged):
+    """The first event inside the step, from start and end alone: (kind, estimated time); NONE where there is none.
+
+    Kinds whose bit is in trial.seen are passed over.
+    """
+    seen = trial.seen
+    kind, first = NONE, math.inf
+    for i in range(4):
+        sign = state.sign[i]
+        if sign == 0.0 or state.active[i] == 0:
+            continue
+        v0, v1 = sign * state.rate[i], sign * trial.rate[i]
+        d0, d1 = sign * joint_acceleration(state, i), sign * joint_acceleration(trial, i)
+        if (v1 < -ROUNDING or (d0 < 0.0 and d1 > 0.0)) and not seen >> i & 1:
+            s = hermite_zero(v0, d0, v1, d1, step)
+            if 0.0 <= s < first:
+                kind, first = i, s
+        if brakes.play[i] > 0.0 and state.edge[i] == 0.0 and not seen >> (PLAY + i) & 1:
+            v0 = brakes.play[i] - state.play[i] if sign > 0.0 else state.play[i]
+            v1 = v0 - sign * trial.turned[i]
+            if v1 < -ROUNDING:
+                s = hermite_zero(v0, -sign * state.rate[i], v1, -sign * trial.rate[i], step)
+                if 0.0 <= s < first:
+                    kind, first = PLAY + i, s
+    if state.held >= 0:
+        sense = path_sense(state)
+        tx, ty = tangent(state, state)
+        d0 = sense * (tx * state.acceleration[0] + ty * state.acceleration[1])
+        v1 = sense * path_speed(state, trial)
+        tx, ty = tangent(state, trial)
+        d1 = sense * (tx * trial.acceleration[0] + ty * trial.acceleration[1])
+        if (v1 < -ROUNDING or (d0 < 0.0 and d1 > 0.0)) and not seen >> SPEED & 1:
+            s = hermite_zero(sense * path_speed(state, state), d0, v1, d1, step)
+            if 0.0 <= s <= first:
+                kind, first = SPEED, s
+        plus0, minus0 = held_limits(brakes, mechanism, state, state, state.torque_yield, lagged)
+        plus1, minus1 = held_limits(brakes, mechanism, state, trial, trial.torque_yield[1], lagged)
+        plus, minus = 0.5 * (plus0 + plus1), 0.5 * (minus0 + minus1)
+        torque0, torque1, middle = state.line_torque, trial.line_torque, trial.middle_torque
+        s = parabola_zero(torque0 + plus0, middle + plus, torque1 + plus1, step)
+        if 0.0 <= s < first and not seen >> LOOSE_PLUS & 1:
+            kind, first = LOOSE_PLUS, s
+        s = parabola_zero(minus0 - torque0, minus - middle, minus1 - torque1, step)
+        if 0.0 <= s < first and not seen >> LOOSE_MINUS & 1:
+            kind, first = LOOSE_MINUS, s
+    stop, when = first_stop(mechanism, state, trial, step, seen)
+    if stop != NONE and when < first:
+        kind, first = stop, when
+    return kind, first
+
+
+@kernel
+def first_stop(mechanism, state, trial, step, seen):
+    """The first hard stop that the trial has run beyond: (kind, estimated time); NONE where there is none."""
+    m1, m2 = mechanism.arm_1, mechanism.arm_2
+    g, margin = trial.g, mechanism.margin
+    between = g[0, 0] * g[2, 1] - g[0, 1] * g[2, 0]
+    clear = (
+        -m1.side * trial.s_1 >= margin * m1.length_1 * m1.length_2
+        and -m2.side * trial.s_2 >= margin * m2.length_1 * m2.length_2
+        and state.distal_side * trial.s_1 * trial.s_2 * between >= margin * m1.length_2 * m2.length_2
+    )
+    if clear and mechanism.has_theta_stops == 0:
+        return NONE, 0.0
+    kind, first = NONE, math.inf
+    stop_gap(mechanism, state.distal_side, trial.tip[0], trial.tip[1], trial.theta, trial.gap, trial.gap_side)
+    for j in range(5):
+        if seen >> (STOP + j) & 1:
+            continue
+        if trial.gap[j] < -ROUNDING and not (state.held >= 0 and same_line(j, state.held, mechanism.coaxial)):
+            kind, first = STOP + j, 0.5 * step
+    return kind, first
+
+
+@kernel
+def locate(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged):
+    """Shrink the trial to the first event: (kind, its time). The trial is left there, the event's value at rounding.
+
+    Bracketed Newton or secant steps on re-integrated trials; where another event comes before, that one is taken.
+    """
+    for _ in range(STOP + 5):
+        guess = locate_one(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged)
+        if guess == 0.0:
+            break
+        # a graze came close to zero and turned back
+        grazed = event_value(brakes, mechanism, state, trial, kind, guess, lagged) > GRAZING
+        trial.seen |= 1 << kind
+        other, when = first_event(mechanism, brakes, state, trial, guess, lagged)
+        if other == NONE:
+            if grazed:
+                kind = NONE
+            break
+        kind, step, guess = other, guess, when
+    return kind, guess
+
+
+@kernel
+def locate_one(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged):
+    """Time in [0, step] at which the value of one kind of event reaches zero."""
+    low, at_low = 0.0, start_value(brakes, mechanism, state, trial, kind, lagged)
+    high = step
+    if at_low <= ROUNDING:
+        # it starts at zero: find a time at which it has risen above, or take the event as present already
+        s = step
+        risen = False
+        for _ in range(MAX_LOCATE):
+            s *= 0.5
+            if rk4(mechanism, brakes, hand, state, trial, t, s, lagged):
+                value = event_value(brakes, mechanism, state, trial, kind, s, lagged)
+                if value > ROUNDING:
+                    risen = True
+                    break
+                high = s
+        if not risen:
+            rk4(mechanism, brakes, hand, state, trial, t, 0.0, lagged)
+            return 0.0
+        low, at_low = s, value
+        guess = 0.5 * (low + high)
+    s = guess if low < guess < high else 0.5 * (low + high)
+    last, at_last = low, at_low
+    for _ in range(MAX_LOCATE):
+        if not rk4(mechanism, brakes, hand, state, trial, t, s, lagged):
+            high = s
+            s = 0.5 * (low + high)
+            continue
+        value = event_value(brakes, mechanism, state, trial, kind, s, lagged)
+        if abs(value) <= LOCATED:
+            break
+        if value > 0.0:
+            low, at_low = s, value
+        else:
+            high = s
+        if high - low <= 4e-16 * step:
+            break
+        slope = event_slope(state, trial, kind)
+        if slope == 0.0:
+            slope = (value - at_last) / (s - last)
+        ahead = s - value / slope
+        last, at_last = s, value
+        s = ahead if low < ahead < high else 0.5 * (low + high)
+    return s

@@ -1,0 +1,268 @@
+"""Smooth motion between events: one fixed-step RK4 in tip coordinates with the pattern of stick and slip held fixed.
+
+The pattern: a slipping brake pushes with a known torque against its sense, a stuck one is the constraint
+g . a = -gdot . v. Work, heat and joint angles are integrated with the same stages, so the ledger closes to the
+order of the method.
+"""
+
+import math
+
+import numpy as np
+
+from core.brake import begin_lag, lagged_yield
+from core.dynamics import motion
+from core.kernel import inlined, kernel
+from core.simulator.hand import grip_force, prescribed_force
+from core.simulator.solver_numbers import REACH
+from core.simulator.stick_slip import solve_mass
+from core.simulator.stick_slip_mode import store
+
+TRIAL = np.dtype(
+    [
+        ("tip", "f8", (4,)),
+        ("acceleration", "f8", (2,)),
+        ("hand_force", "f8", (2,)),
+        ("mass", "f8", (3,)),
+        ("bias_force", "f8", (2,)),
+        ("g", "f8", (5, 2)),
+        ("rate", "f8", (5,)),
+        ("bias", "f8", (5,)),
+        ("line_torque", "f8"),
+        ("middle_torque", "f8"),  # N m, what holds the stuck joint in the middle of the step
+        ("s_1", "f8"),
+        ("s_2", "f8"),
+        ("turned", "f8", (4,)),  # rad, how far each joint turned
+        ("heat", "f8", (4,)),  # J
+        ("work", "f8"),  # J, by the hand
+        ("torque_yield", "f8", (2, 4)),  # N m, at the middle and end of the step (only where there is a lag)
+        ("held", "i8"),  # `stepping`: the pattern after the step
+        ("sign", "f8", (5,)),
+        ("seen", "i8"),  # bits of the kinds of events that need not be looked for any more
+        # work space of the stops
+        ("theta", "f8", (4,)),
+        ("gap", "f8", (5,)),
+        ("gap_side", "f8", (5,)),
+    ]
+)
+
+
+@kernel
+def begin(brakes, state, currents, step, lagged):
+    """Freeze each brake's lag for the coming step (only where the scene has one)."""
+    if lagged == 0:
+        return
+    for i in range(4):
+        if brakes.present[i] > 0.0:
+            rate, acceleration = 0.0, 0.0
+            if state.sign[i] != 0.0:
+                rate = state.rate[i]
+                acceleration = joint_acceleration(state, i)
+            begin_lag(brakes, i, currents[i], state.torque_yield[i], rate, acceleration, step, state.lag)
+
+
+@kernel
+def age_yields(brakes, state, elapsed, lagged):
+    """Let the yields follow their lag to `elapsed` seconds into the step."""
+    if lagged != 0:
+        for i in range(4):
+            if brakes.present[i] > 0.0:
+                state.torque_yield[i] = lagged_yield(state.lag, i, elapsed)
+
+
+@inlined
+def joint_acceleration(at, i):
+    """Angular acceleration of joint i (rad/s2) in a state or trial: g . a + gdot . v."""
+    return at.g[i, 0] * at.acceleration[0] + at.g[i, 1] * at.acceleration[1] + at.bias[i]
+
+
+@kernel
+def lagged_yields(brakes, lag, step, middle, end):
+    """Yields (4,), N m, in the middle and at the end of a step: one exponential where the time constant is one."""
+    for i in range(4):
+        if brakes.present[i] > 0.0:
+            middle[i] = lagged_yield(lag, i, 0.5 * step)
+            if 0.0 < step <= lag[i, 3] and lag[i, 1] != lag[i, 0]:
+                gone = (middle[i] - lag[i, 0]) / (lag[i, 1] - lag[i, 0])
+                end[i] = lag[i, 0] + (middle[i] - lag[i, 0]) * gone
+            else:
+                end[i] = lagged_yield(lag, i, step)
+
+
+@inlined
+def slip_torques(brakes, state, yields, lagged):
+    """Torques of the slipping brakes A, E, B, C while they yield at `yields` (4,), N m; 0 for the others."""
+    a = e = b = c = 0.0
+    for i in range(4):
+        sign = state.sign[i]
+        if sign == 0.0 or state.active[i] == 0:
+            continue
+        held = state.cost_plus[i] if sign > 0.0 else state.cost_minus[i]
+        if lagged != 0 and (brakes.play[i] == 0.0 or state.edge[i] * sign > 0.0):
+            held = yields[i]
+        torque = -sign * held
+        if i == 0:
+            a = torque
+        elif i == 1:
+            e = torque
+        elif i == 2:
+            b = torque
+        else:
+            c = torque
+    return a, e, b, c
+
+
+@inlined
+def distal_row(q):
+    """Row g and bias gdot . v of D, the angle between the distal links."""
+    return (
+        q.g_bx + q.g_cx - q.g_ax - q.g_ex,
+        q.g_by + q.g_cy - q.g_ay - q.g_ey,
+        q.bias_b + q.bias_c - q.bias_a - q.bias_e,
+    )
+
+
+@inlined
+def row_of(q, j):
+    """Row g and bias gdot . v of joint j (0 .. 4) in a `Motion`."""
+    if j == 0:
+        return q.g_ax, q.g_ay, q.bias_a
+    if j == 1:
+        return q.g_ex, q.g_ey, q.bias_e
+    if j == 2:
+        return q.g_bx, q.g_by, q.bias_b
+    if j == 3:
+        return q.g_cx, q.g_cy, q.bias_c
+    return distal_row(q)
+
+
+@inlined
+def stage(mechanism, grip, held, slip, px, py, x, y, vx, vy):
+    """One evaluation of the equations of motion under the prescribed force p and the grip.
+
+    Returns (ax, ay, holding torque, sensed hand force fx, fy, Motion).
+    """
+    q = motion(mechanism, x, y, vx, vy)
+    sx, sy = grip_force(grip, x, y, vx, vy)
+    fx, fy, arm_mass = px + sx, py + sy, grip.mass
+    rx = fx - q.bias_x + slip[0] * q.g_ax + slip[1] * q.g_ex + slip[2] * q.g_bx + slip[3] * q.g_cx
+    ry = fy - q.bias_y + slip[0] * q.g_ay + slip[1] * q.g_ey + slip[2] * q.g_by + slip[3] * q.g_cy
+    mxx, mxy, myy = q.mass_xx + arm_mass, q.mass_xy, q.mass_yy + arm_mass
+    ax, ay = solve_mass(mxx, mxy, myy, rx, ry)
+    torque = 0.0
+    if held >= 0:
+        gx, gy, bias = row_of(q, held)
+        hx, hy = solve_mass(mxx, mxy, myy, gx, gy)
+        torque = -(gx * ax + gy * ay + bias) / (gx * hx + gy * hy)
+        ax += hx * torque
+        ay += hy * torque
+    return ax, ay, torque, fx - arm_mass * ax, fy - arm_mass * ay, q
+
+
+@kernel
+def rk4(mechanism, brakes, hand, state, trial, t, dt, lagged):
+    """One RK4 step of dt seconds from `state` into `trial`; False where a stage left the region where the arms close.
+
+    The first stage is the acceleration that the state already holds; the last evaluation, at the end, is the next
+    step's first.
+    """
+    grip = hand.grips[0]
+    held = state.held
+    first = slip_torques(brakes, state, state.torque_yield, lagged)
+    middle, last = first, first
+    if lagged != 0:
+        lagged_yields(brakes, state.lag, dt, trial.torque_yield[0], trial.torque_yield[1])
+        middle = slip_torques(brakes, state, trial.torque_yield[0], lagged)
+        last = slip_torques(brakes, state, trial.torque_yield[1], lagged)
+    half = 0.5 * dt
+    px, py = prescribed_force(hand, t + half)
+    qx, qy = prescribed_force(hand, t + dt)
+    x, y, vx, vy = state.tip[0], state.tip[1], state.tip[2], state.tip[3]
+    ax1, ay1 = state.acceleration[0], state.acceleration[1]
+    x2, y2, vx2, vy2 = x + half * vx, y + half * vy, vx + half * ax1, vy + half * ay1
+    ax2, ay2, torque2, hx2, hy2, q2 = stage(mechanism, grip, held, middle, px, py, x2, y2, vx2, vy2)
+    x3, y3, vx3, vy3 = x + half * vx2, y + half * vy2, vx + half * ax2, vy + half * ay2
+    ax3, ay3, torque3, hx3, hy3, q3 = stage(mechanism, grip, held, middle, px, py, x3, y3, vx3, vy3)
+    x4, y4, vx4, vy4 = x + dt * vx3, y + dt * vy3, vx + dt * ax3, vy + dt * ay3
+    ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, grip, held, last, qx, qy, x4, y4, vx4, vy4)
+    sixth = dt / 6.0
+    trial.tip[0] = x + sixth * (vx + 2.0 * (vx2 + vx3) + vx4)
+    trial.tip[1] = y + sixth * (vy + 2.0 * (vy2 + vy3) + vy4)
+    trial.tip[2] = vx + sixth * (ax1 + 2.0 * (ax2 + ax3) + ax4)
+    trial.tip[3] = vy + sixth * (ay1 + 2.0 * (ay2 + ay3) + ay4)
+    trial.work = sixth * (
+        state.hand_force[0] * vx
+        + state.hand_force[1] * vy
+        + 2.0 * (hx2 * vx2 + hy2 * vy2 + hx3 * vx3 + hy3 * vy3)
+        + hx4 * vx4
+        + hy4 * vy4
+    )
+    rate = state.rate
+    turned, heat = trial.turned, trial.heat
+    turned[0], heat[0] = booked(sixth, first[0], middle[0], last[0], rate[0], q2.rate_a, q3.rate_a, q4.rate_a)
+    turned[1], heat[1] = booked(sixth, first[1], middle[1], last[1], rate[1], q2.rate_e, q3.rate_e, q4.rate_e)
+    turned[2], heat[2] = booked(sixth, first[2], middle[2], last[2], rate[2], q2.rate_b, q3.rate_b, q4.rate_b)
+    turned[3], heat[3] = booked(sixth, first[3], middle[3], last[3], rate[3], q2.rate_c, q3.rate_c, q4.rate_c)
+    trial.middle_torque = 0.5 * (torque2 + torque3)
+    if held >= 0:
+        keep_on_line(mechanism, state, trial, held)
+    tip = trial.tip
+    ax, ay, torque, hx, hy, end = stage(mechanism, grip, held, last, qx, qy, tip[0], tip[1], tip[2], tip[3])
+    trial.acceleration[0], trial.acceleration[1] = ax, ay
+    trial.hand_force[0], trial.hand_force[1] = hx, hy
+    trial.line_torque = torque
+    trial.s_1, trial.s_2 = end.s_1, end.s_2
+    store(trial, end)
+    m1, m2 = mechanism.arm_1, mechanism.arm_2
+    limit = REACH * mechanism.margin
+    least_1 = min(min(abs(q2.s_1), abs(q3.s_1)), min(abs(q4.s_1), abs(end.s_1)))
+    least_2 = min(min(abs(q2.s_2), abs(q3.s_2)), min(abs(q4.s_2), abs(end.s_2)))
+    if held >= 0:
+        trial.rate[held] = 0.0
+    closes = least_1 > limit * m1.length_1 * m1.length_2 and least_2 > limit * m2.length_1 * m2.length_2
+    return closes and math.isfinite(tip[0] + tip[1] + tip[2] + tip[3])
+
+
+@inlined
+def booked(sixth, first, middle, last, w1, w2, w3, w4):
+    """Angle that a joint turned (rad) and its heat (J) over the step, from torques and rates of the four stages."""
+    turned = sixth * (w1 + 2.0 * (w2 + w3) + w4)
+    return turned, -sixth * (first * w1 + 2.0 * middle * (w2 + w3) + last * w4)
+
+
+@kernel
+def keep_on_line(mechanism, state, at, j):
+    """Put a tip back on the SDOF path of held joint j, position and velocity (removes the method's error only)."""
+    tip = at.tip
+    if j < 4 or mechanism.coaxial != 0:
+        rx, ry = tip[0] - state.circle[0], tip[1] - state.circle[1]
+        one_over = 1.0 / math.sqrt(rx * rx + ry * ry)
+        nx, ny = rx * one_over, ry * one_over
+        tip[0], tip[1] = state.circle[0] + state.circle[2] * nx, state.circle[1] + state.circle[2] * ny
+    else:
+        nx, ny = keep_distal_angle(mechanism, state, tip)
+    along = nx * tip[2] + ny * tip[3]
+    tip[2] -= along * nx
+    tip[3] -= along * ny
+
+
+@kernel
+def keep_distal_angle(mechanism, state, tip):
+    """Move the tip along row D onto the margin between the distal links; the unit normal of that path there."""
+    m1, m2 = mechanism.arm_1, mechanism.arm_2
+    gx, gy = 1.0, 0.0
+    for _ in range(4):  # Newton steps from a place that is off by the method's error only
+        q = motion(mechanism, tip[0], tip[1], 0.0, 0.0)
+        gx, gy, _ = distal_row(q)
+        square = gx * gx + gy * gy
+        sine = q.s_1 * q.s_2 * (q.g_ax * q.g_by - q.g_ay * q.g_bx) / (m1.length_2 * m2.length_2)
+        cosine = q.s_1 * q.s_2 * (q.g_ax * q.g_bx + q.g_ay * q.g_by) / (m1.length_2 * m2.length_2)
+        target = math.asin(mechanism.margin)
+        if cosine < 0.0:
+            target = math.pi - target
+        off = state.distal_side * target - math.atan2(sine, cosine)
+        tip[0] += gx * off / square
+        tip[1] += gy * off / square
+        if abs(off) < 1e-9:
+            break
+    one_over = 1.0 / math.sqrt(gx * gx + gy * gy)
+    return gx * one_over, gy * one_over

@@ -1,0 +1,215 @@
+"""The simulated device: commands in, motion out. One step is a short list of stages.
+
+    apply    the commands of this step become yield torques (fidelity: what of the brake model a scene needs)
+    resolve  which brakes stick, which slip, and the torques that follow
+    advance  the integrator carries the state over the step
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from core.brake import torque_gain
+from core.device import Device
+from core.kernel import kernel
+from core.simulator.event import advance_event
+from core.simulator.hand import Hand, new_hand
+from core.simulator.karnopp import advance_karnopp, resolve_in_band
+from core.simulator.runge_kutta import TRIAL
+from core.simulator.solver_numbers import DELTA_OMEGA
+from core.simulator.state import new_record, new_state, pack_brakes, pack_mechanism
+from core.simulator.stepping import advance_stepping
+from core.simulator.stick_slip import STILL, same_line
+from core.simulator.stick_slip_mode import hand_changed, look, resolve
+from core.stops import distal_sine, stop_gap
+
+FIDELITIES = ("ideal", "static", "mr")
+IDEAL, STATIC, MR = range(3)
+INTEGRATORS = ("event", "stepping", "karnopp")
+EVENT, STEPPING, KARNOPP = range(3)
+
+#: s; a schedule row this near to a step's edge is that edge (DESIGN of the scene file)
+EDGE_S = 1e-9
+
+ROW_WIDTH = 10  # t, x, y, vx, vy, torque A, E, B, C, stuck bits
+
+
+@kernel
+def apply(brakes, state, commands, fidelity):
+    """Stage: yields from the commands (4,): yield torques (ideal), currents (static); mr has its lag."""
+    if fidelity == IDEAL:
+        for i in range(4):
+            state.torque_yield[i] = commands[i]
+    elif fidelity == STATIC:
+        for i in range(4):
+            if brakes.present[i] > 0.0:
+                state.torque_yield[i] = torque_gain(brakes, i, commands[i])
+
+
+@kernel
+def advance(mechanism, brakes, hand, state, trial, commands, t, h, fidelity, integrator):
+    """Stage: the integrator carries the resolved state from t to t + h, s."""
+    lagged = 1 if fidelity == MR else 0
+    if integrator == EVENT:
+        advance_event(mechanism, brakes, hand, state, trial, commands, t, h, lagged)
+    elif integrator == STEPPING:
+        state.steps += 1
+        advance_stepping(mechanism, brakes, hand, state, trial, commands, t, h, lagged)
+    else:
+        state.steps += 1
+        advance_karnopp(mechanism, brakes, hand, state, trial, commands, t, h, lagged)
+
+
+@kernel
+def stuck_bits(mechanism, brakes, state):
+    """Which brakes are stuck (bit i for joint i): held, and able to hold anything."""
+    bits = 0
+    for i in range(4):
+        if brakes.present[i] > 0.0 and state.torque_yield[i] > 0.0:
+            if state.held == STILL or (state.held >= 0 and same_line(i, state.held, mechanism.coaxial)):
+                bits |= 1 << i
+    return bits
+
+
+@kernel
+def kinetic(state):
+    """Kinetic energy of the device (J), without any arm mass on the hand's side of the sensor."""
+    m, v = state.mass, state.tip
+    return 0.5 * (m[0] * v[2] * v[2] + 2.0 * m[1] * v[2] * v[3] + m[2] * v[3] * v[3])
+
+
+@kernel
+def energy_residual(state):
+    """What the ledger leaves unexplained (J): kinetic + heat + stops - work of the hand - kinetic at the start."""
+    heat = state.heat[0] + state.heat[1] + state.heat[2] + state.heat[3]
+    return kinetic(state) + heat + state.lost_at_stops - state.work_hand - state.kinetic_start
+
+
+@kernel
+def start(mechanisms, brake_records, states, fidelity):
+    """Set up a new state: what its position says, brakes off, the play in the middle of the backlash."""
+    mechanism, brakes, state = mechanisms[0], brake_records[0], states[0]
+    state.distal_side = 1.0 if distal_sine(mechanism, state.tip[0], state.tip[1]) > 0.0 else -1.0
+    look(mechanism, state)
+    state.kinetic_start = kinetic(state)
+    for i in range(4):
+        state.play[i] = 0.5 * brakes.play[i]
+        state.edge[i] = 0.0
+        if fidelity != IDEAL and brakes.present[i] > 0.0:
+            state.torque_yield[i] = brakes.k[i, 1]
+
+
+@kernel
+def run_rows(
+    mechanisms, brake_records, hand, states, trials, times, values,
+    first_row, last_row, per_row, step, fidelity, integrator, rows,
+):  # fmt: skip
+    """Fill rows (n, ROW_WIDTH) from row `first_row` on, advancing `per_row` steps after each but `last_row`.
+
+    times (m,), values (m, 4): the command schedule; a row inside a step splits it.
+    """
+    mechanism, brakes, state, trial = mechanisms[0], brake_records[0], states[0], trials[0]
+    cursor = 0
+    if state.settled != 0 and hand_changed(hand, state, first_row * per_row * step):
+        state.settled = 0
+    for r in range(rows.shape[0]):
+        row = first_row + r
+        for s in range(per_row):
+            k = row * per_row + s
+            t, end = k * step, (k + 1) * step
+            while t < end:
+                while cursor + 1 < times.shape[0] and times[cursor + 1] <= t + EDGE_S:
+                    cursor += 1
+                apply(brakes, state, values[cursor], fidelity)
+                if integrator == KARNOPP:
+                    resolve_in_band(mechanism, brakes, hand, state, t)
+                else:
+                    resolve(mechanism, brakes, hand, state, t)
+                if s == 0 and t == k * step:
+                    rows[r, 0] = t
+                    for i in range(4):
+                        rows[r, 1 + i] = state.tip[i]
+                        rows[r, 5 + i] = state.torque[i]
+                    rows[r, 9] = stuck_bits(mechanism, brakes, state)
+                    if row == last_row:
+                        return
+                until = end
+                if cursor + 1 < times.shape[0] and times[cursor + 1] < end - EDGE_S:
+                    until = times[cursor + 1]
+                h = step if until == end and t == k * step else until - t
+                advance(mechanism, brakes, hand, state, trial, values[cursor], t, h, fidelity, integrator)
+                t = until
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """Energies in J since the start, and what happened on the way."""
+
+    work_hand: float
+    heat: tuple[float, ...]
+    lost_at_stops: float
+    kinetic: float
+    residual: float
+    added_by_brakes: float
+    steps: int
+    events: int
+    fallbacks: int
+    shortened: int
+
+
+class Simulation:
+    """One simulated device. Commands are yield torques (ideal, N m) or currents (static and mr, A), (4,) A, E, B, C."""
+
+    def __init__(
+        self,
+        device: Device,
+        tip: tuple[float, float],
+        velocity: tuple[float, float] = (0.0, 0.0),
+        fidelity: str = "ideal",
+        integrator: str = "event",
+        hand: Hand | None = None,
+        backlash: bool = True,
+        delta_omega: float = DELTA_OMEGA,
+    ):
+        self.device = device
+        self.fidelity = FIDELITIES.index(fidelity)
+        self.integrator = INTEGRATORS.index(integrator)
+        self.mechanism = pack_mechanism(device.mechanism)
+        self.brakes = pack_brakes(device.brakes, backlash=backlash and fidelity == "mr")
+        self.hand = hand if hand is not None else new_hand()
+        self.trial = new_record(TRIAL)
+        self.state = new_state(*tip, *velocity)
+        self.state["delta_omega"][0] = delta_omega
+        start(self.mechanism, self.brakes, self.state, self.fidelity)
+
+    def rows(self, n: int, step: float, per_row: int, times: np.ndarray, values: np.ndarray,
+             first_row: int = 0, last_row: int = -1) -> np.ndarray:  # fmt: skip
+        """n output rows (n, ROW_WIDTH): t, x, y, vx, vy, torque A, E, B, C, stuck bits; call again to go on."""
+        out = np.zeros((n, ROW_WIDTH))
+        run_rows(self.mechanism, self.brakes, self.hand, self.state, self.trial, times, values,
+                 first_row, last_row, per_row, step, self.fidelity, self.integrator, out)  # fmt: skip
+        return out
+
+    def run(self, duration: float, step: float, commands: np.ndarray) -> np.ndarray:
+        """Run from t = 0 with constant commands; one row a step and the last one, (n + 1, ROW_WIDTH)."""
+        n = round(duration / step)
+        return self.rows(n + 1, step, 1, np.zeros(1), np.array([commands], dtype=float), 0, n)
+
+    def ledger(self) -> Ledger:
+        """The energy ledger and the counters now."""
+        s = self.state
+        return Ledger(
+            float(s["work_hand"][0]), tuple(map(float, s["heat"][0])), float(s["lost_at_stops"][0]),
+            float(kinetic(s[0])), float(energy_residual(s[0])), float(s["added_by_brakes"][0]),
+            int(s["steps"][0]), int(s["events"][0]), int(s["fallbacks"][0]), int(s["shortened"][0]),
+        )  # fmt: skip
+
+
+def stops_of(device: Device, x: float, y: float) -> np.ndarray:
+    """Distance (5,) of each joint A, E, B, C, D to its nearest hard stop at a tip; negative: the tip is not allowed."""
+    gap, side = np.zeros(5), np.zeros(5)
+    mechanism = pack_mechanism(device.mechanism)[0]
+    sign = math.copysign(1.0, distal_sine(mechanism, x, y))
+    stop_gap(mechanism, sign, x, y, np.zeros(4), gap, side)
+    return gap

@@ -1,0 +1,108 @@
+"""The state of a simulated device: one record that the kernels change in place (a pointer to them, not an object)."""
+
+import numpy as np
+
+from core.mechanism import Brakes, Mechanism
+from core.simulator.stick_slip import FREE, STILL
+
+STATE = np.dtype(
+    [
+        # joints in the order A, E, B, C, and D (the angle between the distal links) where there are five
+        ("tip", "f8", (4,)),  # m, m/s: x, y, vx, vy
+        ("acceleration", "f8", (2,)),  # m/s2
+        ("carry", "f8", (2,)),  # m/s, `stepping`: what the turn of a held joint's path took from the velocity
+        ("hand_force", "f8", (2,)),  # N, what a sensor between handle and hand reads
+        ("mass", "f8", (3,)),  # kg, tip mass matrix xx, xy, yy of the device
+        ("bias_force", "f8", (2,)),  # N, velocity terms b
+        ("g", "f8", (5, 2)),  # 1/m, rows of the joints at the tip
+        ("rate", "f8", (5,)),  # rad/s
+        ("bias", "f8", (5,)),  # rad/s2, gdot . v
+        ("held", "i8"),  # STILL, FREE or the joint that is stuck
+        ("circle", "f8", (3,)),  # m: centre and radius of the SDOF path while one joint is stuck
+        ("sign", "f8", (5,)),  # sense in which each joint slips, 0 while it is held
+        ("contact", "f8", (5,)),  # hard stop: -1 at the low one, +1 at the high one, 0 away from both
+        ("distal_side", "f8"),  # sign of the sine between the distal links, fixed at the start
+        ("delta_omega", "f8"),  # rad/s, band of Eq. (6) (`karnopp` only)
+        ("torque", "f8", (5,)),  # N m, signed, what each brake does
+        ("torque_yield", "f8", (4,)),  # N m, what each brake can hold now (outside the backlash)
+        ("edge", "f8", (4,)),  # backlash: +1 at the upper edge of the play, -1 at the lower, 0 inside
+        ("play", "f8", (4,)),  # rad, position in the backlash
+        # energy ledger, J
+        ("work_hand", "f8"),
+        ("heat", "f8", (4,)),  # dissipated in each brake
+        ("lost_at_stops", "f8"),
+        ("kinetic_start", "f8"),
+        ("added_by_brakes", "f8"),  # the largest energy that any brake added in a step: must be none
+        # counters
+        ("steps", "i8"),
+        ("events", "i8"),
+        ("fallbacks", "i8"),  # steps (or rests of steps) that `event` gave to `stepping`
+        ("shortened", "i8"),  # steps cut because a stage left the region where the linkage closes
+        # work space of a step
+        ("cost_plus", "f8", (5,)),  # N m, what a joint holds against + motion now
+        ("cost_minus", "f8", (5,)),  # N m, against - motion
+        ("active", "i8", (5,)),  # 1: the joint carries a brake or touches a stop
+        ("lag", "f8", (4, 5)),
+        ("settled", "i8"),  # 1: the last step left pattern, acceleration and torques of a moving tip as they are now
+        ("line_torque", "f8"),  # N m, what holds the stuck joint on its own rate, brakes and stop together
+    ]
+)
+
+ARM = np.dtype([(name, "f8") for name in ("base_x", "base_y", "length_1", "length_2", "side")]
+               + [(name, "f8") for name in ("proximal", "distal", "coupling", "rotor")])  # fmt: skip
+MECHANISM = np.dtype(
+    [
+        ("arm_1", ARM),
+        ("arm_2", ARM),
+        ("tip_mass", "f8"),
+        ("coaxial", "i8"),
+        ("margin", "f8"),
+        ("theta_low", "f8", (4,)),
+        ("theta_high", "f8", (4,)),
+        ("has_theta_stops", "i8"),
+    ]
+)
+BRAKES = np.dtype(
+    [
+        ("present", "f8", (4,)),
+        ("current_max", "f8", (4,)),
+        ("k", "f8", (4, 5)),
+        ("knee", "f8", (4,)),
+        ("omega_0", "f8", (4,)),
+        ("floor", "f8", (4,)),
+        ("rise", "f8", (4, 7)),
+        ("fall", "f8", (4, 7)),
+        ("play", "f8", (4,)),
+    ]
+)
+
+
+def new_record(dtype: np.dtype) -> np.recarray:
+    """One zeroed record as an array of length one; kernels take `array[0]`."""
+    return np.zeros(1, dtype=dtype).view(np.recarray)
+
+
+def pack_mechanism(mechanism: Mechanism) -> np.recarray:
+    """The mechanism's constants as the record that kernels read by name."""
+    record = new_record(MECHANISM)
+    for name, value in mechanism._asdict().items():
+        record[name][0] = tuple(value) if name in ("arm_1", "arm_2") else value
+    return record
+
+
+def pack_brakes(brakes: Brakes, backlash: bool) -> np.recarray:
+    """The brakes' constants as a record; without `backlash` the play is left out."""
+    record = new_record(BRAKES)
+    for name, value in brakes._asdict().items():
+        record[name][0] = value
+    if not backlash:
+        record["play"][0] = 0.0
+    return record
+
+
+def new_state(x: float, y: float, vx: float = 0.0, vy: float = 0.0) -> np.recarray:
+    """A state with the tip at (x, y), m, moving at (vx, vy), m/s; brakes and backlash are set by the simulator."""
+    state = new_record(STATE)
+    state["tip"][0] = (x, y, vx, vy)
+    state["held"][0] = STILL if vx == 0.0 and vy == 0.0 else FREE
+    return state

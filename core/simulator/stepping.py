@@ -1,0 +1,259 @@
+"""The `stepping` integrator: one implicit time step over velocities, first order, never fails.
+
+    v+ = argmin 1/2 (v - v_free)' M (v - v_free) + h sum of costs
+with the exact stick-slip solver; a spring-damper hand is taken implicitly, so no stiffness is too large. It serves by
+itself, and as what `event` falls back to.
+"""
+
+import math
+
+from core.brake import lagged_yield
+from core.kernel import kernel
+from core.simulator.hand import cap_scale, hand_force, spring_force
+from core.simulator.runge_kutta import begin, keep_on_line
+from core.simulator.solver_numbers import LONGEST_WAY, MOST_HALVINGS, STIFF, TOUCHING
+from core.simulator.stick_slip import STILL, same_line, solve_at_rest
+from core.simulator.stick_slip_mode import enter_line, look, set_costs, strike
+from core.stops import stop_gap
+
+
+@kernel
+def stiffer_than(state, hand, step):
+    """True where the hand's spring-damper is too stiff for an explicit step of that length."""
+    grip = hand.grips[0]
+    if grip.spring == 0:
+        return False
+    mass = state.mass
+    least = least_eigenvalue(mass[0], mass[1], mass[2]) + grip.mass
+    k, d = grip.stiffness, grip.damping
+    stiffness, damping = max(k[0], k[2]) + abs(k[1]), max(d[0], d[2]) + abs(d[1])
+    return step * step * stiffness > STIFF * STIFF * least or step * damping > STIFF * least
+
+
+@kernel
+def least_eigenvalue(xx, xy, yy):
+    """The smaller eigenvalue of a symmetric 2 x 2 matrix."""
+    return 0.5 * (xx + yy - math.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy))
+
+
+@kernel
+def advance_stepping(mechanism, brakes, hand, state, trial, currents, t, h, lagged):
+    """Move the state from t to t + h (s) in implicit steps: one, or more where the tip goes a long way.
+
+    Expects the state's quantities at t.
+    """
+    state.settled = 0
+    elapsed, step, halvings = 0.0, h, 0
+    while elapsed < h:
+        step = min(step, h - elapsed)
+        begin(brakes, state, currents, step, lagged)
+        speed = implicit_velocity(mechanism, brakes, hand, state, trial, t + elapsed, step, lagged)
+        if speed * step > LONGEST_WAY and halvings < MOST_HALVINGS:
+            step *= 0.5
+            halvings += 1
+            continue
+        take(mechanism, brakes, hand, state, trial, step, lagged)
+        elapsed = h if step == h - elapsed else elapsed + step
+
+
+@kernel
+def implicit_velocity(mechanism, brakes, hand, state, trial, t, h, lagged):
+    """The velocity after one implicit step of h seconds: trial.tip[2:]; its size (m/s). The state keeps its motion."""
+    tip, mass, grip = state.tip, state.mass, hand.grips[0]
+    for i in range(4):
+        trial.torque_yield[0, i] = state.torque_yield[i]
+        if lagged != 0 and brakes.present[i] > 0.0:
+            state.torque_yield[i] = lagged_yield(state.lag, i, h)
+    set_costs(brakes, state)
+    for i in range(4):
+        state.torque_yield[i] = trial.torque_yield[0, i]
+    vx, vy = tip[2] + state.carry[0], tip[3] + state.carry[1]
+    mxx, mxy, myy = mass[0] + grip.mass, mass[1], mass[2] + grip.mass
+    fx, fy = hand_force(hand, t + h, tip[0], tip[1], tip[2], tip[3])
+    cxx = cxy = cyy = 0.0  # the hand's own resistance to a change of velocity, h (damping + h stiffness)
+    if grip.spring != 0:
+        sx, sy = spring_force(grip, tip[0], tip[1], tip[2], tip[3])
+        if cap_scale(grip, sx, sy) == 1.0:
+            cxx = h * (grip.damping[0] + h * grip.stiffness[0])
+            cxy = h * (grip.damping[1] + h * grip.stiffness[1])
+            cyy = h * (grip.damping[2] + h * grip.stiffness[2])
+            fx -= h * (grip.stiffness[0] * vx + grip.stiffness[1] * vy)
+            fy -= h * (grip.stiffness[1] * vx + grip.stiffness[2] * vy)
+    px = (mxx + cxx) * vx + (mxy + cxy) * vy + h * (fx - state.bias_force[0])
+    py = (mxy + cxy) * vx + (myy + cyy) * vy + h * (fy - state.bias_force[1])
+    for i in range(5):
+        state.cost_plus[i] *= h
+        state.cost_minus[i] *= h
+    held, ux, uy = solve_at_rest(
+        mxx + cxx, mxy + cxy, myy + cyy, state.g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial,
+        px, py, trial.sign,
+    )  # fmt: skip
+    trial.held = held
+    trial.tip[2], trial.tip[3] = ux, uy
+    dvx, dvy = (ux - vx) / h, (uy - vy) / h
+    trial.acceleration[0], trial.acceleration[1] = dvx, dvy
+    trial.hand_force[0] = fx - cxx * dvx - cxy * dvy - grip.mass * dvx
+    trial.hand_force[1] = fy - cxy * dvx - cyy * dvy - grip.mass * dvy
+    return math.sqrt(ux * ux + uy * uy)
+
+
+@kernel
+def take(mechanism, brakes, hand, state, trial, h, lagged):
+    """Take the implicit step: move the tip, enter the ledger, look around."""
+    tip = state.tip
+    for i in range(4):
+        if lagged != 0 and brakes.present[i] > 0.0:
+            state.torque_yield[i] = lagged_yield(state.lag, i, h)
+    for j in range(5):
+        state.sign[j] = trial.sign[j]
+        for k in range(2):
+            trial.g[j, k] = state.g[j, k]
+    for k in range(2):
+        state.carry[k] = 0.0
+        state.acceleration[k], state.hand_force[k] = trial.acceleration[k], trial.hand_force[k]
+    state.held = trial.held
+    if state.held >= 0:
+        enter_line(mechanism, state, state.held)
+    x, y = tip[0], tip[1]
+    tip[2], tip[3] = trial.tip[2], trial.tip[3]
+    move(mechanism, state, trial, h, hand.grips[0].mass)
+    book(brakes, state, trial, tip[0] - x, tip[1] - y, h)
+    look(mechanism, state)
+
+
+@kernel
+def book(brakes, state, trial, dx, dy, h):
+    """Ledger and backlash of one implicit step over the way (dx, dy) that the tip went, by the rows at its start."""
+    state.work_hand += state.hand_force[0] * dx + state.hand_force[1] * dy
+    for i in range(4):
+        if brakes.present[i] > 0.0 and state.active[i] != 0 and state.sign[i] != 0.0:
+            turned = trial.g[i, 0] * dx + trial.g[i, 1] * dy
+            cost = state.cost_plus[i] if turned > 0.0 else state.cost_minus[i]  # already times h
+            if not math.isinf(cost):
+                state.heat[i] += cost / h * abs(turned)
+            if brakes.play[i] > 0.0:
+                drift_in_backlash(brakes, state, i, turned)
+
+
+@kernel
+def move(mechanism, state, trial, h, arm_mass):
+    """Displace the tip by h v; stay on the held joint's SDOF path; strike a hard stop that lies in the way."""
+    tip = state.tip
+    if state.held == STILL:
+        return
+    x, y = tip[0], tip[1]
+    tip[0], tip[1] = x + h * tip[2], y + h * tip[3]
+    if state.held >= 0:
+        turn(mechanism, state, state.held)
+    for j in range(5):
+        if not (state.held >= 0 and same_line(j, state.held, mechanism.coaxial)):
+            state.contact[j] = 0.0
+    stop_on_the_way(mechanism, state, trial, x, y, h, arm_mass)
+    if beyond_a_stop(mechanism, state, trial, tip[0], tip[1]):
+        retreat(mechanism, state, trial, x, y)
+    for j in range(5):
+        if trial.gap[j] <= TOUCHING:
+            state.contact[j] = trial.gap_side[j]
+
+
+@kernel
+def turn(mechanism, state, j):
+    """Put the displaced tip on the SDOF path of joint j and turn its velocity to the tangent there.
+
+    What the turn took away stays in `carry` and goes back into the next step's momentum: the joint (or its stop) must
+    provide it, a brake out of its yield, as in any time-stepping scheme.
+    """
+    tip = state.tip
+    ux, uy = tip[2], tip[3]
+    keep_on_line(mechanism, state, state, j)
+    speed, kept = math.sqrt(ux * ux + uy * uy), math.sqrt(tip[2] * tip[2] + tip[3] * tip[3])
+    if kept > 0.0:
+        tip[2] *= speed / kept
+        tip[3] *= speed / kept
+    state.carry[0], state.carry[1] = ux - tip[2], uy - tip[3]
+
+
+@kernel
+def stop_on_the_way(mechanism, state, trial, x, y, h, arm_mass):
+    """Strike a hard stop between (x, y) and the tip and slide along it for the rest of the step; its joint, or -1."""
+    tip = state.tip
+    struck = worst_stop(mechanism, state, trial, tip[0], tip[1])
+    if struck < 0:
+        return struck
+    # bisect the way for the last place before the stop
+    low, high = 0.0, 1.0
+    ex, ey = tip[0] - x, tip[1] - y
+    for _ in range(60):
+        s = 0.5 * (low + high)
+        j = worst_stop(mechanism, state, trial, x + s * ex, y + s * ey)
+        if j >= 0:
+            high, struck = s, j
+        else:
+            low = s
+    tip[0], tip[1] = x + low * ex, y + low * ey
+    worst_stop(mechanism, state, trial, x + high * ex, y + high * ey)
+    side = trial.gap_side[struck]
+    state.carry[0] = state.carry[1] = 0.0
+    look(mechanism, state)
+    strike(mechanism, state, struck, side, arm_mass)
+    if state.held != STILL:
+        hit_x, hit_y, rest = tip[0], tip[1], (1.0 - low) * h
+        enter_line(mechanism, state, struck)
+        tip[0], tip[1] = hit_x + rest * tip[2], hit_y + rest * tip[3]
+        turn(mechanism, state, struck)
+        stop_gap(mechanism, state.distal_side, tip[0], tip[1], trial.theta, trial.gap, trial.gap_side)
+        for j in range(5):
+            if trial.gap[j] < -TOUCHING and not same_line(j, struck, mechanism.coaxial):
+                tip[0], tip[1] = hit_x, hit_y  # another stop: what is left of the step is lost
+                tip[2], tip[3] = tip[2] + state.carry[0], tip[3] + state.carry[1]
+                state.carry[0] = state.carry[1] = 0.0
+                break
+    return struck
+
+
+@kernel
+def beyond_a_stop(mechanism, state, trial, x, y):
+    """True where (x, y) lies beyond any hard stop; fills the trial's gaps."""
+    stop_gap(mechanism, state.distal_side, x, y, trial.theta, trial.gap, trial.gap_side)
+    least = min(min(trial.gap[0], trial.gap[1]), min(trial.gap[2], min(trial.gap[3], trial.gap[4])))
+    return least < -TOUCHING
+
+
+@kernel
+def retreat(mechanism, state, trial, x, y):
+    """Between two stops: take the last place on the way from (x, y) that is beyond neither."""
+    tip = state.tip
+    ex, ey = tip[0] - x, tip[1] - y
+    low, high = 0.0, 1.0
+    for _ in range(50):
+        s = 0.5 * (low + high)
+        if beyond_a_stop(mechanism, state, trial, x + s * ex, y + s * ey):
+            high = s
+        else:
+            low = s
+    tip[0], tip[1] = x + low * ex, y + low * ey
+    beyond_a_stop(mechanism, state, trial, tip[0], tip[1])
+
+
+@kernel
+def worst_stop(mechanism, state, trial, x, y):
+    """The joint that lies furthest beyond its stop at (x, y), not counting one that the tip slides along; -1: none."""
+    stop_gap(mechanism, state.distal_side, x, y, trial.theta, trial.gap, trial.gap_side)
+    worst, least = -1, 0.0
+    for j in range(5):
+        if state.contact[j] == 0.0 and trial.gap[j] < least:
+            worst, least = j, trial.gap[j]
+    return worst
+
+
+@kernel
+def drift_in_backlash(brakes, state, i, turned):
+    """Move brake i through its play (first order: an edge reached inside the step counts from the next one)."""
+    if state.edge[i] * turned >= 0.0 and state.edge[i] != 0.0:
+        return
+    state.edge[i] = 0.0
+    state.play[i] += turned
+    if state.play[i] >= brakes.play[i]:
+        state.play[i], state.edge[i] = brakes.play[i], 1.0
+    elif state.play[i] <= 0.0:
+        state.play[i], state.edge[i] = 0.0, -1.0

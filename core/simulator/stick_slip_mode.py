@@ -1,0 +1,287 @@
+"""The pattern of stick and slip at an instant: which joint is held, which way each other brake slips.
+
+`resolve` asks the exact solver at the start of a step; `meet` when the rate of one joint reaches zero on the way;
+`strike` when a joint runs into a hard stop.
+"""
+
+import math
+
+from core.dynamics import motion
+from core.kernel import inlined, kernel
+from core.linkage import links
+from core.simulator.hand import hand_force
+from core.simulator.load_sharing import leave_stops_their_share, share_at_rest, share_on_line
+from core.simulator.solver_numbers import HAND_ROUNDING, RATE_ROUNDING
+from core.simulator.stick_slip import (
+    FREE,
+    STILL,
+    holding_torque,
+    line_limits,
+    same_line,
+    solve_at_rest,
+    solve_mass,
+)
+
+
+@kernel
+def look(mechanism, state):
+    """Stage: everything that position and velocity say (rows, rates, mass, velocity terms) into the state."""
+    tip = state.tip
+    store(state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))
+
+
+@inlined
+def store(state, q):
+    """Copy a `Motion` into the state's arrays; row D is the rate of the angle between the distal links."""
+    g, rate, bias = state.g, state.rate, state.bias
+    g[0, 0], g[0, 1], g[1, 0], g[1, 1] = q.g_ax, q.g_ay, q.g_ex, q.g_ey
+    g[2, 0], g[2, 1], g[3, 0], g[3, 1] = q.g_bx, q.g_by, q.g_cx, q.g_cy
+    g[4, 0] = q.g_bx + q.g_cx - q.g_ax - q.g_ex
+    g[4, 1] = q.g_by + q.g_cy - q.g_ay - q.g_ey
+    rate[0], rate[1], rate[2], rate[3] = q.rate_a, q.rate_e, q.rate_b, q.rate_c
+    rate[4] = q.rate_b + q.rate_c - q.rate_a - q.rate_e
+    bias[0], bias[1], bias[2], bias[3] = q.bias_a, q.bias_e, q.bias_b, q.bias_c
+    bias[4] = q.bias_b + q.bias_c - q.bias_a - q.bias_e
+    state.mass[0], state.mass[1], state.mass[2] = q.mass_xx, q.mass_xy, q.mass_yy
+    state.bias_force[0], state.bias_force[1] = q.bias_x, q.bias_y
+
+
+@kernel
+def set_costs(brakes, state):
+    """What each joint holds against + and - motion now: yield, off torque inside the backlash, infinite at a stop.
+
+    False where that is what it was before.
+    """
+    changed = False
+    for i in range(4):
+        held = state.torque_yield[i]
+        plus = minus = held
+        if brakes.play[i] > 0.0:
+            off = min(brakes.k[i, 1], held)
+            if state.edge[i] <= 0.0:
+                plus = off
+            if state.edge[i] >= 0.0:
+                minus = off
+        if state.contact[i] == 0.0 and (state.cost_plus[i] != plus or state.cost_minus[i] != minus):
+            changed = True
+        state.cost_plus[i], state.cost_minus[i] = plus, minus
+        state.active[i] = 1 if brakes.present[i] > 0.0 else 0
+    state.cost_plus[4] = state.cost_minus[4] = 0.0
+    state.active[4] = 0
+    for j in range(5):
+        if state.contact[j] > 0.0:
+            state.cost_plus[j], state.active[j], changed = math.inf, 1, True
+        elif state.contact[j] < 0.0:
+            state.cost_minus[j], state.active[j], changed = math.inf, 1, True
+    return changed
+
+
+@kernel
+def slip_torque(state, i):
+    """Torque of joint i in the sense in which it slips (N m); 0 where it does not, or has nothing but a stop."""
+    torque = 0.0
+    if state.active[i] != 0 and state.sign[i] != 0.0:
+        torque = -state.cost_plus[i] if state.sign[i] > 0.0 else state.cost_minus[i]
+    return 0.0 if math.isinf(torque) else torque
+
+
+@kernel
+def slipping_force(state, held, coaxial):
+    """Force of the slipping brakes on the tip, sum of g_i torque_i over joints off the held line (N)."""
+    fx = fy = 0.0
+    for i in range(4):
+        if not (held >= 0 and same_line(i, held, coaxial)):
+            torque = slip_torque(state, i)
+            fx += state.g[i, 0] * torque
+            fy += state.g[i, 1] * torque
+    return fx, fy
+
+
+@kernel
+def resolve(mechanism, brakes, hand, state, t):
+    """Stage: the pattern at time t for the yields now in the state; fills held, sign, acceleration and torque.
+
+    Where the last step left the pattern of a moving tip settled and nothing has changed since, it stands.
+    """
+    changed = set_costs(brakes, state)
+    if state.settled != 0 and not changed and hand.grips[0].spring == 0:
+        for i in range(4):
+            state.torque[i] = slip_torque(state, i)
+        if state.held >= 0:
+            share_on_line(state, state.held, state.line_torque, mechanism.coaxial)
+        return
+    tip, mass, arm_mass = state.tip, state.mass, hand.grips[0].mass
+    fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
+    mxx, mxy, myy = mass[0] + arm_mass, mass[1], mass[2] + arm_mass
+    if tip[2] == 0.0 and tip[3] == 0.0:
+        held, _, _ = solve_at_rest(
+            mxx, mxy, myy, state.g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial,
+            fx, fy, state.sign,
+        )  # fmt: skip
+        state.held = held
+        if held >= 0:
+            enter_line(mechanism, state, held)
+    else:
+        if state.held == STILL:
+            state.held = FREE
+        for i in range(5):
+            rate = state.rate[i]
+            if state.active[i] == 0 or on_held_line(mechanism, state, i):
+                continue
+            at_stop = state.contact[i] != 0.0 and state.contact[i] * rate > -RATE_ROUNDING
+            if not at_stop and state.sign[i] * rate >= RATE_ROUNDING:
+                continue
+            at_rest = at_stop or rate == 0.0 or (state.sign[i] == 0.0 and abs(rate) <= RATE_ROUNDING)
+            if at_rest and state.held == FREE:
+                meet(mechanism, state, i, fx, fy, arm_mass)
+            elif abs(rate) > RATE_ROUNDING or state.sign[i] == 0.0:
+                state.sign[i] = 1.0 if rate > 0.0 else -1.0
+        if state.held >= 0:
+            meet(mechanism, state, state.held, fx, fy, arm_mass)
+    settle_edges(brakes, state)
+    finish(mechanism, state, fx, fy, arm_mass)
+
+
+@kernel
+def hand_changed(hand, state, t):
+    """True where the hand force at time t is not the one under which the last step ended: it is another hand."""
+    fx, fy = hand_force(hand, t, state.tip[0], state.tip[1], state.tip[2], state.tip[3])
+    arm_mass = hand.grips[0].mass
+    dx = fx - arm_mass * state.acceleration[0] - state.hand_force[0]
+    dy = fy - arm_mass * state.acceleration[1] - state.hand_force[1]
+    return not abs(dx) + abs(dy) <= HAND_ROUNDING * (1.0 + abs(fx) + abs(fy))
+
+
+@kernel
+def on_held_line(mechanism, state, i):
+    """True where joint i is at rest because a joint on its line is held."""
+    return state.held >= 0 and same_line(i, state.held, mechanism.coaxial)
+
+
+@kernel
+def meet(mechanism, state, j, fx, fy, arm_mass):
+    """Joint j has no rate while the tip moves: it sticks, or slips on in the sense that the forces give it.
+
+    A soft threshold on its SDOF line; joints on the same line (E and C on coaxial bases) go with it.
+    """
+    g, mass = state.g, state.mass
+    sx, sy = slipping_force(state, j, mechanism.coaxial)
+    torque = holding_torque(
+        mass[0] + arm_mass,
+        mass[1],
+        mass[2] + arm_mass,
+        g[j, 0],
+        g[j, 1],
+        state.bias[j],
+        fx + sx - state.bias_force[0],
+        fy + sy - state.bias_force[1],
+    )
+    plus, minus = line_limits(g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial, j)
+    if torque < -plus:
+        release(mechanism, state, j, 1.0)
+    elif torque > minus:
+        release(mechanism, state, j, -1.0)
+    elif state.held != j:
+        state.held = j
+        for i in range(5):
+            if same_line(i, j, mechanism.coaxial):
+                state.sign[i] = 0.0
+        enter_line(mechanism, state, j)
+
+
+@kernel
+def release(mechanism, state, j, sense):
+    """Joint j starts to slip in `sense` (+1 or -1), the joints on its line with it."""
+    state.held = FREE
+    g = state.g
+    for i in range(5):
+        if same_line(i, j, mechanism.coaxial):
+            state.sign[i] = sense if g[i, 0] * g[j, 0] + g[i, 1] * g[j, 1] > 0.0 else -sense
+
+
+@kernel
+def enter_line(mechanism, state, j):
+    """Joint j is held from here on: the tip moves on a circle (its angle is held, not only its rate)."""
+    x, y = state.tip[0], state.tip[1]
+    arm = mechanism.arm_1 if j < 2 else mechanism.arm_2
+    cx, cy = arm.base_x, arm.base_y
+    if j == 0 or j == 2:  # the others turn about a base: E, C, and D on coaxial bases
+        e1x, e1y, _, _, _ = links(arm, x, y)
+        cx, cy = cx + e1x, cy + e1y
+    state.circle[0], state.circle[1] = cx, cy
+    state.circle[2] = math.sqrt((x - cx) * (x - cx) + (y - cy) * (y - cy))
+    gx, gy = state.g[j, 0], state.g[j, 1]
+    along = (gx * state.tip[2] + gy * state.tip[3]) / (gx * gx + gy * gy)
+    state.tip[2] -= along * gx
+    state.tip[3] -= along * gy
+
+
+@kernel
+def settle_edges(brakes, state):
+    """A brake that slips away from the edge of its backlash leaves it."""
+    for i in range(4):
+        if brakes.play[i] > 0.0 and state.sign[i] * state.edge[i] < 0.0:
+            state.edge[i] = 0.0
+            off = min(brakes.k[i, 1], state.torque_yield[i])
+            if not math.isinf(state.cost_plus[i]):
+                state.cost_plus[i] = off
+            if not math.isinf(state.cost_minus[i]):
+                state.cost_minus[i] = off
+
+
+@kernel
+def finish(mechanism, state, fx, fy, arm_mass):
+    """Acceleration, torques and the sensed hand force that the pattern implies under the hand force f."""
+    g, mass = state.g, state.mass
+    held = state.held
+    if held == STILL:
+        state.acceleration[0] = state.acceleration[1] = 0.0
+        state.hand_force[0], state.hand_force[1] = fx, fy
+        share_at_rest(state, fx, fy)
+        leave_stops_their_share(state)
+        return
+    for i in range(5):
+        state.torque[i] = slip_torque(state, i) if i < 4 else 0.0
+    sx, sy = slipping_force(state, held, mechanism.coaxial)
+    rx, ry = fx + sx - state.bias_force[0], fy + sy - state.bias_force[1]
+    mxx, mxy, myy = mass[0] + arm_mass, mass[1], mass[2] + arm_mass
+    if held >= 0:
+        torque = holding_torque(mxx, mxy, myy, g[held, 0], g[held, 1], state.bias[held], rx, ry)
+        rx += g[held, 0] * torque
+        ry += g[held, 1] * torque
+        state.line_torque = torque
+        share_on_line(state, held, torque, mechanism.coaxial)
+        leave_stops_their_share(state)
+    ax, ay = solve_mass(mxx, mxy, myy, rx, ry)
+    state.acceleration[0], state.acceleration[1] = ax, ay
+    state.hand_force[0], state.hand_force[1] = fx - arm_mass * ax, fy - arm_mass * ay
+
+
+@kernel
+def strike(mechanism, state, j, side, arm_mass):
+    """Joint j runs into its stop (side +1: at the high end): plastic impact, brakes give no impulse.
+
+    v+ = argmin 1/2 (v - v-)' M (v - v-) with the stop's rate >= 0; the loss goes to the ledger as an entry of its own.
+    """
+    mass, g, tip = state.mass, state.g, state.tip
+    mxx, mxy, myy = mass[0] + arm_mass, mass[1], mass[2] + arm_mass
+    state.contact[j] = side
+    before = 0.5 * (mxx * tip[2] * tip[2] + 2.0 * mxy * tip[2] * tip[3] + myy * tip[3] * tip[3])
+    arm_before = 0.5 * arm_mass * (tip[2] * tip[2] + tip[3] * tip[3])
+    hx, hy = solve_mass(mxx, mxy, myy, g[j, 0], g[j, 1])
+    impulse = (g[j, 0] * tip[2] + g[j, 1] * tip[3]) / (g[j, 0] * hx + g[j, 1] * hy)
+    tip[2] -= hx * impulse
+    tip[3] -= hy * impulse
+    for i in range(5):
+        if i != j and state.contact[i] * (g[i, 0] * tip[2] + g[i, 1] * tip[3]) > 0.0:
+            tip[2] = tip[3] = 0.0  # wedged between two stops
+    after = 0.5 * (mxx * tip[2] * tip[2] + 2.0 * mxy * tip[2] * tip[3] + myy * tip[3] * tip[3])
+    state.lost_at_stops += before - after
+    state.work_hand += arm_before - 0.5 * arm_mass * (tip[2] * tip[2] + tip[3] * tip[3])
+    look(mechanism, state)
+    state.held = STILL if tip[2] == 0.0 and tip[3] == 0.0 else FREE
+    for i in range(5):
+        if same_line(i, j, mechanism.coaxial):
+            state.rate[i] = 0.0  # exactly: `meet` says how it goes on
+        rate = state.rate[i]
+        state.sign[i] = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)

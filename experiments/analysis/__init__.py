@@ -1,0 +1,1 @@
+"""From recordings to metrics, trials.csv, statistics, box plots and the report."""

@@ -1,0 +1,237 @@
+"""The paper's eleven qualitative statements (Sections V-B and VI), each tested on the trials at hand.
+
+One rule for all, fixed before any data:
+
+- A statement is split into claims, a claim into comparisons: one for each configuration and, where two measures stand
+  for one thing (force over time and over progress; acceleration's weighted DFT sum and weighted rms), one for each.
+- In a comparison every participant gives one difference, first minus second, of the medians of their own trials (for
+  "consistent": of their trials' mean distance from the middle of the box). What counts is the mean participant and
+  the 95 % interval of `mean_interval`, which fewer people only widen: nothing gets easier to say with fewer. It takes
+  the differences as normal, which few people cannot show: below six the report says so. One participant has no
+  interval: unclear.
+- below:   yes if the whole interval is under 0; else no if it is all over 0, or within 15 % of the uncontrolled
+           median either way (no difference to speak of).
+- similar: within 15 % of the uncontrolled median (for "little change in accuracy": 0.5 mm) either way. Yes if the
+           whole interval is; no if none of it is.
+- at most: "negligible cost", "gains nothing": at most 0.5 mm in accuracy, 15 % of the uncontrolled median in force and
+           smoothness. Yes if the whole interval is; no if none of it is.
+- A comparison is unclear otherwise (the interval is too wide), and when a controller or device was not tried, or when
+  under 90 % of its trials reached the end of the path (what was measured is then how far the tip came).
+- A claim is true or false if all its comparisons say so, else unclear: measures or configurations disagree.
+- A statement holds if all its claims are true, does not hold if one is false, and else one cannot tell.
+
+"Uncontrolled median": of the participants' scores without control, in the same configuration (between configurations:
+on the three-brake device). Our choice: the difference within a person, where the paper compares boxes.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from experiments.analysis.participants import (
+    Interval,
+    Scores,
+    configurations_of,
+    finished_share,
+    mean_interval,
+    people_of,
+    scores,
+    spreads,
+    too_few,
+)
+from experiments.analysis.statements import (
+    AT_MOST,
+    BELOW,
+    CONTROLLER,
+    ERROR,
+    FORCE,
+    ROUGHNESS,
+    SHORT,
+    STATEMENTS,
+    Claim,
+    Statement,
+    name,
+)
+from experiments.analysis.trials_table import TrialRow
+
+SIMILAR_SHARE = 0.15  # of the uncontrolled median
+NEGLIGIBLE_M = 0.0005
+LEAST_FINISHED = 0.9  # share of the trials of each controller compared
+HOLDS, FAILS, CANNOT_TELL = "holds", "does not hold", "cannot tell"
+
+
+class Comparison(NamedTuple):
+    """One claim, by one measure, in one configuration (or between two)."""
+
+    claim: Claim
+    measure: str
+    where: str
+    answer: bool | None  # None: unclear
+    reason: str = ""  # why unclear, when it is not the interval's width
+    found: Interval | None = None  # of first minus second, in the unit
+    band: float = 0.0  # what counts as similar or negligible, in the unit
+    unit: str = ""  # "mm" or "%", of the uncontrolled median
+
+    @property
+    def what(self) -> str:
+        """What is compared with what."""
+        measure = f"spread of {SHORT[self.measure]}" if self.claim.spread else SHORT[self.measure]
+        against = "" if self.claim.devices else f" against {name(self.claim.second)}"
+        return f"{measure}, {name(self.claim.first)}{against}"
+
+    @property
+    def numbers(self) -> str:
+        """Where, and the difference with its interval."""
+        if self.found is None:
+            return f"{self.where} ({self.reason})"
+        digits = 2 if self.unit == "mm" else 0
+        middle, low, high = (f"{round(value, digits) + 0.0:+.{digits}f}" for value in self.found[1:])
+        interval = f" ({low} to {high})" if self.found.is_bounded else ""
+        return f"{self.where} {middle} {self.unit}{interval}"
+
+
+class Finding(NamedTuple):
+    """A statement's verdict, with what it rests on."""
+
+    statement: Statement
+    verdict: str  # HOLDS, FAILS, CANNOT_TELL
+    sentence: str
+    people: int  # the fewest that any of its comparisons rests on
+    comparisons: tuple[Comparison, ...]
+
+
+def findings(rows: Sequence[TrialRow]) -> list[Finding]:
+    """All eleven, for any study: of simulated operators or people, complete or not."""
+    by_measure = {column: scores(rows, column, np.median) for column in (*ERROR, *FORCE, *ROUGHNESS)}
+    error_spread, finished = spreads(rows, ERROR[0]), finished_share(rows)
+    people, configurations = people_of(rows), configurations_of(rows)
+    found = []
+    for statement in STATEMENTS:
+        compared = []
+        for claim in statement.claims:
+            places = [claim.devices] if claim.devices else [(one, one) for one in configurations]
+            for place in places:
+                for measure in claim.measures:
+                    table = error_spread if claim.spread else by_measure[measure]
+                    compared.append(_compare(claim, measure, place, table, finished, people))
+        fewest = min((one.found.people for one in compared if one.found), default=len(people))
+        found.append(Finding(statement, *_decide(statement, compared), fewest, tuple(compared)))
+    return found
+
+
+def _compare(
+    claim: Claim,
+    measure: str,
+    place: tuple[str, str],
+    table: Scores,
+    finished: dict[tuple[str, int | str], float],
+    people: Sequence[str],
+) -> Comparison:
+    first_place, second_place = place
+    where = first_place if first_place == second_place else f"{first_place} against {second_place}"
+    sides = ((first_place, claim.first), (second_place, claim.second), (first_place, (1,)))
+    measured = {cell[1:] for cell in table}
+    for side in dict.fromkeys((device, k) for device, controllers in sides for k in controllers):
+        share = finished.get(side)
+        of_it = f"trials of {CONTROLLER[side[1]]!r} on {side[0]}"
+        if share is None:
+            return Comparison(claim, measure, where, None, f"no {of_it}")
+        if share < LEAST_FINISHED:
+            return Comparison(claim, measure, where, None, f"only {100 * share:.0f} % of the {of_it} reached the end")
+        if side not in measured:
+            return Comparison(claim, measure, where, None, f"nothing measured in the {of_it}")
+
+    uncontrolled = float(np.median([v for (_, device, k), v in table.items() if (device, k) == (first_place, 1)]))
+    differences = []
+    for person in people:
+        a = [table.get((person, first_place, k)) for k in claim.first]
+        b = [table.get((person, second_place, k)) for k in claim.second]
+        if None not in a and None not in b:
+            differences.append(float(np.mean(a) - np.mean(b)))  # type: ignore[arg-type]
+    if not differences:
+        return Comparison(claim, measure, where, None, f"no participant tried both sides ({where})")
+    if not uncontrolled > 0.0:
+        return Comparison(claim, measure, where, None, f"{SHORT[measure]} without control is 0 on {first_place}")
+    in_mm = measure in ERROR and (claim.negligible or claim.kind == BELOW)
+    scale, unit = (1e3, "mm") if in_mm else (100.0 / uncontrolled, "%")
+    band = scale * (NEGLIGIBLE_M if claim.negligible else SIMILAR_SHARE * uncontrolled)
+    interval = mean_interval(scale * np.array(differences))
+    return Comparison(claim, measure, where, answer(claim.kind, interval, band), "", interval, band, unit)
+
+
+def answer(kind: str, found: Interval, band: float) -> bool | None:
+    """Whether an interval says yes (True), no (False), or neither (None) to a comparison of this kind."""
+    within = -band <= found.low and found.high <= band
+    if kind == BELOW:
+        return True if found.high < 0.0 else False if found.low > 0.0 or within else None
+    if kind == AT_MOST:
+        return True if found.high <= band else False if found.low > band else None
+    return True if within else False if found.low > band or found.high < -band else None
+
+
+def _decide(statement: Statement, compared: Sequence[Comparison]) -> tuple[str, str]:
+    """The verdict and its sentence: about the first false claim, or the first unclear one, or the narrowest."""
+    sorted_out: dict[bool | None, list[list[Comparison]]] = {True: [], False: [], None: []}
+    for claim in statement.claims:
+        of_it = [comparison for comparison in compared if comparison.claim is claim]
+        answers = {comparison.answer for comparison in of_it}
+        sorted_out[answers.pop() if len(answers) == 1 else None].append(of_it)
+    several = len(statement.claims) > 1
+    true, false, unclear = sorted_out[True], sorted_out[False], sorted_out[None]
+    if not compared:
+        return CANNOT_TELL, "There are no trials."
+    if false:
+        count = (
+            f"{len(false)} of {len(statement.claims)} claims fail{'s' if len(false) == 1 else ''}. " if several else ""
+        )
+        return FAILS, f"{count}{_listed(false[0])}; needed: {_needed(false[0][0])}."
+    if unclear:
+        count = f"{len(unclear)} of {len(statement.claims)} claims unclear. " if several else ""
+        return CANNOT_TELL, count + _why_unclear(unclear[0])
+    closest = min(true, key=lambda of_it: min(map(_margin, of_it)))
+    return HOLDS, f"{'Closest. ' if several else ''}{_listed(closest)}."
+
+
+def _listed(compared: Sequence[Comparison]) -> str:
+    places: dict[str, list[str]] = {}
+    for one in compared:
+        places.setdefault(one.what, []).append(one.numbers)
+    text = "; ".join(f"{what}: {', '.join(numbers)}" for what, numbers in places.items())
+    return text[:1].upper() + text[1:]
+
+
+def _needed(comparison: Comparison) -> str:
+    if comparison.claim.kind == BELOW:
+        return "less than 0"
+    band = f"{1e3 * NEGLIGIBLE_M:g} mm" if comparison.claim.negligible else f"{100 * SIMILAR_SHARE:g} %"
+    return f"at most +{band}" if comparison.claim.kind == AT_MOST else f"within {band} either way"
+
+
+def _why_unclear(compared: Sequence[Comparison]) -> str:
+    missing = "; ".join(dict.fromkeys(one.reason for one in compared if one.reason))
+    if missing:
+        return f"{missing[:1].upper()}{missing[1:]}."
+    if {True, False} <= {one.answer for one in compared}:
+        why = "measures or devices disagree"
+    elif not all(one.found.is_bounded for one in compared if one.found):
+        why = "one participant has no interval"
+    else:
+        why = "an interval is too wide"
+    return f"{_listed(compared)}; needed: {_needed(compared[0])}, but {why}."
+
+
+def _margin(comparison: Comparison) -> float:
+    """How far a true comparison is from not being so, in bands."""
+    found, band = comparison.found, comparison.band
+    if found is None or not band:
+        return 0.0
+    if comparison.claim.kind == BELOW:
+        return -found.high / band
+    room = band - found.high if comparison.claim.kind == AT_MOST else band - max(found.high, -found.low)
+    return room / band
+
+
+def description_only(found: Sequence[Finding]) -> str:
+    """The sentence that refuses to claim anything for others; empty if there are people enough."""
+    return too_few(min(one.people for one in found))

@@ -1,0 +1,315 @@
+"""What a study leaves to read: findings.csv, statistics.csv, participant_means.csv and report.md.
+
+Plain sentences and tables; the same rows and note give the same bytes.
+"""
+
+import csv
+import io
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from pathlib import Path
+
+from core.control.controllers import NO_CONTROL, Preset
+from core.errors import InputError
+from experiments.analysis.findings import Finding, description_only, findings
+from experiments.analysis.participants import configurations_of, finished_share, people_of, scores, too_few
+from experiments.analysis.sensitivity import Variants, sensitivity, swapped
+from experiments.analysis.statements import CONTROLLER, why_no_findings
+from experiments.analysis.statistics import MEASURES, POOLED, Result, least_p_holm, statistics
+from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller
+from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
+
+#: Column -> its name, unit, value in the unit / value in the table, decimals.
+SHOWN = {
+    "path_error_m": ("path error", "mm", 1e3, 2),
+    "mean_tip_force_N": ("mean tip force", "N", 1.0, 2),
+    "acceleration_dft_sum": ("acceleration DFT sum", "m/s²", 1.0, 1),
+}
+SIMULATED = "The operators are simulated: read it as what this model says, not as people."
+READ = (
+    "A difference is taken within each participant; then stands the mean participant's, in brackets its 95 % interval "
+    "(Student's t, which takes the differences as normal; fewer participants only widen it, one alone has none and "
+    "decides nothing); % is of the uncontrolled median. Similar: within 15 %. Negligible in accuracy: at most 0.5 mm. "
+    "A statement holds only if every device and every measure of one thing says so; where they disagree, the interval "
+    "is too wide, or under 90 % of the trials reached the end, one cannot tell."
+)
+
+
+def write_report(
+    rows: Sequence[TrialRow],
+    out_folder: str | Path,
+    note: str,
+    variants: Variants | None = None,
+    controllers: Mapping[int, Preset] | None = None,
+    simulated: bool = False,
+) -> list[Path]:
+    """Write the files into `out_folder`; their paths. note: what was used, as on the figures.
+
+    variants: further definitions of smoothness, as `sensitivity.of_recording(folder)` takes them from recordings.
+    controllers: those of the protocol (None: Table I); the paper's statements are tested on Table I's alone. Of coded
+    rows only the means are written: each blind session has a key of its own, so codes cannot be compared.
+    simulated: operators, not people, moved the handle.
+    InputError before anything is written if one exists already or no trial counts.
+    """
+    folder = Path(out_folder)
+    if not any(row.status in COUNTED for row in rows):
+        raise InputError(f"{folder}: no trial was done or timed out, there is nothing to report")
+    coded = any(isinstance(row.controller, str) for row in rows)
+    refusal = why_no_findings(controllers or {}, coded)
+    names = CONTROLLER if controllers is None or not refusal else {k: one.name for k, one in controllers.items()}
+    none = 1 if controllers is None else next((k for k, one in controllers.items() if one.algorithm == NO_CONTROL), 0)
+    texts = {"participant_means.csv": means_csv(rows)}
+    if coded:
+        texts["report.md"] = report(rows, refusal, [], [], note, names, none, simulated)
+    else:
+        found = [] if refusal else findings(rows)
+        results = [*statistics(rows), *sensitivity(rows, variants)]
+        if found:
+            texts["findings.csv"] = findings_csv(found)
+        texts["statistics.csv"] = _csv(Result._fields, results)
+        texts["report.md"] = report(rows, refusal, found, results, note, names, none, simulated)
+    for name in texts:
+        if (folder / name).exists():
+            raise InputError(f"{folder / name}: exists already, no report was written")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in texts.items():
+            with written_beside(folder / name, text.encode(), sync=False) as partial:
+                give_new_name(partial, folder / name)
+    except OSError as error:
+        if not is_wrong_path(error):
+            raise
+        raise InputError(f"{folder}: the report cannot be written: {error.strerror}") from None
+    return [folder / name for name in texts]
+
+
+def _csv(header: Sequence[str], lines: Iterable[Sequence[object]]) -> str:
+    """Lines of cells; a number to nine digits, an empty cell for None."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    for line in lines:
+        writer.writerow([f"{cell:.9g}" if isinstance(cell, float) else "" if cell is None else cell for cell in line])
+    return text.getvalue()
+
+
+def findings_csv(found: Sequence[Finding]) -> str:
+    """One line a statement: its number, words, verdict, every number behind it, and the deciding ones in a sentence."""
+    said = {True: "yes", False: "no", None: "unclear"}
+    lines = []
+    for one in found:
+        numbers = "; ".join(
+            f"{c.what}: {c.numbers}{f', n = {c.found.people}' if c.found else ''}: {said[c.answer]}"
+            for c in one.comparisons
+        )
+        lines.append((one.statement.number, one.statement.text, one.verdict, numbers, one.sentence))
+    return _csv(("number", "statement", "verdict", "numbers", "sentence"), lines)
+
+
+def means_csv(rows: Sequence[TrialRow]) -> str:
+    """One line a participant, configuration and controller: the means that the tests are made of."""
+    tables = [scores(rows, measure) for measure in MEASURES]
+    cells = [
+        (person, configuration, controller)
+        for person in people_of(rows)
+        for configuration in configurations_of(rows)
+        for controller in sorted({row.controller for row in rows}, key=by_controller)
+    ]
+    lines = [(*cell, *(t.get(cell) for t in tables)) for cell in cells if any(cell in t for t in tables)]
+    return _csv(("participant", "configuration", "controller", *MEASURES), lines)
+
+
+def report(
+    rows: Sequence[TrialRow],
+    refusal: str,
+    found: Sequence[Finding],
+    results: Sequence[Result],
+    note: str,
+    names: Mapping[int, str],
+    none: int,
+    simulated: bool,
+) -> str:
+    """The page. refusal: why there are no findings; names: of the controllers; none: the uncontrolled one."""
+    parts = ["# Report", f"{note[:1].upper()}{note[1:].rstrip('.')}. {_trials(rows, names)}"]
+    parts += [f"**{warning}**" for warning in warnings(rows, found, simulated)]
+    parts.append("## The paper's findings")
+    if refusal:
+        parts.append(refusal)
+    else:
+        table = ["| | the paper says | here | why |", "|---|---|---|---|"]
+        table += [f"| {f.statement.number} | {f.statement.text} | **{f.verdict}** | {f.sentence} |" for f in found]
+        parts += ["\n".join(table), READ]
+    if results:
+        parts += ["## Against no control", _against_none(results, names, none), "## What else to know"]
+        parts.append("\n".join(f"- {sentence}" for sentence in sentences(results, names)))
+    return "\n\n".join(parts) + "\n"
+
+
+def warnings(rows: Sequence[TrialRow], found: Sequence[Finding], simulated: bool) -> list[str]:
+    """What a reader must know before the findings: that people are few, and that they are none."""
+    few = (description_only(found) if found else "") or too_few(len(people_of(rows)))
+    return ([few] if few else []) + ([SIMULATED] if simulated else [])
+
+
+def _trials(rows: Sequence[TrialRow], names: Mapping[int, str]) -> str:
+    people, counted = len(people_of(rows)), [row for row in rows if row.status in COUNTED]
+    late = sum(row.status == "timeout" for row in counted)
+    text = f"{people} participant{'s' if people != 1 else ''}, {len(counted)} trials that count"
+    if len(rows) > len(counted):
+        text += f", {len(rows) - len(counted)} that do not (aborted, stopped, redone, recovered or skipped)"
+    if not late:
+        return text + "; all reached the end."
+    if any(isinstance(row.controller, str) for row in rows):
+        return f"{text}; {late} of them ran out of time."
+    worst = [(s, cell) for cell, s in finished_share(rows).items() if s < 1.0]
+    listed = ", ".join(f"{_name(k, names)} on {device} {100 * s:.0f} %" for s, (device, k) in sorted(worst))
+    return f"{text}; {late} of them ran out of time. Reached the end: {listed}; all others 100 %."
+
+
+def _name(controller: int | str, names: Mapping[int, str]) -> str:
+    return names.get(int(controller), f"controller {controller}")
+
+
+def _against_none(results: Sequence[Result], names: Mapping[int, str], none: int) -> str:
+    """Table: each controller's change against the uncontrolled one, by device."""
+    chosen: dict[tuple[str, str, str], Result] = {}
+    for r in results:
+        if r.statistic != "hodges_lehmann" or r.configuration == POOLED or f"{none}" not in (r.first, r.second):
+            continue
+        if r.first == f"{none}":
+            chosen[r.configuration, r.second, r.measure] = r
+        else:
+            chosen[r.configuration, r.first, r.measure] = reversed_pair(r)
+    if not chosen:
+        return "No participant tried a controller and no control on the same device."
+    heads = [f"{name} ({unit})" for name, unit, _, _ in SHOWN.values()]
+    lines = [f"| device | controller | {' | '.join(heads)} |", "|---" * (2 + len(heads)) + "|"]
+    for configuration, controller in dict.fromkeys(key[:2] for key in chosen):
+        cells = [_change(chosen.get((configuration, controller, measure)), measure) for measure in SHOWN]
+        lines.append(f"| {configuration} | {_name(controller, names)} | {' | '.join(cells)} |")
+    few = any(r.p_holm is None for r in chosen.values())
+    how = "Change of the participants' means (Hodges-Lehmann"
+    how += ")." if few else ", 95 % interval). *: Wilcoxon p < 0.05 after Holm's correction for all pairs."
+    return "\n\n".join(["\n".join(lines), how, *_out_of_reach(results, {key[0] for key in chosen})])
+
+
+def _out_of_reach(results: Sequence[Result], configurations: Collection[str]) -> list[str]:
+    """Where too few people for it can get a star in the table, a sentence for each number of people and pairs."""
+    families: dict[tuple[str, str], list[Result]] = {}
+    for r in results:
+        if r.p_holm is not None and r.measure in SHOWN and r.configuration in configurations:
+            families.setdefault((r.configuration, r.measure), []).append(r)
+    where: dict[str, list[str]] = {}
+    for (configuration, _), pairs in families.items():
+        if (least := least_p_holm(pairs)) >= 0.05:
+            people = max(pair.people for pair in pairs)
+            where.setdefault(
+                f"no *, however they differ: the smallest p of Wilcoxon's test with {people} participants is "
+                f"{2.0 * 0.5**people:.3g}, after Holm's correction for {len(pairs)} pairs {least:.2g}",
+                [],
+            ).append(configuration)
+    return [f"On {' and '.join(dict.fromkeys(devices))} {why}." for why, devices in where.items()]
+
+
+def reversed_pair(result: Result) -> Result:
+    """A difference the other way round."""
+    low, high = (None if end is None else -end for end in (result.high, result.low))
+    value = None if result.value is None else -result.value
+    return result._replace(first=result.second, second=result.first, value=value, low=low, high=high)
+
+
+def _change(result: Result | None, measure: str) -> str:
+    if result is None or result.value is None:
+        return ""
+    _, _, scale, digits = SHOWN[measure]
+    text = f"{-scale * result.value:+.{digits}f}"  # the pair is none minus controller
+    if result.low is not None and result.high is not None:
+        text += f" ({-scale * result.high:+.{digits}f} to {-scale * result.low:+.{digits}f})"
+    return text + ("*" if result.p_holm is not None and result.p_holm < 0.05 else "")
+
+
+def sentences(results: Sequence[Result], names: Mapping[int, str] = CONTROLLER) -> list[str]:
+    """Differences, trend, speed and the order of controllers, each in a sentence or two."""
+    said = [*_differ(results), *_trend(results), *_speed(results, names), *_order(results, names)]
+    return said or ["There is nothing to compare."]
+
+
+def _differ(results: Sequence[Result]) -> Iterable[str]:
+    for measure, (name, _, _, _) in SHOWN.items():
+        of_it = [r for r in results if r.measure == measure and r.statistic == "chi_square" and r.p is not None]
+        if of_it:
+            listed = ", ".join(f"{r.configuration} {_p(r.p)}" for r in of_it)
+            differs = "differs" if all((r.p or 0.0) < 0.05 for r in of_it) else "does not everywhere differ"
+            yield f"{name[0].upper()}{name[1:]} {differs} between controllers (Friedman: {listed})."
+
+
+def _p(p: float | None) -> str:
+    return "p < 0.001" if p is not None and p < 0.001 else f"p = {p:.3f}"
+
+
+def _trend(results: Sequence[Result]) -> Iterable[str]:
+    found = {r.measure: r for r in results if r.test == "trend" and r.value is not None}
+    shown = [found[measure] for measure in (*SHOWN, "duration_s") if measure in found]
+    if shown:
+        names = {measure: name for measure, (name, _, _, _) in SHOWN.items()} | {"duration_s": "duration"}
+        listed = "; ".join(
+            f"{names[r.measure]} {r.value:+.1f} %" + (f" ({r.low:+.1f} to {r.high:+.1f})" if r.low is not None else "")
+            for r in shown
+        )
+        yield f"Over ten trials, in the same task, the median participant changed (learning or fatigue): {listed}."
+
+
+def _speed(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]:
+    speed = [r for r in results if r.test == "speed" and r.value is not None]
+    for r in speed:
+        if r.statistic == "m_per_doubling":
+            interval = f" ({1e3 * r.low:+.2f} to {1e3 * r.high:+.2f})" if r.low is not None else ""
+            clear = r.low is not None and (r.low > 0.0 or r.high < 0.0)
+            slow = "slow trials do look accurate" if r.value > 0.0 else "fast trials are the more accurate ones"
+            judged = slow if clear else "no clear effect of speed" if r.low is not None else "too few people to judge"
+            yield f"Twice the speed, same person and task: path error {1e3 * r.value:+.2f} mm{interval}; {judged}."
+    for configuration in dict.fromkeys(r.configuration for r in speed if r.configuration != "all"):
+        raw, adjusted = (
+            {r.first: r.value for r in speed if (r.configuration, r.statistic) == (configuration, statistic)}
+            for statistic in ("mean_error", "error_at_common_speed")
+        )
+        listed = ", ".join(f"{_name(k, names)} {1e3 * raw[k]:.2f} -> {1e3 * adjusted[k]:.2f}" for k in raw)
+        same = sorted(raw, key=raw.__getitem__) == sorted(adjusted, key=adjusted.__getitem__)
+        kept = "the order of controllers stays" if same else "the order of controllers changes"
+        yield f"Path error at equal speed, {configuration} (mm, measured -> adjusted): {listed}; {kept}."
+
+
+def _order(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]:
+    orders = [r for r in results if r.test == "order"]
+    for base in [r for r in orders if r.measure == r.second]:
+        others = [r for r in orders if (r.second, r.configuration) == (base.measure, base.configuration)][1:]
+        changed = []
+        for other in others:
+            pairs = swapped(base.first, other.first)
+            if pairs:
+                named = (f"{_name(a, names)} and {_name(b, names)}" for a, b in pairs)
+                changed.append(f"{other.measure} swaps {', '.join(named)}")
+        order = " < ".join(_name(k, names) for k in base.first.split(" < "))
+        text = f"Order of controllers by {base.measure}, {base.configuration}, least first: {order}"
+        if others:
+            text += f"; {'; '.join(changed)}" if changed else f"; the same by {', '.join(r.measure for r in others)}"
+        yield text + "."
+
+
+def side_by_side(choices: Mapping[str, Sequence[TrialRow]]) -> str:
+    """Markdown: the verdicts of several studies in columns, then why those that do not hold do not."""
+    found = {label: findings(rows) for label, rows in choices.items()}
+    if not found:
+        raise ValueError("side by side: no study is named")
+    lines = [f"| | the paper says | {' | '.join(found)} |", "|---" * (2 + len(found)) + "|"]
+    for of_all in zip(*found.values(), strict=True):
+        statement = of_all[0].statement
+        lines.append(f"| {statement.number} | {statement.text} | {' | '.join(one.verdict for one in of_all)} |")
+    parts = ["\n".join(lines)]
+    for label, of_it in found.items():
+        why = [f"- {f.statement.number}, {f.verdict}: {f.sentence}" for f in of_it if f.verdict != "holds"]
+        refusal = description_only(of_it)
+        if refusal:
+            why.insert(0, f"- {refusal}")
+        if why:
+            parts += [f"**{label}**", "\n".join(why)]
+    return "\n\n".join(parts) + "\n"

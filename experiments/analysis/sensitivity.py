@@ -1,0 +1,134 @@
+"""Whether the order of the controllers depends on how a measure is defined.
+
+Definitions that the table holds: path error over progress, over time, at its peak; force over time, over progress;
+weighted DFT sum, weighted rms, SPARC. Definitions that need the recordings (weights of the DFT, its highest frequency,
+the filter before differentiation) come as `variants`: a function from a row to named values, see `of_recording`.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy import fft, signal, stats
+
+from experiments.analysis.metrics import POSITION_FILTER_ORDER, SAMPLE_RATE_HZ
+from experiments.analysis.participants import configurations_of
+from experiments.analysis.statistics import Result
+from experiments.analysis.trials_table import COUNTED, TrialRow
+from experiments.recording.reader import read_recording
+
+#: What stands for one thing; the first is the definition that the figures use.
+DEFINITIONS = {
+    "accuracy": ("path_error_m", "path_error_time_m", "peak_error_m"),
+    "force": ("mean_tip_force_N", "force_over_progress_N"),
+    "smoothness": ("acceleration_dft_sum", "acceleration_weighted_rms_m_s2", "sparc"),
+}
+HIGHER_IS_BETTER = ("sparc",)  # nearer 0, from below
+Variants = Callable[[TrialRow], Mapping[str, float | None]]
+
+
+class Smoothness(NamedTuple):
+    """One definition of the weighted DFT sum."""
+
+    cutoff_hz: float = 20.0  # of the low-pass on position
+    highest_hz: float = 100.0
+    power: float = 1.0  # weight (f / 1 Hz)^power
+
+
+#: One thing changed at a time.
+SMOOTHNESS = {
+    "dft_sum, no weights": Smoothness(power=0.0),
+    "dft_sum, weights f^2": Smoothness(power=2.0),
+    "dft_sum, up to 50 Hz": Smoothness(highest_hz=50.0),
+    "dft_sum, filter 10 Hz": Smoothness(cutoff_hz=10.0),
+    "dft_sum, filter 40 Hz": Smoothness(cutoff_hz=40.0),
+}
+
+
+def of_recording(folder: str | Path) -> Variants:
+    """The variants of smoothness of a trial, from its recording; rows name it relative to `folder`."""
+
+    def variants(row: TrialRow) -> dict[str, float | None]:
+        recording = read_recording(Path(folder) / row.recording)
+        tip = np.column_stack([recording.column("tip_x_m"), recording.column("tip_y_m")])
+        move = recording.in_phase("move")
+        smooth = {cutoff: acceleration(tip, cutoff)[move] for cutoff in {how.cutoff_hz for how in SMOOTHNESS.values()}}
+        return {name: dft_sum(smooth[how.cutoff_hz], how) for name, how in SMOOTHNESS.items()}
+
+    return variants
+
+
+def acceleration(tip: np.ndarray, cutoff_hz: float) -> np.ndarray:
+    """`metrics.tip_acceleration` (n, 2), m/s2, with another cut-off; tip (n, 2) m of a whole recording."""
+    if len(tip) < 20:
+        return np.empty_like(tip)
+    low_pass = signal.butter(POSITION_FILTER_ORDER, cutoff_hz, fs=SAMPLE_RATE_HZ, output="sos")
+    smooth = signal.sosfiltfilt(low_pass, tip, axis=0)
+    return np.gradient(np.gradient(smooth, 1.0 / SAMPLE_RATE_HZ, axis=0), 1.0 / SAMPLE_RATE_HZ, axis=0)
+
+
+def dft_sum(moved: np.ndarray, how: Smoothness) -> float | None:
+    """`metrics.acceleration_dft_sum` by another definition; moved (n, 2) the acceleration in `move`, m/s2."""
+    n = len(moved)
+    if n < max(20.0, SAMPLE_RATE_HZ / how.highest_hz):
+        return None
+    spectrum = fft.rfft(moved - moved.mean(axis=0), axis=0)
+    frequency = fft.rfftfreq(n, 1.0 / SAMPLE_RATE_HZ)
+    counted = (frequency > 0.0) & (frequency <= how.highest_hz * (1.0 + 1e-12))
+    amplitude = 2.0 / n * np.sqrt(np.sum(np.abs(spectrum[counted]) ** 2, axis=1))
+    return float(np.sum(frequency[counted] ** how.power * amplitude))
+
+
+def sensitivity(rows: Sequence[TrialRow], variants: Variants | None = None) -> list[Result]:
+    """The order of controllers, best first, by each definition, and how well it agrees with the first one's.
+
+    Controllers stand in the order of the mean over participants of their means. `value`: Kendall's tau with the first
+    definition's order (1: the same order, -1: reversed).
+    """
+    values = [
+        {d: getattr(row, d) for names in DEFINITIONS.values() for d in names}
+        | (dict(variants(row)) if variants and row.status in COUNTED and row.duration_s else {})
+        for row in rows
+    ]
+    results = []
+    for thing, named in DEFINITIONS.items():
+        definitions = (*named, *SMOOTHNESS) if thing == "smoothness" and variants else named
+        for configuration in configurations_of(rows):
+            base = _means(rows, values, configuration, definitions[0])
+            for definition in definitions:
+                means = _means(rows, values, configuration, definition)
+                common = [controller for controller in base if controller in means]
+                if len(common) < 2:
+                    continue
+                tau = stats.kendalltau([base[k] for k in common], [means[k] for k in common]).statistic
+                order = " < ".join(str(k) for k in sorted(means, key=means.__getitem__))
+                people = len({row.participant for row in rows if row.configuration == configuration})
+                about = ("order", definition, configuration, order, definitions[0], people, "kendall_tau")
+                results.append(Result(*about, None if np.isnan(tau) else float(tau)))
+    return results
+
+
+def _means(
+    rows: Sequence[TrialRow], values: Sequence[Mapping], configuration: str, definition: str
+) -> dict[int, float]:
+    """Controller -> mean over participants of their means; less is better."""
+    cells: dict[tuple[int, str], list[float]] = {}
+    for row, of_row in zip(rows, values, strict=True):
+        value = of_row.get(definition)
+        if value is not None and row.status in COUNTED and row.configuration == configuration:
+            cells.setdefault((row.controller, row.participant), []).append(value)
+    sign = -1.0 if definition in HIGHER_IS_BETTER else 1.0
+    controllers = sorted({controller for controller, _ in cells})
+    return {k: sign * float(np.mean([np.mean(v) for (j, _), v in cells.items() if j == k])) for k in controllers}
+
+
+def swapped(order: str, other: str) -> list[tuple[int, int]]:
+    """Pairs of controllers that two orders ("3 < 2 < 1") put the other way round."""
+    first, second = ([int(k) for k in text.split(" < ")] for text in (order, other))
+    return [
+        (min(a, b), max(a, b))
+        for i, a in enumerate(first)
+        for b in first[i + 1 :]
+        if a in second and b in second and second.index(a) > second.index(b)
+    ]

@@ -1,0 +1,211 @@
+"""trials.csv: one row a trial, from its recording: its place in the plan, its status and its measures.
+
+UTF-8, comma, line feed, a header; numbers in the shortest form that reads back to the same double; an empty cell
+where there was nothing to measure. The same rows give the same bytes.
+"""
+
+import csv
+import io
+import os
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from core.errors import InputError
+from core.path_file import build_path, path_from
+from experiments.analysis.metrics import NO_METRICS, Metrics, trial_metrics
+from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
+from experiments.recording.schema import Recording
+
+STATUSES = ("done", "timeout", "aborted", "redone", "recovered", "skipped", "stopped")
+#: Trials whose measures count in tables of results and box plots: a time-out keeps its measures (and is marked).
+COUNTED = ("done", "timeout")
+#: Trials that settle their cell of the plan: after any other the cell is run again. Aborted: somebody decided so, and
+#: said why; stopped: the brakes-off, a fault or the end of the app cut it short, which is nobody's decision.
+SETTLED = ("done", "timeout", "aborted", "skipped")
+
+
+@dataclass(frozen=True)
+class TrialRow:
+    """One row; the fields are the columns, in order. Later columns are appended at the end, with a default."""
+
+    participant: str  # label, "01"
+    run: int
+    block: int
+    configuration: str  # name of the device
+    controller: int | str  # its number in the protocol, as in Table I; a code, "K3", while the session is blind
+    segment: int
+    repetition: int
+    status: str  # one of STATUSES
+    path_error_m: float | None = None
+    path_error_time_m: float | None = None
+    mean_tip_force_N: float | None = None
+    acceleration_dft_sum: float | None = None
+    acceleration_weighted_rms_m_s2: float | None = None
+    force_over_progress_N: float | None = None
+    duration_s: float | None = None
+    peak_error_m: float | None = None
+    path_length_ratio: float | None = None
+    sparc: float | None = None
+    switches_per_s: float | None = None
+    unreachable_share: float | None = None
+    recording: str = ""  # path relative to the file that the row stands in, with "/"; empty: nothing could be kept
+    energy_residual_J: float | None = None  # what the ledger leaves unexplained
+    energy_added_max_J: float | None = None  # the most that any brake added in a step: must be none
+
+    def with_metrics(self, metrics: Metrics) -> "TrialRow":
+        """The same row with the measures of its trial."""
+        return replace(self, **metrics._asdict())
+
+    def seen_from(self, folder: str) -> "TrialRow":
+        """The row for a table further up: `folder` (as "sub-01/ses-01") is where this one's table stands."""
+        return replace(self, recording=str(PurePosixPath(folder) / self.recording)) if self.recording else self
+
+
+COLUMNS = tuple(column.name for column in fields(TrialRow))
+_FIRST_COLUMNS = COLUMNS[: COLUMNS.index("recording") + 1]  # the least that a table has: later ones came later
+_KINDS = {column.name: column.type for column in fields(TrialRow)}
+
+
+def is_code(cell: str) -> bool:
+    """Whether this is the code of a controller in a blind session: K1, K2, .."""
+    return re.fullmatch(r"K[1-9]\d*", cell) is not None
+
+
+def by_controller(controller: int | str) -> tuple[bool, int, int | str]:
+    """Sorts controllers: numbers first, then codes, each in their order."""
+    return (True, len(controller), controller) if isinstance(controller, str) else (False, 0, controller)
+
+
+def _cell(column: str, value: object) -> str:
+    kind = _KINDS[column]
+    if value is None and kind == float | None:
+        return ""
+    if kind == float | None and isinstance(value, int | float | np.number) and np.isfinite(value):
+        return repr(float(value))
+    if kind == int | str and isinstance(value, str) and is_code(value):
+        return value
+    if kind in (int, int | str) and isinstance(value, int | np.integer) and not isinstance(value, bool):
+        return str(int(value))
+    if kind is str and isinstance(value, str):
+        return value
+    raise ValueError(f"trials table: {column} cannot be {value!r}")
+
+
+def table_bytes(rows: Iterable[TrialRow], header: bool = True) -> bytes:
+    """The rows as they stand in the file."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    if header:
+        writer.writerow(COLUMNS)
+    for row in rows:
+        if row.status not in STATUSES:
+            raise ValueError(f"trials table: status {row.status!r} is not one of {', '.join(STATUSES)}")
+        writer.writerow([_cell(column, getattr(row, column)) for column in COLUMNS])
+    return text.getvalue().encode()
+
+
+def write_table(path: str | Path, rows: Iterable[TrialRow], replacing: bool = False) -> None:
+    """Write a whole table in one step: whoever looks sees the old one or the new one, and so after a crash.
+
+    InputError if the file exists, unless `replacing`, or cannot be there; OSError if the disk takes no more.
+    """
+    path = Path(path)
+    data = table_bytes(rows)
+    try:
+        if path.exists() and not replacing:
+            raise FileExistsError(path)
+        with written_beside(path, data) as partial:
+            if replacing:
+                partial.replace(path)
+            else:
+                give_new_name(partial, path)
+    except FileExistsError:
+        raise InputError(f"{path}: exists already, nothing was written") from None
+    except OSError as error:
+        if not is_wrong_path(error):
+            raise
+        raise InputError(f"{path}: the table cannot be written: {error.strerror}") from None
+
+
+def append_row(path: str | Path, row: TrialRow) -> None:
+    """Add a row at the end, making the table if there is none; the rows before are kept as they are."""
+    path = Path(path)
+    before = read_table(path) if path.exists() else []
+    if before and path.read_bytes() != table_bytes(before):
+        raise InputError(f"{path}: was changed by hand or by another version, adding a row would lose something")
+    write_table(path, [*before, row], replacing=True)
+
+
+def read_table(path: str | Path) -> list[TrialRow]:
+    """The rows of a table, with their types; columns after the known ones are passed over. InputError if none."""
+    path = Path(path)
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            lines = list(csv.reader(file))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: the table cannot be read: {error}") from None
+    known = min(len(lines[0]), len(COLUMNS)) if lines else 0
+    if known < len(_FIRST_COLUMNS) or tuple(lines[0][:known]) != COLUMNS[:known]:
+        raise InputError(f"{path}: the first line does not name the columns of a trials table")
+    return [_row(path, number, lines[0], cells) for number, cells in enumerate(lines[1:], start=2)]
+
+
+def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -> TrialRow:
+    if len(cells) != len(header):
+        raise InputError(f"{path}: line {number} has {len(cells)} cells, not {len(header)}")
+    values: dict[str, object] = {}
+    for column, cell in zip(COLUMNS, cells, strict=False):  # an older table lacks the later columns
+        kind = _KINDS[column]
+        try:
+            if kind is str:
+                values[column] = cell
+            elif kind is int or kind == int | str and not is_code(cell):
+                values[column] = int(cell)
+            elif kind == int | str:
+                values[column] = cell
+            else:
+                values[column] = float(cell) if cell else None
+        except ValueError:
+            raise InputError(f"{path}: line {number}: {column} = {cell!r} is not a number") from None
+    if values["status"] not in STATUSES:
+        raise InputError(f"{path}: line {number}: status {cells[COLUMNS.index('status')]!r} is none of {STATUSES}")
+    return TrialRow(**values)  # type: ignore[arg-type]
+
+
+#: What a recording must say of its trial.
+NEEDED = (
+    "participant", "run", "block", "configuration", "controller", "segment", "repetition", "path",
+)  # fmt: skip
+
+
+def row_of(recording: Recording, folder: Path) -> TrialRow:
+    """A trial's row, from its recording alone; `folder`: where the table that gets it stands.
+
+    InputError: the recording does not say which trial it is of, or cannot be measured. A trial that does not count (it
+    was cut short, say by a force that is not a number) then has a row without measures.
+    """
+    about, outcome = recording.metadata, recording.outcome
+    for key in NEEDED:
+        if key not in about:
+            raise InputError(f"{recording.path}: the metadata lack {key}")
+    if "status" not in outcome:
+        raise InputError(f"{recording.path}: the end record lacks the status")
+    where = f"{recording.path}: path"
+    path = build_path(path_from(about["path"], where), where)
+    metrics = NO_METRICS
+    if recording.in_phase("move").any():
+        try:
+            metrics = trial_metrics(recording, path)
+        except InputError:  # ticks are missing, or a sample is no number: then there is nothing to say of it
+            if outcome["status"] in COUNTED:
+                raise
+    place = os.path.relpath(recording.path, folder).replace(os.sep, "/")
+    return TrialRow(
+        about["participant"], about["run"], about["block"], about["configuration"], about["controller"],
+        about["segment"], about["repetition"], outcome["status"], recording=place,
+        energy_residual_J=outcome.get("energy_residual_J"), energy_added_max_J=outcome.get("energy_added_max_J"),
+    ).with_metrics(metrics)  # fmt: skip

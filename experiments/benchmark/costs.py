@@ -1,0 +1,139 @@
+"""What `phd bench` times beside the scenes: parts of a step, a whole control tick, a study, the fall-back."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from core import tick_log
+from core.simulator.hand import spring_hand
+from core.simulator.simulation import Simulation
+from experiments.benchmark.kernels import (
+    acceptances,
+    decisions,
+    log_rows,
+    looks_for_events,
+    operations,
+    smooth_steps,
+)
+from experiments.benchmark.scenes import START, bench_devices, bench_scenes
+from experiments.plan import make_plan
+from experiments.protocol import load_protocol
+from experiments.trial.population import load_population
+from experiments.trial.trial import Trial, new_simulation
+
+_COUNT = 5000
+
+
+def part_costs(repeats: int) -> dict:
+    """Least time (ns) of each part of a 1 ms step of S1 and S2 on the four-brake bench device, ideal brakes."""
+    device = bench_devices()[1]
+    parts: dict[str, dict[str, float]] = {}
+    for scene in bench_scenes(device)[:2]:
+        s = Simulation(device, START, hand=scene.hand())
+        s.run(0.1, 1e-3, scene.torques[0])
+        spare = Simulation(device, START, hand=scene.hand())
+        spare.run(0.1, 1e-3, scene.torques[0])
+        device_of, step = (s.mechanism, s.brakes), (1e-3, 0, _COUNT)  # s, no lag, passes
+        parts[scene.name] = {
+            "rk4": _best(partial(smooth_steps, *device_of, s.hand, s.state, s.trial, *step), repeats),
+            "look_for_events": _best(partial(looks_for_events, *device_of, s.state, s.trial, *step), repeats),
+            "accept": _best(partial(acceptances, *device_of, spare.state, s.trial, *step), repeats),
+        }
+    return parts
+
+
+def tick_cost(quick: bool) -> dict:
+    """One whole control tick (operator, decide, four MR brakes, step, log row), and the 180-trial study's simulation.
+
+    A study of 3 operators x 2 devices x 2 segments x 5 controllers x 3 trials (quick: one operator, one block), ticks
+    alone: what recording, measures and figures cost is not in it.
+    """
+    protocol = load_protocol()
+    operators = 3
+    if quick:
+        operators, protocol = 1, replace(protocol, blocks=1)
+    devices = {device.name: device for device in protocol.devices}
+    rows = np.empty((8192, tick_log.WIDTH))
+    spent: dict[str, list[float]] = {name: [0.0, 0.0] for name in devices}  # s, ticks
+    trials, last = 0, None
+    for operator in range(1, operators + 1):
+        person = load_population().draw(np.random.default_rng(operator))
+        simulations = {name: new_simulation(device, (0.0, 0.40)) for name, device in devices.items()}
+        for planned in make_plan(protocol, operator):
+            generator = np.random.default_rng([operator, planned.segment, planned.repetition])
+            trial = Trial(simulations[planned.configuration], planned, protocol.paths[planned.segment],
+                          protocol.controllers[int(planned.controller)], protocol.rules, protocol.trial, person,
+                          generator)  # fmt: skip
+            if last is None:
+                trial.run(rows[:1])  # the kernels are compiled before the clock runs
+            while not trial.finished:
+                start = time.perf_counter()
+                n = trial.run(rows)
+                spent[planned.configuration][0] += time.perf_counter() - start
+                spent[planned.configuration][1] += n
+            trials, last = trials + 1, trial
+    assert last is not None
+    seconds, ticks = (sum(of) for of in zip(*spent.values(), strict=True))
+    return {
+        "trials": trials,
+        "ticks": round(ticks),
+        "study_simulation_s": seconds,
+        "us_per_tick": seconds / ticks * 1e6,
+        "us_per_tick_by_device": {name: 1e6 * s / n for name, (s, n) in spent.items()},
+        "parts_ns": _tick_parts(last, rows),
+    }
+
+
+def _tick_parts(trial: Trial, rows: np.ndarray) -> dict:
+    """Least time (ns) of the parts of a tick that are not the device's: the rest of a tick is brakes, step, pattern."""
+    s, run = trial.simulation, trial._run.copy()
+    operator, memory, hand = trial._operator.copy(), trial._memory.copy(), s.hand
+    run["phase"][0] = tick_log.MOVE
+    return {
+        "operator": _best(lambda: operations(operator, hand, trial.path, run, s.state, trial._noise, _COUNT), 5),
+        "decide": _best(lambda: decisions(trial.controller, s.brakes, trial.path, memory, s.state, run, _COUNT), 5),
+        "log_row": _best(lambda: log_rows(s.mechanism, s.brakes, s.state, hand, run, rows, _COUNT), 5),
+    }
+
+
+def fallback_costs(repeats: int) -> list[dict]:
+    """When `event` gives steps to `stepping`, how often, and what such a step costs, on the four-brake bench device.
+
+    A hand spring too stiff for RK4; brakes switched in every step; brakes switched as in S4.
+    """
+    device = bench_devices()[1]
+    free, _, _, switching = bench_scenes(device)
+    stiff = spring_hand((1e6, 0.0, 1e6), (30.0, 0.0, 30.0), force_max=60.0, target=(0.09, 0.42))
+    fast = np.arange(2000) * 1e-3
+    cases = (
+        ("hand spring of 1e6 N/m", lambda: stiff, np.zeros(1), free.torques),
+        ("brakes switched every step", switching.hand, fast, np.tile(switching.torques[:4], (500, 1))),
+        ("brakes switched every 10 ms (S4)", switching.hand, switching.times, switching.torques),
+    )
+    found = []
+    for name, hand, times, torques in cases:
+        wall, ledger = math.inf, None
+        for _ in range(repeats):
+            s = Simulation(device, START, hand=hand())
+            start = time.perf_counter()
+            s.rows(2, 1e-3, 2000, times, torques, 0, 1)
+            wall, ledger = min(wall, time.perf_counter() - start), s.ledger()
+        assert ledger is not None
+        found.append({"case": name, "steps": ledger.steps, "events": ledger.events, "fallbacks": ledger.fallbacks,
+                      "us_per_step": wall / 2000 * 1e6})  # fmt: skip
+    return found
+
+
+def _best(loop: Callable[[], object], repeats: int) -> float:
+    """Least time of one of the `_COUNT` passes of a compiled loop (ns)."""
+    loop()
+    least = math.inf
+    for _ in range(repeats):
+        start = time.perf_counter()
+        loop()
+        least = min(least, time.perf_counter() - start)
+    return least / _COUNT * 1e9

@@ -1,0 +1,116 @@
+"""The result of `phd bench` as a table to read and as the work-precision plot."""
+
+from collections.abc import Iterable
+
+import matplotlib
+
+from experiments.analysis.figures import STYLE, figure_bytes, new_figure
+
+#: step of the rows that the table shows
+TABLE_STEP_S = 1e-3
+#: Integrator and fidelity -> colour and marker: colour-blind safe, and the shape says it too.
+_LOOKS = {
+    ("event", "ideal"): ("#0072b2", "o"),
+    ("event", "mr"): ("#56b4e9", "s"),
+    ("stepping", "ideal"): ("#009e73", "^"),
+    ("karnopp", "ideal"): ("#e69f00", "v"),
+    ("mujoco", "ideal"): ("#d55e00", "D"),
+}
+_SCENES_DRAWN = ("S1", "S2", "S4")  # in S3 nothing moves
+
+
+def table(result: dict) -> str:
+    """All integrators at 1 ms, the check of the reference, delta_omega, the fall-back and the costs."""
+    lines = [
+        f"{'':40}  us a  4 acc.              RMS     largest S3 creep         fall-",
+        f"{'integrator':15} {'device':18} scene  step      us  ratio    error m     error m      m/s  events backs"
+        "  order",
+    ]
+    for row in (row for row in result["rows"] if row["step_s"] == TABLE_STEP_S):
+        four = row["four_accelerations_us"]
+        lines.append(
+            f"{row['integrator']:8} {row['fidelity']:6} {row['device']:18} {row['scene']:5} {row['us_per_step']:5.3f} "
+            f"{_or_blank(four, '7.3f')} {_or_blank(four and row['us_per_step'] / four, '6.2f')} "
+            f"{row['rms_error_m']:10.1e} {row['max_error_m']:11.1e} {_or_blank(row['creep_m_s'], '8.1e')} "
+            f"{_or_blank(row['events'], '7d')} {_or_blank(row['fallbacks'], '5d')} {_or_blank(row['order'], '6.2f')}"
+        )
+    lines += ["", "reference: event at 10 us a step; largest distance from DOP853 on Eq. (5), m"]
+    lines += [f"  {c['device']:18} {c['scene']}  {c['max_difference_m']:.1e}" for c in result["reference"]["checks"]]
+    lines += ["", *_compared(result["rows"])]
+    lines += ["", "karnopp at 1 ms: RMS error (m), and creep of locked brakes (m/s), against delta_omega (rad/s)"]
+    lines += [
+        f"  {k['device']:18} {k['scene']}  {k['delta_omega_rad_s']:7.0e}  "
+        + (f"{k['rms_error_m']:.1e} m" if k["creep_m_s"] is None else f"{k['creep_m_s']:.1e} m/s")
+        for k in result["karnopp"]
+    ]
+    lines += ["", "fall-back to stepping, four-brake, 1 ms"]
+    lines += [
+        f"  {f['case']:34} {f['fallbacks']:5d} of {f['steps']} steps, {f['events']} events, "
+        f"{f['us_per_step']:.2f} us a step"
+        for f in result["fallback"]
+    ]
+    tick, parts = result["tick"], result["parts_ns"]
+    lines += ["", f"a whole control tick  {tick['us_per_tick']:.2f} us, of which (ns) {_parts(tick['parts_ns'])}"]
+    lines += [
+        f"{tick['trials']} trials of a study    {tick['study_simulation_s']:.2f} s of computing, {tick['ticks']} ticks"
+    ]
+    lines += [f"a step of {name}, ns       {_parts(of)}" for name, of in parts.items()]
+    return "\n".join(lines)
+
+
+def _or_blank(value, form: str) -> str:
+    width = form.split(".")[0].rstrip("d")
+    return f"{'-':>{width}}" if value is None else f"{value:{form}}"
+
+
+def _parts(parts: dict) -> str:
+    return ", ".join(f"{name.replace('_', ' ')} {value:.0f}" for name, value in parts.items())
+
+
+def _compared(rows: Iterable[dict]) -> list[str]:
+    """`event` against MuJoCo on the moving scenes: at equal step, and at equal error."""
+    rows = [row for row in rows if row["scene"] in _SCENES_DRAWN and row["fidelity"] == "ideal"]
+    lines = []
+    for peer in (row for row in rows if row["integrator"] == "mujoco" and row["step_s"] == TABLE_STEP_S):
+        same = [row for row in rows if (row["device"], row["scene"]) == (peer["device"], peer["scene"])]
+        own = [row for row in same if row["integrator"] == "event"]
+        at = next(row for row in own if row["step_s"] == peer["step_s"])
+        as_good = min((r for r in own if r["rms_error_m"] <= peer["rms_error_m"]), key=lambda r: r["wall_s_per_sim_s"])
+        lines.append(
+            f"  {peer['device']:18} {peer['scene']}  "
+            f"equal step: {peer['us_per_step'] / at['us_per_step']:.0f} times faster, "
+            f"error {peer['rms_error_m'] / at['rms_error_m']:.0e} times smaller; no worse error: at least "
+            f"{peer['wall_s_per_sim_s'] / as_good['wall_s_per_sim_s']:.0f} times faster"
+        )
+    return ["event against MuJoCo at 1 ms", *lines] if lines else ["MuJoCo is not installed (pip install '.[bench]')"]
+
+
+def work_precision(result: dict) -> dict[str, bytes]:
+    """The work-precision plot, RMS error over wall time per simulated second, as "png" and "pdf"."""
+    rows = result["rows"]
+    devices = list(dict.fromkeys(row["device"] for row in rows))
+    with matplotlib.rc_context(STYLE):
+        figure = new_figure(3.1 * len(_SCENES_DRAWN), 2.7 * len(devices) + 0.5)
+        axes = figure.subplots(len(devices), len(_SCENES_DRAWN), sharex=True, sharey=True, squeeze=False)
+        for device, line in zip(devices, axes, strict=True):
+            for scene, ax in zip(_SCENES_DRAWN, line, strict=True):
+                for (integrator, fidelity), (colour, marker) in _LOOKS.items():
+                    own = [row for row in rows if row["rms_error_m"] > 0.0 and
+                           (row["integrator"], row["fidelity"], row["device"], row["scene"])
+                           == (integrator, fidelity, device, scene)]  # fmt: skip
+                    if own:
+                        name = integrator if fidelity == "ideal" else f"{integrator}, {fidelity} brakes"
+                        wall = [1e3 * row["wall_s_per_sim_s"] for row in own]
+                        ax.loglog(wall, [row["rms_error_m"] for row in own], color=colour, marker=marker, label=name,
+                                  markersize=4, linewidth=1.0)  # fmt: skip
+                ax.set_title(f"{scene}, {device}")
+                ax.grid(True, linewidth=0.3)
+        for ax in axes[-1]:
+            ax.set_xlabel("computing (ms) per simulated second")
+        for line in axes:
+            line[0].set_ylabel("RMS tip error (m)")
+        handles, labels = axes[0][0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="lower center", ncols=len(labels), frameon=False)
+        figure.suptitle("Speed against error, steps 5 to 0.1 ms (each error against the same brakes at a tiny step)")
+        figure.tight_layout(rect=(0.0, 0.4 / figure.get_figheight(), 1.0, 1.0))
+    return {form: figure_bytes(figure, form) for form in ("png", "pdf")}

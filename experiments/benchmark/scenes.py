@@ -1,0 +1,116 @@
+"""The scenes S1-S4 and the two devices of `phd bench`, as data (DESIGN section 6)."""
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from core.brake import current_for_torque
+from core.brake_file import read_brake_text
+from core.device import SHIPPED_FOLDER, Device, build_device
+from core.mechanism import JOINTS
+from core.simulator.hand import Hand, new_hand, wave_hand
+from core.simulator.state import pack_brakes
+
+START = (0.05, 0.40)  # m; all scenes start there, at rest
+STEPS_S = (5e-3, 2e-3, 1e-3, 5e-4, 1e-4)
+#: s. Errors are taken at these times, which every step divides.
+COMPARE_S = 1e-2
+ORDER_SWITCHED = "ABEC"  # S4 alone counts its brakes in this order
+LOCKED, SLIPPING, SWITCHED, SWITCH_S = 5.6, 0.3, 5.0, 0.01  # N m, s
+
+_DEVICE = """
+name = "{name}"
+provenance = "assumed"
+[geometry]
+base_A_m = [{a}, 0.0]
+base_B_m = [{b}, 0.0]
+L_AE_m = {proximal}
+L_ED_m = 0.30
+L_BC_m = {proximal}
+L_CD_m = 0.30
+elbows = "out"
+[mass]
+AE = {{mass_kg = 0.3}}
+ED = {{mass_kg = 0.3}}
+BC = {{mass_kg = 0.3}}
+CD = {{mass_kg = 0.3}}
+tip_kg = 0.3
+rotor_inertia_kg_m2 = 1e-4
+[brakes]
+{brakes}
+"""
+_BRAKE = "mrb-2107-3"
+
+
+@cache
+def bench_devices() -> tuple[Device, Device]:
+    """Three-brake with all arms 0.30 m, four-brake with bases 0.10 m apart: uniform rods, no elbow mass."""
+    texts = {_BRAKE: read_brake_text(_BRAKE, SHIPPED_FOLDER, "bench")}
+
+    def device(name: str, half: float, proximal: float, braked: str) -> Device:
+        brakes = "\n".join(f'{joint} = "{_BRAKE}"' for joint in braked)
+        text = _DEVICE.format(name=name, a=-half, b=half, proximal=proximal, brakes=brakes)
+        return build_device(text, texts, f"bench device {name}")
+
+    return device("bench-three-brake", 0.0, 0.30, "AEB"), device("bench-four-brake", 0.05, 0.27, "AEBC")
+
+
+@dataclass(frozen=True)
+class BenchScene:
+    """One scene on one device: what the hand does and what the brakes are told."""
+
+    name: str
+    device: Device
+    duration_s: float
+    wave: np.ndarray  # (2, 3): amplitude N, rate rad/s, phase rad of each axis; all zero: `constant` alone
+    constant: np.ndarray  # (2,) N
+    times: np.ndarray  # (n,) s
+    torques: np.ndarray  # (n, 4) N m, yields from each time on
+
+    def hand(self) -> Hand:
+        """The hand as the simulator takes it."""
+        return wave_hand(self.wave) if self.wave.any() else new_hand(forces=self.constant[None])
+
+    def force(self, t: float) -> np.ndarray:
+        """Hand force (2,), N, at a time."""
+        return self.constant + self.wave[:, 0] * np.sin(self.wave[:, 1] * t + self.wave[:, 2])
+
+    def commands(self, fidelity: str) -> np.ndarray:
+        """What the brakes are told (n, 4): the yields (ideal), or currents that hold them in steady state (A)."""
+        if fidelity == "ideal":
+            return self.torques
+        return np.array([[self._current(i, torque) for i, torque in enumerate(row)] for row in self.torques])
+
+    def _current(self, i: int, torque: float) -> float:
+        return current_for_torque(pack_brakes(self.device.brakes, backlash=False)[0], i, torque)
+
+    @property
+    def comparisons(self) -> int:
+        """Times at which errors are taken, without t = 0."""
+        return round(self.duration_s / COMPARE_S)
+
+
+def _waves(x: tuple[float, float], y: tuple[float, float]) -> np.ndarray:
+    """(ax sin 2 pi fx t, ay sin(2 pi fy t - pi / 2) = -ay cos 2 pi fy t) from (amplitude N, frequency Hz)."""
+    return np.array([[x[0], 2 * math.pi * x[1], 0.0], [y[0], 2 * math.pi * y[1], -0.5 * math.pi]])
+
+
+def bench_scenes(device: Device) -> tuple[BenchScene, ...]:
+    """S1 free, S2 one locked, S3 all locked, S4 switching."""
+
+    def yields(slipping: float, **others: float) -> np.ndarray:
+        return np.array([others.get(j, slipping) if j in device.braked else 0.0 for j in JOINTS])
+
+    still, once = np.zeros((2, 3)), np.zeros(1)
+    wave, no_force = _waves((6.0, 2.0), (6.0, 1.4)), np.zeros(2)
+    order = [joint for joint in ORDER_SWITCHED if joint in device.braked]
+    times = np.arange(round(2.0 / SWITCH_S)) * SWITCH_S
+    switching = np.array([yields(SLIPPING, **{order[k % len(order)]: SWITCHED}) for k in range(len(times))])
+    return (
+        BenchScene("S1", device, 2.0, wave, no_force, once, yields(SLIPPING)[None]),
+        BenchScene("S2", device, 2.0, wave, no_force, once, yields(SLIPPING, A=LOCKED)[None]),
+        BenchScene("S3", device, 1.0, still, np.array([10.0, 0.0]), once, yields(LOCKED)[None]),
+        BenchScene("S4", device, 2.0, _waves((15.0, 1.0), (-10.0, 0.7)), no_force, times, switching),
+    )

@@ -1,0 +1,303 @@
+"""BIDS-Motion (specification 1.11): a data set that other laboratories' programs read, one motion file a recording.
+
+OUT/dataset_description.json, README.md, participants.tsv, participants.json, scans.json
+    task-pathfollow_events.json, task-pathfollow_tracksys-fivebar_channels.json     hold for every recording
+    sub-01/ses-01/sub-01_ses-01_scans.tsv          a row a recording: when, which cell of the plan, its measures
+                  motion/sub-01_.._run-07_motion.tsv, _motion.json, _channels.tsv, _events.tsv
+    phenotype/tlxsmoothness.tsv, .json             the answers to the questionnaire, if there are any
+
+Text does not go into a motion file: phases are events; `stuck` is a channel of 0 and 1 for each brake; `decision` is
+a number, its words are in _motion.json. The file names say device and run, never the controller.
+"""
+
+import csv
+import importlib.metadata
+import re
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from experiments.analysis.metrics import SAMPLE_RATE_HZ
+from experiments.analysis.trials_table import COLUMNS, TrialRow, table_bytes
+from experiments.export.columns import PHASE_LEVELS, STATUS_LEVELS, recording_column, trials_column
+from experiments.export.trial import (
+    Exported,
+    ExportedTrial,
+    said_in,
+    write_columns,
+    write_json,
+    write_phenotype,
+    write_rows,
+)
+from experiments.recording.schema import Recording
+from experiments.session.session import SENSOR
+
+BIDS_VERSION = "1.11.1"
+TASK, TRACKSYS = "pathfollow", "fivebar"
+MISSING = "n/a"
+_LATENCY_DECIMALS = 6  # at most, by the specification
+#: Columns of trials.csv that a scans table says by the name of the file.
+_IN_FILE_NAME = ("participant", "recording")
+
+_HANDS = {
+    "operator": "simulated operator: no person took part",
+    "mouse": "a person who pulled the simulated handle with the mouse",
+    "hid": "a person who pushed a six-axis device: its deflection, not a force sensor, moved the simulated handle",
+    SENSOR: "a hand at the device on the bench, its force measured by the device's sensor",
+}
+
+_EMULATED = "EMULATED"  # begins the number of a board that `phd emulate` stands for, whose hand is simulated too
+
+_README = """\
+# {name}
+
+Trials on a planar five-bar whose joints carry brakes (a passive haptic display): a hand moves the handle along a
+path while a controller switches the brakes. One motion file a trial, 1000 samples a second, SI units. Frame:
+x to the participant's right, y away from the participant.
+
+- `*_motion.tsv`: first the time since the start (LATENCY), then the handle, the hand force (MISC, N), the brakes.
+- `*_motion.json`, `Trial`: the path in m, rules and gain of the controller, whether numbers of the device are assumed
+  (`assumed`), the seed; `Outcome`: how it ended; `Decisions`: the words of the channel `decision`.
+- `*_events.tsv`: the phases of the trial. Every measure is taken over `move`.
+- `*_scans.tsv`: controller (its number in Table I), device, path, status and the measures of each trial.
+
+`SimulatedDevice` and `SimulatedOperator` in `*_motion.json` say what was no real device and no person; with a
+simulated operator, times of day are those of the computation.
+To be added before it is shared: authors, licence (dataset_description.json), who the participants are.
+"""
+
+
+class _Channel(NamedTuple):
+    name: str
+    component: str
+    kind: str
+    point: str
+    units: str
+    placement: str
+    frame: str
+    description: str
+
+
+class BidsDataset:
+    """A BIDS export in a folder that exists and is empty."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._hands: dict[str, str] = {}  # subject -> hand
+        self._scans: dict[tuple[str, str], list[list[str]]] = {}
+
+    def add(self, trial: ExportedTrial) -> None:
+        """Write one recording: motion, channels, events."""
+        acquisition = re.sub("[^A-Za-z0-9]", "", trial.row.configuration) or "device"
+        stem = (
+            f"{trial.subject}_{trial.session}_task-{TASK}_tracksys-{TRACKSYS}_acq-{acquisition}_run-{trial.row.run:02d}"
+        )
+        motion = self.folder / trial.subject / trial.session / "motion"
+        motion.mkdir(parents=True, exist_ok=True)
+        channels, columns = _channels(trial)
+        write_columns(motion / f"{stem}_motion.tsv", columns, "\t", header=False, missing=MISSING)
+        write_json(motion / f"{stem}_motion.json", _about(trial, channels))
+        header = ("name", "component", "type", "tracked_point", "units", "placement", "reference_frame", "description")
+        write_rows(motion / f"{stem}_channels.tsv", [header, *channels])
+        write_rows(motion / f"{stem}_events.tsv", [("onset", "duration", "trial_type"), *_phases(trial.recording)])
+        self._hands.setdefault(trial.subject, str(trial.told.get("hand", MISSING)))
+        self._scans.setdefault((trial.subject, trial.session), []).append(
+            [f"motion/{stem}_motion.tsv", _day_time(trial.begun), *_cells(trial.row)]
+        )
+
+    def finish(self, exported: Exported) -> None:
+        """Write the tables and what holds for the whole data set."""
+        scanned = [name for name in COLUMNS if name not in _IN_FILE_NAME]
+        for (subject, session), lines in self._scans.items():
+            header = ["filename", "acq_time", *scanned]
+            write_rows(self.folder / subject / session / f"{subject}_{session}_scans.tsv", [header, *lines])
+        write_json(self.folder / "scans.json", {name: _scan_column(name) for name in scanned})
+        write_rows(
+            self.folder / "participants.tsv",
+            [("participant_id", "species", "age", "sex", "handedness", "hand")]
+            + [(subject, *[MISSING] * 4, hand) for subject, hand in self._hands.items()],
+        )
+        levels = {hand: _HANDS[hand] for hand in _HANDS if hand in self._hands.values()}
+        hand = {"Description": "where the force of the hand came from", **({"Levels": levels} if levels else {})}
+        write_json(self.folder / "participants.json", {"hand": hand})
+        write_phenotype(self.folder, [a for a in said_in(exported.sessions).answers if a.subject in self._hands])
+        write_json(self.folder / f"task-{TASK}_events.json", _events_json())
+        write_json(self.folder / f"task-{TASK}_tracksys-{TRACKSYS}_channels.json", _channels_json())
+        about = {"Name": exported.name or "phd", "BIDSVersion": BIDS_VERSION, "DatasetType": "raw"}
+        generators = [{"Name": "phd", "Version": _version()}]
+        write_json(self.folder / "dataset_description.json", {**about, "GeneratedBy": generators})
+        (self.folder / "README.md").write_text(
+            (_README.format(name=exported.name) + exported.remarks()).rstrip() + "\n", encoding="utf-8"
+        )
+
+
+def _channels(trial: ExportedTrial) -> tuple[list[_Channel], dict[str, np.ndarray]]:
+    """The channels of a recording, and the column of each, in order."""
+    recording = trial.recording
+    channels: list[_Channel] = []
+    columns: dict[str, np.ndarray] = {}
+    for name in trial.names:
+        if name == "phase":
+            continue
+        described = recording_column(name)
+        if name == "stuck":
+            letters = recording.words["stuck"]
+            for joint in recording.braked:
+                stuck = np.array([joint in word for word in letters])[recording.column("stuck")]
+                columns[f"stuck_{joint}"] = stuck.astype(np.int8)
+                says = f"1: the brake at joint {joint} is stuck, 0: it is not"
+                channels.append(_Channel(f"stuck_{joint}", MISSING, "MISC", MISSING, MISSING, MISSING, MISSING, says))
+            continue
+        values = recording.column(name)
+        columns[name] = np.round(values, _LATENCY_DECIMALS) if name == "t_s" else values
+        kind = _kind(name)
+        at_handle = name.startswith(("tip_", "hand_", "target_"))
+        says = described.description + (": the code of a word in Decisions of _motion.json" * (name == "decision"))
+        channels.append(
+            _Channel(
+                name,
+                _component(name) if at_handle else MISSING,
+                kind,
+                "handle" if at_handle and not name.startswith("target_") else MISSING,
+                described.unit or MISSING,
+                "handle" if at_handle and not name.startswith("target_") else MISSING,
+                "workspace" if at_handle else MISSING,
+                says,
+            )
+        )
+    return channels, columns
+
+
+def _kind(name: str) -> str:
+    """The specification's type of a channel; it has none for forces, currents and torques."""
+    if name == "t_s":
+        return "LATENCY"
+    for start, kind in (("tip_v", "VEL"), ("tip_a", "ACCEL"), ("tip_", "POS")):
+        if name.startswith(start):
+            return kind
+    return "MISC"
+
+
+def _component(name: str) -> str:
+    found = re.search(r"_[vaf]?([xy])_", name)
+    return found[1] if found else MISSING
+
+
+def _about(trial: ExportedTrial, channels: list[_Channel]) -> dict[str, Any]:
+    """_motion.json."""
+    recording = trial.recording
+    t = recording.column("t_s")
+    kinds = [channel.kind for channel in channels]
+    counts = {kind: kinds.count(kind) for kind in ("ACCEL", "LATENCY", "POS", "VEL")}
+    board = _board(trial)
+    about: dict[str, Any] = {
+        "TaskName": TASK,
+        "TaskDescription": "Move the handle from the start of a path to its end, along the path.",
+        "Instructions": "Move to the start. Hold. Go.",
+        "SamplingFrequency": SAMPLE_RATE_HZ,
+        "SamplingFrequencyEffective": round((len(t) - 1) / float(t[-1] - t[0]), 6) if len(t) > 1 else MISSING,
+        "RecordingDuration": round(len(t) / SAMPLE_RATE_HZ, 6),
+        "TrackingSystemName": f"five-bar {trial.row.configuration}",
+        "TrackedPointsCount": 1,
+        "MotionChannelCount": counts["ACCEL"] + counts["POS"] + counts["VEL"],
+        **{f"{kind}ChannelCount": count for kind, count in counts.items()},
+        **{f"{kind}ChannelCount": 0 for kind in ("ANGACCEL", "GYRO", "JNTANG", "MAGN", "ORNT")},
+        "MISCChannelCount": kinds.count("MISC"),
+        "MissingValues": MISSING,
+        "SubjectArtefactDescription": MISSING,
+        "Manufacturer": MISSING,
+        "ManufacturersModelName": trial.row.configuration,
+        "DeviceSerialNumber": board or MISSING,
+        "SoftwareVersions": f"phd {trial.software}",
+        "InstitutionName": MISSING,
+        "InstitutionAddress": MISSING,
+        "InstitutionalDepartmentName": MISSING,
+        "SimulatedDevice": not board or board.startswith(_EMULATED),
+        "SimulatedOperator": trial.told.get("hand") == "operator" or board.startswith(_EMULATED),
+        "Trial": trial.told,
+        "Outcome": trial.outcome,
+    }
+    if any(channel.name == "decision" for channel in channels):
+        about["Decisions"] = {str(code): word for code, word in enumerate(recording.words["decision"])}
+    return about
+
+
+def _board(trial: ExportedTrial) -> str:
+    """The number of the board on the bench; "": the device is simulated, as in a recording that says nothing."""
+    if trial.told.get("link", "sim") == "sim":
+        return ""
+    return str(trial.outcome.get("link", {}).get("board") or "unknown")
+
+
+def _phases(recording: Recording) -> list[tuple[str, str, str]]:
+    """Onset, duration and name of each stretch of ticks in one phase."""
+    phase, t = recording.column("phase"), recording.column("t_s")
+    if not len(phase):
+        return []
+    firsts = [0, *(np.flatnonzero(np.diff(phase)) + 1).tolist()]
+    ends = [*t[firsts[1:]].tolist(), float(t[-1]) + 1.0 / SAMPLE_RATE_HZ]
+    return [
+        (_seconds(t[first]), _seconds(end - t[first]), recording.words["phase"][phase[first]])
+        for first, end in zip(firsts, ends, strict=True)
+    ]
+
+
+def _seconds(value: float) -> str:
+    return repr(round(float(value), _LATENCY_DECIMALS))
+
+
+def _cells(row: TrialRow) -> list[str]:
+    """A row of trials.csv as a scans table shows it."""
+    [cells] = csv.reader([table_bytes([row], header=False).decode()])
+    return [cell or MISSING for name, cell in zip(COLUMNS, cells, strict=True) if name not in _IN_FILE_NAME]
+
+
+def _day_time(text: str) -> str:
+    """A time of the journal as the specification wants it, in UTC."""
+    try:
+        return f"{datetime.fromisoformat(text).astimezone(UTC):%Y-%m-%dT%H:%M:%S.%f}Z"
+    except ValueError:
+        return MISSING
+
+
+def _scan_column(name: str) -> dict[str, Any]:
+    column = trials_column(name)
+    entry: dict[str, Any] = {"Description": column.description}
+    if column.unit:
+        entry["Units"] = column.unit
+    if name == "status":
+        entry["Levels"] = STATUS_LEVELS
+    return entry
+
+
+def _events_json() -> dict[str, Any]:
+    return {
+        "trial_type": {"Description": "phase of the trial", "Levels": PHASE_LEVELS},
+        "StimulusPresentation": {"SoftwareName": "phd", "SoftwareVersion": _version()},
+    }
+
+
+def _channels_json() -> dict[str, Any]:
+    return {
+        "reference_frame": {
+            "Description": "how the frame of the channel lies",
+            "Levels": {
+                "workspace": {
+                    "Description": "x to the participant's right, y away from the participant; the motion is plane; "
+                    "the origin is that of the device file",
+                    "SpatialAxes": "RF_",
+                    "RotationRule": MISSING,
+                    "RotationOrder": MISSING,
+                }
+            },
+        }
+    }
+
+
+def _version() -> str:
+    try:
+        return importlib.metadata.version("phd")
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"

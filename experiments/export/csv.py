@@ -1,0 +1,92 @@
+"""Tidy CSV: a file a recording, a row a tick; trials.csv, a row a trial; and what every column means.
+
+OUT/README.md
+    trials.csv                  as in the data folder; `recording` names the CSV file
+    questionnaire.csv           a row for each block that was asked about, if any was
+    notes.csv                   what the experimenter wrote down, if anything
+    columns.json                file -> column -> unit and description
+    sub-01/ses-01/run-001.csv   every tick
+                  run-001.json  what is known of the trial: its path, rules, gain, how it ended
+"""
+
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+
+import pyarrow as pa
+
+from experiments.analysis.trials_table import COLUMNS, TrialRow, write_table
+from experiments.export.columns import (
+    DECISION_READING,
+    PHASE_LEVELS,
+    STATUS_LEVELS,
+    Column,
+    recording_column,
+    trials_column,
+)
+from experiments.export.trial import Exported, ExportedTrial, said_in, write_columns, write_json, write_said
+from experiments.recording.schema import TEXT_COLUMNS
+
+_LEVELS = {"phase": PHASE_LEVELS, "status": STATUS_LEVELS}
+
+_README = """\
+# {name}, as CSV
+
+Trials on a planar five-bar whose joints carry brakes: a hand moves the handle along a path.
+
+- `trials.csv`: one row a trial, in the order in which the sessions ran them. `recording` is the file of its ticks.
+- `sub-*/ses-*/run-*.csv`: every tick, 1000 a second; beside each a `.json` with what is known of the trial.
+- `questionnaire.csv`, `notes.csv`, where there are any: the answers after each block; what the experimenter wrote.
+- `columns.json`: unit and meaning of every column. J stands for a joint: A and B at the bases, E and C the elbows.
+
+UTF-8, comma, line feed, one header line; SI units; numbers in the shortest form that reads back to the same double;
+an empty cell: nothing was measured, or the number was not finite. Frame: x to the participant's right, y away from
+the participant. `assumed` in a `.json`: numbers of the device or the brakes are assumed, not measured.
+"""
+
+
+class CsvTables:
+    """A CSV export in a folder that exists and is empty."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._rows: list[TrialRow] = []
+        self._names: dict[str, None] = {}
+
+    def add(self, trial: ExportedTrial) -> None:
+        """Write one recording and what is known of it."""
+        place = PurePosixPath(trial.subject, trial.session, f"run-{trial.row.run:03d}.csv")
+        path = self.folder / place
+        path.parent.mkdir(parents=True, exist_ok=True)
+        recording = trial.recording
+        columns = {
+            name: pa.array(recording.text(name), pa.string()) if name in TEXT_COLUMNS else recording.column(name)
+            for name in trial.names
+        }
+        write_columns(path, columns, ",", header=True, missing="")
+        about = {"trial": trial.told, "outcome": trial.outcome, "begun": trial.begun, "phd": trial.software}
+        write_json(path.with_suffix(".json"), about)
+        self._rows.append(replace(trial.row, recording=str(place)))
+        self._names |= dict.fromkeys(trial.names)
+
+    def finish(self, exported: Exported) -> None:
+        """Write the table, the dictionary and the README."""
+        order = sorted((*self._rows, *exported.unrecorded), key=lambda row: (row.participant, row.run))
+        write_table(self.folder / "trials.csv", order)
+        described = {
+            "trials.csv": {name: _entry(name, trials_column(name)) for name in COLUMNS},
+            "sub-*/ses-*/run-*.csv": {name: _entry(name, recording_column(name)) for name in self._names},
+        }
+        for name, columns in write_said(self.folder, said_in(exported.sessions)).items():
+            described[name] = {column: _entry(column, entry) for column, entry in columns.items()}
+        write_json(self.folder / "columns.json", described)
+        text = _README.format(name=exported.name) + exported.remarks()
+        (self.folder / "README.md").write_text(text.rstrip() + "\n", encoding="utf-8")
+
+
+def _entry(name: str, column: Column) -> dict:
+    entry: dict = {"unit": column.unit, "description": column.description}
+    if name in _LEVELS:
+        entry["levels"] = _LEVELS[name]
+    if name == "decision":
+        entry["description"] += f" ({DECISION_READING})"
+    return entry

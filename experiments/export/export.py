@@ -1,0 +1,192 @@
+"""`phd export`: the recordings of a data folder for other programs, as BIDS-Motion or as CSV, whole or not at all.
+
+What is damaged, was cut off or has no row in its session's table is left out and named. Practice trials stay behind.
+
+Blind: as long as a session's table holds codes instead of controllers, whatever would give a controller away stays
+behind too (what the brakes did, the seed of the plan); export again once the session has been opened.
+"""
+
+import contextlib
+import json
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+from pathlib import Path
+from typing import Any, Protocol
+
+from core.errors import InputError
+from experiments.analysis.trials_table import TrialRow, row_of
+from experiments.export.bids import BidsDataset
+from experiments.export.csv import CsvTables
+from experiments.export.trial import Exported, ExportedTrial
+from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
+from experiments.session.files import STORED, TABLE, rows_of, runs_on_disk
+from experiments.session.journal import read_events
+
+FORMS: dict[str, Callable[[Path], "Form"]] = {"bids": BidsDataset, "csv": CsvTables}
+#: What may be told of a trial while it is blind.
+_TOLD_WHILE_BLIND = (
+    "participant", "run", "block", "configuration", "controller", "segment", "repetition", "start_m", "end_m", "path",
+    "protocol", "rules", "hand", "link", "assumed", "status", "reason", "energy_residual_J", "energy_added_max_J",
+)  # fmt: skip
+
+
+class Form(Protocol):
+    """One way to write an export into a folder."""
+
+    def add(self, trial: ExportedTrial) -> None:
+        """Write one trial."""
+
+    def finish(self, exported: Exported) -> None:
+        """Write what stands once."""
+
+
+def export(folder: Path, outs: dict[str, Path], progress: Callable[[float], None] | None = None) -> dict:
+    """Write a data folder's recordings into new or empty folders, form ("bids", "csv") -> folder; the summary.
+
+    InputError if there is nothing to export or a folder cannot be used; then, and after any error, nothing is left.
+    """
+    folder = Path(folder)
+    homes = sorted(folder.glob("sub-*/ses-*"))
+    paths = [
+        files.get(PARQUET_SUFFIX) or files[STREAM_SUFFIX] for home in homes for files in runs_on_disk(home).values()
+    ]
+    if not paths:
+        raise InputError(f"{folder}: holds no recordings (sub-*/ses-*/trials/run-*)")
+    sessions = {home: _Session.of(home) for home in homes}
+    there = set(paths)
+    left_out = [
+        f"{(home / row.recording).relative_to(folder).as_posix()} (stands in {TABLE}, but is not there)"
+        for home, session in sessions.items()
+        for row in session.recorded.values()
+        if not any((home / row.recording).with_suffix(suffix) in there for suffix in (PARQUET_SUFFIX, STREAM_SUFFIX))
+    ]
+    trials = 0
+    with _new_folders(outs) as partial:
+        forms = [FORMS[form](partial[form]) for form in outs]
+        for number, path in enumerate(paths, start=1):
+            trial = _look_at(path, sessions[path.parent.parent])
+            if isinstance(trial, str):
+                left_out.append(f"{path.relative_to(folder).as_posix()} ({trial})")
+            else:
+                trials += 1
+                for form in forms:
+                    form.add(trial)
+            if progress:
+                progress(number / len(paths))
+        if not trials:
+            raise InputError(f"{folder}: none of its recordings can be exported: {'; '.join(left_out)}")
+        blind = tuple(home.relative_to(folder).as_posix() for home, session in sessions.items() if session.blind)
+        unrecorded = tuple(row for session in sessions.values() for row in session.unrecorded)
+        exported = Exported(folder.resolve().name, tuple(left_out), blind, unrecorded, tuple(homes))
+        for form in forms:
+            form.finish(exported)
+    return {
+        **{form: str(out) for form, out in outs.items()},
+        "recordings": len(paths),
+        "trials": trials,
+        "left_out": left_out,
+        "blind": list(blind),
+    }
+
+
+@dataclass(frozen=True)
+class _Session:
+    """What the files of a session say besides its recordings."""
+
+    has_table: bool
+    recorded: dict[str, TrialRow]  # by the name of the recording, without suffix
+    unrecorded: tuple[TrialRow, ...]
+    blind: bool
+    begun: dict[int, str]  # run number -> time of day
+    software: str  # what it was recorded with
+
+    @classmethod
+    def of(cls, folder: Path) -> "_Session":
+        rows = rows_of(folder)
+        version = "n/a"
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # `phd verify` tells what is wrong with it
+            version = str(json.loads((folder / STORED).read_text(encoding="utf-8"))["versions"]["phd"])
+        return cls(
+            (folder / TABLE).exists(),
+            {Path(row.recording).stem: row for row in rows if row.recording},
+            tuple(row for row in rows if not row.recording),
+            any(_is_code(row.controller) for row in rows),
+            {event["run"]: event["time"] for event in read_events(folder) if _is_begin(event)},
+            version,
+        )
+
+
+def _is_begin(event: dict) -> bool:
+    return event.get("event") == "trial begun" and {"run", "time"} <= event.keys()
+
+
+def _is_code(controller: int | str) -> bool:
+    """Whether a controller stands in the table by its code in a blind session ("K3"), not by its number."""
+    return not str(controller).isdecimal()
+
+
+def _look_at(path: Path, session: _Session) -> ExportedTrial | str:
+    """A trial to export, or why it is left out."""
+    recording, home = read_recording(path), path.parent.parent
+    if not recording.whole:
+        return "; ".join(recording.damaged) or "cut off before its end"
+    if not session.has_table:
+        row = row_of(recording, home)
+    elif path.stem in session.recorded:
+        row = session.recorded[path.stem]
+    else:
+        return f"has no row in {TABLE}: the trial is not over, or phd recover has to look at it"
+    told: dict[str, Any] = {**recording.metadata, "controller": row.controller}
+    outcome = {**recording.outcome, "status": row.status}  # a trial that was done may have been redone since
+    blind = session.blind or _is_code(row.controller)
+    if blind:
+        told = {name: value for name, value in told.items() if name in _TOLD_WHILE_BLIND}
+        outcome = {name: value for name, value in outcome.items() if name in _TOLD_WHILE_BLIND}
+        row = replace(row, switches_per_s=None, unreachable_share=None)
+    return ExportedTrial(
+        home.parent.name, home.name, recording, row, told, outcome,
+        session.begun.get(row.run, ""), session.software, blind,
+    )  # fmt: skip
+
+
+@contextlib.contextmanager
+def _new_folders(outs: dict[str, Path]) -> Iterator[dict[str, Path]]:
+    """Form -> a folder beside its place; they get their names at the end, together, or are removed."""
+    places = {form: Path(out).resolve() for form, out in outs.items()}
+    _refuse_nested(tuple(places.values()))
+    partial: dict[str, Path] = {}
+    try:
+        for form, out in places.items():
+            partial[form] = _begin(out)
+        yield partial
+        for form, out in places.items():
+            if out.exists():
+                out.rmdir()
+            partial[form].rename(out)
+    except OSError as error:
+        reason = f"{error.strerror or error}, so the export was given up"
+        raise OSError(error.errno, reason, ", ".join(map(str, outs.values()))) from error
+    finally:
+        for folder in partial.values():
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _begin(out: Path) -> Path:
+    """A new folder beside `out`, which must be new or empty; InputError otherwise."""
+    partial = out.with_name(f".{out.name}.partial")
+    try:
+        if out.exists() and any(out.iterdir()):
+            raise InputError(f"{out}: is not empty, an export needs a new or empty folder")
+        shutil.rmtree(partial, ignore_errors=True)  # left by a kill
+        partial.mkdir(parents=True)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be created ({(error.strerror or str(error)).lower()})") from None
+    return partial
+
+
+def _refuse_nested(outs: Sequence[Path]) -> None:
+    for a, b in permutations(outs, 2):
+        if a == b or b in a.parents:
+            raise InputError(f"{a}: two exports need two folders, neither inside the other")

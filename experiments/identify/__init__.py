@@ -1,0 +1,1 @@
+"""A brake file from measured current steps."""

@@ -1,0 +1,211 @@
+"""The numbers of a brake from its measured steps: torque gain, Eq. (2), and time constants, Eq. (4).
+
+Refused where the steps cannot tell a number: the sentence says which, and what was measured instead.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from core.errors import InputError
+from experiments.identify.least_squares import (
+    Array,
+    LinearFit,
+    fit_linear,
+    undetermined,
+    variance_by_group,
+    weights_with_ripple,
+)
+from experiments.identify.step_response import FALL, REACH, RISE, Measured
+from experiments.identify.steps import Step
+
+KNEE_A = 0.2  # Eq. (2)
+K_NAMES = ("k_1", "k_2", "k_3", "k_4", "k_5")
+A_NAMES = ("a_1", "a_2", "a_3", "a_4", "a_5", "a_6")
+
+#: Our choice: the lowest omega_0 with at most this many times the least scatter. The lowest, since a surface that
+#: reaches a_avg at omega_0 follows the flat part for another octave and fits as well there.
+MORE_SCATTER = 1.16
+#: Relative. Time constants that scatter less than this fit perfectly.
+PERFECT = 1e-3
+
+
+class TimeConstants(NamedTuple):
+    """Eq. (4) for one direction."""
+
+    average: LinearFit  # of a_avg
+    surface: LinearFit  # of a_1 .. a_6
+    at_average: list[Measured]  # the steps that each rests on
+    at_surface: list[Measured]
+
+
+def gain_row(current: float) -> list[float]:
+    """K of Eq. (2) at a current is this row times (k_1, k_2, k_3, k_4); k_5 makes K continuous at the knee."""
+    if current < KNEE_A:
+        return [current, 1.0, 0.0, 0.0]
+    return [KNEE_A, 1.0, current**2 - KNEE_A**2, current - KNEE_A]
+
+
+def fit_torque_gain(found: Sequence[Measured], where: str) -> LinearFit:
+    """k_1 .. k_5 of the torque gain, Eq. (2), from the steady torques, each at the current stepped to.
+
+    Our choice: K is continuous at the knee (0.2 A), else it has no inverse there. Weights from the scatter:
+    where a step turns less than a revolution, ripple is an offset, and the less it turns the larger.
+    """
+    design = np.array([gain_row(one.step.current_to) for one in found])
+    values = np.array([one.steady_torque for one in found])
+    names = undetermined(design, K_NAMES[:4])
+    if names:
+        names += [K_NAMES[4]] if set(names) & {"k_1", "k_3", "k_4"} else []
+        raise InputError(
+            f"{where}: {listed(names)} of Eq. (2) cannot be identified: {_measured_at(found, speeds=False)}, and it "
+            f"takes steps to four currents, one of them below {KNEE_A:g} A and two above, and more than four steps"
+        )
+    contrasts = np.vstack([np.eye(4), [KNEE_A, 1.0, -(KNEE_A**2), -KNEE_A]])
+    return fit_linear(design, values, _weights_by_turns(found), contrasts)
+
+
+def _weights_by_turns(found: Sequence[Measured]) -> Array:
+    """(n,) weights of the steady torques, from the scatter of the single repeats about the fit.
+
+    One for all that are averages of whole revolutions, else one for each speed.
+    """
+    kinds = [0.0 if one.turns else one.step.speed_rpm for one in found]
+    groups = np.unique(kinds, return_inverse=True)[1]
+    repeats = [len(one.repeated_torques) for one in found]
+    design = np.repeat([gain_row(one.step.current_to) for one in found], repeats, axis=0)
+    torques = np.concatenate([one.repeated_torques for one in found])
+    variances = variance_by_group(design, torques, np.repeat(groups, repeats))
+    return np.array(repeats) / variances[groups]
+
+
+def surface_row(current: float, speed_rpm: float) -> list[float]:
+    """a of Eq. (4) below omega_0 is this row times (a_1 .. a_6)."""
+    w = math.log2(speed_rpm)
+    return [current, w, current * w, w * w, current * w * w, 1.0]
+
+
+def fit_time_constants(
+    found: Sequence[Measured], gain: LinearFit, omega_0: float, where: str
+) -> dict[str, TimeConstants]:
+    """a_avg and a_1 .. a_6 of the time constants, Eq. (4), rising and falling apart; omega_0 in rpm.
+
+    The current is the one stepped to, omega_L is log2 of the speed in rpm. Our choice: a weight of (change of the
+    torque)^2 / a, which is how well white noise lets a be told from a transient, less where the scatter grows with
+    the speed: the faster the shaft, the more of the ripple falls into a transient.
+    """
+    fits = {}
+    for direction in (RISE, FALL):
+        names, reason = _open(found, direction, omega_0)
+        if names:
+            raise InputError(f"{where}: {listed(names)} of Eq. (4), {direction}, cannot be identified: {reason}")
+        fast, slow = _either_side(found, direction, omega_0)
+        average, surface = (_fit(part, _design(part, omega_0), gain) for part in (fast, slow))
+        fits[direction] = TimeConstants(average, surface, fast, slow)
+    return fits
+
+
+def scatter_by_omega_0(found: Sequence[Measured], gain: LinearFit, where: str) -> dict[float, float]:
+    """omega_0 (rpm) -> scatter of the time constants about Eq. (4), relative to the least.
+
+    Every measured speed at which all numbers can be told is tried. The scatter is the geometric mean over all steps
+    of the standard deviation at their speed, so that the worst speed does not hide what the others tell.
+    """
+    speeds = sorted({one.step.speed_rpm for one in found})
+    refused = {omega_0: [_open(found, direction, omega_0) for direction in (RISE, FALL)] for omega_0 in speeds}
+    possible = [omega_0 for omega_0, sides in refused.items() if not any(names for names, _ in sides)]
+    if not possible:
+        fewest = min(speeds, key=lambda omega_0: sum(len(names) for names, _ in refused[omega_0]))
+        fit_time_constants(found, gain, fewest, where)  # refuses
+    usable = [one for one in found if not math.isnan(one.time_constant)]
+    trust = np.array([abs(torque_change(one.step, gain)) / math.sqrt(one.typical) for one in usable])
+    values = np.array([one.time_constant for one in usable]) * trust
+    _, groups, counts = np.unique([one.step.speed_rpm for one in usable], return_inverse=True, return_counts=True)
+    rising = np.array([[one.step.rising] for one in usable])
+    scatter = {}
+    for omega_0 in possible:
+        rows = np.array([_either_row(one.step, omega_0) for one in usable])
+        design = np.hstack([np.where(rising, rows, 0.0), np.where(rising, 0.0, rows)]) * trust[:, None]
+        variance = variance_by_group(design, values, groups) + PERFECT**2 * float(np.median(values**2))
+        scatter[omega_0] = math.exp(0.5 * float(np.average(np.log(variance), weights=counts)))
+    least = min(scatter.values())
+    return {omega_0: value / least for omega_0, value in scatter.items()}
+
+
+def choose_omega_0(scatter: dict[float, float]) -> float:
+    """omega_0 (rpm) from `scatter_by_omega_0`: where the paper looked at Fig. 7, least squares over the speeds."""
+    return min(omega_0 for omega_0, value in scatter.items() if value <= MORE_SCATTER)
+
+
+def torque_change(step: Step, gain: LinearFit) -> float:
+    """What a step changes the steady torque by (N m), by the fit of Eq. (2)."""
+    return float(np.subtract(gain_row(step.current_to), gain_row(step.current_from)) @ gain.coefficients)
+
+
+def _either_side(
+    found: Sequence[Measured], direction: str, omega_0: float
+) -> tuple[list[Measured], list[Measured]]:
+    """The steps in a direction with a time constant: at omega_0 and above, below."""
+    usable = [one for one in found if one.direction == direction and not math.isnan(one.time_constant)]
+    fast = [one for one in usable if one.step.speed_rpm >= omega_0]
+    return fast, [one for one in usable if one.step.speed_rpm < omega_0]
+
+
+def _either_row(step: Step, omega_0: float) -> list[float]:
+    """a of Eq. (4) on both sides of omega_0 is this row times (a_avg, a_1 .. a_6)."""
+    if step.speed_rpm >= omega_0:
+        return [1.0, *[0.0] * 6]
+    return [0.0, *surface_row(step.current_to, step.speed_rpm)]
+
+
+def _design(found: Sequence[Measured], omega_0: float) -> Array:
+    """Design of a_avg (n, 1) or of a_1 .. a_6 (n, 6): `found` are on one side of omega_0."""
+    if found and found[0].step.speed_rpm >= omega_0:
+        return np.ones((len(found), 1))
+    return np.array([surface_row(one.step.current_to, one.step.speed_rpm) for one in found]).reshape(-1, 6)
+
+
+def _open(found: Sequence[Measured], direction: str, omega_0: float) -> tuple[list[str], str]:
+    """The numbers of Eq. (4) that steps in a direction leave open, and why; none, where all can be told."""
+    fast, slow = _either_side(found, direction, omega_0)
+    if len(fast) < 2:
+        at = _measured_at(fast)
+        return ["a_avg"], f"at omega_0 = {omega_0:g} rpm and above {at}, and it takes at least two steps there"
+    names = undetermined(_design(slow, omega_0), A_NAMES) if slow else list(A_NAMES)
+    return names, (
+        f"below omega_0 = {omega_0:g} rpm {_measured_at(slow)}, and it takes steps to two currents at each of three "
+        "speeds, and more than six steps"
+    )
+
+
+def _fit(found: Sequence[Measured], design: Array, gain: LinearFit) -> LinearFit:
+    """Least squares of the time constants; the weights follow the fit, from typical constants on."""
+    values = np.array([one.time_constant for one in found])
+    typical = np.array([one.typical for one in found])
+    speeds = np.array([one.step.speed_rpm for one in found])
+    squares = np.array([torque_change(one.step, gain) for one in found]) ** 2
+    expected = typical
+    for _ in range(3):
+        fit = fit_linear(design, values, weights_with_ripple(design, values, squares / expected, speeds))
+        expected = np.clip(fit.fitted, typical / REACH, typical * REACH)
+    return fit
+
+
+def _measured_at(found: Sequence[Measured], speeds: bool = True) -> str:
+    """Where the steps are, for a refusal."""
+    if not found:
+        return "no step tells a time constant"
+    count = f"{len(found)} averaged step{'s' if len(found) > 1 else ''}"
+    text = f"{count} to {_numbers(one.step.current_to for one in found)} A"
+    return text + (f" at {_numbers(one.step.speed_rpm for one in found)} rpm" if speeds else "") + " only"
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return listed([f"{value:g}" for value in sorted(set(values))])
+
+
+def listed(words: Sequence[str]) -> str:
+    """The words as in a sentence: a, b and c."""
+    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))

@@ -1,0 +1,1 @@
+"""One recording on disk: how ticks are written, checked and read."""

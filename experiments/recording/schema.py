@@ -1,0 +1,238 @@
+"""The form of a recording: its columns, their names, its header, and the checksum that covers every byte.
+
+A recording in progress is an Arrow IPC stream that any Arrow library reads: the schema, the dictionaries of the
+text columns (all words known in advance, so none is added later), batches of ticks, and an end record. Parquet,
+once closed, holds the same columns and the same metadata.
+
+Checksum, one rule for all: the header of a stream (everything before its first batch), each batch, the end record,
+and a Parquet file as a whole carry in their metadata `crc32`, the CRC-32 (as in zip; 8 lower-case hex digits) of
+all their own bytes, with those 8 digits themselves taken as `SEAL`. The bytes of a batch are its Arrow message,
+from the continuation marker to the end of the body. So a changed bit is noticed wherever it is, and each part can
+be judged alone.
+
+Metadata of a batch: crc32, sequence (0, 1, ..), first_row, rows; of the end record besides: end, outcome (JSON).
+Metadata of the schema: crc32, phd (JSON: form, braked, text (the words of each text column), metadata, and of a device
+on the bench sensors).
+"""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from fastcrc.crc32 import iso_hdlc as crc32
+
+from core import tick_log
+from core.errors import InputError
+from core.mechanism import JOINTS
+
+FORM = 1  # rises when a reader of today could no longer read the file
+SEAL = b"\x18" * 8  # stands for the digits of a checksum while it is computed
+
+MARKER = b"\xff\xff\xff\xff"  # begins every message of an Arrow stream
+STREAM_END = MARKER + bytes(4)  # Arrow's own end of a stream
+
+#: Text columns -> the integer that stores a word's place.
+TEXT_COLUMNS = {"phase": pa.int8(), "stuck": pa.int8(), "decision": pa.int16()}
+
+
+class Sensors(NamedTuple):
+    """What a device on the bench has, whose raw signals are recorded beside everything else."""
+
+    encoders: str  # letters of their joints, "AB"
+    force_channels: int
+
+
+def recording_columns(braked: str, sensors: Sensors | None = None) -> tuple[tuple[str, int], ...]:
+    """(name, column of the tick log) of every column; `braked`: letters of the braked joints, as "AEB".
+
+    sensors: of a device on the bench; None: it is simulated, and there are no raw signals.
+    """
+    joints = [i for i, joint in enumerate(JOINTS) if joint in braked]
+    if "".join(JOINTS[i] for i in joints) != braked:
+        raise InputError(f"recording: braked joints {braked!r} must be letters out of {JOINTS}, in that order")
+    return (
+        ("t_s", tick_log.T),
+        ("phase", tick_log.PHASE),
+        ("tip_x_m", tick_log.TIP_X),
+        ("tip_y_m", tick_log.TIP_Y),
+        ("tip_vx_m_s", tick_log.TIP_VX),
+        ("tip_vy_m_s", tick_log.TIP_VY),
+        ("tip_ax_m_s2", tick_log.TIP_AX),
+        ("tip_ay_m_s2", tick_log.TIP_AY),
+        ("hand_fx_N", tick_log.HAND_FX),
+        ("hand_fy_N", tick_log.HAND_FY),
+        *((f"current_{JOINTS[i]}_A", tick_log.CURRENT + i) for i in joints),
+        *((f"torque_{JOINTS[i]}_N_m", tick_log.TORQUE + i) for i in joints),
+        ("stuck", tick_log.STUCK),
+        ("decision", tick_log.DECISION),
+        ("lateness_us", tick_log.LATENESS_US),
+        ("energy_hand_J", tick_log.ENERGY_HAND),
+        ("energy_brakes_J", tick_log.ENERGY_BRAKES),
+        ("energy_kinetic_J", tick_log.ENERGY_KINETIC),
+        ("energy_stops_J", tick_log.ENERGY_STOPS),
+        ("target_x_m", tick_log.TARGET_X),
+        ("target_y_m", tick_log.TARGET_Y),
+        *(bench_columns(joints, sensors) if sensors else ()),
+    )
+
+
+def bench_columns(joints: list[int], sensors: Sensors) -> list[tuple[str, int]]:
+    """(name, column of the tick log) of what the bench alone has; joints: indices of the braked ones."""
+    return [
+        ("board_us", tick_log.BOARD_US),
+        ("host_s", tick_log.HOST_S),
+        ("filled", tick_log.FILLED),
+        *((f"encoder_{joint}_counts", tick_log.COUNT + JOINTS.index(joint)) for joint in sensors.encoders),
+        *((f"force_{n + 1}_counts", tick_log.FORCE_COUNT + n) for n in range(sensors.force_channels)),
+        *((f"measured_{JOINTS[i]}_A", tick_log.MEASURED + i) for i in joints),
+    ]
+
+
+def column_words(decisions: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Text column -> its words; a column of the tick log holds a word's place here."""
+    return {"phase": tick_log.PHASES, "stuck": tick_log.STUCK_LETTERS, "decision": tuple(decisions)}
+
+
+def make_schema(
+    braked: str, metadata: dict[str, Any], decisions: tuple[str, ...], sensors: Sensors | None = None
+) -> pa.Schema:
+    """The Arrow schema of a recording, without a checksum. InputError for metadata that JSON cannot hold."""
+    words = column_words(decisions)
+    about = {"form": FORM, "braked": braked, "text": words, "metadata": metadata}
+    if sensors:
+        about["sensors"] = sensors._asdict()
+    try:
+        about_json = json.dumps(about, sort_keys=True, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"recording: metadata cannot be stored as JSON: {error}") from None
+    fields = [
+        pa.field(
+            name,
+            pa.dictionary(TEXT_COLUMNS[name], pa.string()) if name in TEXT_COLUMNS else pa.float64(),
+            nullable=False,
+        )
+        for name, _ in recording_columns(braked, sensors)
+    ]
+    return pa.schema(fields, metadata={"phd": about_json})
+
+
+def seal(message: bytes, start: int = 0) -> bytes:
+    """The message with its checksum in place of the first `SEAL` from byte `start` on."""
+    at = message.index(SEAL, start)
+    return b"".join((memoryview(message)[:at], b"%08x" % crc32(message), memoryview(message)[at + len(SEAL) :]))
+
+
+def is_sealed(message: bytes, digits: bytes | None, start: int = 0) -> bool:
+    """Whether `digits`, the checksum that the message carries (after byte `start`), is that of its bytes."""
+    if digits is None or len(digits) != len(SEAL):
+        return False
+    at = message.find(digits, start)
+    if at < 0:
+        return False
+    rest = memoryview(message)[at + len(SEAL) :]
+    return digits == b"%08x" % crc32(rest, crc32(message[:at] + SEAL))
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One trial as recorded. Text columns hold codes: `words[name][code]` is the text."""
+
+    path: Path
+    metadata: dict[str, Any] = field(default_factory=dict)  # as given to the writer
+    outcome: dict[str, Any] = field(default_factory=dict)  # as given to its `close`
+    braked: str = ""
+    sensors: Sensors | None = None  # of a device on the bench
+    columns: dict[str, np.ndarray] = field(default_factory=dict)  # each (rows,)
+    words: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    complete: bool = False  # the end is there: nothing was cut off
+    damaged: list[str] = field(
+        default_factory=list
+    )  # what fails its checksum or is missing; its rows are left out
+
+    @property
+    def rows(self) -> int:
+        """Number of ticks that were read."""
+        return len(self.columns["t_s"]) if self.columns else 0
+
+    @property
+    def whole(self) -> bool:
+        """Whether every tick that was recorded is here, unchanged."""
+        return self.complete and not self.damaged
+
+    def column(self, name: str) -> np.ndarray:
+        """One column (rows,). InputError if the recording has none of that name."""
+        if name not in self.columns:
+            raise InputError(f"{self.path}: there is no column {name} to read")
+        return self.columns[name]
+
+    def text(self, name: str) -> np.ndarray:
+        """A text column as words (rows,), dtype object."""
+        return np.array(self.words[name], dtype=object)[self.column(name)]
+
+    def in_phase(self, phase: str) -> np.ndarray:
+        """True at the ticks of one phase (rows,): approach, hold, move or end."""
+        return self.column("phase") == self.words["phase"].index(phase)
+
+
+def same_content(a: Recording, b: Recording) -> bool:
+    """Whether two recordings hold the same, bit by bit (a NaN equals itself, -0 is not 0), wherever they lie."""
+    if (a.metadata, a.outcome, a.braked, a.sensors, a.words) != (b.metadata, b.outcome, b.braked, b.sensors, b.words):
+        return False
+    if list(a.columns) != list(b.columns):
+        return False
+    return all(
+        x.dtype == y.dtype
+        and x.shape == y.shape
+        and np.array_equal(x.view(f"u{x.itemsize}"), y.view(f"u{y.itemsize}"))
+        for x, y in zip(a.columns.values(), b.columns.values(), strict=True)
+    )
+
+
+def describe(schema_metadata: dict[bytes, bytes] | None) -> dict[str, Any]:
+    """What the schema says about the recording (the JSON under `phd`), as keyword arguments of `Recording`.
+
+    ValueError if this is no recording or one of a later form.
+    """
+    try:
+        about = json.loads((schema_metadata or {})[b"phd"])
+        form, words = about["form"], about["text"]
+        described = {
+            "metadata": about["metadata"],
+            "braked": about["braked"],
+            "sensors": Sensors(**about["sensors"]) if "sensors" in about else None,
+            "words": {name: tuple(words[name]) for name in TEXT_COLUMNS},
+        }
+    except (KeyError, TypeError, ValueError):
+        raise ValueError("no description of a recording") from None
+    if form != FORM:
+        raise ValueError(f"form {form!r}, this program reads form {FORM}")
+    return described
+
+
+def as_arrays(batches: list[pa.RecordBatch], schema: pa.Schema, words: dict[str, tuple[str, ...]]) -> dict:
+    """Column name -> (rows,) array of all batches; text columns as places in `words` (else ValueError)."""
+    columns: dict[str, np.ndarray] = {}
+    for i, column in enumerate(schema):
+        parts = [batch.column(i) for batch in batches]
+        if any(part.null_count for part in parts):
+            raise ValueError(f"column {column.name} has gaps")
+        if column.name not in TEXT_COLUMNS:
+            arrays = [part.to_numpy() for part in parts]
+            columns[column.name] = np.concatenate(arrays) if arrays else np.empty(0)
+            continue
+        dtype = TEXT_COLUMNS[column.name].to_pandas_dtype()
+        place = {word: code for code, word in enumerate(words[column.name])}
+        arrays = []
+        for part in parts:
+            there = part.dictionary.to_pylist()
+            if any(word not in place for word in there):
+                raise ValueError(f"column {column.name} has words that the description does not list")
+            codes = part.indices.to_numpy()
+            if len(codes) and not 0 <= codes.min() <= codes.max() < len(there):
+                raise ValueError(f"column {column.name} has a code without a word")
+            arrays.append(np.array([place[word] for word in there], dtype=dtype)[codes])
+        columns[column.name] = np.concatenate(arrays) if arrays else np.empty(0, dtype)
+    return columns

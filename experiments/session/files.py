@@ -1,0 +1,241 @@
+"""The files of a session: where they are, who may write them, and what is stored about the session.
+
+DATA/sub-01/ses-01/session.json                plan, hash, protocol, device and brake files in full, versions
+                   key.json                    of a blind session alone: which controller each code is
+                   journal.jsonl               one line an event
+                   trials/run-001.arrows       a trial in progress, or what a crash left of it
+                   trials/run-001.parquet      a trial that is closed and verified
+                   trials/run-001.arrows.crashed   the stream of a recovered trial, as the crash left it
+                   practice/run-001.parquet    a practice trial, which has no row anywhere
+                   trials.csv                  one row a trial, in the order in which they were run
+                   .lock                       held by the one process that may write here
+DATA/trials.csv                                the rows of all participants
+"""
+
+import contextlib
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import filelock
+
+from core.errors import InputError
+from experiments.analysis.trials_table import SETTLED, TrialRow, read_table, write_table
+from experiments.plan import PlannedTrial, plan_from_json, plan_hash
+from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
+from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX
+
+LOCK = ".lock"
+STORED = "session.json"
+TABLE = "trials.csv"
+TRIALS, PRACTICE = "trials", "practice"
+CRASHED, DAMAGED = "crashed", "damaged"  # how files are marked that `phd recover` set aside
+
+
+def session_folder(data_dir: Path, participant: str) -> Path:
+    """Where a participant's session is kept."""
+    return data_dir / f"sub-{participant}" / "ses-01"
+
+
+def run_path(session: Path, run: int, suffix: str, folder: str = TRIALS) -> Path:
+    """The file of a trial, or of a practice trial."""
+    return session / folder / f"run-{run:03d}{suffix}"
+
+
+def runs_on_disk(session: Path, folder: str = TRIALS) -> dict[int, dict[str, Path]]:
+    """Run number -> suffix -> its file, of every run that has a stream or a Parquet file; by rising number."""
+    found: dict[int, dict[str, Path]] = {}
+    for path in session.glob(f"{folder}/run-*"):
+        if path.suffix in (STREAM_SUFFIX, PARQUET_SUFFIX) and (match := re.fullmatch(r"run-(\d+)", path.stem)):
+            found.setdefault(int(match[1]), {})[path.suffix] = path
+    return dict(sorted(found.items()))
+
+
+def runs_used(session: Path, folder: str = TRIALS) -> set[int]:
+    """Every run number that a file has or ever had."""
+    names = (re.match(r"\.?run-(\d+)\.", path.name) for path in session.glob(f"{folder}/*run-*"))
+    return {int(match[1]) for match in names if match}
+
+
+def is_half_created(session: Path) -> bool:
+    """Whether a crash came before the session was stored: there is nothing to keep."""
+    return not (session / STORED).exists() and not (session / TABLE).exists() and not runs_used(session)
+
+
+def remove_empty(session: Path) -> None:
+    """Remove the folders of a session that came to nothing, where there is nothing in them."""
+    for folder in (session / TRIALS, session, session.parent):
+        with contextlib.suppress(OSError):  # there is something, or it is gone
+            folder.rmdir()
+
+
+def refuse_existing(data_dir: Path, participant: str) -> None:
+    """InputError if this participant has a session already."""
+    folder = session_folder(data_dir, participant)
+    if folder.exists() and not is_half_created(folder):
+        raise InputError(f"{folder}: exists already, a session is never overwritten; name another participant")
+
+
+def free_participant(data_dir: Path, participants: Sequence[str] = ()) -> str:
+    """The first of the protocol's participants without a session; where it names none, the first number of two digits.
+
+    InputError if each of them has one.
+    """
+    for label in participants:
+        if not session_folder(data_dir, label).exists():
+            return label
+    if participants:
+        raise InputError(f"{data_dir}: every participant of the protocol has a session ({', '.join(participants)})")
+    number = 1
+    while session_folder(data_dir, f"{number:02d}").exists():
+        number += 1
+    return f"{number:02d}"
+
+
+def sessions_in(folder: Path) -> list[Path]:
+    """Every session of a data folder; or the session that the folder itself is.
+
+    InputError if there is no such folder or it holds files, but none of a study or session.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: {'is no folder' if folder.exists() else 'there is no such folder'}")
+    if (folder / STORED).exists() or (folder / "trials").is_dir():
+        return [folder]
+    sessions = sorted(path for path in (*folder.glob("sub-*/ses-*"), *folder.glob("ses-*")) if path.is_dir())
+    ours = ("study.json", TABLE, "sub-", ".")
+    if not sessions and any(not path.name.startswith(ours) for path in folder.iterdir()):
+        raise InputError(f"{folder}: holds no session (sub-*/ses-*), and other files")
+    return sessions
+
+
+def hold_lock(folder: Path, wait_s: float = 0.0) -> filelock.BaseFileLock:
+    """The folder's lock, held until it is released or the process ends.
+
+    InputError if a live process holds it, after `wait_s`.
+    """
+    lock = filelock.FileLock(folder / LOCK)
+    try:
+        lock.acquire(timeout=wait_s)
+    except filelock.Timeout:
+        raise InputError(f"{folder}: is in use by a running process") from None
+    return lock
+
+
+def is_in_use(folder: Path) -> bool:
+    """Whether a live process holds the folder's lock; nothing is written."""
+    if not (folder / LOCK).exists():
+        return False
+    try:
+        hold_lock(folder).release()
+    except InputError:
+        return True
+    except OSError:  # not ours to open, as on a read-only disk: nobody writes there
+        return False
+    return False
+
+
+@dataclass(frozen=True)
+class StoredSession:
+    """What session.json says."""
+
+    participant: str
+    protocol: Protocol
+    plan: tuple[PlannedTrial, ...]  # over codes if the session was begun blind
+    about: dict[str, Any]  # everything
+
+
+def read_stored(session: Path) -> StoredSession:
+    """The session as it was stored. InputError if it cannot be read or its plan was changed."""
+    path = session / STORED
+    try:
+        about = json.loads(path.read_text(encoding="utf-8"))
+        plan = plan_from_json(about["plan"])
+        if plan_hash(plan) != about["plan_sha256"]:
+            raise InputError(f"{path}: plan: does not match plan_sha256, it was changed")
+        return StoredSession(about["participant"], protocol_from_json(about["protocol"], str(path)), plan, about)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({(error.strerror or str(error)).lower()})") from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: is damaged ({type(error).__name__}: {error})") from None
+
+
+def other_protocol(data_dir: Path, participant: str, protocol: Protocol) -> str:
+    """Whose session, the newest besides this participant's, was run by another protocol; "": it is the same one."""
+    ours = session_folder(data_dir, participant)
+    others = [path for path in data_dir.glob(f"sub-*/ses-01/{STORED}") if path.parent != ours]
+    for path in sorted(others, key=lambda path: path.stat().st_mtime, reverse=True):
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # it cannot be read: the one before it
+            about = json.loads(path.read_text(encoding="utf-8"))
+            return "" if about["protocol"] == protocol_to_json(protocol) else str(about["participant"])
+    return ""
+
+
+def protocols_otherwise(data_dir: Path, participants: Sequence[str], protocol: Protocol) -> dict[str, str]:
+    """Which of these participants' sessions run by another protocol than this one, and its name."""
+    ours, found = protocol_to_json(protocol), {}
+    for label in participants:
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # it cannot be read: it is not offered long
+            about = json.loads((session_folder(data_dir, label) / STORED).read_text(encoding="utf-8"))["protocol"]
+            if about != ours:
+                found[label] = str(about["name"])
+    return found
+
+
+def rows_of(session: Path) -> list[TrialRow]:
+    """The rows of a session's table; none if there is no table yet."""
+    table = session / TABLE
+    return read_table(table) if table.exists() else []
+
+
+def row_place(about: Mapping[str, Any]) -> tuple:
+    """The fields of a row that say which trial it was, from an event of the journal."""
+    return tuple(about[name] for name in PlannedTrial._fields)
+
+
+def cell(trial: PlannedTrial | TrialRow) -> tuple:
+    """What a trial stands for in the plan, whatever its run number."""
+    return trial.block, trial.configuration, trial.controller, trial.segment, trial.repetition
+
+
+def open_trials(plan: tuple[PlannedTrial, ...], rows: list[TrialRow]) -> list[PlannedTrial]:
+    """The planned trials, in order, that no trial has settled yet."""
+    settled = {cell(row) for row in rows if row.status in SETTLED}
+    return [trial for trial in plan if cell(trial) not in settled]
+
+
+def kept_sessions(data_dir: Path) -> dict[str, bool]:
+    """Participants whose session can be taken up, and whether it is unfinished: open trials, or a key to open.
+
+    Left out are those in a live process's hands, and one that cannot be read: `phd verify` names what is wrong with it.
+    """
+    found = {}
+    for session in sorted(data_dir.glob("sub-*/ses-01")):
+        if not (session / STORED).exists() or is_in_use(session):
+            continue
+        try:
+            stored, rows = read_stored(session), rows_of(session)
+        except InputError:
+            continue
+        settled = sum(row.status in SETTLED for row in rows)
+        sealed = any(isinstance(row.controller, str) for row in rows)
+        found[stored.participant] = settled < len(stored.plan) or sealed
+    return found
+
+
+def pooled_rows(data_dir: Path) -> list[TrialRow]:
+    """The rows of all sessions, by session and run, as DATA/trials.csv holds them."""
+    rows = []
+    for table in sorted(data_dir.glob(f"sub-*/ses-*/{TABLE}")):
+        place = table.parent.relative_to(data_dir).as_posix()
+        rows += [row.seen_from(place) for row in sorted(read_table(table), key=lambda row: row.run)]
+    return rows
+
+
+def write_pooled_table(data_dir: Path) -> list[TrialRow]:
+    """Rewrite DATA/trials.csv from the sessions' tables; its rows."""
+    rows = pooled_rows(data_dir)
+    write_table(data_dir / TABLE, rows, replacing=True)
+    return rows

@@ -1,0 +1,83 @@
+"""study.json: what a study was begun with, so that an interrupted one goes on with the same.
+
+DIR/study.json    operators, population, protocol, device and brake files, all in full
+DIR/.lock         held by the one process that runs the study
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from core.errors import InputError
+from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
+from experiments.recording.atomic_files import give_new_name, written_beside
+from experiments.trial.population import Population, population_of
+
+STUDY = "study.json"
+
+
+@dataclass(frozen=True)
+class StudyPlan:
+    """What decides a study."""
+
+    operators: int
+    protocol: Protocol
+    population: Population
+
+
+def write_study(folder: Path, study: StudyPlan) -> None:
+    """Store it in a folder that has none yet. OSError if it cannot be written."""
+    about = {
+        "operators": study.operators,
+        "population": {"name": study.population.name, "text": study.population.text},
+        "protocol": protocol_to_json(study.protocol),
+    }
+    with written_beside(folder / STUDY, json.dumps(about, indent=1, sort_keys=True).encode() + b"\n") as partial:
+        give_new_name(partial, folder / STUDY)
+
+
+def read_study(folder: Path) -> StudyPlan:
+    """The study that a folder was begun with. InputError if there is none or it cannot be read."""
+    path = folder / STUDY
+    try:
+        about = json.loads(path.read_text(encoding="utf-8"))
+        population = population_of(about["population"]["text"], f"{path}: population")
+        return StudyPlan(int(about["operators"]), protocol_from_json(about["protocol"], str(path)), population)
+    except FileNotFoundError:
+        raise InputError(f"{folder}: holds no study to resume (no {STUDY})") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({(error.strerror or str(error)).lower()})") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: is damaged ({type(error).__name__}: {error})") from None
+
+
+def refuse_other(folder: Path, study: StudyPlan, asked: Mapping[str, object]) -> None:
+    """InputError if what was asked for is not what the study was begun with.
+
+    asked: operators, seed, rules, low_gain -> value; devices, protocol, population -> the thing itself.
+    """
+    for name, value in asked.items():
+        protocol = study.protocol
+        if name == "operators":
+            same, begun_with = value == study.operators, f"{study.operators}"
+        elif name in ("protocol", "population"):
+            there = getattr(study, name)
+            same, begun_with = value.text == there.text, f"another {name} ({there.name})"
+        elif name == "devices":
+            same = [_texts(device) for device in value] == [_texts(device) for device in protocol.devices]
+            begun_with = "other devices: " + ", ".join(device.name for device in protocol.devices)
+        elif name == "low_gain":
+            there = protocol.low_gain
+            same, begun_with = value == there, "none" if there is None else f"{there:g}"
+        else:
+            same, begun_with = value == getattr(protocol, name), f"{getattr(protocol, name)}"
+        if not same:
+            option = {"devices": "--device", "protocol": "PROTOCOL.toml"}.get(name, f"--{name.replace('_', '-')}")
+            raise InputError(
+                f"{folder / STUDY}: {option}: the study was begun with {begun_with}; leave the option out to resume it"
+            )
+
+
+def _texts(device) -> tuple:
+    return device.name, device.text, device.brake_texts

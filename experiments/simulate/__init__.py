@@ -1,0 +1,1 @@
+"""One scene without an operator: files in, motion out."""

@@ -1,0 +1,306 @@
+"""Scene files: one run of the simulator without an operator (device, brake schedule, hand force, steps).
+
+`read_scene` checks everything that can be checked before the first step; what it returns can be simulated.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+
+from core.device import Device, load_device
+from core.errors import InputError
+from core.files import NotNegative, Pair, Positive, Table, one_of, read_text, read_toml
+from core.mechanism import JOINTS
+from core.workspace import tip_is_free
+
+
+@dataclass(frozen=True)
+class NumberTable:
+    """A file of finite numbers."""
+
+    path: Path
+    columns: tuple[str, ...]
+    values: np.ndarray  # (rows, columns), at least one row
+    text: str
+
+    def line(self, row: int) -> int:
+        """The line of the file (from 1) on which a row stands."""
+        numbers = (i for i, line in enumerate(self.text.split("\n"), 1) if i > 1 and line.strip())
+        return next(number for k, number in enumerate(numbers) if k == row)
+
+    def check_times(self) -> None:
+        """Refuse a first column that does not rise strictly, or starts after 0."""
+        t = self.values[:, 0]
+        if t[0] > 0.0:
+            raise InputError(
+                f"{self.path}: line {self.line(0)}: the first time must be 0 or earlier, not {t[0]:g} s"
+            )
+        bad = np.flatnonzero(np.diff(t) <= 0.0)
+        if len(bad):
+            row = int(bad[0]) + 1
+            raise InputError(
+                f"{self.path}: line {self.line(row)}: time must rise, but {t[row]:g} s follows {t[row - 1]:g} s"
+            )
+
+
+def read_number_table(path: Path, asked_by: str) -> NumberTable:
+    """The table in a CSV file; `asked_by` is the file and key that name it, for a file that cannot be read."""
+    try:
+        text = read_text(path)
+    except InputError as error:
+        raise InputError(f"{asked_by}: {error}") from None
+    header, _, body = text.partition("\n")
+    columns = tuple(name.strip() for name in header.split(","))
+    if len(set(columns)) < len(columns):
+        raise InputError(f"{path}: line 1: a column stands twice in the header ({header.strip()})")
+    if not body.strip():
+        raise InputError(f"{path}: has no rows")
+    try:
+        values = _numbers(body, columns)
+    except pa.ArrowInvalid:
+        values = np.full((1, len(columns)), np.nan)  # the line at fault is found below
+    if not np.all(np.isfinite(values)):
+        raise InputError(f"{path}: {_first_fault(body, columns)}")
+    return NumberTable(path, columns, values, text)
+
+
+def _numbers(body: str, columns: tuple[str, ...]) -> np.ndarray:
+    """The rows (n, columns) of a CSV body; ArrowInvalid unless every cell is a number (nan and inf pass)."""
+    table = pa_csv.read_csv(
+        pa.py_buffer(body.encode()),
+        pa_csv.ReadOptions(column_names=list(columns)),
+        pa_csv.ParseOptions(quote_char=False),
+        pa_csv.ConvertOptions(column_types={column: pa.float64() for column in columns}, null_values=[]),
+    )
+    return np.column_stack([column.to_numpy() for column in table.columns])
+
+
+def _first_fault(body: str, columns: tuple[str, ...]) -> str:
+    """Line and reason of the first row that is not one finite number a column."""
+    for number, line in enumerate(body.split("\n"), 2):
+        if not line:
+            continue
+        cells = line.split(",")
+        if len(cells) != len(columns):
+            return f"line {number}: has {len(cells)} values, the header names {len(columns)}"
+        for cell, column in zip(cells, columns, strict=True):
+            try:
+                finite = math.isfinite(float(cell.replace("_", "?")))  # Python alone takes 1_000 for a number
+            except ValueError:
+                return f"line {number}: {column} must be a number, not {cell.strip()!r}"
+            if not finite:
+                return f"line {number}: {column} must be finite, not {cell.strip()}"
+    return "cannot be read as numbers"
+
+
+FIDELITIES = ("ideal", "static", "mr")
+INTEGRATORS = ("event", "stepping", "karnopp")
+
+#: Relative. duration and output interval may miss a whole number of output intervals and steps by this much.
+WHOLE_WITHIN = 1e-9
+#: s. Times closer than this are one time (schedule row and step edge, end of a force file and of the scene).
+TIME_WITHIN = 1e-9
+
+
+class JointValues(Table, frozen=True):
+    """One value a joint; joints that are not named are 0."""
+
+    A: NotNegative = 0.0
+    E: NotNegative = 0.0
+    B: NotNegative = 0.0
+    C: NotNegative = 0.0
+
+    def array(self) -> np.ndarray:
+        """(4,) in joint order."""
+        return np.array([getattr(self, joint) for joint in JOINTS])
+
+
+class BrakeTable(Table, frozen=True):
+    """What the brakes are told: constants, or a schedule file that overrides them."""
+
+    torque_N_m: JointValues | None = None
+    current_amperes: JointValues | None = None
+    schedule: str | None = None
+
+
+class ForceTable(Table, frozen=True):
+    """What the hand does: a file, or a constant."""
+
+    file: str | None = None
+    constant_N: Pair | None = None
+
+    def __post_init__(self) -> None:
+        if self.file is not None and self.constant_N is not None:
+            raise ValueError("give either file or constant_N, not both")
+
+
+class SceneFile(Table, frozen=True):
+    """A scene as its file says it."""
+
+    device: str
+    duration_s: Positive
+    step_s: Annotated[float, msgspec.Meta(gt=TIME_WITHIN)]
+    initial_tip_m: Pair
+    output_interval_s: Positive | None = None
+    integrator: str = "event"
+    initial_tip_velocity_m_s: Pair = (0.0, 0.0)
+    fidelity: str = "ideal"
+    brakes: BrakeTable = BrakeTable()
+    force: ForceTable = ForceTable()
+
+    def __post_init__(self) -> None:
+        one_of(self.fidelity, FIDELITIES, "fidelity")
+        one_of(self.integrator, INTEGRATORS, "integrator")
+        right, wrong = (
+            ("torque_N_m", "current_amperes") if self.fidelity == "ideal" else ("current_amperes", "torque_N_m")
+        )
+        if getattr(self.brakes, wrong) is not None:
+            raise ValueError(f"brakes.{wrong} does not go with fidelity {self.fidelity!r}; give brakes.{right}")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene that has passed every check. SI units; joints in the order A, E, B, C."""
+
+    device: Device
+    duration_s: float
+    step_s: float
+    steps: int  # in the whole scene
+    output_interval_s: float
+    output_every: int  # steps from one output row to the next
+    integrator: str
+    fidelity: str
+    initial_tip: np.ndarray  # (2,) m
+    initial_velocity: np.ndarray  # (2,) m/s
+    schedule_t: np.ndarray  # (n,) s, rising, the first <= 0; each row holds from its time on
+    schedule: np.ndarray  # (n, 4) yield torque in N m (ideal) or current in A (static, mr)
+    force_t: np.ndarray  # (m,) s, rising; linear in between, held beyond the ends (a constant has one knot)
+    force: np.ndarray  # (m, 2) N
+
+    @property
+    def rows(self) -> int:
+        """Rows of the output: the first at t = 0."""
+        return self.steps // self.output_every + 1
+
+    def row_times(self, first: int, count: int) -> np.ndarray:
+        """Times (s) of output rows first .. first + count - 1: exact multiples of the interval.
+
+        Where the interval is one over a whole number (1e-3 s), the multiple is taken by division: 9 ms is then
+        0.009, not 0.009000000000000001.
+        """
+        k = np.arange(first, first + count, dtype=float)
+        per_second = round(1.0 / self.output_interval_s)
+        return (
+            k / per_second
+            if per_second and 1.0 / per_second == self.output_interval_s
+            else k * self.output_interval_s
+        )
+
+
+def read_scene(path: str | Path) -> Scene:
+    """The scene of a file; every path inside is relative to it. An InputError names file, key and reason."""
+    path = Path(path)
+    file, _ = read_toml(path, SceneFile)
+    try:
+        device = load_device(file.device, path.parent)
+    except InputError as error:
+        raise InputError(f"{path}: device: {error}") from None
+    interval = file.step_s if file.output_interval_s is None else file.output_interval_s
+    output_every = _whole(interval, file.step_s, f"{path}: output_interval_s", "step_s")
+    intervals = _whole(file.duration_s, interval, f"{path}: duration_s", "output intervals")
+    if not tip_is_free(device.mechanism, *file.initial_tip_m):
+        x, y = file.initial_tip_m
+        raise InputError(
+            f"{path}: initial_tip_m: the tip of {device.name} cannot be at ({x:g}, {y:g}) m: "
+            "out of reach, beyond a hard stop, or not in y > 0"
+        )
+    schedule_t, schedule = _schedule(file, device, path)
+    force_t, force = _force(file, path)
+    return Scene(
+        device=device,
+        duration_s=file.duration_s,
+        step_s=file.step_s,
+        steps=intervals * output_every,
+        output_interval_s=interval,
+        output_every=output_every,
+        integrator=file.integrator,
+        fidelity=file.fidelity,
+        initial_tip=np.array(file.initial_tip_m),
+        initial_velocity=np.array(file.initial_tip_velocity_m_s),
+        schedule_t=schedule_t,
+        schedule=schedule,
+        force_t=force_t,
+        force=force,
+    )
+
+
+def _whole(total: float, part: float, where: str, of: str) -> int:
+    """How many parts make the total; an InputError unless that is a whole number."""
+    ratio = total / part
+    if ratio > 2.0**53:
+        raise InputError(f"{where} ({total:g} s) is too many {of} ({part:g} s)")
+    count = round(ratio)
+    if count < 1 or abs(ratio - count) > WHOLE_WITHIN * count:
+        raise InputError(f"{where} ({total:g} s) is not a whole number of {of} ({part:g} s)")
+    return count
+
+
+def _schedule(file: SceneFile, device: Device, path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Times (n,) and values (n, 4) of what the brakes are told."""
+    key = "torque_N_m" if file.fidelity == "ideal" else "current_amperes"
+    constants = (getattr(file.brakes, key) or JointValues()).array()
+    _check_commands(constants[None], device, file.fidelity, lambda row, joint: f"{path}: brakes.{key}.{joint}")
+    if file.brakes.schedule is None:
+        return np.zeros(1), constants[None]
+    name = path.parent / file.brakes.schedule
+    table = read_number_table(name, f"{path}: brakes.schedule")
+    joints = table.columns[1:]
+    if table.columns[:1] != ("t_s",) or not set(joints) <= set(JOINTS):
+        raise InputError(
+            f"{name}: line 1: the header must be t_s and joints out of A,E,B,C, not {','.join(table.columns)}"
+        )
+    table.check_times()
+    values = np.zeros((len(table.values), 4))
+    values[:, [JOINTS.index(joint) for joint in joints]] = table.values[:, 1:]
+    _check_commands(values, device, file.fidelity, lambda row, joint: f"{name}: line {table.line(row)}: {joint}")
+    return table.values[:, 0].copy(), values
+
+
+def _check_commands(values: np.ndarray, device: Device, fidelity: str, where) -> None:
+    """Refuse values (n, 4) below zero, at a joint without a brake, or above the brake's current limit."""
+    for i, joint in enumerate(JOINTS):
+        limit = device.brakes.current_max[i] if fidelity != "ideal" else np.inf
+        if joint not in device.braked:
+            limit = 0.0
+        bad = np.flatnonzero((values[:, i] < 0.0) | (values[:, i] > limit))
+        if not len(bad):
+            continue
+        value, place = values[bad[0], i], where(int(bad[0]), joint)
+        if joint not in device.braked:
+            raise InputError(
+                f"{place}: {device.name} has no brake at this joint, so it must be 0 or absent, not {value:g}"
+            )
+        if value < 0.0:
+            raise InputError(f"{place} must not be negative, not {value:g}")
+        raise InputError(f"{place} must be at most {limit:g} A (current_max_A of the brake), not {value:g}")
+
+
+def _force(file: SceneFile, path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Knots (m,), s, and forces (m, 2), N, of what the hand does."""
+    if file.force.file is None:
+        return np.zeros(1), np.array([file.force.constant_N or (0.0, 0.0)])
+    name = path.parent / file.force.file
+    table = read_number_table(name, f"{path}: force.file")
+    if table.columns != ("t_s", "fx_N", "fy_N"):
+        raise InputError(f"{name}: line 1: the header must be t_s,fx_N,fy_N, not {','.join(table.columns)}")
+    table.check_times()
+    last = table.values[-1, 0]
+    if last < file.duration_s - TIME_WITHIN:
+        raise InputError(f"{name}: ends at {last:g} s, before the scene does (duration_s = {file.duration_s:g} s)")
+    return table.values[:, 0].copy(), np.ascontiguousarray(table.values[:, 1:])

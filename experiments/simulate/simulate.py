@@ -1,0 +1,166 @@
+"""`phd simulate`: run a scene and stream its motion to a CSV file.
+
+The rows come from a `RowSource` chunk by chunk, so memory stays flat however long the scene is. The file is
+created exclusively, and removed again if the run does not reach its end.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Protocol
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+
+from core.errors import InputError
+from core.mechanism import JOINTS
+from core.tick_log import STUCK_LETTERS
+from experiments.simulate.scene import Scene
+
+#: Most output rows, and most steps, computed at a time: enough that a call costs nothing, few enough that progress
+#: shows and an interrupt is heard (a running kernel hears none).
+CHUNK_ROWS = 20_000
+CHUNK_STEPS = 500_000
+
+#: Columns of a chunk: t, x, y, vx, vy, torque of A, E, B, C, stuck (bits 1 A, 2 E, 4 B, 8 C).
+T, X, Y, VX, VY, TORQUE, STUCK, WIDTH = 0, 1, 2, 3, 4, 5, 9, 10
+
+
+class RowSource(Protocol):
+    """A scene being simulated."""
+
+    @property
+    def events(self) -> int:
+        """Stick-slip events so far."""
+        ...
+
+    @property
+    def fallbacks(self) -> int:
+        """Steps so far that the event integrator handed to the implicit one."""
+        ...
+
+    def run_chunk(self, rows: int) -> npt.NDArray[np.float64]:
+        """The next output rows (rows, WIDTH); the first call begins at t = 0."""
+        ...
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a run did."""
+
+    rows: int
+    steps: int
+    wall_s: float
+    simulated_s: float
+    events: int
+    fallbacks: int
+
+
+def open_scene(scene: Scene) -> RowSource:
+    """The simulator, at the start of a scene."""
+    return _Run(scene)
+
+
+class _Run:
+    """The simulator behind `RowSource`; imported here, where the kernels are first needed."""
+
+    def __init__(self, scene: Scene) -> None:
+        from core.simulator.hand import new_hand
+        from core.simulator.simulation import Simulation
+
+        self.scene, self.row = scene, 0
+        self.simulation = Simulation(
+            scene.device,
+            (scene.initial_tip[0], scene.initial_tip[1]),
+            (scene.initial_velocity[0], scene.initial_velocity[1]),
+            scene.fidelity,
+            scene.integrator,
+            new_hand(scene.force_t, scene.force),
+        )
+
+    def run_chunk(self, rows: int) -> npt.NDArray[np.float64]:
+        scene, first = self.scene, self.row
+        self.row += rows
+        return self.simulation.rows(
+            rows, scene.step_s, scene.output_every, scene.schedule_t, scene.schedule, first, scene.rows - 1
+        )
+
+    @property
+    def events(self) -> int:
+        return self.simulation.ledger().events
+
+    @property
+    def fallbacks(self) -> int:
+        return self.simulation.ledger().fallbacks
+
+
+def simulate(
+    scene: Scene,
+    out_path: str | Path,
+    source: Callable[[Scene], RowSource] = open_scene,
+    progress: Callable[[float], None] | None = None,
+) -> Summary:
+    """Run a scene into a new CSV file. `progress` is told the share done (0 to 1) after each chunk.
+
+    InputError if the file exists or cannot be created; OSError if writing fails; FloatingPointError if the motion
+    diverges. In all these cases, and on any other exception, no half-written file is left behind.
+    """
+    path = Path(out_path)
+    file = create_file(path)
+    try:
+        with file:
+            start = time.perf_counter()
+            rows = source(scene)
+            file.write((",".join(column_names(scene.device.braked)) + "\n").encode())
+            done = 0
+            while done < scene.rows:
+                count = min(CHUNK_ROWS, max(CHUNK_STEPS // scene.output_every, 1), scene.rows - done)
+                chunk = rows.run_chunk(count)
+                _refuse_not_finite(chunk, scene.row_times(done, count))
+                write_rows(file, scene.row_times(done, count), chunk, scene.device.braked)
+                done += count
+                if progress:
+                    progress(done / scene.rows)
+            wall_s = time.perf_counter() - start
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+    return Summary(scene.rows, scene.steps, wall_s, scene.duration_s, int(rows.events), int(rows.fallbacks))
+
+
+def _refuse_not_finite(chunk: np.ndarray, times: np.ndarray) -> None:
+    """A FloatingPointError where the motion has left the finite numbers (a force or speed beyond all sense)."""
+    bad = np.flatnonzero(~np.isfinite(chunk).all(axis=1))
+    if len(bad):
+        raise FloatingPointError(f"the simulated motion is no longer finite at t = {times[bad[0]]:g} s")
+
+
+def create_file(path: Path) -> BinaryIO:
+    """A new file, open for writing; an InputError if it exists or cannot be created."""
+    try:
+        return open(path, "xb")
+    except FileExistsError:
+        raise InputError(f"{path}: exists already and is never overwritten") from None
+    except (OSError, ValueError) as error:
+        reason = (error.strerror if isinstance(error, OSError) else None) or "the path is not valid"
+        raise InputError(f"{path}: cannot be created ({reason.lower()})") from None
+
+
+def column_names(braked: str) -> list[str]:
+    """The header of the output: no columns for joints without a brake."""
+    tip = ["t_s", "tip_x_m", "tip_y_m", "tip_vx_m_s", "tip_vy_m_s"]
+    return [*tip, *(f"torque_{joint}_N_m" for joint in braked), "stuck"]
+
+
+def write_rows(file: BinaryIO, times: np.ndarray, chunk: np.ndarray, braked: str) -> None:
+    """Append rows: shortest decimals that read back as the same doubles, LF line ends."""
+    columns = [times, *(chunk[:, column] for column in (X, Y, VX, VY))]
+    columns += [chunk[:, TORQUE + JOINTS.index(joint)] for joint in braked]
+    bits = pa.array(chunk[:, STUCK].astype(np.int8))
+    stuck = pa.DictionaryArray.from_arrays(bits, list(STUCK_LETTERS)).cast(pa.string())
+    arrays = [pa.array(column + 0.0) for column in columns]  # + 0.0: no "-0" where a torque is zero
+    table = pa.table([*arrays, stuck], names=column_names(braked))
+    pa_csv.write_csv(table, file, pa_csv.WriteOptions(include_header=False, quoting_style="none"))

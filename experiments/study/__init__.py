@@ -1,0 +1,1 @@
+"""Whole studies, headless: run, analyse again, sweep, replay."""

@@ -1,0 +1,208 @@
+"""`phd replay`: the hand of a recorded trial once more, through its own or another controller or device.
+
+Which controller, device and hand that is, what came of it, metric by metric, and the replayed ticks as a file.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import csv as pa_csv
+
+from core import tick_log
+from core.control.controllers import DECISIONS
+from core.device import Device, load_device
+from core.errors import InputError
+from core.path import Path as PathAhead
+from core.workspace import tip_is_free
+from experiments.analysis.metrics import along_path, trial_metrics
+from experiments.protocol import Protocol, check_reach, load_protocol
+from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
+from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns
+from experiments.session.files import STORED
+from experiments.study.replay_hand import HANDS, WITH_TARGET, RecordedHand, force_hand, target_hand
+from experiments.study.replay_run import Recorded, read_recorded, run_replay
+from experiments.trial.person import Person
+
+A_PERSON_WOULD_REACT = (
+    "A person would feel the difference and react: this is what the recorded hand would have come to, not what a "
+    "person would have done."
+)
+
+
+def replay(
+    file: str | Path,
+    controller: int | None = None,
+    device: str | None = None,
+    protocol: str | None = None,
+    hand: str | None = None,
+    out: Path | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> dict[str, Any]:
+    """Replay a recording; the summary. None: as recorded; for `hand`, the target where there is one, else the force.
+
+    controller: its number in the session's protocol, or in `protocol` (a name or a file), whose rules it then follows.
+    out: a new CSV file for the replayed ticks. InputError, and nothing written, for what cannot be replayed.
+    """
+    trial = read_recorded(Path(file))
+    chosen, number = _choose_controller(trial, controller, protocol)
+    onto = _choose_device(trial, device)
+    kind, moved = _choose_hand(trial, hand)
+    if out is not None and out.exists():
+        raise InputError(f"{out}: exists already and is never overwritten")
+    rows, outcome = run_replay(trial, moved, onto, chosen.controllers[number], chosen.rules, progress)
+    replayed = as_recording(trial, rows, onto)
+    if out is not None:
+        _write(replayed, trial.first, out)
+    return {
+        "recording": str(file),
+        "participant": trial.row.participant,
+        "run": trial.row.run,
+        "hand": kind,
+        "before": {
+            "device": trial.row.configuration,
+            "controller": _named(trial.stored.protocol, trial.row.controller),
+            "status": trial.row.status,
+            "way_made": way_made(trial.recording, trial.path),
+            "energy_residual_J": trial.row.energy_residual_J,
+            "energy_added_max_J": trial.row.energy_added_max_J,
+        },
+        "after": {"device": onto.name, "controller": _named(chosen, number)}
+        | {"way_made": way_made(replayed, trial.path)}
+        | outcome,
+        "metrics": compared(trial, replayed),
+        "largest_tip_difference_m": tip_difference(trial, rows),
+        "ticks": len(rows),
+        "note": chosen.note(),
+        "assumed": onto.assumed,
+        "says": A_PERSON_WOULD_REACT,
+        "out": None if out is None else str(out),
+    }
+
+
+def _choose_controller(trial: Recorded, controller: int | None, protocol: str | None) -> tuple[Protocol, int]:
+    """The protocol that has the controller, and its number there."""
+    if protocol is not None and controller is None:
+        raise InputError(f"{protocol}: the protocol is where a controller is looked up, say which")
+    chosen = trial.stored.protocol if protocol is None else load_protocol(protocol)
+    number = trial.row.controller if controller is None else controller
+    if isinstance(number, str):
+        raise InputError(f"{trial.recording.path}: its session is blind, say through which controller")
+    if number not in chosen.controllers:
+        there = ", ".join(f"{number} {preset.name}" for number, preset in chosen.controllers.items())
+        raise InputError(f"controller {number}: the {chosen.name} protocol has none of this number ({there})")
+    return chosen, number
+
+
+def _choose_device(trial: Recorded, device: str | None) -> Device:
+    """The device, which can follow the path and can be where the recorded movement begins."""
+    protocol, segment = trial.stored.protocol, trial.row.segment
+    if device is None:
+        return protocol.device(trial.row.configuration)
+    onto = load_device(device)
+    paths = {segment: protocol.paths[segment]}
+    named = {onto.name: f"device {device}"}
+    check_reach(replace(protocol, devices=(onto,), paths=paths, device_files=named), f"the {protocol.name} protocol")
+    x, y = trial.start
+    if not tip_is_free(onto.mechanism, x, y):
+        raise InputError(f"device {device}: cannot be at ({x:.3f}, {y:.3f}) m, where the recorded movement begins")
+    return onto
+
+
+def _choose_hand(trial: Recorded, hand: str | None) -> tuple[str, RecordedHand]:
+    """Which of `HANDS` it is, and that hand."""
+    about = trial.recording.metadata
+    has_target = about.get("hand") in WITH_TARGET
+    kind = hand or ("target" if has_target else "force")
+    if kind not in HANDS:
+        raise InputError(f"hand: {kind!r} is not one of {', '.join(HANDS)}")
+    if kind == "force":
+        return kind, force_hand(trial.recording, trial.first)
+    if not has_target:
+        raise InputError(f"{trial.recording.path}: the hand ({about.get('hand')!r}) has no target, replay its force")
+    stored = trial.stored
+    try:
+        person = Person(**stored.about["person"]) if about["hand"] == "operator" else None
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{trial.recording.path}: {STORED} of its session: person: {error}") from None
+    return kind, target_hand(trial.recording, trial.first, trial.path, person, stored.protocol.mouse)
+
+
+def as_recording(trial: Recorded, rows: np.ndarray, device: Device) -> Recording:
+    """The replayed ticks as a recording of this device, behind the recorded tip until then (filters need a lead)."""
+    ticks = np.zeros((trial.first, tick_log.WIDTH))
+    for name, place in recording_columns(""):
+        if name not in TEXT_COLUMNS:
+            ticks[:, place] = trial.recording.column(name)[: trial.first]
+    ticks = np.concatenate((ticks, rows))
+    ticks[:, tick_log.T] = trial.recording.column("t_s")[: len(ticks)]
+    columns = {
+        name: ticks[:, place].astype(TEXT_COLUMNS[name].to_pandas_dtype()) if name in TEXT_COLUMNS else ticks[:, place]
+        for name, place in recording_columns(device.braked)
+    }
+    words = column_words(DECISIONS)
+    return Recording(trial.recording.path, braked=device.braked, columns=columns, words=words, complete=True)
+
+
+def compared(trial: Recorded, replayed: Recording) -> dict[str, dict[str, float | None]]:
+    """Each metric before and after, and its change; None where there is nothing, or a blind session hides it."""
+    found = {}
+    for name, after in trial_metrics(replayed, trial.path)._asdict().items():
+        before = getattr(trial.row, name)
+        change = None if before is None or after is None else after - before
+        found[name] = {"before": before, "after": after, "change": change}
+    return found
+
+
+def way_made(recording: Recording, path: PathAhead) -> float:
+    """The share of the path (0 to 1) that `move` came along: where it is short, the metrics are of that part."""
+    move = recording.in_phase("move")
+    progress, _ = along_path(np.column_stack([recording.column(name)[move] for name in ("tip_x_m", "tip_y_m")]), path)
+    return float(progress[-1] / path.length)
+
+
+def tip_difference(trial: Recorded, rows: np.ndarray) -> float:
+    """The largest distance (m) between the recorded and the replayed tip, tick by tick, while both are in `move`."""
+    last = trial.first + len(rows)
+    both = trial.recording.in_phase("move")[trial.first : last] & (rows[:, tick_log.PHASE] == tick_log.MOVE)
+    dx, dy = (
+        rows[:, place] - trial.recording.column(name)[trial.first : last]
+        for name, place in (("tip_x_m", tick_log.TIP_X), ("tip_y_m", tick_log.TIP_Y))
+    )
+    return float(np.max(np.hypot(dx, dy)[both], initial=0.0))
+
+
+def _named(protocol: Protocol, controller: int | str) -> str:
+    name = protocol.controller_name(controller)
+    return name if isinstance(controller, str) else f"{controller} {name}"
+
+
+def _write(replayed: Recording, first: int, out: Path) -> None:
+    """The replayed ticks as a new CSV file, whole or not at all."""
+    arrays = [
+        pa.array(replayed.text(name)[first:].tolist(), pa.string())
+        if name in TEXT_COLUMNS
+        else pa.array(replayed.columns[name][first:] + 0.0)  # no "-0"
+        for name in replayed.columns
+    ]
+    sink = pa.BufferOutputStream()
+    header = ",".join(replayed.columns) + "\n"
+    sink.write(header.encode())
+    table = pa.table(arrays, names=list(replayed.columns))
+    pa_csv.write_csv(table, sink, pa_csv.WriteOptions(include_header=False, quoting_style="needed"))
+    with _wrong_path_named(out), written_beside(out, sink.getvalue().to_pybytes()) as partial:
+        give_new_name(partial, out)
+
+
+@contextmanager
+def _wrong_path_named(out: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        if not is_wrong_path(error):
+            raise
+        raise InputError(f"{out}: cannot be written ({(error.strerror or str(error)).lower()})") from None

@@ -1,0 +1,140 @@
+"""A replay's motion: the recorded hand once more, tick by tick, from where the recorded movement began.
+
+From the first tick of `move`: the tip where it was and as fast as it was, each brake as it is without current, and its
+play where the recorded way to there leaves it on this device. The hand (`replay_hand`) is over at the recording's last
+tick. Through its own controller and device a trial comes out as it was, to rounding, with the target as the hand; what
+is left of the yields of the trial before makes up to a micrometre. With the force as the hand nothing holds the handle
+near the recorded motion, and it drifts off by millimetres to centimetres.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from core import tick_log
+from core.control.controllers import Preset, make_controller, new_memory
+from core.device import Device
+from core.errors import InputError
+from core.path import Path as PathAhead
+from core.path_file import build_path, path_from
+from core.simulator.simulation import Simulation
+from core.simulator.solver_numbers import RATE_ROUNDING
+from core.simulator.state import new_record
+from core.workspace import arm_pose
+from experiments.analysis.metrics import check_samples
+from experiments.analysis.trials_table import TrialRow
+from experiments.recording.reader import read_recording
+from experiments.recording.schema import Recording
+from experiments.session.files import STORED, StoredSession, read_stored
+from experiments.session.journal import recorded_row, told
+from experiments.study.replay_hand import RecordedHand
+from experiments.trial.operator import OPERATOR
+from experiments.trial.tick import RUNNING, STATUSES, new_run, run_ticks
+from experiments.trial.trial import run_fields
+
+HAND_ENDED = "hand ended"  # the recorded hand is over and the end of the path was not reached
+PROGRESS_EVERY = 500  # ticks
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recorded trial, with what its session says of it."""
+
+    recording: Recording
+    row: TrialRow
+    stored: StoredSession
+    path: PathAhead
+    first: int  # tick of `move` at which the replay begins
+
+    @property
+    def start(self) -> tuple[float, float]:
+        """m, of the tip."""
+        return float(self.recording.column("tip_x_m")[self.first]), float(self.recording.column("tip_y_m")[self.first])
+
+
+def read_recorded(file: Path) -> Recorded:
+    """A recorded trial that can be replayed. InputError if it is damaged, was cut off, or never came to `move`."""
+    recording = read_recording(file)
+    if not recording.whole:
+        raise InputError(f"{file}: is not whole ({'; '.join(recording.damaged) or 'cut off before its end'})")
+    session = file.resolve().parent.parent
+    if not (session / STORED).is_file():
+        raise InputError(f"{file}: the {STORED} of its session, which holds device and arm, is not at {session}")
+    stored, found = read_stored(session), recorded_row(recording, session, told(session))
+    move = np.flatnonzero(recording.in_phase("move"))
+    if not len(move):
+        raise InputError(f"{file}: the trial never came to `move`, there is no hand to replay")
+    check_samples(recording)
+    where = f"{file}: path"
+    path = build_path(path_from(recording.metadata["path"], where), where)
+    return Recorded(recording, found, stored, path, int(move[0]))
+
+
+def run_replay(
+    trial: Recorded,
+    hand: RecordedHand,
+    device: Device,
+    preset: Preset,
+    rules: str,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[np.ndarray, dict[str, Any]]:
+    """The replayed ticks (n, tick_log.WIDTH) of `move` and `end`, and how it ended: status and the energy stamp.
+
+    FloatingPointError if the motion is no longer finite.
+    """
+    recording, first, (x, y) = trial.recording, trial.first, trial.start
+    velocity = float(recording.column("tip_vx_m_s")[first]), float(recording.column("tip_vy_m_s")[first])
+    s = Simulation(device, (x, y), velocity, fidelity="mr", integrator="event", hand=hand.hand)
+    s.state["play"][0], s.state["edge"][0] = play_after(recording, first, device)
+    rate = s.state["rate"][0]  # each brake slips as it did; one without a rate sticks if it can
+    s.state["sign"][0] = np.where(np.abs(rate) > RATE_ROUNDING, np.sign(rate), 0.0)
+    last = max(first - 1, 0)  # what the controller knows of the hand before it decides for the first time
+    s.state["hand_force"][0] = [recording.column(name)[last] for name in ("hand_fx_N", "hand_fy_N")]
+    run = new_run(s.fidelity, s.integrator, simulated_hand=False)
+    for name, value in run_fields(trial.stored.protocol.trial, simulated_hand=False).items():
+        run[name][0] = value
+    run["phase"][0], run["tick"][0] = tick_log.MOVE, first
+    controller, memory = make_controller(preset, device.force_normalised_N, rules), new_memory()
+    operator, noise = new_record(OPERATOR), np.zeros((1, 2))
+    rows = np.empty((recording.rows - first, tick_log.WIDTH))
+    done = 0
+    while done < len(rows):
+        hand.take(done)
+        tick = rows[done : done + 1]
+        if not run_ticks(
+            trial.path, controller, s.mechanism, s.brakes, s.hand, s.state, s.trial, run, operator, noise, memory, tick
+        ):
+            break
+        done += 1
+        if progress and done % PROGRESS_EVERY == 0:
+            progress(done / len(rows))
+    rows = rows[:done]
+    if not np.isfinite(rows).all():
+        raise FloatingPointError(f"{recording.path}: the replayed motion is no longer finite")
+    status, ledger = int(run["status"][0]), s.ledger()
+    return rows, {
+        "status": STATUSES[status] if status != RUNNING else HAND_ENDED,
+        "energy_residual_J": ledger.residual,
+        "energy_added_max_J": ledger.added_by_brakes,
+    }
+
+
+def play_after(recording: Recording, ticks: int, device: Device) -> tuple[np.ndarray, np.ndarray]:
+    """Play (4,), rad, and edge (4,) of each brake's backlash after the first ticks of a recording, on any device.
+
+    From the middle of the backlash, as a device just switched on. Where the tip went out of this device's reach,
+    its joints stand still.
+    """
+    x, y = (recording.column(name)[: ticks + 1] for name in ("tip_x_m", "tip_y_m"))
+    arms = device.mechanism.arm_1, device.mechanism.arm_2
+    theta = np.column_stack([angle for arm in arms for angle in arm_pose(arm, x, y).angles()])
+    turned = np.diff(theta, axis=0)
+    turned = np.nan_to_num(np.remainder(turned + np.pi, 2.0 * np.pi) - np.pi)
+    width = device.brakes.play
+    play = 0.5 * width
+    for step in turned:
+        play = np.clip(play + step, 0.0, width)
+    return play, np.where(width > 0.0, (play >= width).astype(float) - (play <= 0.0), 0.0)

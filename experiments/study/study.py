@@ -1,0 +1,184 @@
+"""`phd study`: the paper's whole study with simulated operators, from plan to box plots; goes on after a crash."""
+
+import contextlib
+import shutil
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from core import tick_log
+from core.errors import InputError
+from experiments.analysis.boxplots import draw_boxplots
+from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings
+from experiments.analysis.report import warnings, write_report
+from experiments.analysis.statements import why_no_findings
+from experiments.analysis.trials_table import TrialRow
+from experiments.plan import PlannedTrial, participant_index
+from experiments.protocol import Protocol
+from experiments.recording.atomic_files import is_wrong_path
+from experiments.session.files import LOCK, STORED, hold_lock, session_folder, write_pooled_table
+from experiments.session.session import Session
+from experiments.session.study_file import STUDY, StudyPlan, read_study, refuse_other, write_study
+from experiments.trial.population import Population
+from experiments.trial.tick import TICK_S
+from experiments.trial.trial import Trial
+
+#: Ticks run at a time: long enough that a call costs nothing, short enough that an interrupt is heard.
+CHUNK_TICKS = 8192
+FIGURES, REPORT = "figures", "report"
+
+
+def run_study(
+    out: Path,
+    operators: int,
+    protocol: Protocol,
+    population: Population,
+    progress: Callable[[float], None] | None = None,
+) -> dict:
+    """Run every operator's session into `out`, a new or empty folder; the summary. InputError for wrong input."""
+    out = Path(out)
+    make_empty(out)
+    with hold_lock(out):
+        study = StudyPlan(operators, protocol, population)
+        write_study(out, study)
+        return _Run(out, study, progress).carry_out()
+
+
+def resume_study(out: Path, asked: Mapping[str, object], progress: Callable[[float], None] | None = None) -> dict:
+    """Go on with an interrupted study as it was begun: what a crash left is recovered, then every trial of the plan
+    that is not settled is run. A study that is complete is left as it is. The summary.
+
+    asked: what was asked for by name (see `refuse_other`): it must be what the study was begun with.
+    An operator whose session was cut runs the rest with devices just switched on, so these trials are not the ones
+    of an uninterrupted study, bit by bit; those of operators not begun, or done, are.
+    InputError if there is no study, it differs from what was asked, or a live process has it.
+    """
+    out = Path(out)
+    study = read_study(out)
+    refuse_other(out, study, asked)
+    with hold_lock(out):
+        return _Run(out, study, progress).carry_out()
+
+
+class _Run:
+    """One call's part of a study."""
+
+    def __init__(self, out: Path, study: StudyPlan, progress: Callable[[float], None] | None) -> None:
+        self.out, self.study, self.progress = out, study, progress
+        self.rows = np.empty((CHUNK_TICKS, tick_log.WIDTH))
+        self.simulating, self.ticks, self.trials = 0.0, 0, 0
+
+    def carry_out(self) -> dict:
+        """Run what is not done yet, then the table and the figures."""
+        began = time.perf_counter()
+        for operator in range(1, self.study.operators + 1):
+            with contextlib.closing(self._session(f"{operator:02d}")) as session:
+                while planned := session.next_planned():
+                    self._run_trial(session, planned)
+                    settled = session.settled / len(session.plan)
+                    if self.progress:
+                        self.progress((operator - 1 + settled) / self.study.operators)
+        table = write_pooled_table(self.out)
+        if self.trials or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
+            self._conclude(table)
+        protocol = self.study.protocol
+        refusal = why_no_findings(protocol.controllers)
+        found = [] if refusal else findings(table)
+        return {
+            "out": str(self.out),
+            "trials": len(table),
+            **{f"done_controller_{number}": share_done(table, number) for number in protocol.controllers},
+            "recovered": sum(r.status == "recovered" for r in table),
+            "findings": refusal or verdicts(found),
+            "protocol": protocol.name,
+            "population": self.study.population.name,
+            "operators_changed_after_findings": list(self.study.population.changed_after_findings) or "nothing",
+            "rules": protocol.rules,
+            "low_gain_N_s_m": protocol.low_gain,
+            "parameters": "assumed" if protocol.assumed or self.study.population.assumed else "as in the files",
+            "simulated_s": self.ticks * TICK_S,
+            "simulation_wall_s": self.simulating,
+            "wall_s": time.perf_counter() - began,
+            "warnings": warnings(table, found, simulated=True),
+        }
+
+    def _session(self, label: str) -> Session:
+        if (session_folder(self.out, label) / STORED).exists():
+            return Session.resume(self.out, label, sync=False)
+        protocol = self.study.protocol
+        generator = np.random.default_rng(np.random.SeedSequence([protocol.seed, participant_index(label)]))
+        population = self.study.population
+        person = population.draw(generator)
+        return Session(self.out, label, protocol, person, sync=False, operators=population.operators)
+
+    def _run_trial(self, session: Session, planned: PlannedTrial) -> None:
+        """One trial, from its first tick to its row. OSError, as one sentence, if the disk takes no more."""
+        try:
+            trial, writer = session.begin(planned)
+            with writer:
+                self._run_ticks(trial, writer)
+                session.finish(trial, writer)
+        except OSError as error:
+            if is_wrong_path(error):
+                raise
+            with contextlib.suppress(OSError):
+                session.journal("trial cut off", run=planned.run, reason=error.strerror or str(error))
+            raise OSError(
+                error.errno,
+                f"{error.strerror or error}, so the study stopped in run {planned.run} of participant "
+                f"{session.participant}; all that was recorded is kept, phd study --resume goes on from there",
+                str(self.out),
+            ) from error
+        self.trials += 1
+
+    def _run_ticks(self, trial: Trial, writer) -> None:
+        while not trial.finished:
+            start = time.perf_counter()
+            n = trial.run(self.rows)
+            self.simulating += time.perf_counter() - start
+            writer.write(self.rows[:n])
+        self.ticks += trial.ticks
+
+    def _conclude(self, table: Sequence[TrialRow]) -> None:
+        """Box plots and report; each folder appears whole, in place of one from before a crash."""
+        protocol, operators = self.study.protocol, self.study.population.operators
+        note = f"{protocol.note()}, {operators.label}"
+        for name in (FIGURES, REPORT):
+            folder = self.out / f".{name}.partial"
+            shutil.rmtree(folder, ignore_errors=True)
+            if name == FIGURES:
+                draw_boxplots(table, folder, note, labels=protocol.labels(), protocol=protocol.name)
+            else:
+                said = f"{protocol.note()}, {operators.note}"
+                write_report(table, folder, said, controllers=protocol.controllers, simulated=True)
+            shutil.rmtree(self.out / name, ignore_errors=True)
+            folder.rename(self.out / name)
+
+
+def verdicts(found: Sequence[Finding]) -> str:
+    """How many of the paper's statements the data support, in words."""
+    said = [finding.verdict for finding in found]
+    counts = [f"{verdict}: {said.count(verdict)}" for verdict in (HOLDS, FAILS, CANNOT_TELL)]
+    return ", ".join(counts) + f" (of the paper's {len(found)}; why: {REPORT}/report.md)"
+
+
+def share_done(rows: Sequence[TrialRow], controller: int) -> float:
+    """Share of a controller's trials that reached the end."""
+    of_it = [r.status == "done" for r in rows if r.controller == controller]
+    return float(np.mean(of_it)) if of_it else 0.0
+
+
+def make_empty(folder: Path) -> None:
+    """A new or empty folder, or one in which a study was killed before it was stored; InputError otherwise."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if {path.name for path in folder.iterdir()} - {".writable", LOCK, f".{STUDY}.partial"}:
+            raise InputError(f"{folder}: is not empty, a study needs a new or empty folder (or --resume)")
+        (folder / ".writable").touch()
+        (folder / ".writable").unlink()
+    except OSError as error:
+        if not is_wrong_path(error):
+            raise
+        raise InputError(f"{folder}: cannot be used ({(error.strerror or str(error)).lower()})") from None

@@ -1,0 +1,377 @@
+"""`phd study --sweep`: many studies at once, without recordings, on all cores or a cluster, into one tidy table.
+
+OUT/sweep.json        what the sweep is, in full
+OUT/parts/000001.csv  the rows of one job, once it is done: a sweep that was killed goes on with the others
+OUT/sweep.csv         all rows, once all jobs are done; the parts are then gone
+
+A job's trials depend on nothing but the job, so the table is the same, byte by byte, whatever ran where and when.
+"""
+
+import contextlib
+import csv
+import functools
+import io
+import itertools
+import json
+import math
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import joblib
+import msgspec
+import numpy as np
+
+from core import tick_log
+from core.control.controllers import DECISIONS, KINDS, Preset
+from core.control.rule_sets import RULE_SETS
+from core.device import Device
+from core.errors import InputError
+from core.files import NotNegative, Positive, Table, one_of, parse_toml, read_text
+from core.kernel import first_use
+from core.path import point_at
+from core.path_file import PathFile, build_path
+from experiments.analysis.metrics import NO_METRICS, Metrics, trial_metrics
+from experiments.plan import PlannedTrial
+from experiments.protocol import Count, Text, TrialRules, load_protocol, plain_text
+from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
+from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns
+from experiments.session.files import LOCK, hold_lock
+from experiments.trial.population import Population, load_population
+from experiments.trial.tick import TICK_S
+from experiments.trial.trial import Trial, new_simulation
+
+Names = Annotated[tuple[Text, ...], msgspec.Meta(min_length=1)]
+MOST_JOBS = 1_000_000
+
+
+class SweptController(Table, frozen=True):
+    """One algorithm, each parameter with every value that it is to have."""
+
+    kind: str
+    gap_m: Annotated[tuple[NotNegative, ...], msgspec.Meta(min_length=1)] = (0.0,)
+    gain_N_s_m: tuple[Positive, ...] = ()  # of "proportional" alone
+
+    def __post_init__(self) -> None:
+        one_of(self.kind, tuple(KINDS), "kind")
+        if (self.kind == "proportional") != bool(self.gain_N_s_m):
+            raise ValueError(f"gain_N_s_m is {'not for' if self.gain_N_s_m else 'required for'} {self.kind!r}")
+        if self.kind == "none" and self.gap_m != (0.0,):
+            raise ValueError("gap_m is not for 'none', which never controls")
+
+    def presets(self) -> list[Preset]:
+        """Every combination of its values."""
+        combinations = itertools.product(self.gap_m, self.gain_N_s_m or (0.0,))
+        return [Preset(self.kind, KINDS[self.kind], float(gap), float(gain)) for gap, gain in combinations]
+
+
+class SweepFile(Table, frozen=True):
+    """One sweep as its file says it."""
+
+    name: Text
+    controller: Annotated[tuple[SweptController, ...], msgspec.Meta(min_length=1)]
+    protocol: Text = "paper"
+    operators: Count = 3
+    repetitions: Count = 3
+    seed: Annotated[int, msgspec.Meta(ge=0)] = 1
+    populations: Names = ("average",)
+    devices: Names | None = None
+    rules: Names | None = None
+
+    def __post_init__(self) -> None:
+        plain_text(self.name, "name")
+        for one in self.rules or ():
+            one_of(one, tuple(RULE_SETS), "rules")
+        for key in ("populations", "devices", "rules"):
+            values = getattr(self, key) or ()
+            if len(set(values)) < len(values):
+                raise ValueError(f"{key}: the same one stands there twice")
+
+
+@dataclass(frozen=True)
+class Job:
+    """What one process does at a time: every path and repetition of one person in one cell."""
+
+    number: int  # in the order of the table
+    preset: Preset
+    device: Device
+    population: Population
+    rules: str
+    operator: int
+    seed: int
+    repetitions: int
+    paths: dict[int, PathFile]
+    trial: TrialRules
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep, checked and spread out."""
+
+    name: str
+    texts: dict[str, str]  # every file that decides it, in full
+    assumed: bool
+    jobs: tuple[Job, ...]
+
+
+def load_sweep(path: Path) -> Sweep:
+    """The sweep of a file. InputError, one sentence with file and key, for anything that cannot be run."""
+    text = read_text(path)
+    file = parse_toml(text, SweepFile, str(path))
+    devices = None if file.devices is None else [_beside(path, name) for name in file.devices]
+    protocol = load_protocol(_beside(path, file.protocol), devices=devices)
+    populations = [load_population(_beside(path, name)) for name in file.populations]
+    for key, names in (("populations", [one.name for one in populations]),):
+        if len(set(names)) < len(names):
+            raise InputError(f"{path}: {key}: two have the same name ({', '.join(names)})")
+    presets = [preset for controller in file.controller for preset in controller.presets()]
+    if len(set(presets)) < len(presets):
+        raise InputError(f"{path}: controller: the same controller stands there twice")
+    rules = file.rules or (protocol.rules,)
+    cells = itertools.product(populations, protocol.devices, rules, presets, range(1, file.operators + 1))
+    count = len(populations) * len(protocol.devices) * len(rules) * len(presets) * file.operators
+    if count > MOST_JOBS:
+        raise InputError(f"{path}: {count} people in cells are more than the {MOST_JOBS} that one sweep may have")
+    jobs = tuple(
+        Job(number, preset, device, population, ruled, operator, file.seed, file.repetitions, protocol.paths,
+            protocol.trial)
+        for number, (population, device, ruled, preset, operator) in enumerate(cells, start=1)
+    )  # fmt: skip
+    texts = {"sweep": text, f"protocol {protocol.name}": protocol.text}
+    texts |= {f"population {one.name}": one.text for one in populations}
+    for device in protocol.devices:
+        texts |= {f"device {device.name}": device.text}
+        texts |= {f"brake {name} of {device.name}": brake for name, brake in device.brake_texts.items()}
+    assumed = protocol.assumed or any(one.assumed for one in populations)
+    return Sweep(file.name, texts, assumed, jobs)
+
+
+def _beside(path: Path, name: str) -> str | Path:
+    """A file beside the sweep's where there is one of that name, else the shipped thing of that name."""
+    there = path.parent / name
+    return there if there.is_file() else name
+
+
+STORED, TABLE, PARTS = "sweep.json", "sweep.csv", "parts"
+CHUNK_TICKS = 65_536
+LOOK_S = 0.5  # how often a worker looks whether its parent lives
+PLACE = (
+    "population", "configuration", "rules", "kind", "gap_m", "gain_N_s_m", "operator", "segment", "repetition",
+    "status",
+)  # fmt: skip
+COLUMNS = (*PLACE, *Metrics._fields, "energy_residual_J", "energy_added_max_J")
+
+
+def run_sweep(
+    sweep: Sweep,
+    out: Path,
+    resume: bool = False,
+    cluster: str | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> dict:
+    """Run every job that is not done yet, then write the table; the summary. InputError for wrong input.
+
+    cluster: address of a Dask scheduler, whose workers must have this program; None: the cores of this machine.
+    """
+    began = time.perf_counter()
+    out = Path(out)
+    if not resume:
+        _make_empty(out)
+    with hold_lock(out) if out.is_dir() else _refuse(f"{out}: holds no sweep to resume"):
+        (_compare if resume else _store)(out, sweep)
+        waiting = [] if (out / TABLE).exists() else [job for job in sweep.jobs if not _part(out, job).exists()]
+        done, ticks = len(sweep.jobs) - len(waiting), 0
+        if waiting:
+            (out / PARTS).mkdir(exist_ok=True)
+        with _ending_at_once():
+            for number, data, more in _results(waiting, cluster):
+                with written_beside(out / PARTS / f"{number:06d}.csv", data, sync=False) as partial:
+                    partial.rename(out / PARTS / f"{number:06d}.csv")
+                done, ticks = done + 1, ticks + more
+                if progress:
+                    progress(done / len(sweep.jobs))
+        rows = _gather(out, sweep)
+    return {
+        "out": str(out / TABLE),
+        "name": sweep.name,
+        "jobs": len(sweep.jobs),
+        "already_done": len(sweep.jobs) - len(waiting),
+        "trials": len(rows),
+        "share_done": float(np.mean([r["status"] == "done" for r in rows])),
+        "parameters": "assumed" if sweep.assumed else "as in the files",
+        "simulated_s": ticks * TICK_S,
+        "wall_s": time.perf_counter() - began,
+    }
+
+
+def run_job(job: Job) -> tuple[int, bytes, int]:
+    """The job's number, its rows as they stand in the table, and how many ticks that took."""
+    person = job.population.draw(np.random.default_rng(np.random.SeedSequence([job.seed, job.operator])))
+    first = build_path(next(iter(job.paths.values())), "path")
+    x, y, _, _ = point_at(first, 0.5 * first.length)
+    simulation = new_simulation(job.device, (x, y))
+    text, ticks = io.StringIO(), 0
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    for repetition in range(1, job.repetitions + 1):
+        for segment in job.paths:
+            # as in a study: the same noise for every controller, device and rule set
+            key = [job.seed, job.operator, segment, repetition]
+            planned = PlannedTrial(1, 1, job.device.name, 1, segment, repetition)
+            trial = Trial(
+                simulation, planned, job.paths[segment], job.preset, job.rules, job.trial, person,
+                np.random.default_rng(np.random.SeedSequence(key)),
+            )  # fmt: skip
+            rows = _all_rows(trial)
+            writer.writerow(_row(job, segment, repetition, trial, rows))
+            ticks += len(rows)
+    return job.number, text.getvalue().encode(), ticks
+
+
+def _all_rows(trial: Trial) -> np.ndarray:
+    """Every tick of a trial (n, tick_log.WIDTH)."""
+    blocks = []
+    while not trial.finished:
+        block = np.empty((CHUNK_TICKS, tick_log.WIDTH))
+        blocks.append(block[: trial.run(block)])
+    return np.concatenate(blocks)
+
+
+def _row(job: Job, segment: int, repetition: int, trial: Trial, rows: np.ndarray) -> dict[str, object]:
+    outcome = trial.outcome()
+    recording = in_memory(rows, job.device.braked)
+    metrics = trial_metrics(recording, trial.path) if recording.in_phase("move").any() else NO_METRICS
+    kind = next(word for word, algorithm in KINDS.items() if algorithm == job.preset.algorithm)
+    place = (
+        job.population.name, job.device.name, job.rules, kind, job.preset.gap_m, job.preset.gain, job.operator, segment,
+        repetition, outcome["status"],
+    )  # fmt: skip
+    measured = {**metrics._asdict(), **{key: outcome[key] for key in COLUMNS[-2:]}}
+    return dict(zip(PLACE, place, strict=True)) | {
+        key: "" if value is None or not math.isfinite(value) else repr(float(value)) for key, value in measured.items()
+    }
+
+
+def in_memory(rows: np.ndarray, braked: str) -> Recording:
+    """Ticks (n, tick_log.WIDTH) as a recording that was never on a disk."""
+    columns = {
+        name: rows[:, place].astype(TEXT_COLUMNS[name].to_pandas_dtype()) if name in TEXT_COLUMNS else rows[:, place]
+        for name, place in recording_columns(braked)
+    }
+    return Recording(Path(), braked=braked, columns=columns, words=column_words(DECISIONS), complete=True)
+
+
+def _results(jobs: Sequence[Job], cluster: str | None):
+    """The results of the jobs as they come, from all cores or the cluster's workers."""
+    if jobs and first_use():  # compiled once, here, rather than by every worker at the same time
+        yield run_job(jobs[0])
+        jobs = jobs[1:]
+    if cluster is None:
+        calls = (joblib.delayed(_run_beside_parent)(job, os.getpid()) for job in jobs)
+        workers = max(1, min(joblib.cpu_count(), len(jobs)))
+        yield from joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(calls)
+        return
+    try:
+        from dask.distributed import Client
+    except ImportError:
+        raise InputError("--cluster: needs dask.distributed (pip install -c constraints.txt -e '.[cluster]')") from None
+    try:
+        client = Client(cluster, timeout=10)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--cluster: no Dask scheduler answers at {cluster} ({error})") from None
+    with client, joblib.parallel_config(backend="dask"):
+        calls = (joblib.delayed(run_job)(job) for job in jobs)
+        yield from joblib.Parallel(return_as="generator_unordered")(calls)
+
+
+@contextlib.contextmanager
+def _ending_at_once() -> Iterator[None]:
+    """An interrupt ends the process on the spot: what is done is on the disk, and the workers see that it is gone. An
+    orderly end would wait for them, sometimes for ever.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _run_beside_parent(job: Job, parent: int) -> tuple[int, bytes, int]:
+    """A job in a worker of this machine, which ends when the sweep does, however that ends."""
+    if os.getpid() != parent:
+        _end_with(parent)
+    return run_job(job)
+
+
+@functools.cache
+def _end_with(parent: int) -> None:
+    def look() -> None:
+        while os.getppid() == parent:
+            time.sleep(LOOK_S)
+        os._exit(1)
+
+    threading.Thread(target=look, name="looks at its parent", daemon=True).start()
+
+
+# ------------------------------------------------------------------------------------------------------------- files
+
+
+def _part(out: Path, job: Job) -> Path:
+    return out / PARTS / f"{job.number:06d}.csv"
+
+
+def _make_empty(out: Path) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        if {path.name for path in out.iterdir()} - {LOCK, f".{STORED}.partial"}:
+            raise InputError(f"{out}: is not empty, a sweep needs a new or empty folder (or --resume)")
+    except OSError as error:
+        if not is_wrong_path(error):
+            raise
+        raise InputError(f"{out}: cannot be used ({(error.strerror or str(error)).lower()})") from None
+
+
+def _refuse(sentence: str):
+    raise InputError(sentence)
+
+
+def _store(out: Path, sweep: Sweep) -> None:
+    about = json.dumps({"name": sweep.name, "texts": sweep.texts}, indent=1, sort_keys=True).encode() + b"\n"
+    with written_beside(out / STORED, about) as partial:
+        give_new_name(partial, out / STORED)
+
+
+def _compare(out: Path, sweep: Sweep) -> None:
+    """InputError unless the folder's sweep is this one: a changed file would mix two sweeps in one table."""
+    try:
+        stored = json.loads((out / STORED).read_text(encoding="utf-8"))["texts"]
+    except FileNotFoundError:
+        raise InputError(f"{out}: holds no sweep to resume (no {STORED})") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{out / STORED}: is damaged ({type(error).__name__}: {error})") from None
+    changed = sorted(key for key in {*stored, *sweep.texts} if stored.get(key) != sweep.texts.get(key))
+    if changed:
+        raise InputError(f"{out / STORED}: the sweep was begun with another {', '.join(changed)}; use a new folder")
+
+
+def _gather(out: Path, sweep: Sweep) -> list[dict[str, str]]:
+    """The rows of the table, which is written from the parts if it is not there yet."""
+    table = out / TABLE
+    if not table.exists():
+        data = (",".join(COLUMNS) + "\n").encode() + b"".join(_part(out, job).read_bytes() for job in sweep.jobs)
+        with written_beside(table, data) as partial:
+            give_new_name(partial, table)
+    for job in sweep.jobs:
+        _part(out, job).unlink(missing_ok=True)
+    if (out / PARTS).exists():
+        (out / PARTS).rmdir()
+    with table.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))

@@ -1,0 +1,1 @@
+"""One trial: the tick, its phases, the simulated operator. No files."""

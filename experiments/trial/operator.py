@@ -1,0 +1,287 @@
+"""A simulated operator: a virtual hand that moves along the path with minimum jerk and pulls the handle by an arm.
+
+    arm         spring-damper and mass at the handle, stiff across the path and soft along it; its force is clipped
+    plan        minimum jerk along the path (Flash & Hogan 1985), off it by a bias and an S of this person
+    correction  of the distance to the path: felt (late, at once, in part) and seen (later, little by little)
+    stall       a virtual hand does not run away from a handle that stands; the push along the path grows instead
+    unrest      noise in proportion to the force (PMID 10385989), and tremor (PMC4594250)
+
+A person's numbers come from a population file (`experiments/trial/population.py`), which gives the source of each.
+"""
+
+import math
+
+import numpy as np
+
+from core.kernel import kernel
+from core.path import Path, nearest, point_at
+from core.simulator.state import new_record
+from core.tick_log import APPROACH, HOLD, MOVE
+from experiments.trial.person import Person
+
+TICK_S = 1e-3
+_RING = 256  # ticks of history (a power of two), longer than the longest delay and a glance
+_GLANCE = 50  # ticks over which it is felt whether the handle moves
+_LAST = _RING - 1  # mask of the ring
+_S_HEIGHT = 6.0 * math.sqrt(3.0)  # makes the largest s (1 - s) (1 - 2 s) one
+LONGEST_DELAY_S = (_RING - 1 - _GLANCE) * TICK_S
+
+
+#: A person's constants that the kernels take as they are.
+_TAKEN = (
+    "stiffness_along_N_m", "stiffness_across_N_m", "force_max_N", "movement_s", "approach_speed_m_s",
+    "approach_least_s", "felt_gain", "seen_gain_per_s", "seen_least_m", "foresight_s", "settle_speed_m_s",
+    "correction_max_m", "lead_max_m", "still_speed_m_s", "give_up_per_s", "effort_N_s", "effort_max_N",
+    "effort_ease_per_s", "turn_s", "noise_share", "tremor_N",
+)  # fmt: skip
+
+OPERATOR = np.dtype(
+    [(name, "f8") for name in _TAKEN]
+    + [
+        # this trial's
+        ("bias", "f8"),  # m
+        ("curvature", "f8"),  # m
+        ("reaction_s", "f8"),
+        ("felt_ticks", "i8"),
+        ("seen_ticks", "i8"),
+        ("noise_keep", "f8"),  # low-pass: noise = keep noise + draw normal
+        ("noise_draw", "f8"),
+        ("tremor_keep", "f8", (2,)),  # resonance: tremor = keep_0 tremor + keep_1 (tremor before) + draw normal
+        ("tremor_draw", "f8"),
+        # what changes from tick to tick
+        ("progress", "f8"),  # 0 .. 1 of the minimum-jerk movement
+        ("origin", "f8", (2,)),  # m, where the approach began
+        ("approach_s", "f8"),
+        ("offset", "f8", (2,)),  # m, correction learned from what is seen: x, y on the approach, along, across after
+        ("direction", "f8", (2,)),  # of the virtual hand's way
+        ("effort", "f8"),  # N
+        ("noise", "f8", (2,)),  # of unit variance
+        ("tremor", "f8", (2, 2)),  # of unit variance: now, and a tick before
+        ("ring", "f8", (_RING, 4)),  # past tips: x, y, progress along the path, distance to its left (m)
+    ]
+)
+
+
+def new_operator(person: Person, generator: np.random.Generator) -> np.recarray:
+    """The operator of one trial; draws what differs between trials (bias, reaction, the tremor's phase)."""
+    operator = new_record(OPERATOR)
+    for name in _TAKEN:
+        operator[name][0] = getattr(person, name)
+    bias, reaction, *tremor = generator.standard_normal(6)
+    keep = math.exp(-2.0 * math.pi * person.noise_corner_Hz * TICK_S)
+    fields = dict(
+        bias=(person.bias_m + person.trial_bias_m * bias) / person.skill,
+        curvature=person.curvature_m / person.skill,
+        reaction_s=max(person.reaction_s + person.reaction_spread_s * reaction, 0.0),
+        felt_ticks=round(person.felt_delay_s / TICK_S),
+        seen_ticks=round(person.seen_delay_s / TICK_S),
+        noise_keep=keep,
+        noise_draw=math.sqrt(1.0 - keep * keep),
+        direction=(1.0, 0.0),
+    )
+    for name, value in fields.items():
+        operator[name][0] = value
+    # A resonance at tremor_Hz whose power falls to half tremor_band_Hz / 2 from it, of unit variance
+    radius = math.exp(-math.pi * person.tremor_band_Hz * TICK_S)
+    cosine = math.cos(2.0 * math.pi * person.tremor_Hz * TICK_S)
+    first, second = 2.0 * radius * cosine, -radius * radius
+    correlation = first / (1.0 - second)
+    operator["tremor_keep"][0] = first, second
+    operator["tremor_draw"][0] = math.sqrt(1.0 - first * correlation - second * (first * correlation + second))
+    operator["tremor"][0, 0] = tremor[:2]
+    operator["tremor"][0, 1] = correlation * operator["tremor"][0, 0]
+    operator["tremor"][0, 1] += math.sqrt(1.0 - correlation * correlation) * np.array(tremor[2:])
+    return operator
+
+
+def take_handle(person: Person, path: Path, grips: np.recarray) -> None:
+    """Set the arm at the handle: soft along the path's first piece, stiff across it; the kernels turn it."""
+    _, _, tx, ty = point_at(path, 0.0)
+    grips["spring"][0] = 1
+    turn_arm(grips[0], person.stiffness_along_N_m, person.stiffness_across_N_m, tx, ty)
+    grips["damping"][0] = (person.damping_N_s_m, 0.0, person.damping_N_s_m)
+    grips["force_max"][0] = person.force_max_N
+    grips["mass"][0] = person.mass_kg
+    grips["held"][0] = 0.0
+
+
+@kernel
+def turn_arm(grip, along, across, tx, ty):
+    """Stiffness (N/m) along and across the direction (tx, ty)."""
+    grip.stiffness[0] = along * tx * tx + across * ty * ty
+    grip.stiffness[1] = (along - across) * tx * ty
+    grip.stiffness[2] = along * ty * ty + across * tx * tx
+
+
+@kernel
+def minimum_jerk(r):
+    """Minimum-jerk course (Flash & Hogan 1985): share of the way, and its slope, at share r of the time."""
+    if r <= 0.0:
+        return 0.0, 0.0
+    if r >= 1.0:
+        return 1.0, 0.0
+    square = r * r
+    return square * r * (10.0 - 15.0 * r + 6.0 * square), 30.0 * square * (1.0 - 2.0 * r + square)
+
+
+@kernel
+def begin_approach(operator, x, y, path):
+    """The operator sets out for the start of the path from (x, y)."""
+    operator.origin[0], operator.origin[1] = x, y
+    distance = math.sqrt((path.x0 - x) * (path.x0 - x) + (path.y0 - y) * (path.y0 - y))
+    operator.approach_s = max(operator.approach_least_s, distance / operator.approach_speed_m_s)
+    operator.progress = 0.0
+    operator.offset[0] = operator.offset[1] = operator.effort = 0.0
+    operator.noise[0] = operator.noise[1] = 0.0
+    progress, distance, _, _ = nearest(path, x, y)
+    for i in range(operator.ring.shape[0]):
+        past = operator.ring[i]
+        past[0], past[1], past[2], past[3] = x, y, progress, distance
+
+
+@kernel
+def operate(operator, grip, path, phase, tick, phase_tick, x, y, noise):
+    """Stage: one tick of the operator; sets the arm's target and the restless part of its force.
+
+    tick: since the start of the trial; phase_tick: since the start of the phase; noise (n, 2): standard normal draws.
+    """
+    progress, distance, tx, ty = nearest(path, x, y)
+    now = operator.ring[tick & _LAST]
+    now[0], now[1], now[2], now[3] = x, y, progress, distance
+    if phase == APPROACH or phase == HOLD:
+        reach(operator, grip, path, tick)
+    elif phase == MOVE:
+        if phase_tick == 0:
+            set_out(operator, path)
+        follow(operator, grip, path, tick, phase_tick, progress)
+    else:
+        grip.target[2] = grip.target[3] = 0.0
+        operator.effort -= operator.effort_ease_per_s * TICK_S * operator.effort
+    tremble(operator, grip, tx, ty, x, y, tick, noise)
+
+
+@kernel
+def reach(operator, grip, path, tick):
+    """Towards the start of the path, then, while the handle is calm, correct what is seen to be missing."""
+    operator.progress += TICK_S / operator.approach_s
+    share, slope = minimum_jerk(operator.progress)
+    way_x, way_y = path.x0 - operator.origin[0], path.y0 - operator.origin[1]
+    if operator.progress >= 1.0:
+        seen = operator.ring[(tick - operator.seen_ticks) & _LAST]
+        moved_x, moved_y = felt_motion(operator, tick, 0)
+        calm = max(1.0 - math.sqrt(moved_x * moved_x + moved_y * moved_y) / operator.settle_speed_m_s, 0.0)
+        correct(operator, path.x0 - seen[0], path.y0 - seen[1], moved_x, moved_y, calm)
+    grip.target[0] = operator.origin[0] + share * way_x + operator.offset[0]
+    grip.target[1] = operator.origin[1] + share * way_y + operator.offset[1]
+    grip.target[2] = slope * way_x / operator.approach_s
+    grip.target[3] = slope * way_y / operator.approach_s
+
+
+@kernel
+def felt_motion(operator, tick, column):
+    """Velocity (m/s) that is felt now, of two columns of the ring: 0 in x and y, 2 along and across the path."""
+    felt = operator.ring[(tick - operator.felt_ticks) & _LAST]
+    before = operator.ring[(tick - operator.felt_ticks - _GLANCE) & _LAST]
+    rate = 1.0 / (_GLANCE * TICK_S)
+    return rate * (felt[column] - before[column]), rate * (felt[column + 1] - before[column + 1])
+
+
+@kernel
+def correct(operator, error_0, error_1, rate_0, rate_1, calm):
+    """Move the virtual hand against a seen error (m) that does not vanish by itself (the tip moves at `rate`, m/s).
+
+    calm (0 .. 1): how far the operator trusts what is seen. Our choice, both foresight and calm: with the handle's and
+    the arm's mass on a lightly damped arm, corrections of a late error alone would shake the handle more and more.
+    """
+    error = math.sqrt(error_0 * error_0 + error_1 * error_1)
+    if error <= operator.seen_least_m:
+        return
+    left = error - operator.seen_least_m - operator.foresight_s * (rate_0 * error_0 + rate_1 * error_1) / error
+    if left > 0.0:
+        step = operator.seen_gain_per_s * TICK_S * calm * left / error
+        most = operator.correction_max_m
+        operator.offset[0] = min(max(operator.offset[0] + step * error_0, -most), most)
+        operator.offset[1] = min(max(operator.offset[1] + step * error_1, -most), most)
+
+
+@kernel
+def set_out(operator, path):
+    """Go: the virtual hand is at the start; its correction, so far in x and y, now counts along and across the path."""
+    _, _, tx, ty = point_at(path, 0.0)
+    x, y = operator.offset[0], operator.offset[1]
+    operator.offset[0], operator.offset[1] = tx * x + ty * y, tx * y - ty * x
+    operator.direction[0], operator.direction[1] = tx, ty
+    operator.progress = 0.0
+
+
+@kernel
+def follow(operator, grip, path, tick, phase_tick, tip_progress):
+    """Along the path with minimum jerk, waiting for a tip that lags; corrections across it, and along it at its end."""
+    seen = operator.ring[(tick - operator.seen_ticks) & _LAST]
+    felt = operator.ring[(tick - operator.felt_ticks) & _LAST]
+    rate_along, rate_across = felt_motion(operator, tick, 2)
+    share, slope = minimum_jerk(operator.progress)
+    lead = share * path.length + operator.offset[0] - tip_progress
+    moving = phase_tick * TICK_S >= operator.reaction_s and lead < operator.lead_max_m
+    if moving and operator.progress < 1.0:
+        operator.progress += TICK_S / operator.movement_s
+    else:
+        slope = 0.0
+    stands = math.sqrt(rate_along * rate_along + rate_across * rate_across) < operator.still_speed_m_s
+    stands = stands and phase_tick * TICK_S > 2.0 * operator.reaction_s
+    missing = path.length - seen[2] if moving and operator.progress >= 1.0 else 0.0
+    error = 0.0 if stands else -seen[3]
+    correct(operator, missing, error, rate_along if missing != 0.0 else 0.0, rate_across, 1.0)
+
+    wander = share * (1.0 - share)
+    across = 4.0 * wander * operator.bias + _S_HEIGHT * wander * (1.0 - 2.0 * share) * operator.curvature
+    alert = min(phase_tick * TICK_S / max(operator.reaction_s, TICK_S), 1.0)
+    across += operator.offset[1] - alert * operator.felt_gain * felt[3]
+    if stands:
+        operator.offset[1] -= operator.give_up_per_s * TICK_S * (across - felt[3])
+        operator.effort = min(operator.effort + operator.effort_N_s * TICK_S, operator.effort_max_N)
+    else:
+        operator.effort -= operator.effort_ease_per_s * TICK_S * operator.effort
+    aim(operator, grip, path, share * path.length, across, slope * path.length / operator.movement_s)
+
+
+@kernel
+def aim(operator, grip, path, progress, across, speed):
+    """The arm's target: `across` (m) to the left of the point at `progress` (m), moving on at `speed` (m/s)."""
+    x, y, tx, ty = point_at(path, progress)
+    ux, uy = operator.direction[0], operator.direction[1]
+    if ux != tx or uy != ty:  # at a bend
+        share = min(TICK_S / operator.turn_s, 1.0)
+        ux, uy = ux + share * (tx - ux), uy + share * (ty - uy)
+        length = math.sqrt(ux * ux + uy * uy)
+        ux, uy = ux / length, uy / length
+        operator.direction[0], operator.direction[1] = ux, uy
+        turn_arm(grip, operator.stiffness_along_N_m, operator.stiffness_across_N_m, ux, uy)
+    grip.target[0] = x + operator.offset[0] * ux - across * uy
+    grip.target[1] = y + operator.offset[0] * uy + across * ux
+    grip.target[2], grip.target[3] = speed * ux, speed * uy
+
+
+@kernel
+def tremble(operator, grip, tx, ty, x, y, tick, noise):
+    """The rest of the force: effort along the path, low-passed noise in proportion to the arm's force, and tremor."""
+    draw, far = noise[tick % noise.shape[0]], noise[(tick + noise.shape[0] // 2) % noise.shape[0]]
+    for i in range(2):
+        operator.noise[i] = operator.noise_keep * operator.noise[i] + operator.noise_draw * draw[i]
+        tremor = operator.tremor_keep[0] * operator.tremor[0, i] + operator.tremor_keep[1] * operator.tremor[1, i]
+        operator.tremor[1, i] = operator.tremor[0, i]
+        operator.tremor[0, i] = tremor + operator.tremor_draw * far[i]
+    k = grip.stiffness
+    dx, dy = grip.target[0] - x, grip.target[1] - y
+    push_x, push_y = operator.effort * tx, operator.effort * ty
+    fx, fy = k[0] * dx + k[1] * dy + push_x, k[1] * dx + k[2] * dy + push_y
+    pull = operator.noise_share * min(math.sqrt(fx * fx + fy * fy), operator.force_max_N)
+    held_x = push_x + pull * operator.noise[0] + operator.tremor_N * operator.tremor[0, 0]
+    held_y = push_y + pull * operator.noise[1] + operator.tremor_N * operator.tremor[0, 1]
+    # so that spring, damper and this together never exceed the clip
+    held = math.sqrt(held_x * held_x + held_y * held_y)
+    if held > operator.force_max_N:
+        held_x, held_y = held_x * operator.force_max_N / held, held_y * operator.force_max_N / held
+        held = operator.force_max_N
+    grip.held[0], grip.held[1] = held_x, held_y
+    grip.force_max = operator.force_max_N - held

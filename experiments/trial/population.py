@@ -1,0 +1,189 @@
+"""Populations: who the simulated operators are. A file gives each of a person's numbers a spread and its source.
+
+{value = 0.13, source = ".."}               everybody the same
+{low = 150.0, high = 250.0, source = ".."}  anything in between, equally likely
+{mean = 8.1, sd = 1.0, source = ".."}       normal, cut at the limits of the number (LIMITS)
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import msgspec
+import numpy as np
+
+from core.errors import InputError
+from core.files import Table, parse_toml, read_text
+from experiments.trial.operator import LONGEST_DELAY_S
+from experiments.trial.person import Person
+
+SHIPPED_FOLDER = Path(__file__).resolve().parent / "populations"
+ASSUMED = "assumed"  # a source that begins so: no data stand behind the number
+
+_TINY = 1e-6  # of what must be positive
+#: Least and most of each number, in its unit: beyond it is a slip of the pen, or the kernels would fail.
+LIMITS: dict[str, tuple[float, float]] = {
+    "stiffness_along_N_m": (1.0, 5000.0),
+    "stiffness_across_N_m": (1.0, 5000.0),
+    "damping_N_s_m": (0.0, 200.0),
+    "mass_kg": (0.0, 10.0),
+    "force_max_N": (1.0, 500.0),
+    "movement_s": (0.2, 60.0),
+    "reaction_s": (0.0, 5.0),
+    "reaction_spread_s": (0.0, 1.0),
+    "approach_speed_m_s": (0.01, 1.0),
+    "approach_least_s": (0.1, 10.0),
+    "bias_m": (-0.05, 0.05),
+    "curvature_m": (-0.05, 0.05),
+    "trial_bias_m": (0.0, 0.05),
+    "skill": (0.1, 10.0),
+    "felt_delay_s": (1e-3, LONGEST_DELAY_S),
+    "felt_gain": (0.0, 1.0),
+    "seen_delay_s": (1e-3, LONGEST_DELAY_S),
+    "seen_gain_per_s": (0.0, 10.0),
+    "seen_least_m": (0.0, 0.002),
+    "foresight_s": (0.0, 2.0),
+    "settle_speed_m_s": (1e-3, 10.0),
+    "correction_max_m": (0.01, 0.5),
+    "lead_max_m": (0.001, 0.5),
+    "still_speed_m_s": (_TINY, 0.1),
+    "give_up_per_s": (0.0, 20.0),
+    "effort_N_s": (0.0, 1000.0),
+    "effort_max_N": (0.0, 500.0),
+    "effort_ease_per_s": (0.0, 100.0),
+    "turn_s": (1e-3, 5.0),
+    "noise_share": (0.0, 1.0),
+    "noise_corner_Hz": (0.1, 100.0),
+    "tremor_N": (0.0, 20.0),
+    "tremor_Hz": (3.0, 20.0),
+    "tremor_band_Hz": (0.1, 10.0),
+}
+
+
+class Spread(Table, frozen=True):
+    """How one number is spread over people: exactly one of the three forms, and where it comes from."""
+
+    source: Annotated[str, msgspec.Meta(min_length=1)]
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+    mean: float | None = None
+    sd: float | None = None
+
+    def quantile(self, share: float, limits: tuple[float, float]) -> float:
+        """The number that this share (0 .. 1) of people does not exceed."""
+        if self.value is not None:
+            return self.value
+        if self.low is not None and self.high is not None:
+            return self.low + share * (self.high - self.low)
+        assert self.mean is not None and self.sd is not None  # checked with the file
+        if self.sd == 0.0:
+            return self.mean
+        from scipy.special import ndtr, ndtri  # here: an app that starts has no time for it
+
+        least, most = (float(ndtr((limit - self.mean) / self.sd)) for limit in limits)
+        number = self.mean + self.sd * float(ndtri(least + share * (most - least)))
+        return min(max(number, limits[0]), limits[1])
+
+    def check(self, limits: tuple[float, float]) -> None:
+        """ValueError where the form is none of the three, upside down, or outside the limits."""
+        given = [key for key in ("value", "low", "high", "mean", "sd") if getattr(self, key) is not None]
+        if given not in (["value"], ["low", "high"], ["mean", "sd"]):
+            raise ValueError(f"must hold value, or low and high, or mean and sd, not {', '.join(given) or 'none'}")
+        for key in given:
+            number = getattr(self, key)
+            if key == "sd":
+                if not 0.0 <= number <= limits[1] - limits[0]:
+                    raise ValueError(f"sd must be between 0 and {limits[1] - limits[0]:g}, not {number:g}")
+            elif not limits[0] <= number <= limits[1]:
+                raise ValueError(f"{key} must be between {limits[0]:g} and {limits[1]:g}, not {number:g}")
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise ValueError(f"low ({self.low:g}) must not exceed high ({self.high:g})")
+
+
+class _Named(Table, frozen=True):
+    """What a population file holds besides a person's numbers."""
+
+    name: Annotated[str, msgspec.Meta(min_length=1)]
+    changed_after_findings: tuple[str, ...] = ()  # what was set after findings were looked at, one sentence each
+
+    def __post_init__(self) -> None:
+        for key, limits in LIMITS.items():
+            try:
+                getattr(self, key).check(limits)
+            except ValueError as error:
+                raise ValueError(f"{key}: {error}") from None
+
+
+#: A population file as it stands: its name, and a Spread for each field of Person.
+PopulationFile = msgspec.defstruct(
+    "PopulationFile", [(key, Spread) for key in Person._fields], bases=(_Named,), frozen=True, kw_only=True,
+    forbid_unknown_fields=True,
+)  # fmt: skip
+
+
+class Operators(NamedTuple):
+    """What session and recordings store of the population of their simulated operator."""
+
+    population: str
+    changed_after_findings: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        """As a figure names them."""
+        return f"simulated operators ({self.population})"
+
+    @property
+    def note(self) -> str:
+        """As a report names them, with whatever was tuned to what they show."""
+        changed = "; ".join(self.changed_after_findings) or "nothing"
+        return f"simulated operators ({self.population} population; changed after findings were looked at: {changed})"
+
+
+@dataclass(frozen=True)
+class Population:
+    """People to draw simulated operators from."""
+
+    name: str
+    text: str  # the file in full
+    spreads: dict[str, Spread]
+    changed_after_findings: tuple[str, ...] = ()
+
+    @property
+    def operators(self) -> Operators:
+        """What is stored and shown of operators drawn from it."""
+        return Operators(self.name, self.changed_after_findings)
+
+    @property
+    def assumed(self) -> bool:
+        """Whether some of its numbers are assumed: say so wherever they are shown."""
+        return any(spread.source.startswith(ASSUMED) for spread in self.spreads.values())
+
+    def draw(self, generator: np.random.Generator) -> Person:
+        """A person at random. The same draws pick the same place in every population's spreads."""
+        shares = generator.random(len(Person._fields))
+        drawn = zip(Person._fields, shares.tolist(), strict=True)
+        return Person(*(self.spreads[key].quantile(share, LIMITS[key]) for key, share in drawn))
+
+
+def shipped_populations() -> list[str]:
+    """Names of the populations that come with the product."""
+    return sorted(file.stem for file in SHIPPED_FOLDER.glob("*.toml"))
+
+
+def load_population(name_or_path: str | Path = "average") -> Population:
+    """A shipped population, or one from a file. InputError names file, key and reason."""
+    shipped = shipped_populations()
+    path = SHIPPED_FOLDER / f"{name_or_path}.toml" if str(name_or_path) in shipped else Path(name_or_path)
+    if not path.is_file():
+        raise InputError(
+            f"unknown population {str(name_or_path)!r}: neither a shipped one ({', '.join(shipped)}) nor a file"
+        )
+    return population_of(read_text(path), str(path))
+
+
+def population_of(text: str, where: str) -> Population:
+    """A population from the text of its file, as a study stores it; `where` names the file in refusals."""
+    content = parse_toml(text, PopulationFile, where)
+    spreads = {key: getattr(content, key) for key in Person._fields}
+    return Population(content.name, text, spreads, content.changed_after_findings)

@@ -1,0 +1,297 @@
+"""The board's state machine as a pure object: bytes in, bytes out, and the time is told to it.
+
+It knows no port and no clock, so every state, limit and fault can be tested in simulated time; the emulated board puts
+a simulated device behind it. docs/protocol.md says the same in words for who writes the firmware.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from hardware.emulated_board.board_states import NEXT, REFUSED, Event
+from hardware.emulated_board.board_watch import ZERO, Capability, Readings, Watch
+from hardware.emulated_board.freshness import WRAP, Age, Freshness
+from hardware.wire.frames import FrameDecoder, encode_frame
+from hardware.wire.messages import (
+    NO_DETAIL,
+    SAMPLE_HZ,
+    TYPES,
+    VERSION,
+    WATCHDOG_US,
+    AskHello,
+    Bye,
+    Command,
+    Fault,
+    FaultReport,
+    Flag,
+    Four,
+    Heartbeat,
+    HeartbeatReply,
+    Home,
+    Homed,
+    Limits,
+    Refusal,
+    Refused,
+    ResetFault,
+    Sample,
+    SetLimits,
+    State,
+    Stop,
+    joints_of,
+    pack,
+    unpack,
+)
+
+TICK_US = 1_000_000 // SAMPLE_HZ
+SILENCE_US = 1_000_000  # us without a good frame, after which no host is there
+START_US = 100_000  # us from power to Idle: self-test
+
+
+@dataclass
+class BoardCounts:
+    """What came over the wire and was not obeyed, since power-up."""
+
+    not_understood: int = 0  # a good frame with no message of ours in it
+    old: int = 0  # commands that came twice, or after a newer one
+    late: int = 0
+    refused: int = 0
+
+
+@dataclass
+class Board:
+    """One board. Times are microseconds of its own clock, which rises from power-up on."""
+
+    capability: Capability = field(default_factory=Capability)
+    state: State = State.BOOT
+    currents: Four = ZERO  # mA, what the drivers give now
+    faults: Fault = Fault.NONE
+    cause: Fault = Fault.NONE
+    homed: int = 0
+    starts: int = 1
+    #: (state before, event) -> how often: the coverage of the state machine
+    seen: dict[tuple[State, Event], int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._layout = self.capability.layout()
+        self._encoders = joints_of(self.capability.encoders)
+        self._brakes = joints_of(self.capability.brakes)
+        self._sequence = 0
+        self._low_at_start = False
+        self._power_up(0)
+
+    def _power_up(self, now_us: int) -> None:
+        """Everything that does not outlive the supply."""
+        self.decoder = FrameDecoder()
+        self.counts = BoardCounts()
+        self.homed = 0
+        self._started_us = now_us
+        self._offset = [0, 0, 0, 0]  # added to the counts as read: homing
+        self._inputs = Watch(self.capability)
+        self._detail = NO_DETAIL
+        self._heard_us = now_us
+        self._reported = Fault.NONE
+        self._standing = False  # a condition of a fault is there now
+        self._readings = Readings(force=(0,) * self.capability.force_channels)
+        self._disconnect()
+
+    def _disconnect(self) -> None:
+        self.currents = ZERO
+        self.limits = Limits(ZERO, ZERO)
+        self.streaming = False
+        self._fresh = Freshness()
+        self._commanded_us = 0  # when the last fresh command came
+        self._flags = Flag(0)
+
+    def receive(self, data: bytes, now_us: int) -> bytes:
+        """Take in bytes from the host; the bytes to answer. In Boot nothing is heard."""
+        answers = b""
+        for payload in self.decoder.feed(data):
+            message = unpack(payload)
+            event = _event_of(message)
+            if message is None or event is None:
+                self.counts.not_understood += 1
+                continue
+            self._watch(now_us)
+            self._heard_us = now_us
+            if self.state == State.BOOT:
+                self._see(event)
+            else:
+                answers += b"".join(encode_frame(pack(answer)) for answer in self._take(message, event, now_us))
+        return answers
+
+    def tick(self, readings: Readings, now_us: int) -> bytes:
+        """One tick at SAMPLE_HZ: watch everything, and the bytes to send (a fault report, a sample)."""
+        self._readings = readings
+        if self.state == State.BOOT:
+            if now_us - self._started_us >= START_US:
+                self._heard_us = now_us
+                self._change(Event.STARTED_LOW if self._low_at_start else Event.STARTED)
+                if self._low_at_start:
+                    self._latch(Fault.BROWN_OUT, NO_DETAIL)
+                self._low_at_start = False
+            return b""
+        self._sequence = (self._sequence + 1) % WRAP
+        self._watch(now_us)
+        if now_us - self._heard_us >= SILENCE_US and self.state != State.ACTIVE and self.streaming:
+            self._change(Event.SILENCE)
+            self._disconnect()
+        self._check(readings)
+        out = b""
+        if self.faults != self._reported and self.streaming:
+            out += encode_frame(pack(self._report(now_us)))
+        if self.streaming:
+            out += encode_frame(self._layout.pack(self._sample(now_us)))
+            self._flags &= ~Flag.LATE
+        return out
+
+    def lose_power(self, now_us: int) -> None:
+        """Brown-out: the supply fell; currents are zero, and the board starts anew with the fault latched."""
+        self._change(Event.BROWN_OUT)
+        self._low_at_start = True
+        self.faults = self.cause = Fault.NONE
+        self.starts = (self.starts + 1) % WRAP
+        self._sequence = 0
+        self._power_up(now_us)
+
+    def _see(self, event: Event) -> None:
+        self.seen[self.state, event] = self.seen.get((self.state, event), 0) + 1
+
+    def _change(self, event: Event) -> bool:
+        """The table's next state; False where the event is refused in this state."""
+        self._see(event)
+        refused = (self.state, event) in REFUSED
+        self.state = NEXT.get((self.state, event), self.state)
+        if self.state != State.ACTIVE:
+            self.currents = ZERO
+        return not refused
+
+    def _latch(self, fault: Fault, detail: int) -> None:
+        self.cause = self.cause or fault
+        if not self.faults:
+            self._detail = detail
+        self.faults |= fault
+
+    def _fail(self, event: Event, fault: Fault, detail: int = NO_DETAIL) -> None:
+        """Latch a fault: the currents are zero when this returns."""
+        self._change(event)
+        self._latch(fault, detail)
+
+    def _take(self, message: tuple, event: Event, now_us: int) -> list[tuple]:
+        """Obey one message; the answers."""
+        if isinstance(message, Command):
+            return self._command(message, event, now_us)
+        if isinstance(message, Home) and (message.joints == 0 or message.joints & ~self.capability.encoders):
+            return self._refuse(message, Refusal.BAD_VALUE)
+        if event is Event.RESET and self.faults and self._standing:
+            self._see(event)
+            return self._refuse(message, Refusal.FAULT_STANDS)
+        if not self._change(event):
+            return self._refuse(message, Refusal.WRONG_STATE)
+        match message:
+            case AskHello(version):
+                self._disconnect()
+                refused = [] if version == VERSION else self._refuse(message, Refusal.VERSION)
+                return [self.capability.hello(self.state, self.faults, self.cause, self.starts), *refused]
+            case SetLimits(current, speed):
+                largest = self.capability.current_max_mA
+                self.limits = Limits(_four(map(min, current, largest)), speed)
+                self.streaming = True
+                return [self.limits]
+            case Home(joints, counts):
+                for i in joints_of(joints):
+                    self._offset[i] = counts[i] - self._readings.counts[i]
+                self.homed |= joints
+                return [Homed(joints, counts)]
+            case ResetFault():
+                if self.faults:
+                    self._disconnect()
+                self.faults = self.cause = Fault.NONE
+                self._detail = NO_DETAIL
+                return [self._report(now_us)]
+            case Heartbeat(token):
+                return [HeartbeatReply(token, now_us)]
+            case Stop():
+                self._latch(Fault.HOST_REQUEST, NO_DETAIL)
+                return [self._report(now_us)]
+        self._disconnect()  # Bye
+        return []
+
+    def _command(self, command: Command, event: Event, now_us: int) -> list[tuple]:
+        if command.mode > 1:
+            return self._refuse(command, Refusal.BAD_VALUE)
+        age = self._fresh.judge(command.sequence, command.host_us, now_us)
+        if age is Age.OLD:
+            self.counts.old += 1
+            return []
+        if age is Age.LATE and event is Event.ON:  # Off is obeyed however late
+            self.counts.late += 1
+            self._flags |= Flag.LATE
+            return []
+        if not self._change(event):
+            return self._refuse(command, Refusal.WRONG_STATE)
+        self._fresh.take(command.sequence)
+        self._commanded_us = now_us
+        if self.state == State.ACTIVE:
+            limit = self.limits.current_mA
+            self.currents = _four(min(command.current_mA[i], limit[i]) if i in self._brakes else 0 for i in range(4))
+            clamped = self.currents != command.current_mA
+            self._flags = (self._flags & ~Flag.CLAMPED) | (Flag.CLAMPED if clamped else Flag(0))
+        return []
+
+    def _refuse(self, message: tuple, reason: Refusal) -> list[tuple]:
+        self.counts.refused += 1
+        return [Refused(TYPES[type(message)], reason)]
+
+    def _watch(self, now_us: int) -> None:
+        """The watchdog: trips while there is still a tick left, so that currents are zero at 50 ms at the latest."""
+        if self.state == State.ACTIVE and now_us - self._commanded_us > WATCHDOG_US - TICK_US:
+            self._fail(Event.WATCHDOG, Fault.WATCHDOG)
+
+    def _check(self, readings: Readings) -> None:
+        """Conditions that latch a fault in Ready and Active, and keep one from being reset."""
+        self._standing = False
+        for fault, detail in self._inputs.conditions(readings, self.limits):
+            self._standing = True
+            if self.state != State.IDLE and not self.faults & fault:
+                self._fail(Event.BAD, fault, detail)
+
+    def _report(self, now_us: int) -> FaultReport:
+        self._reported = self.faults
+        return FaultReport(self.faults, self.cause, self._detail, now_us)
+
+    def _sample(self, now_us: int) -> Sample:
+        r = self._readings
+        return Sample(
+            sequence=self._sequence,
+            echo=self._fresh.last,
+            board_us=now_us,
+            state=self.state,
+            flags=self.homed | self._flags,
+            faults=self.faults,
+            cause=self.cause,
+            counts=tuple(_int32(r.counts[i] + self._offset[i]) for i in self._encoders),
+            force=r.force,
+            current_mA=tuple(r.current_mA[i] for i in self._brakes),
+        )
+
+
+_EVENTS = {
+    AskHello: Event.HELLO, SetLimits: Event.LIMITS, Home: Event.HOME, ResetFault: Event.RESET,
+    Heartbeat: Event.HEARTBEAT, Stop: Event.STOP, Bye: Event.BYE,
+}  # fmt: skip
+
+
+def _event_of(message: tuple | None) -> Event | None:
+    """The event that a message is; None where it is none of a host's (unknown, or our own echoed back by something)."""
+    if isinstance(message, Command):
+        return Event.ON if message.mode else Event.OFF
+    return _EVENTS.get(type(message))
+
+
+def _int32(value: int) -> int:
+    """Counters go round as the board's do."""
+    return (value + (1 << 31)) % (1 << 32) - (1 << 31)
+
+
+def _four(values: Iterable[int]) -> Four:
+    a, e, b, c = values
+    return a, e, b, c

@@ -1,0 +1,145 @@
+"""The device behind the emulated board: the simulator with its brakes, a hand at the handle, and what sensors read."""
+
+from collections.abc import Iterable
+from typing import Protocol
+
+import numpy as np
+
+from core.device import Device
+from core.errors import InputError
+from core.kernel import kernel
+from core.simulator.hand import Hand, new_hand, spring_hand
+from core.simulator.simulation import Simulation, advance, apply
+from core.simulator.stick_slip_mode import resolve
+from core.workspace import tip_is_free
+from hardware.emulated_board.board import TICK_US
+from hardware.emulated_board.board_watch import Capability, Readings
+from hardware.emulated_board.line_faults import SENSED, LineFault
+from hardware.emulated_board.sensors import EmulatedSensors
+from hardware.wire.messages import Four
+
+TICK_S = TICK_US * 1e-6
+WORKSPACE_M = 2.0  # an order further out than this is a slip of the pen
+LARGEST_N = 1000.0
+
+
+class EmulatedHand(Protocol):
+    """Who holds the handle."""
+
+    hand: Hand  # what the simulated device feels
+
+    def tick(self, x: float, y: float) -> None:
+        """Before each tick (1 ms), with the tip (m): set `hand` for it."""
+
+    def obey(self, order: dict) -> None:
+        """An order from outside. InputError where it is none of this hand's."""
+
+
+class HeldHand:
+    """A hand that holds the handle on a spring where it is told to, or lets go of it.
+
+    Assumed: 400 N/m, 20 N s/m, at most 40 N, an arm of 1 kg.
+    """
+
+    def __init__(self, tip: tuple[float, float], holds: bool = True) -> None:
+        if holds:
+            self.hand = spring_hand((400.0, 0.0, 400.0), (20.0, 0.0, 20.0), 40.0, 1.0, tip)
+        else:
+            self.hand = new_hand()
+            self.hand.grips["spring"][0] = 1  # without stiffness: only the force that is ordered
+
+    def tick(self, x: float, y: float) -> None:
+        """It does nothing by itself."""
+
+    def obey(self, order: dict) -> None:
+        """{"target": [x, y]}, m: pull there; {"force": [fx, fy]}, N: push so, until told otherwise."""
+        if unknown := set(order) - {"target", "force"}:
+            raise InputError(f"a hand that holds still does not know the order {min(unknown)!r}")
+        target = pair(order["target"], "target", WORKSPACE_M) if "target" in order else None
+        force = pair(order["force"], "force", LARGEST_N) if "force" in order else None
+        if target:
+            self.hand.grips["target"][0] = (*target, 0.0, 0.0)
+        if force:
+            self.hand.grips["held"][0] = force
+
+
+def pair(value: object, name: str, most: float) -> tuple[float, float]:
+    """Two numbers of at most `most`, from an order. InputError where they are not."""
+    if isinstance(value, list) and len(value) == 2 and all(isinstance(v, int | float) for v in value):
+        x, y = float(value[0]), float(value[1])
+        if abs(x) <= most and abs(y) <= most:  # false for NaN
+            return x, y
+    raise InputError(f"{name} must be two numbers of at most {most:g}, not {value!r}")
+
+
+class EmulatedDevice:
+    """What the board's wires lead to."""
+
+    def __init__(
+        self, device: Device, capability: Capability, hand: EmulatedHand, tip: tuple[float, float], seed: int
+    ) -> None:
+        """InputError where the handle cannot be at `tip` (m)."""
+        if not bool(tip_is_free(device.mechanism, *tip)):
+            raise InputError(f"device {device.name}: the handle cannot be at ({tip[0]:g}, {tip[1]:g}) m")
+        self.hand = hand
+        self.sensors = EmulatedSensors(device, capability, tip, seed)
+        s = Simulation(device, tip, fidelity="mr", hand=hand.hand)
+        self._how = s.fidelity, s.integrator
+        # plain arrays: calls from Python take longer with the other kind
+        self._parts = (
+            s.mechanism.view(np.ndarray), s.brakes.view(np.ndarray),
+            s.hand._replace(grips=s.hand.grips.view(np.ndarray)), s.state.view(np.ndarray), s.trial.view(np.ndarray),
+        )  # fmt: skip
+        #: views of the state: tip x, y, vx, vy (m, m/s), acceleration (m/s2), hand force (N)
+        self.motion, self.acceleration, self.hand_force = (
+            s.state[name].view(np.ndarray)[0] for name in ("tip", "acceleration", "hand_force")
+        )
+        self._commands = np.zeros(4)  # A
+        self._ticks = 0
+
+    @property
+    def tip(self) -> tuple[float, float]:
+        """Where the handle is, m."""
+        return float(self.motion[0]), float(self.motion[1])
+
+    def sense(self, currents: Four, faults: Iterable[LineFault]) -> Readings:
+        """The hand's next tick begins; what the sensors read while these currents (mA) flow."""
+        self.hand.tick(*self.tip)
+        self._command(currents)
+        settle(*self._parts, self._commands, self._ticks * TICK_S, *self._how)
+        joints: dict[str, set[int]] = {kind: set() for kind in SENSED}
+        for fault in faults:
+            if fault.kind in joints:
+                joints[fault.kind].add(int(fault.value))
+        stuck, bad, over, saturated = joints.values()
+        return self.sensors.read(
+            self.tip, self.hand_force, self.acceleration, currents, stuck, bad, bool(saturated), over
+        )
+
+    def advance(self, currents: Four) -> None:
+        """The device moves for a tick with these currents (mA)."""
+        self._command(currents)
+        move(*self._parts, self._commands, self._ticks * TICK_S, *self._how)
+        self._ticks += 1
+
+    def _command(self, currents: Four) -> None:
+        """currents, mA, as the brakes' commands."""
+        commands = self._commands
+        commands[0], commands[1], commands[2], commands[3] = currents
+        commands *= 1e-3
+
+
+@kernel
+def settle(mechanisms, brakes, hand, states, trials, commands, t, fidelity, integrator):
+    """What moves and what rests at t (s) with these commands (4,), A: forces and acceleration are then known."""
+    apply(brakes[0], states[0], commands, fidelity)
+    resolve(mechanisms[0], brakes[0], hand, states[0], t)
+
+
+@kernel
+def move(mechanisms, brakes, hand, states, trials, commands, t, fidelity, integrator):
+    """A tick from t (s) on; commands may be other ones than were settled with."""
+    settle(mechanisms, brakes, hand, states, trials, commands, t, fidelity, integrator)
+    advance(
+        mechanisms[0], brakes[0], hand, states[0], trials[0], commands, t, TICK_S, fidelity, integrator
+    )  # fmt: skip

@@ -1,0 +1,222 @@
+"""The emulated board: the board's state machine with the simulated device behind it, on a pseudo-terminal at 1 kHz.
+
+A host cannot tell it from a board on the bench but by its serial number. It keeps its own time: where the machine held
+it up for long, its time stood still meanwhile (a board would not have been held up) and the log says so.
+"""
+
+import json
+import math
+import select
+import socket
+import tempfile
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+
+from core.device import Device
+from core.errors import InputError
+from hardware.emulated_board.board import Board
+from hardware.emulated_board.board_watch import ZERO
+from hardware.emulated_board.device import TICK_S, EmulatedDevice, EmulatedHand
+from hardware.emulated_board.line_faults import Line, LineFault, read_fault
+from hardware.emulated_board.sensors import capability_of
+from hardware.emulated_board.terminal import Terminal
+from hardware.wire.frames import encode_frame
+from hardware.wire.messages import Home, State, pack
+
+MOST_AT_ONCE = 20  # ticks made up for after the machine held us up; beyond, the board's time waits
+ORDER_BYTES = 4096
+
+
+class Emulator:
+    """One emulated board. Times in s since it was made, as its time goes."""
+
+    def __init__(
+        self, device: Device, hand: EmulatedHand, tip: tuple[float, float], faults: list[LineFault], seed: int = 1,
+        homed: bool = True, log: Callable[[str], None] = lambda line: None,
+    ) -> None:  # fmt: skip
+        """homed: as if its encoders had been homed since power-up. InputError: the handle cannot be at `tip`, m."""
+        self.board = Board(capability_of(device, f"EMULATED-{seed}"))
+        self.device = EmulatedDevice(device, self.board.capability, hand, tip, seed)
+        self.faults = faults
+        self.to_host, self.to_board = Line(faults, seed, 0), Line(faults, seed, 1)
+        self.events: deque[tuple[float, str]] = deque(maxlen=200)  # s, what happened
+        self.ticks = 0
+        self._log, self._home = log, homed
+        self._shown: tuple = (State.BOOT, 0, False)  # state, faults, whether currents flow
+        self._acting: set[LineFault] = set()
+        self._powered_s = 0.0  # when the board's clock began; infinite: it has no power
+        self._stopping = False
+        self._folder = tempfile.TemporaryDirectory(prefix="phd-emulated-")
+        self.port = Path(self._folder.name) / "port"
+        self.control = Path(self._folder.name) / "control"
+        self._terminal: Terminal | None = Terminal(self.port)
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(str(self.control))
+        self._socket.setblocking(False)
+        self._tick()  # kernels are compiled, or loaded, before time runs
+        self._zero = time.monotonic() - self.ticks * TICK_S
+
+    def run(self) -> None:
+        """Until `stop`."""
+        self._zero = time.monotonic() - self.ticks * TICK_S
+        while not self._stopping:
+            now, due = self.now(), self.ticks * TICK_S
+            if now >= due + MOST_AT_ONCE * TICK_S:
+                self._zero += now - due
+                self.say(f"held up by this machine: the board's time stood still for {1e3 * (now - due):.0f} ms")
+                continue
+            if now < due:
+                self._wait(min(due, self.to_host.next_s(), self.to_board.next_s()) - now)
+            self._hear(self.now())
+            if self.now() >= due:
+                self._tick()
+            self._speak(self.now())
+
+    def stop(self) -> None:
+        """End `run`: from a signal handler or another thread."""
+        self._stopping = True
+
+    def close(self) -> None:
+        """Leave nothing behind."""
+        if self._terminal:
+            self._terminal.close()
+        self._socket.close()
+        self._folder.cleanup()
+
+    def now(self) -> float:
+        """The time, s."""
+        return time.monotonic() - self._zero
+
+    def say(self, text: str) -> None:
+        """Note an event."""
+        self.events.append((self.ticks * TICK_S, text))
+        self._log(f"{self.ticks * TICK_S:9.3f} s  {text}")
+
+    def _wait(self, seconds: float) -> None:
+        """Until something comes, or the time is over."""
+        ends: list = [self._socket] + ([self._terminal.master] if self._terminal else [])
+        for end in select.select(ends, [], [], max(0.0, seconds))[0]:
+            if end is self._socket:
+                self._take_order()
+
+    def _tick(self) -> None:
+        """One tick: faults begin and end, sensors are read, the board looks at them, the device moves."""
+        now = self.ticks * TICK_S
+        self._begin_and_end_faults(now)
+        readings = self.device.sense(self.board.currents, self._acting)
+        if now >= self._powered_s:
+            self._send(self.board.tick(readings, self._board_us(now)), now)
+            if self._home and self.board.state != State.BOOT:
+                self._home = False
+                home = Home(self.board.capability.encoders, self.device.sensors.home_counts())
+                self.board.receive(encode_frame(pack(home)), self._board_us(now))
+        self.device.advance(self.board.currents)
+        self._tell_changes()
+        self.ticks += 1
+
+    def _board_us(self, now: float) -> int:
+        return round((now - self._powered_s) * 1e6)
+
+    def _hear(self, now: float) -> None:
+        """What the host sent, by way of the wire and its faults, to the board."""
+        if self._terminal and (data := self._terminal.read()):
+            self.to_board.put(data, now)
+        data = self.to_board.take(now)
+        if data and now >= self._powered_s:
+            self._send(self.board.receive(data, self._board_us(now)), now)
+
+    def _send(self, frames: bytes, now: float) -> None:
+        """What the board says, onto the wire."""
+        for frame in frames.split(b"\0")[:-1]:
+            self.to_host.put(frame + b"\0", now)
+
+    def _speak(self, now: float) -> None:
+        """What has come to the wire's end, to the host."""
+        data = self.to_host.take(now)
+        if data and self._terminal:
+            self._terminal.write(data)
+
+    def _begin_and_end_faults(self, now: float) -> None:
+        if not self.faults and not self._acting:
+            return
+        acting = {fault for fault in self.faults if fault.acts(now)}
+        for fault in self._acting - acting:
+            self.say(f"{fault.kind} is over")
+        for fault in acting - self._acting:
+            self.say(f"{fault.kind} begins")
+        self._acting, kinds = acting, {fault.kind for fault in acting}
+        if self._terminal and "unplug" in kinds:
+            self._terminal.close()
+            self._terminal = None
+            self.to_host.clear()
+            self.to_board.clear()
+        elif self._terminal is None and "unplug" not in kinds:
+            self._terminal = Terminal(self.port)
+        if "brown-out" in kinds and now >= self._powered_s:
+            self.board.lose_power(0)
+            self.device.sensors.power_up()
+            self.to_board.clear()
+            self._powered_s = math.inf
+        elif math.isinf(self._powered_s) and "brown-out" not in kinds:
+            self._powered_s = now
+
+    def _tell_changes(self) -> None:
+        board = self.board
+        state, faults, flows = shown = (board.state, board.faults, board.currents != ZERO)
+        if shown == self._shown:
+            return
+        if flows != self._shown[2]:
+            self.say("currents flow" if flows else "currents zero")
+        if (state, faults) != self._shown[:2]:
+            cause = f", cause {board.cause.name}" if faults else ""
+            self.say(f"state {state.name}{cause}")
+        self._shown = shown
+
+    def _take_order(self) -> None:
+        """An order on the control socket, a JSON object; answered, where the sender has a name, with the truth."""
+        try:
+            data, sender = self._socket.recvfrom(ORDER_BYTES)
+        except BlockingIOError:
+            return
+        try:
+            answer = self._obey(json.loads(data))
+        except (ValueError, InputError) as error:
+            answer = {"error": str(error)}
+            self.say(f"order refused: {error}")
+        if sender:
+            try:
+                self._socket.sendto(json.dumps(answer).encode(), sender)
+            except OSError as error:
+                self.say(f"nobody to answer: {error}")
+
+    def _obey(self, order: object) -> dict:
+        """{"fault": KIND..} from now on; {"clear": true} ends all faults; {} nothing; the rest is for the hand."""
+        if not isinstance(order, dict):
+            raise InputError("an order must be a JSON object")
+        orders = dict(order)
+        if "fault" in orders:
+            self.faults.append(read_fault(str(orders.pop("fault")), self.now()))
+        if orders.pop("clear", False):
+            self.faults.clear()
+        if orders:
+            self.device.hand.obey(orders)
+        return self.truth()
+
+    def truth(self) -> dict:
+        """What is really so: SI units, times in s."""
+        device, board = self.device, self.board
+        return {
+            "t_s": self.now(),
+            "tip_m": list(device.tip),
+            "velocity_m_s": [float(v) for v in device.motion[2:]],
+            "hand_force_N": [float(f) for f in device.hand_force],
+            "currents_mA": list(board.currents),
+            "state": board.state.name,
+            "faults": int(board.faults),
+            "cause": int(board.cause),
+            "events": list(self.events),
+            "frames": vars(board.decoder.counts),
+            "commands": vars(board.counts),
+        }

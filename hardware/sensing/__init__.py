@@ -1,0 +1,1 @@
+"""From raw counts and readings to position, velocity and force in SI units."""

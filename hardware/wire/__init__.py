@@ -1,0 +1,1 @@
+"""The board's protocol: frames and messages. No port, no clock."""

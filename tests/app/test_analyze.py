@@ -1,0 +1,146 @@
+"""`phd analyze` of folders that a crash or a bad disk has touched: what it leaves out, and what that changes."""
+
+import json
+import re
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from protocols import PEOPLE, short
+from sessions import crash_in_trial, files, session_of
+
+from app.cli import main
+from experiments.analysis.trials_table import read_table
+from experiments.recording.reader import read_recording
+from experiments.session import session as sessions
+from experiments.session.files import cell, write_pooled_table
+from experiments.session.recover import recover
+from experiments.study.analyze import analyze
+from experiments.study.study import resume_study, run_study
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """20 trials of one operator."""
+    out = tmp_path_factory.mktemp("analyze") / "study"
+    run_study(out, 1, short(seed="6"), PEOPLE)
+    return out
+
+
+def spoil(folder, run):
+    path = folder / "sub-01" / "ses-01" / "trials" / f"run-{run:03d}.parquet"
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 8
+    path.write_bytes(content)
+
+
+def test_a_damaged_recording_is_left_out_and_its_boxes_alone_are_said_to_change(study, undrawn, tmp_path, capsys):
+    folder = shutil.copytree(study, tmp_path / "copy")
+    rows = read_table(folder / "trials.csv")
+    lost = rows[4]
+    spoil(folder, lost.run)
+    before = files(folder)
+    assert main(["analyze", str(folder), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["trials"] == 19 and f"run-{lost.run:03d}" in said["left_out"][0]
+    assert files(folder).items() >= before.items()
+
+    same_box = [r for r in rows if (r.controller, r.configuration) == (lost.controller, lost.configuration)]
+    assert len(said["changed"]) == 3 and all(lost.configuration in line for line in said["changed"])
+    old = np.median([1e3 * r.path_error_m for r in same_box])
+    new = np.median([1e3 * r.path_error_m for r in same_box if r.run != lost.run])
+    counts, medians = f"{len(same_box)} -> {len(same_box) - 1} trials", re.search(
+        r"median (\S+) -> (\S+) mm \((.*)%\)", said["changed"][0]
+    )  # fmt: skip
+    assert counts in said["changed"][0]
+    assert float(medians[1]) == pytest.approx(old, rel=1e-3) and float(medians[2]) == pytest.approx(new, rel=1e-3)
+    assert float(medians[3]) == pytest.approx(100.0 * (new / old - 1.0), abs=0.06)
+
+
+def test_a_box_that_has_lost_all_its_trials_is_said_to_be_gone(study, undrawn, tmp_path):
+    folder = shutil.copytree(study, tmp_path / "copy")
+    for row in read_table(folder / "trials.csv"):
+        if (row.controller, row.configuration) == (2, "four-brake"):
+            spoil(folder, row.run)
+    changed = analyze(folder, tmp_path / "out")["changed"]
+    assert len(changed) == 3 and all("2 -> 0 trials, the box is gone" in line for line in changed)
+
+
+def test_without_a_table_to_compare_with_that_is_said(study, undrawn, tmp_path):
+    folder = shutil.copytree(study, tmp_path / "copy")
+    spoil(folder, 1)
+    (folder / "trials.csv").unlink()
+    assert "cannot be compared" in analyze(folder, tmp_path / "out")["changed"][0]
+
+
+def test_a_whole_folder_changes_nothing(study, tmp_path):
+    done = analyze(study, tmp_path / "out")
+    assert done["left_out"] == [] and done["changed"] == []
+
+
+def test_a_resumed_session_gives_its_own_table_again_with_the_recovered_trial_in_its_place(
+    undrawn, tmp_path, monkeypatch
+):
+    study = tmp_path / "study"
+    with monkeypatch.context() as patch:
+        patch.setattr(sessions.Session, "finish", interrupt_at(3, sessions.Session.finish))
+        with pytest.raises(KeyboardInterrupt):
+            run_study(study, 1, short(seed="6"), PEOPLE)
+    resume_study(study, {})
+    out = tmp_path / "out"
+    analyze(study, out)
+    table = read_table(study / "trials.csv")
+    assert [replace(row, recording="") for row in read_table(out / "trials.csv")] == [
+        replace(row, recording="") for row in table
+    ]
+    recovered = [row for row in table if row.status == "recovered"]
+    assert [row.run for row in recovered] == [3] and cell(recovered[0]) == cell(table[-1])
+
+
+def interrupt_at(run, real):
+    """`Session.finish`, but Ctrl-C comes at this run."""
+
+    def finish(self, trial, writer):
+        if trial.planned.run == run:
+            raise KeyboardInterrupt
+        return real(self, trial, writer)
+
+    return finish
+
+
+def test_the_energy_stamp_of_every_trial_stands_in_its_row_and_in_its_file(study):
+    for row in read_table(study / "trials.csv"):
+        outcome = read_recording(study / row.recording).outcome
+        assert (row.energy_residual_J, row.energy_added_max_J) == (
+            outcome["energy_residual_J"],
+            outcome["energy_added_max_J"],
+        )
+        assert abs(row.energy_residual_J) < 1e-6 and row.energy_added_max_J == 0.0
+
+
+def test_the_energy_of_a_trial_that_was_cut_off_is_not_made_up(tmp_path):
+    with session_of(tmp_path, 1) as session:
+        crash_in_trial(session)
+    recover(tmp_path)
+    rows = write_pooled_table(tmp_path)
+    assert rows[0].energy_residual_J is not None and rows[1].energy_residual_J is None
+
+
+def test_the_findings_of_two_studies_stand_side_by_side_and_why_those_that_fail_do(study, undrawn, tmp_path, capsys):
+    other = tmp_path / "other"
+    shutil.copytree(study, other)
+    before = files(study)
+    assert main(["analyze", str(other), "--beside", str(study), "--out", str(tmp_path / "out")]) == 0
+    text = (tmp_path / "out" / "side-by-side.md").read_text()
+    head = next(line for line in text.splitlines() if line.startswith("| |"))
+    assert f"| other | {study.name} |" in head and text.count("\n| ") >= 11
+    for line in text.splitlines():
+        if re.match(r"\| \d+ \|", line):  # the same data: the same verdicts
+            assert len(set(line.strip("|").split("|")[2:])) == 1
+    assert files(study) == before
+    capsys.readouterr()
+    assert main(["analyze", str(other), "--beside", str(other), "--out", str(tmp_path / "no")]) == 2
+    assert "cannot be told apart" in capsys.readouterr().err and not (tmp_path / "no").exists()
+    assert main(["analyze", str(other), "--beside", str(tmp_path), "--out", str(tmp_path / "no")]) == 2
+    assert "trials.csv" in capsys.readouterr().err and not (tmp_path / "no").exists()

@@ -1,0 +1,172 @@
+"""The app as its processes: a whole mouse trial through the windows, the end by Ctrl-C, refusals before any window."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+from live import LONG_S, children, gone
+from protocols import PAPER, changed
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+from screens import point
+from synthetic_hand import SyntheticHand
+
+from app.cli import main
+from app.ipc import messages as m
+from app.ipc.client import Client
+from app.ipc.messages import Setup
+from app.window.painting import theme
+from app.window.windows import Windows
+from core import tick_log
+from experiments.analysis.trials_table import read_table
+from experiments.recording.reader import read_recording
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def wait_until(what, seconds: float = LONG_S) -> None:
+    end = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < end, "waited in vain"
+        QTest.qWait(10)
+
+
+@pytest.fixture
+def windows(qtbot, tmp_path: Path):
+    """Both windows on a real bench, a session open, ready."""
+    theme.dress(QApplication.instance())  # type: ignore[arg-type]
+    protocol = tmp_path / "patient.toml"  # as the paper's, for a hand whose machine shows it few pictures
+    protocol.write_text(changed(PAPER.text, time_out_s="200.0"), encoding="utf-8")
+    windows = Windows(Client(Setup(tmp_path / "data", str(protocol), sync=False)))
+    windows.show()
+    wait_until(windows.console.start_page.new.isEnabled)
+    pids = [windows.bench.pid, *children(windows.bench.pid)]
+    QTest.keyClick(windows.console.start_page.participant, Qt.Key.Key_Return)
+    wait_until(lambda: windows.console.snapshot.stage == m.READY)
+    windows.show_or_hide_participant()
+    wait_until(windows.participant.isVisible)
+    yield windows
+    windows.close()
+    wait_until(lambda: all(map(gone, pids)))
+
+
+def test_a_whole_mouse_trial_is_recorded_measured_and_shown(windows: Windows, tmp_path: Path, monkeypatch) -> None:
+    console, view = windows.console, windows.participant.view
+    planned = console.snapshot.coming
+    newest: list[np.ndarray] = []
+    said: dict[int, set[str]] = {}  # phase of the newest tick in a picture -> what that says
+    show = windows.participant.show_ticks
+
+    def look(rows: np.ndarray, taken: bool) -> None:
+        newest.append(rows[-1])
+        show(rows, taken)
+        if console.snapshot.running:
+            said.setdefault(int(rows[-1, tick_log.PHASE]), set()).add(view.said.large)
+
+    monkeypatch.setattr(windows.participant, "show_ticks", look)
+    hand = SyntheticHand(planned.segment, view.tip)
+    point(view, view.to_screen(view.tip))
+    QTest.keyClick(windows.participant, Qt.Key.Key_Space)
+    last, end = time.monotonic(), time.monotonic() + LONG_S
+    while not console.snapshot.rows:
+        QTest.qWait(15)
+        now, dt = time.monotonic(), time.monotonic() - last
+        last = now
+        assert now < end, f"the trial does not end; said {said}"
+        if newest:
+            tick = newest[-1]
+            point(
+                view, view.to_screen(hand((tick[tick_log.TIP_X], tick[tick_log.TIP_Y]), int(tick[tick_log.PHASE]), dt))
+            )
+    words = {tick_log.APPROACH: {"Move to the start"}, tick_log.HOLD: {"Hold"}, tick_log.MOVE: {"Go"}}
+    assert {tick_log.APPROACH, tick_log.MOVE} <= set(said)  # a hold of half a second may come between two pictures
+    assert all(said[phase] == words[phase] for phase in said if phase in words) and view.said.large == "Well done"
+    (result,) = console.snapshot.rows
+    assert result.status == "done" and (result.segment, result.controller) == (planned.segment, planned.controller)
+    session = tmp_path / "data" / "sub-01" / "ses-01"
+    assert read_table(session / "trials.csv") == [result]
+    recording = read_recording(session / result.recording)
+    order = [recording.words["phase"][code] for code in dict.fromkeys(recording.column("phase"))]
+    assert recording.whole and order == ["approach", "hold", "move", "end"]
+    assert console.panel.grid.statuses == {1: "done"} and console.panel.start.isEnabled()
+    wait_until(lambda: "1 run recorded and verified" in console.proof.recording.text())
+
+
+def test_escape_ends_a_real_trial_with_its_cause_and_the_next_waits_for_the_brakes(windows: Windows) -> None:
+    console = windows.console
+    QTest.keyClick(windows.participant, Qt.Key.Key_Space)
+    wait_until(lambda: console.snapshot.stage == m.RUNNING)
+    QTest.keyClick(windows.participant, Qt.Key.Key_Escape)
+    wait_until(lambda: console.snapshot.rows and console.snapshot.brakes_off)
+    assert console.snapshot.rows[0].status == "stopped"
+    assert "Esc on the participant's screen" in console.preflight.advice.text()
+    assert not console.panel.start.isEnabled()
+    QTest.keyClick(windows.participant, Qt.Key.Key_B)
+    wait_until(console.panel.start.isEnabled)
+    assert console.preflight.advice.isHidden()
+
+
+#: the app, that says when its windows are open
+APP = """
+import sys
+from PySide6.QtCore import QTimer
+from app.cli import main
+from app.window.windows import Windows
+show = Windows.show
+Windows.show = lambda self: (show(self), QTimer.singleShot(0, lambda: print("open", flush=True)))
+sys.exit(main(["run", *sys.argv[1:]]))
+"""
+
+
+def phd(*arguments: object) -> subprocess.Popen:
+    environment = {**os.environ, "QT_QPA_PLATFORM": "offscreen", "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", APP, *map(str, arguments)]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def test_ctrl_c_closes_windows_and_bench_and_leaves_nothing(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    with phd("--data-dir", data) as window:
+        assert window.stdout.readline() == "open\n", window.stderr.read()
+        below = children(window.pid)
+        below += [child for pid in below for child in children(pid)]
+        window.send_signal(signal.SIGINT)
+        assert window.wait(LONG_S) == 130, window.stderr.read()
+    wait_until(lambda: all(map(gone, below)))
+    assert below and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("make", "arguments", "says"),
+    [
+        ("data/sub-07/ses-01/session.json", ["--participant", "07"], "session.json"),
+        ("data", [], "data: cannot be written to"),
+    ],
+)
+def test_what_cannot_be_recorded_is_refused_before_any_window(
+    tmp_path: Path, monkeypatch, capsys, make, arguments, says
+) -> None:
+    monkeypatch.setattr("app.window.windows.run", lambda *_: pytest.fail("a window was opened"))
+    place = tmp_path / make
+    place.parent.mkdir(parents=True, exist_ok=True)
+    place.touch()
+    assert main(["run", "--data-dir", str(tmp_path / "data"), *arguments]) == 2
+    said = capsys.readouterr().err
+    assert says in said and said.startswith("phd: ") and said.count("\n") == 1
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [place]
+
+
+def test_a_screen_that_does_not_answer_is_one_sentence_and_exit_2(tmp_path):
+    environment = {**os.environ, "DISPLAY": ":7763", "QT_QPA_PLATFORM": "xcb"}
+    command = [sys.executable, "-m", "app.cli", "run", "--data-dir", str(tmp_path / "data")]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=LONG_S)
+    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
+    assert "no usable screen (DISPLAY=:7763" in done.stderr and not (tmp_path / "data").exists()

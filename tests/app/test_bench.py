@@ -1,0 +1,121 @@
+"""What `phd bench` measures with: its scenes, its independent reference, its order. Times are in no test."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from devices import BENCH
+
+from app.cli import main
+from core.simulator.simulation import Simulation
+from experiments.benchmark.bench import Row, creep, simulated, with_order
+from experiments.benchmark.mujoco import MujocoRun, mujoco_version
+from experiments.benchmark.reference import reference_tips
+from experiments.benchmark.report import table, work_precision
+from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, bench_devices, bench_scenes
+
+SCENES = [scene for device in bench_devices() for scene in bench_scenes(device)]
+
+
+_REFERENCES: dict[tuple[str, str], np.ndarray] = {}
+
+
+def reference(scene):
+    """The reference's tips, computed once for each scene."""
+    key = scene.name, scene.device.name
+    if key not in _REFERENCES:
+        _REFERENCES[key] = reference_tips(scene)
+    return _REFERENCES[key]
+
+
+def _name(scene):
+    return f"{scene.name}-{scene.device.name}"
+
+
+@pytest.mark.parametrize("device, bar", list(zip(bench_devices(), BENCH, strict=True)), ids=lambda d: d.name)
+def test_bench_devices_are_those_of_the_design(device, bar):
+    for ours, theirs in zip(device.mechanism, bar.device.mechanism, strict=True):
+        assert np.asarray(ours) == pytest.approx(np.asarray(theirs), rel=1e-15)
+
+
+def test_scenes_are_those_of_the_design():
+    s1, s2, s3, s4 = bench_scenes(bench_devices()[1])
+    t = 0.123
+    assert s1.force(t) == pytest.approx([6 * np.sin(4 * np.pi * t), -6 * np.cos(2.8 * np.pi * t)])
+    assert s4.force(t) == pytest.approx([15 * np.sin(2 * np.pi * t), 10 * np.cos(1.4 * np.pi * t)])
+    assert s3.force(t).tolist() == [10.0, 0.0]
+    assert s2.torques.tolist() == [[5.6, 0.3, 0.3, 0.3]]
+    assert np.argmax(s4.torques[:5], axis=1).tolist() == [0, 2, 1, 3, 0]  # A, B, E, C
+    assert all((COMPARE_S / step) == pytest.approx(round(COMPARE_S / step)) for step in STEPS_S)
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=_name)
+def test_event_motion_equals_dop853_on_the_ten_coordinate_form(scene):
+    """Two routes with nothing in common but the device file: equations, stick-slip solver, integrator, events."""
+    apart = np.linalg.norm(simulated(scene, "event", "ideal", 1e-4)[1] - reference(scene), axis=1)
+    assert apart.max() < 2e-12
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=_name)
+def test_hand_of_a_scene_exerts_the_force_of_the_scene(scene):
+    simulation = Simulation(scene.device, START, hand=scene.hand())
+    for t in (0.0, 0.31, 0.77):
+        simulation.rows(1, 1e-3, 1, np.zeros(1), np.zeros((1, 4)), round(t / 1e-3), round(t / 1e-3))
+        assert simulation.state["hand_force"][0] == pytest.approx(scene.force(t), abs=1e-12)
+
+
+def test_order_is_the_slope_of_the_errors_above_rounding():
+    def rows(errors):
+        blank = Row("event", "ideal", "d", "S1", 0.0, 0.0, None, 0.0, 0.0, 0.0, None, None, None, None, None)
+        return [replace(blank, step_s=h, rms_error_m=e) for h, e in zip(STEPS_S, errors, strict=True)]
+
+    fourth = list(with_order(rows([h**4 for h in STEPS_S])))
+    assert fourth[0].order == pytest.approx(4.0) and len({row.order for row in fourth}) == 1
+    assert next(with_order(rows([1e-3, 1e-13, 1e-13, 1e-13, 1.0]))).order is None  # one point above rounding
+    assert next(with_order(rows([1e-6, 4e-7, 1e-13, 1e-13, 1.0]))).order == pytest.approx(1.0, abs=1e-3)
+
+
+def test_creep_is_the_largest_displacement_over_elapsed_time():
+    s3 = bench_scenes(bench_devices()[0])[2]
+    tips = np.array([START] * (s3.comparisons + 1))
+    assert creep(s3, tips) == 0.0
+    tips[50:] += (1e-3, 0.0)
+    assert creep(s3, tips) == pytest.approx(1e-3 / (50 * COMPARE_S))
+    assert creep(SCENES[0], tips) is None
+
+
+@pytest.mark.skipif(mujoco_version() is None, reason="MuJoCo is not installed")
+@pytest.mark.parametrize("scene", SCENES, ids=_name)
+def test_mujoco_has_the_same_mechanism(scene):
+    """At a small step it comes near our motion, and nearer than at a large one."""
+    tips = simulated(scene, "event", "ideal", 1e-4)[1]
+    far, near = (np.linalg.norm(MujocoRun(scene, step).tips() - tips, axis=1).max() for step in (5e-3, 1e-4))
+    assert near < 4e-4
+    assert near < 0.3 * far
+
+
+def test_bench_writes_what_it_prints(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("experiments.benchmark.bench.reference_tips", reference)
+    assert main(["bench", "--quick", "--json", "--out", str(tmp_path / "b")]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert json.loads((tmp_path / "b" / "bench.json").read_text()) == result
+    assert set(result["rows"][0]) == {
+        "integrator", "fidelity", "device", "scene", "step_s", "us_per_step", "four_accelerations_us",
+        "wall_s_per_sim_s", "rms_error_m", "max_error_m", "creep_m_s", "energy_residual_J", "events", "fallbacks",
+        "order",
+    }  # fmt: skip
+    for row in result["rows"]:
+        if (row["integrator"], row["fidelity"]) == ("event", "ideal"):
+            assert row["rms_error_m"] <= 1e-8 and row["fallbacks"] == 0
+            if row["scene"] == "S3":
+                assert row["creep_m_s"] == 0.0
+    assert "event" in table(result)
+    assert work_precision(result)["pdf"].startswith(b"%PDF")
+    assert (tmp_path / "b" / "work-precision.png").stat().st_size > 10_000
+
+
+def test_bench_refuses_a_folder_that_exists_before_it_measures(tmp_path, capsys):
+    assert main(["bench", "--out", str(tmp_path)]) == 2
+    assert main(["bench", "--out", str(tmp_path / "no" / "b")]) == 2
+    assert "never overwritten" in capsys.readouterr().err

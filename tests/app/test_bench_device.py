@@ -1,0 +1,59 @@
+"""What a board makes of a trial's measures, by cause: the small version of `phd bench --board`."""
+
+import json
+
+import pytest
+
+from app.cli import main
+from experiments.protocol import load_protocol
+from hardware.sensing.tip_motion import WINDOW
+from tests.benchmarks.board_bench import AGAIN, compared, medians, settings, table
+from tests.benchmarks.board_trials import ALL, CASES, Effects, Setting, on_the_board, on_the_simulated_device
+
+SETTINGS = settings(load_protocol())
+#: By which a trial of controllers 1, 3 and 5 on the board may differ from the simulated one (docs/bench-device.md).
+TOLERANCE = {"path_error_m": 0.05, "mean_tip_force_N": 0.01, "acceleration_dft_sum": 0.07, "duration_s": 0.01}
+
+
+def setting_of(configuration: str, controller: int) -> Setting:
+    """The first trial of a plan's cell."""
+    return next(
+        s for s in SETTINGS if (s.planned.configuration, s.planned.controller) == (configuration, controller)
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("configuration", "controller"), [("three-brake", 1), ("four-brake", 3)])
+def test_a_board_changes_the_measures_by_less_than_the_stated_tolerance(configuration: str, controller: int) -> None:
+    setting = setting_of(configuration, controller)
+    (there, here), (status, board) = on_the_simulated_device(setting), on_the_board(setting, ALL)
+    assert status == there == "done"
+    off = {name: abs(getattr(board, name) / getattr(here, name) - 1.0) for name in TOLERANCE}
+    assert all(off[name] <= most for name, most in TOLERANCE.items()), off
+    assert max(off.values()) > 0.0, "the board leaves no mark"
+
+
+def test_it_is_the_filters_lag_and_not_the_encoder_that_the_highest_gain_does_not_bear() -> None:
+    setting = setting_of("four-brake", 4)
+    _, here = on_the_simulated_device(setting)
+    error = {how: on_the_board(setting, how)[1].path_error_m for how in (Effects(1), Effects(window=WINDOW))}
+    assert error[Effects(1)] == pytest.approx(here.path_error_m, rel=0.25), "steps alone, with a true velocity"
+    assert error[Effects(window=WINDOW)] > 1.5 * here.path_error_m, "the lag alone, with exact positions"
+
+
+def test_the_same_trial_comes_out_the_same_again() -> None:
+    setting = setting_of("three-brake", 3)
+    assert on_the_board(setting, ALL) == on_the_board(setting, ALL)
+
+
+def test_every_case_and_measure_is_in_the_table_and_the_data_are_json(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr("tests.benchmarks.board_bench.CASES", (Effects(), ALL))
+    one = compared(setting_of("four-brake", 1))
+    assert json.loads(json.dumps(one, allow_nan=False)) == one
+    assert medians([one], AGAIN, absolute=True)["four-brake", 1]["duration_s"] >= 0.0
+    text = table([one])
+    assert ALL.title() in text and "four-brake, 1" in text and "otherwise on the board: none" in text
+    assert len({case.title() for case in CASES}) == len(CASES)
+    assert main(["bench", "--board", "1", "--quick"]) == 2
+    assert "stands alone" in capsys.readouterr().err

@@ -1,0 +1,230 @@
+"""Blind sessions: nothing but the key tells a controller, and who opens it stands in the journal first."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import pytest
+from protocols import PAPER, short
+from sessions import crash_in_trial, files, new_session, run_trials
+
+from app.cli import main
+from core.errors import InputError
+from experiments.analysis.trials_table import read_table
+from experiments.recording.reader import read_recording
+from experiments.session import session as sessions
+from experiments.session.blind import new_key, read_key
+from experiments.session.files import cell, read_stored, write_pooled_table
+from experiments.session.journal import read_events
+from experiments.session.recover import recover
+from experiments.session.session import Session
+from experiments.session.verify import verify
+from experiments.study.analyze import analyze
+
+CODES = {"K1", "K2", "K3", "K4", "K5"}
+
+
+@pytest.fixture(scope="module")
+def coded(tmp_path_factory):
+    """A blind session, six trials done of which one was skipped and one redone."""
+    data = tmp_path_factory.mktemp("blind") / "data"
+    session = new_session(data, protocol=short(), blind=True)
+    run_trials(session, 3)
+    session.skip("late")
+    session.redo(2, "looked away")
+    run_trials(session, 2)
+    session.close()
+    write_pooled_table(data)
+    return data
+
+
+@pytest.fixture
+def data(coded, tmp_path):
+    """A copy to open."""
+    return shutil.copytree(coded, tmp_path / "data")
+
+
+def of(data):
+    return data / "sub-01" / "ses-01"
+
+
+def key_of(data):
+    return read_key(of(data), read_stored(of(data)).about["key_sha256"])
+
+
+def test_a_key_is_drawn_anew_each_time_and_names_every_controller_once():
+    keys = [tuple(new_key(PAPER.controllers).items()) for _ in range(40)]
+    assert all(sorted(number for _, number in key) == [1, 2, 3, 4, 5] for key in keys)
+    assert all({code for code, _ in key} == CODES for key in keys) and len(set(keys)) > 20
+
+
+def test_nothing_but_the_key_tells_a_controller(data):
+    key = key_of(data)
+    assert set(key) == CODES and sorted(key.values()) == [1, 2, 3, 4, 5]
+    stored = json.loads((of(data) / "session.json").read_text())
+    assert {trial["controller"] for trial in stored["plan"]} == CODES
+    for row in read_table(of(data) / "trials.csv"):
+        assert row.controller in CODES and row.switches_per_s is None and row.unreachable_share is None
+        if row.recording:
+            about = read_recording(of(data) / row.recording).metadata
+            assert about["controller"] == row.controller and "preset" not in about
+            assert row.path_error_m is not None
+    for event in read_events(of(data)):
+        assert event.get("controller", "K1") in CODES and "key" not in event
+    others = {name: text for name, text in files(data).items() if not name.endswith("key.json")}
+    salt = json.loads((of(data) / "key.json").read_text())["salt"]
+    assert not any(salt.encode() in text for text in others.values())
+
+
+def test_a_trial_runs_with_the_controller_that_its_code_stands_for(data):
+    session, key = Session.resume(data, "01", sync=False), key_of(data)
+    planned = session.next_planned()
+    assert session.blind and session.preset(planned) == PAPER.controllers[key[planned.controller]]
+    trial, writer = session.begin(planned)
+    assert trial.controller.algorithm == session.preset(planned).algorithm
+    writer.abandon()
+    session.close()
+
+
+def test_a_blind_session_is_whole_to_verify_and_goes_on_after_a_crash(data):
+    assert verify(data)["faults"] == []
+    session = Session.resume(data, "01", sync=False)
+    crash_in_trial(session)
+    session = Session.resume(data, "01", sync=False)
+    assert session.blind and session.rows[-1].status == "recovered" and session.rows[-1].controller in CODES
+    assert cell(session.next_planned()) == cell(session.rows[-1])
+    session.close()
+
+
+def test_unblinded_every_table_names_the_controllers_and_has_all_measures(data):
+    coded_rows, key = read_table(of(data) / "trials.csv"), key_of(data)
+    session = Session.resume(data, "01", sync=False)
+    session.unblind("Dr Weiss")
+    assert not session.blind and {trial.controller for trial in session.plan} == {1, 2, 3, 4, 5}
+    for before, now in zip(coded_rows, session.rows, strict=True):
+        assert now.controller == key[before.controller] and now.path_error_m == before.path_error_m
+        assert (now.switches_per_s is not None) == bool(now.recording)
+        if now.recording and now.controller != 3:  # with a gap, a trial that stayed in it has none either
+            assert (now.unreachable_share is not None) == (now.controller != 1)
+    opened = [event for event in read_events(session.folder) if event["event"] == "unblinded"]
+    assert [(event["who"], event["key"]) for event in opened] == [("Dr Weiss", key)]
+    run_trials(session, 1)  # and it goes on, in the open
+    assert read_recording(session.folder / session.rows[-1].recording).metadata["preset"]["kind"]
+    with pytest.raises(InputError, match="not blind"):
+        session.unblind("somebody else")
+    session.close()
+    write_pooled_table(data)
+    assert verify(data)["faults"] == []
+    again = Session.resume(data, "01", sync=False)
+    assert not again.blind and again.plan == session.plan and again.rows == session.rows
+    again.close()
+
+
+def test_nobody_unnamed_opens_the_key(data):
+    session = Session.resume(data, "01", sync=False)
+    with pytest.raises(InputError, match="who"):
+        session.unblind(" ")
+    assert session.blind and not any(event["event"] == "unblinded" for event in read_events(session.folder))
+    session.close()
+
+
+def test_a_crash_after_the_journal_line_still_unblinds_the_tables(data, monkeypatch):
+    class Killed(BaseException):
+        pass
+
+    def kill(*arguments, **options):
+        raise Killed
+
+    session = Session.resume(data, "01", sync=False)
+    with monkeypatch.context() as patch, pytest.raises(Killed):
+        patch.setattr(sessions, "write_table", kill)
+        session.unblind("Dr Weiss")
+    session.close()
+    assert any("controller is K" in fault["fault"] for fault in verify(data)["faults"])
+    assert not recover(data)["faults"]
+    rows = read_table(data / "trials.csv")
+    assert all(isinstance(row.controller, int) for row in rows)
+    assert all(row.switches_per_s is not None for row in rows if row.recording)
+
+
+def test_a_session_without_its_key_does_not_go_on_and_verify_says_so(data):
+    path = of(data) / "key.json"
+    content = path.read_bytes()
+    path.unlink()
+    assert [fault["file"] for fault in verify(data)["faults"]] == ["sub-01/ses-01/key.json"]
+    with pytest.raises(InputError, match="the key cannot be read"):
+        Session.resume(data, "01", sync=False)
+    path.write_bytes(content.replace(b'"K1"', b'"K9"'))
+    assert "was changed" in verify(data)["faults"][0]["fault"]
+    path.write_bytes(content)
+    assert verify(data)["faults"] == []
+
+
+def test_analysis_stays_coded_names_no_controller_and_refuses_findings(data, tmp_path, capsys):
+    before = files(data)
+    assert main(["analyze", str(data), "--out", str(tmp_path / "out"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["coded"] == 6 and files(data) == before
+    table, again = read_table(data / "trials.csv"), read_table(tmp_path / "out" / "trials.csv")
+    assert [replace(row, recording="") for row in again] == [replace(row, recording="") for row in table]
+    report = (tmp_path / "out" / "report" / "report.md").read_text()
+    assert "The controllers are coded" in report
+    names = [preset.name for preset in PAPER.controllers.values() if preset.name != "None"]
+    assert not any(name in report for name in names)
+    assert {path.name for path in (tmp_path / "out" / "report").iterdir()} == {"participant_means.csv", "report.md"}
+    svg = (tmp_path / "out" / "figures" / "fig16_path_error.svg").read_text()
+    assert svg and not any(f"<!-- {name}" in svg for name in names)
+    assert "<!-- K2 -->" in svg
+
+
+def test_analysis_that_opens_the_key_says_who_did_it_and_leaves_the_tables_coded(data, undrawn, tmp_path):
+    tables = [(path, path.read_bytes()) for path in (data / "trials.csv", of(data) / "trials.csv")]
+    key = key_of(data)
+    assert main(["analyze", str(data), "--out", str(tmp_path / "out"), "--unblind"]) == 0
+    coded_rows, rows = read_table(data / "trials.csv"), read_table(tmp_path / "out" / "trials.csv")
+    assert [row.controller for row in rows] == [key[row.controller] for row in coded_rows]
+    assert all(row.switches_per_s is not None for row in rows if row.recording)
+    opened = [event for event in read_events(of(data)) if event["event"] == "key opened"]
+    assert len(opened) == 1 and opened[0]["who"] and opened[0]["analysis"] == str(tmp_path / "out")
+    assert all(path.read_bytes() == content for path, content in tables)
+    assert verify(data)["faults"] == []
+    assert (tmp_path / "out" / "report" / "findings.csv").exists()
+
+
+def test_an_unblinded_session_gives_its_own_table_again(data, undrawn, tmp_path):
+    session = Session.resume(data, "01", sync=False)
+    session.unblind("Dr Weiss")
+    session.close()
+    analyze(data, tmp_path / "out")
+    again, table = read_table(tmp_path / "out" / "trials.csv"), read_table(data / "trials.csv")
+    assert [replace(row, recording="") for row in again] == [replace(row, recording="") for row in table]
+
+
+def test_codes_of_two_participants_are_not_pooled(data, tmp_path):
+    second = new_session(data, "02", short(), blind=True)
+    run_trials(second, 2)
+    second.close()
+    analyze(data, tmp_path / "out")
+    svg = (tmp_path / "out" / "figures" / "fig16_path_error.svg").read_text()
+    code = second.rows[0].controller
+    assert f"<!-- 02 {code} -->" in svg and f"<!-- {code} -->" not in svg
+
+
+def test_a_simulated_operator_is_never_blind_unless_asked(undrawn, tmp_path):
+    session = Session(tmp_path, "01", short(blind="true"), sync=False)
+    assert session.blind and (session.folder / "key.json").exists()
+    session.close()
+    from protocols import PEOPLE
+
+    from experiments.study.study import run_study
+
+    run_study(tmp_path / "study", 1, short(paths=1, blind="true"), PEOPLE)
+    assert all(isinstance(row.controller, int) for row in read_table(tmp_path / "study" / "trials.csv"))
+
+
+def test_a_session_half_created_with_a_key_is_created_anew(tmp_path):
+    (tmp_path / "sub-01" / "ses-01" / "trials").mkdir(parents=True)
+    (tmp_path / "sub-01" / "ses-01" / "key.json").write_text("{}")
+    session = new_session(tmp_path, protocol=short(), blind=True)
+    assert session.preset(session.plan[0]) in PAPER.controllers.values()
+    session.close()
+    Session.resume(tmp_path, "01", sync=False).close()

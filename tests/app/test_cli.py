@@ -1,0 +1,245 @@
+"""The command line: exit codes, one sentence for wrong input, nothing half written, data on stdout."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from app import __version__
+from app.cli import main
+from app.progress import Progress
+from core.device import load_device
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENE = """\
+device = "device.toml"
+duration_s = 0.05
+step_s = 1e-3
+initial_tip_m = [0.05, 0.40]
+[brakes]
+torque_N_m = {A = 0.3, E = 0.3, B = 0.3}
+[force]
+file = "force.csv"
+"""
+FORCE = "t_s,fx_N,fy_N\n0,6,0\n0.05,0,-6\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch) -> Path:
+    """The current folder, holding a good scene with its device and force files."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.toml").write_text(SCENE)
+    (tmp_path / "device.toml").write_text(load_device("three-brake").text)
+    (tmp_path / "force.csv").write_text(FORCE)
+    return tmp_path
+
+
+def change(file: Path, pattern: str, replacement: str) -> None:
+    text = file.read_text()
+    assert re.search(pattern, text), pattern
+    file.write_text(re.sub(pattern, replacement, text))
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+WRONG_FILES = {
+    "unknown device": ("scene.toml", "device.toml", "six-brake", "unknown device 'six-brake'"),
+    "impossible geometry": (
+        "device.toml",
+        "L_AE_m = 0.3048",
+        "L_AE_m = 5",
+        r"device\.toml: geometry: no tip position",
+    ),
+    "negative length": (
+        "device.toml",
+        "L_AE_m = 0.3048",
+        "L_AE_m = -1",
+        r"geometry\.L_AE_m must be greater than 0",
+    ),
+    "negative mass": (
+        "device.toml",
+        "tip_kg = 0.5",
+        "tip_kg = -0.5",
+        r"mass\.tip_kg must be at least 0, not -0\.5",
+    ),
+    "unknown brake": ("device.toml", 'E = "mrb-2107-3"', 'E = "mrb"', "unknown brake 'mrb'"),
+    "unknown key": ("scene.toml", "step_s", "speed = 1\nstep_s", r"scene\.toml: unknown key speed"),
+    "missing key": ("scene.toml", "(?m)^step_s.*$", "", "required key step_s is missing"),
+    "step of zero": ("scene.toml", "1e-3", "0", "step_s must be greater than"),
+    "NaN in the force file": ("force.csv", "-6", "nan", r"force\.csv: line 3: fy_N must be finite"),
+    "force file too short": ("force.csv", "0.05", "0.04", r"force\.csv: ends at 0\.04 s, before the scene"),
+    "force file missing": ("scene.toml", "force.csv", "push.csv", r"force\.file: push\.csv: cannot be read"),
+    "torque without a brake": ("scene.toml", "A = 0.3", "C = 0.3", "torque_N_m.C: three-brake has no brake"),
+    "not TOML": ("scene.toml", "step_s =", "step_s", r"scene\.toml: is not valid TOML"),
+}
+
+
+@pytest.mark.parametrize("file, pattern, replacement, says", WRONG_FILES.values(), ids=WRONG_FILES)
+def test_wrong_files_give_one_sentence_exit_2_and_nothing_written(
+    folder, capsys, file, pattern, replacement, says
+):  # fmt: skip
+    change(folder / file, pattern, replacement)
+    before = files(folder)
+    assert main(["simulate", "scene.toml", "--out", "out.csv"]) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and re.fullmatch(rf"phd: .*{says}.*\n", said.err)
+    assert files(folder) == before
+
+
+WRONG_ARGUMENTS = {
+    "no verb of that name": (["fly"], "invalid choice: 'fly'"),
+    "option without a verb": (["--bogus"], "unrecognized arguments: --bogus"),
+    "no scene": (["simulate", "--out", "o.csv"], "required: SCENE.toml"),
+    "no output": (["simulate", "scene.toml"], "required: --out"),
+    "unknown option": (["simulate", "scene.toml", "--out", "o.csv", "--fast"], "unrecognized arguments: --fast"),
+    "shortened option": (["simulate", "scene.toml", "--ou", "o.csv"], "--out"),
+    "scene missing": (["simulate", "no.toml", "--out", "o.csv"], r"no\.toml: cannot be read \(no such file"),
+    "scene is a folder": (["simulate", ".", "--out", "o.csv"], "cannot be read"),
+    "folder missing": (["simulate", "scene.toml", "--out", "no/o.csv"], r"no/o\.csv: cannot be created"),
+    "folder unwritable": (["simulate", "scene.toml", "--out", "/proc/o.csv"], "/proc/o.csv: cannot be created"),
+    "folder is a file": (["simulate", "scene.toml", "--out", "scene.toml/o.csv"], "cannot be created"),
+    "output exists": (["simulate", "scene.toml", "--out", "force.csv"], "force.csv: exists already"),
+    "output is a folder": (["simulate", "scene.toml", "--out", "."], "exists already"),
+    "no operators": (
+        ["study", "--operators", "0", "--out", "s"],
+        "--operators: must be a whole number of at least 1",
+    ),
+    "seed": (["study", "--seed", "-1", "--out", "s"], "--seed"),
+    "rules": (["study", "--rules", "none", "--out", "s"], "--rules: invalid choice"),
+    "low gain": (["study", "--low-gain", "50", "--out", "s"], "--low-gain: invalid choice"),
+    "study device": (["study", "--device", "six-brake", "--out", "s"], "unknown device 'six-brake'"),
+    "study device twice": (["study", "--device", "four-brake", "four-brake", "--out", "s"], "have the same name"),
+    "device without a verb": (["--device", "six-brake"], "unknown device 'six-brake'"),
+    "run device": (["run", "--device", "six-brake"], "unknown device 'six-brake'"),
+    "participant": (["run", "--participant", "../x"], "--participant: must be letters and digits"),
+}
+
+
+@pytest.mark.parametrize("arguments, says", WRONG_ARGUMENTS.values(), ids=WRONG_ARGUMENTS)
+def test_wrong_arguments_give_one_sentence_exit_2_and_nothing_written(folder, capsys, arguments, says):
+    before = files(folder)
+    assert main(arguments) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and re.fullmatch(rf"phd: .*{says}.*\n", said.err)
+    assert files(folder) == before
+
+
+def test_a_good_scene_beside_them_exits_0(folder, capsys):
+    assert main(["simulate", "scene.toml", "--out", "out.csv"]) == 0
+    assert re.search(r"out\.csv: 51 rows, device three-brake \(assumed\)", capsys.readouterr().out)
+    lines = (folder / "out.csv").read_text().split("\n")
+    assert len(lines) == 51 + 2 and lines[1].startswith("0,0.05,0.4,0,0,")
+    assert main(["simulate", "scene.toml", "--out", "again.csv", "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["rows"], summary["steps"], summary["simulated_s"], summary["assumed"]) == (51, 50, 0.05, True)
+    assert {"wall_s", "events", "fallbacks"} <= set(summary)
+    assert (folder / "again.csv").read_bytes() == (folder / "out.csv").read_bytes()
+
+
+@pytest.mark.parametrize("verb", [[], ["run"], ["study"], ["simulate"], ["analyze"]])
+def test_every_verb_explains_itself(capsys, verb):
+    assert main([*verb, "--help"]) == 0
+    said = capsys.readouterr()
+    assert said.err == "" and said.out.startswith("usage: phd")
+    assert "example:\n  phd " + verb[0] in said.out if verb else "simulate" in said.out
+
+
+def test_version_is_that_of_the_package(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"phd {__version__}\n"
+    assert f'version = "{__version__}"' in (ROOT / "pyproject.toml").read_text()
+
+
+def fail_with(monkeypatch, error: BaseException) -> None:
+    """Make every scene end in this error, once its file is there."""
+
+    def broken(scene):
+        raise error
+
+    monkeypatch.setattr("experiments.simulate.simulate.open_scene", broken)
+
+
+FAILURES = {
+    "disk full": (OSError(28, "No space left on device"), 1, "No space left on device"),
+    "no longer writable": (PermissionError(13, "Permission denied", "x"), 2, "x: Permission denied"),
+    "motion diverges": (FloatingPointError("the simulated motion is no longer finite"), 1, "no longer finite"),
+    "interrupt": (KeyboardInterrupt(), 130, "interrupted"),
+}
+
+
+@pytest.mark.parametrize("error, code, says", FAILURES.values(), ids=FAILURES)
+def test_a_run_that_fails_says_why_and_leaves_nothing(folder, capsys, monkeypatch, error, code, says):
+    fail_with(monkeypatch, error)
+    before = files(folder)
+    assert main(["simulate", "scene.toml", "--out", "out.csv"]) == code
+    assert re.search(rf"(?m)^phd: .*{says}$", capsys.readouterr().err)
+    assert files(folder) == before
+
+
+def test_a_fault_of_our_own_is_not_dressed_up_as_wrong_input(folder, monkeypatch):
+    fail_with(monkeypatch, ZeroDivisionError("ours"))
+    with pytest.raises(ZeroDivisionError):
+        main(["simulate", "scene.toml", "--out", "out.csv"])
+
+
+def test_progress_shows_on_a_terminal_only_and_only_after_a_second(monkeypatch, capsys):
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    for terminal, after, shows in ((True, 2.0, True), (True, 0.5, False), (False, 2.0, False)):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda t=terminal: t, raising=False)
+        with Progress("simulating") as progress:
+            now[0] += after
+            progress(0.5)
+            assert ("50%" in capsys.readouterr().err) == shows
+        assert bool(capsys.readouterr().err) == shows  # the bar is wiped again
+
+
+def phd(*arguments: str, **options) -> subprocess.Popen:
+    return subprocess.Popen(
+        [sys.executable, "-m", "app.cli", *arguments],
+        env=os.environ | {"PYTHONPATH": str(ROOT)}, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options,
+    )  # fmt: skip
+
+
+def test_the_command_itself_refuses_without_a_traceback_and_without_qt(folder):
+    change(folder / "scene.toml", "1e-3", "0")
+    seen = "import sys; from app.cli import main; code = main(sys.argv[1:]); print(code, 'PySide6' in sys.modules)"
+    process = subprocess.run(
+        [sys.executable, "-c", seen, "simulate", "scene.toml", "--out", "out.csv"],
+        env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert process.stdout == "2 False\n"
+    assert process.stderr.count("\n") == 1 and process.stderr.startswith("phd: scene.toml: step_s ")
+
+
+def hear_ctrl_c() -> None:
+    """Also where whoever started the tests does not, as in the background of a shell."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+@pytest.mark.parametrize("number, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_long_run_that_is_stopped_leaves_no_file(folder, number, code):
+    change(folder / "scene.toml", "duration_s = 0.05", "duration_s = 1e6")
+    change(folder / "scene.toml", 'file = "force.csv"', "constant_N = [0, 0]")
+    process = phd("simulate", "scene.toml", "--out", "out.csv", preexec_fn=hear_ctrl_c)
+    try:
+        deadline = time.monotonic() + 200
+        while time.monotonic() < deadline and not (
+            (folder / "out.csv").exists() and (folder / "out.csv").stat().st_size
+        ):
+            time.sleep(0.05)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=60)
+    finally:
+        process.kill()  # one that does not hear writes until the disk is full
+    assert process.returncode == code and "Traceback" not in said
+    assert not (folder / "out.csv").exists()

@@ -1,0 +1,175 @@
+"""`phd devices`: nothing attached, something attached, the emulated board, a dead port, none at all."""
+
+import json
+import os
+import subprocess
+import sys
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from app import doctor
+from app.attached import hid_lines, port_lines
+from app.cli import main
+from app.doctor import CAUTION, GOOD, UDEV_RULE
+from core.errors import InputError
+from hardware import discovery
+
+ROOT = Path(__file__).resolve().parents[2]
+NAVIGATOR = {"path": b"/dev/hidraw77", "vendor_id": 0x046D, "product_id": 0xC626, "usage_page": 1, "usage": 8,
+             "product_string": "SpaceNavigator"}  # fmt: skip
+TEENSY = SimpleNamespace(device="/dev/ttyACM9", vid=0x16C0, pid=0x0483, serial_number="123", product="USB Serial",
+                         description="USB Serial")  # fmt: skip
+
+
+@pytest.fixture
+def nothing(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    monkeypatch.setattr(discovery.list_ports, "comports", lambda: [])
+    monkeypatch.setattr(discovery, "list_hid", lambda: [])
+    return monkeypatch
+
+
+@pytest.fixture
+def dead_port() -> Iterator[str]:
+    """A port at which nobody is."""
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    yield os.ttyname(theirs)
+    os.close(ours)
+    os.close(theirs)
+
+
+def said(capsys: pytest.CaptureFixture, *arguments: str) -> tuple[int, str]:
+    code = main(["devices", *arguments])
+    return code, capsys.readouterr().out
+
+
+def test_nothing_attached_is_said_plainly_and_no_failure(nothing, capsys: pytest.CaptureFixture) -> None:
+    assert said(capsys) == (0, "nothing attached\n")
+    code, out = said(capsys, "--json")
+    assert code == 0 and json.loads(out) == {"ports": [], "boards": [], "hands": []}
+    assert [line.state for line in (*port_lines([]), *hid_lines())] == [GOOD, GOOD]
+
+
+def test_what_is_attached_has_a_line_each_with_its_identity(nothing, capsys: pytest.CaptureFixture) -> None:
+    nothing.setattr(discovery.list_ports, "comports", lambda: [TEENSY])
+    nothing.setattr(discovery, "list_hid", lambda: [NAVIGATOR])
+    code, out = said(capsys)
+    port, hand = out.splitlines()
+    assert code == 0 and "/dev/ttyACM9" in port and "16c0:0483 123 USB Serial" in port and "not allowed" in port
+    assert "/dev/hidraw77" in hand and "046d:c626 SpaceNavigator" in hand
+
+
+def test_rights_that_are_missing_come_with_what_to_type(nothing, tmp_path: Path) -> None:
+    (line,) = port_lines([discovery.SerialPort("/dev/ttyACM9", "16c0:0483", "123", "USB Serial", False)])
+    assert line.state == CAUTION and (sys.platform != "linux" or "usermod -aG dialout" in line.advice)
+    nothing.setattr("app.attached.hid_devices", lambda: [discovery.HidDevice("/dev/hidraw7", "046d:c626", "S", False)])
+    (line,) = hid_lines()
+    assert line.state == CAUTION and UDEV_RULE in line.advice
+
+    def broken():
+        raise InputError("six-axis devices cannot be read: no library")
+
+    nothing.setattr("app.attached.hid_devices", broken)
+    (line,) = hid_lines()
+    assert line.state == CAUTION and "no library" in line.found
+
+
+def test_a_dead_port_says_that_no_board_answers(nothing, dead_port: str, capsys: pytest.CaptureFixture) -> None:
+    nothing.setattr(discovery, "HELLO_S", 0.3)
+    code, out = said(capsys, "--port", dead_port)
+    assert code == 1 and out.splitlines() == [f"board           {dead_port}  no board answers there"]
+
+
+def test_the_doctor_says_what_to_do_about_a_port_at_which_nobody_is(
+    nothing, dead_port: str, capsys: pytest.CaptureFixture
+) -> None:
+    nothing.setattr(discovery, "HELLO_S", 0.3)
+    nothing.setattr(doctor, "examine", lambda folder, attached: attached())
+    assert main(["doctor", "--port", dead_port]) == 1
+    out = capsys.readouterr().out
+    assert f"NO  board   {dead_port}: no board answers there\n" in out and "has the board power" in out
+
+
+@pytest.mark.parametrize(("what", "says"), [("file", "it is no serial port"), ("folder", "is a directory")])
+def test_what_is_no_port_says_so(nothing, what: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    (tmp_path / "file").touch()
+    place = str(tmp_path / "file" if what == "file" else tmp_path)
+    assert said(capsys, "--port", place) == (1, f"board           {place}  {says}\n")
+
+
+@pytest.mark.parametrize("verb", ["devices", "doctor"])
+def test_a_port_that_is_not_there_is_one_sentence(
+    verb: str, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "examine", lambda folder, attached: attached())
+    assert main([verb, "--port", "/dev/none"]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err) == ("", "phd: serial port /dev/none: no such file or directory\n")
+
+
+def test_a_terminal_whose_other_end_has_gone_is_one_sentence(nothing, capsys: pytest.CaptureFixture) -> None:
+    ours, theirs = os.openpty()
+    name = os.ttyname(theirs)
+    os.close(ours)
+    try:
+        assert main(["devices", "--port", name]) == 2
+        assert capsys.readouterr().err == f"phd: serial port {name}: no such file or directory\n"
+    finally:
+        os.close(theirs)
+
+
+def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
+    nothing, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    emulated = subprocess.Popen(
+        [sys.executable, "-m", "app.cli", "emulate", "--device", "three-brake", "--seed", "9"],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    monkeypatch.setattr(discovery, "HELLO_S", 60.0)
+    try:
+        assert emulated.stdout is not None
+        port = emulated.stdout.readline().strip()
+        code, out = said(capsys, "--port", port, "--json")
+        (board,) = json.loads(out)["boards"]
+        assert code == 0 and board["problem"] == "" and board["device"] == "three-brake"
+        assert board["board"] == "EMULATED-9" and board["encoders"] == {"A": 96000, "B": 96000}
+        assert set(board["brakes"]) == {"A", "E", "B"} and board["force_channels"] == 6 and board["state"] == "Idle"
+        wire = discovery.Port(port)
+        code, out = said(capsys, "--port", port)
+        wire.close()
+        assert code == 1 and out == f"board           {port}  another program is using it\n"
+        monkeypatch.setattr(doctor, "examine", lambda folder, attached: attached())
+        assert main(["doctor", "--port", port]) == 0
+        assert "ok  board" in (looked := capsys.readouterr().out) and "EMULATED-9, wired to three-brake" in looked
+    finally:
+        emulated.terminate()
+        emulated.wait(60)
+        if emulated.stdout is not None:
+            emulated.stdout.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--link", "serial:/dev/none"], "--link serial:/dev/none: there is no such port (phd devices lists"),
+        (["--link", "usb"], "--link: must be sim or serial:PORT, not 'usb'"),
+        (["--link", "serial:/dev/null", "--input", "operator"], "--input operator: on the bench the force sensor says"),
+    ],
+)
+def test_a_link_that_cannot_be_is_refused_before_any_window_is_loaded(
+    arguments: list[str], says: str, tmp_path: Path
+) -> None:
+    code = (
+        "import sys; from app.cli import main; code = main(sys.argv[1:]);"
+        "print(code, any(name.startswith('PySide6') for name in sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, "run", *arguments, "--data-dir", str(tmp_path / "data")],
+        cwd=ROOT, capture_output=True, text=True, timeout=200, check=False,
+    )  # fmt: skip
+    assert done.stdout == "2 False\n" and says in done.stderr and done.stderr.count("\n") == 1
+    assert not (tmp_path / "data").exists()

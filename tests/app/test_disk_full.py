@@ -1,0 +1,89 @@
+"""A disk that takes no more: the study stops with one sentence, what was recorded before is as it was."""
+
+import errno
+import os
+import subprocess
+
+import pytest
+from protocols import short
+from sessions import files
+
+from app.cli import main
+from experiments.analysis.trials_table import read_table
+from experiments.recording import writer as recording_writer
+from experiments.session.verify import verify
+
+
+@pytest.fixture
+def begin(tmp_path):
+    """Arguments of a study of one operator and 10 trials, all but its folder."""
+    (tmp_path / "short.toml").write_text(short(paths=1).text)
+    return ["study", str(tmp_path / "short.toml"), "--operators", "1", "--seed", "2"]
+
+
+def assert_stopped_cleanly(folder, error):
+    assert error.count("\n") == 1 and "No space left on device" in error and "--resume" in error
+    session = folder / "sub-01" / "ses-01"
+    rows = read_table(session / "trials.csv") if (session / "trials.csv").exists() else []
+    assert [row.status for row in rows] == ["done"] * len(rows)
+    left = {fault["file"]: fault["fault"] for fault in verify(folder)["faults"]}
+    assert all(f"run-{len(rows) + 1:03d}" in f"{name} {fault}" for name, fault in left.items()), left
+    return len(rows)
+
+
+@pytest.mark.parametrize("room", [3_000_000, 3_300_000, 3_600_000])
+def test_a_study_on_a_disk_that_fills_up_ends_its_trial_and_says_so(
+    begin, undrawn, tmp_path, monkeypatch, capsys, room
+):
+    out, write, left = tmp_path / "study", os.write, [room]
+
+    def write_until_full(handle, data):
+        taken = min(len(data), left[0])
+        left[0] -= taken
+        if not taken:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(handle, data[:taken])
+
+    with monkeypatch.context() as patch:
+        patch.setattr(recording_writer.os, "write", write_until_full)
+        assert main([*begin, "--out", str(out)]) == 1
+    done = assert_stopped_cleanly(out, capsys.readouterr().err)
+    assert done >= 1
+    before = files(out)
+    assert main(["study", "--resume", "--out", str(out)]) == 0
+    after = files(out)
+    assert all(after[name] == content for name, content in before.items() if name.endswith(".parquet"))
+    rows = read_table(out / "trials.csv")
+    assert [row.status for row in rows].count("done") == 10 and len(rows) == 11
+    assert verify(out)["faults"] == []
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of its own, of 4 MB."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mount = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(place)], capture_output=True, text=True
+    ) if os.name == "posix" else None  # fmt: skip
+    if mount is None or mount.returncode:
+        pytest.skip(f"a small file system cannot be mounted: {mount.stderr.strip() if mount else 'not on this system'}")
+    yield place
+    subprocess.run(["umount", str(place)], check=True)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may mount a small file system")
+def test_a_real_disk_that_is_full_stops_the_study_and_more_room_lets_it_go_on(begin, small_disk, capsys):
+    out = small_disk / "study"
+    assert main([*begin, "--out", str(out)]) == 1
+    done = assert_stopped_cleanly(out, capsys.readouterr().err)
+    before = files(out)
+    kept = {name: content for name, content in before.items() if name.endswith(".parquet")}
+    assert len(kept) >= done >= 1
+    assert main(["study", "--resume", "--out", str(out)]) == 1  # still full: again one sentence, nothing touched
+    assert capsys.readouterr().err.count("\n") == 1
+    assert kept.items() <= files(out).items()
+    subprocess.run(["mount", "-o", "remount,size=60m", str(small_disk)], check=True)
+    assert main(["study", "--resume", "--out", str(out)]) == 0
+    assert kept.items() <= files(out).items() and verify(out)["faults"] == []
+    assert [row.status for row in read_table(out / "trials.csv")].count("done") == 10

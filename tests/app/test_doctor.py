@@ -1,0 +1,97 @@
+"""`phd doctor`: every line says what was found and, where something is wrong, what to do."""
+
+import importlib.metadata
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from app import doctor
+from app.cli import main
+from app.doctor import BAD, CAUTION, GOOD, Line
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Without the looks that take a process of their own."""
+    monkeypatch.setattr(doctor, "screens", lambda: [Line("screen", GOOD, "one")])
+    monkeypatch.setattr(doctor, "scheduling", lambda: Line("scheduling", GOOD, "real-time"))
+    monkeypatch.setattr("app.attached.attached_lines", lambda ports: [Line("serial", GOOD, "nothing attached")])
+    monkeypatch.setattr(doctor, "libraries", lambda: Line("libraries", GOOD, "all there"))
+    return monkeypatch
+
+
+def test_a_machine_that_is_fit_gives_0_and_one_that_is_not_1(quick, tmp_path: Path, capsys) -> None:
+    assert main(["doctor", "--data-dir", str(tmp_path), "--json"]) == 0
+    lines = json.loads(capsys.readouterr().out)
+    assert {line["name"] for line in lines} >= {"libraries", "screen", "scheduling", "cores", "disk", "kernels"}
+    quick.setattr(doctor, "scheduling", lambda: Line("scheduling", BAD, "could not be tried", "Reinstall."))
+    assert main(["doctor", "--data-dir", str(tmp_path)]) == 1
+    out = capsys.readouterr().out
+    assert "NO  scheduling" in out and "Reinstall." in out
+    assert list(tmp_path.iterdir()) == [], "it changes nothing"
+
+
+def test_a_folder_that_does_not_exist_is_judged_by_where_it_would_be_and_not_made(tmp_path: Path) -> None:
+    line = doctor.disk(tmp_path / "not" / "yet")
+    assert line.state in (GOOD, CAUTION, BAD) and "GB free" in line.found
+    assert not (tmp_path / "not").exists()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="to root every folder is open")
+def test_a_folder_that_may_not_be_written_to_is_bad(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    assert doctor.disk(tmp_path).state == BAD
+    tmp_path.chmod(0o700)
+
+
+def test_a_full_or_slow_disk_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(doctor, "LEAST_FREE_BYTES", 10**18)
+    assert doctor.disk(tmp_path).state == BAD and "Free at least" in doctor.disk(tmp_path).advice
+    monkeypatch.setattr(doctor, "LEAST_FREE_BYTES", 0)
+    monkeypatch.setattr(doctor, "SLOW_SYNC_S", -1.0)
+    assert doctor.disk(tmp_path).state == CAUTION and "local disk" in doctor.disk(tmp_path).advice
+
+
+@pytest.mark.parametrize(
+    ("needs", "state", "says"),
+    [
+        (["numpy"], GOOD, "all there"),
+        (["numpy>=999"], BAD, "not >=999"),
+        (["no-such-library"], BAD, "no-such-library is missing"),
+        (["no-such-library; extra == 'test'"], GOOD, "all there"),
+    ],
+)
+def test_a_library_that_is_missing_or_another_than_asked_for_is_named(
+    monkeypatch: pytest.MonkeyPatch, needs: list[str], state: str, says: str
+) -> None:
+    monkeypatch.setattr(importlib.metadata, "requires", lambda name: needs)
+    line = doctor.libraries()
+    assert line.state == state and says in line.found and bool(line.advice) == (state == BAD)
+
+
+@pytest.mark.parametrize(
+    ("answer", "states"),
+    [
+        ([["A", 1920, 1080, 1.0, 60.0], ["B", 1920, 1080, 1.0, 60.0]], [GOOD, GOOD]),
+        ([["A", 1920, 1080, 1.0, 60.0]], [GOOD, CAUTION]),
+        ([["A", 1024, 600, 2.0, 60.0], ["B", 1920, 1080, 1.0, 60.0]], [CAUTION, GOOD]),
+        ([["A", 1024, 600, 1.0, 60.0], ["B", 1920, 1080, 1.0, 60.0]], [CAUTION, GOOD]),
+    ],
+)
+def test_screens_that_are_few_or_small_are_a_caution(
+    monkeypatch: pytest.MonkeyPatch, answer: list, states: list[str]
+) -> None:
+    tried = type("Tried", (), {"returncode": 0, "stdout": json.dumps(answer), "stderr": ""})
+    monkeypatch.setattr(doctor.subprocess, "run", lambda *_, **__: tried)
+    lines = doctor.screens()
+    assert [line.state for line in lines] == states
+    assert ("scale" in lines[0].advice) == (answer[0][1] < 1280 and answer[0][3] > 1.0)  # lowering 1 is no help
+
+
+def test_without_a_screen_that_is_bad_and_says_what_still_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = type("Tried", (), {"returncode": -6, "stdout": "", "stderr": "aborted"})
+    monkeypatch.setattr(doctor.subprocess, "run", lambda *_, **__: tried)
+    (line,) = doctor.screens()
+    assert line.state == BAD and "without" in line.advice

@@ -1,0 +1,405 @@
+"""The plane and the workspace: what is painted follows what they are told, and the other way round."""
+
+import math
+import os
+
+import numpy as np
+import pytest
+from fake_ticks import ACROSS, ALONG, TIP, quiet, trial
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QImage
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from app.window.painting import theme
+from app.window.painting.layers import (
+    OFF,
+    SLIPPING,
+    STUCK,
+    Follower,
+    Instant,
+    directions,
+    errors,
+    extent_of_linkages,
+    extent_of_paths,
+    force_map,
+    joints_at,
+    wedge,
+)
+from app.window.painting.linkage_view import ARMS, DIRECTIONS, FIELD, LAYERS, LINKAGE, REACHABLE, TRAIL, Workspace
+from app.window.painting.marks import ARROW_MOST_PX, BRAKES, HAND, arrow_of, box_at, free_side, meets
+from app.window.painting.plane import Plane
+from core import tick_log
+from core.control.rule_sets import SETTLED
+from core.device import Device, load_device
+from core.mechanism import JOINTS
+from core.path_file import Arc, Polyline, Segment, build_path
+
+THREE, FOUR = load_device("three-brake"), load_device("four-brake")
+BOTH = pytest.mark.parametrize("device", (THREE, FOUR), ids=lambda device: device.name)
+PATHS = {1: ALONG, 2: ACROSS}
+
+
+def shown(qtbot, widget, width: int = 760, height: int = 620):
+    theme.dress(QApplication.instance())
+    qtbot.addWidget(widget)
+    widget.resize(width, height)
+    widget.show()
+    return widget
+
+
+@pytest.fixture
+def plane(qtbot) -> Plane:
+    plane = shown(qtbot, Plane(extent_of_paths(PATHS.values())))
+    plane.show_path(ALONG)
+    return plane
+
+
+@pytest.fixture
+def workspace(qtbot) -> Workspace:
+    workspace = shown(qtbot, Workspace((THREE, FOUR), PATHS))
+    workspace.show_trial(FOUR, ALONG, TIP)
+    return workspace
+
+
+def is_seen(image: QImage, place: QPointF, name: str, near: int = 2) -> bool:
+    """Whether a colour of the palette is at a place (px), give or take a pixel or two."""
+    wanted, at = QColor(name), place.toPoint()
+    around = range(-near, near + 1)
+    pixels = [image.pixelColor(at.x() + i, at.y() + j) for i in around for j in around]
+    return any(
+        max(abs(a - b) for a, b in zip(pixel.getRgb()[:3], wanted.getRgb()[:3], strict=True)) < 60 for pixel in pixels
+    )
+
+
+# ------------------------------------------------------------------------------------------------------------- plane
+
+
+def test_metres_and_pixels_are_each_others_inverse_and_true_to_scale(plane: Plane) -> None:
+    for place in ((-0.1, 0.4), (0.03, 0.42), (0.0, 0.39)):
+        assert plane.to_plane(plane.to_screen(place)) == pytest.approx(place, abs=1e-12)
+    a, b, c = (plane.to_screen(place) for place in ((0.0, 0.3), (0.1, 0.3), (0.0, 0.4)))
+    assert b.x() - a.x() == pytest.approx(a.y() - c.y()) == pytest.approx(0.1 * plane.scale)
+
+
+def test_start_end_path_and_handle_are_where_they_should_be(plane: Plane) -> None:
+    plane.show_handle((0.05, 0.41))
+    image = plane.grab().toImage()
+    start, end = plane.to_screen(ALONG.start_m), plane.to_screen(ALONG.end_m)
+    up = QPointF(0.0, -plane.sizes.ring)
+    assert is_seen(image, start + up, theme.START_RING)
+    assert is_seen(image, end + up, theme.END_RING)
+    assert is_seen(image, end, theme.END_RING)  # the end has a point in its ring, the start has none
+    assert not is_seen(image, start + QPointF(0, 5), theme.END_RING)
+    assert is_seen(image, plane.to_screen((0.0, 0.4)), "#ffffff")
+    assert is_seen(image, plane.to_screen((0.05, 0.41)), "#ffffff")
+
+
+def test_an_arc_and_a_polyline_are_drawn_along_their_whole_length(plane: Plane) -> None:
+    arc, corners = Arc((0.0, 0.36), 0.05, 200.0, 20.0), Polyline(((-0.1, 0.3), (0.0, 0.4), (0.1, 0.33)))
+    plane.set_extent(extent_of_paths((arc, corners)))
+    angles = np.radians(np.linspace(190.0, 30.0, 9))
+    round_places = [(0.05 * math.cos(a), 0.36 + 0.05 * math.sin(a)) for a in angles]
+    for path, places in ((arc, round_places), (corners, ((-0.05, 0.35), (0.0, 0.4), (0.05, 0.365)))):
+        plane.show_path(path)
+        image = plane.grab().toImage()
+        assert all(is_seen(image, plane.to_screen(place), "#ffffff") for place in places)
+        assert is_seen(image, plane.to_screen(plane.outline[-1]), theme.END_RING)
+
+
+def test_the_pointer_is_told_in_metres_and_stays_inside_what_is_drawn(plane: Plane) -> None:
+    told = []
+    plane.pointer_moved.connect(lambda x, y: told.append((x, y)))
+    QTest.mouseMove(plane, plane.to_screen((0.05, 0.41)).toPoint())
+    assert told[-1] == pytest.approx((0.05, 0.41), abs=1.0 / plane.scale)
+    assert plane.pointer == told[-1]
+    corner = plane.to_plane(QPointF(plane.width() + 900.0, -900.0))
+    assert corner == plane.to_plane(QPointF(plane.width(), 0.0))
+
+
+def test_the_spring_is_drawn_only_while_the_handle_is_held(plane: Plane) -> None:
+    plane.show_pointer((0.06, 0.42))
+    middle = plane.to_screen((0.04, 0.415))
+    plane.show_handle((0.02, 0.41))
+    for colour in (theme.GOOD, theme.CAUTION, theme.BAD):
+        assert not is_seen(plane.grab().toImage(), middle, colour)
+    plane.show_handle((0.02, 0.41), taken=True, force_N=0.0)
+    assert is_seen(plane.grab().toImage(), middle, theme.GOOD)
+    assert plane.cursor().shape() == Qt.CursorShape.BlankCursor
+    plane.show_handle((0.02, 0.41), taken=True, force_N=50.0)
+    assert is_seen(plane.grab().toImage(), middle, theme.BAD)
+
+
+def test_a_trail_is_kept_over_a_change_of_size_and_forgotten_with_another_path(plane: Plane) -> None:
+    for x in np.linspace(-0.1, 0.0, 40):
+        plane.extend_trail((float(x), 0.41))
+    plane.grab()
+    for y in np.linspace(0.41, 0.38, 40):
+        plane.extend_trail((0.0, float(y)))
+    for size in ((760, 620), (900, 500)):
+        plane.resize(*size)
+        image = plane.grab().toImage()
+        for place in ((-0.05, 0.41), (0.0, 0.385)):
+            assert is_seen(image, plane.to_screen(place), theme.TRACE), (size, place)
+    plane.show_path(ACROSS)
+    assert plane.trail == []
+    assert not is_seen(plane.grab().toImage(), plane.to_screen((-0.05, 0.41)), theme.TRACE)
+
+
+def test_every_joint_stays_in_sight_on_every_path() -> None:
+    extent = extent_of_linkages((THREE, FOUR), PATHS.values())
+    for path in PATHS.values():
+        for share in np.linspace(0.0, 1.0, 21):
+            tip = tuple((1.0 - share) * np.array(path.start_m) + share * np.array(path.end_m))
+            for device in (THREE, FOUR):
+                for x, y in joints_at(device.mechanism, tip).values():
+                    assert extent.contains(QPointF(x, y))
+
+
+# ------------------------------------------------------------------------------------------------------------ layers
+
+
+@BOTH
+def test_whatever_the_brakes_do_against_a_motion_lies_in_the_wedge(device: Device) -> None:
+    """Fig. 1: forces of yields of any size, each against its own joint's rate, never leave the wedge."""
+    generator = np.random.default_rng(3)
+    for _ in range(200):
+        x, y = generator.uniform(-0.1, 0.1), generator.uniform(0.3, 0.42)
+        velocity = generator.normal(size=2) * 0.1
+        g = force_map(device, x, y)
+        found = wedge(device, g, *velocity, 0)
+        yields = generator.uniform(0.0, 5.0, 4) * device.brakes.present
+        force = -(g * (yields * np.sign(g @ velocity))[:, None]).sum(axis=0)
+        assert force @ velocity <= 1e-9
+        for i, angle in zip(map(JOINTS.index, device.braked), found.spokes, strict=True):
+            alone = np.array([math.cos(angle), math.sin(angle)])  # each brake by itself: along its g, against v
+            assert alone @ velocity <= 1e-9 and abs(alone[0] * g[i, 1] - alone[1] * g[i, 0]) < 1e-9 * np.hypot(*g[i])
+        middle = 0.5 * (found.first + found.last)
+        turn = math.remainder(math.atan2(force[1], force[0]) - middle, 2.0 * math.pi)
+        assert abs(turn) <= 0.5 * (found.last - found.first) + 1e-9
+        assert found.last - found.first <= math.pi + 1e-9
+
+
+def test_a_stuck_brake_widens_the_wedge_and_rest_has_none() -> None:
+    g = force_map(FOUR, 0.0, 0.4)
+    velocity = np.array([-g[1, 1], g[1, 0]]) * 0.05 / np.hypot(*g[1])  # E does not turn
+    free, held = wedge(FOUR, g, *velocity, 0), wedge(FOUR, g, *velocity, 2)
+    assert len(held.spokes) == len(FOUR.braked) + 1
+    assert held.last - held.first == pytest.approx(math.pi) and free.last - free.first <= math.pi + 1e-9
+    assert wedge(FOUR, g, 0.0, 0.0, 0) is None
+
+
+@BOTH
+def test_a_locked_brake_leaves_the_direction_in_which_it_does_not_turn(device: Device) -> None:
+    follower = Follower(build_path(ALONG, "path"), SETTLED)
+    g = force_map(device, 0.0, 0.38)
+    field = follower.follow(0.0, 0.38, 0.0, 0.0, 0.0, 0.0)
+    found = directions(device, g, field, SETTLED)
+    assert "".join(JOINTS[direction.joint] for direction in found) == device.braked
+    for direction in found:
+        assert g[direction.joint] @ (direction.p_x, direction.p_y) == pytest.approx(0.0, abs=1e-12)
+    valid = {d.joint: d.sense * (d.p_x * field.beta_x + d.p_y * field.beta_y) for d in found if d.sense}
+    assert [d.joint for d in found if d.chosen] == [max(valid, key=valid.get)]
+
+
+def test_the_field_leads_to_the_path_and_along_it_and_turns_with_the_hand() -> None:
+    follower = Follower(build_path(ALONG, "path"), SETTLED)
+    needles = follower.needles(FOUR, (-0.2, 0.3), (0.2, 0.48), 0.02)
+    assert len(needles) > 50
+    for x, y, *beta in needles.tolist():
+        off = y - 0.4
+        if abs(off) >= 0.05:
+            assert beta == pytest.approx((0.0, -math.copysign(1.0, off)))
+        elif abs(off) < 1e-9:
+            assert beta == pytest.approx((1.0, 0.0))
+        found = Follower(follower.path, SETTLED).follow(x, y, 0.0, 0.0, 0.0, 0.0)
+        assert beta == pytest.approx((found.beta_x, found.beta_y))  # as a tip that comes there first would find it
+    follower.follow(0.0, 0.4, 0.0, 0.0, -5.0, 0.0)  # the hand pulls back
+    assert follower.sense == -1.0
+    back = follower.needles(FOUR, (-0.2, 0.3), (0.2, 0.48), 0.02)
+    assert back[:, :3] == pytest.approx(needles[:, :3] * (1.0, 1.0, -1.0))
+    assert follower.sense == -1.0  # to look is not to move
+
+
+# --------------------------------------------------------------------------------------------------------- workspace
+
+
+def test_brakes_say_what_they_did_most_of_the_time(workspace: Workspace) -> None:
+    rows = quiet(100, CURRENT_E=0.8, TORQUE_E=-3.9, CURRENT_B=0.3, TORQUE_B=1.1, STUCK=2)
+    rows[:30, tick_log.CURRENT + 2] = 0.0  # B is without current for less than half of it
+    rows[:10, tick_log.CURRENT + 3] = 0.5  # C has some for less than half of it
+    workspace.add(rows)
+    states = {joint: doing.state for joint, doing in workspace.view.labels.doing.items()}
+    assert states == {"A": OFF, "E": STUCK, "B": SLIPPING, "C": OFF}
+    assert workspace.view.labels.words["E"] == "stuck 3.9 N m"
+    assert workspace.view.labels.words["B"] == "slipping 1.1 N m"
+    workspace.view.grab()
+    workspace.rest(TIP)
+    assert set(workspace.view.labels.words.values()) == {OFF}
+
+
+def test_a_brake_is_ringed_in_the_colour_of_its_state(workspace: Workspace) -> None:
+    workspace.add(quiet(CURRENT_E=0.8, TORQUE_E=3.9, CURRENT_C=0.3, STUCK=2))
+    image, view = workspace.view.grab().toImage(), workspace.view
+    at = {joint: view.to_screen(place) for joint, place in view.instant.joints.items()}
+    for joint, colour in (("E", theme.BRAKE_STUCK), ("C", theme.BRAKE_SLIPPING), ("A", theme.BRAKE_OFF)):
+        ring = [at[joint] + QPointF(12.0 * math.cos(a), 12.0 * math.sin(a)) for a in range(7)]
+        assert all(is_seen(image, place, colour) for place in ring), joint
+
+
+def test_a_blind_console_shows_neither_states_nor_the_brakes_force(workspace: Workspace) -> None:
+    workspace.set_blind(True)
+    workspace.add(quiet(CURRENT_E=0.8, TORQUE_E=3.9, STUCK=2, HAND_FX=5.0))
+    assert set(workspace.view.labels.words) == {HAND} and workspace.view.instant.brakes == (0.0, 0.0)
+    blind = workspace.view.grab().toImage()
+    other = quiet(CURRENT_B=0.4, TORQUE_B=-2.0, STUCK=0, HAND_FX=5.0)
+    workspace.add(other)
+    workspace.view.word()
+    assert workspace.view.grab().toImage() == blind  # another controller looks the same
+    workspace.set_blind(False)
+    assert BRAKES in workspace.view.labels.words and workspace.view.grab().toImage() != blind
+
+
+def test_arrows_point_as_the_forces_do_and_long_ones_are_cut(workspace: Workspace) -> None:
+    instant = Instant(FOUR, TIP, quiet(HAND_FX=3.0, HAND_FY=4.0, TORQUE_B=2.0)[-1])
+    assert instant.hand == (3.0, 4.0)
+    assert instant.brakes == pytest.approx(tuple(2.0 * force_map(FOUR, *TIP)[2]))
+    arrow = arrow_of(instant.hand)
+    assert arrow.x() > 0.0 > arrow.y() and arrow.y() / arrow.x() == pytest.approx(-4.0 / 3.0)
+    assert math.hypot(*arrow_of((300.0, 0.0)).toTuple()) == pytest.approx(ARROW_MOST_PX)
+    assert arrow_of((0.01, 0.0)).isNull()
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_a_click_or_its_key_lays_a_layer_over_the_workspace_and_takes_it_away(
+    qtbot, workspace: Workspace, layer: str
+) -> None:
+    rows = trial(FOUR)
+    for begin in range(0, 2400, 100):
+        workspace.add(rows[begin : begin + 100])
+    view, button = workspace.view, workspace.buttons[layer]
+    view.repaint_still()  # a trail painted piece by piece differs a little from one painted at once
+    before, was = view.grab().toImage(), layer in view.shown
+    QTest.mouseClick(button, Qt.MouseButton.LeftButton)
+    assert (layer in view.shown) is not was and button.isChecked() is not was
+    assert view.grab().toImage() != before
+    workspace.activateWindow()
+    qtbot.waitUntil(workspace.isActiveWindow, timeout=60_000)
+    QTest.keyClick(workspace, getattr(Qt.Key, f"Key_{LAYERS[layer][0]}"))
+    assert (layer in view.shown) is was and view.grab().toImage() == before
+
+
+@BOTH
+@pytest.mark.parametrize("size", ((560, 520), (760, 620), (1200, 900)))
+def test_no_label_lies_on_an_arm_another_label_or_the_edge(qtbot, device: Device, size: tuple[int, int]) -> None:
+    workspace = shown(qtbot, Workspace((device,), PATHS), *size)
+    view = workspace.view
+    for path in PATHS.values():
+        workspace.show_trial(device, path, path.start_m)
+        for share in np.linspace(0.0, 1.0, 9):
+            tip = (1.0 - share) * np.array(path.start_m) + share * np.array(path.end_m)
+            view.labels.sides.clear()
+            workspace.add(quiet(TIP_X=tip[0], TIP_Y=tip[1], **{f"CURRENT_{joint}": 0.5 for joint in device.braked}))
+            view.word()
+            at, _, marks = view._places()
+            boxes = {
+                name: box_at(marks[name], view.labels.sides[name], *view.labels._size(name, words))
+                for name, words in view.labels.words.items()
+                if name in JOINTS
+            }
+            for name, box in boxes.items():
+                assert QRectF(view.rect()).contains(box), (name, share)
+                for a, b in ARMS:
+                    assert not meets((*at[a].toTuple(), *at[b].toTuple()), box.getCoords()), (name, share)
+                assert not any(box.intersects(other) for key, other in boxes.items() if key != name)
+
+
+def test_a_label_keeps_off_lines_and_boxes_and_takes_the_least_evil_where_all_is_full() -> None:
+    mark, size, room = QPointF(100.0, 100.0), (10.0, 40.0, 15.0), QRectF(0.0, 0.0, 200.0, 200.0)
+    sides = ("right", "left", "below")
+    right = box_at(mark, "right", *size)
+    assert free_side(mark, sides, size, [], [], room) == "right"
+    assert free_side(mark, sides, size, [(130.0, 0.0, 130.0, 200.0)], [], room) == "left"
+    assert free_side(mark, sides, size, [], [right], room) == "left"
+    assert free_side(mark, sides, size, [], [right], QRectF(80.0, 0.0, 100.0, 200.0)) == "below"
+    everywhere = [box_at(mark, side, *size) for side in sides]
+    assert free_side(mark, sides, size, [(130.0, 0.0, 130.0, 200.0)], everywhere, room) == "left"
+
+
+def test_a_line_meets_a_box_where_some_point_of_it_is_inside() -> None:
+    generator = np.random.default_rng(2)
+    box = QRectF(-1.0, -0.5, 2.0, 1.0)
+    for _ in range(400):
+        line = tuple(generator.uniform(-2.0, 2.0, 4).tolist())
+        share = np.linspace(0.0, 1.0, 4001)
+        x, y = line[0] + share * (line[2] - line[0]), line[1] + share * (line[3] - line[1])
+        inside = np.maximum(np.abs(x) - 1.0, np.abs(y) - 0.5).min()
+        if abs(inside) > 2e-3:  # not only touching
+            assert meets(line, box.getCoords()) is bool(inside < 0.0)
+
+
+def test_the_line_above_says_phase_time_error_and_speed(workspace: Workspace) -> None:
+    workspace.add(quiet(20, tick_log.HOLD))
+    assert workspace.view.title == "Hold" and "error" not in workspace.view.line
+    workspace.add(quiet(1, tick_log.MOVE, start_s=0.02, TIP_VX=0.03, TIP_VY=0.04))
+    workspace.add(quiet(16, tick_log.MOVE, start_s=0.5, TIP_VX=0.03, TIP_VY=0.04))
+    assert workspace.view.title == "Move"
+    assert workspace.view.line == "0.49 s · error 10.0 mm · 0.05 m/s"
+
+
+def test_the_buttons_are_whole_in_a_small_window(qtbot) -> None:
+    workspace = shown(qtbot, Workspace((THREE, FOUR), PATHS), 560, 480)
+    right = 0
+    for button in workspace.buttons.values():
+        assert button.width() >= button.sizeHint().width() and button.x() >= right
+        right = button.geometry().right()
+    assert right <= workspace.width() and workspace.width() == 560
+
+
+def test_a_path_that_the_arms_do_not_reach_is_still_shown(qtbot) -> None:
+    workspace = shown(qtbot, Workspace((FOUR,), PATHS))
+    workspace.show_trial(FOUR, Segment((-0.1, 0.4), (0.1, 0.4)), (0.0, 1.2))
+    workspace.view.grab()
+    assert workspace.view.instant.joints == {}
+
+
+def test_layers_have_names_that_say_what_they_are() -> None:
+    assert tuple(LAYERS) == (FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE)
+    keys = [key for key, _ in LAYERS.values()]
+    assert len(set(keys)) == len(keys)
+
+
+def test_all_ticks_of_a_frame_at_once_leave_the_field_as_one_after_the_other_would() -> None:
+    generator = np.random.default_rng(5)
+    rows = quiet(60)
+    rows[:, tick_log.PHASE] = np.repeat((tick_log.HOLD, tick_log.MOVE, tick_log.END), 20)
+    for column in (
+        tick_log.TIP_X,
+        tick_log.TIP_Y,
+        tick_log.TIP_VX,
+        tick_log.TIP_VY,
+        tick_log.HAND_FX,
+        tick_log.HAND_FY,
+    ):
+        rows[:, column] += generator.normal(scale=0.02 if column < tick_log.TIP_VX else 1.0, size=60)
+    at_once, stepwise = (Follower(build_path(ACROSS, "path"), SETTLED) for _ in range(2))
+    columns = [tick_log.TIP_X, tick_log.TIP_Y, tick_log.TIP_VX, tick_log.TIP_VY, tick_log.HAND_FX, tick_log.HAND_FY]
+    for first, last in ((0, 7), (7, 8), (8, 31), (31, 60)):
+        part = rows[first:last]
+        moving = part[part[:, tick_log.PHASE] == tick_log.MOVE]
+        field = at_once.follow_ticks(part)
+        expected = None
+        for state in moving[:, columns].tolist():
+            expected = stepwise.follow(*state)
+        if expected is None:
+            expected = stepwise.follow(part[-1, tick_log.TIP_X], part[-1, tick_log.TIP_Y], 0.0, 0.0, 0.0, 0.0)
+        assert field == expected and at_once.sense == stepwise.sense
+
+
+def test_the_error_of_ticks_is_their_distance_from_the_path_in_the_move_only() -> None:
+    rows, error = quiet(3), np.empty(3)
+    rows[:, tick_log.PHASE] = (tick_log.HOLD, tick_log.MOVE, tick_log.END)
+    errors(build_path(ALONG, "path"), rows, error)
+    assert np.isnan(error[[0, 2]]).all() and error[1] == pytest.approx(0.40 - TIP[1])

@@ -1,0 +1,291 @@
+"""`phd emulate`: a board on a pseudo-terminal, as a program of its own, and the host's link to it in real time."""
+
+import gc
+import math
+import os
+import signal
+import stat
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from emulated import Emulated, when
+from linked import LinkedBench
+
+from core.device import load_device
+from core.device_interface import LinkError
+from core.errors import InputError
+from hardware.emulated_board.device import HeldHand
+from hardware.emulated_board.emulator import Emulator
+from hardware.emulated_board.line_faults import AT_JOINT, KINDS, read_fault
+from hardware.serial_device import SerialLink
+
+DEVICE = load_device("four-brake")
+NO = (0.0,) * 4
+SOME = (0.3,) * 4
+PATIENT_S = 60.0
+LATE = "no command for 50 ms"  # what a board rightly says where this machine held its host up
+HELD_UP_S = 0.02  # longest that a host may be away before what the board says overflows
+
+
+@pytest.fixture(scope="module")
+def emulated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulated]:
+    running = Emulated(tmp_path_factory.mktemp("emulated"), "--seed", "4")
+    yield running
+    assert running.end() == 0
+    assert not running.port.parent.exists()
+
+
+@pytest.fixture
+def link(emulated: Emulated) -> Iterator[SerialLink]:
+    emulated.order(clear=True)
+    link = SerialLink(DEVICE, str(emulated.port))
+    patiently(link.open)
+    forget(link)
+    yield link
+    link.close()
+    assert all(thread.name != "bring the board back" for thread in threading.enumerate())
+
+
+def patiently(ask: Callable[[], object]) -> None:
+    """Until the board's answer is there in time, which a machine with much else to do may keep from us."""
+    end = time.monotonic() + PATIENT_S
+    while True:
+        try:
+            ask()
+            return
+        except (LinkError, InputError):
+            if time.monotonic() > end:
+                raise
+
+
+def forget(link: SerialLink) -> None:
+    """No fault is left on the board."""
+    while run(link, 5)[-1].fault:
+        patiently(link.reset)
+
+
+def run(link: SerialLink, n: int, currents=NO) -> list:
+    """Exchange until n samples came."""
+    samples, end = [], time.monotonic() + PATIENT_S
+    while len(samples) < n:
+        assert time.monotonic() < end, link.problem
+        if (sample := link.exchange(currents)) is not None:
+            samples.append(sample)
+    return samples
+
+
+def until(link: SerialLink, done: Callable[[], bool], currents=NO) -> float:
+    """Exchange until something is so; how long that took, s."""
+    start = time.monotonic()
+    while not done():
+        assert time.monotonic() - start < PATIENT_S, link.problem
+        link.exchange(currents)
+    return time.monotonic() - start
+
+
+def test_the_port_is_a_terminal_that_a_host_can_open(emulated: Emulated) -> None:
+    assert stat.S_ISCHR(os.stat(emulated.port).st_mode)
+
+
+def test_samples_come_at_1_khz_with_nothing_lost_or_damaged(emulated: Emulated, link: SerialLink) -> None:
+    listened, end = False, time.monotonic() + PATIENT_S
+    while not listened and time.monotonic() < end:
+        came, held_up_s, health = run(link, 20), 0.0, link.health
+        before = health.lost, health.frames.bad, health.repeated
+        while came[-1].board_us - came[0].board_us < 500_000:
+            asked = time.monotonic()
+            came += run(link, 1)
+            held_up_s = max(held_up_s, time.monotonic() - asked)
+        assert (came[-1].sequence - came[0].sequence) * 1000 == came[-1].board_us - came[0].board_us
+        assert all(sample.homed and sample.closed for sample in came)
+        listened = held_up_s < HELD_UP_S
+    if listened:
+        assert before == (health.lost, health.frames.bad, health.repeated)
+    truth = emulated.order()
+    assert math.dist(came[-1].tip, truth["tip_m"]) < 1e-3
+    assert truth["frames"]["bad_crc"] == 0
+
+
+def test_currents_reach_the_brakes_and_the_hand_feels_them(emulated: Emulated, link: SerialLink) -> None:
+    run(link, 20)
+    start = emulated.order()["tip_m"]
+    emulated.order(target=[-0.05, 0.40])
+    until(link, lambda: math.dist(emulated.order()["tip_m"], (-0.05, 0.40)) < 0.02)
+    free = emulated.order()["tip_m"]
+    assert math.dist(free, start) > 0.02
+    end = time.monotonic() + PATIENT_S
+    while True:
+        assert time.monotonic() < end, "the board never had its currents for long enough"
+        emulated.order(target=free)
+        forget(link)
+        run(link, 300, (1.0,) * 4)
+        free = emulated.order()["tip_m"]
+        emulated.order(target=[free[0], free[1] + 0.03])
+        held = run(link, 500, (1.0,) * 4)[-1]
+        truth = emulated.order()
+        if not held.fault and truth["currents_mA"] == [1000] * 4:
+            break
+        assert held.fault in ("", LATE)  # this machine was held up: the board did right
+    assert math.dist(held.tip, free) < 0.01, "the full lock gave way"
+    assert math.hypot(*held.hand_force) > 3.0
+    emulated.order(target=[-0.10, 0.40])
+
+
+def test_an_unplugged_board_is_noticed_safe_and_back(emulated: Emulated, link: SerialLink) -> None:
+    run(link, 50, SOME)
+    emulated.order(fault="unplug+0.5")
+    until(link, lambda: bool(link.problem), SOME)
+    until(link, lambda: not link.problem)
+    assert run(link, 3)[-1].fault == LATE
+    truth = emulated.order()
+    assert when(truth, "currents zero") - when(truth, "unplug begins") <= 0.051
+    forget(link)
+    until(link, lambda: run(link, 5, SOME)[-1].homed and emulated.order()["state"] == "ACTIVE" or forget(link), SOME)
+    assert link.health.lost_links >= 1
+
+
+def test_a_brown_out_makes_currents_zero_at_once_and_is_told(emulated: Emulated, link: SerialLink) -> None:
+    run(link, 50, SOME)
+    emulated.order(fault="brown-out+0.1")
+    until(link, lambda: bool(link.problem), SOME)
+    until(link, lambda: not link.problem)
+    sample = run(link, 3)[-1]
+    assert "supply voltage" in sample.fault and not sample.homed
+    truth = emulated.order()
+    assert when(truth, "currents zero") <= when(truth, "brown-out begins")  # sooner: the host had been late for once
+    forget(link)
+    patiently(lambda: link.home(tuple(truth["tip_m"])))
+    assert math.dist(run(link, 3)[-1].tip, truth["tip_m"]) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("fault", "says"),
+    [
+        ("bad-encoder=A+0.3", "an encoder's signal is bad"),
+        ("saturated-force+0.3", "the force sensor is at the end of its range"),
+        ("stall+0.1", "no command for 50 ms"),
+    ],
+)
+def test_a_fault_on_the_board_is_told_with_its_cause(
+    emulated: Emulated, link: SerialLink, fault: str, says: str
+) -> None:
+    kind, told = fault.split("=")[0].split("+")[0], LATE
+    end = time.monotonic() + PATIENT_S
+    while told == LATE and time.monotonic() < end:  # once, if the host is not held up
+        forget(link)
+        run(link, 50, SOME)
+        emulated.order(fault=fault)
+        until(link, lambda: (sample := link.exchange(SOME)) is not None and sample.fault != "")
+        truth, told = emulated.order(), run(link, 1)[-1].fault
+        assert truth["currents_mA"] == [0] * 4 and truth["state"] == "FAULT"
+        until(link, lambda: over(emulated.order(), kind))
+        if says == LATE:
+            break
+    assert told == says
+    assert when(truth, "currents zero") - when(truth, f"{kind} begins") <= 0.051
+    forget(link)
+
+
+def over(truth: dict, kind: str) -> bool:
+    """Whether the last fault of this kind is past."""
+    events = [event for _, event in truth["events"] if event.startswith(kind)]
+    return bool(events) and events[-1] == f"{kind} is over"
+
+
+def test_a_stuck_encoder_stands_still_while_the_handle_moves(emulated: Emulated, link: SerialLink) -> None:
+    emulated.order(fault="stuck-encoder=A")
+    before = run(link, 50)[-1]
+    emulated.order(target=[-0.06, 0.42])
+    until(link, lambda: abs(run(link, 1)[-1].counts[1] - before.counts[1]) > 20)
+    stuck = run(link, 1)[-1]
+    assert stuck.counts[0] == before.counts[0]
+    emulated.order(clear=True)
+    until(link, lambda: run(link, 1)[-1].counts[0] != stuck.counts[0])
+    emulated.order(target=[-0.10, 0.40])
+
+
+def test_orders_that_make_no_sense_are_refused_and_change_nothing(emulated: Emulated) -> None:
+    for order in ({"fault": "nonsense"}, {"target": [1]}, {"target": [0, 1e9]}, {"force": "hard"}, {"dance": True}):
+        assert "error" in emulated.order(**order)
+    assert emulated.order()["state"] in ("IDLE", "FAULT")
+
+
+def test_the_operator_waits_at_the_start_to_be_told_and_goes(tmp_path: Path) -> None:
+    emulated = Emulated(tmp_path, "--hand", "operator", "--device", "three-brake", "--seed", "2")
+    try:
+        emulated.order(wait=True)
+        while emulated.order()["t_s"] < 1.5:  # longer than it rests at the start by itself
+            time.sleep(0.05)
+        assert math.dist(emulated.order()["tip_m"], (-0.10, 0.40)) < 0.01
+        emulated.order(go=True)
+        end = time.monotonic() + PATIENT_S
+        while emulated.order()["tip_m"][0] < -0.05:
+            assert time.monotonic() < end
+            time.sleep(0.05)
+    finally:
+        assert emulated.end(signal.SIGINT) == 0
+    assert not emulated.port.parent.exists()
+
+
+@pytest.mark.parametrize("text", ["drop=0.5", "brown-out", "unplug", "saturated-force"])
+def test_a_fault_may_act_from_the_start(text: str) -> None:
+    emulator = Emulator(DEVICE, HeldHand((0.0, 0.40)), (0.0, 0.40), [read_fault(text)])
+    emulator.close()
+    assert not emulator.port.parent.exists()
+
+
+@pytest.mark.parametrize("arguments", [["--fault", "drop=2"], ["--device", "nope"], ["--path", "0", "2", "0", "1"]])
+def test_wrong_input_is_one_sentence_and_no_port(arguments: list[str], capfd: pytest.CaptureFixture) -> None:
+    from app.cli import main
+
+    assert main(["emulate", *arguments]) == 2
+    out, err = capfd.readouterr()
+    assert out == "" and err.count("\n") == 1 and err.startswith("phd: ")
+
+
+@pytest.mark.parametrize(
+    "text", ["drop", "drop=1.1", "drop=nan", "stall=3", "stuck-encoder", "stuck-encoder=AE", "x", ""]
+)
+def test_a_fault_that_makes_no_sense_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="fault"):
+        read_fault(text)
+
+
+def test_every_kind_of_fault_can_be_asked_for() -> None:
+    for kind in KINDS:
+        value = (
+            "=A" if kind in AT_JOINT else "=0.5" if kind in ("drop", "corrupt", "duplicate", "delay", "jitter") else ""
+        )
+        fault = read_fault(f"{kind}{value}@2+3", now_s=10.0)
+        assert fault.kind == kind and (fault.start_s, fault.end_s) == (12.0, 15.0)
+        assert math.isinf(read_fault(kind + value).end_s)
+
+
+def test_a_port_that_is_not_there_is_one_sentence() -> None:
+    with pytest.raises(InputError, match=r"^serial port /dev/none: no such file or directory$"):
+        SerialLink(DEVICE, "/dev/none").open()
+
+
+def test_it_says_first_which_scheduling_it_got_and_leaves_a_core_to_the_control_loop(emulated: Emulated) -> None:
+    first = emulated.log.read_text().splitlines()[0]
+    assert "scheduling " in first and "orders to " in first
+    if hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1:
+        assert max(os.sched_getaffinity(0)) not in os.sched_getaffinity(emulated.process.pid)
+
+
+def test_a_tick_leaves_nothing_that_only_a_search_for_garbage_would_free() -> None:
+    """The emulator, and the loop at its other end, run without one."""
+    bench = LinkedBench()
+    trial = bench.trial(2)
+    bench.run(trial, lambda trial: trial.ticks > 100)
+    gc.collect()
+    gc.disable()
+    try:
+        bench.run(trial, lambda trial: trial.ticks > 600)
+        assert gc.collect() == 0
+    finally:
+        gc.enable()
+        bench.link.close()

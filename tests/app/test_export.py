@@ -1,0 +1,301 @@
+"""`phd export`: BIDS-Motion that the official validator accepts, CSV that gives back every number; all or nothing."""
+
+import csv
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recorded import ticks
+from sessions import crash_in_trial, files, session_of
+
+from app.cli import main
+from core import tick_log
+from experiments.analysis.trials_table import COLUMNS, TrialRow, read_table, write_table
+from experiments.export.columns import recording_column, trials_column
+from experiments.export.csv import CsvTables
+from experiments.export.export import export
+from experiments.recording.reader import read_recording
+from experiments.recording.schema import recording_columns
+from experiments.recording.writer import RecordingWriter, convert_to_parquet
+from experiments.session.files import pooled_rows
+
+SESSION = Path("sub-01", "ses-01")
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """Three trials of a simulated operator, and one of a person at the mouse, on a device with a name of its own."""
+    data = tmp_path_factory.mktemp("export") / "study"
+    with session_of(data, 3):
+        pass
+    mouse_trial(data)
+    return data
+
+
+def mouse_trial(data, hand="mouse"):
+    """A recording of a person at the mouse: late ticks, a brake that gave no number, a number that only repr keeps."""
+    folder = data / "sub-p7" / "ses-01" / "trials"
+    folder.mkdir(parents=True)
+    rows = ticks(900, seed=7)
+    rows[:, tick_log.LATENESS_US] = np.abs(rows[:, tick_log.LATENESS_US])
+    rows[5, tick_log.TORQUE] = np.nan
+    rows[6, tick_log.TORQUE] = np.inf
+    rows[7, tick_log.TORQUE : tick_log.TORQUE + 4] = 0.1 + 0.2, -0.0, 5e-324, 1.7976931348623157e308
+    about = dict(participant="p7", run=104, block=1, configuration="my five-bar 2", controller=2, segment=1)
+    path = {"kind": "segment", "start_m": [-0.1, 0.4], "end_m": [0.1, 0.4]}
+    metadata = {**about, "repetition": 1, "start_m": [-0.1, 0.4], "end_m": [0.1, 0.4], "path": path, "hand": hand}
+    with RecordingWriter(folder / "run-104.arrows", "AEBC", metadata, sync=False) as writer:
+        writer.write(rows)
+        writer.close({"status": "timeout", "reason": "time was up"})
+    convert_to_parquet(writer.path, sync=False)
+
+
+@pytest.fixture(scope="module")
+def exported(study, tmp_path_factory):
+    """The same study as BIDS and as CSV: form -> folder."""
+    out = tmp_path_factory.mktemp("exported")
+    outs = {"bids": out / "bids", "csv": out / "csv"}
+    before = files(study)
+    summary = export(study, outs)
+    assert files(study) == before and summary["left_out"] == [] and summary["trials"] == 4
+    return outs
+
+
+def recordings(study):
+    return [read_recording(path) for path in sorted(study.glob("sub-*/ses-*/trials/run-*.parquet"))]
+
+
+def table(path, delimiter="\t"):
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.reader(file, delimiter=delimiter))
+
+
+def same_bits(texts, numbers, missing):
+    """The texts stand for these doubles, bit by bit; `missing` for one that is not finite."""
+    finite = np.isfinite(numbers)
+    assert [text == missing for text in texts] == (~finite).tolist()
+    back = np.array([float(text) for text in texts if text != missing])
+    return np.array_equal(back.view("u8"), np.asarray(numbers, dtype=float)[finite].view("u8"))
+
+
+def validate(folder):
+    """What the official validator says: (severity, code, what) of each issue. It needs no network."""
+    pytest.importorskip("bids_validator_deno")
+    program = shutil.which("bids-validator-deno", path=str(Path(sys.executable).parent))
+    done = subprocess.run(
+        [program, str(folder), "--format", "json", "--max-rows", "-1"], capture_output=True, text=True, check=False
+    )
+    assert done.stdout.startswith("{"), done.stderr
+    issues = json.loads(done.stdout)["issues"]["issues"]
+    return {(issue["severity"], issue["code"], issue.get("subCode", "")) for issue in issues}
+
+
+def test_the_official_validator_finds_no_error_and_misses_only_what_the_experimenter_alone_knows(exported):
+    assert validate(exported["bids"]) <= {
+        ("warning", "TOO_FEW_AUTHORS", ""),
+        ("warning", "NO_AUTHORS", "Authors"),
+        ("warning", "JSON_KEY_RECOMMENDED", "License"),
+        ("warning", "JSON_KEY_RECOMMENDED", "SourceDatasets"),
+        ("warning", "JSON_KEY_RECOMMENDED", "HEDVersion"),
+    }
+
+
+def test_the_validator_does_find_an_error_where_there_is_one(exported, tmp_path):
+    folder = shutil.copytree(exported["bids"], tmp_path / "bids")
+    channels = next(folder.rglob("*_channels.tsv"))
+    channels.write_text(channels.read_text().replace("LATENCY", "TIME"))
+    assert any(severity == "error" for severity, _, _ in validate(folder))
+
+
+def test_every_number_of_a_recording_comes_back_from_its_bids_files(study, exported):
+    for recording in recordings(study):
+        session = exported["bids"] / recording.path.parent.parent.relative_to(study)
+        [motion] = session.glob(f"motion/*_run-{recording.metadata['run']:02d}_motion.tsv")
+        stem = str(motion).removesuffix("_motion.tsv")
+        header, *channels = table(Path(f"{stem}_channels.tsv"))
+        names = [line[header.index("name")] for line in channels]
+        columns = dict(zip(names, zip(*table(motion), strict=True), strict=True))
+        about = json.loads(Path(f"{stem}_motion.json").read_text())
+
+        bits = zip(*(columns[f"stuck_{joint}"] for joint in recording.braked), strict=True)
+        letters = ["".join(np.array(list(recording.braked))[np.array(tick) == "1"]) for tick in bits]
+        assert letters == recording.text("stuck").tolist()
+        assert [about["Decisions"][code] for code in columns["decision"]] == recording.text("decision").tolist()
+        time = np.array(columns["t_s"], dtype=float)
+        assert np.abs(time - recording.column("t_s")).max() <= 0.5e-6
+        events = table(Path(f"{stem}_events.tsv"))[1:]
+        onsets = np.array([float(onset) for onset, _, _ in events])
+        phases = [events[k][2] for k in np.searchsorted(onsets, time, side="right") - 1]
+        assert phases == recording.text("phase").tolist()
+        assert sum(float(duration) for _, duration, _ in events) == pytest.approx(recording.rows / 1000.0)
+        numbers = set(recording.columns) - {"t_s", "phase", "stuck", "decision"}
+        assert numbers == set(names) - {"t_s", "decision"} - {f"stuck_{j}" for j in recording.braked}
+        for name in numbers:
+            assert same_bits(columns[name], recording.column(name), "n/a"), name
+
+        kinds = [line[header.index("type")] for line in channels]
+        for kind in ("POS", "VEL", "ACCEL", "LATENCY", "MISC"):
+            assert about[f"{kind}ChannelCount"] == kinds.count(kind)
+        for name, value in recording.metadata.items():
+            assert about["Trial"][name] == value
+
+
+def test_every_number_of_a_recording_comes_back_from_its_csv_file(study, exported):
+    for recording in recordings(study):
+        place = recording.path.parent.parent.relative_to(study) / recording.path.name
+        header, *lines = table((exported["csv"] / place).with_suffix(".csv"), ",")
+        columns = dict(zip(header, zip(*lines, strict=True), strict=True))
+        assert header == list(recording.columns)
+        for name in header:
+            if name in recording.words:
+                assert list(columns[name]) == recording.text(name).tolist()
+            else:
+                assert same_bits(columns[name], recording.column(name), ""), name
+        about = json.loads((exported["csv"] / place).with_suffix(".json").read_text())
+        assert (about["trial"], about["outcome"]) == (recording.metadata, recording.outcome)
+
+
+def test_the_tables_hold_the_rows_of_the_study(study, exported):
+    rows = read_table(exported["csv"] / "trials.csv")
+    assert [replace(r, recording="") for r in rows[:3]] == [replace(r, recording="") for r in pooled_rows(study)]
+    assert all((exported["csv"] / r.recording).exists() for r in rows)
+    scans = [line for path in sorted(exported["bids"].rglob("*_scans.tsv")) for line in table(path)[1:]]
+    lines = [[cell or "n/a" for cell in line] for line in table(exported["csv"] / "trials.csv", ",")[1:]]
+    place = COLUMNS.index("recording")
+    assert [line[2:] for line in scans] == [line[1:place] + line[place + 1 :] for line in lines]
+    for path in exported["bids"].rglob("*_scans.tsv"):
+        assert all((path.parent / line[0]).exists() for line in table(path)[1:])
+    assert all(line[1].endswith("Z") for line in scans[:3]) and scans[3][1] == "n/a"
+    people = {line[0]: line[-1] for line in table(exported["bids"] / "participants.tsv")[1:]}
+    assert people == {"sub-01": "operator", "sub-p7": "mouse"}
+
+
+def test_file_names_say_device_and_run_and_nothing_of_the_controller(exported):
+    names = sorted(path.name for path in exported["bids"].rglob("*_motion.tsv"))
+    tail = [name.split("_task-")[1] for name in names]
+    assert tail[0].startswith("pathfollow_tracksys-fivebar_acq-") and tail[0].endswith("_run-01_motion.tsv")
+    assert tail[3] == "pathfollow_tracksys-fivebar_acq-myfivebar2_run-104_motion.tsv"
+
+
+def test_every_column_that_can_be_recorded_or_tabled_is_described_with_its_unit(exported):
+    units = {"_N_m": "N m", "_m_s2": "m/s^2", "_m_s": "m/s", "_us": "us"}  # longer ends first: they hold shorter ones
+    units |= {"_s": "s", "_m": "m", "_N": "N", "_A": "A", "_J": "J"}
+    names = [name for name, _ in recording_columns("AEBC")]
+    for name in names:
+        said = [unit for end, unit in units.items() if name.endswith(end)]
+        assert recording_column(name).unit == (said[0] if said else "") and recording_column(name).description
+    for field in fields(TrialRow):
+        assert trials_column(field.name).description
+    described = json.loads((exported["csv"] / "columns.json").read_text())
+    assert set(described["trials.csv"]) == set(COLUMNS)
+    ours = described["sub-*/ses-*/run-*.csv"]
+    assert set(ours) == set(names) and "joint C" in ours["torque_C_N_m"]["description"]
+
+
+def test_what_is_damaged_or_not_finished_is_left_out_and_named(study, tmp_path, capsys):
+    folder = shutil.copytree(study, tmp_path / "copy")
+    path = folder / SESSION / "trials" / "run-002.parquet"
+    path.write_bytes(path.read_bytes()[:-1000])
+    (folder / SESSION / "trials" / "run-003.parquet").unlink()
+    with session_of(folder.parent / "other", 1) as session:
+        shutil.copy(crash_in_trial(session), folder / SESSION / "trials" / "run-009.arrows")
+    outs = {"bids": tmp_path / "bids", "csv": tmp_path / "csv"}
+    assert main(["export", str(folder), "--bids", str(outs["bids"]), "--csv", str(outs["csv"]), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["trials"] == 2 and len(said["left_out"]) == 3
+    for run, why in (("002", "damaged"), ("003", "not there"), ("009", "cut off")):
+        [entry] = [entry for entry in said["left_out"] if f"run-{run}" in entry]
+        assert why in entry
+        assert all(entry in (out / "README.md").read_text() for out in outs.values())
+    assert [r.run for r in read_table(outs["csv"] / "trials.csv")] == [1, 104]
+    assert not [name for name in files(outs["bids"]) if "run-02" in name or "run-03" in name]
+
+
+def test_a_trial_that_was_redone_or_never_recorded_stands_as_the_sessions_table_says(study, tmp_path):
+    folder = shutil.copytree(study, tmp_path / "copy")
+    first, *rest = read_table(folder / SESSION / "trials.csv")
+    empty = TrialRow("01", 50, 1, "three-brake", 1, 1, 1, "aborted")
+    write_table(folder / SESSION / "trials.csv", [replace(first, status="redone"), *rest, empty], replacing=True)
+    out = tmp_path / "csv"
+    export(folder, {"csv": out})
+    rows = read_table(out / "trials.csv")
+    assert [r.run for r in rows] == [1, 2, 3, 50, 104]
+    assert [r.status for r in rows] == ["redone", "done", "done", "aborted", "timeout"]
+    assert rows[3].recording == ""
+    assert json.loads((out / SESSION / "run-001.json").read_text())["outcome"]["status"] == "redone"
+
+
+@pytest.mark.skipif(
+    next(f for f in fields(TrialRow) if f.name == "controller").type is int, reason="no codes in trials.csv"
+)
+def test_while_a_session_is_blind_nothing_exported_tells_the_controller(study, tmp_path):
+    folder = shutil.copytree(study, tmp_path / "copy")
+    name = folder / SESSION / "trials.csv"
+    rows = [replace(r, controller=f"K{r.controller}") for r in read_table(name)]
+    write_table(name, rows, replacing=True)
+    outs = {"bids": tmp_path / "bids", "csv": tmp_path / "csv"}
+    assert export(folder, outs)["blind"] == ["sub-01/ses-01"]
+    for out in outs.values():
+        text = {name: content for name, content in files(out).items() if name.startswith("sub-01")}
+        assert not [name for name, content in text.items() if b"sdof" in content or b"current_" in content]
+        assert not [name for name, content in text.items() if b'"seed"' in content or b"torque" in content]
+    assert [r.controller for r in read_table(outs["csv"] / "trials.csv")[:3]] == [r.controller for r in rows]
+    assert {type(r.unreachable_share) for r in read_table(outs["csv"] / "trials.csv")[:3]} == {type(None)}
+    assert not any(severity == "error" for severity, _, _ in validate(outs["bids"]))
+
+
+@pytest.mark.parametrize("existing", [False, True])
+def test_an_export_that_fails_leaves_nothing(study, tmp_path, monkeypatch, existing):
+    def fill_up(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(CsvTables, "finish", fill_up)
+    here = tmp_path / "here"
+    here.mkdir()
+    outs = {"bids": here / "bids", "csv": here / "csv"}
+    if existing:
+        outs["csv"].mkdir()
+    before = sorted(here.rglob("*"))
+    with pytest.raises(OSError, match="given up"):
+        export(study, outs)
+    assert sorted(here.rglob("*")) == before
+
+
+def test_wrong_input_is_one_sentence_and_nothing_is_written(study, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    full = tmp_path / "full"
+    full.mkdir()
+    (full / "note.txt").write_text("mine")
+    hollow = shutil.copytree(study, tmp_path / "hollow")
+    for path in hollow.rglob("*.parquet"):
+        path.write_bytes(b"")
+    before = files(tmp_path)
+    wrong = {
+        "nothing to write": ["export", str(study)],
+        "holds no recordings": ["export", str(full), "--csv", "out"],
+        "is not empty": ["export", str(study), "--bids", str(full)],
+        "neither inside the other": ["export", str(study), "--bids", "out", "--csv", "out/csv"],
+        "two folders": ["export", str(study), "--bids", "out", "--csv", "./out"],
+        "none of its recordings": ["export", str(hollow), "--csv", "out"],
+        "cannot be created": ["export", str(study), "--csv", str(full / "note.txt" / "out")],
+    }
+    for sentence, arguments in wrong.items():
+        assert main(arguments) == 2, sentence
+        said = capsys.readouterr()
+        assert sentence in said.err and said.err.count("\n") == 1 and said.out == ""
+        assert files(tmp_path) == before and not (tmp_path / "out").exists()
+
+
+def test_an_empty_folder_is_taken_and_what_a_kill_left_beside_it_is_cleared(study, tmp_path, capsys):
+    out = tmp_path / "out"
+    out.mkdir()
+    (tmp_path / ".out.partial").mkdir()
+    (tmp_path / ".out.partial" / "old").write_text("old")
+    assert main(["export", str(study), "--csv", str(out)]) == 0
+    assert "trials" in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["out"] and "old" not in files(out)

@@ -1,0 +1,131 @@
+"""Answers and notes leave the journal: as CSV, as a BIDS phenotype, with the results; without any, no file."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from sessions import files, session_of
+from test_export import table, validate
+
+from app.ipc import messages as m
+from app.window.export import Job, export_results
+from app.window.questionnaire import ITEMS
+from experiments.export.export import export
+from experiments.export.trial import NOTES_CSV, QUESTIONNAIRE_CSV, Answers, said_in, write_phenotype
+from experiments.session.files import pooled_rows
+
+SCALES = [item for item, *_ in ITEMS]
+FIRST, SECOND = (dict(zip(SCALES, (5.0 * (n + i) for i in range(7)), strict=True)) for n in (1, 4))
+LABELS = {number: f"{number}" for number in range(1, 6)}
+NOTE = 'said: "too hard", asked for a pause,\nthen went on'
+
+
+@pytest.fixture(scope="module")
+def silent(tmp_path_factory):
+    """A session in which nobody said anything."""
+    data = tmp_path_factory.mktemp("silent") / "study"
+    with session_of(data, 2):
+        pass
+    return data
+
+
+@pytest.fixture
+def study(silent, tmp_path):
+    """The same with answers after two blocks and a note; another participant has only written a note."""
+    data = shutil.copytree(silent, tmp_path / "study")
+    journal = data / "sub-01" / "ses-01" / "journal.jsonl"
+    events = [
+        {"event": "note", "text": NOTE},
+        *(
+            {"event": "answers", "configuration": "three-brake", "block": block, "values": values}
+            for block, values in ((1, FIRST), (2, SECOND))
+        ),
+    ]
+    with journal.open("a") as file:
+        for event in events:
+            file.write(json.dumps({"time": "2026-01-02T03:04:05.678+00:00", **event}) + "\n")
+    other = data / "sub-02" / "ses-01"
+    other.mkdir(parents=True)
+    line = {"time": "2026-01-03T00:00:00.000+00:00", "event": "note", "text": "did not come"}
+    (other / "journal.jsonl").write_text(json.dumps(line) + "\n")
+    return data
+
+
+def read(path: Path) -> list[dict]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_answers_and_notes_are_tables_of_their_own_and_described(study, tmp_path):
+    export(study, {"csv": tmp_path / "csv"})
+    answers, notes = read(tmp_path / "csv" / QUESTIONNAIRE_CSV), read(tmp_path / "csv" / NOTES_CSV)
+    assert [(a["participant"], a["configuration"], a["block"]) for a in answers] == [
+        ("01", "three-brake", "1"), ("01", "three-brake", "2"),
+    ]  # fmt: skip
+    assert [{scale: float(a[scale]) for scale in SCALES} for a in answers] == [FIRST, SECOND]
+    assert [(note["participant"], note["text"]) for note in notes] == [("01", NOTE), ("02", "did not come")]
+    assert all(note["time"].startswith("2026-01-0") for note in notes)
+    described = json.loads((tmp_path / "csv" / "columns.json").read_text())
+    for name, lines in ((QUESTIONNAIRE_CSV, answers), (NOTES_CSV, notes)):
+        assert set(described[name]) == set(lines[0]) and all(entry["description"] for entry in described[name].values())
+
+
+def test_every_scale_that_is_asked_has_a_description_of_its_own(study, tmp_path):
+    export(study, {"csv": tmp_path / "csv"})
+    described = json.loads((tmp_path / "csv" / "columns.json").read_text())[QUESTIONNAIRE_CSV]
+    for item, _, low, high in ITEMS:
+        assert low.split()[0] in described[item]["description"] and high.split()[-1] in described[item]["description"]
+
+
+def test_answers_are_a_phenotype_that_the_official_validator_accepts(study, tmp_path):
+    out = tmp_path / "bids"
+    export(study, {"bids": out})
+    [tsv] = out.glob("phenotype/*.tsv")
+    names, row = table(tsv)
+    assert names[0] == "participant_id" and row[0] == "sub-01" and len(names) == 1 + 2 * len(SCALES)
+    assert [float(cell) for cell in row[1:]] == [*FIRST.values(), *SECOND.values()]
+    described = json.loads(tsv.with_suffix(".json").read_text())
+    assert set(described) == {"MeasurementToolMetadata", *names[1:]}
+    found = validate(out)
+    assert not [issue for issue in found if issue[0] == "error"], found
+    assert not [issue for issue in found if "PHENOTYPE" in issue[1] or "TSV" in issue[1]], found
+
+
+def test_a_block_that_a_participant_was_not_asked_about_is_not_there(tmp_path):
+    answers = [Answers("01", "a", 1, FIRST, ""), Answers("02", "a", 2, {"effort": 3.0}, "")]
+    write_phenotype(tmp_path, answers)
+    names, first, second = table(tmp_path / "phenotype" / "tlxsmoothness.tsv")
+    for name, one, other in zip(names[1:], first[1:], second[1:], strict=True):
+        assert (one == "n/a") == ("block-1" not in name)
+        assert (other == "n/a") == (name != "a_block-2_effort")
+
+
+def test_the_results_that_a_window_exports_hold_the_same_tables(study, tmp_path):
+    rows = tuple(row for row in pooled_rows(study) if row.participant == "01")
+    count = export_results(Job(rows, study, tmp_path / "results", "note", ("three-brake",), LABELS))
+    assert len(read(tmp_path / "results" / QUESTIONNAIRE_CSV)) == 2
+    [note] = read(tmp_path / "results" / NOTES_CSV)  # of those whose trials are shown
+    assert note["text"] == NOTE and count == len([*(tmp_path / "results").iterdir()])
+
+
+def test_where_nothing_was_said_nothing_is_written(silent, tmp_path):
+    export(silent, {form: tmp_path / form for form in ("bids", "csv")})
+    export_results(Job(tuple(pooled_rows(silent)), silent, tmp_path / "results", "note", ("three-brake",), LABELS))
+    assert not [name for name in files(tmp_path) if any(w in name for w in ("questionnaire", "notes", "phenotype"))]
+    described = json.loads((tmp_path / "csv" / "columns.json").read_text())
+    assert QUESTIONNAIRE_CSV not in described and said_in(silent.glob("sub-*/ses-*")) == ((), ())
+
+
+def test_the_live_bench_writes_what_the_export_reads(tmp_path):
+    from app.session_server.session_progress import ANSWERS, NOTE
+    from experiments.session.journal import write_event
+
+    home = tmp_path / "sub-07" / "ses-01"
+    home.mkdir(parents=True)
+    values = m.Answers(FIRST).values
+    write_event(home, ANSWERS, False, configuration="four-brake", block=3, values=values)
+    write_event(home, NOTE, False, text="x")
+    said = said_in([home])
+    assert said.answers[0][:4] == ("07", "four-brake", 3, FIRST) and said.notes[0][1:] == ("07", "x")

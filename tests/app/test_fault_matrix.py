@@ -1,0 +1,196 @@
+"""Every fault in every phase of a trial and between two: what the person is told, when the currents are zero, that
+nothing recorded is lost, and that the device is of use again. In simulated time, so that the limits are laws.
+
+As a script it writes the table of docs/fault-matrix.md: `python tests/app/test_fault_matrix.py docs/fault-matrix.md`.
+"""
+
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fault_cases import Case, Place
+from fault_kinds import BETWEEN, HARD, PHASES, SOFT, Fault
+
+from app.session_server.remedies import REMEDIES, remedy
+from app.session_server.trial_run import SILENT as RECORDER_SILENT
+from app.session_server.trial_runner import DIED, HUNG, NEVER
+from core import tick_log
+from experiments.session.verify import verify
+from experiments.trial import linked_tick, linked_trial, tick
+from hardware.emulated_board.line_faults import KINDS
+from hardware.sensing.samples import FAULT_WORDS
+
+BOARD_MS, AGAIN_S = 50, 2.0
+WIRE_MS = 3  # from the app's decision to the board
+EVERY = [pytest.param(fault, phase, id=f"{fault.name}-{phase}") for fault in HARD for phase in PHASES]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    made = Place.make(tmp_path_factory.mktemp("faults"))
+    yield made
+    made.session.close()
+
+
+def check_kept(case: Case) -> None:
+    """The recording is whole, has every tick, and says why it ended; no current is in it but in the movement."""
+    recording = case.recording
+    assert recording.rows == case.ticks and (case.ticks > 0 or case.killed)
+    if case.killed:
+        assert recording.whole and recording.outcome["status"] == case.row.status == "recovered"
+    else:
+        assert recording.whole
+        assert recording.outcome["status"] == case.row.status
+        assert recording.outcome["reason"] in case.words
+        assert bool(recording.outcome["reason"]) == bool(case.words)
+    assert np.allclose(np.diff(recording.column("t_s")), 1e-3)
+    outside = ~recording.in_phase("move")
+    for joint in recording.braked:
+        assert not recording.column(f"current_{joint}_A")[outside].any()
+
+
+def check_told(case: Case) -> None:
+    """The words name the cause and say what to do."""
+    assert any(cause.lower() in case.words.lower() for cause in case.fault.causes), case.words
+    assert remedy(case.words) and remedy(case.words) in case.words
+    assert not case.afterwards or remedy(case.afterwards) in case.afterwards
+
+
+@pytest.mark.parametrize(("fault", "phase"), EVERY)
+def test_a_fault_is_told_makes_the_currents_zero_and_loses_nothing(
+    fault: Fault, phase: str, place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = Case(place, fault, phase, monkeypatch)
+    assert case.flowing == (phase == "move")
+    if phase in fault.goes_on:
+        assert phase == BETWEEN or case.row.status in ("done", "timeout")
+    else:
+        check_told(case)
+        reading_on = case.bench.link.health.lost_links  # a thread that looks for the board makes time pass as well
+        assert phase == BETWEEN and reading_on or case.seen_ms <= fault.seen_ms
+        assert case.killed or phase in (BETWEEN, "end") or case.row.status == "stopped"
+        if phase == "move":
+            assert case.zero_ms <= (BOARD_MS if fault.board else case.seen_ms + WIRE_MS)
+            assert case.zero_ms <= case.seen_ms + WIRE_MS or fault.board
+    if phase in ("approach", "hold") and phase not in fault.goes_on and fault.board:
+        assert case.zero_ms == 0
+    if phase != BETWEEN:
+        check_kept(case)
+    case.use_again()
+    assert case.again_s <= AGAIN_S
+    case.close()
+
+
+@pytest.mark.parametrize("fault", SOFT, ids=lambda fault: fault.name)
+def test_a_bad_wire_is_survived_through_all_phases(fault: Fault, place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    case = Case(place, fault, "approach", monkeypatch)
+    assert case.row.status == "done" and case.words == ""
+    check_kept(case)
+    assert all(case.recording.in_phase(phase).any() for phase in tick_log.PHASES)
+    assert bool(case.running.filled) == fault.text.startswith(("drop", "corrupt"))
+    case.use_again()
+    case.close()
+    between = Case(place, fault, BETWEEN, monkeypatch)
+    assert between.words == ""
+    between.close()
+
+
+def test_practice_keeps_its_recording_too(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    unplug = next(fault for fault in HARD if fault.name == "unplug")
+    place.plan[unplug.device].insert(0, place.session.next_practice())
+    case = Case(place, unplug, "move", monkeypatch)
+    assert case.words.startswith("Practice: ") and case.zero_ms <= BOARD_MS
+    check_told(case)
+    case.use_again()
+    case.close()
+    assert list((place.session.folder / "practice").glob("run-*.parquet"))
+
+
+def test_every_recording_of_a_day_full_of_faults_is_whole_or_recovered(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Case(place, HARD[0], "move", monkeypatch).close()
+    found = verify(place.folder / "data")
+    assert found["faults"] == [] and found["whole"] + found["recovered"] >= 1
+
+
+def test_every_cause_that_the_program_knows_has_words_that_say_what_to_do() -> None:
+    causes = [
+        *FAULT_WORDS.values(), "unknown fault 4096", *linked_tick.REASONS.values(), *tick.REASONS[1:3],
+        linked_trial.SILENT, linked_trial.NOT_HOMED, linked_trial.CONTRADICT, linked_trial.NO_POSE, DIED, HUNG, NEVER,
+        RECORDER_SILENT, "brakes off: Esc", "the disk could not keep up: it took nothing for 16 s",
+        "the recording failed: no space left on device", "no sample for 200 ms", "serial port /dev/x: it is gone",
+        "/dev/x: no board answers there", "the board had left: nobody talked to it for a second",
+    ]  # fmt: skip
+    used = {remedy(cause) for cause in causes}
+    assert "" not in used and used == set(REMEDIES.values()), "and none is left that nothing leads to"
+    assert remedy("participant had to sneeze") == ""
+
+
+def test_no_fault_is_left_out() -> None:
+    asked = {fault.text.split("=")[0].split("+")[0] for fault in (*HARD, *SOFT)} - {""}
+    assert asked == set(KINDS)
+
+
+# ------------------------------------------------------------------------------------------------------- the table
+
+HEAD = """# Faults, phase by phase
+
+Written by `python tests/app/test_fault_matrix.py docs/fault-matrix.md` from a run in simulated time: the real loop,
+link, trial, session and recording over the emulated board, whose clock is the test's.
+`tests/app/test_fault_matrix.py` holds the same cases to their limits; `tests/app/test_live_board.py` does some of
+them to real processes over a pseudo-terminal.
+
+- *Zero*: ms until the currents on the board are zero, where currents flowed (in a movement); the board's limit is 50.
+- *Seen*: ms until the app has ended the trial, or, between trials, where no current flows, shows the device as unfit: a
+  link counts as silent after 200 ms, and the window is told every 100 ms.
+- *Again*: s from the end of the fault until the next trial could start, without a restart: with brakes allowed, homed.
+- In all rows the recording is whole (or recovered) with every tick, and `phd verify` finds nothing.
+- "Run 7: " and, for what comes after a trial's end, "after its end: " stand before the words.
+
+| fault | phase | zero, ms | seen, ms | again, s | what the experimenter reads | trial |
+|---|---|---|---|---|---|---|
+"""
+FOOT = """
+A stuck encoder is found when four encoders contradict each other, as here; with two, any pair of counts is a pose, and
+only limits of place and speed are left. A window that hangs or dies shares nothing with the loop but flags: its trial
+goes on (`tests/app/test_live_bench.py`, with real processes). A loop that is killed is seen at once, by the end of its
+output. A recorder that hangs counts as gone after two seconds, in which the trial goes on: the ring holds 16 s.
+"""
+
+
+def table(folder: Path, patch: pytest.MonkeyPatch) -> str:
+    """The table's rows, from a run of all cases."""
+    place = Place.make(folder)
+    lines = []
+    for fault in (*HARD, *SOFT):
+        for phase in PHASES if fault in HARD else (BETWEEN, "approach"):
+            case = Case(place, fault, phase, patch)
+            case.use_again()
+            case.close()
+            goes_on = phase in fault.goes_on or fault in SOFT
+            words = case.words.partition(": ")[2] if case.words.startswith("Run ") else case.words
+            said = words.removeprefix("after its end: ")
+            then = f" Then: {case.afterwards}" if case.afterwards and case.afterwards != case.words else ""
+            cells = [
+                fault.name,
+                phase if fault in HARD or phase == BETWEEN else "all four",
+                str(case.zero_ms) if case.flowing else "none flowed",
+                "-" if goes_on or case.killed else str(case.seen_ms),
+                "-" if goes_on else f"{case.again_s:.1f}",
+                "nothing: it goes on" if goes_on else said + then,
+                case.row.status if case.row else "",
+            ]
+            lines.append("| " + " | ".join(cells) + " |")
+            print(lines[-1], file=sys.stderr)
+    place.session.close()
+    assert verify(folder / "data")["faults"] == []
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as name, pytest.MonkeyPatch.context() as patch:
+        Path(sys.argv[1]).write_text(HEAD + table(Path(name), patch) + FOOT)

@@ -1,0 +1,89 @@
+"""A six-axis device as the hand at the simulated handle, with a device that is played."""
+
+import time
+from collections.abc import Iterator
+
+import pytest
+from protocols import PAPER
+
+from app.ipc import messages as m
+from app.ipc.messages import HID
+from app.ipc.ring import Ring
+from app.loop.real_time import take_aim
+from app.session_server.hid_input import HidInput, feel_force_alone
+from app.session_server.simulated_device import SimulatedDevice
+from core.errors import InputError
+from core.simulator.hand import grip_force
+from experiments.trial.trial import new_simulation
+from hardware.hid import WORD, HidHand, Reading
+
+
+class Played:
+    """A hand that reads what the test wants."""
+
+    reading = Reading(0.0, 0.0, True, f"SpaceNavigator ({WORD})", 0.0, 1, 0)
+    closed = False
+
+    def read(self) -> Reading:
+        return self.reading
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.fixture
+def played() -> Iterator[tuple[Ring, Played, HidInput]]:
+    ring, hand = Ring(ticks=64), Played()
+    hid = HidInput(ring, hand)
+    yield ring, hand, hid
+    hid.close()
+    assert hand.closed
+
+
+def until(what) -> None:
+    end = time.monotonic() + 60.0
+    while not what():
+        assert time.monotonic() < end
+        time.sleep(0.002)
+
+
+def newest(ring: Ring) -> tuple[float, float]:
+    count = int(ring.control.push_count)
+    return tuple(ring.control.pushes[(count - 1) % len(ring.control.pushes)])
+
+
+def test_the_deflection_is_the_force_at_the_handle_and_the_pointer_has_no_say(played) -> None:
+    ring, hand, _ = played
+    hand.reading = hand.reading._replace(fx_N=3.0, fy_N=-4.0)
+    until(lambda: ring.control.push_count and newest(ring) == (3.0, -4.0))
+    simulation = new_simulation(PAPER.devices[0], (0.0, 0.35), PAPER.mouse.hand())
+    feel_force_alone(simulation)
+    ring.aim(0.0, 0.35)
+    grip = simulation.hand.grips[0]
+    take_aim(ring.control, grip, simulation.state[0].tip)
+    assert grip_force(grip, 0.0, 0.35, 0.2, 0.1) == (3.0, -4.0) and not ring.control.taken
+
+
+def test_an_unplugged_device_gives_no_force_and_blocks_the_start_until_it_is_back(played) -> None:
+    ring, hand, hid = played
+    assert hid.check.state == m.GOOD and WORD in hid.check.text
+    hand.reading = Reading(0.0, 0.0, False, "SpaceNavigator was unplugged: plug it in again", 1.0, 9, 1)
+    until(lambda: ring.control.push_count and newest(ring) == (0.0, 0.0))
+    assert hid.check.state == m.BAD and "plug it in again" in hid.check.advice
+    hand.reading = Played.reading
+    assert hid.check.state == m.GOOD
+
+
+def test_closing_leaves_no_force_behind() -> None:
+    ring, hand = Ring(ticks=64), Played()
+    hand.reading = hand.reading._replace(fx_N=9.0)
+    hid = HidInput(ring, hand)
+    until(lambda: ring.control.push_count > 2)
+    hid.close()
+    assert newest(ring) == (0.0, 0.0)
+
+
+def test_without_such_a_device_it_is_refused_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.session_server.simulated_device.HidHand", lambda: HidHand(listing=lambda: []))
+    with pytest.raises(InputError, match="no six-axis device is attached"):
+        SimulatedDevice(Ring(ticks=64), HID)

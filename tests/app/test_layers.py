@@ -1,0 +1,138 @@
+"""The shape of the tree: who may import whom, and where each of the paper's equations is.
+
+An equation is named in a docstring as "Eq. (2)", several as "Eqs. (9) and (10)", "Eqs. (9), (10)", "Eqs. (9, 10)"
+or "Eqs. (7)-(11)". The README's section "## Equations" has one row for each, such as
+`| (2) | ... | core/brake.py torque_gain |` (several places: by commas or semicolons; a method as `Class.method`).
+"""
+
+import ast
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+EQUATIONS = range(1, 16)
+
+_GROUP = r"\(\d+(?:\s*[-,]\s*\d+)*\)"
+NAMED = re.compile(rf"\bEqs?\.\s+({_GROUP}(?:\s*(?:-|,|and|or|to|,\s*and)\s*{_GROUP})*)")
+ROW = re.compile(r"^\|\s*\((\d+)\)\s*\|.*\|([^|]*)\|\s*$", re.MULTILINE)
+PLACE = re.compile(r"\b((?:core|experiments)/[\w/]+\.py)`?\s+`?([A-Za-z_][\w.]*)")
+
+
+def equations_named(text: str) -> set[int]:
+    """The numbers of all equations that a text names."""
+    numbers: set[int] = set()
+    for match in NAMED.finditer(text):
+        plain = re.sub(r"\)\s*(?:-|to)\s*\(", "-", match[1])
+        for first, last in re.findall(r"(\d+)(?:\s*-\s*(\d+))?", plain):
+            numbers |= set(range(int(first), int(last or first) + 1))
+    return numbers
+
+
+def docstrings(file: Path) -> dict[str, str]:
+    """Name -> docstring of the module (""), its classes, functions and methods ("Class.method")."""
+    found: dict[str, str] = {}
+
+    def visit(node: ast.AST, name: str) -> None:
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            found[name] = ast.get_docstring(node) or ""
+            for child in node.body:
+                if isinstance(child, ast.ClassDef | ast.FunctionDef):
+                    visit(child, f"{name}.{child.name}".lstrip("."))
+
+    visit(ast.parse(file.read_text(), file), "")
+    return found
+
+
+def readme_rows() -> dict[int, str]:
+    """Equation number -> last cell of its row in the README's section "## Equations"."""
+    readme = (ROOT / "README.md").read_text()
+    section = re.search(r"^## Equations\n(.*?)(?=^## |\Z)", readme, re.MULTILINE | re.DOTALL)
+    assert section, "README.md has no section '## Equations'"
+    rows = ROW.findall(section[1])
+    assert len(rows) == len({number for number, _ in rows}), "an equation has two rows"
+    return {int(number): cell for number, cell in rows}
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [
+        ("Torque gain, Eq. (2).", {2}),
+        ("Eqs. (9) and (10), then Eq. (4)", {4, 9, 10}),
+        ("Eqs. (9, 10)", {9, 10}),
+        ("Eqs. (2), (4) and the backlash", {2, 4}),
+        ("Eqs. (7)-(11)", {7, 8, 9, 10, 11}),
+        ("Eqs. (1), (2), and\n    (4)", {1, 2, 4}),
+        ("in Eq. (1) (2 ms later); Equation (3); (5)", {1}),
+    ],
+)
+def test_how_equations_are_named(text: str, numbers: set[int]) -> None:
+    assert equations_named(text) == numbers
+
+
+@pytest.mark.parametrize("number", EQUATIONS)
+def test_each_equation_of_the_paper_is_named_in_a_docstring(number: int) -> None:
+    files = [file for package in ("core", "experiments") for file in (ROOT / package).rglob("*.py")]
+    assert any(number in equations_named(text) for file in files for text in docstrings(file).values())
+
+
+@pytest.mark.parametrize("number", EQUATIONS)
+def test_the_readme_leads_from_each_equation_to_code_that_names_it(number: int) -> None:
+    cell = readme_rows().get(number)
+    assert cell is not None, f"no row for ({number})"
+    places = PLACE.findall(cell)
+    assert places, f"row ({number}) names no place such as `core/brake.py torque_gain`: {cell.strip()}"
+    for file, function in places:
+        assert (ROOT / file).is_file(), f"row ({number}): there is no {file}"
+        texts = docstrings(ROOT / file)
+        assert function in texts, f"row ({number}): there is no {function} in {file}"
+        assert number in equations_named(texts[function]), f"{file} {function} does not name Eq. ({number})"
+
+
+def lint(folder: Path, **modules: str) -> str:
+    """What lint-imports says of a small tree under the project's own contracts; core="import app" fills it."""
+    shutil.copy(ROOT / "pyproject.toml", folder)
+    processes = ("app/ipc", "app/loop", "app/session_server", "app/window")
+    for package in ("core", "hardware", "experiments", "app", *processes):
+        (folder / package).mkdir()
+        (folder / package / "__init__.py").touch()
+        (folder / package / "code.py").write_text(modules.get(package.removeprefix("app/"), ""))
+    command = [Path(sys.executable).with_name("lint-imports"), "--no-cache", "--no-logo"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=200)
+    assert done.returncode == (0 if "0 broken" in done.stdout else 1), done.stdout + done.stderr
+    return done.stdout
+
+
+def test_the_layers_as_designed_keep_the_contracts(tmp_path: Path) -> None:
+    allowed = {
+        "core": "import numpy, numba, msgspec",
+        "hardware": "import core.code, serial, hidraw",
+        "experiments": "import core.code, scipy, pyarrow, matplotlib",
+        "app": "import core.code, hardware.code, experiments.code, PySide6",
+        **dict.fromkeys(("loop", "session_server", "window"), "import app.ipc.code"),
+    }
+    assert "0 broken" in lint(tmp_path, **allowed)
+
+
+@pytest.mark.parametrize(
+    ("package", "line"),
+    [
+        ("core", "import experiments.code"),
+        ("core", "import scipy.stats"),
+        ("hardware", "import experiments.code"),
+        ("experiments", "import hardware.code"),
+        ("experiments", "from app import code"),
+        ("experiments", "from PySide6.QtCore import QTimer"),
+        ("hardware", "import shiboken6"),
+        ("loop", "import app.session_server.code"),
+        ("session_server", "import app.window.code"),
+        ("window", "import app.loop.code"),
+        ("ipc", "import app.session_server.code"),
+    ],
+)
+def test_an_import_against_the_layers_breaks_a_contract(tmp_path: Path, package: str, line: str) -> None:
+    assert "1 broken" in lint(tmp_path, **{package: line})

@@ -1,0 +1,100 @@
+"""A live session on the bench, over the emulated board's pseudo-terminal, with what a bad day does to it."""
+
+import json
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from emulated import when
+from live import kill, wait_until
+from live_board import DEVICE, LET_GO, BoardSession, board_session
+
+from app.ipc import messages as m
+from experiments.recording.reader import read_recording
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Iterator[BoardSession]:
+    with board_session(tmp_path) as session:
+        yield session
+
+
+def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession) -> None:
+    window, emulated = session.window, session.emulated
+    window.until_stage(m.NO_SESSION)
+    window.bench.send(m.Practice())
+    assert "Open a session" in window.until(lambda s: s.said_bad).said
+    session.open()
+    assert window.opened.real_device and window.opened.hand == "force sensor"
+    session.make_ready()
+    (zero,) = zeros(session)
+    assert zero["samples"] == 500 and len(zero["force_counts"]) == 6
+    assert session.device() == m.Check("Device", m.GOOD, "four-brake, board EMULATED-3")
+
+    a_trial_as_it_should_be(session)
+
+    # unplugged in the middle of a movement, and plugged in again
+    lost = session.cut_short(lambda: emulated.order(fault="unplug"), says="")
+    assert lost.status == "stopped" and window.snapshot.said.startswith(f"Run {lost.run}: ")
+    assert read_recording(session.folder / lost.recording).whole
+    truth = emulated.order()
+    assert when(truth, "currents zero") - when(truth, "unplug begins") <= 0.051
+    window.until(lambda s: session.device().text == "not connected")
+    emulated.order(clear=True)
+    window.until(lambda s: s.brakes_off or session.device().state == m.GOOD)  # latched, if there was current just then
+
+    # brakes-off from the window, latched on the board
+    off = session.cut_short(lambda: window.bench.brakes_off("Esc, participant's window"), says="Esc")
+    assert off.status == "stopped"
+    wait_until(lambda: emulated.order()["state"] == "FAULT")
+    assert emulated.order()["currents_mA"] == [0] * 4
+    session.make_ready()
+    assert emulated.order()["state"] in ("READY", "ACTIVE")
+
+    # a fault on the board
+    bad = session.cut_short(lambda: emulated.order(fault="bad-encoder=A"), says="an encoder's signal is bad")
+    assert bad.status == "stopped"
+    emulated.order(clear=True)
+
+    # the loop killed while currents flow: the board's own watchdog
+    killed = session.cut_short(lambda: kill(window.loop(), signal.SIGKILL), says="is recovered")
+    assert killed.status == "recovered"
+    wait_until(lambda: emulated.order()["currents_mA"] == [0] * 4)
+    truth = emulated.order()
+    assert "currents zero" in [event for _, event in truth["events"]]
+
+    # the new loop has to be led through the zero again; after that practice needs no session
+    before = len(zeros(session))
+    window.until(lambda s: s.brakes_off or LET_GO in s.wait_for)  # latched, if there was current just then
+    session.make_ready()
+    assert len(zeros(session)) == before + 1
+    window.bench.send(m.Leave())
+    window.until_stage(m.NO_SESSION)
+    window.bench.send(m.Practice())
+    practice = window.until_stage(m.RUNNING)
+    assert practice.practice and practice.running.configuration == DEVICE
+    window.ticks.clear()
+    window.until_tick(lambda ticks: len(ticks) > 100)
+    window.abort("enough")
+    assert window.snapshot.stage == m.NO_SESSION and "enough" in window.snapshot.said
+
+
+def zeros(session: BoardSession) -> list[dict]:
+    """What the journal says of them."""
+    journal = (session.folder / "journal.jsonl").read_text().splitlines()
+    return [event for event in map(json.loads, journal) if event["event"] == "zero taken"]
+
+
+def a_trial_as_it_should_be(session: BoardSession) -> None:
+    """To its end, and what is recorded of it; again where the machine was held up."""
+    for _ in range(25):
+        done = session.row(session.begin(whole=True))
+        if done.status == "done":
+            break
+    assert done.status == "done" and done.path_error_m < 0.01
+    recording = read_recording(session.folder / done.recording)
+    assert recording.whole and recording.metadata["link"] == "serial" and recording.metadata["hand"] == "force sensor"
+    assert np.nanmin(np.diff(recording.column("board_us"))) == 1000.0 and np.ptp(recording.column("encoder_A_counts"))
+    assert abs(recording.outcome["link"]["clock"]["residual_s"]) < 0.05

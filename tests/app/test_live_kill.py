@@ -1,0 +1,196 @@
+"""kill -9 of window, control loop and session server in mid-trial: what ends, what goes on, and what is kept.
+
+Run as a script with a number of kills, it does as many at random moments and prints what it saw:
+python tests/app/test_live_kill.py 60
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+if __name__ == "__main__":
+    sys.path[:0] = [str(Path(__file__).resolve().parents[k] / place) for k, place in ((2, ""), (1, "support"))]
+
+import pytest
+from live import Window, children, gone, kill, wait_until, window
+from live_kills import VICTIMS, Killing
+from protocols import PAPER, changed
+
+from app.ipc import messages as m
+from app.ipc.messages import Setup
+from core import tick_log
+from experiments.recording.reader import read_recording
+from experiments.session.files import cell
+from experiments.session.journal import read_events
+from experiments.session.verify import verify
+
+CURRENTS = slice(tick_log.CURRENT, tick_log.CURRENT + 4)
+
+
+@pytest.fixture(scope="module")
+def setup(tmp_path_factory: pytest.TempPathFactory) -> Setup:
+    folder = tmp_path_factory.mktemp("killed") / "data"
+    endless = changed(PAPER.text, end_radius_m="1e-6", time_out_s="1000.0")  # the kill comes in the movement
+    (folder.parent / "endless.toml").write_text(endless, encoding="utf-8")
+    return Setup(folder, str(folder.parent / "endless.toml"), hand="operator", seed=5, real_time=False)
+
+
+@pytest.fixture(scope="module")
+def opened(setup: Setup):
+    """One session after another kill: each test goes on where the last one ended."""
+    with window(setup) as opened:
+        opened.open()
+        yield opened
+
+
+def trial(setup: Setup, run: int) -> Path:
+    return setup.data_dir / "sub-01" / "ses-01" / "trials" / f"run-{run:03d}.parquet"
+
+
+def until_current(opened: Window) -> None:
+    """Wait until the brakes act."""
+    opened.until_tick(lambda rows: rows[:, CURRENTS].any())
+
+
+def resume(opened: Window, setup: Setup) -> m.Snapshot:
+    """A new bench in place of one that is gone, and its session."""
+    opened.bench.leave()
+    opened.join(setup)
+    assert opened.until_stage(m.NO_SESSION).resumable == ("01",)
+    opened.bench.send(m.Open("01", resume=True))
+    return opened.until_stage(m.READY)
+
+
+def test_a_loop_that_is_lost_is_seen_its_trial_recovered_and_run_again(opened: Window, setup: Setup) -> None:
+    first = opened.opened.plan[0]
+    for run, again, how in ((1, 61, signal.SIGKILL), (61, 62, signal.SIGSTOP)):
+        assert opened.start().running == first._replace(run=run)
+        until_current(opened)
+        loop = opened.loop()
+        kill(loop, how)
+        snapshot = opened.until(lambda s: s.said_bad)
+        opened.look()
+        assert "control loop" in snapshot.said and f"run {run}" in snapshot.said.lower()
+        kept = read_recording(trial(setup, run))
+        assert kept.whole and kept.outcome["status"] == "recovered"
+        assert kept.rows >= len(opened.rows) - 1  # not a tick that the window saw is lost; one may be half written
+        wait_until(lambda loop=loop: gone(loop))
+        assert opened.until_stage(m.READY).coming == first._replace(run=again)
+    assert verify(setup.data_dir)["faults"] == []
+
+
+def test_a_session_server_that_is_killed_leaves_no_current_no_process_and_a_trial_to_recover(
+    opened: Window, setup: Setup
+) -> None:
+    run = opened.start().running.run
+    until_current(opened)
+    pids = opened.processes()
+    kill(opened.bench.pid)
+    wait_until(lambda: all(map(gone, pids)))
+    opened.look()
+    assert not opened.bench.alive
+    assert opened.rows[-1, tick_log.PHASE] == tick_log.END and not opened.rows[-1, CURRENTS].any()
+    snapshot = resume(opened, setup)
+    assert (snapshot.rows[-1].run, snapshot.rows[-1].status) == (run, "recovered")
+    assert read_recording(trial(setup, run)).rows > 0
+    assert cell(snapshot.coming) == cell(snapshot.rows[-1])
+    assert verify(setup.data_dir)["faults"] == []
+
+
+def test_a_session_server_that_is_told_to_end_keeps_its_trial_which_comes_again(opened: Window, setup: Setup) -> None:
+    run = opened.start().running.run
+    pids = opened.processes()
+    kill(opened.bench.pid, signal.SIGTERM)
+    wait_until(lambda: all(map(gone, pids)))
+    kept = read_recording(trial(setup, run))
+    assert kept.whole and kept.outcome["status"] == "stopped"
+    assert kept.outcome["reason"] == "the session server was told to end"
+    snapshot = resume(opened, setup)
+    assert snapshot.rows[-1].status == "stopped" and cell(snapshot.coming) == cell(snapshot.rows[-1])
+
+
+#: a window in a process of its own: it starts a trial and says whose server and run that is
+WINDOW = """
+import sys, time
+sys.path.insert(0, sys.argv[2])
+from live import Window
+from app.ipc import messages as m
+from app.ipc.messages import Setup
+
+window = Window(Setup.from_json(sys.argv[1]))
+window.open()
+window.start()
+window.until_tick(lambda rows: rows[-1, 1] == 2)
+print(window.bench.pid, window.snapshot.running.run, flush=True)
+while True:
+    window.look()
+    time.sleep(0.005)
+"""
+
+
+def test_a_window_that_is_killed_changes_nothing_in_its_trial_and_the_next_one_goes_on(tmp_path: Path) -> None:
+    setup = Setup(tmp_path / "data", hand="operator", seed=5, real_time=False)
+    support = Path(__file__).resolve().parents[1] / "support"
+    environment = {**os.environ, "PYTHONPATH": str(support.parents[1])}
+    command = [sys.executable, "-c", WINDOW, setup.to_json(), str(support)]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as other:
+        server, run = map(int, other.stdout.readline().split())
+        pids = [server, *children(server)]
+        other.kill()
+    wait_until(lambda: all(map(gone, pids)))
+    kept = read_recording(trial(setup, run))
+    assert kept.whole and kept.outcome["status"] in ("done", "timeout") and kept.outcome["timing"]["lost"] == 0
+    assert [event["event"] for event in read_events(setup.data_dir / "sub-01" / "ses-01")][-2:] == [
+        "window lost",
+        "trial ended",
+    ]
+    with window(setup) as opened:
+        began = time.monotonic()
+        snapshot = opened.until(lambda s: s.resumable)
+        print("the next window offers to go on after", time.monotonic() - began, "s")
+        assert snapshot.resumable == ("01",)
+
+
+def test_a_trial_that_waits_for_its_start_ends_with_the_window_of_its_person(tmp_path: Path) -> None:
+    setup = Setup(tmp_path / "data", seed=5, real_time=False)
+    opened = Window(setup)
+    opened.open()
+    run = opened.start().running.run
+    pids = opened.processes()
+    opened.bench.leave()
+    wait_until(lambda: all(map(gone, pids)))
+    assert read_recording(trial(setup, run)).outcome["status"] == "stopped"
+    snapshot = resume(opened, setup)
+    assert cell(snapshot.coming) == cell(snapshot.rows[-1])
+    opened.bench.stop("the test is over")
+
+
+def test_kills_at_random_moments_lose_nothing_that_was_acknowledged(tmp_path: Path) -> None:
+    setup = Setup(tmp_path / "data", hand="operator", seed=5, real_time=False)
+    killing = Killing(setup, longest_s=2.0)
+    try:
+        for victim in VICTIMS:
+            killing.kill(victim)
+    finally:
+        killing.close()
+    assert killing.seen["recordings checked"] >= 3
+
+
+def main(kills: int) -> None:
+    """So many kills, each victim in turn, on one session in real time with the disk waited for."""
+    with tempfile.TemporaryDirectory() as folder:
+        killing = Killing(Setup(Path(folder) / "data", hand="operator"), seed=kills)
+        try:
+            for number in range(kills):
+                killing.kill(VICTIMS[number % len(VICTIMS)])
+                print(number + 1, dict(killing.seen), flush=True)
+        finally:
+            killing.close()
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

@@ -1,0 +1,142 @@
+"""Steps on the device on the bench while trials, brakes-off and sessions come between them."""
+
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from emulated import Emulated
+from live import Window, wait_until, window
+from protocols import PAPER
+
+from app.ipc import messages as m
+from app.ipc.messages import Setup
+from experiments.recording.reader import read_recording
+from experiments.session.session import Session
+
+DEVICE = "four-brake"
+
+
+class OnBench:
+    """A window on an emulated board, a session open, the handle homed."""
+
+    def __init__(self, seen: Window, emulated: Emulated) -> None:
+        self.seen, self.emulated = seen, emulated
+        seen.until_stage(m.NO_SESSION)
+        wait_until(lambda: self.linked and self.linked.device)
+        seen.bench.send(m.Open("01"))
+        seen.until_stage(m.RERIG)
+
+    @property
+    def linked(self):
+        self.seen.look()
+        return self.seen.pulse.linked if self.seen.pulse else None
+
+    def zero(self) -> None:
+        """Until it is taken: a machine that is held up loses samples, and the person is asked again."""
+        asked_s = -math.inf
+
+        def taken() -> bool:
+            nonlocal asked_s
+            linked, now = self.linked, time.monotonic()
+            if "Let go" in self.seen.snapshot.wait_for and now - asked_s > 0.5:
+                asked_s = now
+                self.seen.bench.send(m.Rig(m.ZERO))
+            return bool(linked and linked.zeroed and self.seen.snapshot.stage == m.READY)
+
+        wait_until(taken)
+
+
+@pytest.fixture
+def on_bench(tmp_path: Path) -> Iterator[OnBench]:
+    emulated = Emulated(tmp_path, "--device", DEVICE, "--hand", "still", "--seed", "3")
+    try:
+        with window(Setup(tmp_path / "data", devices=(DEVICE,), link=str(emulated.port), sync=False)) as seen:
+            yield OnBench(seen, emulated)
+    finally:
+        emulated.end()
+
+
+def test_a_board_that_is_connected_anew_is_made_ready_again(on_bench: OnBench) -> None:
+    on_bench.zero()
+    on_bench.seen.bench.send(m.Rig(m.CONNECT))
+    on_bench.seen.until_stage(m.RERIG)
+    on_bench.zero()
+
+
+def test_no_trial_starts_while_a_step_is_done_and_none_without_a_zero(on_bench: OnBench) -> None:
+    seen = on_bench.seen
+    on_bench.zero()
+    seen.bench.send(m.Rig(m.CONNECT))
+    seen.bench.send(m.Start())
+    seen.until(lambda s: s.said_bad and "a moment" in s.said)
+    seen.until_stage(m.RERIG)
+    on_bench.zero()
+    seen.start()
+    seen.bench.send(m.Abort("seen"))
+    rows = seen.until(lambda s: s.rows).rows
+    recording = read_recording(Path(seen.opened.folder) / rows[0].recording)
+    assert recording.outcome["link"]["zero"] is not None
+
+
+def test_a_press_of_brakes_off_after_allow_stands_while_the_board_is_busy(on_bench: OnBench) -> None:
+    seen = on_bench.seen
+    on_bench.zero()
+    seen.bench.brakes_off("the first press")
+    seen.until(lambda s: s.brakes_off)
+    seen.bench.send(m.Rig(m.CONNECT))  # the loop is busy for a while
+    seen.bench.send(m.AllowBrakes())
+    seen.bench.send(m.Note("after that"))
+    seen.until(lambda s: s.notes)
+    seen.bench.brakes_off("the second press")
+    wait_until(lambda: on_bench.linked.device and not on_bench.linked.zeroed)
+    assert seen.snapshot.brakes_off
+    seen.bench.send(m.AllowBrakes())
+    seen.until(lambda s: not s.brakes_off)
+    on_bench.zero()
+
+
+def test_trials_with_another_hand_are_not_mixed_into_a_session(tmp_path: Path) -> None:
+    Session(tmp_path / "data", "01", PAPER, sync=False, hand="force sensor").close()
+    with window(Setup(tmp_path / "data", sync=False)) as seen:
+        seen.until_stage(m.NO_SESSION)
+        seen.bench.send(m.Open("01", resume=True))
+        said = seen.until_stage(m.READY)
+        assert said.said_bad and "a device on the bench" in said.said and "mouse" in said.said
+        seen.bench.send(m.Start())
+        seen.until(lambda s: s.said_bad and s.said.startswith("It was begun with"))
+        seen.bench.send(m.Note("opened by mistake"))
+        assert seen.until(lambda s: s.notes).rows == ()
+    assert not any((tmp_path / "data").rglob("run-*"))
+
+
+def test_a_session_whose_hand_nobody_knows_is_opened_and_not_gone_on_with(tmp_path: Path) -> None:
+    Session(tmp_path / "data", "01", PAPER, sync=False, hand="a foot").close()
+    with window(Setup(tmp_path / "data", sync=False)) as seen:
+        seen.until_stage(m.NO_SESSION)
+        seen.bench.send(m.Open("01", resume=True))
+        assert "'a foot'" in seen.until_stage(m.READY).said
+
+
+def test_a_session_is_left_and_opened_again_in_one_go(tmp_path: Path) -> None:
+    with window(Setup(tmp_path / "data", sync=False)) as seen:
+        seen.open()
+        for intent in (m.Leave(), m.Open("01", resume=True), m.Note("here again")):
+            seen.bench.send(intent)
+        assert seen.until(lambda s: s.notes).stage == m.READY
+
+
+def test_a_new_window_does_not_have_the_handle_of_the_one_before(tmp_path: Path) -> None:
+    setup = Setup(tmp_path / "data", sync=False)
+    with window(setup) as seen:
+        seen.open()
+        seen.bench.aim(*seen.snapshot.tip)
+        seen.start()
+        wait_until(lambda: seen.bench.taken)
+        other = Window(setup)
+        other.until_stage(m.RUNNING)
+        wait_until(lambda: not other.bench.taken)
+        other.bench.brakes_off("the end")
+        other.until(lambda s: s.rows)
+        other.bench.stop("the end")

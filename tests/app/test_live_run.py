@@ -1,0 +1,202 @@
+"""A live trial and its recording when the disk fails or falls behind: the loop is a process, the rest is here."""
+
+import pickle
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live import LONG_S
+from numba import typeof
+
+from app.ipc.messages import Run, Tried, Try
+from app.ipc.ring import Ring
+from app.loop.loop import stopped_trial
+from app.loop.real_time import ROOM
+from app.session_server.loop_process import LoopProcess
+from app.session_server.recorder import Recorder
+from app.session_server.trial_run import TrialRun
+from core import tick_log
+from experiments.plan import PlannedTrial
+from experiments.protocol import load_protocol
+from experiments.trial.person import Person
+from experiments.trial.population import load_population
+from experiments.trial.trial import Trial, new_simulation
+
+SMALL = ROOM + 200  # ticks
+SOMEBODY = load_population().draw(np.random.default_rng(1))
+
+
+@pytest.fixture(scope="module")
+def loop():
+    """A ring and a prepared loop."""
+    ring = Ring(ticks=SMALL)
+    process = LoopProcess(ring, real_time=False)
+    answer_of(ring, process)
+    yield ring, process
+    process.close()
+
+
+def answer_of(ring: Ring, process: LoopProcess):
+    end = time.monotonic() + LONG_S
+    while not (answers := process.receive()):
+        ring.beat()
+        assert time.monotonic() < end and not process.dead
+        time.sleep(0.005)
+    return answers[0]
+
+
+class Disk:
+    """A recording's writer whose disk does what the test wants."""
+
+    path = Path("run-001.arrows")
+    rows_written = bytes_written = 0
+
+    def __init__(self, error: OSError | None = None) -> None:
+        self.error, self.free, self.rows = error, threading.Event(), []
+
+    def abandon(self) -> None:
+        """It is a disk that is full: nothing is closed."""
+
+    def write(self, rows: np.ndarray) -> None:
+        self.free.wait(LONG_S)
+        if self.error:
+            raise self.error
+        self.rows.append(rows)
+
+
+def run_trial(loop: tuple[Ring, LoopProcess], disk: Disk, trial: Trial, ticks: int = 10**9) -> TrialRun:
+    """A trial until something, or so many recorded ticks, end it."""
+    ring, process = loop
+    run = TrialRun(ring, process, trial.planned, trial, disk)
+    end = time.monotonic() + LONG_S
+    ring.control.conductor_beat = 1 << 62  # however long this machine holds us up: that is not what is tested
+    while not (answers := process.receive()):
+        run.watch()
+        if len(run.recorder.lateness_us) >= ticks:
+            run.stop("enough")
+        assert time.monotonic() < end
+        time.sleep(0.005)
+    disk.free.set()
+    run.ended(answers[0], "default")
+    return run
+
+
+def new_one(person: Person | None = None) -> Trial:
+    """A trial of a simulated operator, or at a mouse that nobody moves; it goes on until it is ended."""
+    protocol = load_protocol()
+    rules = protocol.trial._replace(end_radius_m=1e-9, time_out_s=500.0)
+    path, preset = protocol.paths[1], protocol.controllers[1]
+    simulation = new_simulation(protocol.devices[0], (0.0, 0.35), None if person else protocol.mouse.hand())
+    planned = PlannedTrial(0, 0, "three-brake", 1, 1, 1)
+    generator = np.random.default_rng(2)
+    return Trial(simulation, planned, path, preset, protocol.rules, rules, person, generator)
+
+
+def test_a_disk_that_falls_behind_ends_the_trial_and_still_gets_every_tick(loop) -> None:
+    disk = Disk()
+    run = run_trial(loop, disk, new_one())
+    outcome, rows = run.trial.outcome(), np.concatenate(disk.rows)
+    assert outcome["status"] == "aborted" and "the disk could not keep up" in outcome["reason"]
+    assert outcome["timing"]["lost"] == 0 and outcome["timing"]["ticks"] == len(rows) == run.trial.ticks
+    assert np.allclose(np.diff(rows[:, tick_log.T]), 1e-3)
+    assert not rows[-1, tick_log.CURRENT : tick_log.CURRENT + 4].any()
+
+
+def test_a_full_disk_ends_the_trial_and_says_so(loop) -> None:
+    disk = Disk(OSError(28, "No space left on device"))
+    disk.free.set()
+    run = run_trial(loop, disk, new_one())
+    assert run.trial.outcome()["reason"] == "the recording failed: No space left on device"
+    with pytest.raises(OSError, match="No space left"):
+        run.keep(None)
+
+
+def test_a_live_trial_is_the_simulated_one_to_the_last_bit_and_leaves_the_device_the_same(loop) -> None:
+    person, disk = SOMEBODY, Disk()
+    disk.free.set()
+    run = run_trial(loop, disk, new_one(person), ticks=800)
+    rows, here = np.concatenate(disk.rows), new_one(person)
+    expected = np.empty((800, tick_log.WIDTH))
+    here.run(expected)
+    rows[:, tick_log.LATENESS_US] = 0.0
+    assert np.array_equal(rows[:800], expected) and np.ptp(expected[:, tick_log.TIP_X]) > 0.01
+    assert run.trial.finished and run.trial.ticks == len(rows) > 800
+    assert run.trial.outcome()["reason"] == "enough"
+    assert abs(run.trial.outcome()["energy_residual_J"]) < 1e-6
+
+
+def test_the_start_is_held_by_a_hand_and_not_by_a_handle_that_lies_there(loop) -> None:
+    ring, process = loop
+    protocol = load_protocol()
+    path, preset = protocol.paths[1], protocol.controllers[1]
+    at_start = new_simulation(protocol.devices[0], path.start_m, protocol.mouse.hand())
+    rules = protocol.trial._replace(time_out_s=500.0)
+    planned = PlannedTrial(0, 0, "three-brake", 1, 1, 1)
+    for touched, later in ((False, set()), (True, {tick_log.HOLD, tick_log.MOVE})):
+        ring.control.aim_count = 0
+        if touched:
+            ring.aim(*path.start_m)
+        disk = Disk()
+        disk.free.set()
+        trial = Trial(at_start, planned, path, preset, protocol.rules, rules, None, np.random.default_rng(2))
+        run_trial(loop, disk, trial, ticks=1500)
+        assert set(np.concatenate(disk.rows)[:, tick_log.PHASE].astype(int)) & {tick_log.HOLD, tick_log.MOVE} == later
+    ring.control.aim_count = 0
+
+
+def test_a_trial_that_has_ended_stays_what_it_is_whatever_is_pressed_then(loop) -> None:
+    ring, _ = loop
+    disk, trial = Disk(), new_one(SOMEBODY)
+    disk.free.set()
+    trial.arguments().run["approach_ticks"][0] = 300  # it ends by itself
+    trial.arguments().run["end_ticks"][0] = 1500
+    write = disk.write
+
+    def press_late(rows: np.ndarray) -> None:
+        write(rows)
+        if len(rows) and rows[-1, tick_log.PHASE] == tick_log.END:
+            ring.control.stop = 1
+
+    disk.write = press_late
+    run = run_trial(loop, disk, trial)
+    assert ring.control.stop == 1 and "start was not reached" in run.trial.outcome()["reason"]
+
+
+def test_a_line_for_the_journal_is_tried_also_where_the_recording_fails_and_after_the_end(tmp_path: Path) -> None:
+    ring = Ring(ticks=SMALL)
+    disk, tried = Disk(OSError(28, "No space left on device")), []
+    recorder = Recorder(ring, disk)
+
+    def fails() -> None:
+        tried.append("first")
+        raise OSError(28, "No space left on device")
+
+    recorder.beside(fails)
+    recorder.beside(lambda: tried.append("second"))
+    disk.free.set()
+    recorder.close()
+    recorder.beside(lambda: tried.append("third"))
+    assert tried == ["first", "second", "third"] and "No space left" in recorder.error
+
+
+def test_a_trial_that_a_person_forgets_ends_by_itself_and_says_why() -> None:
+    trial, rows, ticks = new_one(), np.empty((10_000, tick_log.WIDTH)), 0
+    while not trial.finished:
+        ticks += trial.run(rows)
+    assert 300.0 < 1e-3 * ticks < 1200.0
+    assert trial.outcome()["status"] == "aborted" and "start was not reached" in trial.outcome()["reason"]
+
+
+def test_a_loop_that_has_nothing_to_do_keeps_its_deadlines(loop) -> None:
+    ring, process = loop
+    process.send(Try(30))
+    tried = answer_of(ring, process)
+    assert isinstance(tried, Tried) and tried.lateness_us.shape == (30,) and tried.lateness_us.min() >= 0.0
+
+
+def test_a_trial_that_comes_out_of_the_pipe_needs_no_new_kernel(loop) -> None:
+    arguments = new_one(SOMEBODY).arguments()
+    sent = pickle.loads(pickle.dumps(Run(arguments))).arguments
+    assert [typeof(a) for a in sent] == [typeof(a) for a in stopped_trial()]

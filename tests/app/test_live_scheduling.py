@@ -1,0 +1,115 @@
+"""What the control loop says of its scheduling is what the system says of it; and how late it is can be measured."""
+
+import os
+import re
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from live import children
+
+from app.ipc.scheduling import leave_core, program_cores, stolen_ms, take_scheduling
+from app.loop.clock import SPIN_NS, new_timespec, now_ns, sleep_until
+from app.verbs.loop_lateness import hogs, measure
+
+ROOT = Path(__file__).resolve().parents[2]
+ASK = """
+import os, sys
+from app.ipc.scheduling import take_scheduling
+said, core = take_scheduling(real_time={real_time})
+print(said, core, os.sched_getscheduler(0) == os.SCHED_FIFO, sorted(os.sched_getaffinity(0)), sep="|")
+print(*[line.split()[1] for line in open("/proc/self/status") if line.startswith("VmLck")])
+"""
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="nothing of this exists elsewhere")
+
+
+@linux
+@pytest.mark.parametrize("real_time", [True, False])
+def test_what_a_loop_says_of_its_scheduling_is_what_it_has(real_time: bool) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", ASK.format(real_time=real_time)],
+        env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    (said, core, fifo, cores), locked = done.stdout.splitlines()[0].split("|"), done.stdout.splitlines()[1]
+    assert said.startswith("real-time: FIFO 50") == (fifo == "True")
+    assert said.startswith("default") == (fifo == "False")
+    assert not (fifo == "True" and not real_time)
+    if int(core) >= 0:
+        assert cores == f"[{core}]" and f"core {core}" in said
+    if fifo == "True":
+        assert ("memory not locked" in said) == (int(locked) == 0)
+
+
+@linux
+def test_other_processes_leave_the_loops_core_and_come_back_to_it() -> None:
+    cores = program_cores()
+    seen = []
+
+    def look() -> None:
+        for core in (max(cores), -1):
+            leave_core(core)
+            seen.append(os.sched_getaffinity(0))
+
+    thread = threading.Thread(target=look)  # an affinity is a thread's own
+    thread.start()
+    thread.join()
+    assert seen == [cores - {max(cores)} or cores, cores]
+
+
+def test_a_system_with_nothing_better_to_offer_is_said_to_have_the_default(monkeypatch) -> None:
+    import gc
+
+    monkeypatch.setattr(sys, "platform", "darwin")
+    monkeypatch.setattr("platform.system", lambda: "Darwin")
+    said, core = take_scheduling()
+    gc.enable()
+    gc.unfreeze()
+    assert said == "default: Darwin offers nothing better here" and core == -1
+
+
+@linux
+def test_measuring_the_loop_gives_every_tick_its_lateness_and_leaves_nothing() -> None:
+    before, cores = threading.active_count(), os.sched_getaffinity(0)
+    shares: list[float] = []
+    found = measure(0.5, busy=1, real_time=False, progress=shares.append)
+    assert found["ticks"] >= 500 and 0.0 <= found["p50_us"] <= found["p99_us"] <= found["max_us"]
+    assert re.match(r"default", found["scheduling"])
+    assert shares == sorted(shares) and shares[-1] == 1.0
+    assert threading.active_count() == before and os.sched_getaffinity(0) == cores
+    assert not [pid for pid in children(os.getpid()) if "app.loop" in Path(f"/proc/{pid}/cmdline").read_text()]
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("ahead_ns", [-1, 0, SPIN_NS // 2, 3 * SPIN_NS])
+def test_a_wait_never_ends_before_its_deadline(ahead_ns: int) -> None:
+    timespec = new_timespec()
+    deadline = now_ns(timespec) + ahead_ns
+    woken = sleep_until(deadline, timespec)
+    assert deadline <= woken <= now_ns(timespec)
+
+
+@linux
+def test_the_stolen_time_of_all_cores_is_that_of_each_and_a_core_that_is_not_there_has_none(monkeypatch) -> None:
+    told = "cpu  1 0 1 9 0 0 0 7 0 0\ncpu0 1 0 0 4 0 0 0 5 0 0\ncpu1 0 0 1 5 0 0 0 2 0 0\nintr 5\n"
+    monkeypatch.setattr(Path, "read_text", lambda self, *_, **__: told)
+    tick_ms = 1e3 / os.sysconf("SC_CLK_TCK")
+    assert [stolen_ms(core) / tick_ms for core in (-1, 0, 1, 12)] == [7.0, 5.0, 2.0, 0.0]
+
+
+@linux
+def test_a_busy_process_beside_the_loop_may_run_on_every_core_as_a_foreign_one() -> None:
+    leave_core(max(program_cores()))
+    before = set(children(os.getpid()))
+    try:
+        with hogs(1):
+            (hog,) = set(children(os.getpid())) - before
+            deadline = time.monotonic() + 120.0
+            while (cores := os.sched_getaffinity(hog)) != program_cores():
+                assert time.monotonic() < deadline, cores
+                time.sleep(0.02)
+    finally:
+        leave_core(-1)

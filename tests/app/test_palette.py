@@ -1,0 +1,84 @@
+"""Both palettes: legible, of the same meaning, chosen on the command line; and room on a small screen at 200 %."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.display import LEAST_ROOM, Display
+from app.window.painting.palette import DARK, LIGHT, PALETTES, Palette, contrast
+
+ROOT = Path(__file__).resolve().parents[2]
+OF_TEXT, OF_MARKS = 4.5, 3.0  # WCAG 2, level AA
+
+
+def test_contrast_is_that_of_the_standard() -> None:
+    assert contrast("#000000", "#ffffff") == pytest.approx(21.0)
+    assert contrast("#777777", "#777777") == 1.0
+    assert contrast("#767676", "#ffffff") == pytest.approx(4.54, abs=0.01) == contrast("#ffffff", "#767676")
+
+
+@pytest.mark.parametrize("palette", PALETTES.values(), ids=PALETTES)
+def test_every_text_stands_out_from_what_is_behind_it(palette: Palette) -> None:
+    p = palette
+    grounds = (p.ground, p.panel, p.canvas)
+    pairs = [(text, ground) for text in (p.text, p.quiet, p.good, p.caution, p.bad) for ground in grounds]
+    pairs += [(text, p.field) for text in (p.text, p.quiet)]
+    pairs += [(p.text, p.accent_ground), (p.bad_text, p.bad_ground), (p.quiet, p.bad_ground), (p.on_bad, p.bad)]
+    pairs += [(p.brake_slipping, p.canvas), (p.brake_stuck, p.canvas)]  # beside their brakes
+    pairs += [(p.brake_slipping, p.panel), (p.trace, p.panel)]  # in the ledger of energy
+    assert {pair for pair in pairs if contrast(*pair) < OF_TEXT} == set()
+
+
+@pytest.mark.parametrize("palette", PALETTES.values(), ids=PALETTES)
+def test_every_mark_stands_out_from_what_is_behind_it(palette: Palette) -> None:
+    p = palette
+    on_canvas = (p.handle, p.pointer, p.end_ring, p.good, p.trace, p.brake_off, p.brake_slipping, p.brake_stuck)
+    pairs = [(mark, p.canvas) for mark in on_canvas]
+    pairs += [(mark, p.panel) for mark in (*p.joints, *p.controllers, p.accent)]
+    assert {pair for pair in pairs if contrast(*pair) < OF_MARKS} == set()
+
+
+def test_light_is_the_other_way_round() -> None:
+    assert contrast(DARK.ground, "#000000") < 2.0 and contrast(LIGHT.ground, "#ffffff") < 2.0
+    assert (DARK.handle_name, LIGHT.handle_name) == ("white", "black")
+    for palette in (DARK, LIGHT):
+        assert len(set(palette.joints)) == 4 and len(set(palette.controllers)) == 5
+
+
+@pytest.mark.parametrize("name", PALETTES)
+def test_the_windows_are_in_the_palette_that_was_chosen(name: str) -> None:
+    code = (
+        "import json, sys; from app.window.painting import palette; palette.choose(sys.argv[1]);"
+        "from PySide6.QtWidgets import QApplication; from app.window import words;"
+        "from app.window.painting import theme;"
+        "from app.window.participant_window import ParticipantWindow; a = QApplication([]); theme.dress(a);"
+        "w = ParticipantWindow(); w.resize(600, 400); shown = w.grab().toImage();"
+        "print(json.dumps([shown.pixelColor(5, 5).name(), theme.TEXT, words.TAKE_IT]))"
+    )
+    command = [sys.executable, "-c", code, name]
+    environment = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
+    made = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
+    ground, text, take_it = json.loads(made.stdout)
+    palette = PALETTES[name]
+    assert (ground, text) == (palette.canvas, palette.text) and palette.handle_name in take_it
+
+
+@pytest.mark.parametrize(
+    ("screen", "scale", "shrinks"), [((1920, 1080), "2", True), ((2560, 1440), "2", False), ((1920, 1080), "1", False)]
+)
+def test_on_a_screen_with_little_room_all_is_drawn_smaller(
+    monkeypatch, tmp_path: Path, screen: tuple[int, int], scale: str, shrinks: bool
+) -> None:
+    width, height = screen
+    layout = {"name": "one", "x": 0, "y": 0, "width": width, "height": height, "logicalDpi": 96, "dpr": 1}
+    (tmp_path / "screens.json").write_text(json.dumps({"screens": [{**layout, "logicalBaseDpi": 96}]}))
+    monkeypatch.setenv("QT_QPA_PLATFORM", f"offscreen:configfile={tmp_path / 'screens.json'}")
+    monkeypatch.setenv("QT_SCALE_FACTOR", scale)
+    Display("draw on").check()
+    after = float(os.environ["QT_SCALE_FACTOR"])
+    assert (after < float(scale)) == shrinks
+    assert width / after >= LEAST_ROOM[0] - 1 and height / after >= LEAST_ROOM[1] - 1

@@ -1,0 +1,173 @@
+"""What is said is so: statuses, checks, energies, units, names, the board that was pulled out."""
+
+import errno
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import serial
+from fake_bench import PLAN, opened, ready, result
+from screens import Screens, cut_texts, opened_screens, settle
+
+from app.cli import main
+from app.ipc import messages as m
+from app.ipc.messages import Linked
+from app.session_server.preflight import check_linked, check_loop, check_sensor
+from app.session_server.storage import Keeping
+from app.verbs.common import in_words, print_summary
+from app.window import words
+from app.window.painting import theme
+from app.window.painting.energy_panel import small_energy
+from app.window.painting.live_boxes import APART_PX, AXIS_PX, BOX_MOST_PX, LiveBoxes
+from app.window.results_window import ResultsWindow
+from experiments.analysis.boxplots import MEASURES
+from experiments.analysis.report import sentences
+from experiments.analysis.statistics import Result
+from hardware.serial_port import _reason
+
+IDLE = m.Timing(0.2, 0.4, 1.0, 0, "default")
+LATE = m.Timing(50.0, 30_947.0, 41_000.0, 2180, "default")
+
+
+@pytest.fixture
+def screens(qtbot):
+    yield from opened_screens()
+
+
+def test_aborted_and_skipped_trials_are_not_called_done(screens: Screens) -> None:
+    statuses = ("done", "aborted", "skipped", "timeout")
+    rows = tuple(result(PLAN[i], status) for i, status in enumerate(statuses))
+    console = screens.hear(opened(), ready(4, rows=rows, seconds_left=3600.0))
+    settle(console)
+    assert console.panel.done.text().startswith("2 done, 2 missing")
+    rows = tuple(result(trial, "aborted" if trial.run % 2 else "done") for trial in PLAN[:58])
+    settle(screens.hear(ready(58, rows=rows, seconds_left=3600.0)))
+    assert "29 missing" in console.panel.done.text() and cut_texts(console) == []
+
+
+def test_a_trial_is_named_by_its_path_as_the_printed_plan_names_it() -> None:
+    assert words.cell(PLAN[0], opened(), blind=True) == f"path {PLAN[0].segment}"
+    assert "segment" not in words.describe(PLAN[0], opened(), blind=False)
+
+
+def test_a_break_that_is_over_asks_for_no_more_rest(screens: Screens) -> None:
+    said = "A break: let go of the handle and rest."
+    console = screens.hear(opened(), ready(3, stage=m.BREAK, wait_s=5.0, wait_for=said))
+    notice = console.cards.notice
+    assert notice.text.text() == said
+    console.cards.show_time(1e9)
+    assert notice.title.text() == "The break is over" and "rest." not in notice.text.text()
+
+
+def test_the_loop_is_judged_by_its_last_trial_once_there_is_one() -> None:
+    assert check_loop(IDLE, False).state == m.GOOD
+    late = check_loop(IDLE, False, LATE)
+    assert late.state == m.CAUTION and "30,947" in late.text and "2180 missed" in late.text
+    assert check_loop(LATE, False, IDLE).state == m.GOOD
+    assert check_loop(None, False, LATE).state == m.WAITING
+
+
+def test_without_its_board_a_force_sensor_is_not_ready() -> None:
+    there = Linked("four-brake", "B1", homed=True, zeroed=True, force_channels=6)
+    assert check_sensor(there).state == m.GOOD == check_linked(there, "").state
+    gone = there._replace(problem="no sample for 200 ms")
+    assert check_sensor(gone).state == m.WAITING and check_linked(gone, "").state == m.BAD
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        serial.SerialException(
+            "device reports readiness to read but returned no data (device disconnected or multiple access on port?)"
+        ),
+        OSError(errno.EIO, "Input/output error"),
+        OSError(errno.ENXIO, "No such device or address"),
+    ],
+)
+def test_a_board_that_was_pulled_out_is_said_to_be(error: Exception) -> None:
+    assert _reason(error) == "the board was unplugged"
+
+
+@pytest.mark.parametrize(
+    ("energy", "said"), [(-3e-9, "-3 nJ"), (2e-5, "20 µJ"), (4e-3, "4 mJ"), (1.5, "1.5 J"), (5e-7, "500 nJ")]
+)
+def test_small_energies_are_said_in_units_that_fit(energy: float, said: str) -> None:
+    assert small_energy(energy) == said
+
+
+def test_one_trial_alone_is_a_square_filled_or_open_in_the_results(screens: Screens) -> None:
+    first, second = opened().devices
+    alone = [result(next(t for t in PLAN if t.configuration == one.name)) for one in (first, second)]
+    alone = [replace(row, controller=2, path_error_m=0.002) for row in alone]
+    panel = LiveBoxes(MEASURES[0], [first.name, second.name], {2: "wall"})
+    panel.resize(400, 300)
+    panel.show_rows(alone)
+    picture = panel.grab().toImage()
+    inside = panel.inside
+    left, right = inside.left() + AXIS_PX, inside.right()
+    middle, apart = 0.5 * (left + right), 0.5 * (BOX_MOST_PX + APART_PX)
+    coloured = {}
+    for name, x in (("filled", middle - apart), ("open", middle + apart)):
+        run = [picture.pixelColor(round(x), y).name() == theme.CONTROLLER[2].lower() for y in range(30, 280)]
+        coloured[name] = sum(run)
+    assert coloured["filled"] > 2 * coloured["open"] and "1 trial a box" in panel.said
+
+
+def test_a_summary_gives_units_as_units(capsys) -> None:
+    print_summary({"low_gain_N_s_m": 5.0, "wall_s": 2.0, "left_out": 3, "rules": "settled"}, False)
+    lines = [line.split("  ")[0] for line in capsys.readouterr().out.splitlines()]
+    assert lines == ["low gain (N s/m)", "wall (s)", "left out", "rules"]
+    assert in_words("operators") == "operators"
+
+
+def test_the_order_of_controllers_is_told_by_their_names() -> None:
+    empty = dict.fromkeys(Result._fields)
+    orders = [
+        Result(**{**empty, "test": "order", "configuration": "a", "measure": measure, "first": order, "second": "x"})
+        for measure, order in (("x", "2 < 1"), ("y", "1 < 2"))
+    ]
+    [said] = sentences(orders, {1: "free", 2: "my wall"})
+    assert "least first: my wall < free; y swaps free and my wall" in said
+
+
+@pytest.mark.parametrize(
+    ("status", "block", "said"),
+    [
+        ("aborted", 1, "Run 18 was aborted: the participant asked."),
+        ("stopped", 1, "Run 18: the participant asked. It comes again: start it, or skip it."),
+        ("stopped", 0, "Run 18: the participant asked. It comes again: start it."),  # practice cannot be skipped
+    ],
+)
+def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(
+    tmp_path, monkeypatch, status: str, block: int, said: str
+) -> None:
+    monkeypatch.setattr("app.session_server.storage.write_pooled_table", lambda folder: None)
+    heard: list[str] = []
+    row = replace(result(PLAN[0], status), block=block)
+    keeping = Keeping(tmp_path, SimpleNamespace(run=None), lambda text, bad=False: heard.append(text))
+    keeping.sitting = SimpleNamespace(
+        session=None, trial_ended=lambda: None, look_ahead=lambda: None, without_valid_trial=lambda: ""
+    )
+    trial = SimpleNamespace(outcome=lambda: {"reason": "the participant asked"})
+    keeping.keep(SimpleNamespace(name="Run 18", trial=trial, keep=lambda session: row))
+    assert heard == [said]
+
+
+def test_an_export_that_succeeded_is_not_shown_as_a_warning(screens: Screens, tmp_path) -> None:
+    window = ResultsWindow(opened(folder=str(tmp_path / "sub-01" / "ses-01")), ready(3))
+    for folder, shown in ((tmp_path, "good"), (tmp_path / "none", "caution")):
+        window._folder = folder
+        window._exported("what has come of it")
+        assert window.said.objectName() == shown
+    window.close()
+    window.deleteLater()
+
+
+def test_a_simulation_tells_compiling_from_simulating(tmp_path, monkeypatch, capsys) -> None:
+    scene = str(Path(__file__).parents[2] / "docs" / "examples" / "locked-brake.toml")
+    for first in (True, False):
+        monkeypatch.setattr("app.verbs.simulate.announce_first_use", lambda first=first: first)
+        assert main(["simulate", scene, "--out", str(tmp_path / f"{first}.csv")]) == 0
+        assert ("of compiling, on first use" in capsys.readouterr().out) == first
+    assert (tmp_path / "True.csv").read_bytes() == (tmp_path / "False.csv").read_bytes()

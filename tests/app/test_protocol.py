@@ -1,0 +1,250 @@
+"""Protocol files: what they say is what is run, what they cannot say is refused in one sentence with file and key."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from protocols import PAPER, changed, protocol_of, short
+
+from app.cli import main
+from core.control.controllers import NO_CONTROL, PROPORTIONAL, SDOF
+from core.device import SHIPPED_FOLDER
+from core.errors import InputError
+from core.path_file import Arc, Polyline, Segment
+from experiments.plan import break_after, make_plan, print_plan
+from experiments.protocol import load_protocol, protocol_from_json, protocol_to_json, shipped_protocols
+
+
+def test_the_papers_protocol_is_the_experiment_of_section_v():
+    assert [device.name for device in PAPER.devices] == ["three-brake", "four-brake"]
+    assert PAPER.paths == {1: Segment((-0.10, 0.40), (0.10, 0.40)), 2: Segment((-0.08, 0.26), (0.08, 0.42))}
+    assert len(PAPER.controllers) == 5 and PAPER.blocks * PAPER.repetitions == 3
+    assert len(make_plan(PAPER, "01")) == 60
+    assert PAPER.note() == "paper protocol, settled rules, low gain 5 N s/m, parameters assumed"
+
+
+@pytest.mark.parametrize("name", shipped_protocols())
+def test_every_shipped_protocol_can_be_followed_by_its_devices_and_printed(name):
+    protocol = load_protocol(name)
+    assert protocol.name == name and protocol.assumed
+    assert print_plan(protocol, "07").startswith(f"{name} protocol, participant 07: ")
+
+
+def test_a_file_of_ones_own_needs_little_and_the_rest_has_its_default(tmp_path):
+    (tmp_path / "mine.toml").write_text(
+        'name = "mine"\ndevices = ["four-brake"]\n'
+        '[[path]]\nkind = "arc"\ncentre_m = [0.0, 0.3]\nradius_m = 0.1\nfrom_deg = 150.0\nto_deg = 30.0\n'
+        '[[path]]\nnumber = 7\nkind = "polyline"\npoints_m = [[-0.05, 0.35], [0.0, 0.4], [0.05, 0.35]]\n'
+        '[[controller]]\nname = "free"\nkind = "none"\n'
+        '[[controller]]\nname = "guide"\nkind = "proportional"\ngain_N_s_m = 300\n'
+    )
+    protocol = load_protocol(tmp_path / "mine.toml")
+    assert isinstance(protocol.paths[1], Arc) and isinstance(protocol.paths[7], Polyline)
+    assert [preset[1:] for preset in protocol.controllers.values()] == [(NO_CONTROL, 0, 0), (PROPORTIONAL, 0, 300)]
+    assert (protocol.rules, protocol.seed, protocol.blocks, protocol.practice_trials) == ("settled", 1, 1, 0)
+    assert protocol.breaks is protocol.cues is None and not protocol.blind and not protocol.paths_assumed
+    assert protocol.trial == PAPER.trial and protocol.mouse == PAPER.mouse and protocol.participants == ()
+
+
+def test_what_is_asked_for_stands_in_place_of_what_the_file_says():
+    protocol = load_protocol(devices=["four-brake"], rules="literal", low_gain=500.0, seed=9)
+    assert [device.name for device in protocol.devices] == ["four-brake"]
+    assert (protocol.rules, protocol.seed) == ("literal", 9)
+    gains = {number: preset.gain for number, preset in protocol.controllers.items()}
+    assert gains == {1: 0, 2: 0, 3: 0, 4: 10_000, 5: 500}  # the lowest gain alone
+    assert "literal rules, low gain 500 N s/m" in protocol.note()
+
+
+def test_a_protocol_comes_back_from_what_is_stored_of_it_without_its_files(tmp_path):
+    device = tmp_path / "my-device.toml"
+    text = (SHIPPED_FOLDER / "four-brake.toml").read_text().replace('"four-brake"', '"mine"', 1)
+    text = re.sub(r"(inertia_beyond_kg = [0-9.]+)", r'\1, calibration = "gauges.csv"', text, count=1)
+    device.write_text(text)
+    gauges = np.arange(36.0).reshape(6, 6)
+    np.savetxt(tmp_path / "gauges.csv", gauges, delimiter=",")
+    (tmp_path / "mine.toml").write_text(changed(PAPER.text, devices='["my-device.toml"]', blocks="2"))
+    protocol = load_protocol(tmp_path / "mine.toml", rules="literal", low_gain=500, seed=4)
+    stored = protocol_to_json(protocol)
+    device.unlink()
+    (tmp_path / "gauges.csv").unlink()
+    back = protocol_from_json(stored, "session.json")
+    same = {name: value for name, value in vars(protocol).items() if name not in ("devices", "device_files")}
+    assert same == {name: value for name, value in vars(back).items() if name in same}
+    assert [d.text for d in back.devices] == [text]
+    assert np.array_equal(back.devices[0].calibration, gauges)
+    without = json.loads(json.dumps(stored))
+    del without["devices"][0]["calibration"]
+    with pytest.raises(InputError, match="session.json: devices.mine.*gauges.csv is missing"):
+        protocol_from_json(without, "session.json")
+    assert make_plan(back, "01") == make_plan(protocol, "01")
+
+
+REFUSED = {
+    "unknown key": (changed(PAPER.text, colour='"red"'), "unknown key colour"),
+    "unknown key in a table": (PAPER.text.replace("hold_s = 0.5", "hold = 0.5"), "unknown key trial.hold"),
+    "unknown key of a controller": (PAPER.text.replace("gap_m", "gap"), r"unknown key controller\[2\].gap"),
+    "unknown key of a path": (PAPER.text.replace("end_m =", "to_m =", 1), "path 1.*to_m"),
+    "no name": (PAPER.text.replace('name = "paper"\n', ""), "key name is missing"),
+    "no paths": (re.sub(r"\[\[path\]\](.*\n)+?(?=\[\[controller)", "", PAPER.text), "path is missing"),
+    "wrong type": (changed(PAPER.text, blocks='"3"'), "blocks must be a whole number"),
+    "no blocks": (changed(PAPER.text, blocks="0"), "blocks must be at least 1"),
+    "rules": (changed(PAPER.text, rules='"loose"'), "rules must be one of settled, literal"),
+    "feedback": (changed(PAPER.text, feedback='"applause"'), "feedback must be one of none, time, error"),
+    "seed": (changed(PAPER.text, seed="-1"), "seed must be at least 0"),
+    "not finite": (PAPER.text.replace("force_N = 30.0", "force_N = nan"), "release.force_N must be finite"),
+    "same number": (PAPER.text.replace("number = 2", "number = 1", 1), "path: number 1 stands there twice"),
+    "number zero": (PAPER.text.replace("number = 1", "number = 0", 1), "number must be a whole number from 1"),
+    "number a word": (PAPER.text.replace("number = 1", 'number = "one"', 1), "number must be a whole number"),
+    "same controller": (PAPER.text.replace('"SDOF with gap"', '"SDOF"'), "two controllers have the same name"),
+    "kind of controller": (PAPER.text.replace('kind = "none"', 'kind = "magic"'), "kind must be one of none, sdof"),
+    "gain left out": (PAPER.text.replace("gain_N_s_m = 5.0", ""), r"controller\[4\]: gain_N_s_m is required"),
+    "gain of sdof": (PAPER.text.replace("gap_m = 0.005", "gain_N_s_m = 5.0"), r"controller\[2\]: gain_N_s_m is not"),
+    "gap of none": (PAPER.text.replace('kind = "none"', 'kind = "none"\ngap_m = 0.005'), "gap_m is not for 'none'"),
+    "kind of path": (PAPER.text.replace('kind = "segment"', 'kind = "spiral"', 1), "path 1"),
+    "no length": (PAPER.text.replace("end_m = [0.10, 0.40]", "end_m = [-0.10, 0.40]"), "path 1.*"),
+    "out of reach": (PAPER.text.replace("end_m = [0.10, 0.40]", "end_m = [0.60, 0.40]"), "three-brake.* path 1 "),
+    "participant": (changed(PAPER.text, participants='["a b"]'), "participants: 'a b' must be letters and digits"),
+    "same participant": (changed(PAPER.text, participants='["01", "01"]'), "participants: .* twice"),
+    "unknown device": (changed(PAPER.text, devices='["five-brake"]'), "devices: unknown device 'five-brake'"),
+    "no device": (changed(PAPER.text, devices="[]"), "devices must hold 1"),
+    "same device": (changed(PAPER.text, devices='["four-brake", "four-brake"]'), "two devices have the same name"),
+    "cues": (PAPER.text + "\n[cues]\ntoo_fast_s = 5.0\ntoo_slow_s = 2.0\n", "cues: too_fast_s .* must be shorter"),
+    "breaks": (PAPER.text + "\n[breaks]\nafter_trials = 0\nleast_s = 2.0\n", "breaks.after_trials must be at least 1"),
+    "not TOML": ("name = ", "is not valid TOML"),
+}
+
+
+@pytest.mark.parametrize("text, says", REFUSED.values(), ids=REFUSED)
+def test_what_a_protocol_cannot_say_is_refused_with_file_and_key(tmp_path, text, says):
+    path = tmp_path / "wrong.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=says) as refusal:
+        load_protocol(path)
+    assert str(path) in str(refusal.value) and "\n" not in str(refusal.value)
+
+
+def test_a_device_that_cannot_follow_a_path_is_named_by_its_file(tmp_path):
+    text = (SHIPPED_FOLDER / "four-brake.toml").read_text()
+    for old, new in (("0.2794", "0.15"), ("0.3048", "0.17"), ("com_m = 0.1397", "com_m = 0.07")):
+        text = text.replace(old, new)
+    (tmp_path / "small.toml").write_text(text)
+    (tmp_path / "mine.toml").write_text(changed(PAPER.text, devices='["three-brake", "small.toml"]'))
+    for refused in (
+        lambda: load_protocol(tmp_path / "mine.toml"),
+        lambda: load_protocol(devices=[tmp_path / "small.toml"]),
+    ):
+        with pytest.raises(InputError, match=re.escape(f"{tmp_path / 'small.toml'}: cannot follow path 1 of")):
+            refused()
+
+
+def test_an_arc_is_checked_along_its_bulge_not_only_at_its_ends():
+    ends_inside = (
+        '[[path]]\nnumber = 3\nkind = "arc"\ncentre_m = [0.0, 0.47]\nradius_m = 0.16\n'
+        "from_deg = 200.0\nto_deg = -20.0\n"
+    )
+    text = PAPER.text.replace("[[controller]]", ends_inside + "[[controller]]", 1)
+    with pytest.raises(InputError, match="cannot follow path 3"):
+        protocol_of(text)
+
+
+@pytest.mark.parametrize("name", ["nowhere", "nowhere.toml", ""])
+def test_a_protocol_that_is_not_there_is_refused_with_what_there_is(name):
+    with pytest.raises(InputError, match="unknown protocol .*curves, paper"):
+        load_protocol(name)
+
+
+@pytest.mark.parametrize(
+    "options", [{"rules": "loose"}, {"low_gain": 0.0}, {"low_gain": float("nan")}, {"seed": -1}, {"devices": ["x"]}]
+)
+def test_what_is_asked_for_and_cannot_be_is_refused(options):
+    with pytest.raises(InputError):
+        load_protocol(**options)
+
+
+def test_without_a_proportional_controller_there_is_no_low_gain_to_set():
+    text = re.sub(r"\[\[controller\]\].*\s*number = [45]\n(.+\n)+", "", PAPER.text)
+    assert {preset.algorithm for preset in protocol_of(text).controllers.values()} == {NO_CONTROL, SDOF}
+    with pytest.raises(InputError, match="no low gain"):
+        protocol_from_json({**protocol_to_json(PAPER), "text": text, "overrides": {"low_gain": 5.0}}, "mine.toml")
+
+
+def listed(text: str) -> list[tuple[str, str]]:
+    """(run, path) of the lines of trials."""
+    return re.findall(r"^ +(\d+)  .*  path (\d)$", text, flags=re.MULTILINE)
+
+
+def test_the_printed_plan_holds_every_trial_in_order_the_re_rig_and_the_breaks():
+    text = changed(PAPER.text, practice_trials="2") + "\n[breaks]\nafter_trials = 12\nleast_s = 90.0\n"
+    protocol = protocol_of(text)
+    said = print_plan(protocol, "02")
+    assert listed(said) == [(str(t.run), str(t.segment)) for t in make_plan(protocol, "02")]
+    four, three = said.index("\nfour-brake\n"), said.index("\nthree-brake\n")
+    assert four < said.index("re-rig to three-brake") < three  # participant 2 begins with the other
+    assert said.count("  practice\n") == 2 and "60 trials and 4 of practice" in said
+    assert said.count("break of at least 90 s") == 4
+    lines = said.splitlines()
+    after = [lines[i - 1].split()[0] for i, line in enumerate(lines) if "-- break" in line]
+    assert after == ["12", "24", "42", "54"]
+    minutes = int(re.search(r"about (\d+) min", said)[1])
+    longer = print_plan(protocol_of(changed(text, blocks="6")), "02")
+    assert int(re.search(r"about (\d+) min", longer)[1]) - minutes == pytest.approx((60 * 15 + 4 * 90) / 60, abs=1.1)
+    assert "assumed: 15 s a trial" in said
+
+
+def test_the_plan_of_a_blind_protocol_shows_codes():
+    said = print_plan(replace(PAPER, blind=True), "01")
+    plan = said[said.index("\nthree-brake\n") :]
+    assert re.findall(r"K[1-5]", plan) and not any(preset.name in plan for preset in PAPER.controllers.values())
+
+
+def test_a_single_controller_is_allowed_and_the_printed_plan_says_that_it_repeats():
+    text = re.sub(r"\[\[controller\]\].*\s*number = [1345]\n(.+\n)+", "", PAPER.text)
+    assert "only one controller" in print_plan(protocol_of(text), "01")
+    assert "only one controller" not in print_plan(PAPER, "01")
+
+
+def test_no_break_comes_at_the_end_of_a_configuration_where_the_re_rig_is_one():
+    protocol = protocol_of(PAPER.text + "\n[breaks]\nafter_trials = 10\nleast_s = 0.0\n")
+    assert [done for done in range(31) if break_after(protocol, done, 30 - done)] == [10, 20]
+    assert not any(break_after(PAPER, done, 30 - done) for done in range(31))
+
+
+def test_a_study_runs_a_protocol_of_curves_and_does_not_test_the_papers_statements_on_it(tmp_path, capsys):
+    text = load_protocol("curves").text
+    (tmp_path / "mine.toml").write_text(changed(text, blocks="1", repetitions="1"))
+    out = tmp_path / "study"
+    assert main(["study", str(tmp_path / "mine.toml"), "--operators", "1", "--out", str(out)]) == 0
+    assert "not those of the paper's Table I" in capsys.readouterr().out
+    report = (out / "report" / "report.md").read_text()
+    assert "not those of the paper's Table I" in report and "| four-brake | Proportional |" in report
+    assert not (out / "report" / "findings.csv").exists() and (out / "report" / "statistics.csv").exists()
+    assert main(["verify", str(out)]) == 0
+    assert main(["analyze", str(out), "--out", str(tmp_path / "again")]) == 0
+    assert (tmp_path / "again" / "report" / "report.md").read_text().count("not those of the paper's Table I") == 1
+    other = tmp_path / "other.toml"
+    other.write_text(changed(text, blocks="2"))
+    assert main(["study", str(other), "--resume", "--out", str(out)]) == 2
+    assert "begun with another protocol (curves)" in capsys.readouterr().err
+
+
+def test_times_and_radii_of_a_protocol_are_those_of_its_trials(tmp_path):
+    from sessions import new_session, run_trials
+
+    from experiments.recording.reader import read_recording
+
+    text = short(paths=1).text.replace("hold_s = 0.5", "hold_s = 0.25").replace("end_s = 0.3 ", "end_s = 0.1 ")
+    session = new_session(tmp_path, protocol=protocol_of(text))
+    run_trials(session, 1)
+    recording = read_recording(session.folder / session.rows[0].recording)
+    session.close()
+    phases = recording.text("phase")
+    assert (phases == "end").sum() == 100
+    move = int((phases == "move").argmax())
+    assert (phases[move - 250 : move] == "hold").all() and phases[move - 251] == "approach"
+    late = text.replace("time_out_s = 30.0\n", "time_out_s = 0.2\n", 1)
+    session = new_session(tmp_path / "late", protocol=protocol_of(late))
+    run_trials(session, 1)
+    assert session.rows[0].status == "timeout" and session.rows[0].duration_s == pytest.approx(0.2, abs=0.002)
+    session.close()

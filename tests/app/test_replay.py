@@ -1,0 +1,266 @@
+"""`phd replay`: the hand of a recorded trial once more, through its own or another controller or device."""
+
+import csv
+import json
+import shutil
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from protocols import short
+from recorded import record, ticks
+from sessions import crash_in_trial, files, new_session, run_trials
+from synthetic_hand import SyntheticHand
+
+from app.cli import main
+from core import tick_log
+from core.device import load_device
+from experiments.recording.reader import read_recording
+from experiments.recording.schema import recording_columns
+from experiments.session.session import Session
+from experiments.study.replay import A_PERSON_WOULD_REACT, replay
+from experiments.study.replay_run import HAND_ENDED, play_after, read_recorded
+
+EQUAL_M = 1e-5  # between a trial and its replay: the yields of the trial before had not quite gone at its start
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """One block of one path on both devices by a simulated operator (01), two trials by a mouse (02)."""
+    folder = tmp_path_factory.mktemp("replay")
+    session = new_session(folder, protocol=short(paths=1, seed="2"))
+    run_trials(session, 10)
+    session.close()
+    session = Session(folder, "02", short(paths=1), sync=False)
+    for _ in range(2):
+        trial, writer = session.begin(session.next_planned())
+        rows, at = np.empty((20, tick_log.WIDTH)), trial.simulation.state["tip"][0]
+        hand = SyntheticHand(trial.planned.segment, (at[0], at[1]))
+        while not trial.finished:
+            trial.aim(*hand((at[0], at[1]), tick_log.PHASES.index(trial.phase), 0.02))
+            writer.write(rows[: trial.run(rows)])
+        session.finish(trial, writer)
+    session.close()
+    return folder
+
+
+def recordings(data, participant="01"):
+    return sorted((data / f"sub-{participant}" / "ses-01" / "trials").glob("*.parquet"))
+
+
+def by_controller(data, controller, device="three-brake"):
+    for path in recordings(data):
+        about = read_recording(path).metadata
+        if (about["controller"], about["configuration"]) == (controller, device):
+            return path
+    raise AssertionError("no such trial")
+
+
+def test_the_same_controller_and_device_give_the_recorded_motion_and_metrics_again(data):
+    for path in (*recordings(data), *recordings(data, "02")):
+        told = replay(path)
+        assert told["hand"] == "target" and told["after"]["status"] == told["before"]["status"] == "done"
+        assert told["largest_tip_difference_m"] < EQUAL_M
+        for name, metric in told["metrics"].items():
+            if name == "unreachable_share" and metric["before"] is None:  # no control
+                assert metric["after"] is None
+            else:
+                assert metric["after"] == pytest.approx(metric["before"], rel=1e-4), name
+
+
+def test_the_held_force_is_what_makes_the_replay_the_recorded_motion(data, monkeypatch):
+    path = by_controller(data, 1)
+    exact = replay(path)["largest_tip_difference_m"]
+    monkeypatch.setattr(
+        "experiments.study.replay_hand.what_is_held", lambda force, _, clip: (0.0 * force, np.full(len(force), clip))
+    )
+    assert replay(path)["largest_tip_difference_m"] > 10.0 * EQUAL_M > EQUAL_M > exact
+
+
+def test_no_brake_adds_energy_and_the_ledger_closes_whatever_the_hand_is_led_through(data):
+    for path in (by_controller(data, 1), by_controller(data, 2, "four-brake"), recordings(data, "02")[0]):
+        for asked in ((2, "three-brake", "target"), (4, "three-brake", "force"), (4, "four-brake", "target")):
+            controller, device, hand = asked
+            after = replay(path, controller, device, hand=hand)["after"]
+            assert after["energy_added_max_J"] == 0.0 and abs(after["energy_residual_J"]) < 1e-6, asked
+
+
+def test_another_controller_brakes_and_another_device_has_its_own_brakes(data, tmp_path):
+    path = by_controller(data, 1)
+    told = replay(path, 4, "four-brake", out=tmp_path / "out.csv")
+    assert told["after"]["controller"] == "4 Proportional, high gain" and told["after"]["device"] == "four-brake"
+    metrics = told["metrics"]
+    assert metrics["switches_per_s"]["before"] == 0.0 < metrics["switches_per_s"]["after"]
+    assert metrics["path_error_m"]["after"] < metrics["path_error_m"]["before"]
+    for metric in metrics.values():
+        if metric["change"] is not None:
+            assert metric["change"] == metric["after"] - metric["before"]
+    assert "torque_C_N_m" in table_of(tmp_path / "out.csv") and "C" not in read_recording(path).braked
+
+
+def test_a_handle_that_cannot_follow_is_where_the_recorded_hand_ends(data):
+    seen = [replay(path, 2) for path in recordings(data) if read_recording(path).metadata["controller"] in (1, 5)]
+    ended = [told for told in seen if told["after"]["status"] == HAND_ENDED]
+    assert ended, "braked, the same hand no longer reaches the end in time"
+    for told in ended:
+        assert told["after"]["way_made"] < told["before"]["way_made"]
+    for told in seen:
+        assert told["ticks"] <= read_recording(told["recording"]).rows
+
+
+def test_a_replayed_force_is_the_recorded_force_at_every_tick_whatever_it_moves(data, tmp_path):
+    path = by_controller(data, 2)
+    trial = read_recorded(path)
+    for number, device in enumerate((None, "four-brake")):
+        out = tmp_path / f"{number}.csv"
+        told = replay(path, 5, device, hand="force", out=out)
+        table = table_of(out)
+        assert told["hand"] == "force" and len(table["t_s"]) == told["ticks"] > 100
+        for name in ("t_s", "hand_fx_N", "hand_fy_N"):
+            recorded = trial.recording.column(name)[trial.first :][: told["ticks"]]
+            assert np.allclose(np.array(table[name], dtype=float), recorded, rtol=0.0, atol=1e-9), name
+
+
+def test_a_hand_without_a_recorded_target_is_replayed_by_its_force(data, monkeypatch):
+    monkeypatch.setattr("experiments.study.replay.WITH_TARGET", ())
+    path = recordings(data)[0]
+    assert replay(path)["hand"] == "force"
+    assert main(["replay", str(path), "--hand", "target"]) == 2
+
+
+def test_the_play_of_the_backlash_is_where_the_simulated_device_had_it(data):
+    """After the approach, whatever it was before."""
+    session = new_session(data, "77", short(paths=1, seed="2"))
+    try:
+        trial, writer = session.begin(session.next_planned())
+        rows = np.empty((1, tick_log.WIDTH))
+        while trial.phase != "move":
+            writer.write(rows[: trial.run(rows)])
+        play = np.array(trial.simulation.state["play"][0])
+        while not trial.finished:
+            writer.write(rows[: trial.run(rows)])
+        session.finish(trial, writer)
+        recorded = read_recorded(recordings(data, "77")[0])
+        found, edge = play_after(recorded.recording, recorded.first, trial.simulation.device)
+    finally:
+        session.close()
+        shutil.rmtree(data / "sub-77")
+    width = trial.simulation.device.brakes.play
+    assert np.allclose(found, play, rtol=0.0, atol=1e-6)
+    assert np.array_equal(edge[width > 0.0] != 0.0, ((found == 0.0) | (found == width))[width > 0.0])
+
+
+def test_the_ticks_have_the_recordings_columns_and_are_never_written_over_anything(data, tmp_path, capsys):
+    path, out = by_controller(data, 3), tmp_path / "out.csv"
+    before = files(data)
+    assert main(["replay", str(path), "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert A_PERSON_WOULD_REACT in said and "path_error_m" in said
+    table = table_of(out)
+    recording, first = read_recording(path), read_recorded(path).first
+    assert list(table) == [name for name, _ in recording_columns(recording.braked)]
+    for name in ("phase", "decision", "stuck"):
+        assert table[name] == list(recording.text(name)[first:])
+    content = out.read_bytes()
+    assert main(["replay", str(path), "--out", str(out)]) == 2
+    assert "never overwritten" in capsys.readouterr().err
+    assert out.read_bytes() == content and files(data) == before
+
+
+def test_what_cannot_be_replayed_is_one_sentence_and_leaves_nothing(data, tmp_path, capsys):
+    path = by_controller(data, 1)
+    copy = shutil.copytree(data / "sub-01", tmp_path / "sub-01") / "ses-01" / "trials"
+    spoilt, cut = copy / path.name, copy / "run-090.arrows"
+    content = bytearray(spoilt.read_bytes())
+    content[len(content) // 2] ^= 8
+    spoilt.write_bytes(content)
+    cut.write_bytes(record(tmp_path / "whole.arrows", ticks(50)).read_bytes()[:-500])
+    (tmp_path / "text.parquet").write_text("no recording")
+    lonely = shutil.copy(path, tmp_path / "lonely.parquet")
+    small = tmp_path / "small.toml"
+    small.write_text(shrunk(load_device("four-brake").text))
+    out = tmp_path / "out.csv"
+    for asked, word in (
+        ([str(tmp_path / "none.parquet")], "cannot be read"),
+        ([str(tmp_path / "text.parquet")], "is not whole"),
+        ([str(data / "sub-01" / "ses-01" / "trials.csv")], "a recording ends in"),
+        ([str(spoilt)], "is not whole"),
+        ([str(cut)], "is not whole"),
+        ([str(lonely)], "session.json"),
+        ([str(path), "--controller", "9"], "none of this number"),
+        ([str(path), "--controller", "0"], "whole number"),
+        ([str(path), "--device", "nobody's"], "unknown device"),
+        ([str(path), "--device", str(small)], "cannot follow path 1"),
+        ([str(path), "--hand", "foot"], "invalid choice"),
+        ([str(path), "--protocol", "paper"], "say which"),
+        ([str(path), "--controller", "1", "--protocol", "none"], "none"),
+    ):
+        assert main(["replay", *asked, "--out", str(out)]) == 2, asked
+        said = capsys.readouterr()
+        assert said.out == "" and word in said.err and said.err.count("\n") == 1, (asked, said.err)
+        assert not out.exists()
+    assert main(["replay", str(path), "--out", str(tmp_path / "none" / "out.csv")]) == 2
+
+
+def test_a_trial_that_never_came_to_move_has_no_hand_to_replay(tmp_path, capsys):
+    session = new_session(tmp_path, protocol=short(paths=1))
+    trial, writer = session.begin(session.next_planned())
+    rows = np.empty((200, tick_log.WIDTH))
+    writer.write(rows[: trial.run(rows)])
+    trial.abort("enough")
+    while not trial.finished:
+        writer.write(rows[: trial.run(rows)])
+    session.finish(trial, writer)
+    session.close()
+    assert main(["replay", str(recordings(tmp_path)[0]), "--json"]) == 2
+    assert "never came to" in capsys.readouterr().err
+
+
+def test_a_trial_cut_off_by_a_crash_is_to_be_recovered_first_and_replayed_as_far_as_it_goes(tmp_path, capsys):
+    session = new_session(tmp_path, protocol=short(paths=1))
+    stream = crash_in_trial(session, 3000)
+    assert main(["replay", str(stream), "--json"]) == 2
+    assert main(["recover", str(tmp_path)]) == 0
+    capsys.readouterr()
+    assert main(["replay", str(recordings(tmp_path)[0]), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["before"]["status"] == "recovered" and told["after"]["status"] == HAND_ENDED
+    assert told["largest_tip_difference_m"] < EQUAL_M
+
+
+def test_a_blind_trial_is_replayed_only_through_a_controller_that_is_named(tmp_path, capsys):
+    session = new_session(tmp_path, protocol=short(paths=1), blind=True)
+    run_trials(session, 1)
+    session.close()
+    path = str(recordings(tmp_path)[0])
+    assert main(["replay", path, "--json"]) == 2
+    assert "blind" in capsys.readouterr().err
+    assert main(["replay", path, "--controller", "1", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["before"]["controller"].startswith("K") and told["metrics"]["switches_per_s"]["before"] is None
+
+
+def test_without_options_it_plays_on_the_screen(data, monkeypatch):
+    played, path = [], recordings(data)[0]
+    window = SimpleNamespace(run=lambda recording: played.append(recording) or 0)
+    screens = SimpleNamespace(replay_window=window)
+    monkeypatch.setitem(sys.modules, "app.window", screens)
+    monkeypatch.setitem(sys.modules, "app.window.replay_window", window)
+    monkeypatch.setattr("app.verbs.replay.Display", lambda *_: SimpleNamespace(check=lambda: None))
+    monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
+    assert main(["replay", str(path)]) == 0 and played == [path]
+
+
+def table_of(path):
+    """Column -> its cells."""
+    with path.open(newline="") as file:
+        lines = list(csv.reader(file))
+    return {name: [line[i] for line in lines[1:]] for i, name in enumerate(lines[0])}
+
+
+def shrunk(text):
+    """A device file with shorter links."""
+    for length in ("0.2794", "0.3048"):
+        text = text.replace(f"_m = {length}", "_m = 0.20")
+    return text

@@ -1,0 +1,216 @@
+"""After a crash a session and a study go on at the next trial, as they were begun, and lose nothing."""
+
+import json
+import shutil
+from collections import Counter
+
+import pytest
+from protocols import PAPER, PEOPLE, short
+from sessions import crash_in_trial, files, new_session, run_trials, session_of
+
+from app.cli import main
+from core.errors import InputError
+from experiments.analysis.trials_table import COUNTED, read_table
+from experiments.protocol import protocol_from_json, protocol_to_json
+from experiments.session.files import cell, hold_lock
+from experiments.session.session import Session
+from experiments.session.verify import verify
+from experiments.study import study as studies
+from experiments.study.study import resume_study, run_study
+
+
+class Killed(BaseException):
+    """Stands for a kill: nothing that tidies up after exceptions of the program may hear it."""
+
+
+def kill_in_run(monkeypatch, run: int, participant: str = "01") -> None:
+    """The study dies in the middle of this run."""
+    real = studies._Run._run_ticks
+
+    def run_ticks(self, trial, writer):
+        if trial.planned.run == run and writer.path.parts[-4] == f"sub-{participant}":
+            writer.write(self.rows[: trial.run(self.rows[:3000])])
+            raise Killed
+        real(self, trial, writer)
+
+    monkeypatch.setattr(studies._Run, "_run_ticks", run_ticks)
+
+
+def high():
+    """10 trials an operator, the low gain of 500 N s/m."""
+    return protocol_from_json(
+        {**protocol_to_json(short(paths=1, seed="5")), "overrides": {"low_gain": 500.0}}, "test"
+    )
+
+
+@pytest.fixture
+def interrupted(tmp_path, monkeypatch):
+    """A study of two operators, killed in run 4 of the first."""
+    with monkeypatch.context() as patch:
+        kill_in_run(patch, 4)
+        with pytest.raises(Killed):
+            run_study(tmp_path / "study", 2, high(), PEOPLE)
+    return tmp_path / "study"
+
+
+def test_a_crashed_trial_is_kept_and_its_cell_is_run_again_under_the_next_free_number(tmp_path):
+    with session_of(tmp_path, 2) as session:
+        crash_in_trial(session)
+        plan = session.plan
+    session = Session.resume(tmp_path, "01", sync=False)
+    assert session.plan == plan and [row.status for row in session.rows] == ["done", "done", "recovered"]
+    again = session.next_planned()
+    assert again.run == 61 and cell(again) == cell(plan[2])
+    run_trials(session, 1)
+    assert session.next_planned() == plan[3]  # then on in the order of the plan
+    run_trials(session, 1)
+    assert [row.run for row in read_table(session.folder / "trials.csv")] == [1, 2, 3, 61, 4]
+    session.close()
+    assert verify(tmp_path)["faults"] == []
+    second = Session.resume(tmp_path, "01", sync=False)
+    assert second.next_planned() == plan[4] and second.settled == 4
+    second.close()
+
+
+def test_a_session_without_a_crash_goes_on_as_planned_with_its_person_and_devices(tmp_path):
+    with session_of(tmp_path, 2) as session:
+        pass
+    again = Session.resume(tmp_path, "01", sync=False)
+    assert again.next_planned() == session.plan[2] and again.person == session.person
+    assert again.rows == session.rows and again.plan == session.plan
+    assert again.protocol.text == PAPER.text and again.protocol.note() == PAPER.note()
+    assert {name: device.text for name, device in again.devices.items()} == {d.name: d.text for d in PAPER.devices}
+    again.close()
+
+
+def test_a_session_that_a_live_process_holds_is_not_resumed(tmp_path):
+    session = new_session(tmp_path)
+    with pytest.raises(InputError, match="in use by a running process"):
+        Session.resume(tmp_path, "01")
+    session.close()
+    Session.resume(tmp_path, "01").close()
+    with pytest.raises(InputError, match="exists already"):
+        new_session(tmp_path)
+
+
+def test_a_session_that_was_hardly_created_is_created_anew(tmp_path):
+    folder = tmp_path / "sub-01" / "ses-01"
+    (folder / "trials").mkdir(parents=True)
+    (folder / ".session.json.partial").write_text('{"plan')
+    session = new_session(tmp_path)
+    assert session.next_planned().run == 1 and not list(folder.glob(".*.partial"))
+    session.close()
+
+
+def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, tmp_path, capsys, request):
+    before = files(interrupted)
+    assert main(["study", "--resume", "--out", str(interrupted), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["trials"], said["recovered"], said["low_gain_N_s_m"]) == (21, 1, 500.0)
+    rows = read_table(interrupted / "trials.csv")
+    for participant in ("01", "02"):
+        mine = [row for row in rows if row.participant == participant]
+        stored = json.loads((interrupted / f"sub-{participant}" / "ses-01" / "session.json").read_text())
+        planned = Counter((t["configuration"], t["controller"], t["segment"], t["block"]) for t in stored["plan"])
+        counted = [row for row in mine if row.status in COUNTED]
+        assert Counter((r.configuration, r.controller, r.segment, r.block) for r in counted) == planned
+    assert [(row.run, row.status) for row in rows if row.status not in COUNTED] == [(4, "recovered")]
+    assert verify(interrupted)["faults"] == [] and (interrupted / "figures" / "boxplots.png").is_file()
+    after = files(interrupted)
+    for name, content in before.items():  # nothing that was there has changed
+        if name.endswith(("journal.jsonl", "ses-01/trials.csv")):
+            assert after[name].startswith(content)
+        elif name.endswith(".arrows"):
+            assert after[f"{name}.crashed"] == content
+        else:
+            assert after[name] == content
+
+    whole = tmp_path / "uninterrupted"
+    request.getfixturevalue("undrawn")
+    run_study(whole, 2, high(), PEOPLE)
+    theirs = [row for row in read_table(whole / "trials.csv")]
+    assert [r for r in rows if r.participant == "02"] == [r for r in theirs if r.participant == "02"]
+    assert [r for r in rows if r.participant == "01"][:3] == theirs[:3]  # before the crash
+
+
+def test_a_complete_study_is_left_as_it_is(undrawn, tmp_path):
+    run_study(tmp_path / "study", 1, short(paths=1, seed="2"), PEOPLE)
+    before = files(tmp_path)
+    assert resume_study(tmp_path / "study", {})["trials"] == 10
+    assert files(tmp_path) == before
+
+
+def test_a_study_killed_while_drawing_draws_its_figures_on_resume(tmp_path, monkeypatch):
+    def killed(table, folder, note, **options):
+        folder.mkdir()
+        (folder / "fig16_path_error.png").write_bytes(b"half")
+        raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(studies, "draw_boxplots", killed)
+        with pytest.raises(Killed):
+            run_study(tmp_path / "study", 1, short(paths=1, seed="2"), PEOPLE)
+    assert verify(tmp_path / "study")["faults"] == [] and not (tmp_path / "study" / "figures").exists()
+    resume_study(tmp_path / "study", {})
+    assert len(list((tmp_path / "study" / "figures").iterdir())) == 10
+    assert not (tmp_path / "study" / ".figures.partial").exists()
+
+
+def test_what_is_asked_by_name_must_be_what_the_study_was_begun_with(interrupted, undrawn, capsys, tmp_path):
+    before = files(interrupted)
+    (tmp_path / "my.toml").write_text(PAPER.devices[0].text + "\n# mine\n")
+    for arguments, said in (
+        (["--seed", "6"], "--seed: the study was begun with 5"),
+        (["--operators", "3"], "--operators: the study was begun with 2"),
+        (["--rules", "literal"], "--rules: the study was begun with settled"),
+        (["--low-gain", "5"], "--low-gain: the study was begun with 500"),
+        (["--device", "four-brake"], "--device: the study was begun with other devices"),
+    ):
+        assert main(["study", "--resume", "--out", str(interrupted), *arguments]) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1 and said in error
+    assert files(interrupted) == before
+    asked = ["--seed", "5", "--operators", "2", "--low-gain", "500", "--rules", "settled"]
+    assert main(["study", "--resume", "--out", str(interrupted), *asked]) == 0
+
+
+@pytest.mark.parametrize("there", ["none", "empty", "half", "damaged", "running"])
+def test_a_folder_with_nothing_to_resume_is_refused_in_one_sentence(interrupted, tmp_path, capsys, there):
+    folder = tmp_path / there
+    if there != "none":
+        folder.mkdir()
+    if there == "half":
+        (folder / ".study.json.partial").write_text("{")
+    if there == "damaged":
+        (folder / "study.json").write_text('{"operators": 3')
+    if there == "running":
+        folder = interrupted
+    before = files(folder)
+    lock = hold_lock(folder) if there == "running" else None
+    assert main(["study", "--resume", "--out", str(folder)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1 and files(folder) == before and folder.exists() == (there != "none")
+    if lock:
+        lock.release()
+
+
+def test_a_folder_in_which_a_study_was_hardly_begun_takes_a_new_one(undrawn, tmp_path):
+    (tmp_path / ".study.json.partial").write_text("{")
+    (tmp_path / ".lock").touch()
+    assert run_study(tmp_path, 1, short(paths=1, seed="2"), PEOPLE)["trials"] == 10
+
+
+def test_a_study_without_resume_refuses_an_interrupted_one(interrupted, capsys):
+    assert main(["study", "--out", str(interrupted)]) == 2
+    assert "--resume" in capsys.readouterr().err
+
+
+def test_an_older_devices_file_stays_that_of_the_study(interrupted, undrawn):
+    """The stored device counts, whatever a device of that name says today."""
+    stored = json.loads((interrupted / "study.json").read_text())
+    device = stored["protocol"]["devices"][0]
+    device["file"] = device["file"].replace("tip_kg = 0.5", "tip_kg = 0.6")
+    (interrupted / "study.json").write_text(json.dumps(stored))
+    shutil.rmtree(interrupted / "sub-01")
+    resume_study(interrupted, {})
+    session = json.loads((interrupted / "sub-02" / "ses-01" / "session.json").read_text())
+    assert "tip_kg = 0.6" in session["protocol"]["devices"][0]["file"]

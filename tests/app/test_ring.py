@@ -1,0 +1,201 @@
+"""The ring between loop, recorder and window, and the loop's kernels on it, without a second process."""
+
+import os
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from app.ipc.client import Client
+from app.ipc.messages import Setup
+from app.ipc.ring import BRAKES_OFF, CONDUCTOR_SILENT, NO_CAUSE, RING_FULL, STOPPED, Ring
+from app.loop.clock import new_timespec, now_ns
+from app.loop.loop import stopped_trial
+from app.loop.real_time import GRASP_RADIUS_M, MOST_BEHIND_NS, ROOM, TICK_NS, due, keep, run_trial, take_aim
+from core import tick_log
+from core.errors import InputError
+from core.simulator.hand import GRIP
+from core.simulator.state import new_record
+
+SMALL = 64
+FOR_EVER_NS = 1 << 62  # a beat of a conductor that never falls silent
+
+
+@pytest.fixture
+def ring() -> Ring:
+    return Ring(ticks=SMALL)
+
+
+def put(ring: Ring, first: int, n: int) -> None:
+    """n ticks, numbered in their first column, as the loop puts them."""
+    for number in range(first, first + n):
+        place = int(ring.control.head) % len(ring.rows)
+        ring.rows[place] = number
+        keep(ring.control, ring.rows[place : place + 1], 7_000)
+
+
+def test_a_ring_that_goes_round_many_times_hands_every_tick_on_once_and_in_order(ring: Ring) -> None:
+    window = Ring(ring.handle)
+    generator, put_so_far, recorded, shown = np.random.default_rng(1), 0, [], []
+    while put_so_far < 20 * SMALL:
+        n = int(generator.integers(0, SMALL // 2))
+        put(ring, put_so_far, n)
+        put_so_far += n
+        rows = ring.take()
+        ring.taken(len(rows))
+        recorded.append(rows)
+        shown.append(window.newest())
+    for rows in (np.concatenate(recorded), np.concatenate(shown)):
+        assert np.array_equal(rows[:, 0], np.arange(put_so_far))
+        assert np.all(rows[:, tick_log.LATENESS_US] == 7.0)
+
+
+def test_a_tick_that_could_not_be_recorded_is_taken_again(ring: Ring) -> None:
+    put(ring, 0, 5)
+    assert len(ring.take()) == 5
+    ring.taken(3)
+    assert ring.take()[:, 0].tolist() == [3.0, 4.0]
+
+
+def test_a_window_that_hung_gets_the_newest_ticks_and_none_that_is_being_overwritten(ring: Ring) -> None:
+    window = Ring(ring.handle)
+    put(ring, 0, 5 * SMALL + 3)
+    rows = window.newest()
+    assert rows[-1, 0] == 5 * SMALL + 2 and np.all(np.diff(rows[:, 0]) == 1.0)
+    assert SMALL // 2 < len(rows) < SMALL
+    assert len(window.newest()) == 0
+
+
+def test_a_second_window_starts_with_what_comes_from_now_on(ring: Ring) -> None:
+    put(ring, 0, 10)
+    window = Ring(ring.handle)
+    put(ring, 10, 2)
+    assert window.newest()[:, 0].tolist() == [10.0, 11.0]
+
+
+def test_the_cause_of_a_brakes_off_is_the_first_and_stands_until_brakes_are_allowed(ring: Ring) -> None:
+    assert ring.why_off == ""
+    ring.switch_off("Esc: the participant's finger – stuck")
+    ring.switch_off("another")
+    assert Ring(ring.handle).why_off == "Esc: the participant's finger – stuck"
+    ring.allow()
+    ring.switch_off("")
+    assert ring.why_off == "no cause given"
+    ring.allow()
+    ring.switch_off("é" * 1000)
+    assert set(ring.why_off) == {"é"}
+
+
+def test_a_tick_is_due_a_millisecond_after_the_last_however_late_that_was(ring: Ring) -> None:
+    late = MOST_BEHIND_NS
+    while late >= MOST_BEHIND_NS:  # held up just then: that is the next test's
+        now = now_ns(new_timespec())
+        late, following = due(ring.control, now - 10 * TICK_NS, new_timespec())
+    assert late >= 10 * TICK_NS and following == now - 9 * TICK_NS
+    late, following = due(ring.control, now_ns(new_timespec()) + TICK_NS, new_timespec())
+    assert late >= 0 and following > now
+
+
+def test_after_a_long_stall_the_time_of_the_trial_waits(ring: Ring) -> None:
+    now = now_ns(new_timespec())
+    late, following = due(ring.control, now - 60_000 * TICK_NS, new_timespec())
+    assert late >= 60_000 * TICK_NS and following > now
+
+
+def test_the_spring_pulls_nowhere_until_the_pointer_has_touched_the_handle(ring: Ring) -> None:
+    grip, tip = new_record(GRIP)[0], np.array([0.0, 0.4, 0.0, 0.0])
+    grip.target = (0.0, 0.4, 0.0, 0.0)
+    take_aim(ring.control, grip, tip)  # no pointer at all
+    for x, y in ((0.3, 0.4), (1.5 * GRASP_RADIUS_M, 0.4)):
+        ring.aim(x, y)
+        take_aim(ring.control, grip, tip)
+        assert not ring.control.taken and grip.target.tolist() == [0.0, 0.4, 0.0, 0.0]
+    ring.aim(0.5 * GRASP_RADIUS_M, 0.4)
+    take_aim(ring.control, grip, tip)
+    assert ring.control.taken and grip.target[0] == 0.5 * GRASP_RADIUS_M
+    ring.aim(0.3, 0.1)  # a jump: the handle stays in hand
+    take_aim(ring.control, grip, tip)
+    assert grip.target.tolist() == [0.3, 0.1, 0.0, 0.0]
+
+
+class Running:
+    """A trial of the mouse that the kernel runs in a thread; the recorder's and the conductor's part is the test's."""
+
+    def __init__(self, ring: Ring, behind: int = 0) -> None:
+        """behind: ticks in the ring that the recorder has not taken yet."""
+        self.ring, self.arguments = ring, stopped_trial()
+        self.arguments.run["stop"][0] = 0
+        ring.begin_trial()
+        ring.control.conductor_beat = FOR_EVER_NS
+        ring.control.tail -= behind
+        spare = np.zeros((1, tick_log.WIDTH))
+        self.thread = threading.Thread(
+            target=run_trial, args=(ring.controls, ring.rows, spare, new_timespec(), *self.arguments)
+        )
+        self.thread.start()
+
+    def until(self, ticks: int) -> None:
+        """Wait until there are so many ticks."""
+        while self.ring.control.head < ticks:
+            time.sleep(0.002)
+
+    def end(self) -> int:
+        """Wait for the end; why it ended."""
+        self.thread.join(30.0)
+        assert not self.thread.is_alive()
+        return int(self.ring.control.cause)
+
+    def assert_ended_without_current(self) -> None:
+        rows = self.ring.take()
+        ended = rows[:, tick_log.PHASE] == tick_log.END
+        assert not rows[ended, tick_log.CURRENT : tick_log.CURRENT + 4].any() and ended[-1]
+        assert np.allclose(np.diff(rows[:, tick_log.T]), 1e-3)
+
+
+@pytest.fixture
+def large() -> Ring:
+    return Ring()
+
+
+@pytest.mark.parametrize("cause", [STOPPED, BRAKES_OFF, CONDUCTOR_SILENT, RING_FULL])
+def test_whatever_ends_a_trial_from_outside_it_ends_without_current_and_says_why(large: Ring, cause: int) -> None:
+    running = Running(large)
+    running.until(50)
+    assert large.control.cause == NO_CAUSE
+    if cause == STOPPED:
+        large.control.stop = 1
+    elif cause == BRAKES_OFF:
+        large.switch_off("Esc")
+    elif cause == CONDUCTOR_SILENT:
+        large.beat()  # the last one
+    elif cause == RING_FULL:
+        large.control.tail -= len(large.rows) - ROOM  # a recorder that has taken nothing for long
+    assert running.end() == cause
+    if cause == RING_FULL:
+        large.control.tail += len(large.rows) - ROOM
+    running.assert_ended_without_current()
+    assert large.control.dropped == 0
+
+
+def test_a_ring_without_any_room_counts_the_ticks_it_loses_and_overwrites_none(large: Ring) -> None:
+    large.rows[:] = -1.0
+    assert Running(large, behind=len(large.rows)).end() == RING_FULL
+    assert large.control.dropped > 0 and large.control.head == 0
+    assert np.all(large.rows == -1.0)
+
+
+def test_brakes_that_are_off_before_a_trial_never_come_on_in_it(large: Ring) -> None:
+    large.switch_off("Esc")
+    assert Running(large).end() == BRAKES_OFF
+    assert not large.take()[:, tick_log.CURRENT : tick_log.CURRENT + 4].any()
+
+
+def test_without_memory_for_the_ring_no_server_is_started_and_one_sentence_says_why(monkeypatch, tmp_path) -> None:
+    def full(*_args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "memfd_create", full)
+    with pytest.raises(InputError, match="no memory for the ticks of the control loop"):
+        Client(Setup(tmp_path / "data"))
+    assert not (tmp_path / "data").exists()

@@ -1,0 +1,167 @@
+"""Whatever ends the loop of a board, what it leaves behind is zero current. In simulated time; with real processes that
+are killed in test_live_board.py and at the end of this file."""
+
+import io
+import math
+import os
+import signal
+import struct
+from pathlib import Path
+
+import pytest
+from fault_cases import Case, Place
+from fault_kinds import START, Fault
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from linked import LinkedBench
+from live import gone, kill, wait_until
+from live_board import board_session
+
+from app.ipc.messages import NotDone, Reset, RunLinked
+from app.ipc.ring import Ring
+from app.loop.board_loop import BoardLoop
+from core import tick_log
+from hardware.emulated_board.board_watch import Capability
+from hardware.emulated_board.device import HeldHand
+from hardware.wire.messages import State
+
+FOUR = st.lists(st.floats(allow_nan=True, allow_infinity=True, width=32), min_size=4, max_size=4)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory):
+    made = Place.make(tmp_path_factory.mktemp("exits"))
+    yield made
+    made.session.close()
+
+
+class Told(io.BytesIO):
+    """The pipe to a conductor, which breaks when `broken` is set."""
+
+    broken = False
+
+    def write(self, data) -> int:
+        if self.broken:
+            raise BrokenPipeError
+        return super().write(data)
+
+
+class Exit(Case):
+    """A loop that lives until an error in the middle of a movement, while currents flow."""
+
+    def __init__(self, place: Place, monkeypatch: pytest.MonkeyPatch, error: type[BaseException]) -> None:
+        self.error = error
+        super().__init__(place, Fault("error", acts=self.fail), "move", monkeypatch)
+
+    def fail(self, case: Case) -> None:
+        assert all(self.board.board.currents)
+        raise self.error("of some kind")
+
+    def live(self) -> None:
+        with pytest.raises(self.error, match="of some kind"):
+            work(self.loop, self.running)
+
+    def keep(self) -> None:
+        self.run.recorder.close()
+        self.run.recorder.writer.abandon()
+        self.bench.pass_time(2)
+
+
+def work(loop: BoardLoop, trial) -> None:
+    """The loop's whole life: this trial, and then the end of its input."""
+    jobs = [RunLinked(trial)]
+    loop._next = lambda: jobs.pop() if jobs else None
+    read, write = os.pipe()  # a conductor that lives
+    try:
+        loop.work(open(read, "rb"))  # noqa: SIM115  (it goes with the thread that reads it)
+    finally:
+        os.close(write)
+
+
+@pytest.mark.parametrize("error", [RuntimeError, MemoryError, KeyboardInterrupt, SystemExit])
+def test_an_exception_in_the_middle_of_a_trial_ends_in_zero_current(
+    error: type[BaseException], place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = Exit(place, monkeypatch, error)
+    assert case.board.board.currents == (0, 0, 0, 0)
+    assert case.board.board.state == State.IDLE, "it said good-bye: no watchdog was needed"
+    case.bench.link.close()
+
+
+def test_a_conductor_that_is_gone_when_the_loop_reports_leaves_no_current(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = LinkedBench(hand=HeldHand(START), device=place.session.devices["four-brake"])
+    answers = Told()
+    loop = BoardLoop(Ring(width=tick_log.BENCH_WIDTH), "bench", answers)
+    loop._link, answers.broken = bench.link, True
+    loop._next = lambda: ...
+    with pytest.raises(BrokenPipeError):
+        loop.work(io.BytesIO())
+    bench.pass_time(2)
+    assert bench.board.board.state == State.IDLE and bench.board.board.currents == (0, 0, 0, 0)
+
+
+def test_a_reset_that_finds_another_board_is_told_and_ends_nothing(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its sentence is for the experimenter; the loop goes on, without currents."""
+    esc = Fault("Esc", acts=lambda case: case.ring.switch_off("Esc"))
+    case = Case(place, esc, "approach", monkeypatch)
+    case.idle(lambda: bool(case.loop._sample and case.loop._sample.fault))
+    case.board.board.capability = Capability(device=b"three-brake")
+    case.answers.seek(0)
+    case.answers.truncate()
+    case.loop._do(Reset(case.ring.presses))
+    case.answers.seek(0)
+    told = case._answer()
+    assert isinstance(told, NotDone) and "three-brake" in told.why
+    assert case.ring.why_off, "the brakes stay off"
+    case.bench.link.close()
+
+
+@settings(max_examples=100)
+@given(FOUR)
+def test_no_current_leaves_the_host_that_is_not_a_number_from_zero_to_its_limit(asked: list[float]) -> None:
+    link = bench_link()
+    before = link.health.clamped
+    sent = link._clamped(asked)
+    for current, milliamperes, most in zip(asked, sent, link._limits.current_mA, strict=True):
+        assert isinstance(milliamperes, int) and 0 <= milliamperes <= most
+        assert milliamperes == (min(most, round(1000.0 * current)) if 0.0 < current < math.inf else 0)
+        struct.pack("<H", milliamperes)
+    right = all(
+        0.0 <= c < math.inf and round(1000.0 * c) <= most
+        for c, most in zip(asked, link._limits.current_mA, strict=True)
+    )
+    assert link.health.clamped - before == (not right)
+
+
+def test_what_was_put_right_is_counted_in_the_recordings_record() -> None:
+    link = bench_link()
+    before = link.report()["clamped"]
+    link.exchange((math.nan, -1.0, 5.0, math.inf))
+    assert link.report()["clamped"] == before + 1
+
+
+_LINKS: list = []
+
+
+def bench_link():
+    """One link for many examples."""
+    if not _LINKS:
+        _LINKS.append(LinkedBench(hand=HeldHand(START)))
+    return _LINKS[0].link
+
+
+def test_a_conductor_that_is_killed_leaves_zero_currents_on_the_board_and_no_process(tmp_path: Path) -> None:
+    """With real processes over a pseudo-terminal: the loop is alone, sees it, ends its trial and says good-bye."""
+    with board_session(tmp_path) as session:
+        session.open()
+        run = session.begin()
+        processes = session.window.processes()
+        kill(session.window.bench.pid, signal.SIGKILL)
+        wait_until(lambda: all(map(gone, processes)))
+        there = sorted(path.name for path in (session.folder / "trials").iterdir())
+        assert f"run-{run:03}.arrows" in there, "what was recorded is there"
+        # and at the end of a board session the board is without current, told good-bye or by its own watchdog

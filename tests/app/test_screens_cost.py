@@ -1,0 +1,273 @@
+"""What measures the screens, and what spares them work. No figure is a limit here: machines differ."""
+
+import gc
+import threading
+import time
+from argparse import ArgumentTypeError
+
+import numpy as np
+import pytest
+from fake_bench import PLAN, TIP, opened, pulse, ready, running, ticks
+from fake_ticks import ALONG, trial
+from PySide6.QtCore import QEvent, QPoint
+from PySide6.QtGui import QImage, QPaintEvent
+from PySide6.QtWidgets import QApplication
+from screens import Screens, opened_screens, settle
+
+from app.cli import main
+from app.ipc import messages as m
+from app.verbs.bench import seconds
+from app.window import windows as windows_of_app
+from app.window.painting import theme
+from app.window.painting.linkage_view import Workspace
+from app.window.painting.panel import Panel
+from app.window.painting.plane import Plane
+from app.window.windows import WarmUp
+from core import tick_log
+from core.device import load_device
+from tests.benchmarks.pointer_lag import Moves
+from tests.benchmarks.screen_bench import table
+from tests.benchmarks.screen_cost import LONG_MS, measure
+from tests.benchmarks.synthetic_bench import TRIAL_S, SyntheticBench
+
+
+@pytest.fixture
+def screens(qtbot):
+    yield from opened_screens()
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_the_cost_of_drawing_is_measured_and_leaves_nothing_behind(qtbot, both: bool) -> None:
+    theme.dress(QApplication.instance())
+    before, frozen = set(QApplication.topLevelWidgets()), gc.get_freeze_count()
+    cost = measure(0.3, 1280, 720, both)
+    assert (cost.width, cost.height) == (1280, 720) and cost.platform == "offscreen"
+    assert 0.0 < cost.p50_ms <= cost.p99_ms <= cost.max_ms and cost.frames_per_s > 0.0
+    assert 0.0 < cost.core_share_least and 0.0 < cost.core_share
+    assert cost.long_frames >= (cost.max_ms > LONG_MS)
+    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+    assert set(QApplication.topLevelWidgets()) <= before and gc.get_freeze_count() <= frozen
+
+
+def test_made_up_ticks_come_once_each_in_order_and_at_1_khz(monkeypatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr("tests.benchmarks.synthetic_bench.time.perf_counter", lambda: now[0])
+    bench = SyntheticBench()
+    assert [type(message) for message in bench.receive()] == [m.Opened, m.Snapshot, m.Snapshot]
+    found = []
+    for step in (0.016, 0.017, 0.2):
+        now[0] += step
+        found.append(bench.ticks())
+    assert len(bench.ticks()) == 0
+    t = np.concatenate(found)[:, tick_log.T]
+    assert np.allclose(t, 1e-3 * np.arange(len(t))) and 232 <= len(t) <= 233
+    now[0] += TRIAL_S
+    assert m.RUNNING in [message.stage for message in bench.receive() if isinstance(message, m.Snapshot)]
+    now[0] += 0.01
+    assert bench.ticks()[0, tick_log.T] == 0.0  # the next trial's
+
+
+def test_a_move_of_the_pointer_counts_once_the_tick_that_used_it_is_painted(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    screens.participant.show()
+    moves = Moves(screens.windows, time.monotonic)
+    moves._timer.stop()
+    moves.measuring = True
+    moves._move()
+    view = screens.participant.view
+    view.pointer_moved.emit(0.031, 0.372)
+    screens.tick(ticks(tick_log.APPROACH))  # of another place
+    QApplication.processEvents()
+    assert moves.painted_s == []
+    rows = ticks(tick_log.APPROACH)
+    rows[-1, [tick_log.TARGET_X, tick_log.TARGET_Y]] = 0.031, 0.372
+    screens.tick(rows)
+    assert moves.painted_s == []  # in the frame, but not painted yet
+    QApplication.processEvents()
+    assert len(moves.painted_s) == 1 and 0.0 < moves.aimed_s[0] <= moves.tick_s[0] <= moves.painted_s[0]
+    screens.tick(rows)
+    QApplication.processEvents()
+    assert len(moves.painted_s) == 1
+    moves._move()
+    moves._move()
+    assert moves.lost == 1
+
+
+class Painted(Plane):
+    """Remembers what it was asked to paint."""
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        self.areas.append(event.rect())
+        super().paintEvent(event)
+
+
+def test_a_handle_that_moves_is_painted_where_it_was_and_where_it_is_and_nowhere_else(qtbot) -> None:
+    from app.window.painting.layers import extent_of_paths
+
+    theme.dress(QApplication.instance())
+    plane = Painted(extent_of_paths([ALONG]))
+    plane.areas = []
+    qtbot.addWidget(plane)
+    plane.resize(800, 600)
+    plane.show()
+    plane.show_path(ALONG)
+    plane.show_handle(TIP)
+    settle(plane)
+    before = plane.grab().toImage()
+    was = plane.to_screen(TIP).toPoint()
+    plane.areas.clear()
+    plane.show_handle((TIP[0] + 0.01, TIP[1]))
+    QApplication.processEvents()
+    (area,) = plane.areas
+    now = plane.to_screen((TIP[0] + 0.01, TIP[1])).toPoint()
+    assert area.contains(was) and area.contains(now) and area.width() * area.height() < 0.1 * 800 * 600
+    after = plane.grab().toImage()
+    for corner in (QPoint(0, 0), QPoint(799, 599)):
+        assert not area.contains(corner)
+    outside = [(x, y) for x in range(0, 800, 7) for y in range(0, 600, 7) if not area.contains(QPoint(x, y))]
+    assert all(before.pixel(x, y) == after.pixel(x, y) for x, y in outside)
+    plane.show_handle(None)
+    settle(plane)
+    assert plane.moving().isEmpty()
+
+
+# ------------------------------------------------------------------------------------------------- warm-up
+
+
+def test_the_warm_up_waits_for_the_bench_and_happens_once(screens: Screens, monkeypatch, qtbot) -> None:
+    done = []
+    monkeypatch.setattr(windows_of_app, "prepare_drawing", lambda device: done.append(device.name))
+    console = screens.hear(opened(""), m.Snapshot(m.PREPARING))
+    warm = WarmUp(console)
+    warm._look()
+    assert done == [] and warm.beside is None
+    screens.hear(ready())
+    warm._look()
+    warm.close()
+    assert done == [console.opened.devices[0].name] and not warm.beside.is_alive()
+    assert threading.active_count() == 1 or all(t.name != "warm-up" for t in threading.enumerate())
+
+
+def test_on_first_use_the_warm_up_does_not_wait_for_a_bench_that_compiles(screens: Screens, monkeypatch) -> None:
+    done = []
+    monkeypatch.setattr(windows_of_app, "prepare_drawing", lambda device: done.append(device.name))
+    console = screens.hear(opened(""), m.Snapshot(m.PREPARING))
+    warm = WarmUp(console)
+    warm._since_s -= windows_of_app.FIRST_USE_S
+    warm._look()
+    warm.close()
+    assert len(done) == 1
+
+
+@pytest.mark.parametrize("runs", [False, True])
+def test_when_all_is_ready_the_desk_is_painted_once_unless_a_trial_runs(
+    screens: Screens, monkeypatch, runs: bool
+) -> None:
+    painted = []
+    monkeypatch.setattr(windows_of_app, "prepare_drawing", lambda device: None)
+    monkeypatch.setattr(windows_of_app, "paint_once", painted.append)
+    warm = WarmUp(screens.hear(opened(""), ready()))
+    warm._look()
+    warm.beside.join()
+    assert painted == []
+    if runs:
+        screens.hear(running())
+    warm._look()
+    assert painted == ([] if runs else [screens.console]) and not warm._timer.isActive()
+    warm.close()
+
+
+def test_painting_once_changes_nothing_and_leaves_no_window(screens: Screens) -> None:
+    console = screens.hear(opened(""), m.Snapshot(m.NO_SESSION, coming=PLAN[0], tip=TIP))
+    settle(console)
+    before, shown = console.grab().toImage(), set(QApplication.topLevelWidgets())
+    windows_of_app.paint_once(console)
+    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+    settle(console)
+    assert console.grab().toImage() == before and set(QApplication.topLevelWidgets()) <= shown
+
+
+def test_a_window_that_closes_early_warms_nothing_up(screens: Screens) -> None:
+    warm = WarmUp(screens.console)
+    warm.close()
+    assert warm.beside is None
+
+
+# ------------------------------------------------------------------------------------------------- the verb
+
+
+def test_the_report_has_a_line_for_every_case_and_the_pointer() -> None:
+    one = {
+        "windows": "console", "width": 1280, "height": 720, "scale": 1.0, "platform": "xcb", "seconds": 5.0,
+        "frames_per_s": 60.0, "core_share": 0.2, "core_share_least": 0.15, "p50_ms": 5.0,
+        "p99_ms": 9.0, "max_ms": 52.0, "max_cpu_ms": 8.0, "long_frames": 1,
+    }  # fmt: skip
+    pointer = {
+        "width": 1920, "height": 1080, "moves": 250, "lost": 2, "aimed_p50_ms": 0.4, "tick_p50_ms": 0.6,
+        "drawn_p50_ms": 13.0, "p50_ms": 14.0, "p95_ms": 30.0, "max_ms": 33.0, "limit_ms": 34.3, "within": 0.99,
+    }  # fmt: skip
+    machine = {"processors": 2, "load_before": 0.1}
+    large = {**one, "width": 960, "height": 540, "scale": 2.0}
+    result = {"on": "all", "machine": machine, "seconds": 10.0, "windows": [one, large], "pointer": pointer}
+    said = table(result)
+    assert "1280x720" in said and "1920x1080 200%" in said and "20.0%" in said
+    assert "p95 30.0 (1.8 frames)" in said and "99.0% of 252" in said
+    assert "not measured, no mouse" in table({**result, "pointer": {"refused": "no mouse"}})
+
+
+@pytest.mark.parametrize("text", ["0", "601", "nan", "soon"])
+def test_a_length_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(ArgumentTypeError):
+        seconds(text)
+
+
+def test_screens_are_measured_alone(capsys) -> None:
+    assert main(["bench", "--screens", "1", "--quick"]) == 2
+    assert "--screens" in capsys.readouterr().err
+
+
+# ------------------------------------------------------------------------------------------------- room
+
+
+@pytest.mark.parametrize(("width", "height"), ((1280, 720), (1600, 900), (1920, 1080)))
+def test_every_panel_has_room_for_what_it_shows(screens: Screens, width: int, height: int) -> None:
+    console = screens.hear(opened(), running(), pulse())
+    console.resize(width, height)
+    settle(console)
+    assert (console.width(), console.height()) == (width, height)
+    for panel in console.findChildren(Panel):
+        assert panel.inside.height() > 20.0 and panel.inside.width() > 200.0
+
+
+def pixels(image: QImage) -> np.ndarray:
+    """(height, width) uint32, each a pixel."""
+    return np.frombuffer(image.constBits(), np.uint32).reshape(image.height(), image.bytesPerLine() // 4).copy()
+
+
+@pytest.mark.parametrize("device", ["three-brake", "four-brake"])
+def test_the_workspace_paints_all_that_moves_and_less_than_everything(qtbot, device: str) -> None:
+    """Whatever differs between two whole pictures lies where the view asked to be painted."""
+    theme.dress(QApplication.instance())
+    mechanism = load_device(device)
+    workspace = Workspace((mechanism,), {1: ALONG})
+    qtbot.addWidget(workspace)
+    workspace.resize(1000, 800)
+    workspace.show()
+    workspace.show_trial(mechanism, ALONG, TIP)
+    for button in workspace.buttons.values():
+        button.setChecked(True)
+    rows, view = trial(mechanism), workspace.view
+    workspace.add(rows[:1600])
+    view.word()
+    settle(workspace)
+    shares = []
+    for begin in range(1600, 3200, 160):
+        before, was = view.grab().toImage(), view.moving()
+        view.add(rows[begin : begin + 16])
+        asked = was.united(view.moving())
+        outside = pixels(before) != pixels(view.grab().toImage())
+        for piece in asked:
+            outside[max(0, piece.top()) : piece.bottom() + 1, max(0, piece.left()) : piece.right() + 1] = False
+        assert not outside.any()
+        shares.append(sum(piece.width() * piece.height() for piece in asked) / (view.width() * view.height()))
+    assert max(shares) < 0.4

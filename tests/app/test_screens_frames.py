@@ -1,0 +1,203 @@
+"""When something is painted: sixty frames a second, the panels with every third, nothing for what stays as it was."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from fake_bench import PLAN, movement, opened, ready, running, ticks
+from fake_ticks import ALONG, trial
+from PySide6.QtCore import QRectF
+from PySide6.QtWidgets import QApplication
+from screens import Screens, opened_screens, settle
+
+from app.ipc import messages as m
+from app.window.console_window import PANELS_EVERY
+from app.window.painting import theme
+from app.window.painting.energy_panel import Ledger
+from app.window.painting.layers import by_bin, elbows, joints_at
+from app.window.painting.linkage_view import Workspace
+from app.window.painting.timing_strip import TimingStrip
+from app.window.painting.traces import Traces
+from app.window.preflight import Pill
+from app.window.windows import FRAME_S
+from core import tick_log
+from core.device import load_device
+
+FOUR = load_device("four-brake")
+FRAME = 16  # ticks
+
+
+@pytest.fixture
+def screens(qtbot):
+    yield from opened_screens()
+
+
+@pytest.fixture
+def clock(screens: Screens, monkeypatch):
+    """The windows' clock, which only the tests move, and the waits (ms) that they ask their timer for."""
+    now, waits = SimpleNamespace(s=100.0), []
+    monkeypatch.setattr("app.window.windows.time", SimpleNamespace(monotonic=lambda: now.s))
+    monkeypatch.setattr(screens.windows._timer, "start", waits.append)
+    screens.windows._due_s = now.s
+    return now, waits
+
+
+def test_sixty_frames_come_in_a_second_although_a_timer_knows_whole_milliseconds_only(screens: Screens, clock) -> None:
+    now, waits = clock
+    for _ in range(600):
+        screens.windows._on_time()
+        now.s += 1e-3 * waits[-1]
+    assert now.s - 100.0 == pytest.approx(10.0, abs=1e-3)
+    assert set(waits) == {16, 17}
+
+
+def test_a_frame_that_comes_late_is_not_made_up_for_and_the_next_keeps_the_beat(screens: Screens, clock) -> None:
+    now, waits = clock
+    for late_s in (0.004, 0.0167, 0.11, 1.31):
+        now.s = screens.windows._due_s + late_s
+        screens.windows._on_time()
+        assert 0 <= waits[-1] <= math.ceil(1e3 * FRAME_S)
+        beats = (screens.windows._due_s - 100.0) / FRAME_S
+        assert beats == pytest.approx(round(beats), abs=1e-6) and screens.windows._due_s > now.s
+
+
+def test_the_next_frame_is_asked_for_even_if_one_fails(screens: Screens, clock, monkeypatch) -> None:
+    now, waits = clock
+    monkeypatch.setattr(screens.windows, "frame", lambda: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        screens.windows._on_time()
+    assert len(waits) == 1
+
+
+@pytest.mark.parametrize("end", ["result", "death"])
+def test_the_panels_go_on_with_every_third_frame_and_end_with_the_last_tick(screens: Screens, end: str) -> None:
+    over = next(i for i, planned in enumerate(PLAN) if planned.segment == 1)
+    console = screens.hear(opened(), running(over))
+    rows = movement(1, "AEB", 2.0)[: FRAME * (2 * PANELS_EVERY + 2)]
+    view, seen = console.centre.workspace.view, []
+    for begin in range(0, len(rows), FRAME):
+        screens.bench.rows = rows[begin : begin + FRAME]
+        screens.windows.frame()
+        now = rows[begin + FRAME - 1]
+        assert view.tip == (now[tick_log.TIP_X], now[tick_log.TIP_Y])  # what follows the hand never waits
+        seen.append(console.traces.speed.newest)
+    assert len(set(seen[PANELS_EVERY - 1 : -1])) == 2 and seen[-1] == seen[2 * PANELS_EVERY - 1]
+    if end == "result":
+        screens.hear(ready(over + 1))
+    else:
+        screens.bench.alive = False
+        screens.windows.frame()
+    ledger = Ledger()
+    ledger.add(rows)
+    assert vars(console.energy.ledger).items() >= {"hand": ledger.hand, "brakes": ledger.brakes}.items()
+    assert console.traces.speed.newest == pytest.approx((np.hypot(*rows[-1, tick_log.TIP_VX : tick_log.TIP_VY + 1]),))
+
+
+def test_what_the_hand_looks_at_is_painted_before_the_console(screens: Screens) -> None:
+    console = screens.hear(opened(), running())
+    screens.participant.show()
+    settle(screens.participant)
+    painted: list[str] = []
+    for name, view in (("console", console.centre.workspace.view), ("participant", screens.participant.view)):
+        view.painted.connect(lambda name=name: painted.append(name))
+    screens.tick(ticks(tick_log.MOVE, TIP_X=0.02))
+    QApplication.processEvents()
+    assert painted == ["participant", "console"]
+
+
+def test_ticks_that_still_waited_are_not_shown_in_the_next_trial(screens: Screens) -> None:
+    console = screens.hear(opened(), running(0))
+    screens.bench.rows = movement(PLAN[0].segment, "AEB", 1.0)[:FRAME]
+    screens.windows.frame()
+    screens.hear(running(1))
+    console.show_panels()
+    assert console.traces.speed.newest == () and not console.energy.ledger.began
+
+
+def test_a_check_that_has_not_changed_is_not_dressed_anew(qtbot, monkeypatch) -> None:
+    theme.dress(QApplication.instance())
+    pill, dressed = Pill(), []
+    qtbot.addWidget(pill)
+    monkeypatch.setattr(pill.mark, "setStyleSheet", dressed.append)
+    good, bad = m.Check("Disk", m.GOOD, "80 GB free"), m.Check("Disk", m.BAD, "full", "Make room.")
+    for check in (good, good, bad, bad, good):
+        pill.show_check(check)
+        assert pill.text.text() == check.text and (check.advice in pill.toolTip())
+    assert len(dressed) == 3
+
+
+def test_a_panel_painted_in_part_looks_as_if_painted_whole(qtbot) -> None:
+    theme.dress(QApplication.instance())
+    traces, timing, rows = Traces(), TimingStrip(), trial(FOUR)
+    for widget in (traces, timing):
+        qtbot.addWidget(widget)
+        widget.resize(372, 500 if widget is traces else 120)
+        widget.show()
+    traces.show_trial(FOUR, ALONG)
+    settle(traces)
+    for begin in range(0, 3000, 50):
+        traces.add(rows[begin : begin + 50])
+        timing.add(rows[begin : begin + 50])
+    for panel in (traces.error, traces.currents, timing):
+        plot = panel.plot.toAlignedRect()
+        whole = panel.grab().toImage()
+        for part in (plot, plot.adjusted(3, 2, -40, -5), plot.adjusted(-9, 0, 0, 0), panel.rect()):
+            assert panel.grab(part).toImage() == whole.copy(part), (panel, part)
+        assert panel.covers(plot) and not panel.covers(plot.adjusted(-9, 0, 0, 0))
+
+
+def test_a_hidden_trace_covers_nothing(qtbot) -> None:
+    traces = Traces()
+    qtbot.addWidget(traces)
+    traces.set_blind(True)
+    assert not traces.currents.covers(traces.currents.plot.toAlignedRect())
+
+
+@pytest.mark.nojit
+def test_bins_hold_the_lowest_and_the_highest_of_their_ticks() -> None:
+    generator = np.random.default_rng(5)
+    for _ in range(20):
+        n, series, rate = int(generator.integers(1, 60)), int(generator.integers(1, 4)), generator.uniform(5.0, 400.0)
+        t = np.cumsum(generator.uniform(1e-4, 3e-2, n))
+        values = generator.normal(size=(series, n))
+        values[generator.random((series, n)) < 0.1] = np.nan
+        begin, end = sorted(generator.integers(0, n + 1, 2).tolist())
+        bins, low, high = np.empty(n), np.empty((series, n)), np.empty((series, n))
+        falls = np.empty((series, n), dtype=bool)
+        count = by_bin(t, values, begin, end, rate, bins, low, high, falls)
+        of = np.floor(t[begin:end] * rate + 1e-9)
+        assert bins[:count].tolist() == np.unique(of).tolist()
+        for k, number in enumerate(np.unique(of)):
+            own = values[:, begin:end][:, of == number]
+            np.testing.assert_array_equal(low[:, k], own.min(axis=1))
+            np.testing.assert_array_equal(high[:, k], own.max(axis=1))
+            np.testing.assert_array_equal(falls[:, k], own[:, -1] < own[:, 0])
+
+
+def test_arms_keep_their_lengths_and_end_at_the_tip_or_are_not_there() -> None:
+    for device in (load_device("three-brake"), FOUR):
+        mechanism, reached = device.mechanism, 0
+        for x, y in np.random.default_rng(1).uniform((-0.9, -0.9), (0.9, 0.9), (300, 2)).tolist():
+            at = joints_at(mechanism, (x, y))
+            reached += bool(at)
+            assert bool(at) is not math.isnan(elbows(mechanism, x, y)[0])
+            for arm, base, elbow in ((mechanism.arm_1, "A", "E"), (mechanism.arm_2, "B", "C")) if at else ():
+                assert math.dist(at[base], at[elbow]) == pytest.approx(arm.length_1)
+                assert math.dist(at[elbow], at["D"]) == pytest.approx(arm.length_2)
+        assert 0 < reached < 300
+
+
+def test_labels_stand_where_they_were_asked_to_be_painted(qtbot) -> None:
+    """Resized between two ticks, the boxes of the labels are those of the new size."""
+    theme.dress(QApplication.instance())
+    workspace = Workspace((FOUR,), {1: ALONG})
+    qtbot.addWidget(workspace)
+    workspace.show_trial(FOUR, ALONG, (0.0, 0.4))
+    for size in ((760, 620), (1200, 900)):
+        workspace.resize(*size)
+        workspace.grab()
+        view = workspace.view
+        for joint, box in view.labels.boxes.items():
+            mark = view.to_screen(view.instant.joints[joint])
+            assert QRectF(mark, mark).adjusted(-60.0, -60.0, 60.0, 60.0).intersects(box), joint

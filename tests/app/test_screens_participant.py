@@ -1,0 +1,197 @@
+"""The participant's window: plain words, no numbers, no names; true to scale; the pointer as the hand."""
+
+import re
+
+import numpy as np
+import pytest
+from fake_bench import PLAN, PRESETS, movement, opened, ready, result, running, ticks
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
+
+from app.ipc import messages as m
+from app.window.painting.plane import TRAIL_STEP_PX
+from app.window.questionnaire import ITEMS
+from core import tick_log
+
+
+@pytest.fixture
+def screens(qtbot):
+    for screens in opened_screens():
+        screens.participant.resize(1280, 720)
+        screens.participant.show()
+        yield screens
+
+
+def said(screens: Screens) -> str:
+    return " ".join(screens.participant.view.said)
+
+
+def test_one_word_at_each_phase(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    seen = []
+    for phase in (tick_log.APPROACH, tick_log.HOLD, tick_log.MOVE, tick_log.END):
+        screens.tick(ticks(phase))
+        seen.append(screens.participant.view.said.large)
+    assert seen == ["Move to the start", "Hold", "Go", "Go"]
+    screens.hear(ready(1))
+    assert screens.participant.view.said.large == "Well done"
+
+
+@pytest.mark.parametrize("phase", [tick_log.APPROACH, tick_log.HOLD, tick_log.MOVE])
+def test_with_the_mouse_it_says_how_to_take_hold_and_without_it_does_not(screens: Screens, phase: int) -> None:
+    screens.hear(opened(), running())
+    screens.tick(ticks(phase), taken=False)
+    assert "pointer" in said(screens)
+    screens.tick(ticks(phase), taken=True)
+    assert "pointer" not in said(screens)
+    screens.hear(opened(hand="sensor"), running(1))
+    screens.tick(ticks(phase), taken=False)
+    assert "pointer" not in said(screens)
+
+
+@pytest.mark.parametrize(("status", "word"), [("done", "Well done"), ("timeout", "Time is up"), ("aborted", "Stopped")])
+def test_each_end_of_a_trial_has_its_word(screens: Screens, status: str, word: str) -> None:
+    screens.hear(opened(), running())
+    screens.hear(ready(1, rows=(result(PLAN[0], status),)))
+    assert screens.participant.view.said.large == word
+
+
+def test_nothing_shown_to_the_participant_has_numbers_names_or_jargon(screens: Screens) -> None:
+    stages = [
+        *(ready(9, stage=stage, wait_s=60.0, wait_for="x") for stage in (m.RERIG, m.BREAK, m.FINISHED, m.FAILED)),
+        ready(0), ready(9), ready(9, paused=True), ready(9, brakes_off="watchdog"), m.Snapshot(m.PREPARING),
+    ]  # fmt: skip
+    names = "|".join(preset.name for preset in PRESETS.values())
+    screens.hear(opened())
+    texts = []
+    for snapshot in stages:
+        screens.hear(snapshot)
+        texts += [said(screens), *visible_texts(screens.participant)]
+    screens.hear(running(9))
+    for phase in range(4):
+        screens.tick(ticks(phase))
+        texts.append(said(screens))
+    for text in texts:
+        assert not re.search(rf"\d|brake|controller|tip|{names}", text), text
+
+
+def test_breaks_and_the_end_are_said_and_the_path_is_away(screens: Screens) -> None:
+    screens.hear(opened(), ready(0))
+    assert len(screens.participant.view.outline)
+    for stage, word in ((m.BREAK, "Take a break"), (m.RERIG, "One moment"), (m.FINISHED, "Thank you")):
+        screens.hear(ready(9, stage=stage))
+        assert screens.participant.view.said.large == word and not len(screens.participant.view.outline)
+    screens.hear(ready(9, paused=True))
+    assert screens.participant.view.said.large == "Take a break"
+
+
+def test_feedback_and_cues_are_given_only_where_the_protocol_says_so(screens: Screens) -> None:
+    plain, told = opened(), opened(feedback="time", cues=(3.0, 6.0))  # the trial took 2.4 s
+    for protocol, expected in ((plain, False), (told, True)):
+        screens.hear(protocol, running())
+        screens.hear(ready(1))
+        assert ("2.4 seconds" in said(screens)) == expected and ("slower" in said(screens)) == expected
+    slow = opened(cues=(0.5, 2.0))
+    screens.hear(slow, running())
+    screens.hear(ready(1))
+    assert "faster" in said(screens) and "2.4" not in said(screens)
+    screens.hear(opened(feedback="error"), running())
+    screens.hear(ready(1))
+    assert re.search(r"1\.1 mm", said(screens))
+
+
+def test_the_linkage_is_seen_only_where_the_protocol_says_so(screens: Screens) -> None:
+    for over, shown in enumerate((False, True)):
+        screens.hear(opened(show_linkage=shown), running(over))
+        screens.tick(ticks(tick_log.MOVE))
+        assert (screens.participant.view._device is not None) == shown
+
+
+def test_a_place_on_the_screen_is_a_place_in_the_workspace_at_any_size(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    view = screens.participant.view
+    for width, height in ((800, 600), (1920, 1080)):
+        screens.participant.resize(width, height)
+        QTest.qWait(10)
+        a, b, c = (view.to_screen(place) for place in ((0.0, 0.3), (0.1, 0.3), (0.0, 0.4)))
+        assert b.x() - a.x() == pytest.approx(a.y() - c.y()) and b.x() > a.x()
+        for end in ((-0.1, 0.4), (0.1, 0.4), (-0.08, 0.26), (0.08, 0.42)):
+            assert view.rect().contains(view.to_screen(end).toPoint())
+
+
+def test_the_pointer_is_the_hand_in_metres(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    view = screens.participant.view
+    point(view, view.to_screen((0.03, 0.35)))
+    assert screens.bench.aimed[-1] == pytest.approx((0.03, 0.35), abs=1e-6)
+    screens.hear(opened(hand="sensor"))
+    count = len(screens.bench.aimed)
+    point(view, view.to_screen((0.0, 0.3)))
+    assert len(screens.bench.aimed) == count
+
+
+def test_the_handle_and_its_way_follow_the_ticks(screens: Screens) -> None:
+    screens.hear(opened(), running(4))
+    rows = movement(PLAN[4].segment, "AEB", 2.0)
+    for i in range(0, len(rows), 16):
+        screens.tick(rows[i : i + 16])
+    view = screens.participant.view
+    assert view.tip == pytest.approx((rows[-1, tick_log.TIP_X], rows[-1, tick_log.TIP_Y]))
+    assert set(view.trail) <= {(x, y) for x, y in rows[:, (tick_log.TIP_X, tick_log.TIP_Y)].tolist()}
+    steps = np.hypot(*np.diff(np.array([*view.trail, view.tip]), axis=0).T) * view.scale
+    assert steps[:-1].min() >= TRAIL_STEP_PX > steps[-1]  # what is missing lies under the handle
+    assert TRAIL_STEP_PX < view.sizes.handle
+    screens.hear(ready(5))
+    screens.hear(running(5))
+    assert not view.trail
+
+
+def test_keys_on_the_participants_window_do_what_they_do_on_the_console(screens: Screens) -> None:
+    screens.hear(opened(), ready(3))
+    assert screens.press(Qt.Key.Key_Space, screens.participant) == [m.Start()]
+    assert screens.press(Qt.Key.Key_P, screens.participant) == [m.Pause(True)]
+
+
+def test_closing_the_participants_window_is_closing_the_app_and_asks(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    screens.participant.close()
+    assert screens.console.cards.question is not None and not screens.bench.stopped
+
+
+def test_f11_shows_and_hides_the_participants_view(screens: Screens) -> None:
+    screens.hear(opened(), ready(3))
+    screens.press(Qt.Key.Key_F11)
+    assert not screens.participant.isVisible()
+    screens.press(Qt.Key.Key_F11)
+    assert screens.participant.isVisible()
+
+
+def test_the_questions_wait_for_all_answers_and_are_empty_the_next_time(screens: Screens) -> None:
+    screens.hear(opened(), ready(10, stage=m.QUESTIONS))
+    questions = screens.participant.questions
+    assert questions.isVisible() and not questions.done.isEnabled()
+    for i, (item, *_) in enumerate(ITEMS):
+        scale = questions.scales[item]
+        QTest.mouseClick(scale, Qt.MouseButton.LeftButton, pos=scale.rect().center())
+        for _ in range(i):
+            QTest.keyClick(scale, Qt.Key.Key_Right)
+    QTest.mouseClick(questions.done, Qt.MouseButton.LeftButton)
+    (answers,) = screens.bench.sent
+    assert answers == m.Answers({item: 50.0 + 5.0 * i for i, (item, *_) in enumerate(ITEMS)})
+    screens.hear(ready(10))
+    screens.hear(ready(20, stage=m.QUESTIONS))
+    assert all(scale.value is None for scale in questions.scales.values())
+
+
+def test_questions_are_larger_where_there_is_room_and_never_cut(screens: Screens) -> None:
+    window = screens.participant
+    screens.hear(opened(), ready(10, stage=m.QUESTIONS))
+    window.show()
+    sizes = []
+    for width, height in ((960, 540), (1280, 720), (1920, 1080)):
+        window.resize(width, height)
+        settle(window)
+        assert cut_texts(window) == []
+        sizes.append(window.questions.done.font().pixelSize())
+    assert sizes == sorted(set(sizes))

@@ -1,0 +1,303 @@
+"""What the experimenter decides in a session: skip, redo, notes, practice, breaks; it survives crashes and analysis."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from protocols import PAPER, protocol_of, short
+from sessions import crash_in_trial, new_session, run, run_trials
+from synthetic_hand import SyntheticHand
+
+from app.cli import main
+from core import tick_log
+from core.errors import InputError
+from experiments.analysis.trials_table import read_table
+from experiments.recording.reader import read_recording
+from experiments.session import session as sessions
+from experiments.session.files import (
+    cell,
+    free_participant,
+    kept_sessions,
+    rows_of,
+    write_pooled_table,
+)
+from experiments.session.journal import read_events
+from experiments.session.recover import recover
+from experiments.session.session import Session
+from experiments.session.verify import verify
+from experiments.study.analyze import analyze
+
+
+class Killed(BaseException):
+    """Stands for a kill."""
+
+
+def statuses(session):
+    return [(row.run, row.status) for row in session.rows]
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """Run 1 done, 2 skipped, 3 done and redone as 21, 4 done; with its table of all participants."""
+    data = tmp_path_factory.mktemp("session") / "data"
+    session = new_session(data, protocol=short())
+    run_trials(session, 1)
+    session.skip("the participant sneezed")
+    run_trials(session, 1)
+    session.redo(3, "looked away")
+    run_trials(session, 2)
+    session.note("asked to move a little slower")
+    session.close()
+    write_pooled_table(data)
+    return data
+
+
+@pytest.fixture
+def data(kept, tmp_path):
+    """A copy to spoil."""
+    return shutil.copytree(kept, tmp_path / "data")
+
+
+def of(data):
+    return data / "sub-01" / "ses-01"
+
+
+def test_a_redone_trial_is_run_again_next_under_the_next_free_number_and_its_recording_stays(tmp_path):
+    session = new_session(tmp_path, protocol=short())
+    run_trials(session, 3)
+    second = session.folder / session.rows[1].recording
+    content = second.read_bytes()
+    row = session.redo(2, "bumped the table")
+    assert row.status == "redone" and row.path_error_m is not None
+    again = session.next_planned()
+    assert again.run == 21 and cell(again) == cell(session.plan[1])
+    assert rows_of(session.folder) == session.rows and statuses(session) == [(1, "done"), (2, "redone"), (3, "done")]
+    run_trials(session, 1)
+    assert session.next_planned() == session.plan[3] and second.read_bytes() == content
+    redone = [event for event in read_events(session.folder) if event["event"] == "redone"]
+    assert [(event["run"], event["reason"]) for event in redone] == [(2, "bumped the table")]
+    session.redo(21, "again")
+    assert session.next_planned().run == 22
+    session.close()
+    assert verify(tmp_path)["faults"] == []
+
+
+def test_a_skipped_trial_settles_its_cell_without_a_recording_and_can_be_redone(tmp_path):
+    session = new_session(tmp_path, protocol=short())
+    row = session.skip("late")
+    assert (row.run, row.status, row.recording, row.path_error_m) == (1, "skipped", "", None)
+    assert session.settled == 1 and session.next_planned() == session.plan[1]
+    session.redo(1, "time enough after all")
+    again = session.next_planned()
+    assert cell(again) == cell(session.plan[0]) and again.run == 21 and session.settled == 0
+    session.close()
+    assert verify(tmp_path)["faults"] == []
+
+
+def test_only_what_was_settled_can_be_redone(tmp_path):
+    session = new_session(tmp_path, protocol=short())
+    run_trials(session, 1)
+    session.redo(1, "once")
+    for number in (1, 2, 99):
+        with pytest.raises(InputError, match=f"run {number}: "):
+            session.redo(number, "twice")
+    assert statuses(session) == [(1, "redone")]
+    session.close()
+
+
+def test_when_all_is_settled_nothing_can_be_skipped(tmp_path):
+    session = new_session(tmp_path, protocol=short(paths=1))
+    while session.next_planned():
+        session.skip("no time")
+    assert session.settled == len(session.plan) and kept_sessions(tmp_path) == {}  # in our hands
+    with pytest.raises(InputError, match="none to skip"):
+        session.skip("more")
+    session.close()
+    assert kept_sessions(tmp_path) == {"01": False}
+    assert main(["verify", str(tmp_path)]) == 0
+
+
+def test_a_resumed_session_knows_what_was_skipped_and_redone(data):
+    before = rows_of(of(data))
+    assert kept_sessions(data) == {"01": True}
+    session = Session.resume(data, "01", sync=False)
+    assert kept_sessions(data) == {}  # a live process has it
+    assert session.rows == before
+    assert statuses(session) == [(1, "done"), (2, "skipped"), (3, "redone"), (21, "done"), (4, "done")]
+    assert session.next_planned() == session.plan[4]
+    session.close()
+
+
+def test_verify_finds_no_fault_in_it_and_analyze_gives_the_same_table(data, undrawn, tmp_path):
+    assert verify(data)["faults"] == []
+    analyze(data, tmp_path / "out")
+    again, table = read_table(tmp_path / "out" / "trials.csv"), read_table(data / "trials.csv")
+    assert [replace(row, recording="") for row in again] == [replace(row, recording="") for row in table]
+    assert [row.status for row in table] == ["done", "skipped", "redone", "done", "done"]
+
+
+def test_a_lost_table_is_made_again_from_recordings_and_journal(data):
+    right, pooled = rows_of(of(data)), (data / "trials.csv").read_bytes()
+    (of(data) / "trials.csv").unlink()
+    assert not recover(data)["faults"]
+    assert rows_of(of(data)) == sorted(right, key=lambda row: row.run)
+    assert (data / "trials.csv").read_bytes() == pooled
+
+
+@pytest.mark.parametrize("step", ["append_row", "write_table"])
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_a_crash_between_journal_and_table_is_recovered_from(data, monkeypatch, step, when):
+    session = Session.resume(data, "01", sync=False)
+    real = getattr(sessions, step)
+
+    def kill(*arguments, **options):
+        if when == "after":
+            real(*arguments, **options)
+        raise Killed
+
+    with monkeypatch.context() as patch, pytest.raises(Killed):
+        patch.setattr(sessions, step, kill)
+        session.skip("gone") if step == "append_row" else session.redo(4, "gone")
+    session.close()
+    assert [fault["file"] for fault in verify(data)["faults"]] != [] or when == "after"
+    session = Session.resume(data, "01", sync=False)
+    wanted = (5, "skipped") if step == "append_row" else (4, "redone")
+    assert wanted in statuses(session)
+    session.close()
+    recover(data)
+    assert verify(data)["faults"] == []
+
+
+def test_a_table_that_hides_a_redo_or_makes_up_a_skip_is_named(data):
+    table = of(data) / "trials.csv"
+    right = table.read_text()
+    table.write_text(right.replace(",redone,", ",done,"))
+    assert any("run 3: status is done" in fault["fault"] for fault in verify(data)["faults"])
+    table.write_text(right.replace(",done,", ",redone,", 1))
+    assert any("run 1: status is redone, its recording gives done" in f["fault"] for f in verify(data)["faults"])
+    journal = of(data) / "journal.jsonl"
+    journal.write_text("".join(line for line in journal.open() if '"skipped"' not in line))
+    table.write_text(right)
+    assert any("run 2: is skipped without a recording" in fault["fault"] for fault in verify(data)["faults"])
+
+
+def test_a_note_stands_in_the_journal_with_its_time(data):
+    noted = [event for event in read_events(of(data)) if event["event"] == "note"]
+    assert [event["text"] for event in noted] == ["asked to move a little slower"] and noted[0]["time"] > "2020"
+
+
+def practising(tmp_path, **values):
+    """A session of a hand at the mouse, with two practice trials a configuration."""
+    return Session(tmp_path, "01", short(paths=1, practice_trials="2", **values), sync=False)
+
+
+def move_to_the_end(trial, writer, most=60_000):
+    """A hand at the mouse that follows the trial to its end."""
+    tip = trial.simulation.state["tip"][0]
+    hand, rows = SyntheticHand(trial.planned.segment, (tip[0], tip[1])), np.empty((20, tick_log.WIDTH))
+    while not trial.finished and trial.ticks < most:
+        trial.aim(*hand((tip[0], tip[1]), tick_log.PHASES.index(trial.phase), 0.02))
+        writer.write(rows[: trial.run(rows)])
+
+
+def test_practice_comes_before_each_configuration_is_recorded_apart_and_counts_nowhere(tmp_path):
+    session = practising(tmp_path)
+    first = session.plan[0].configuration
+    for number in (1, 2):
+        planned = session.next_planned()
+        assert (planned.block, planned.run, planned.configuration) == (0, number, first)
+        trial, writer = session.begin(planned)
+        move_to_the_end(trial, writer)
+        assert session.finish(trial, writer).status == "done"
+    assert session.rows == [] and session.settled == 0 and not (session.folder / "trials.csv").exists()
+    assert session.next_planned() == session.plan[0]
+    extra = session.next_practice()  # whenever it is asked for
+    assert (extra.block, extra.run) == (0, 3)
+    names = sorted(path.name for path in (session.folder / "practice").iterdir())
+    assert names == ["run-001.parquet", "run-002.parquet"]
+    session.close()
+    found = verify(tmp_path)
+    assert found["faults"] == [] and found["whole"] == 2
+    assert analyze_refuses(tmp_path)
+    session = Session.resume(tmp_path, "01", sync=False)
+    assert session.next_planned() == session.plan[0]
+    while session.next_planned().configuration == first:
+        session.skip("on to the next")
+    assert session.next_planned().block == 0 and session.next_planned().configuration != first
+    session.skip("knows it")
+    session.skip("knows it")
+    assert session.next_planned() == session.plan[5] and len(session.rows) == 5
+    session.close()
+    assert verify(tmp_path)["faults"] == []
+
+
+def analyze_refuses(folder):
+    """There is nothing to analyze but practice."""
+    with pytest.raises(InputError, match="no recordings"):
+        analyze(folder, folder / "out")
+    return not (folder / "out").exists()
+
+
+def test_a_practice_trial_that_a_crash_cut_off_is_recovered_and_practised_again(tmp_path):
+    session = practising(tmp_path)
+    trial, writer = session.begin(session.next_planned())
+    run(trial, writer, 1000)
+    writer.abandon()
+    session.close()
+    assert any("practice/run-001.arrows" in fault["file"] for fault in verify(tmp_path)["faults"])
+    session = Session.resume(tmp_path, "01", sync=False)
+    assert read_recording(session.folder / "practice" / "run-001.parquet").rows == 1000
+    planned = session.next_planned()
+    assert (planned.block, planned.run) == (0, 2) and session.rows == []
+    session.close()
+    assert verify(tmp_path)["faults"] == []
+
+
+def test_an_aborted_practice_trial_is_practised_again(tmp_path):
+    session = practising(tmp_path)
+    trial, writer = session.begin(session.next_planned())
+    trial.abort("wrong chair")
+    run(trial, writer)
+    assert session.finish(trial, writer).status == "aborted"
+    assert session.next_planned().block == 0 and session.next_planned().repetition == 1
+    session.close()
+
+
+def test_a_simulated_operator_does_not_practise(tmp_path):
+    session = new_session(tmp_path, protocol=short(practice_trials="2"))
+    assert session.next_planned() == session.plan[0]
+    session.close()
+
+
+def test_a_break_is_due_after_so_many_trials_of_a_configuration_and_not_before_the_re_rig(tmp_path):
+    text = short().text + "\n[breaks]\nafter_trials = 4\nleast_s = 9.0\n"
+    session = new_session(tmp_path, protocol=protocol_of(text))
+    due = []
+    while session.next_planned():
+        session.skip("quick")
+        due.append(session.break_due)
+    session.close()
+    assert [i for i, is_due in enumerate(due, start=1) if is_due] == [4, 8, 14, 18]
+
+
+def test_a_session_is_for_one_of_the_protocols_participants(tmp_path):
+    protocol = short(participants='["anna", "berta"]')
+    with pytest.raises(InputError, match=r"participant 01: is none of the paper protocol's \(anna, berta\)"):
+        Session(tmp_path, "01", protocol)
+    assert not list(tmp_path.iterdir())
+    assert free_participant(tmp_path, protocol.participants) == "anna"
+    Session(tmp_path, "anna", protocol, sync=False).close()
+    assert free_participant(tmp_path, protocol.participants) == "berta" and free_participant(tmp_path) == "01"
+    Session(tmp_path, "berta", protocol, sync=False).close()
+    with pytest.raises(InputError, match="every participant"):
+        free_participant(tmp_path, protocol.participants)
+
+
+def test_a_session_goes_on_by_its_stored_protocol_whatever_the_file_says_today(tmp_path):
+    session = new_session(tmp_path, protocol=short(rules='"literal"'))
+    crash_in_trial(session)
+    again = Session.resume(tmp_path, "01", sync=False)
+    assert again.protocol.rules == "literal" and again.plan == session.plan and len(again.plan) == 20
+    assert again.protocol.paths == PAPER.paths
+    again.close()

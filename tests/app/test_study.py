@@ -1,0 +1,163 @@
+"""The study from outside: what it leaves, that it repeats, and what it refuses."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from protocols import PEOPLE
+
+from app.cli import main
+from core.device import SHIPPED_FOLDER
+from experiments.analysis.boxplots import boxes
+from experiments.analysis.trials_table import read_table
+from experiments.protocol import load_protocol
+from experiments.recording.reader import read_recording
+from experiments.study.study import run_study
+
+ALSO_NAMED = [
+    "t_s", "phase", "tip_x_m", "tip_y_m", "tip_vx_m_s", "tip_vy_m_s", "tip_ax_m_s2", "tip_ay_m_s2", "hand_fx_N",
+    "hand_fy_N", "current_A_A", "current_E_A", "current_B_A", "torque_A_N_m", "torque_E_N_m", "torque_B_N_m", "stuck",
+    "decision", "lateness_us", "energy_hand_J", "energy_brakes_J", "energy_kinetic_J", "energy_stops_J",
+]  # fmt: skip
+TABLE = (
+    "participant,run,block,configuration,controller,segment,repetition,status,path_error_m,path_error_time_m,"
+    "mean_tip_force_N,acceleration_dft_sum,acceleration_weighted_rms_m_s2,force_over_progress_N,duration_s,"
+    "peak_error_m,path_length_ratio,sparc,switches_per_s,unreachable_share,recording,energy_residual_J,"
+    "energy_added_max_J"
+).split(",")
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory) -> Path:
+    """One operator's study, 60 trials."""
+    out = tmp_path_factory.mktemp("studies") / "one"
+    run_study(out, 1, load_protocol(seed=4), PEOPLE)
+    return out
+
+
+def test_a_study_leaves_the_folders_names_and_columns_that_others_rely_on(study):
+    session = study / "sub-01" / "ses-01"
+    about = json.loads((session / "session.json").read_text())
+    assert len(about["plan"]) == 60 and len(about["plan_sha256"]) == 64 and about["seed"] == 4
+    stored = about["protocol"]
+    assert stored["text"] == load_protocol().text and about["assumed"] is True and stored["overrides"] == {"seed": 4}
+    assert [device["name"] for device in stored["devices"]] == ["three-brake", "four-brake"]
+    assert [json.loads(line)["event"] for line in (session / "journal.jsonl").open()][:2] == ["created", "trial begun"]
+    assert sorted(p.name for p in (session / "trials").iterdir()) == [f"run-{k:03d}.parquet" for k in range(1, 61)]
+    with (study / "trials.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == TABLE and len(rows) == 60
+    for row in rows:
+        assert (study / row["recording"]).is_file()
+    three = next(row for row in rows if row["configuration"] == "three-brake")
+    assert list(read_recording(study / three["recording"]).columns)[: len(ALSO_NAMED)] == ALSO_NAMED
+    assert {p.suffix for p in (study / "figures").iterdir()} == {".png", ".svg", ".pdf"}
+
+
+def test_every_cell_of_the_plan_is_there_and_nearly_all_trials_reach_the_end(study):
+    rows = read_table(study / "trials.csv")
+    cells = {}
+    for row in rows:
+        cells.setdefault((row.controller, row.configuration), []).append(row)
+    assert len(cells) == 10 and all(len(cell) == 6 for cell in cells.values())
+    for controller in range(1, 6):
+        done = [row.status == "done" for row in rows if row.controller == controller]
+        assert np.mean(done) >= 0.95
+    assert all(box.count == 6 for box in boxes(rows, "path_error_m", ("three-brake", "four-brake")).values())
+
+
+def test_the_same_seed_gives_the_same_table_byte_for_byte_and_another_seed_does_not(study, undrawn, tmp_path):
+    run_study(tmp_path / "again", 1, load_protocol(seed=4), PEOPLE)
+    run_study(tmp_path / "other", 1, load_protocol(seed=5), PEOPLE)
+    table = (study / "trials.csv").read_bytes()
+    assert (tmp_path / "again" / "trials.csv").read_bytes() == table
+    assert (tmp_path / "other" / "trials.csv").read_bytes() != table
+
+
+def test_analyze_rebuilds_every_number_and_figure_from_the_recordings_alone(study, tmp_path, capsys):
+    before = {p: p.read_bytes() for p in study.rglob("*") if p.is_file() and p.suffix != ".parquet"}
+    hidden = {path: path.with_suffix(".hidden") for path in (*study.rglob("trials.csv"), study / "study.json")}
+    for path, elsewhere in hidden.items():
+        path.rename(elsewhere)
+    try:
+        assert main(["analyze", str(study), "--out", str(tmp_path / "out"), "--json"]) == 0
+    finally:
+        for path, elsewhere in hidden.items():
+            elsewhere.rename(path)
+    assert json.loads(capsys.readouterr().out)["trials"] == 60
+    old, new = read_table(study / "trials.csv"), read_table(tmp_path / "out" / "trials.csv")
+    for a, b in zip(old, new, strict=True):
+        assert a.seen_from("x") != a and {**vars(a), "recording": ""} == {**vars(b), "recording": ""}
+        assert (tmp_path / "out" / b.recording).resolve() == (study / a.recording).resolve()
+    assert (tmp_path / "out" / "figures" / "boxplots.png").is_file()
+    assert {p: p.read_bytes() for p in before} == before
+    headers = [(folder / "report" / "report.md").read_text().split("## ")[0] for folder in (study, tmp_path / "out")]
+    assert headers[0] == headers[1] and "simulated operators (average population; changed after" in headers[0]
+
+
+def test_the_last_lines_of_study_and_analyze_are_the_warnings_of_the_report(study, undrawn, tmp_path, capsys):
+    assert main(["study", "--resume", "--out", str(study)]) == 0
+    assert main(["analyze", str(study), "--out", str(tmp_path / "out")]) == 0
+    report = (study / "report" / "report.md").read_text()
+    warnings = [line.strip("*") for line in report.splitlines() if line.startswith("**")]
+    assert len(warnings) == 2 and "One person is too few" in warnings[0] and "simulated" in warnings[1]
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-2:] == [f"warning: {warning}" for warning in warnings]
+    assert sum(line in lines[-2:] for line in lines) == 4
+    assert main(["study", "--resume", "--out", str(study), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["warnings"] == warnings
+
+
+def test_a_damaged_recording_is_named_and_left_out(study, tmp_path, capsys):
+    import shutil
+
+    shutil.copytree(study, tmp_path / "copy")
+    victim = tmp_path / "copy" / "sub-01" / "ses-01" / "trials" / "run-007.parquet"
+    data = bytearray(victim.read_bytes())
+    data[len(data) // 2] ^= 4
+    victim.write_bytes(data)
+    assert main(["analyze", str(tmp_path / "copy"), "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["trials"] == 59 and "run-007" in summary["left_out"][0]
+    assert {row.run for row in read_table(tmp_path / "copy" / "analysis-1" / "trials.csv")} == set(range(1, 61)) - {7}
+
+
+@pytest.mark.parametrize(
+    "arguments, said",
+    [
+        (["study", "--out", "{full}"], "not empty"),
+        (["study", "--out", "{file}/sub"], "cannot be used"),
+        (["study", "--device", "nowhere", "--out", "{new}"], "nowhere"),
+        (["study", "--operators", "0", "--out", "{new}"], "operators"),
+        (["study", "--rules", "lenient", "--out", "{new}"], "rules"),
+        (["study", "--low-gain", "7", "--out", "{new}"], "low-gain"),
+        (["study", "--seed", "-1", "--out", "{new}"], "seed"),
+        (["analyze", "{empty}"], "no recordings"),
+        (["analyze", "{new}"], "no recordings"),
+    ],
+)
+def test_wrong_input_is_one_sentence_exit_2_and_nothing_written(tmp_path, capsys, arguments, said):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("mine")
+    (tmp_path / "file").write_text("a file")
+    (tmp_path / "empty").mkdir()
+    places = {name: str(tmp_path / name) for name in ("full", "file", "empty", "new")}
+    before = sorted(tmp_path.rglob("*"))
+    assert main([argument.format(**places) for argument in arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == "" and captured.err.count("\n") == 1 and said in captured.err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_device_that_cannot_follow_the_paths_is_refused_before_anything_is_written(tmp_path, capsys):
+    small = SHIPPED_FOLDER / "four-brake.toml"
+    text = small.read_text()
+    for old, new in (("0.2794", "0.15"), ("0.3048", "0.17"), ("com_m = 0.1397", "com_m = 0.07")):
+        text = text.replace(old, new)
+    (tmp_path / "small.toml").write_text(text)
+    out = tmp_path / "out"
+    assert main(["study", "--device", str(tmp_path / "small.toml"), "--out", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert f"{tmp_path / 'small.toml'}: cannot follow path 1" in error and not out.exists()

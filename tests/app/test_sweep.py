@@ -1,0 +1,173 @@
+"""Sweeps: one table whatever ran where, resumed after a kill, refused in one sentence; no worker outlives it."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from app.cli import main
+from core.errors import InputError
+from experiments.study.sweep import COLUMNS, load_sweep, run_job, run_sweep
+
+SMALL = """
+name = "small"
+operators = 2
+repetitions = 1
+devices = ["three-brake"]
+[[controller]]
+kind = "none"
+[[controller]]
+kind = "sdof"
+gap_m = [0.0, 0.005]
+[[controller]]
+kind = "proportional"
+gain_N_s_m = [500.0]
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "sweep.toml"
+    path.write_text(SMALL)
+    return path
+
+
+def table(out: Path) -> list[dict[str, str]]:
+    with (out / "sweep.csv").open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_every_cell_stands_in_the_table_once_and_no_brake_added_energy(file, tmp_path):
+    summary = run_sweep(load_sweep(file), tmp_path / "out")
+    rows = table(tmp_path / "out")
+    assert summary["trials"] == len(rows) == 4 * 2 * 2  # controllers, people, segments
+    assert tuple(rows[0]) == COLUMNS
+    cells = [(r["kind"], r["gap_m"], r["gain_N_s_m"], r["operator"], r["segment"]) for r in rows]
+    assert len(set(cells)) == len(cells)
+    assert {(r["kind"], float(r["gap_m"]), float(r["gain_N_s_m"])) for r in rows} == {
+        ("none", 0.0, 0.0), ("sdof", 0.0, 0.0), ("sdof", 0.005, 0.0), ("proportional", 0.0, 500.0)
+    }  # fmt: skip
+    assert all(float(r["energy_added_max_J"]) == 0.0 and abs(float(r["energy_residual_J"])) < 1e-6 for r in rows)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [".lock", "sweep.csv", "sweep.json"]
+
+
+def test_a_resumed_sweep_gives_the_same_table_byte_for_byte_and_runs_only_what_is_missing(file, tmp_path):
+    sweep = load_sweep(file)
+    run_sweep(sweep, tmp_path / "whole")
+    cut = tmp_path / "cut"
+    (cut / "parts").mkdir(parents=True)
+    (cut / "sweep.json").write_bytes((tmp_path / "whole" / "sweep.json").read_bytes())
+    for job in sweep.jobs[2:5]:
+        (cut / "parts" / f"{job.number:06d}.csv").write_bytes(run_job(job)[1])
+    summary = run_sweep(sweep, cut, resume=True)
+    assert summary["already_done"] == 3
+    assert (cut / "sweep.csv").read_bytes() == (tmp_path / "whole" / "sweep.csv").read_bytes()
+    assert run_sweep(sweep, cut, resume=True)["already_done"] == len(sweep.jobs)
+
+
+def test_the_same_person_meets_every_controller_with_the_same_noise(file):
+    """Without control nothing but the device acts: another rule set must not change a single digit."""
+    jobs = [job for job in load_sweep(file).jobs if job.preset.name == "none"]
+    one = run_job(jobs[0])[1]
+    other = run_job(jobs[0].__class__(**{**jobs[0].__dict__, "rules": "literal"}))[1]
+    assert other.replace(b"literal", b"settled") == one
+    assert run_job(jobs[1])[1] != one
+
+
+def test_a_changed_file_is_not_mixed_into_a_sweep_that_was_begun(file, tmp_path):
+    out = tmp_path / "out"
+    run_sweep(load_sweep(file), out)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    file.write_text(SMALL.replace("0.005", "0.004"))
+    with pytest.raises(InputError, match="begun with another sweep"):
+        run_sweep(load_sweep(file), out, resume=True)
+    with pytest.raises(InputError, match="is not empty"):
+        run_sweep(load_sweep(file), out)
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+WRONG = {
+    "no controller": (SMALL.split("[[controller]]")[0], "controller"),
+    "unknown kind": (SMALL.replace('"none"', '"magic"'), "kind"),
+    "unknown key": ("speed = 3\n" + SMALL, "speed"),
+    "gap without control": (SMALL.replace('kind = "none"', 'kind = "none"\ngap_m = [0.1]'), "gap_m is not for 'none'"),
+    "gain missing": (SMALL.replace("gain_N_s_m = [500.0]", ""), "gain_N_s_m is required"),
+    "twice the same": (SMALL.replace("[0.0, 0.005]", "[0.005, 0.005]"), "same controller stands there twice"),
+    "unknown device": (SMALL.replace('"three-brake"', '"six-brake"'), "six-brake"),
+    "unknown population": ('populations = ["kings"]\n' + SMALL, "kings"),
+    "negative gap": (SMALL.replace("[0.0, 0.005]", "[-1.0]"), "gap_m"),
+}
+
+
+@pytest.mark.parametrize("text, says", WRONG.values(), ids=WRONG)
+def test_a_wrong_sweep_file_is_one_sentence_and_nothing_written(file, tmp_path, capsys, text, says):
+    file.write_text(text)
+    assert main(["study", "--sweep", str(file), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and says in said.err and said.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_stands_in_the_file_cannot_be_said_beside_it(file, tmp_path, capsys):
+    assert main(["study", "--sweep", str(file), "--operators", "3", "--out", str(tmp_path / "out")]) == 2
+    assert "--operators: stands in the file of a sweep" in capsys.readouterr().err
+    assert main(["study", "--cluster", "tcp://x:1", "--out", str(tmp_path / "out")]) == 2
+    assert "--cluster: is for --sweep alone" in capsys.readouterr().err
+
+
+def children(pid: int) -> set[int]:
+    """Every living process that descends from this one."""
+    parents = {}
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit():
+            try:
+                fields = (folder / "stat").read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            if fields[0] != "Z":
+                parents[int(folder.name)] = int(fields[1])
+    found, waiting = set(), {pid}
+    while waiting:
+        waiting = {child for child, parent in parents.items() if parent in waiting} - found
+        found |= waiting
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes through /proc")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_killed_sweep_leaves_no_worker_and_goes_on_with_what_was_done(file, tmp_path, number):
+    file.write_text(SMALL.replace("operators = 2", "operators = 400"))
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "app.cli", "study", "--sweep", str(file), "--out", str(out)]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    end = time.monotonic() + 200.0
+    while len(list(out.glob("parts/0*.csv"))) < 3:
+        assert process.poll() is None and time.monotonic() < end
+        time.sleep(0.05)
+    workers = children(process.pid)
+    os.kill(process.pid, number)
+    process.wait(60)
+    while any(Path(f"/proc/{pid}").exists() and "Z" not in stat_of(pid) for pid in workers):
+        assert time.monotonic() < end, "workers outlive the sweep"
+        time.sleep(0.1)
+    kept = {path.name for path in out.glob("parts/0*.csv")}
+    assert len(kept) >= 3 and not (out / "sweep.csv").exists()
+    first = load_sweep(file).jobs[0]
+    part = out / "parts" / f"{first.number:06d}.csv"
+    if part.exists():
+        assert part.read_bytes() == run_job(first)[1]
+    assert json.loads((out / "sweep.json").read_text())["name"] == "small"
+
+
+def stat_of(pid: int) -> str:
+    """The state letter of a process; "Z" when it is gone."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return "Z"

@@ -1,0 +1,344 @@
+"""The console, offscreen, on a fake bench: what it shows of what it is told, what it sends of what is done to it."""
+
+import gc
+import sys
+
+import numpy as np
+import pytest
+from fake_bench import DEVICES, GREEN, PLAN, PRESETS, RED, movement, opened, pulse, ready, result, running, ticks
+from PySide6.QtCore import QPointF, Qt
+from PySide6.QtTest import QTest
+from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
+
+from app.ipc import messages as m
+from app.window import words
+from app.window.cards import REDO_REASONS
+from app.window.console_window import SMALLEST
+from app.window.plan_grid import MARKS
+from core import tick_log
+
+KEY, ALT = Qt.Key, Qt.KeyboardModifier.AltModifier
+RERIG = "Take the three-brake linkage off and mount the four-brake one; turn each joint once by hand."
+
+
+@pytest.fixture
+def screens(qtbot):
+    yield from opened_screens()
+
+
+# ------------------------------------------------------------------------------------------------- pre-flight, start
+
+
+@pytest.mark.parametrize("state", [m.BAD, m.WAITING])
+def test_no_trial_starts_while_a_check_is_red_or_waiting_and_the_reason_is_readable(screens: Screens, state) -> None:
+    check = m.Check("Disk", state, "12 MB free", "Free some space.")
+    console = screens.hear(opened(), ready(checks=(*GREEN[:3], check, GREEN[4])))
+    assert screens.press(KEY.Key_Space) == [] and not console.panel.start.isEnabled()
+    assert any("12 MB free" in text for text in visible_texts(console))
+    assert console.preflight.advice.isVisible() == (state == m.BAD)
+    if state == m.BAD:
+        assert "Disk: 12 MB free. Free some space." in console.preflight.advice.text()
+    screens.hear(ready())
+    assert screens.press(KEY.Key_Space) == [m.Start()]
+
+
+def test_a_caution_is_shown_and_does_not_block(screens: Screens) -> None:
+    late = m.Check("Loop", m.CAUTION, "1 kHz, p99 1,067 µs", "Close other programs.")
+    console = screens.hear(opened(), ready(checks=(*GREEN[:2], late, *GREEN[3:])))
+    assert "Close other programs." in console.preflight.pills[2].toolTip()
+    assert screens.press(KEY.Key_Space) == [m.Start()]
+
+
+def test_a_red_check_differs_from_a_green_one_by_more_than_its_colour(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(checks=RED))
+    marks = [pill.mark.text() for pill in console.preflight.pills]
+    assert len({marks[0], marks[1], marks[2], marks[4]}) == 4
+
+
+@pytest.mark.parametrize("where", ["console", "participant"])
+def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_shown(screens: Screens, where) -> None:
+    screens.hear(opened(), running())
+    window = getattr(screens, where)
+    window.show()
+    screens.press(KEY.Key_Escape, window)
+    (cause,) = screens.bench.off_causes
+    assert "Esc" in cause and where in cause
+    console = screens.hear(ready(1, brakes_off=cause))
+    assert cause in console.preflight.advice.text() and not console.panel.start.isEnabled()
+    assert screens.press(KEY.Key_Space) == [] and screens.press(KEY.Key_B) == [m.AllowBrakes()]
+
+
+def test_escape_while_a_reason_is_asked_for_during_a_trial_is_still_brakes_off(screens: Screens) -> None:
+    console = screens.hear(opened(), running())
+    screens.press(KEY.Key_A)
+    screens.press(KEY.Key_Escape, console.cards.question.own)
+    assert len(screens.bench.off_causes) == 1 and console.cards.question is None
+
+
+# ------------------------------------------------------------------------------------------------- redo, skip, abort ..
+
+
+def test_redo_names_the_last_run_and_its_reason(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(5))
+    assert screens.press(KEY.Key_R) == [] and "run 5" in console.cards.question.title.text()
+    assert screens.press(KEY.Key_2, console.cards.question.own, ALT) == [m.Redo(5, REDO_REASONS[1])]
+    assert console.cards.question is None
+
+
+def test_a_run_that_was_redone_is_not_redone_again(screens: Screens) -> None:
+    rows = (result(PLAN[0]), result(PLAN[1], "redone"))
+    screens.hear(opened(), ready(rows=rows, coming=PLAN[1]))
+    screens.press(KEY.Key_R)
+    assert screens.press(KEY.Key_1, screens.console.cards.question.own, ALT)[0].run == 1
+
+
+def test_skip_takes_a_reason_in_ones_own_words_and_never_none(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(5))
+    screens.press(KEY.Key_S)
+    question = console.cards.question
+    assert screens.press(KEY.Key_Return, question.own) == [] and not question.confirm.isEnabled()
+    QTest.keyClicks(question.own, "a spare part is missing")  # letters that are commands elsewhere
+    assert screens.press(KEY.Key_Return, question.own) == [m.Skip("a spare part is missing")]
+
+
+def test_an_abort_question_goes_when_its_trial_has_ended(screens: Screens) -> None:
+    console = screens.hear(opened(), running())
+    screens.press(KEY.Key_A)
+    assert console.cards.question is not None
+    screens.hear(ready(1))
+    assert console.cards.question is None and screens.press(KEY.Key_A) == []
+
+
+def test_abort_sends_the_reason_while_the_trial_runs(screens: Screens) -> None:
+    console = screens.hear(opened(), running())
+    QTest.mouseClick(console.panel.abort, Qt.MouseButton.LeftButton)
+    sent = screens.press(KEY.Key_1, console.cards.question.own, ALT)
+    assert len(sent) == 1 and isinstance(sent[0], m.Abort) and sent[0].reason
+
+
+def test_pause_is_asked_for_and_taken_back(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    assert screens.press(KEY.Key_P) == [m.Pause(True)]
+    console = screens.hear(ready(1, paused=True))
+    assert screens.press(KEY.Key_Space) == [] and not console.panel.start.isEnabled()
+    assert screens.press(KEY.Key_P) == [m.Pause(False)]
+
+
+def test_a_note_is_typed_without_setting_anything_off(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(3))
+    screens.press(KEY.Key_N)
+    QTest.keyClicks(console.panel.note, "prs nab t")
+    assert screens.bench.sent == []
+    assert screens.press(KEY.Key_Return, console.panel.note) == [m.Note("prs nab t")]
+    screens.hear(ready(3, notes=("13:02 prs nab t",)))
+    assert "13:02 prs nab t" in console.panel.notes.toPlainText()
+
+
+# ------------------------------------------------------------------------------------------------- what is shown
+
+
+def test_the_grid_marks_each_status_and_the_running_trial(screens: Screens) -> None:
+    rows = tuple(map(result, PLAN[:5], ("done", "timeout", "aborted", "redone", "recovered")))
+    console = screens.hear(opened(), running(5, rows=rows))
+    grid = console.panel.grid
+    assert [grid.statuses[run] for run in range(1, 6)] == ["done", "timeout", "aborted", "redone", "recovered"]
+    assert grid.marked == 6 and grid.running
+    assert "2 done, 1 missing" in console.panel.done.text()  # a redone and a recovered one come again
+    assert len(set(MARKS.values())) == len(MARKS)
+
+
+def test_a_repeated_trial_fills_the_cell_of_the_first(screens: Screens) -> None:
+    again = PLAN[3]._replace(run=61)
+    rows = (*map(result, PLAN[:3]), result(PLAN[3], "redone"), result(again, "done"))
+    console = screens.hear(opened(), ready(rows=rows, coming=PLAN[4]))
+    assert console.panel.grid.statuses[4] == "done" and len(console.panel.grid.statuses) == 4
+
+
+def test_a_window_that_comes_later_shows_the_same(screens: Screens) -> None:
+    screens.hear(opened(), ready(0))
+    screens.hear(running(0))
+    now = (opened(), running(12, notes=("13:02 slower",)), pulse())
+    first = visible_texts(screens.hear(*now))
+    later = Screens()
+    assert visible_texts(later.hear(*now)) == first
+    later.close()
+
+
+def test_proof_of_recording_is_readable(screens: Screens) -> None:
+    console = screens.hear(opened(), running(22), pulse("run-023.arrows"))
+    said = console.proof.recording.text()
+    assert all(part in said for part in ("run-023.arrows", "18\u202f412 rows", "4.2 MB", "0.1 s ago", "22 earlier"))
+    assert "seed 1" in console.proof.origin.text() and opened().plan_sha256[:4] in console.proof.origin.text()
+
+
+def test_ticks_reach_workspace_traces_and_ledger(screens: Screens) -> None:
+    over = next(i for i, trial in enumerate(PLAN) if trial.segment == 1)
+    console = screens.hear(opened(), running(over))
+    screens.tick(ticks(tick_log.MOVE, TIP_X=0.03, TIP_Y=0.397, HAND_FX=3.0, HAND_FY=-4.0, ENERGY_BRAKES=0.5))
+    assert console.traces.error.newest == pytest.approx((3.0,))  # mm below the line y = 0.40 m
+    assert console.traces.force.newest == pytest.approx((5.0,))
+    assert console.centre.workspace.view.tip == (0.03, 0.397)
+    assert console.centre.large.text() == "Go"
+
+
+def test_the_pointer_over_the_workspace_is_sent_in_metres(screens: Screens) -> None:
+    console = screens.hear(opened(), running())
+    view = console.centre.workspace.view
+    point(view, view.to_screen((0.05, 0.3)))
+    assert screens.bench.aimed[-1] == pytest.approx((0.05, 0.3), abs=1e-6)
+
+
+def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
+    seen = []
+    names = {preset.name for preset in PRESETS.values()}
+    for over, trial in enumerate(PLAN[:10]):
+        console = screens.hear(opened(), running(over, blind=True))
+        screens.tick(movement(trial.segment, "AEB", 0.4))
+        texts = visible_texts(console)
+        told = [text for text in texts if not text.startswith("SDOF directions")]  # the name of a layer
+        assert not any(name in text for name in names for text in told)
+        assert console.traces.currents.hidden and not console.energy.isVisible()
+        seen.append([text for text in texts if "path" in text and f"{trial.segment}" in text])
+        screens.press(KEY.Key_R)
+    assert all(seen)
+    screens.hear(running(9))
+    assert any(PRESETS[PLAN[9].controller].name in text for text in visible_texts(screens.console))
+
+
+# ------------------------------------------------------------------------------------------------- waiting
+
+
+def test_a_re_rig_says_what_to_do_and_waits_for_its_confirmation(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(30, stage=m.RERIG, wait_for=RERIG))
+    texts = visible_texts(console)
+    assert RERIG in texts and "Change to four-brake" in texts and not console.panel.start.isEnabled()
+    assert screens.press(KEY.Key_Return, console.cards.notice.buttons[0]) == [m.Confirm()]
+    screens.hear(ready(30))
+    assert console.cards.notice is None
+
+
+def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    console = screens.hear(opened(), ready(12, stage=m.BREAK, wait_s=60.0, wait_for="The participant rests."))
+    assert "1:00" in console.cards.notice.title.text() and screens.press(KEY.Key_Space) == []
+    now[0] += 30.0
+    screens.hear()
+    assert "0:30" in console.cards.notice.title.text()
+    now[0] += 30.1
+    screens.hear()
+    assert screens.press(KEY.Key_Space) == [m.Confirm()]
+
+
+def test_the_end_of_the_plan_is_said_and_nothing_more_starts(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(60, stage=m.FINISHED))
+    assert "The plan is done" in visible_texts(console) and not console.panel.start.isEnabled()
+
+
+def test_a_blind_session_is_opened_by_somebody_with_a_name(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(60, stage=m.FINISHED, blind=True))
+    QTest.mouseClick(console.cards.notice.buttons[1], Qt.MouseButton.LeftButton)
+    question = console.cards.question
+    assert screens.press(KEY.Key_Return, question.own) == []
+    QTest.keyClicks(question.own, "R. Book")
+    assert screens.press(KEY.Key_Return, question.own) == [m.Unblind("R. Book")]
+
+
+# ------------------------------------------------------------------------------------------------- the end
+
+
+@pytest.mark.parametrize("death", ["silent", "said"])
+def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Screens, death: str) -> None:
+    console = screens.hear(opened(), running(3))
+    if death == "silent":
+        screens.bench.alive = False
+        screens.hear()
+        assert console.banner.text() == words.BENCH_DIED
+    else:
+        screens.hear(ready(3, stage=m.FAILED, said="The disk is full.", said_bad=True))
+        assert console.banner.text() == "The disk is full."
+    assert console.banner.isVisible()
+    screens.press(KEY.Key_Escape)
+    assert len(screens.bench.off_causes) == 1  # zero current can be asked for even then
+    assert all(screens.press(key) == [] for key in (KEY.Key_Space, KEY.Key_R, KEY.Key_S, KEY.Key_P, KEY.Key_A))
+
+
+def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
+    console = screens.hear(opened(), running())
+    assert not console.close() and console.isVisible() and not screens.bench.stopped
+    go_on, close = console.cards.question.buttons
+    go_on.click()
+    assert console.isVisible() and console.cards.question is None
+    console.close()
+    console.cards.question.buttons[1].click()
+    assert not console.isVisible() and screens.bench.stopped == "the window was closed"
+
+
+def test_closing_between_trials_just_closes(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(3))
+    assert console.close() and screens.bench.stopped
+
+
+# ------------------------------------------------------------------------------------------------- drawing
+
+
+STATES = {
+    "preparing": (m.Snapshot(m.PREPARING),),
+    "start": (opened(""), m.Snapshot(m.NO_SESSION, checks=GREEN)),
+    "resume": (opened(""), m.Snapshot(m.NO_SESSION, checks=RED, resumable=("01", "02"), said="no", said_bad=True)),
+    "red": (opened(), ready(12, checks=RED)),
+    "running": (opened(), running(37, notes=("13:02 slower", "13:05 a longer note about what happened")), pulse()),
+    "said": (opened(), ready(9, said="Run 9: the participant was distracted by a long sentence that goes on.")),
+    "paused": (opened(), ready(9, paused=True)),
+    "brakes off": (opened(), ready(9, brakes_off="the watchdog of the board")),
+    "re-rig": (opened(), ready(30, stage=m.RERIG, wait_for=RERIG)),
+    "break": (opened(), ready(12, stage=m.BREAK, wait_s=60.0, wait_for="The participant rests.")),
+    "questions": (opened(), ready(10, stage=m.QUESTIONS)),
+    "finished": (opened(), ready(60, stage=m.FINISHED, blind=True)),
+    "failed": (opened(), ready(9, stage=m.FAILED, said="The disk is full: /a/long/path/to/data takes no more.")),
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_no_text_is_cut_at_any_size(screens: Screens, state: str) -> None:
+    console = screens.hear(*STATES[state])
+    for width, height in (SMALLEST, (1280, 720), (1600, 900), (1920, 1080)):
+        console.resize(width, height)
+        settle(console)
+        assert (console.width(), console.height()) == (width, height)  # nothing asks for more room
+        assert cut_texts(console) == []
+
+
+def test_no_text_of_a_question_is_cut(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(22))
+    for key in (KEY.Key_R, KEY.Key_S):
+        screens.press(key)
+        settle(console)
+        assert console.cards.question is not None and cut_texts(console) == []
+
+
+def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:
+    """With some versions of Qt's binding a live plot loses references to None until the process dies."""
+    console = screens.hear(opened(), running())
+    rows = movement(PLAN[0].segment, "AEB", 1.4)
+
+    def frames(some: np.ndarray) -> None:
+        for part in np.array_split(some, len(some) // 16):
+            screens.tick(part)
+            console.grab()
+
+    frames(rows[:160])
+    gc.collect()
+    before = sys.getrefcount(None)
+    frames(rows[160:1120])
+    gc.collect()
+    assert abs(sys.getrefcount(None) - before) < 60  # less than one a frame
+
+
+def test_places_on_the_workspace_are_true_to_scale(screens: Screens) -> None:
+    view = screens.hear(opened(), running()).centre.workspace.view
+    for place in ((-0.1, 0.4), (0.08, 0.42), (0.0, 0.0)):
+        assert view.to_plane(view.to_screen(place)) == pytest.approx(place, abs=1e-9)
+    a, b, c = (view.to_screen(place) for place in ((0.0, 0.3), (0.1, 0.3), (0.0, 0.4)))
+    assert b.x() - a.x() == pytest.approx(a.y() - c.y())  # y away from the person
+    assert isinstance(a, QPointF) and len(DEVICES) == 2

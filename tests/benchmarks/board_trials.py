@@ -1,0 +1,218 @@
+"""Trials on the simulated device and, tick for tick alike, behind the board's protocol in simulated time.
+
+The chain is the real one: device, sensors, board, frames, link, filter, `LinkedTrial`. What a real board cannot do
+without (encoder steps, a velocity from positions, a tick on the wire, noise) is switched on one by one, so that a
+difference can be told apart by its cause. No wall clock: a trial takes as long as the machine needs.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from msgspec.structs import asdict
+
+from app.emulated_operator import EmulatedOperator
+from core import tick_log
+from core.control.controllers import DECISIONS, Preset
+from core.device import Device
+from core.device_file import Encoders, Sensing
+from core.path_file import build_path
+from experiments.analysis.metrics import Metrics, trial_metrics
+from experiments.plan import PlannedTrial
+from experiments.protocol import Protocol
+from experiments.recording.schema import Recording, column_words, recording_columns
+from experiments.trial.linked_trial import LinkedTrial
+from experiments.trial.person import Person
+from experiments.trial.trial import Trial, new_simulation
+from hardware.emulated_board.board import TICK_US, Board
+from hardware.emulated_board.device import EmulatedDevice
+from hardware.emulated_board.sensors import capability_of, sensing_of
+from hardware.sensing.tip_motion import WINDOW, MotionFilter, Vector
+from hardware.serial_device import SerialLink
+
+LONGEST_TICKS = 120_000
+FINE = 1000  # encoders without steps have so many times the counts
+
+
+class Effects(NamedTuple):
+    """What separates a board from the simulated device."""
+
+    counts: float = FINE  # per revolution, times the device file's; 1: its own steps
+    window: int = 0  # ms of positions that make the velocity; 0: the simulated device's own
+    late: bool = False  # currents act a tick after the one that decided them
+    noise: bool = False  # of force sensor and amplifiers
+
+    def title(self) -> str:
+        """In words."""
+        parts = [
+            "" if self.counts >= FINE else "steps",
+            f"filter of {self.window} ms" if self.window else "",
+            *("delay" * self.late, "noise" * self.noise),
+        ]
+        return " + ".join(filter(None, parts)) or "the wire alone"
+
+
+ALL = Effects(1, WINDOW, True, True)
+#: ms, of a filter that is much quicker than the product's: more noise, less lag
+SHORT = 3
+#: one by one, and those that work upon each other together
+CASES = (
+    Effects(), Effects(late=True), Effects(noise=True), Effects(1), Effects(window=WINDOW), Effects(1, WINDOW),
+    Effects(window=SHORT), Effects(1, SHORT), ALL,
+)  # fmt: skip
+
+
+class TrueMotion:
+    """In place of the filter: the device's own velocity and acceleration."""
+
+    def __init__(self, device: EmulatedDevice) -> None:
+        self._device = device
+
+    def add(self, t_s: float, x: float, y: float) -> tuple[Vector, Vector]:
+        """As `MotionFilter.add`."""
+        motion, acceleration = self._device.motion, self._device.acceleration
+        return (float(motion[2]), float(motion[3])), (float(acceleration[0]), float(acceleration[1]))
+
+
+class QuickMotion:
+    """The product's filter with a shorter window for the velocity; the acceleration stays the 15 ms one."""
+
+    def __init__(self, window: int) -> None:
+        self._velocity, self._acceleration = MotionFilter(window), MotionFilter()
+
+    def add(self, t_s: float, x: float, y: float) -> tuple[Vector, Vector]:
+        """As `MotionFilter.add`."""
+        return self._velocity.add(t_s, x, y)[0], self._acceleration.add(t_s, x, y)[1]
+
+
+class BoardInStep:
+    """The board's end and the wire: each read is one tick of the board."""
+
+    name = "bench"
+
+    def __init__(self, device: Device, operator: EmulatedOperator, tip: tuple[float, float], how: Effects) -> None:
+        self.hand, self._operator = operator.hand, operator
+        self.board = Board(capability_of(device, "SIMULATED"))
+        self.device = EmulatedDevice(device, self.board.capability, self, tip, seed=1)
+        if not how.noise:
+            self.device.sensors.noise[:] = 0.0
+        self._late = how.late
+        self._sent = b""
+        self.ticks = self.not_taken = 0
+        self.moves = False  # before the trial, operator and device stand
+        self.read()  # kernels are compiled, or loaded, before a host waits for an answer
+
+    def begin(self) -> None:
+        """The trial begins, with the same noise however long it took to connect."""
+        self.device.sensors.draw_anew(1)
+        self.moves = True
+
+    def now(self) -> float:
+        """The time here, s."""
+        return TICK_US * 1e-6 * self.ticks
+
+    def read(self) -> bytes:
+        """A tick; what the board then says."""
+        self.ticks += 1
+        now_us, sent, self._sent = self.ticks * TICK_US, self._sent, b""
+        out = self.board.receive(sent, now_us)
+        if self.moves and not self._late:
+            self.device.advance(self.board.currents)
+        out += self.board.tick(self.device.sense(self.board.currents, ()), now_us)
+        if self.moves and self._late:
+            self.device.advance(self.board.currents)
+        return out
+
+    def write(self, data: bytes) -> None:
+        """What the board hears at its next tick."""
+        self._sent += data
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+    def tick(self, x: float, y: float) -> None:
+        """The hand, which waits for the trial."""
+        if self.moves:
+            self._operator.tick(x, y)
+
+    def obey(self, order: dict) -> None:
+        """Nobody gives orders here."""
+
+
+class Setting(NamedTuple):
+    """One trial of a plan with one person."""
+
+    protocol: Protocol
+    device: Device
+    planned: PlannedTrial
+    person: Person
+    seed: tuple[int, ...]  # of the trial's noise
+
+    def generator(self) -> np.random.Generator:
+        """The same noise each time."""
+        return np.random.default_rng(self.seed)
+
+    @property
+    def start(self) -> tuple[float, float]:
+        """Where the handle is at first, m: at the start of the path, with a device that was never moved."""
+        path = build_path(self.protocol.paths[self.planned.segment], "path")
+        return path.x0, path.y0
+
+    @property
+    def preset(self) -> Preset:
+        """Its controller."""
+        return self.protocol.controllers[int(self.planned.controller)]
+
+
+def on_the_simulated_device(setting: Setting) -> tuple[str, Metrics]:
+    """How the trial ends there, and its measures."""
+    protocol, planned = setting.protocol, setting.planned
+    trial = Trial(
+        new_simulation(setting.device, setting.start), planned, protocol.paths[planned.segment],
+        setting.preset, protocol.rules, protocol.trial, setting.person, setting.generator(),
+    )  # fmt: skip
+    rows = np.empty((LONGEST_TICKS, tick_log.WIDTH))
+    return measured(trial, rows[: trial.run(rows)])
+
+
+def on_the_board(setting: Setting, how: Effects) -> tuple[str, Metrics]:
+    """The same over the board."""
+    protocol, planned = setting.protocol, setting.planned
+    device = with_counts(setting.device, how.counts)
+    path_file = protocol.paths[planned.segment]
+    trial = LinkedTrial(device, planned, path_file, setting.preset, protocol.rules, protocol.trial)
+    operator = EmulatedOperator(setting.person, trial.path, setting.start, setting.generator())
+    bench = BoardInStep(device, operator, setting.start, how)
+    link = SerialLink(device, bench.name, clock=bench.now, open_port=lambda name: bench)
+    link.open()
+    link.home(setting.start)
+    assert link.sensing is not None
+    if how.window != WINDOW:
+        link.sensing.motion = QuickMotion(how.window) if how.window else TrueMotion(bench.device)
+    trial.link, trial.clock = link, bench.now
+    bench.begin()
+    rows: list[np.ndarray] = []
+    while not trial.finished and bench.ticks < LONGEST_TICKS:
+        operator.tell(tick_log.PHASES.index(trial.phase))
+        rows += trial.exchange()
+    link.close()
+    return measured(trial, np.array(rows))
+
+
+def with_counts(device: Device, times: float) -> Device:
+    """The device with so many times the encoder counts."""
+    encoders, force = sensing_of(device)
+    counts = {joint: n and round(times * n) for joint, n in asdict(encoders).items()}
+    return replace(device, sensing=Sensing(encoders=Encoders(**counts), force=force))
+
+
+def measured(trial: Trial | LinkedTrial, rows: np.ndarray) -> tuple[str, Metrics]:
+    """How a trial has ended, and the measures of its rows as a recording of them has."""
+    words = column_words(DECISIONS)
+    columns = {
+        name: rows[:, at].astype(int) if name in words else np.ascontiguousarray(rows[:, at])
+        for name, at in recording_columns(trial.device.braked)
+    }
+    recording = Recording(Path("simulated"), braked=trial.device.braked, columns=columns, words=words)
+    return trial.outcome()["status"], trial_metrics(recording, trial.path)

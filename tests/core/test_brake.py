@@ -1,0 +1,191 @@
+"""The MR brake: Eqs. (1), (2), (4), the inverse of (2), and the backlash."""
+
+import math
+
+import numpy as np
+import pytest
+from devices import BENCH_FOUR, BENCH_THREE, THREE
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.brake import RPM_PER_RAD_S, begin_lag, current_for_torque, lagged_yield, time_constant, torque_gain
+from core.simulator.hand import new_hand, spring_hand
+from core.simulator.simulation import Simulation
+from core.simulator.state import new_state, pack_brakes
+from core.simulator.stick_slip_mode import set_costs
+
+BRAKES = pack_brakes(THREE.device.brakes, backlash=True)[0]
+RPM = 1.0 / RPM_PER_RAD_S
+START = (0.05, 0.40)
+PLAY = math.radians(0.75)
+
+
+def lag_for(current, start, rate, acceleration, step, brakes=BRAKES):
+    lag = np.zeros((4, 5))
+    begin_lag(brakes, 0, current, start, rate, acceleration, step, lag)
+    return lag
+
+
+@pytest.mark.nojit
+def test_gain_is_the_off_torque_at_no_current_and_passes_the_assumed_points():
+    """Eq. (2): K = 0.35, 1.0, 3.4, 5.3 N m at 0, 0.2, 0.6, 1 A, continuous at the knee, rising throughout."""
+    for current, torque in ((0.0, 0.35), (0.2, 1.0), (0.6, 3.4), (1.0, 5.3)):
+        assert torque_gain(BRAKES, 0, current) == pytest.approx(torque, rel=1e-12)
+    below, above = torque_gain(BRAKES, 0, 0.2 - 1e-12), torque_gain(BRAKES, 0, 0.2)
+    assert below == pytest.approx(above, abs=1e-9)
+    gains = [torque_gain(BRAKES, 0, i) for i in np.linspace(0, 1, 1001)]
+    assert np.all(np.diff(gains) > 0.0)
+
+
+@pytest.mark.nojit
+def test_inverse_of_the_gain_gives_back_every_current():
+    for current in np.linspace(0, 1, 501):
+        assert current_for_torque(BRAKES, 0, torque_gain(BRAKES, 0, current)) == pytest.approx(current, abs=1e-12)
+
+
+@pytest.mark.nojit
+def test_inverse_of_the_gain_is_clipped_and_monotone():
+    """Zero below k_2, the largest current above K(current_max), and nothing for a joint without a brake."""
+    torques = np.linspace(-1, 8, 2001)
+    currents = np.array([current_for_torque(BRAKES, 0, t) for t in torques])
+    assert np.all(np.diff(currents) >= 0.0)
+    assert np.all(currents[torques <= 0.35] == 0.0) and np.all(currents[torques >= 5.3] == 1.0)
+    assert current_for_torque(BRAKES, 3, 2.0) == 0.0
+
+
+@pytest.mark.nojit
+def test_time_constant_has_its_form_below_omega_0_and_is_constant_above():
+    """Eq. (4), assumed: 0.030 + 0.004 (w - 3)^2 (1 + I) rising, 0.020 + 0.002 (w - 3)^2 (1 + I) falling."""
+    for rpm in (0.125, 0.5, 1.0, 4.0, 7.99):
+        for current in (0.0, 0.3, 1.0):
+            bow = (math.log2(rpm) - 3) ** 2 * (1 + current)
+            for rate in (rpm * RPM, -rpm * RPM):
+                rising, falling = (time_constant(BRAKES, 0, current, rate, up) for up in (True, False))
+                assert rising == pytest.approx(0.030 + 0.004 * bow, rel=1e-9)
+                assert falling == pytest.approx(0.020 + 0.002 * bow, rel=1e-9)
+    for rpm in (8.0, 8.001, 64.0, 1e4):
+        assert time_constant(BRAKES, 0, 1.0, rpm * RPM * (1 + 1e-12), True) == 0.030
+        assert time_constant(BRAKES, 0, 1.0, rpm * RPM * (1 + 1e-12), False) == 0.020
+
+
+@pytest.mark.nojit
+def test_time_constant_at_rest_is_that_at_the_floor():
+    """omega = 0: finite, held at its value at 0.125 rpm, and the same just below the floor."""
+    for rising, least in ((True, 0.318), (False, 0.164)):
+        at_rest = time_constant(BRAKES, 0, 1.0, 0.0, rising)
+        assert at_rest == time_constant(BRAKES, 0, 1.0, 0.1249 * RPM, rising)
+        assert at_rest == pytest.approx(least, rel=1e-9)
+
+
+@pytest.mark.nojit
+@settings(max_examples=60, deadline=None)
+@given(
+    current=st.floats(0, 1), start=st.floats(0.0, 5.3), rate=st.floats(-8, 8),
+    time=st.floats(1e-4, 0.5), pieces=st.integers(2, 20),
+)  # fmt: skip
+def test_lag_does_not_depend_on_the_step_at_constant_current_and_speed(current, start, rate, time, pieces):
+    """Eq. (1): y = K + (y_0 - K) exp(-t / a), in one step or in many."""
+    once = lagged_yield(lag_for(current, start, rate, 0.0, time), 0, time)
+    y = start
+    for _ in range(pieces):
+        y = lagged_yield(lag_for(current, y, rate, 0.0, time / pieces), 0, time / pieces)
+    gain = torque_gain(BRAKES, 0, current)
+    a = time_constant(BRAKES, 0, current, rate, gain > start)
+    exact = gain + (start - gain) * math.exp(-time / a)
+    assert once == pytest.approx(exact, rel=1e-12, abs=1e-12)
+    assert y == pytest.approx(exact, rel=1e-10, abs=1e-10)
+    assert min(start, gain) - 1e-12 <= once <= max(start, gain) + 1e-12
+
+
+@pytest.mark.nojit
+def test_without_a_time_constant_output_equals_input():
+    brakes = pack_brakes(THREE.device.brakes, backlash=False)
+    brakes["rise"][0] = brakes["fall"][0] = 0.0
+    for start, current in ((0.35, 1.0), (5.3, 0.0), (1.0, 0.6)):
+        for rate in (0.0, 2.0):
+            lag = lag_for(current, start, rate, 0.0, 1e-3, brakes[0])
+            assert lagged_yield(lag, 0, 1e-3) == torque_gain(BRAKES, 0, current)
+            assert lagged_yield(lag, 0, 0.0) == start
+
+
+@pytest.mark.nojit
+def test_torque_rises_more_slowly_than_it_falls_and_most_slowly_at_rest():
+
+    def share(current: float, y: float, rpm: float) -> float:
+        """Share of the way to the new torque after 20 ms."""
+        after = lagged_yield(lag_for(current, y, rpm * RPM, 0.0, 0.02), 0, 0.02)
+        return (after - y) / (torque_gain(BRAKES, 0, current) - y)
+
+    speeds = (0.0, 0.5, 2.0, 8.1)
+    rising, falling = ([share(i, y, rpm) for rpm in speeds] for i, y in ((1.0, 0.35), (0.0, 5.3)))
+    assert np.all(np.array(rising) < falling)
+    assert np.all(np.diff(rising) > 0.0) and np.all(np.diff(falling) > 0.0)
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("rate, acceleration", [(0.3, 2.0), (0.3, -2.0), (1.2, -30.0), (0.0, 1.0), (0.5, -20.0)])
+def test_lag_at_changing_speed_is_second_order(rate, acceleration):
+    """Across omega_0 and the floor, too: halve the step, the error falls by four at least in the mean."""
+
+    def after(n: int) -> float:
+        y, h = 0.35, 0.04 / n
+        for k in range(n):
+            y = lagged_yield(lag_for(1.0, y, rate + acceleration * k * h, acceleration, h), 0, h)
+        return y
+
+    exact = after(20000)
+    errors = [abs(after(n) - exact) for n in (5, 40)]
+    assert errors[1] < errors[0] / 30 or errors[0] < 1e-9, errors
+
+
+@pytest.mark.nojit
+def test_inside_the_backlash_each_direction_has_its_own_yield():
+    """At the upper edge the brake holds its yield against + motion and k_2 against - motion; k_2 both ways inside."""
+    for edge, plus, minus in ((1.0, 4.0, 0.35), (-1.0, 0.35, 4.0), (0.0, 0.35, 0.35)):
+        state = new_state(*START)[0]
+        state.torque_yield[:3], state.edge[:3] = 4.0, edge
+        set_costs(BRAKES, state)
+        assert (state.cost_plus[0], state.cost_minus[0]) == (plus, minus)
+        assert state.active[3] == 0
+
+
+def test_locked_tip_with_backlash_roams_within_the_play(bench):
+    """mr, full current everywhere: no joint leaves its play (0.4 mrad for the impacts at its ends).
+
+    Without backlash none moves at all.
+    """
+    currents = np.array([float(j in bench.braked) for j in "AEBC"])
+    theta_0 = bench.angles(np.array(START))
+    for backlash in (True, False):
+        simulation = Simulation(bench.device, START, fidelity="mr", backlash=backlash)
+        simulation.state["torque_yield"][0] = 5.3 * currents  # already locked
+        hand = spring_hand((0.0, 0.0, 0.0), (200.0, 0.0, 200.0))  # slow, so that the ends of the play are met gently
+        simulation.hand.grips[0] = hand.grips[0]
+        simulation.hand.grips["wave"][0] = [[10.0, 6.0, 0.0], [10.0, 6.0, 1.57]]
+        simulation.hand.grips["waves"][0] = 1
+        rows = simulation.rows(401, 1e-3, 10, np.zeros(1), currents[None], 0, 400)
+        turned = np.array([bench.angles(p) for p in rows[:, 1:3]]) - theta_0
+        on = currents > 0
+        assert np.all(np.abs(turned[:, on]) <= PLAY / 2 + 4e-4)
+        roam = np.ptp(rows[:, 1:3], axis=0)
+        assert (5e-4 < roam.max() < 6e-3) if backlash else np.all(roam == 0.0)
+
+
+def test_reversal_leaves_the_yield_for_the_width_of_the_play():
+    """A joint driven back from the edge of its play: the off torque for 0.75 degrees, then the yield."""
+    for bar in (BENCH_THREE, BENCH_FOUR):
+        g = bar.rows(np.array(START))
+        v = np.array([0.05, 0.0])
+        currents = np.array([0.6, 0.0, 0.0, 0.0])
+        hand = new_hand(forces=np.array([[60.0, 0.0]]))
+        simulation = Simulation(bar.device, START, tuple(v), fidelity="mr", hand=hand)
+        simulation.state["torque_yield"][0, 0] = 3.4
+        side = math.copysign(1.0, g[0] @ v)
+        simulation.state["edge"][0, 0] = -side
+        simulation.state["play"][0, 0] = 0.0 if side > 0 else PLAY
+        rows = simulation.run(0.12, 1e-4, currents)
+        turned = np.abs(np.array([bar.angles(p)[0] for p in rows[:, 1:3]]) - bar.angles(np.array(START))[0])
+        inside, outside = turned < PLAY - 1e-5, turned > PLAY + 1e-5
+        assert inside.sum() > 10 and outside.sum() > 10
+        assert np.abs(rows[inside, 5]) == pytest.approx(0.35, rel=1e-9)
+        assert np.all(np.abs(rows[outside, 5]) > 3.0)

@@ -1,0 +1,318 @@
+"""Device files: what they mean, and that a device which cannot exist is refused in one sentence."""
+
+import math
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.brake_file import SHIPPED_FOLDER as BRAKE_FOLDER
+from core.device import build_device, load_device, shipped_devices
+from core.errors import InputError
+from core.mechanism import JOINTS, A, B, C, E
+from core.simulator.simulation import stops_of
+from core.workspace import free_tips, invertible_mass, tip_is_free
+
+FOUR = load_device("four-brake")
+THREE = load_device("three-brake")
+BRAKE = (BRAKE_FOLDER / "mrb-2107-3.toml").read_text()
+
+
+def changed(text: str, *changes: tuple[str, str]) -> str:
+    """The text with each pattern, which must occur, replaced."""
+    for pattern, replacement in changes:
+        assert re.search(pattern, text), pattern
+        text = re.sub(pattern, replacement, text)
+    return text
+
+
+def device(*changes: tuple[str, str], brake: str = BRAKE):
+    """The four-brake device with changes to its text."""
+    return build_device(changed(FOUR.text, *changes), {"mrb-2107-3": brake}, "my.toml")
+
+
+LINK = r"= \{mass_kg = 0.30, com_m = \S+ inertia_kg_m2 = \S+\}"
+
+
+# what the shipped files say
+
+
+def test_shipped_devices_are_the_two_configurations_and_say_that_they_are_assumed():
+    assert shipped_devices() == ["four-brake", "three-brake"]
+    assert (THREE.braked, FOUR.braked) == ("AEB", "AEBC")
+    assert THREE.assumed and FOUR.assumed
+
+
+def test_three_brake_device_has_coaxial_bases_and_four_equal_arms():
+    m = THREE.mechanism
+    assert m.coaxial and not FOUR.mechanism.coaxial
+    assert {m.arm_1.length_1, m.arm_1.length_2, m.arm_2.length_1, m.arm_2.length_2} == {0.3048}
+    assert (m.arm_1.base_x, m.arm_1.base_y, m.arm_2.base_x, m.arm_2.base_y) == (0, 0, 0, 0)
+
+
+def test_only_the_braked_elbow_of_the_three_brake_device_carries_a_housing_and_a_rotor():
+    m = THREE.mechanism
+    assert m.arm_1.proximal - m.arm_2.proximal == pytest.approx(1.4 * 0.3048**2 + 1e-4)
+    assert (m.arm_1.rotor, m.arm_2.rotor) == (1e-4, 0.0)
+
+
+def test_normalised_force_is_17_4_and_19_0_newton():
+    assert THREE.force_normalised_N == pytest.approx(17.4, abs=0.05)
+    assert FOUR.force_normalised_N == pytest.approx(19.0, abs=0.05)
+
+
+def test_every_brake_can_exert_the_normalised_force_wherever_the_tip_can_be():
+    from core.linkage import tip_force_map
+    from core.simulator.state import pack_mechanism
+
+    for dev in (THREE, FOUR):
+        g, mechanism = np.zeros((4, 2)), pack_mechanism(dev.mechanism)[0]
+        for x, y in free_tips(dev.mechanism)[::97]:
+            tip_force_map(mechanism, x, y, g)
+            for joint in dev.braked:
+                assert 5.3 * np.hypot(*g[JOINTS.index(joint)]) >= dev.force_normalised_N * (1 - 1e-12)
+
+
+def test_kernels_get_radians_and_zeros_where_there_is_no_brake():
+    b = THREE.brakes
+    assert list(b.present) == [1, 1, 1, 0]
+    assert b.omega_0[A] == pytest.approx(8 * 2 * math.pi / 60)
+    assert b.floor[E] == pytest.approx(0.125 * 2 * math.pi / 60)
+    assert b.play[B] == pytest.approx(math.radians(0.75))
+    assert list(b.rise[A]) == [0.030, 0.036, -0.024, -0.024, 0.004, 0.004, 0.066]
+    for array in b:
+        assert not np.any(array[C])
+
+
+# what a device file means
+
+
+def test_a_link_without_centre_and_inertia_is_a_uniform_rod():
+    rods = device((LINK, "= {mass_kg = 0.30}")).mechanism
+    arm = FOUR.mechanism.arm_1
+    assert rods.arm_1.coupling == pytest.approx(0.30 * 0.5)
+    rotor = 1e-4
+    assert rods.arm_1.distal == pytest.approx(0.30 * arm.length_2**2 / 3 + rotor)
+    carried = (1.4 + 0.30) * arm.length_1**2
+    assert rods.arm_1.proximal == pytest.approx(0.30 * arm.length_1**2 / 3 + carried + 2 * rotor)
+
+
+def test_limits_and_sensing_may_be_left_out():
+    bare = device((r"(?s)\[limits\].*?\[brakes\]", "[brakes]"), (r"(?s)\[sensing\].*", ""))
+    assert bare.mechanism.margin == 0.3 and not bare.mechanism.has_theta_stops
+    assert bare.sensing is None
+
+
+def test_housings_and_rotors_are_zero_unless_said():
+    m = device(("joint_._kg = 1.4", ""), ("rotor_inertia_kg_m2 = 1e-4", "")).mechanism
+    assert m.arm_1.rotor == 0.0
+    assert m.arm_1.proximal == pytest.approx(1.95e-3 + 0.30 * 0.1397**2 + 0.30 * 0.2794**2)
+
+
+@pytest.mark.parametrize(
+    "elbows, left_1, left_2",
+    [("out", True, False), ("in", False, True), ("left", True, True), ("right", False, False)],
+)
+def test_elbows_lie_on_the_named_sides(elbows, left_1, left_2):
+    m = device(('elbows = "out"', f'elbows = "{elbows}"')).mechanism
+    assert (m.arm_1.side > 0, m.arm_2.side > 0) == (left_1, left_2)
+
+
+def test_a_device_without_a_brake_at_every_joint_keeps_the_joint_order():
+    odd = device(('(?m)^[AE] = "mrb-2107-3"\n', ""))
+    assert odd.braked == "BC" and list(odd.brakes.present) == [0, 0, 1, 1]
+
+
+def test_the_stored_texts_rebuild_the_same_device():
+    for dev in (THREE, FOUR):
+        again = build_device(dev.text, dev.brake_texts, "stored")
+        for ours, theirs in zip(dev.brakes, again.brakes, strict=True):
+            assert np.array_equal(ours, theirs)
+        assert again.mechanism.arm_1 == dev.mechanism.arm_1 and again.mechanism.arm_2 == dev.mechanism.arm_2
+        assert (again.name, again.braked, again.force_normalised_N) == (
+            dev.name,
+            dev.braked,
+            dev.force_normalised_N,
+        )
+
+
+def test_a_copied_device_file_is_as_good_as_the_shipped_name(tmp_path: Path):
+    (tmp_path / "mine.toml").write_text(FOUR.text)
+    assert load_device(tmp_path / "mine.toml").mechanism.arm_2 == FOUR.mechanism.arm_2
+    assert load_device("mine.toml", tmp_path).name == "four-brake"
+
+
+def test_a_brake_is_found_relative_to_the_device_file(tmp_path: Path):
+    (tmp_path / "brakes").mkdir()
+    (tmp_path / "brakes" / "weak.toml").write_text(BRAKE.replace("current_max_A = 1.0", "current_max_A = 0.5"))
+    (tmp_path / "mine.toml").write_text(changed(FOUR.text, ('A = "mrb-2107-3"', 'A = "brakes/weak.toml"')))
+    mine = load_device(tmp_path / "mine.toml")
+    assert list(mine.brakes.current_max) == [0.5, 1, 1, 1]
+    assert set(mine.brake_texts) == {"brakes/weak.toml", "mrb-2107-3"}
+
+
+def test_measured_files_are_not_called_assumed():
+    measured = device(
+        ('provenance = "assumed"', 'provenance = "measured"'), brake=BRAKE.replace("assumed", "bench 3")
+    )
+    assert not measured.assumed
+
+
+def test_a_force_sensor_calibration_is_read_beside_the_device(tmp_path: Path):
+    text = changed(FOUR.text, (r"inertia_beyond_kg = 0.1\}", 'inertia_beyond_kg = 0.1, calibration = "c.csv"}'))
+    (tmp_path / "mine.toml").write_text(text)
+    matrix = np.arange(36.0).reshape(6, 6)
+    np.savetxt(tmp_path / "c.csv", matrix, delimiter=",")
+    loaded = load_device(tmp_path / "mine.toml")
+    assert loaded.calibration is not None and np.array_equal(loaded.calibration, matrix)
+    again = build_device(loaded.text, loaded.brake_texts, "stored", loaded.calibration_text)
+    assert again.calibration is not None and np.array_equal(again.calibration, matrix)
+    with pytest.raises(InputError, match="c.csv is missing"):
+        build_device(loaded.text, loaded.brake_texts, "stored")
+    (tmp_path / "c.csv").write_text("1,2\n3,4\n")
+    with pytest.raises(InputError, match="6 x 6"):
+        load_device(tmp_path / "mine.toml")
+
+
+# where the tip can be
+
+
+@given(st.floats(-0.7, 0.7), st.floats(0.001, 0.7), st.sampled_from(["three-brake", "four-brake"]))
+@settings(deadline=None)  # the first example loads the kernels
+def test_the_tip_is_free_exactly_where_no_hard_stop_is_passed(x, y, name):
+    dev = {"three-brake": THREE, "four-brake": FOUR}[name]
+    nearest = stops_of(dev, x, y).min()
+    if abs(nearest) > 1e-9:
+        assert bool(tip_is_free(dev.mechanism, x, y)) == (nearest > 0.0)
+
+
+def test_a_theta_stop_takes_its_part_of_the_workspace_away():
+    stopped = device((r"margin = 0.3 ", "margin = 0.3\ntheta_A_rad = [0.0, 2.0]\n")).mechanism
+    tips = free_tips(FOUR.mechanism)
+    kept = tip_is_free(stopped, tips[:, 0], tips[:, 1])
+    for (x, y), free in zip(tips[::301], kept[::301], strict=True):
+        arm = FOUR.mechanism.arm_1
+        r, direction = math.hypot(x - arm.base_x, y), math.atan2(y, x - arm.base_x)
+        inside = math.acos((arm.length_1**2 + r**2 - arm.length_2**2) / (2 * arm.length_1 * r))
+        assert free == (0.0 <= math.remainder(direction + inside, 2 * math.pi) <= 2.0)
+    assert 0 < kept.sum() < len(tips)
+
+
+def test_the_tip_is_never_behind_the_bases():
+    assert not tip_is_free(FOUR.mechanism, 0.0, -0.4) and not tip_is_free(THREE.mechanism, 0.0, 0.0)
+
+
+def test_one_moving_body_alone_leaves_the_tip_without_inertia():
+    one_body = device((LINK, "= {mass_kg = 0.30}"))
+    tips = free_tips(one_body.mechanism)
+    assert invertible_mass(one_body.mechanism, tips).all()
+    arm = one_body.mechanism.arm_1._replace(distal=0.0, coupling=0.0, rotor=0.0)
+    nothing = one_body.mechanism.arm_2._replace(proximal=0.0, distal=0.0, coupling=0.0, rotor=0.0)
+    bare = one_body.mechanism._replace(arm_1=arm, arm_2=nothing, tip_mass=0.0)
+    assert not invertible_mass(bare, tips).any()
+
+
+# refusals
+
+BAD_DEVICES = {
+    "negative length": (
+        [("L_AE_m = 0.2794", "L_AE_m = -0.2")],
+        r"geometry\.L_AE_m must be greater than 0, not -0\.2",
+    ),
+    "zero length": ([("L_CD_m = 0.3048", "L_CD_m = 0")], r"geometry\.L_CD_m must be greater than 0"),
+    "arms too short": ([(r"0\.0762", "2.0")], r"bases are 4 m apart, more than the arms reach.*L_AE_m"),
+    "arm cannot fold": (
+        [("L_AE_m = 0.2794", "L_AE_m = 2.0"), ("L_ED_m = 0.3048", "L_ED_m = 0.3")],
+        r"no tip position.*L_AE_m = 2, L_ED_m = 0\.3",
+    ),
+    "margin too wide": ([("margin = 0.3 ", "margin = 0.9999 ")], "no tip position.*margin of 0.9999"),
+    "margin of one": ([("margin = 0.3 ", "margin = 1.0 ")], r"limits\.margin must be less than 1"),
+    "stops leave nothing": (
+        [("margin = 0.3 ", "margin = 0.3\ntheta_E_rad = [0.1, 0.2]\n")],
+        "no tip position.*theta_E_rad",
+    ),
+    "stops reversed": (
+        [("margin = 0.3 ", "margin = 0.3\ntheta_E_rad = [1, -1]\n")],
+        "theta_E_rad must be .low, high",
+    ),
+    "negative mass": (
+        [(r"AE = \{mass_kg = 0.30", "AE = {mass_kg = -0.30")],
+        r"mass\.AE\.mass_kg must be at least 0",
+    ),
+    "negative rotor": ([("1e-4", "-1e-4")], r"mass\.rotor_inertia_kg_m2 must be at least 0"),
+    "no mass at all": (
+        [
+            (LINK, "= {mass_kg = 0}"),
+            ("tip_kg = 0.5", "tip_kg = 0"),
+            ("joint_._kg = 1.4", ""),
+            ("rotor_inertia_kg_m2 = 1e-4", ""),
+            ("beyond_kg = 0.1", "beyond_kg = 0"),
+        ],
+        "mass: too little",
+    ),
+    "link without mass": ([("AE = " + LINK[2:], "AE = {}")], r"required key mass\.AE\.mass_kg is missing"),
+    "link left out": (["(?m)^CD = .*$"], r"required key mass\.CD is missing"),
+    "tip mass left out": (["(?m)^tip_kg.*$"], r"required key mass\.tip_kg is missing"),
+    "geometry left out": ([r"(?s)\[geometry\].*?(?=\[mass\])"], "required key geometry is missing"),
+    "brakes left out": ([r"(?s)\[brakes\].*?(?=\[sensing\])"], "required key brakes is missing"),
+    "no brake": ([r'(?m)^[AEBC] = "mrb.*$'], "at least one of the joints"),
+    "brake at the tip": ([('C = "mrb', 'D = "mrb')], r"unknown key brakes\.D"),
+    "unknown key": ([("L_AE_m", "L_AF_m = 1\nL_AE_m")], r"unknown key geometry\.L_AF_m"),
+    "unknown table": ([(r"\[limits\]", "[friction]\nx = 1\n[limits]")], "unknown key friction"),
+    "text for a number": ([("tip_kg = 0.5", 'tip_kg = "half"')], r"mass\.tip_kg must be a number, not text"),
+    "not finite": ([("tip_kg = 0.5", "tip_kg = nan")], r"mass\.tip_kg must be finite"),
+    "three coordinates": ([(r"\[-0.0762, 0.0\]", "[0, 0, 0]")], r"base_A_m must hold 2 values, not 3"),
+    "elbows": ([('"out"', '"up"')], "elbows must be one of out, in, left, right, not 'up'"),
+    "one encoder": ([("A = 96000, B = 96000", "A = 96000")], "two or four"),
+    "encoder counts": ([("A = 96000,", "A = 0.5,")], r"sensing\.encoders\.A must be a whole number"),
+    "sensor body": ([('"handle"', '"table"')], "on must be one of"),
+    "sensor mass": ([("beyond_kg = 0.1", "beyond_kg = 0.6")], r"part of mass\.tip_kg"),
+    "name for a folder": ([('name = "four-brake"', 'name = "a/b"')], "name must be plain text"),
+    "no TOML": ([("tip_kg = 0.5", "tip_kg = = 0.5")], "not valid TOML"),
+}
+
+
+@pytest.mark.parametrize("changes, says", BAD_DEVICES.values(), ids=BAD_DEVICES)
+def test_a_device_that_cannot_be_is_refused(changes, says):
+    with pytest.raises(InputError, match=says) as refusal:
+        device(*((change, "") if isinstance(change, str) else change for change in changes))
+    assert str(refusal.value).startswith("my.toml: ") and "\n" not in str(refusal.value)
+
+
+def test_an_unknown_device_is_named_with_those_that_exist(tmp_path: Path):
+    with pytest.raises(InputError, match="unknown device 'five-brake'.*four-brake, three-brake"):
+        load_device("five-brake")
+    with pytest.raises(InputError, match="unknown device"):
+        load_device(tmp_path)
+    with pytest.raises(InputError, match="unknown device"):
+        load_device("")
+
+
+def test_an_unknown_brake_is_named_with_the_file_that_asks(tmp_path: Path):
+    (tmp_path / "mine.toml").write_text(changed(FOUR.text, ('B = "mrb-2107-3"', 'B = "nope"')))
+    with pytest.raises(InputError, match=r"mine\.toml: brakes: unknown brake 'nope'"):
+        load_device(tmp_path / "mine.toml")
+
+
+def test_shipped_files_say_assumed_to_a_reader_as_well():
+    for text in (THREE.text, FOUR.text, BRAKE):
+        assert tomllib.loads(text)["provenance"] == "assumed"
+
+
+def test_a_theta_stop_means_the_same_in_every_turn():
+    """A range across pi, and the same range a turn lower, allow the same tips; one just short of pi allows fewer."""
+    def stopped(low: float, high: float):
+        return device((r"margin = 0.3 ", f"margin = 0.3\ntheta_A_rad = [{low}, {high}]\n"))
+
+    across, lower, short = stopped(1.6, 3.5), stopped(1.6 - 2 * math.pi, 3.5 - 2 * math.pi), stopped(1.6, 2.9)
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, 41), np.linspace(0.02, 0.6, 41))
+    allowed = tip_is_free(across.mechanism, x, y)
+    np.testing.assert_array_equal(allowed, tip_is_free(lower.mechanism, x, y))
+    assert 0 < tip_is_free(short.mechanism, x, y).sum() < allowed.sum()
+    for px, py in list(zip(x[allowed], y[allowed], strict=True))[::25]:
+        np.testing.assert_allclose(stops_of(across, px, py), stops_of(lower, px, py), atol=1e-12)
+        assert stops_of(across, px, py).min() >= -1e-12

@@ -1,0 +1,254 @@
+"""The hard cases, each with the law it must keep: never a NaN, never energy from a brake, never beyond a stop."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from devices import BENCH_FOUR, BENCH_THREE, FOUR, S1, S4, random_five_bar, rods, yields
+from scipy.optimize import brentq
+
+from core.simulator.hand import Hand, new_hand, spring_hand, wave_hand
+from core.simulator.simulation import Simulation, stops_of
+
+START = (0.05, 0.40)
+#: J; the largest energy a brake may add in a step: rounding of its heat, which is summed from powers of one sign
+FROM_A_BRAKE = 1e-15
+
+
+def tethered(wave: np.ndarray, stiffness: float = 60.0, damping: float = 3.0) -> Hand:
+    """A hand that shakes the handle, on a soft spring that keeps it in the workspace."""
+    hand = spring_hand((stiffness, 0.0, stiffness), (damping, 0.0, damping), target=START)
+    hand.grips["wave"][0], hand.grips["waves"][0] = wave, 1
+    return hand
+
+
+def check(simulation: Simulation, rows: np.ndarray, beyond: float = 1e-9) -> None:
+    """The laws that hold in every case."""
+    assert np.all(np.isfinite(rows))
+    ledger = simulation.ledger()
+    assert ledger.added_by_brakes <= FROM_A_BRAKE
+    assert min(ledger.heat) >= 0.0 and ledger.lost_at_stops >= 0.0
+    every = max(1, len(rows) // 250)
+    for x, y in rows[::every, 1:3]:
+        assert np.min(stops_of(simulation.device, x, y)) >= -beyond
+
+
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+@pytest.mark.parametrize("joint", "AEB")
+def test_one_locked_brake_keeps_its_angle_for_a_minute(bench, joint, integrator):
+    hand = tethered(S1)
+    simulation = Simulation(bench.device, START, integrator=integrator, hand=hand)
+    rows = simulation.rows(6001, 1e-3, 10, np.zeros(1), yields(bench, 0.3, **{joint: 5.6})[None], 0, 6000)
+    angle = np.array([bench.angles(p)["AEBC".index(joint)] for p in rows[:, 1:3]])
+    assert np.ptp(rows[:, 1:3], axis=0).max() > 1e-3
+    assert np.max(np.abs(angle - angle[0])) < 1e-9
+    check(simulation, rows)
+
+
+@pytest.mark.parametrize("share", [1 - 1e-15, 1.0, 1 + 1e-15, 1 + 1e-9, 1 + 1e-6])
+def test_start_at_the_yield_limit_moves_no_further_than_the_excess_pushes(bench, share):
+    """The edge of what the brakes hold: a force along g_A that one brake alone balances, to the last bit and beyond."""
+    g = bench.rows(np.array(START))
+    for i, joint in enumerate("AEB"):
+        force = share * 2.0 * g[i]
+        simulation = Simulation(bench.device, START, hand=new_hand(forces=force[None]))
+        rows = simulation.run(0.05, 1e-3, yields(bench, 0.0, **{joint: 2.0}))
+        xx, xy, yy = simulation.state.mass[0]
+        lightest = np.linalg.eigvalsh([[xx, xy], [xy, yy]])[0]
+        pushed = 0.5 * max(share - 1, 1e-15) * np.linalg.norm(force) / lightest * 0.05**2
+        angle = [bench.angles(p)[i] for p in rows[:, 1:3]]
+        assert abs(angle[-1] - angle[0]) <= 20 * pushed + 1e-12
+        check(simulation, rows)
+
+
+def test_brakes_on_one_line_hold_together():
+    """E and C on coaxial bases: the reach stays up to y_E |g_E| + y_C |g_C|, while the tip may turn about the bases."""
+    bar = replace(BENCH_THREE, braked="AEBC", name="coaxial four-brake")
+    p = np.array(START)
+    g, out = bar.rows(p), p / np.linalg.norm(p)
+    held = 2.0 * abs(g[1] @ out) + 1.0 * abs(g[3] @ out)
+    for share, stays in ((0.99, True), (1.01, False)):
+        force = share * held * out + 0.5 * np.array([out[1], -out[0]])
+        for integrator in ("event", "stepping"):
+            simulation = Simulation(bar.device, START, integrator=integrator, hand=new_hand(forces=force[None]))
+            rows = simulation.run(0.2, 1e-3, np.array([0.0, 2.0, 0.0, 1.0]))
+            reach = np.linalg.norm(rows[:, 1:3], axis=1)
+            assert np.linalg.norm(rows[-1, 1:3] - p) > 1e-3
+            assert (abs(reach[-1] - reach[0]) < 1e-12) == stays
+            assert set(rows[1:-1, 9].astype(int)) == ({10} if stays else {0})
+            if stays:
+                assert np.all(np.abs(rows[:, 6]) <= 2.0) and np.all(np.abs(rows[:, 8]) <= 1.0)
+            check(simulation, rows)
+
+
+ODD = random_five_bar(6)  # its rows E and B line up at some tips; those of the shipped devices never do
+
+
+def parallel_tip() -> np.ndarray:
+    """A tip at which the rows of E and B are parallel."""
+
+    def sine(x: float, y: float) -> float:
+        g = ODD.rows(np.array([x, y]))
+        return g[1, 0] * g[2, 1] - g[1, 1] * g[2, 0]
+
+    for y in np.linspace(0.1, 0.5, 41):
+        xs = [x for x in np.linspace(-0.4, 0.4, 200) if ODD.is_open(np.array([x, y]), 0.35)]
+        for low, high in zip(xs[:-1], xs[1:], strict=True):
+            if high - low < 5e-3 and sine(low, y) * sine(high, y) < 0.0:
+                return np.array([brentq(sine, low, high, args=(y,), xtol=1e-16), y])
+    raise AssertionError("no such tip")
+
+
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+def test_brakes_parallel_at_an_instant_stay_passive_there(integrator):
+    """Start at the tip where two locked brakes line up, pushed across their line: it jams within a short way."""
+    p = parallel_tip()
+    line = ODD.rows(p)[1]
+    across = np.array([-line[1], line[0]]) / np.linalg.norm(line)
+    for force in (5.0 * across, -5.0 * across, 5.0 * across + 1e-3 * line):
+        end = []
+        for step in (1e-3, 5e-4):
+            hand = new_hand(forces=force[None])
+            simulation = Simulation(ODD.device, tuple(p), integrator=integrator, hand=hand)
+            rows = simulation.run(1.0, step, np.array([0.0, 5.6, 5.6, 0.0]))
+            check(simulation, rows)
+            end.append(rows[-1, 1:3])
+        assert 1e-3 < np.linalg.norm(end[0] - p) < 0.1
+        assert end[0] == pytest.approx(end[1], abs=2e-6 if integrator == "event" else 2e-3)
+
+
+def test_reversal_inside_the_backlash_at_a_millionth_of_a_radian_per_second():
+    """A force that overcomes the off torque by a hair, to and fro: only the off torque answers."""
+    for bar in (BENCH_THREE, BENCH_FOUR):
+        p = np.array(START)
+        g = bar.rows(p)
+        u = np.array([1.0, 0.3])
+        currents = np.array([0.5 * (j in bar.braked) for j in "AEBC"])
+        low, high = 0.0, 100.0  # the force at which the resting tip comes loose
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            trial = Simulation(bar.device, START, fidelity="mr", hand=new_hand(forces=middle * u[None]))
+            low, high = (middle, high) if not np.any(trial.run(2e-3, 1e-3, currents)[-1, 3:5]) else (low, middle)
+        wave = np.array([[high * u[0], 20.0, 0.0], [high * u[1], 20.0, 0.0]]) * [1.0 + 2e-4, 1.0, 1.0]
+        simulation = Simulation(bar.device, START, fidelity="mr", hand=wave_hand(wave))
+        rows = simulation.run(2.0, 1e-3, currents)
+        rates = np.abs(rows[:, 3:5] @ g.T).max()
+        moving = rows[:, 3:5] @ u
+        assert 1e-7 < rates < 1e-4
+        assert moving.max() > 0.0 > moving.min()
+        assert np.max(np.abs(rows[:, 5:9])) <= 0.35 * (1 + 1e-12)
+        half = np.radians(0.75) / 2
+        assert np.all(np.abs(simulation.state.play[0][currents > 0] - half) < 1e-4)
+        check(simulation, rows)
+
+
+def push(newtons: float, twelfth: int) -> Hand:
+    """A constant force in one of twelve directions."""
+    angle = twelfth * math.pi / 6 + 0.1
+    return new_hand(forces=newtons * np.array([[math.cos(angle), math.sin(angle)]]))
+
+
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_arms_folded_and_stretched_stay_inside_the_hard_stops(any_five_bar, integrator, friction):
+    """Pushed for 2 s in 12 directions against every stop there is, in slow and fast impacts."""
+    start = tuple(any_five_bar.open_tips(np.random.default_rng(1), 1)[0])
+    struck = 0
+    for k in range(12):
+        simulation = Simulation(any_five_bar.device, start, integrator=integrator, hand=push((5.0, 30.0)[k % 2], k))
+        rows = simulation.run(2.0, 1e-3, yields(any_five_bar, friction))
+        check(simulation, rows)
+        ledger = simulation.ledger()
+        struck += ledger.lost_at_stops > 0.0
+        assert abs(ledger.residual) < (1e-3 if integrator == "event" else 0.5) * (0.1 + abs(ledger.work_hand))
+    assert struck >= 6
+
+
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+def test_sliding_along_a_stop_loses_no_energy_but_by_friction(integrator):
+    """Ledger and motion agree the better the smaller the step, stops included."""
+    left = []
+    for step in (1e-3, 1e-4):
+        simulation = Simulation(FOUR.device, START, integrator=integrator, hand=push(30.0, 3))
+        rows = simulation.run(1.0, step, np.zeros(4))
+        check(simulation, rows)
+        left.append(abs(simulation.ledger().residual))
+    assert left[1] < max(0.3 * left[0], 1e-9)
+
+
+def test_joint_stops_in_the_device_file_hold():
+    bar = replace(BENCH_FOUR, limits="theta_A_rad = [1.6, 2.5]\ntheta_E_rad = [-1.9, -1.0]\ntheta_C_rad = [0.9, 1.9]")
+    for k in range(12):
+        simulation = Simulation(bar.device, START, hand=push(20.0, k))
+        rows = simulation.run(2.0, 1e-3, yields(bar, 0.2))
+        check(simulation, rows)
+        for p in rows[:, 1:3]:
+            theta = bar.angles(p)
+            for i, (low, high) in ((0, (1.6, 2.5)), (1, (-1.9, -1.0)), (3, (0.9, 1.9))):
+                assert low - 1e-9 <= theta[i] <= high + 1e-9
+
+
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+@pytest.mark.parametrize("fidelity", ["ideal", "mr"])
+@pytest.mark.parametrize("damping", [0.0, 50.0])
+def test_mouse_jump_on_a_stiff_spring_makes_no_energy(five_bar, integrator, fidelity, damping):
+    """0.3 m in one tick on 1e5 N/m (100 m/s, a tenth of a metre a step): energy stays near what the jump stored."""
+    for jump in ((0.3, 0.0), (-0.3, 0.0), (0.0, -0.3), (0.0, 0.3)):
+        hand = spring_hand((1e5, 0.0, 1e5), (damping, 0.0, damping), target=START)
+        simulation = Simulation(five_bar.device, START, (0.0, 0.0), fidelity, integrator, hand)
+        commands = yields(five_bar, 0.3)[None]
+        simulation.rows(50, 1e-3, 1, np.zeros(1), commands, 0, -1)
+        target = np.add(START, jump)
+        hand.grips["target"][0, :2] = target
+        rows = simulation.rows(300, 1e-3, 1, np.zeros(1), commands, 50, -1)
+        check(simulation, rows)
+        stored = 0.5e5 * np.sum((rows[:, 1:3] - target) ** 2, axis=1)
+        kinetic = [five_bar.kinetic(row[1:3], row[3:5]) for row in rows]
+        assert np.max(stored + kinetic) <= 1.1 * 0.5e5 * 0.3**2
+
+
+@pytest.mark.parametrize("integrator, fidelity", [("event", "ideal"), ("stepping", "ideal"), ("event", "mr")])
+def test_brakes_switching_every_tick_for_a_minute(bench, integrator, fidelity):
+    rng = np.random.default_rng(9)
+    n = 60000
+    top = 5.6 if fidelity == "ideal" else 1.0
+    present = yields(bench, 1.0)
+    values = top * rng.integers(0, 2, (n, 4)) * present
+    simulation = Simulation(bench.device, START, (0.0, 0.0), fidelity, integrator, tethered(S4, 200.0, 5.0))
+    rows = simulation.rows(n + 1, 1e-3, 1, np.arange(n) * 1e-3, values, 0, n)
+    check(simulation, rows)
+    assert np.ptp(rows[-20000:, 1:3], axis=0).max() > 1e-3
+    if fidelity == "ideal":
+        assert np.all(np.abs(rows[:-1, 5:9]) <= values * (1 + 1e-12))
+
+
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+@pytest.mark.parametrize("ratio", [1e-4, 1e4])
+def test_tip_ten_thousand_times_heavier_or_lighter_than_the_links(bench, ratio, integrator):
+    light = replace(bench, links=rods(0.3 if ratio < 1 else 3e-5, bench.lengths), tip=3e-5 if ratio < 1 else 0.3)
+    light = replace(light, rotor=0.0, name="lopsided")
+    for simulation in (
+        Simulation(light.device, START, (0.1, 0.0), "ideal", integrator, tethered(S1)),
+        Simulation(light.device, START, (0.1, 0.0), "mr", integrator, tethered(S1)),
+    ):
+        commands = yields(light, 0.2)
+        rows = simulation.run(5.0, 1e-3, commands)
+        check(simulation, rows)
+        ledger = simulation.ledger()
+        assert abs(ledger.residual) < (1e-5 if integrator == "event" else 0.1) * (1.0 + ledger.work_hand)
+
+
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+def test_an_hour_stays_finite_and_passive(integrator):
+    """3.6 million steps with brakes that switch four times a second."""
+    times = np.arange(14400) * 0.25
+    order = ("A", "B", "E")
+    values = np.array([yields(BENCH_THREE, 0.3, **{order[k % 3]: 4.0}) for k in range(len(times))])
+    simulation = Simulation(BENCH_THREE.device, START, integrator=integrator, hand=tethered(S4, 100.0, 5.0))
+    rows = simulation.rows(3601, 1e-3, 1000, times, values, 0, 3600)
+    check(simulation, rows)
+    ledger = simulation.ledger()
+    assert ledger.steps == 3_600_000
+    if integrator == "event":
+        assert abs(ledger.residual) < 1e-6 * ledger.work_hand

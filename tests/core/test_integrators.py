@@ -1,0 +1,206 @@
+"""Order of accuracy, agreement of the integrators, and motions known by a route of their own."""
+
+import numpy as np
+import pytest
+from devices import FIXED, S1, S4, FiveBar, slope, switching, yields
+from scipy.integrate import solve_ivp
+
+from core.simulator.hand import new_hand, wave_hand
+from core.simulator.simulation import Ledger, Simulation
+
+START = (0.05, 0.40)
+SCENES = ("S1", "S2", "S4")
+HOLDS = np.zeros(1)
+
+
+def run(
+    bar: FiveBar, scene: str, step: float, duration: float = 2.0, integrator: str = "event", fidelity: str = "ideal"
+) -> tuple[np.ndarray, Ledger]:
+    """Rows every 5 ms, and the ledger, of one bench scene."""
+    times, values = HOLDS, yields(bar, 0.3)[None]
+    if scene == "S2":
+        values = yields(bar, 0.3, A=5.6)[None]
+    if scene == "S4":
+        times, values = switching(bar, duration)
+    if fidelity == "mr":
+        values = values / 5.6  # A
+    hand = wave_hand(S4 if scene == "S4" else S1)
+    simulation = Simulation(bar.device, START, (0.0, 0.0), fidelity, integrator, hand, backlash=False)
+    n = round(duration / 5e-3)
+    rows = simulation.rows(n + 1, step, round(5e-3 / step), times, values, 0, n)
+    return rows, simulation.ledger()
+
+
+def rms(rows: np.ndarray, reference: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.sum((rows[:, 1:3] - reference[:, 1:3]) ** 2, axis=1))))
+
+
+def order(steps: list[float], errors: list[float]) -> float:
+    """Least-squares slope of log error over log step, without errors at rounding."""
+    kept = [(np.log(h), np.log(e)) for h, e in zip(steps, errors, strict=True) if e > 1e-12]
+    assert len(kept) >= 2
+    return float(np.polyfit(*np.array(kept).T, 1)[0])
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_event_keeps_its_order_across_stick_slip_events(bench, scene):
+    """At least 3.5 over 5, 2, 1, 0.5 ms, and at most 1e-9 m at 1 ms."""
+    steps = [5e-3, 2.5e-3, 1e-3, 5e-4]
+    reference, ledger = run(bench, scene, 5e-5)
+    assert ledger.events > 5
+    errors = [rms(run(bench, scene, h)[0], reference) for h in steps]
+    assert order(steps, errors) >= 3.5, errors
+    assert errors[2] <= 1e-9
+
+
+def test_locked_device_does_not_creep(bench):
+    """Scene S3."""
+    simulation = Simulation(bench.device, START, hand=new_hand(forces=np.array([[10.0, 0.0]])))
+    rows = simulation.run(1.0, 1e-3, yields(bench, 5.6))
+    assert np.all(rows[:, 1:5] == [*START, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_stepping_is_first_order_and_tends_to_event(bench, scene):
+    """Two integrators, one motion: the implicit step has no pattern to follow and no events to locate."""
+    reference, _ = run(bench, scene, 1e-4, 0.5)
+    errors = [rms(run(bench, scene, h, 0.5, "stepping")[0], reference) for h in (1e-3, 1e-4, 1e-5)]
+    assert errors[1] < 0.2 * errors[0] and errors[2] < 0.2 * errors[1], errors
+    assert errors[2] < 1e-4
+
+
+@pytest.mark.parametrize("scene", ["S1", "S2"])
+def test_lagged_brakes_are_second_order(bench, scene):
+    """Fidelity mr without backlash."""
+    reference, _ = run(bench, scene, 5e-5, 1.0, fidelity="mr")
+    steps = [2.5e-3, 1e-3, 5e-4]
+    errors = [rms(run(bench, scene, h, 1.0, fidelity="mr")[0], reference) for h in steps]
+    assert order(steps, errors) >= 1.9, errors
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_energy_residual_falls_with_the_step(bench, scene):
+    coarse, fine = (abs(run(bench, scene, h)[1].residual) for h in (2.5e-3, 5e-4))
+    assert coarse < 1e-6 and fine < max(coarse / 200, 1e-13)
+    coarse, fine = (abs(run(bench, scene, h, 0.5, "stepping")[1].residual) for h in (1e-3, 1e-4))
+    assert fine < 0.15 * coarse
+
+
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+def test_the_same_scene_twice_is_the_same_to_the_last_bit(bench, integrator):
+    assert np.array_equal(*(run(bench, "S4", 1e-3, 0.5, integrator)[0] for _ in range(2)))
+
+
+@pytest.mark.parametrize("fidelity", ["ideal", "static", "mr"])
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+def test_a_run_in_pieces_equals_one_run(bench, integrator, fidelity):
+    times, values = switching(bench, 0.3, 0.9, 0.05)
+
+    def simulation() -> Simulation:
+        return Simulation(bench.device, START, (0.0, 0.0), fidelity, integrator, wave_hand(S4))
+
+    whole = simulation().rows(301, 1e-3, 1, times, values, 0, 300)
+    one = simulation()
+    pieces = [one.rows(n, 1e-3, 1, times, values, first, 300) for first, n in ((0, 1), (1, 99), (100, 200), (300, 1))]
+    assert np.array_equal(np.vstack(pieces), whole)
+
+
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+def test_a_command_inside_a_step_splits_it(bench, integrator):
+    """Rows on the common edges equal those of a run whose steps lie on the command's time."""
+    times = np.array([0.0, 0.0104, 0.0206])
+    values = np.array([yields(bench, y) for y in (0.3, 2.0, 0.1)])
+    hand = wave_hand(S4)
+    inside = Simulation(bench.device, START, integrator=integrator, hand=hand)
+    rows = inside.rows(41, 1e-3, 1, times, values, 0, 40)
+    aligned = Simulation(bench.device, START, integrator=integrator, hand=hand)
+    fine = aligned.rows(201, 2e-4, 1, times, values, 0, 200)[::5]
+    assert rows[:, 0] == pytest.approx(fine[:, 0], abs=1e-15)
+    assert rows[:, 1:3] == pytest.approx(fine[:, 1:3], abs=1e-9 if integrator == "event" else 1e-4)
+    late = Simulation(bench.device, START, integrator=integrator, hand=hand)
+    held = late.rows(41, 1e-3, 1, np.array([0.0, 0.011, 0.021]), values, 0, 40)
+    assert np.abs(held[:, 1:3] - fine[:, 1:3]).max() > 1e-6  # the split is seen: not the same as at the next edge
+
+
+def independent(bar: FiveBar, velocity, force, torque, duration: float, rigid: tuple[int, ...] = ()) -> np.ndarray:
+    """End state (4,) by DOP853 on Eq. (5), with constant force and joint torques."""
+
+    def rate(_, state: np.ndarray) -> np.ndarray:
+        return np.concatenate([state[2:], bar.acceleration(state[:2], state[2:], force, torque, rigid)])
+
+    return solve_ivp(rate, (0, duration), [*START, *velocity], "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+
+
+@pytest.mark.parametrize("bar", FIXED, ids=lambda bar: bar.name)
+def test_slipping_brakes_follow_the_ten_coordinate_form(bar):
+    """All slipping with constant signs: DOP853 on the constrained form with constant torques."""
+    v, force = np.array([0.35, 0.2]), np.array([4.0, 2.0])
+    cost = yields(bar, 0.2)
+    signs = np.sign(bar.rows(np.array(START)) @ v)
+    simulation = Simulation(bar.device, START, tuple(v), hand=new_hand(forces=force[None]))
+    rows = simulation.run(0.05, 5e-4, cost)
+    assert simulation.ledger().events == 0
+    expected = independent(bar, v, force, -signs * cost, 0.05)
+    assert rows[-1, 1:5] == pytest.approx(expected, abs=2e-10)
+
+
+@pytest.mark.parametrize("bar", FIXED, ids=lambda bar: bar.name)
+@pytest.mark.parametrize("joint", range(3))
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+def test_locked_brake_equals_rigid_joint(bar, joint, integrator):
+    """A ninth constraint in Eq. (5) in place of the brake. Pushed from rest along the SDOF path, and across it."""
+    g = bar.rows(np.array(START))[joint]
+    force = 8.0 * np.array([-g[1], g[0]]) / np.linalg.norm(g) + 2.0 * g / np.linalg.norm(g)
+    expected = independent(bar, np.zeros(2), force, np.zeros(4), 0.15, (joint,))
+    commands = np.zeros(4)
+    commands[joint] = 50.0
+    step, within = (5e-4, 1e-10) if integrator == "event" else (1e-5, 2e-5)
+    simulation = Simulation(bar.device, START, integrator=integrator, hand=new_hand(forces=force[None]))
+    n = round(0.15 / step)
+    rows = simulation.rows(2, step, n, HOLDS, commands[None], 0, 1)
+    assert np.linalg.norm(expected[:2] - START) > 0.01
+    assert rows[-1, 1:3] == pytest.approx(expected[:2], abs=within)
+
+
+def test_halving_the_step_moves_no_event_by_more_than_a_step(bench):
+    """The stuck brakes at each millisecond are the same, but within a step of a change."""
+    for scene in SCENES:
+        wave = S4 if scene == "S4" else S1
+        coarse, fine = (Simulation(bench.device, START, hand=wave_hand(wave)) for _ in range(2))
+        times, values = (HOLDS, yields(bench, 0.3, A=5.6 if scene == "S2" else 0.3)[None])
+        if scene == "S4":
+            times, values = switching(bench, 2.0)
+        one = coarse.rows(2001, 1e-3, 1, times, values, 0, 2000)[:, 9]
+        two = fine.rows(2001, 5e-4, 2, times, values, 0, 2000)[:, 9]
+        for k in np.flatnonzero(one != two):
+            near = two[max(0, k - 1) : k + 2]
+            assert one[k] in near
+
+
+@pytest.mark.parametrize("step", [1e-5, 1e-4, 1e-3, 5e-3, 2e-2])
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+def test_steps_from_ten_microseconds_to_twenty_milliseconds_stay_near_the_motion(bench, integrator, step):
+    reference, _ = run(bench, "S4", 1e-4, 0.5)
+    simulation = Simulation(bench.device, START, integrator=integrator, hand=wave_hand(S4))
+    times, values = switching(bench, 0.5)
+    per_row = max(1, round(2e-2 / step))
+    rows = simulation.rows(26, step, per_row, times, values, 0, 25)
+    assert np.all(np.isfinite(rows))
+    away = np.linalg.norm(rows[:, 1:3] - reference[::4, 1:3], axis=1).max()
+    assert away < (max(1e-8, 5e-3 * (step / 2e-2) ** 3) if integrator == "event" else 20.0 * step**0.9)
+    assert simulation.ledger().added_by_brakes == 0.0
+
+
+def test_forces_at_the_row_are_the_forces_of_the_motion(bench):
+    """M a + b = F + sum of g_i tau_i with the torques of the rows, a by differences of the velocity."""
+    simulation = Simulation(bench.device, START, hand=wave_hand(S1))
+    rows = simulation.rows(401, 1e-4, 1, HOLDS, yields(bench, 0.3, A=5.6)[None], 0, 400)
+    wave = simulation.hand.grips["wave"][0]
+    for k in range(20, 380, 40):
+        t, p, v, torque = rows[k, 0], rows[k, 1:3], rows[k, 3:5], rows[k, 5:9]
+        force = wave[:, 0] * np.sin(wave[:, 1] * t + wave[:, 2])
+        measured = slope(lambda x, k=k: rows[k + round(x[0]), 3:5], np.zeros(1), np.ones(1), 1.0) / 1e-4
+        if len(set(rows[k - 2 : k + 3, 9])) == 1:
+            assert bench.acceleration(p, v, force, torque) == pytest.approx(measured, abs=1e-4)
+
+

@@ -1,0 +1,70 @@
+"""Compiled kernels on disk: kept between processes, and never stale when anything they depend on changes."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from core.kernel import source_hash
+
+ROOT = Path(__file__).resolve().parents[2]
+CALLEE = (
+    "from core.kernel import kernel\nfrom core.number import NUMBER\n\n\n"
+    "@kernel\ndef inner(x):\n    return {} * x + NUMBER\n"
+)
+CALLER = (
+    "from core.callee import inner\nfrom core.kernel import kernel\n\n\n@kernel\ndef outer(x):\n    return inner(x)\n"
+)
+
+
+def small_tree(folder: Path) -> Path:
+    """A tree with two kernels in two files, and a constant in a third that holds no kernel."""
+    core = folder / "core"
+    core.mkdir(parents=True)
+    shutil.copy(ROOT / "core" / "kernel.py", core)
+    (core / "__init__.py").touch()
+    (core / "caller.py").write_text(CALLER)
+    (core / "callee.py").write_text(CALLEE.format("1.0"))
+    (core / "number.py").write_text("NUMBER = 10.0\n")
+    (core / "elsewhere.py").write_text("OTHER = 1\n")
+    return folder
+
+
+def answer(tree: Path) -> tuple[float, bool]:
+    """What the caller's kernel gives for 1.0 in a new process, and whether it had to be compiled."""
+    code = (
+        "from core.kernel import first_use\ncold = first_use()\nfrom core.caller import outer\nprint(outer(1.0), cold)"
+    )
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tree / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment.pop("NUMBA_DISABLE_JIT", None)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tree, env=environment, capture_output=True, text=True, timeout=200, check=True
+    )
+    value, cold = done.stdout.split()
+    return float(value), cold == "True"
+
+
+def test_kernels_of_every_package_count(tmp_path):
+    tree = small_tree(tmp_path)
+    (tree / "app").mkdir()
+    (tree / "app" / "loop.py").write_text("from app.numbers import N\nif N:\n    @kernel\n    def f(): ...\n")
+    (tree / "app" / "numbers.py").write_text("N = 1\n")
+    (tree / "app" / "window.py").write_text("import app.loop\n")
+    before = source_hash(tree)
+    (tree / "app" / "window.py").write_text("import app.loop\nX = 1\n")
+    assert source_hash(tree) == before
+    (tree / "app" / "numbers.py").write_text("N = 2\n")
+    assert source_hash(tree) != before
+
+
+def test_a_changed_kernel_file_or_constant_never_serves_stale_code(tmp_path):
+    tree = small_tree(tmp_path)
+    assert answer(tree) == (11.0, True)
+    assert answer(tree) == (11.0, False)  # from the disk
+    (tree / "core" / "elsewhere.py").write_text("OTHER = 2\n")
+    assert answer(tree) == (11.0, False)  # nothing that a kernel depends on
+    (tree / "core" / "callee.py").write_text(CALLEE.format("2.0"))
+    assert answer(tree) == (12.0, True)
+    (tree / "core" / "number.py").write_text("NUMBER = 20.0\n")
+    assert answer(tree) == (22.0, True)

@@ -1,0 +1,152 @@
+"""The closed chain: joint angles, rows g, virtual power. Eqs. (7)-(11)."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from devices import BENCH_FOUR, FOUR, THREE, FiveBar, slope
+
+from core.dynamics import motion
+from core.linkage import elbow_sine, jacobian, joint_angles, tip_force, tip_force_map
+from core.simulator.state import pack_mechanism
+
+pytestmark = pytest.mark.nojit
+
+
+def angles_of(bar: FiveBar, p: np.ndarray) -> np.ndarray:
+    theta = np.zeros(4)
+    joint_angles(pack_mechanism(bar.device.mechanism)[0], p[0], p[1], theta)
+    return theta
+
+
+def rows_of(bar: FiveBar, p: np.ndarray) -> np.ndarray:
+    g = np.zeros((4, 2))
+    tip_force_map(pack_mechanism(bar.device.mechanism)[0], p[0], p[1], g)
+    return g
+
+
+def tips(bar: FiveBar, n: int = 8) -> np.ndarray:
+    return bar.open_tips(np.random.default_rng(7), n)
+
+
+def along(angle: float) -> np.ndarray:
+    """Unit vector at an angle from +x."""
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def turn(angle: np.ndarray) -> np.ndarray:
+    """Angle differences in (-pi, pi]."""
+    return np.angle(np.exp(1j * np.asarray(angle)))
+
+
+def test_both_arms_reach_the_tip(any_five_bar):
+    """Walking out along either arm by the joint angles ends at the tip."""
+    lengths = any_five_bar.lengths
+    for p in tips(any_five_bar):
+        a, e, b, c = angles_of(any_five_bar, p)
+        for base, t, bend, (one, two) in (
+            (any_five_bar.base_a, a, e, lengths[:2]),
+            (any_five_bar.base_b, b, c, lengths[2:]),
+        ):
+            end = base + one * along(t) + two * along(t + bend)
+            assert end == pytest.approx(p, abs=1e-13)
+
+
+def test_joint_angles_follow_the_law_of_cosines(any_five_bar):
+    for p in tips(any_five_bar):
+        assert np.max(np.abs(turn(angles_of(any_five_bar, p) - any_five_bar.angles(p)))) < 1e-13
+
+
+SIDES = [("out", (-1, 1)), ("in", (1, -1)), ("left", (-1, -1)), ("right", (1, 1))]
+
+
+@pytest.mark.parametrize("elbows, signs", SIDES)
+def test_elbows_bulge_to_the_side_that_the_file_names(elbows, signs):
+    """Out: theta_E < 0 < theta_C, the A-arm bulges to -x and the B-arm to +x."""
+    bar = replace(BENCH_FOUR, elbows=elbows, limits="margin = 0.01")
+    mechanism = pack_mechanism(bar.device.mechanism)[0]
+    p = np.array([0.02, 0.38])
+    theta = angles_of(bar, p)
+    assert tuple(np.sign(theta[[1, 3]])) == signs
+    assert elbow_sine(mechanism.arm_1, *p) == pytest.approx(np.sin(theta[1]), abs=1e-14)
+    assert elbow_sine(mechanism.arm_2, *p) == pytest.approx(np.sin(theta[3]), abs=1e-14)
+    for base, t, sign in ((bar.base_a, theta[0], signs[0]), (bar.base_b, theta[2], signs[1])):
+        to_tip, elbow = p - base, along(t)
+        left = to_tip[0] * elbow[1] - to_tip[1] * elbow[0]
+        assert np.sign(left) == -sign  # a negative elbow angle: the elbow lies left of base -> tip
+
+
+def test_rows_are_the_inverse_jacobians(any_five_bar):
+    """Eqs. (8), (9), (10): the rows of J1^-1 and J2^-1."""
+    for p in tips(any_five_bar):
+        a, e, b, c = any_five_bar.angles(p)
+        ae, ed, bc, cd = any_five_bar.lengths
+        j1, j2 = jacobian(ae, ed, a, e), jacobian(bc, cd, b, c)
+        assert np.allclose(j1, any_five_bar.jacobians(p)[0], atol=1e-14)
+        assert np.allclose(j2, any_five_bar.jacobians(p)[1], atol=1e-14)
+        g = rows_of(any_five_bar, p)
+        assert g[:2] @ j1 == pytest.approx(np.eye(2), abs=1e-13)
+        assert g[2:] @ j2 == pytest.approx(np.eye(2), abs=1e-13)
+
+
+def test_rows_are_the_derivatives_of_the_joint_angles(any_five_bar):
+    for p in tips(any_five_bar):
+        expected = np.column_stack([slope(any_five_bar.angles, p, axis) for axis in np.eye(2)])
+        assert rows_of(any_five_bar, p) == pytest.approx(expected, rel=1e-8, abs=1e-8)
+
+
+def test_virtual_power_of_tip_force_equals_that_of_joint_torques(any_five_bar):
+    """F . v = sum of tau_i omega_i, for any torques and any velocity; omega from differenced joint angles."""
+    rng = np.random.default_rng(3)
+    for p in tips(any_five_bar):
+        torque, v = rng.normal(size=4), rng.normal(size=2)
+        force = torque @ rows_of(any_five_bar, p)
+        assert force @ v == pytest.approx(torque @ slope(any_five_bar.angles, p, v), rel=1e-7, abs=1e-7)
+
+
+def test_base_brakes_push_along_the_distal_links_and_elbow_brakes_along_base_to_tip(any_five_bar):
+    for p in tips(any_five_bar):
+        a, e, b, c = any_five_bar.angles(p)
+        g = rows_of(any_five_bar, p)
+        for i, (x, y) in (
+            (0, (np.cos(a + e), np.sin(a + e))),
+            (1, p - any_five_bar.base_a),
+            (2, (np.cos(b + c), np.sin(b + c))),
+            (3, p - any_five_bar.base_b),
+        ):
+            assert g[i, 0] * y - g[i, 1] * x == pytest.approx(0.0, abs=1e-12 * np.linalg.norm(g[i]))
+
+
+def test_elbow_brakes_share_one_line_on_coaxial_bases_and_not_otherwise():
+    for bar, parallel in ((THREE, True), (FOUR, False)):
+        for p in tips(bar):
+            g = rows_of(bar, p)
+            sine = (g[1, 0] * g[3, 1] - g[1, 1] * g[3, 0]) / np.linalg.norm(g[1]) / np.linalg.norm(g[3])
+            assert (abs(sine) < 1e-13) == parallel
+
+
+def test_rates_and_their_bias_are_the_derivatives_of_the_angles_along_a_path(any_five_bar):
+    """omega = g . v, and gdot . v is the joint acceleration of a tip in straight uniform motion."""
+    rng = np.random.default_rng(5)
+    mechanism = pack_mechanism(any_five_bar.device.mechanism)[0]
+    for p in tips(any_five_bar):
+        v = rng.normal(scale=0.5, size=2)
+        m = motion(mechanism, p[0], p[1], v[0], v[1])
+        rates, biases = [m.rate_a, m.rate_e, m.rate_b, m.rate_c], [m.bias_a, m.bias_e, m.bias_b, m.bias_c]
+        assert rates == pytest.approx(slope(any_five_bar.angles, p, v), rel=1e-8, abs=1e-8)
+        change = slope(lambda q, v=v: any_five_bar.rows(q) @ v, p, v)
+        assert biases == pytest.approx(change, rel=1e-7, abs=1e-7)
+
+
+def test_tip_force_of_one_brake_is_its_torque_over_the_moment_arm(any_five_bar):
+    """Eq. (11); the moment arm of brake i is the distance from the force's line to the joint: 1 / |g_i|."""
+    p = tips(any_five_bar, 1)[0]
+    g = rows_of(any_five_bar, p)
+    a, e, b, c = any_five_bar.angles(p)
+    ae, ed, bc, cd = any_five_bar.lengths
+    reach_a, reach_b = np.linalg.norm(p - any_five_bar.base_a), np.linalg.norm(p - any_five_bar.base_b)
+    arms = np.abs([ae * np.sin(e), ae * ed * np.sin(e) / reach_a, bc * np.sin(c), bc * cd * np.sin(c) / reach_b])
+    for i in range(4):
+        for torque in (2.0, -2.0, 0.0):
+            assert tip_force(g, i, torque) == pytest.approx(abs(torque) / arms[i], rel=1e-12)
+            assert tip_force(g, i, torque) == pytest.approx(np.linalg.norm(torque * g[i]), rel=1e-12)

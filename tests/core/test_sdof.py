@@ -1,0 +1,109 @@
+"""SDOF velocity control (Section IV-B): the paths that single locked brakes leave, and the choice among them."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from synthetic_device import DEVICES, brakes_on, joint_angles, random_rows, rows
+
+from core.control.rule_sets import SETTLED
+from core.control.sdof import nearest_valid_brake, sdof_direction, valid_sense
+from core.control.velocity_field import Field, desired_direction
+
+pytestmark = pytest.mark.nojit
+law = settings(deadline=None)  # the first call compiles
+
+angle = st.floats(-math.pi, math.pi)
+side = st.sampled_from([1.0, -1.0])
+seed = st.integers(0, 2**32 - 1)
+
+
+def field_of(direction: float, side: float, distance: float = 0.02) -> Field:
+    """The field left (+1) or right (-1) of a path in a direction (rad)."""
+    t = (math.cos(direction), math.sin(direction))
+    n = (side * t[1], -side * t[0])
+    return Field(distance, *t, *n, *desired_direction(distance, *n, *t, 0.05))
+
+
+def angle_between(a, b) -> float:
+    """Unsigned angle between two vectors, rad."""
+    return abs(math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]))
+
+
+@law
+@given(angle, st.floats(1e-3, 1e3))
+def test_the_sdof_path_is_perpendicular_to_the_force_of_its_brake(direction, size):
+    g = (size * math.cos(direction), size * math.sin(direction))
+    p = sdof_direction(*g)
+    assert math.hypot(*p) == pytest.approx(1.0)
+    assert (p[0] * g[0] + p[1] * g[1]) / size == pytest.approx(0.0, abs=1e-12)
+
+
+@law
+@given(st.sampled_from(list(DEVICES)), st.floats(-0.08, 0.08), st.floats(0.3, 0.42), st.integers(0, 3))
+def test_a_tip_that_moves_along_the_sdof_path_leaves_the_angle_of_that_joint_alone(device, x, y, joint):
+    p = np.array(sdof_direction(*rows(device, x, y)[joint]))
+    step = 1e-5
+    turned = joint_angles(device, *(np.array([x, y]) + step * p)) - joint_angles(device, x, y)
+    assert abs(turned[joint]) < 1e-3 * step
+    assert np.max(np.abs(turned)) > 0.1 * step, "the other joints turn"
+
+
+def test_a_brake_without_a_moment_arm_has_no_sdof_path_and_is_never_valid():
+    assert sdof_direction(0.0, 0.0) == (0.0, 0.0)
+    assert valid_sense(0.0, 0.0, field_of(0.3, 1.0), 1e-9) == 0.0
+    assert nearest_valid_brake(brakes_on("AEBC"), np.zeros((4, 2)), field_of(0.3, 1.0), SETTLED) == -1
+
+
+@law
+@given(angle, side, angle)
+def test_a_path_is_valid_in_the_sense_that_lies_within_90_degrees_from_t_to_n(direction, side, of_path):
+    field = field_of(direction, side)
+    p = (math.cos(of_path), math.sin(of_path))
+    middle = (field.t_x + field.n_x, field.t_y + field.n_y)
+    off = angle_between(p, middle), angle_between((-p[0], -p[1]), middle)
+    assume(all(abs(o - math.pi / 4) > 1e-6 for o in off))  # the ends have their own test
+    expected = 1.0 if off[0] < math.pi / 4 else -1.0 if off[1] < math.pi / 4 else 0.0
+    assert valid_sense(*p, field, SETTLED.span_rounding) == expected
+
+
+@law
+@given(angle, side, st.floats(-1e-12, 1e-12))
+def test_paths_along_t_and_n_themselves_are_valid_whatever_rounding_does_to_them(direction, side, rounding):
+    field = field_of(direction, side)
+    for x, y in ((field.t_x, field.t_y), (field.n_x, field.n_y)):
+        p = (x - rounding * y, y + rounding * x)
+        assert valid_sense(*p, field, SETTLED.span_rounding) == 1.0
+        assert valid_sense(-p[0], -p[1], field, SETTLED.span_rounding) == -1.0
+
+
+@law
+@given(seed, angle, side, st.floats(0.0, 0.1), st.sampled_from(["AEBC", "AEB", "EC", "B"]))
+def test_the_chosen_path_is_the_valid_one_closest_in_angle_to_the_desired_direction(
+    seed, direction, side, distance, joints
+):
+    g = random_rows(np.random.default_rng(seed))
+    field = field_of(direction, side, distance)
+    middle = (field.t_x + field.n_x, field.t_y + field.n_y)
+    angles = {}
+    for i in ("AEBC".index(joint) for joint in joints):
+        for quarter in (0.5, -0.5):
+            a = math.atan2(g[i, 1], g[i, 0]) + quarter * math.pi
+            p = (math.cos(a), math.sin(a))
+            if angle_between(p, middle) <= math.pi / 4:
+                angles[i] = angle_between(p, (field.beta_x, field.beta_y))
+    expected = min(angles, key=angles.__getitem__) if angles else -1
+    assert nearest_valid_brake(brakes_on(joints), g, field, SETTLED) == expected
+
+
+@pytest.mark.parametrize("joint", range(4))
+def test_no_brake_is_valid_where_every_path_leads_outward_or_back(joint):
+    field = field_of(0.0, 1.0)  # t = +x, n = -y: valid are the paths down to the right
+    g = np.tile([3.0, -3.0], (4, 1))  # all paths run up to the right or down to the left
+    assert nearest_valid_brake(brakes_on("AEBC"), g, field, SETTLED) == -1
+    g[joint] = [3.0, 3.0]
+    assert nearest_valid_brake(brakes_on("AEBC"), g, field, SETTLED) == joint
+    others = "AEBC".replace("AEBC"[joint], "")
+    assert nearest_valid_brake(brakes_on(others), g, field, SETTLED) == -1, "a joint without a brake"

@@ -1,0 +1,217 @@
+"""Which brakes stick: the exact solver against brute force, the zonotope of a locked device, the load split."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from devices import BENCH, BENCH_FOUR, BENCH_THREE, FIXED, FOUR, FiveBar, random_five_bar
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linprog, minimize
+
+from core.simulator.hand import new_hand
+from core.simulator.load_sharing import share_at_rest
+from core.simulator.simulation import Simulation
+from core.simulator.state import new_state
+from core.simulator.stick_slip import FREE, STILL, holding_torque, largest_excess, solve_at_rest
+
+DIRECTIONS = [np.array([math.cos(a), math.sin(a)]) for a in np.radians(np.arange(0, 360, 10))]
+
+
+def objective(a, mass, f, g, active, plus, minus) -> float:
+    """1/2 a.M a - f.a + sum of costs: what the motion minimises (inf where a stop forbids it)."""
+    total = 0.5 * a @ mass @ a - f @ a
+    for i in np.flatnonzero(active):
+        rate = g[i] @ a
+        if abs(rate) > 1e-11 * np.linalg.norm(g[i]) * (1e-3 + np.linalg.norm(a)):
+            total += (plus[i] if rate > 0.0 else minus[i]) * abs(rate)
+    return total
+
+
+def by_enumeration(mass, f, g, active, plus, minus) -> np.ndarray:
+    """The minimiser, from all 3^n modes (+, -, held) of the active joints."""
+    best, answer = 0.0, np.zeros(2)
+    joints = np.flatnonzero(active)
+    inverse = np.linalg.inv(mass)
+    for mode in itertools.product((1, -1, 0), repeat=len(joints)):
+        cost = [plus[i] if s > 0 else minus[i] for i, s in zip(joints, mode, strict=True) if s]
+        if np.any(np.isinf(cost)):
+            continue
+        slipping = [s * g[i] for i, s in zip(joints, mode, strict=True) if s]
+        push = f - (np.array(cost) @ np.array(slipping) if cost else 0.0)
+        held = [g[i] for i, s in zip(joints, mode, strict=True) if s == 0]
+        a = inverse @ push
+        if held:
+            _, size, axes = np.linalg.svd(np.array(held))
+            if len(size) > 1 and size[1] > 1e-9 * size[0]:
+                continue  # two independent joints held: a = 0
+            along = axes[1]
+            a = along * (along @ push) / (along @ mass @ along)
+        value = objective(a, mass, f, g, active, plus, minus)
+        if value < best:
+            best, answer = value, a
+    return answer
+
+
+def problem(seed: int, kind: str):
+    """A random problem: mass, force, rows, active joints, costs against + and - motion, coaxial."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(2, 2))
+    mass = root @ root.T + rng.uniform(0.05, 2.0) * np.eye(2)
+    g = rng.normal(size=(5, 2)) * rng.uniform(1.0, 10.0, (5, 1))
+    coaxial = int(kind == "coaxial")
+    if coaxial:
+        g[3], g[4] = rng.normal() * g[1], rng.normal() * g[1]
+    active = (rng.uniform(size=5) < 0.8).astype(np.int64)
+    plus = rng.uniform(0.0, 5.0, 5)
+    minus = plus.copy() if kind == "symmetric" else rng.uniform(0.0, 5.0, 5)
+    if kind == "zero":
+        plus[rng.integers(5)] = minus[rng.integers(5)] = 0.0
+        both = rng.integers(5)
+        plus[both] = minus[both] = 0.0
+    if kind in ("stop", "coaxial"):
+        for j in rng.integers(0, 5, rng.integers(1, 3)):
+            (plus if rng.uniform() < 0.5 else minus)[j] = math.inf
+    f = rng.normal(size=2) * 10.0 ** rng.uniform(-0.5, 2.0)
+    return mass, f, g, active, plus, minus, coaxial
+
+
+def solve(mass, f, g, active, plus, minus, coaxial):
+    sign = np.zeros(5)
+    held, ax, ay = solve_at_rest(
+        mass[0, 0], mass[0, 1], mass[1, 1], g, active, plus, minus, coaxial, f[0], f[1], sign
+    )  # fmt: skip
+    return held, np.array([ax, ay]), sign
+
+
+@pytest.mark.nojit
+@settings(max_examples=80)
+@given(seed=st.integers(0, 2**32), kind=st.sampled_from(["symmetric", "asymmetric", "zero", "stop", "coaxial"]))
+def test_motion_from_rest_is_the_best_of_all_stick_and_slip_modes(seed, kind):
+    """Asymmetric, zero and infinite yields, and parallel rows on coaxial bases."""
+    mass, f, g, active, plus, minus, coaxial = problem(seed, kind)
+    held, a, sign = solve(mass, f, g, active, plus, minus, coaxial)
+    expected = by_enumeration(mass, f, g, active, plus, minus)
+    assert a == pytest.approx(expected, abs=1e-9 * (1e-3 + np.linalg.norm(np.linalg.solve(mass, f))))
+    assert (held == STILL) == (not np.any(a))
+    for i in np.flatnonzero(active):
+        if sign[i] != 0.0:
+            assert sign[i] * (g[i] @ a) > 0.0
+        else:
+            assert abs(g[i] @ a) <= 1e-12 * np.linalg.norm(g[i]) * np.linalg.norm(a)
+    for d in np.random.default_rng(seed).normal(scale=1e-3, size=(20, 2)):
+        there = objective(a + d, mass, f, g, active, plus, minus)
+        assert there >= objective(a, mass, f, g, active, plus, minus) - 1e-12
+
+
+@pytest.mark.nojit
+def test_without_brakes_a_resting_tip_is_free():
+    mass, f, g, _, plus, minus, _ = problem(1, "symmetric")
+    held, a, _ = solve(mass, f, g, np.zeros(5, dtype=np.int64), plus, minus, 0)
+    assert held == FREE
+    assert mass @ a == pytest.approx(f)
+
+
+@pytest.mark.nojit
+def test_holding_torque_leaves_the_joint_without_acceleration():
+    for seed in range(20):
+        mass, f, g, *_ = problem(seed, "symmetric")
+        bias = float(np.random.default_rng(seed).normal())
+        torque = holding_torque(mass[0, 0], mass[0, 1], mass[1, 1], g[0, 0], g[0, 1], bias, f[0], f[1])
+        assert g[0] @ np.linalg.solve(mass, f + g[0] * torque) + bias == pytest.approx(0.0, abs=1e-10)
+
+
+def hold_limit(g: np.ndarray, yields: np.ndarray, u: np.ndarray) -> float:
+    """Largest force along u that brakes balance: the edge of the zonotope sum of [-y_i, y_i] g_i, by linear program."""
+    equal = np.column_stack([g.T, u])
+    bounds = [(-y, y) for y in yields] + [(0, None)]
+    answer = linprog([0, 0, 0, 0, -1], A_eq=equal, b_eq=np.zeros(2), bounds=bounds)
+    return float(-answer.fun)
+
+
+def locked(bar: FiveBar, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A tip, the rows there, and a yield for each brake."""
+    rng = np.random.default_rng(seed)
+    p = np.array([0.05, 0.40]) if bar in FIXED else bar.open_tips(rng, 1)[0]
+    return p, bar.rows(p), rng.uniform(1.0, 5.6, 4) * np.array([float(j in bar.braked) for j in "AEBC"])
+
+
+def test_locked_device_holds_99_hundredths_of_the_zonotope_bound_and_yields_to_101(any_five_bar):
+    """36 directions; below the bound the tip keeps its place to the last bit (bench: 10 s), above it moves at once."""
+    tenth = 1000 if any_five_bar in BENCH else 20  # ticks in a tenth of the time
+    p, g, yields = locked(any_five_bar, 2)
+    for u in DIRECTIONS:
+        limit = hold_limit(g, yields, u)
+        below = Simulation(any_five_bar.device, tuple(p), hand=new_hand(forces=0.99 * limit * u[None]))
+        rows = below.rows(11, 1e-3, tenth, np.zeros(1), yields[None], 0, 10)
+        assert np.all(rows[:, 1:3] == p) and np.all(rows[:, 3:5] == 0.0)
+        above = Simulation(any_five_bar.device, tuple(p), hand=new_hand(forces=1.01 * limit * u[None]))
+        rows = above.run(0.01, 1e-3, yields)
+        assert np.linalg.norm(rows[-1, 1:3] - p) > 1e-8
+        assert u @ (rows[-1, 1:3] - p) > 0.0
+
+
+def test_excess_changes_sign_at_the_zonotope_bound(any_five_bar):
+    p, g, yields = locked(any_five_bar, 3)
+    whole = np.vstack([g, np.zeros(2)])
+    active = np.array([*(yields > 0.0).astype(np.int64), 0])
+    cost = np.array([*yields, 0.0])
+    coaxial = int(any_five_bar.device.mechanism.coaxial)
+    for u in DIRECTIONS:
+        limit = hold_limit(g, yields, u)
+        for share, outside in ((1 - 1e-9, False), (1 + 1e-9, True)):
+            f = share * limit * u
+            assert (largest_excess(whole, active, cost, cost, coaxial, f[0], f[1]) > 0.0) == outside
+
+
+def least_squares_split(g, low, high, f) -> np.ndarray:
+    """Torques that balance f within [low, high], least sum of ((torque - middle) / half-width)^2, by SLSQP."""
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    slopes = (half[:, None] * g).T
+    found = minimize(
+        lambda z: z @ z, np.zeros(len(g)), jac=lambda z: 2 * z, method="SLSQP", bounds=[(-1, 1)] * len(g),
+        constraints={"type": "eq", "fun": lambda z: (middle + half * z) @ g + f, "jac": lambda z: slopes},
+        options={"ftol": 1e-15, "maxiter": 200},
+    )  # fmt: skip
+    return middle + half * found.x
+
+
+@pytest.mark.parametrize("bar", [BENCH_THREE, BENCH_FOUR, FOUR, random_five_bar(4)], ids=lambda bar: bar.name)
+def test_stuck_brakes_balance_the_hand_with_the_least_relative_effort(bar):
+    """Three and four stuck brakes: balance, within the yields, least sum of (tau_i / y_i)^2."""
+    p, g, yields = locked(bar, 5)
+    on = np.flatnonzero(yields)
+    for u in DIRECTIONS[::3]:
+        for share in (0.3, 0.8, 0.97):
+            f = share * hold_limit(g, yields, u) * u
+            row = Simulation(bar.device, tuple(p), hand=new_hand(forces=f[None])).run(1e-3, 1e-3, yields)[0]
+            torque = row[5:9]
+            assert torque @ g == pytest.approx(-f, abs=1e-9 * np.linalg.norm(f))
+            assert np.all(np.abs(torque) <= yields * (1 + 1e-9))
+            expected = least_squares_split(g[on], -yields[on], yields[on], f)
+            best, got = np.sum((expected / yields[on]) ** 2), np.sum((torque[on] / yields[on]) ** 2)
+            assert got <= best * (1 + 1e-6) + 1e-12
+            assert int(row[9]) == sum(1 << i for i in on)
+
+
+def test_split_inside_the_backlash_is_measured_from_the_middle_of_each_range():
+    """Unequal limits: torque in [-plus, minus], least sum of ((torque - middle) / half-width)^2."""
+    rng = np.random.default_rng(8)
+    bar = BENCH_FOUR
+    p = np.array([0.05, 0.40])
+    g = bar.rows(p)
+    for _ in range(20):
+        state = new_state(*p)[0]
+        plus, minus = rng.uniform(0.3, 5.0, (2, 4))
+        state.g[:4], state.active[:4] = g, 1
+        state.cost_plus[:4], state.cost_minus[:4] = plus, minus
+        inside = -plus + rng.uniform(0.02, 0.98, 4) * (plus + minus)
+        f = -inside @ g
+        share_at_rest(state, f[0], f[1])
+        torque = state.torque[:4].copy()
+        assert torque @ g == pytest.approx(-f, abs=1e-8)
+        assert np.all(torque >= -plus - 1e-8) and np.all(torque <= minus + 1e-8)
+        middle, half = 0.5 * (minus - plus), 0.5 * (plus + minus)
+        expected = least_squares_split(g, -plus, minus, f)
+        assert np.sum(((torque - middle) / half) ** 2) <= np.sum(((expected - middle) / half) ** 2) * (1 + 1e-6)

@@ -1,0 +1,201 @@
+"""Eq. (5), ten coordinates and eight constraints, against the reduced form: one physics by two routes."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from devices import BENCH_FOUR, BENCH_THREE, S1, FiveBar, yields
+from scipy.integrate import solve_ivp
+
+from core.mechanism import JOINTS
+from core.simulator.hand import wave_hand
+from core.simulator.simulation import Simulation
+from core.simulator.stick_slip import FREE, STILL
+from core.simulator.stick_slip_mode import enter_line, finish, look, set_costs
+from core.ten_coordinates import (
+    HANDLE,
+    JOINT_RATES,
+    bodies_of,
+    constraint_bias,
+    constraint_matrix,
+    constraints,
+    coordinates,
+    generalised_forces,
+    mass_matrix,
+    rates,
+    solve,
+)
+
+ROUNDING = 1e-10  # relative; the linear system of Eq. (5) has a condition number of some 1e4
+
+
+def moments(bar: FiveBar, n: int = 4):
+    """Random tips, velocities, hand forces (N) and slipping torques (N m)."""
+    rng = np.random.default_rng(5)
+    for p in bar.open_tips(rng, n):
+        yield p, rng.normal(scale=0.5, size=2), rng.normal(scale=8.0, size=2), rng.normal(scale=2.0, size=4)
+
+
+def patterns():
+    """Every set of stuck joints."""
+    return [stuck for n in range(5) for stuck in combinations(range(4), n)]
+
+
+def at_rest(bar: FiveBar, stuck: tuple[int, ...]) -> bool:
+    """True where this set of stuck joints holds the tip itself."""
+    together = bar.device.mechanism.coaxial and set(stuck) == {1, 3}
+    return len(stuck) >= 2 and not together
+
+
+def carried_along(bar: FiveBar, stuck: tuple[int, ...]) -> list[int]:
+    """Joints at rest because a stuck one shares their line (E and C on coaxial bases): they cannot slip."""
+    return [4 - j for j in stuck if j in (1, 3) and bar.device.mechanism.coaxial and 4 - j not in stuck]
+
+
+def moment_of(bar, p, v, stuck):
+    """q and qdot at a tip, with a velocity that the stuck joints allow."""
+    bodies = bodies_of(bar.device)
+    q = coordinates(bar.device, p)
+    if at_rest(bar, stuck):
+        v = np.zeros(2)
+    elif stuck:
+        g = bar.rows(p)[stuck[0]]
+        v = v - g * (g @ v) / (g @ g)
+    return bodies, q, rates(bodies, q, v), v
+
+
+def reduced(bar: FiveBar, p, v, hand_force, torque, stuck, hold):
+    """Acceleration (2,) and torques (4,) by the reduced form: the kernels of the simulator, the pattern given."""
+    simulation = Simulation(bar.device, tuple(p), tuple(v))
+    state = simulation.state[0]
+    state.torque_yield[:] = hold
+    look(simulation.mechanism[0], state)
+    set_costs(simulation.brakes[0], state)
+    for i in range(4):
+        slips = i not in stuck
+        state.active[i] = int(i not in carried_along(bar, stuck))
+        state.sign[i] = -1.0 if slips else 0.0
+        state.cost_plus[i] = state.cost_minus[i] = torque[i] if slips else hold[i]
+    state.sign[4] = 0.0
+    state.held = FREE if not stuck else STILL if at_rest(bar, stuck) else stuck[0]
+    if state.held == STILL:  # the slipping joints of a resting tip: their torque is one more load on it
+        for i in range(4):
+            state.active[i] = int(i in stuck)
+        hand_force = hand_force + sum(torque[i] * bar.rows(p)[i] for i in range(4) if i not in stuck)
+    finish(simulation.mechanism[0], state, hand_force[0], hand_force[1], 0.0)
+    given = np.array([0.0 if i in stuck else torque[i] for i in range(4)])
+    return state.acceleration.copy(), np.where(np.isin(np.arange(4), stuck), state.torque[:4], given)
+
+
+def test_mass_matrix_is_constant_diagonal_but_for_the_rotors_at_the_elbows(any_five_bar):
+    bar = any_five_bar
+    mass = mass_matrix(bodies_of(bar.device))
+    off = mass - np.diag(np.diag(mass))
+    coupled = {(0, 4): bar.rotors[1], (1, 7): bar.rotors[3]}
+    for (i, j), rotor in coupled.items():
+        assert off[i, j] == off[j, i] == -rotor
+        off[i, j] = off[j, i] = 0.0
+    assert not off.any()
+
+
+def test_kinetic_energy_is_the_sum_over_the_bodies(any_five_bar):
+    bodies = bodies_of(any_five_bar.device)
+    for p, v, _, _ in moments(any_five_bar):
+        rate = rates(bodies, coordinates(any_five_bar.device, p), v)
+        assert 0.5 * rate @ mass_matrix(bodies) @ rate == pytest.approx(any_five_bar.kinetic(p, v), rel=1e-12)
+
+
+def test_linkage_is_closed_and_the_constraint_matrix_is_its_derivative(any_five_bar):
+    bodies = bodies_of(any_five_bar.device)
+    for p, v, _, _ in moments(any_five_bar):
+        q = coordinates(any_five_bar.device, p)
+        assert np.abs(constraints(bodies, q)).max() < 1e-14
+        rate, h = rates(bodies, q, v), 1e-5
+        for direction in np.eye(10):
+            slope = (constraints(bodies, q + h * direction) - constraints(bodies, q - h * direction)) / (2 * h)
+            assert constraint_matrix(bodies, q) @ direction == pytest.approx(slope, abs=1e-9)
+        turned = (constraint_matrix(bodies, q + h * rate) - constraint_matrix(bodies, q - h * rate)) / (2 * h)
+        assert constraint_bias(bodies, q, rate) == pytest.approx(turned @ rate, rel=1e-6, abs=1e-7)
+
+
+def test_joint_torques_do_their_work_on_the_joint_rates(any_five_bar):
+    bodies = bodies_of(any_five_bar.device)
+    for p, v, force, torque in moments(any_five_bar):
+        rate = rates(bodies, coordinates(any_five_bar.device, p), v)
+        assert JOINT_RATES @ rate == pytest.approx(any_five_bar.rows(p) @ v, rel=1e-9, abs=1e-9)
+        work = force @ v + torque @ (any_five_bar.rows(p) @ v)
+        assert generalised_forces(force, torque) @ rate == pytest.approx(work, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("stuck", patterns(), ids=lambda s: "".join(JOINTS[j] for j in s) or "none")
+def test_accelerations_and_holding_torques_equal_those_of_the_reduced_form(any_five_bar, stuck):
+    bar, hold = any_five_bar, np.array([50.0, 70.0, 90.0, 60.0])
+    for p, v, force, torque in moments(bar):
+        bodies, q, rate, v = moment_of(bar, p, v, stuck)
+        torque = np.abs(torque)
+        torque[carried_along(bar, stuck)] = 0.0
+        found = solve(bodies, q, rate, force, torque, stuck, hold)
+        acceleration, torques = reduced(bar, p, v, force, torque, stuck, hold)
+        size = 1.0 + np.abs(found.acceleration).max()
+        assert found.acceleration[HANDLE:] == pytest.approx(acceleration, abs=ROUNDING * size)
+        assert found.torque == pytest.approx(torques, abs=1e-8 * (1.0 + np.abs(torques).max()))
+
+
+@pytest.mark.parametrize("stuck", patterns(), ids=lambda s: "".join(JOINTS[j] for j in s) or "none")
+def test_multipliers_and_torques_together_balance_every_body(any_five_bar, stuck):
+    """Eq. (5) line by line, the constraints kept, and no work done by the multipliers."""
+    for p, v, force, torque in moments(any_five_bar, 2):
+        bodies, q, rate, v = moment_of(any_five_bar, p, v, stuck)
+        found = solve(bodies, q, rate, force, torque, stuck)
+        a = constraint_matrix(bodies, q)
+        left = mass_matrix(bodies) @ found.acceleration
+        right = generalised_forces(force, found.torque) + a.T @ found.multipliers
+        assert left == pytest.approx(right, abs=ROUNDING * (1.0 + np.abs(left).max()))
+        kept = a @ found.acceleration + constraint_bias(bodies, q, rate)
+        assert np.abs(kept).max() < ROUNDING * (1.0 + np.abs(found.acceleration).max())
+        assert np.abs((JOINT_RATES @ found.acceleration)[list(stuck)]).max(initial=0.0) < 1e-8
+        assert abs((a.T @ found.multipliers) @ rate) < 1e-9 * (1.0 + np.abs(found.multipliers).max())
+
+
+def test_forces_at_an_elbow_and_at_the_handle_are_equal_and_opposite(any_five_bar):
+    """The two forces on the handle accelerate it, with the hand's."""
+    for p, v, force, torque in moments(any_five_bar, 2):
+        bodies, q, rate, _ = moment_of(any_five_bar, p, v, ())
+        found = solve(bodies, q, rate, force, torque)
+        on_handle = force - found.multipliers[2:4] - found.multipliers[6:8]
+        size = 1.0 + np.abs(found.multipliers).max()
+        assert bodies.tip_mass * found.acceleration[HANDLE:] == pytest.approx(on_handle, abs=ROUNDING * size)
+
+
+def swing(bar: FiveBar, stuck: tuple[int, ...], duration: float, signs: np.ndarray, velocity: np.ndarray):
+    """Tip (2,) after `duration` by DOP853 on Eq. (5): brakes slip in the given senses at 0.3 N m, `stuck` held."""
+    bodies, q = bodies_of(bar.device), coordinates(bar.device, np.array([0.05, 0.40]))
+    torque = np.where(np.isin(np.arange(4), stuck), 0.0, -signs * yields(bar, 0.3))
+    (ax, wx, _), (ay, wy, lag) = S1
+
+    def slope(t, z):
+        wave = np.array([ax * np.sin(wx * t), ay * np.sin(wy * t + lag)])
+        return np.append(z[10:], solve(bodies, z[:10], z[10:], wave, torque, stuck).acceleration)
+
+    start = np.append(q, rates(bodies, q, velocity))
+    end = solve_ivp(slope, (0.0, duration), start, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    assert np.abs(constraints(bodies, end[:10])).max() < 1e-10
+    return end[HANDLE:10]
+
+
+@pytest.mark.parametrize("bar", [BENCH_THREE, BENCH_FOUR], ids=lambda bar: bar.name)
+@pytest.mark.parametrize("locked", ["", "A", "E", "B"])
+def test_motion_equals_that_of_the_event_integrator(bar, locked):
+    """A throw against slipping brakes, too short for a reversal, with no brake or one locked."""
+    start, stuck = np.array([0.05, 0.40]), tuple(JOINTS.index(joint) for joint in locked)
+    velocity = moment_of(bar, start, np.array([0.3, -0.9]), stuck)[3]
+    velocity *= 0.8 / np.linalg.norm(velocity)
+    expected = swing(bar, stuck, 0.05, np.sign(bar.rows(start) @ velocity), velocity)
+    simulation = Simulation(bar.device, tuple(start), tuple(velocity), hand=wave_hand(S1))
+    for joint in stuck:  # the locked joint starts at rest to rounding only: say that it is stuck
+        simulation.state["held"][0] = joint
+        enter_line(simulation.mechanism[0], simulation.state[0], joint)
+    end = simulation.run(0.05, 1e-4, yields(bar, 0.3, **{joint: 5.6 for joint in locked}))[-1]
+    assert simulation.ledger().events == 0
+    assert np.abs(end[1:3] - expected).max() < 1e-11
+    assert np.linalg.norm(expected - start) > 0.02

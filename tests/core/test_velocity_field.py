@@ -1,0 +1,199 @@
+"""Path, travel sense and the field of desired directions (Section IV-A, Fig. 12)."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from paths import curves, point, segments
+
+from core.control.rule_sets import LITERAL, SETTLED
+from core.control.velocity_field import (
+    BLEND_WIDTH,
+    PIECE,
+    SIDE,
+    TRAVEL,
+    desired_direction,
+    field_at,
+    new_memory,
+    side_of_path,
+    travel_sense,
+)
+from core.errors import InputError
+from core.path import CORNER_M, line, nearest, point_at
+from core.path_file import Arc, Polyline, build_path
+
+pytestmark = pytest.mark.nojit
+law = settings(deadline=None)  # the first call compiles
+
+angle = st.floats(-math.pi, math.pi)
+
+
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [
+        ((0.1, 0.4), (0.1, 0.4)),
+        ((0.0, math.nan), (0.1, 0.4)),
+        ((0.0, 0.4), (math.inf, 0.4)),
+        ((0.0,), (0.1, 0.4)),
+        ((0.0, 0.4, 0.0), (0.1, 0.4)),
+        (("a", 0.4), (0.1, 0.4)),
+        (3.0, (0.1, 0.4)),
+    ],
+)
+def test_a_segment_without_length_or_with_numbers_that_are_none_is_refused(start, end):
+    with pytest.raises(InputError, match="path"):
+        line(start, end)
+
+
+@law
+@given(segments, point)
+def test_progress_along_and_distance_across_lead_back_to_the_point(path, at):
+    progress, distance, tx, ty = nearest(path, *at)
+    assert math.hypot(tx, ty) == pytest.approx(1.0)
+    assert path.x0 + progress * tx - distance * ty == pytest.approx(at[0], abs=1e-12)
+    assert path.y0 + progress * ty + distance * tx == pytest.approx(at[1], abs=1e-12)
+
+
+def test_distance_is_positive_left_of_the_way_to_the_end_and_progress_runs_past_the_ends():
+    path = line((-0.1, 0.4), (0.1, 0.4))
+    assert nearest(path, 0.25, 0.43)[:2] == pytest.approx((0.35, 0.03))
+    assert nearest(path, -0.2, 0.37)[:2] == pytest.approx((-0.1, -0.03))
+    assert nearest(line((0.1, 0.4), (-0.1, 0.4)), 0.0, 0.43)[1] == pytest.approx(-0.03)
+
+
+def beta_angle(distance, n, t, width=BLEND_WIDTH):
+    """Angle of beta from t towards n, rad."""
+    bx, by = desired_direction(distance, *n, *t, width)
+    assert math.hypot(bx, by) == pytest.approx(1.0)
+    return math.atan2(bx * n[0] + by * n[1], bx * t[0] + by * t[1])
+
+
+@law
+@given(angle, st.sampled_from([1.0, -1.0]), st.floats(0.0, 0.2))
+def test_the_angle_of_the_field_grows_linearly_with_distance_to_a_right_angle_at_the_boundary(direction, side, d):
+    t = (math.cos(direction), math.sin(direction))
+    n = (side * t[1], -side * t[0])
+    assert beta_angle(d, n, t) == pytest.approx(min(d / BLEND_WIDTH, 1.0) * math.pi / 2, abs=1e-12)
+
+
+def test_the_field_on_the_path_is_the_path_and_beyond_the_boundary_straight_to_it():
+    assert desired_direction(0.0, 0.0, -1.0, 1.0, 0.0, BLEND_WIDTH) == (1.0, 0.0)
+    assert desired_direction(BLEND_WIDTH, 0.0, -1.0, 1.0, 0.0, BLEND_WIDTH) == (0.0, -1.0)
+    assert desired_direction(0.3, 0.0, -1.0, 1.0, 0.0, BLEND_WIDTH) == (0.0, -1.0)
+
+
+@law
+@given(st.one_of(segments, curves), point, point, angle, st.floats(0.1, 40.0), st.sampled_from([SETTLED, LITERAL]))
+def test_a_small_step_along_the_field_never_leads_away_from_the_path(path, at, v, push, force, rules):
+    fx, fy = force * math.cos(push), force * math.sin(push)
+    field = field_at(path, new_memory(), *at, *v, fx, fy, BLEND_WIDTH, rules)
+    assert field.distance == pytest.approx(abs(nearest(path, *at)[1]))
+    assert field.t_x * field.n_x + field.t_y * field.n_y == pytest.approx(0.0, abs=1e-12)
+    assert field.beta_x * field.n_x + field.beta_y * field.n_y >= -1e-12
+    assert field.beta_x * field.t_x + field.beta_y * field.t_y >= -1e-12
+    if field.distance > CORNER_M:
+        step = 1e-7
+        nearer = nearest(path, at[0] + step * field.n_x, at[1] + step * field.n_y)[1]
+        assert abs(nearer) < field.distance, "n points towards the path"
+
+
+@law
+@given(segments, point, angle, st.floats(1.5, 40.0), st.sampled_from([SETTLED, LITERAL]))
+def test_a_push_along_the_path_sets_the_travel_sense_and_the_field_never_opposes_it(path, at, push, force, rules):
+    fx, fy = force * math.cos(push), force * math.sin(push)
+    field = field_at(path, new_memory(), *at, 0.0, 0.0, fx, fy, BLEND_WIDTH, rules)
+    along = fx * field.t_x + fy * field.t_y
+    assert along >= (0.0 if rules is LITERAL else -rules.turn_force) - 1e-12
+
+
+def test_literally_the_travel_sense_is_the_sign_of_the_force_along_and_kept_at_zero_force():
+    for last in (1.0, -1.0):
+        assert travel_sense(last, 1e-9, -0.3, LITERAL) == 1.0
+        assert travel_sense(last, -1e-9, 0.3, LITERAL) == -1.0
+        assert travel_sense(last, 0.0, 0.3, LITERAL) == last
+
+
+@law
+@given(st.sampled_from([1.0, -1.0]), st.floats(-40, 40), st.floats(-0.5, 0.5))
+def test_settled_4_the_travel_sense_turns_only_for_a_clear_push_that_the_motion_does_not_contradict(last, f, v):
+    sense = travel_sense(last, f, v, SETTLED)
+    turned = abs(f) > 1.0 and f * last < 0.0 and v * last <= 0.005
+    assert sense == (-last if turned else last)
+
+
+def test_settled_4_a_hand_that_brakes_the_tip_at_the_end_does_not_turn_the_field_round():
+    path = line((-0.1, 0.4), (0.1, 0.4))
+    for rules, expected in ((SETTLED, 1.0), (LITERAL, -1.0)):
+        field = field_at(path, new_memory(), 0.09, 0.41, 0.1, 0.0, -5.0, 0.0, BLEND_WIDTH, rules)
+        assert field.t_x == expected
+
+
+def test_settled_6_on_the_path_the_last_side_is_kept_and_the_first_is_the_left_of_t():
+    path = line((-0.1, 0.4), (0.1, 0.4))
+    memory = new_memory()
+    first = field_at(path, memory, 0.0, 0.4, 0.0, 0.0, 5.0, 0.0, BLEND_WIDTH, SETTLED)
+    assert first.n_y == -1.0, "left of t: n points right"
+    for y, expected in ((0.39, 1.0), (0.4, 1.0), (0.41, -1.0), (0.4, -1.0)):
+        assert field_at(path, memory, 0.0, y, 0.0, 0.0, 5.0, 0.0, BLEND_WIDTH, SETTLED).n_y == expected
+    backwards = field_at(path, new_memory(), 0.0, 0.4, 0.0, 0.0, -5.0, 0.0, BLEND_WIDTH, SETTLED)
+    assert (backwards.t_x, backwards.n_y) == (-1.0, 1.0), "left of a tangent that points to the start"
+
+
+@law
+@given(segments, st.floats(-1.0, 2.0), st.sampled_from([1.0, -1.0]))
+def test_rounding_does_not_choose_the_side_of_a_tip_on_the_path(path, share, side):
+    x = path.x0 + share * (path.x1 - path.x0)
+    y = path.y0 + share * (path.y1 - path.y0)
+    assert side_of_path(side, nearest(path, x, y)[1], 1.0, SETTLED) == side
+
+
+def test_memory_holds_travel_sense_and_side_of_the_last_tick():
+    path = line((-0.1, 0.4), (0.1, 0.4))
+    memory = new_memory()
+    assert memory[TRAVEL] == 1.0, "a trial begins towards the end"
+    field_at(path, memory, 0.0, 0.37, 0.0, 0.0, -5.0, 0.0, BLEND_WIDTH, SETTLED)
+    assert (memory[TRAVEL], memory[SIDE], memory[PIECE]) == (-1.0, -1.0, 0.0)
+
+
+@law
+@given(curves, st.floats(0.0, 1.0), st.floats(-0.002, 0.002), st.sampled_from([1.0, -1.0]))
+def test_near_any_path_the_field_runs_along_it_the_way_the_hand_pushes(path, share, off, sense):
+    s = share * path.length
+    x, y, tx, ty = point_at(path, s)
+    assume(all(abs(s - begin) > 0.01 for begin in path.pieces[1:, 0]))
+    tip = (x - off * ty, y + off * tx)
+    field = field_at(path, new_memory(), *tip, 0.0, 0.0, 5.0 * sense * tx, 5.0 * sense * ty, BLEND_WIDTH, SETTLED)
+    assert (field.t_x, field.t_y) == pytest.approx((sense * tx, sense * ty), abs=1e-9)
+    assert field.distance == pytest.approx(abs(off), abs=1e-9)
+    cosine = math.cos(0.5 * math.pi * abs(off) / BLEND_WIDTH)
+    assert field.beta_x * field.t_x + field.beta_y * field.t_y == pytest.approx(cosine, abs=1e-9)
+
+
+@pytest.mark.parametrize("offset", [-0.06, -0.01, 0.0, 0.03])
+@pytest.mark.parametrize(
+    "path_file",
+    [
+        Arc((0.0, 0.3), 0.1, 160.0, 20.0),
+        Arc((0.0, 0.35), 0.05, -90.0, 150.0),
+        Polyline(((-0.09, 0.32), (0.0, 0.42), (0.09, 0.36))),
+        Polyline(((-0.08, 0.3), (0.08, 0.3), (0.0, 0.4))),
+    ],
+    ids=["arc", "tight arc", "corner", "sharp corner"],
+)
+def test_a_tip_that_goes_where_the_field_points_comes_to_the_path_and_along_it_to_its_end(path_file, offset):
+    """Steps of 0.5 mm along beta under a push along the path, with tip noise of 20 um."""
+    path, memory, generator = build_path(path_file, "it"), new_memory(), np.random.default_rng(0)
+    x, y, tx, ty = point_at(path, 0.1 * path.length)
+    tip = np.array([x - offset * ty, y + offset * tx])
+    for _ in range(1500):
+        _, _, tx, ty = nearest(path, *tip)
+        seen = tip + generator.normal(size=2) * 2e-5
+        field = field_at(path, memory, *seen, 0.0, 0.0, 5.0 * tx, 5.0 * ty, BLEND_WIDTH, SETTLED)
+        tip = tip + 5e-4 * np.array([field.beta_x, field.beta_y])
+        if math.dist(tip, (path.x1, path.y1)) < 0.003:
+            break
+    else:
+        raise AssertionError(f"not at the end but at {tip}")
+    assert field.distance < 0.003

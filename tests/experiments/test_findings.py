@@ -1,0 +1,359 @@
+"""The paper's eleven statements: data made so that they hold, then broken one at a time."""
+
+import random
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from core.errors import InputError
+from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, answer, findings
+from experiments.analysis.participants import LEAST_PEOPLE, Interval, mean_interval, median_interval, spreads
+from experiments.analysis.report import side_by_side, write_report
+from experiments.analysis.statements import AT_MOST, BELOW, SIMILAR, STATEMENTS
+from experiments.analysis.trials_table import TrialRow
+
+DEVICES = ("three-brake", "four-brake")
+#: As the paper found them: path error (mm), its spread, force, acceleration.
+PAPER = {
+    1: (4.0, 0.5, 2.0, 10.0),
+    2: (2.0, 0.5, 6.0, 60.0),
+    3: (2.2, 0.1, 4.0, 40.0),
+    4: (2.1, 0.4, 4.0, 40.0),
+    5: (2.2, 0.5, 2.1, 10.5),
+}
+
+
+def study(people=12, devices=DEVICES, table=PAPER, wider=2.0, noise=0.02, seed=0):
+    """Trials of people who differ by a few per cent; `wider`: the uncontrolled spread with four brakes over three."""
+    generator = np.random.default_rng(seed)
+    rows = []
+    for p in range(1, people + 1):
+        own = {measure: generator.lognormal(0.0, noise) for measure in ("error", "force", "acceleration")}
+        for device in devices:
+            for controller, (error, spread, force, acceleration) in table.items():
+                spread *= wider if (device, controller) == ("four-brake", 1) else 1.0
+                for i, away in enumerate((-1.5, -1.0, -0.5, 0.5, 1.0, 1.5)):
+                    rows.append(
+                        TrialRow(
+                            f"{p:02}", len(rows) + 1, 1 + i % 3, device, controller, 1 + i % 2, 1 + i % 3, "done",
+                            path_error_m=1e-3 * (own["error"] * error + away * spread),
+                            mean_tip_force_N=own["force"] * force,
+                            force_over_progress_N=1.1 * own["force"] * force,
+                            acceleration_dft_sum=own["acceleration"] * acceleration,
+                            acceleration_weighted_rms_m_s2=0.1 * own["acceleration"] * acceleration,
+                            duration_s=3.0,
+                        )
+                    )  # fmt: skip
+    return rows
+
+
+def verdicts(rows):
+    return {one.statement.number: one.verdict for one in findings(rows)}
+
+
+def changed(rows, column, by, controller=None, device=None, participant=None):
+    """The rows with one column times a factor, where they match."""
+    return [
+        replace(row, **{column: by * getattr(row, column)})
+        if row.controller in ([controller] if controller else range(1, 6))
+        and row.configuration in (device or row.configuration)
+        and row.participant == (participant or row.participant)
+        else row
+        for row in rows
+    ]
+
+
+def test_all_eleven_hold_in_data_made_as_the_paper_found_them():
+    assert [one.statement.number for one in findings(study())] == list(range(1, 12))
+    assert set(verdicts(study()).values()) == {HOLDS}
+
+
+SEVERAL = ("mean_tip_force_N", "force_over_progress_N", "acceleration_dft_sum", "acceleration_weighted_rms_m_s2")
+FORCES = ("mean_tip_force_N", "force_over_progress_N")
+ACCELERATIONS = ("acceleration_dft_sum", "acceleration_weighted_rms_m_s2")
+BROKEN = {
+    "sdof-no-better-than-none": (1, ("path_error_m",), 2.1, 2, None),
+    "sdof-with-gap-no-better-than-none": (1, ("path_error_m",), 1.9, 3, None),
+    "low-gain-no-better-than-none": (2, ("path_error_m",), 1.9, 5, None),
+    "gap-spreads-as-wide": (3, ("path_error_m",), 8.0, 3, None),
+    "gap-no-smoother": (4, ACCELERATIONS, 1.5, 3, None),
+    "gap-no-lighter": (5, FORCES, 1.5, 3, None),
+    "gap-costs-accuracy": (6, ("path_error_m",), 1.25, 3, None),
+    "low-gain-no-lighter": (7, FORCES, 2.0, 5, None),
+    "low-gain-no-smoother": (7, ACCELERATIONS, 4.0, 5, None),
+    "low-gain-less-accurate": (7, ("path_error_m",), 1.25, 5, None),
+    "low-gain-heavier-than-none": (8, FORCES, 1.15, 5, None),
+    "low-gain-lighter-than-none": (8, FORCES, 0.75, 5, None),
+    "proportional-as-rough": (9, ACCELERATIONS, 2.5, 4, None),
+    "four-brakes-more-accurate": (10, ("path_error_m",), 0.7, None, "four-brake"),
+    "four-brakes-lighter": (10, FORCES, 0.8, None, "four-brake"),
+    "four-brakes-spread-less-uncontrolled": (10, ("path_error_m",), 0.25, 1, "four-brake"),
+    "sdof-improves-more": (11, ("path_error_m",), 0.5, 2, None),
+}
+
+
+@pytest.mark.parametrize("number, columns, by, controller, device", BROKEN.values(), ids=BROKEN)
+def test_a_statement_that_the_data_contradict_does_not_hold(number, columns, by, controller, device):
+    rows = study()
+    for column in columns:
+        rows = changed(rows, column, by, controller, device)
+    assert verdicts(rows)[number] == FAILS
+
+
+@pytest.mark.parametrize(
+    "column, number", [(FORCES[0], 5), (FORCES[1], 5), (ACCELERATIONS[0], 4), (ACCELERATIONS[1], 4)]
+)
+def test_two_measures_of_one_thing_that_disagree_leave_it_open(column, number):
+    found = findings(changed(study(), column, 2.0, 3))[number - 1]
+    assert found.verdict == CANNOT_TELL and "disagree" in found.sentence
+
+
+def test_devices_that_disagree_leave_it_open():
+    rows = study()
+    for column in ACCELERATIONS:
+        rows = changed(rows, column, 2.0, 3, "four-brake")
+    assert verdicts(rows)[4] == CANNOT_TELL
+
+
+@pytest.mark.parametrize("cost_mm, verdict", [(0.49, HOLDS), (0.51, FAILS)])
+def test_half_a_millimetre_is_what_may_be_given_up(cost_mm, verdict):
+    table = {**PAPER, 3: (2.0 + cost_mm, *PAPER[3][1:])}
+    assert verdicts(study(table=table, noise=1e-4))[6] == verdict
+
+
+@pytest.mark.parametrize("share, verdict", [(0.86, HOLDS), (1.14, HOLDS), (0.84, FAILS), (1.16, FAILS)])
+def test_similar_is_within_15_percent_of_the_uncontrolled_median_on_either_side(share, verdict):
+    table = {**PAPER, 5: (*PAPER[5][:2], share * PAPER[1][2], PAPER[1][3])}
+    assert verdicts(study(table=table, noise=1e-4))[8] == verdict
+
+
+def test_a_reduction_too_small_to_speak_of_but_in_everyone_still_is_one_and_chance_is_none():
+    """Force with gap 1 % lower in all holds; 1 % lower or higher by person is no reduction; 60 % either way is open."""
+    for lower, verdict in ((0.01, HOLDS), (0.6, HOLDS)):
+        rows = study(table={**PAPER, 3: (2.2, 0.1, (1.0 - lower) * 6.0, 40.0)})
+        assert verdicts(rows)[5] == verdict
+    for either_way, verdict in ((0.01, FAILS), (0.6, CANNOT_TELL)):
+        rows = study(table={**PAPER, 3: (2.2, 0.1, 6.0, 40.0)})
+        for p in range(1, 13):
+            for column in FORCES:
+                rows = changed(rows, column, 1.0 + (-1) ** p * either_way, 3, None, f"{p:02}")
+        assert verdicts(rows)[5] == verdict
+
+
+def test_order_of_rows_names_of_people_units_of_force_and_trials_that_do_not_count_change_nothing():
+    rows = changed(study(noise=0.3), "acceleration_dft_sum", 1.45, 3)
+    before = [(one.verdict, one.sentence) for one in findings(rows)]
+    others = [replace(row, participant=f"p{row.participant}x") for row in rows]
+    random.Random(1).shuffle(others)
+    others = [replace(row, mean_tip_force_N=7.0 * row.mean_tip_force_N) for row in others]
+    for status in ("aborted", "redone", "recovered"):
+        others.append(replace(others[0], status=status, path_error_m=1.0, mean_tip_force_N=1e3))
+    assert [(one.verdict, one.sentence) for one in findings(others)] == before
+
+
+def test_a_missing_controller_or_device_is_named_and_nothing_is_said_about_it():
+    without = [row for row in study() if row.controller != 3]
+    found = findings(without)
+    assert {n for n, v in verdicts(without).items() if v == CANNOT_TELL} == {1, 3, 4, 5, 6, 9, 10, 11}
+    assert "No trials of 'SDOF with gap' on three-brake" in found[3].sentence
+    one_device = findings([row for row in study() if row.configuration == "three-brake"])
+    assert [one.verdict for one in one_device] == [HOLDS] * 9 + [CANNOT_TELL, HOLDS]
+    assert "on four-brake" in one_device[9].sentence
+    assert {one.verdict for one in findings([])} == {CANNOT_TELL}
+
+
+def test_a_controller_that_lets_few_reach_the_end_is_not_judged_by_how_far_they_came():
+    rows = study()
+    late = [replace(r, status="timeout") if r.controller == 3 and r.repetition == 1 else r for r in rows]
+    found = findings(late)[4]
+    assert found.verdict == CANNOT_TELL
+    assert (
+        "only 67 % of the trials of 'SDOF with gap' on three-brake reached the end"
+        in found.sentence.lower().replace("sdof", "SDOF")
+    )
+    nothing = [replace(r, path_error_m=None) if r.controller == 3 else r for r in rows]
+    assert "Nothing measured" in findings(nothing)[5].sentence
+
+
+def test_few_people_decide_only_what_is_plain_among_them():
+    rows = study(people=3)
+    assert set(verdicts(rows).values()) == {HOLDS} and findings(rows)[0].people == 3
+    for column in FORCES:
+        rows = changed(rows, column, 2.0, 3, None, "02")
+    found = findings(rows)[4]
+    assert found.verdict == CANNOT_TELL and "an interval is too wide" in found.sentence
+
+
+some_people = st.lists(st.floats(-100, 100), min_size=3, max_size=14)
+
+
+@given(some_people)
+def test_leaving_a_person_out_widens_the_interval_in_the_mean_over_who_is_left_out(differences):
+    """For any data, exactly: half-widths squared, averaged, against Student's quantiles and the square roots of n."""
+    n = len(differences)
+    less = [mean_interval(np.delete(differences, i)) for i in range(n)]
+    half, less_half = half_width(mean_interval(differences)), np.sqrt(np.mean([half_width(one) ** 2 for one in less]))
+    assert less_half >= half
+    factor = stats.t.ppf(0.975, n - 2) / stats.t.ppf(0.975, n - 1) * np.sqrt(n / (n - 1))
+    assert less_half == pytest.approx(factor * half, abs=1e-9) and factor > 1.0
+
+
+def half_width(interval):
+    return 0.5 * (interval.high - interval.low)
+
+
+@given(st.lists(st.floats(-100, 100), min_size=2, max_size=14))
+def test_the_interval_of_the_mean_is_students(differences):
+    found = mean_interval(differences)
+    if np.std(differences) > 1e-6:
+        low, high = stats.ttest_1samp(differences, 0.0).confidence_interval(0.95)
+        assert (found.low, found.high) == pytest.approx((low, high))
+    assert found.middle == pytest.approx(np.mean(differences))
+
+
+def test_similarity_gets_no_easier_with_fewer_people():
+    """In 1,000 groups of normal people with a band of one standard deviation: those just not similar are called
+    similar in at most 2.5 %, however few they are; those without a difference the more often the more they are.
+    """
+    draws = np.random.default_rng(1).normal(0.0, 1.0, (1000, 12))
+    for kind in (SIMILAR, AT_MOST):
+        right = []
+        for n in (2, 3, 5, 8, 12):
+            wrong = np.mean([answer(kind, mean_interval(1.0 + group[:n]), 1.0) is True for group in draws])
+            assert wrong <= 0.025 + 3 * np.sqrt(0.025 * 0.975 / len(draws))
+            right.append(np.mean([answer(kind, mean_interval(group[:n]), 1.0) is True for group in draws]))
+        assert right == sorted(right) and right[0] < 0.15 < 0.6 < right[-1]
+
+
+def test_over_groups_of_the_same_people_fewer_leave_more_open():
+    """Statement 8, similarity by four measures, in trials of people who take to each controller differently."""
+    generator = np.random.default_rng(5)
+    own = generator.lognormal(0.0, 0.06, (13, 6, 4))
+    rows = []
+    for row in study():
+        factors = zip(SEVERAL, own[int(row.participant), row.controller], strict=True)
+        rows.append(replace(row, **{column: factor * getattr(row, column) for column, factor in factors}))
+    said = []
+    for n in (2, 3, 5, 12):
+        groups = [set(generator.permutation(12)[:n] + 1) for _ in range(8)]
+        found = [verdicts([row for row in rows if int(row.participant) in group]) for group in groups]
+        said.append(np.mean([one[8] != CANNOT_TELL for one in found]))
+    assert said == sorted(said) and said[1] < 0.3 < 0.9 < said[-1], said
+
+
+@pytest.mark.parametrize("people", [5, 6, 7, 8, 9])
+def test_the_report_says_where_so_few_people_cannot_reach_significance(people, tmp_path):
+    """All differ the same way in every pair: a star where Holm over ten pairs allows it, else a sentence why not."""
+    write_report(study(people, noise=0.2), tmp_path, "note")
+    text = (tmp_path / "report.md").read_text()
+    smallest = stats.wilcoxon(np.arange(1.0, people + 1.0)).pvalue
+    says = "On three-brake and four-brake no *, however they differ: the smallest p of Wilcoxon's test with "
+    says += f"{people} participants is {smallest:.3g}, after Holm's correction for 10 pairs {10 * smallest:.2g}."
+    assert (says in text) == ("no *" in text) == (people in (6, 7, 8))
+    assert ("*" in text.split("## Against no control")[1].split("\n\nChange")[0]) == (people == 9)
+
+
+@pytest.mark.parametrize("people", [1, 3, 5, 6, 12])
+def test_below_six_people_the_report_refuses_to_claim_anything_for_others(people, tmp_path):
+    write_report(study(people), tmp_path, "settled rules")
+    refused = (
+        "too few to claim any of this for others; read it as a description." in (tmp_path / "report.md").read_text()
+    )
+    assert refused == (people < 6)
+    if people == 3:
+        assert "Three people are too few" in (tmp_path / "report.md").read_text()
+
+
+@given(st.integers(1, 80))
+def test_the_interval_of_the_median_covers_it_95_times_in_100_and_is_the_shortest_that_does(n):
+    """Of values 1..n: from k to n + 1 - k misses the median with twice the chance of under k heads in n throws."""
+    people, _, low, high = median_interval(np.random.default_rng(n).permutation(n) + 1.0)
+    assert people == n
+    if n >= LEAST_PEOPLE:
+        k = int(low)
+        assert high == n + 1 - k
+        assert 2.0 * stats.binom.cdf(k - 1, n, 0.5) <= 0.05 < 2.0 * stats.binom.cdf(k, n, 0.5)
+    else:
+        assert (low, high) == (-np.inf, np.inf) and 2.0 * stats.binom.cdf(0, n, 0.5) > 0.05
+
+
+ends = st.tuples(st.floats(-100, 100), st.floats(-100, 100)).map(sorted)
+
+
+@given(ends, ends, st.floats(0.1, 50))
+def test_a_narrower_interval_never_takes_back_what_a_wider_one_said(one, other, band):
+    wide, narrow = (one, other) if one[0] <= other[0] and other[1] <= one[1] else (other, one)
+    if wide[0] <= narrow[0] and narrow[1] <= wide[1]:
+        for kind in (SIMILAR, AT_MOST):
+            said = answer(kind, Interval(9, 0.0, *wide), band)
+            assert said is None or answer(kind, Interval(9, 0.0, *narrow), band) == said
+        if answer(BELOW, Interval(9, 0.0, *wide), band):
+            assert answer(BELOW, Interval(9, 0.0, *narrow), band)
+
+
+@given(ends, st.floats(0.1, 50))
+def test_a_difference_and_its_reverse_are_never_both_reductions_and_similar_has_no_direction(one, band):
+    there, back = Interval(9, 0.0, *one), Interval(9, 0.0, -one[1], -one[0])
+    assert not (answer(BELOW, there, band) and answer(BELOW, back, band))
+    assert answer(SIMILAR, there, band) == answer(SIMILAR, back, band)
+    if answer(SIMILAR, there, band):
+        assert answer(AT_MOST, there, band) and answer(AT_MOST, back, band)
+
+
+def test_spread_is_the_mean_distance_of_a_persons_trials_from_the_line_in_the_box():
+    rows = [row for row in study(people=2) if (row.controller, row.configuration) == (2, "four-brake")]
+    middle = np.median([row.path_error_m for row in rows])
+    by_hand = np.mean([abs(row.path_error_m - middle) for row in rows if row.participant == "02"])
+    assert spreads(rows, "path_error_m")["02", "four-brake", 2] == pytest.approx(by_hand)
+
+
+def test_several_studies_stand_side_by_side_with_the_reasons():
+    rows = study()
+    worse = changed(rows, "path_error_m", 1.25, 3)
+    table = side_by_side({"settled": rows, "literal": worse})
+    lines = table.splitlines()
+    assert lines[0] == "| | the paper says | settled | literal |"
+    assert f"| 6 | {STATEMENTS[5].text} | holds | does not hold |" in lines
+    assert len([line for line in lines if line.startswith("| ") and line[2].isdigit()]) == 11
+    assert "- 6, does not hold: Path error, SDOF with gap against SDOF: three-brake +0.7" in table
+    assert "**literal**" in table and "**settled**" not in table
+    assert "Three people" in side_by_side({"few": study(people=3)})
+
+
+def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
+    rows = study(noise=0.3)
+    paths = write_report(rows, tmp_path / "a", "settled rules, parameters assumed")
+    assert sorted(p.name for p in paths) == ["findings.csv", "participant_means.csv", "report.md", "statistics.csv"]
+    assert {p.name for p in (tmp_path / "a").iterdir()} == {p.name for p in paths}
+    write_report(rows, tmp_path / "b", "settled rules, parameters assumed")
+    for path in paths:
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+    page = (tmp_path / "a" / "report.md").read_text()
+    assert "Settled rules, parameters assumed. 12 participants, 720 trials that count; all reached the end." in page
+    assert all(f"| {s.number} | {s.text} | **" in page for s in STATEMENTS)
+    assert len(page) < 12_000  # a page or two
+    (against_none,) = [line for line in page.splitlines() if line.startswith("| three-brake | SDOF |")]
+    error, force, acceleration = (float(cell.split()[0]) for cell in against_none.split("|")[3:6])
+    assert error < 0.0 < min(force, acceleration)  # SDOF: less error than none, more force, rougher
+
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / "report.md").write_text("mine")
+    with pytest.raises(InputError, match="exists already"):
+        write_report(rows, tmp_path / "c", "note")
+    assert [p.name for p in (tmp_path / "c").iterdir()] == ["report.md"]
+    with pytest.raises(InputError, match="nothing to report"):
+        write_report([replace(rows[0], status="aborted")], tmp_path / "d", "note")
+    assert not (tmp_path / "d").exists()
+
+
+def test_one_person_decides_nothing_and_shows_no_interval(tmp_path):
+    found = findings(study(people=1))
+    assert {one.verdict for one in found} == {CANNOT_TELL}
+    assert all("one participant has no interval" in one.sentence and " to " not in one.sentence for one in found)
+    write_report(study(people=1), tmp_path, "note")
+    text = (tmp_path / "report.md").read_text()
+    assert "One person is too few" in text and "**holds**" not in text and "(+" not in text and "(-" not in text

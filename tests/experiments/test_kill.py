@@ -1,0 +1,213 @@
+"""kill -9 at random moments: nothing that was acknowledged is lost, everything is readable or recovered.
+
+Run as a script with a number of kills, it does as many and prints what it saw:
+python tests/experiments/test_kill.py 200
+"""
+
+import sys
+import tempfile
+from collections import Counter
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+if __name__ == "__main__":
+    sys.path[:0] = [str(Path(__file__).resolve().parents[k] / place) for k, place in ((2, ""), (1, "support"))]
+
+from killed_phd import KilledPhd, written_rows
+from recorded import assert_holds
+
+from experiments.analysis.trials_table import COUNTED, read_table
+from experiments.recording.reader import read_recording
+from experiments.session.files import cell, open_trials, read_stored, rows_of
+from experiments.session.journal import read_events, told
+from experiments.session.recover import recover
+from experiments.session.verify import verify
+
+SAFE_S = 0.25  # rows given longer before the writer was last alive must survive
+
+
+def streams(folder: Path) -> dict[str, object]:
+    """Name -> what can be read of each stream that has not become Parquet."""
+    return {path.relative_to(folder).as_posix(): read_recording(path) for path in folder.rglob("run-*.arrows")}
+
+
+def table(folder: Path) -> bytes:
+    path = folder / "sub-01" / "ses-01" / "trials.csv"
+    return path.read_bytes() if path.exists() else b""
+
+
+def check_after_kill(folder: Path, seen: Counter, reference: Path | None) -> None:
+    """What a kill left is named by verify; recovered, every tick that was in a file is there, and no fault is left.
+
+    reference: the same study uninterrupted, if no earlier kill has touched this one: then all must be the same.
+    """
+    if not folder.exists() or not any(folder.glob("sub-*")):
+        seen["killed before the first session"] += 1
+        assert not folder.exists() or verify(folder)["faults"] == []
+        return
+    session = folder / "sub-01" / "ses-01"
+    before, rows_before = streams(folder), table(folder)
+    named = {fault["file"] for fault in verify(folder)["faults"]}
+    for name, stream in before.items():
+        assert stream.whole or name in named, f"{name} is not whole and verify does not say so"
+        assert not [fault for fault in stream.damaged if not fault.startswith("header")], "a kill damages nothing"
+    begun = told(session).begun
+    done = recover(folder)
+    assert not done["faults"] and not done["not_rescued"], done
+    seen["trials recovered"] += len(done["recovered"])
+    seen["streams closed, not converted"] += len(done["completed"])
+    seen["rows added"] += len(done["rows_added"])
+    seen["half-written files removed"] += len(done["removed"])
+    assert table(folder).startswith(rows_before), "a row that was there has changed"
+    table_now = read_table(session / "trials.csv") if table(folder) else []
+    rows = {row.run: row for row in table_now}
+    assert set(begun) <= set(rows), "a trial that was begun has no row"
+    for name, stream in before.items():
+        if stream.columns:
+            kept = read_recording((folder / name).with_suffix(".parquet"))
+            assert kept.whole and kept.rows == stream.rows
+            assert all(np.array_equal(kept.columns[k], v, equal_nan=True) for k, v in stream.columns.items())
+            seen["ticks in cut trials kept"] += 0 if stream.complete else stream.rows
+    for run, row in rows.items():
+        seen["rows checked"] += 1
+        if row.recording:
+            kept = read_recording(session / row.recording)
+            assert kept.whole
+            if reference:
+                true = read_recording(reference / "sub-01" / "ses-01" / "trials" / f"run-{run:03d}.parquet")
+                assert all(np.array_equal(v, true.columns[k][: kept.rows]) for k, v in kept.columns.items())
+    if reference:
+        theirs = {row.run: row for row in read_table(reference / "sub-01" / "ses-01" / "trials.csv")}
+        assert all(row == theirs[run] for run, row in rows.items() if row.status in COUNTED)
+
+
+def check_complete(folder: Path) -> None:
+    """Every cell of the plan is settled exactly once, whatever happened on the way."""
+    session = folder / "sub-01" / "ses-01"
+    rows = read_table(folder / "trials.csv")
+    settled = Counter(cell(row) for row in rows if row.status in COUNTED)
+    assert settled == Counter(cell(trial) for trial in read_stored(session).plan)
+    assert {row.status for row in rows} <= {*COUNTED, "recovered"} and len({row.run for row in rows}) == len(rows)
+    assert verify(folder)["faults"] == [] and (folder / "figures" / "boxplots.png").exists()
+
+
+def trials_open(folder: Path) -> int:
+    """How many trials of the plan are not settled."""
+    session = folder / "sub-01" / "ses-01"
+    return len(open_trials(read_stored(session).plan, rows_of(session))) if (session / "session.json").exists() else 20
+
+
+def trials_s(folder: Path) -> float:
+    """How long the trials of a study took, from the first to the last."""
+    first, last = (datetime.fromisoformat(read_events(folder / "sub-01" / "ses-01")[k]["time"]) for k in (0, -1))
+    return (last - first).total_seconds()
+
+
+def kill_studies(phd: KilledPhd, place: Path, kills: int, reference: Path, seed: int) -> Counter:
+    """Kill studies, resumed studies and recoveries at random moments until `kills` have hit: most while trials run,
+    some while the figures are drawn."""
+    generator = np.random.default_rng(seed)
+    seen: Counter = Counter()
+    chain, trial_s = 0, trials_s(reference) / 20
+    while seen["kills"] < kills:
+        folder, fresh = place / f"study-{chain}", True
+        chain += 1
+        start = [*phd.study, "--out", str(folder)]
+        while True:
+            resume = (folder / "study.json").exists()
+            still_open = trials_open(folder)
+            wait = generator.uniform(0.0, trial_s * still_open + 0.05)
+            if seen["kills"] >= kills or (not still_open and generator.random() < 0.7):
+                wait = 200.0
+            ended = phd.run(wait, phd=["study", "--resume", "--out", str(folder)] if resume else start)
+            if not ended["killed"]:
+                assert ended["code"] == 0, ended
+                break
+            seen["kills"] += 1
+            seen["of them of a resumed study"] += resume
+            seen["of them while trials ran"] += trials_open(folder) > 0
+            while seen["kills"] < kills and (folder / "study.json").exists() and generator.random() < 0.3:
+                if phd.run(generator.uniform(0.0, 0.06), phd=["recover", str(folder)])["killed"]:
+                    seen["kills"] += 1
+                    seen["of them of a recovery"] += 1
+            if generator.random() < 0.8:  # else the resumed study recovers by itself
+                check_after_kill(folder, seen, reference if fresh and not resume else None)
+            fresh = fresh and not resume
+        check_complete(folder)
+        seen["studies completed after kills"] += 1
+        seen["rows marked recovered in them"] += sum(
+            row.status == "recovered" for row in read_table(folder / "trials.csv")
+        )
+    return seen
+
+
+def kill_writers(phd: KilledPhd, place: Path, kills: int, seed: int) -> Counter:
+    """Kill writers at random moments; what was in the file, or given 0.25 s before the kill, is all there."""
+    generator = np.random.default_rng(seed)
+    seen: Counter = Counter()
+    for number in range(kills):
+        stream, acks = place / f"run-{number:03d}.arrows", place / f"acks-{number}"
+        rows = written_rows(number)
+        assert phd.run(generator.uniform(0.0, 0.9), write=str(stream), acks=str(acks), seed=number)["killed"]
+        seen["kills"] += 1
+        said = [line.split() for line in acks.read_text().splitlines()] if acks.exists() else []
+        alive = float(said[-1][0]) if said else 0.0  # when it was last seen to go on: a machine may hold it up
+        safe = max([int(written) for *_, written in said], default=0)
+        given_long_ago = max([int(given) for _, at, given, _ in said if alive - float(at) > SAFE_S], default=0)
+        if not stream.exists():
+            seen["before the file"] += 1
+            continue
+        recording = read_recording(stream)
+        if not recording.columns:
+            assert safe == 0
+            seen["before the header"] += 1
+            continue
+        assert not recording.complete and not recording.damaged
+        assert recording.rows >= safe and recording.rows >= given_long_ago, (recording.rows, safe, given_long_ago)
+        assert_holds(recording, rows[: recording.rows])
+        seen["rows acknowledged"] += max(safe, given_long_ago)
+        seen["rows read back"] += recording.rows
+        seen["rows lost of those given in the last 0.25 s"] += max([int(g) for *_, g, _ in said], default=0) - min(
+            recording.rows, max([int(g) for *_, g, _ in said], default=0)
+        )
+    return seen
+
+
+@pytest.fixture(scope="module")
+def phd():
+    """A phd whose studies have 20 trials."""
+    killed = KilledPhd(blocks=1)
+    yield killed
+    killed.close()
+
+
+@pytest.fixture(scope="module")
+def reference(phd, tmp_path_factory):
+    """The study without a kill."""
+    folder = tmp_path_factory.mktemp("reference") / "study"
+    assert phd.run(250.0, phd=[*phd.study, "--out", str(folder)])["code"] == 0
+    return folder
+
+
+def test_a_killed_study_loses_nothing_and_goes_on(phd, reference, tmp_path):
+    seen = kill_studies(phd, tmp_path, 12, reference, seed=11)
+    assert seen["kills"] >= 12 and seen["studies completed after kills"] >= 1
+
+
+def test_a_killed_writer_loses_no_row_that_was_given_a_quarter_of_a_second_before(phd, tmp_path):
+    seen = kill_writers(phd, tmp_path, 12, seed=12)
+    assert seen["rows acknowledged"] > 0
+
+
+if __name__ == "__main__":
+    count, server = int(sys.argv[1]), KilledPhd(blocks=1)
+    with tempfile.TemporaryDirectory() as name:
+        whole = Path(name) / "reference"
+        server.run(250.0, phd=[*server.study, "--out", str(whole)])
+        print("studies:", dict(kill_studies(server, Path(name), count, whole, seed=1)), flush=True)
+        (Path(name) / "writers").mkdir()
+        print("writers:", dict(kill_writers(server, Path(name) / "writers", count, seed=2)))
+    server.close()

@@ -1,0 +1,277 @@
+"""The measures on hand-made movements whose answers are known."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core import tick_log
+from core.control import controllers as control
+from core.errors import InputError
+from core.path import line, point_at
+from core.path_file import Arc, Polyline, build_path
+from experiments.analysis import metrics as m
+from experiments.analysis.trials_table import COLUMNS
+from experiments.recording.reader import read_recording
+from experiments.recording.schema import Recording, column_words, recording_columns
+from experiments.recording.writer import RecordingWriter
+
+START, END = (-0.1, 0.4), (0.1, 0.4)
+PATH = line(START, END)
+MOVE_FROM, MOVE_TO = 1100, 5100  # ticks of `move` in a recording made below
+
+
+def hand_made(x=None, y=None, braked="AEB", n=5200, **columns):
+    """A recording of n ticks: 0.6 s approach, 0.5 s hold, then `move` along the path in 4 s, then `end`."""
+    rows = np.zeros((n, tick_log.WIDTH))
+    rows[:, tick_log.T] = np.arange(n) / 1000.0
+    rows[:, tick_log.PHASE] = np.searchsorted([600, MOVE_FROM, MOVE_TO], np.arange(n), side="right")
+    share = np.clip((np.arange(n) - MOVE_FROM) / (MOVE_TO - 1 - MOVE_FROM), 0.0, 1.0)
+    rows[:, tick_log.TIP_X] = -0.1 + 0.2 * share if x is None else x
+    rows[:, tick_log.TIP_Y] = 0.4 if y is None else y
+    rows[:, tick_log.TIP_VX] = np.gradient(rows[:, tick_log.TIP_X], 1e-3)
+    rows[:, tick_log.TIP_VY] = np.gradient(rows[:, tick_log.TIP_Y], 1e-3)
+    for name, values in columns.items():
+        rows[:, getattr(tick_log, name)] = values
+    words = column_words(control.DECISIONS)
+    return Recording(
+        Path("hand-made"),
+        braked=braked,
+        columns={name: rows[:, at].astype(int) if name in words else rows[:, at].copy()
+                 for name, at in recording_columns(braked)},
+        words=words,
+        complete=True,
+    )  # fmt: skip
+
+
+def measured(recording, path=PATH):
+    return m.trial_metrics(recording, path)
+
+
+def test_names_are_those_of_the_trials_table():
+    first = COLUMNS.index("path_error_m")
+    assert m.Metrics._fields == COLUMNS[first : first + len(m.Metrics._fields)]
+    assert COLUMNS[first + len(m.Metrics._fields)] == "recording"
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_constant_offset_is_the_path_error_however_it_is_averaged(side):
+    result = measured(hand_made(y=0.4 + side * 0.003))
+    assert result.path_error_m == pytest.approx(0.003, rel=1e-12)
+    assert result.path_error_time_m == pytest.approx(0.003, rel=1e-12)
+    assert result.peak_error_m == pytest.approx(0.003, rel=1e-12)
+    assert result.path_length_ratio == pytest.approx(1.0, rel=1e-9)
+    assert result.duration_s == 3.999
+
+
+def test_dwelling_off_the_path_counts_over_time_and_not_over_progress():
+    """Half of the way on the path in 1 s, 2 s of rest 4 mm off it, the other half on the path in 1 s."""
+    ticks = np.arange(5200) - MOVE_FROM
+    x = -0.1 + 0.2 * np.interp(ticks, [0, 1000, 3000, 3999], [0.0, 0.5, 0.5, 1.0])
+    away = 0.4 + 0.004 * ((ticks > 1000) & (ticks < 3000))
+    result = measured(hand_made(x=x, y=away))
+    assert result.path_error_m == pytest.approx(0.0, abs=1e-12)
+    assert result.path_error_time_m == pytest.approx(0.002, rel=1e-3)
+    assert result.peak_error_m == pytest.approx(0.004, rel=1e-9)
+
+
+def test_error_rising_linearly_along_the_way_averages_to_its_half_at_any_speed():
+    ticks = np.arange(5200) - MOVE_FROM
+    share = np.clip(ticks / 3999, 0.0, 1.0) ** 3  # slow at first, where the error is small
+    result = measured(hand_made(x=-0.1 + 0.2 * share, y=0.4 + 0.010 * share))
+    assert result.path_error_m == pytest.approx(0.005, rel=1e-9)
+    assert result.path_error_time_m == pytest.approx(0.0025, rel=1e-3)
+
+
+def test_way_that_is_gone_back_and_way_beyond_the_ends_have_no_weight():
+    ticks = np.arange(5200) - MOVE_FROM
+    x = np.interp(ticks, [0, 500, 1500, 2000, 3000, 3999], [-0.12, -0.1, 0.0, -0.05, 0.1, 0.15])
+    y = np.select(
+        [ticks < 500, ticks <= 1500, ticks <= 2000, ticks <= 2333, ticks <= 3000],
+        [0.5, 0.401, 0.45, 0.42, 0.403],  # before the start, forth, back, forth again, on
+        0.5,  # beyond the end
+    )
+    result = measured(hand_made(x=x, y=y))  # 1 mm on the first half, 3 mm on the second
+    assert result.path_error_m == pytest.approx(0.002, rel=1e-2)
+    assert result.peak_error_m == pytest.approx(0.1)
+
+
+@given(st.floats(0, 2 * np.pi), st.floats(-1, 1), st.floats(-1, 1), st.integers(0, 100))
+@settings(max_examples=30, deadline=None)
+def test_measures_of_the_way_do_not_depend_on_where_the_path_lies(angle, dx, dy, seed):
+    generator = np.random.default_rng(seed)
+    tip = np.cumsum(generator.normal(size=(400, 2)), axis=0) * 0.01
+    c, s = np.cos(angle), np.sin(angle)
+    turned = tip @ np.array([[c, s], [-s, c]]) + (dx, dy)
+    start, end = (-0.1, 0.02), (0.2, 0.05)
+    start_turned, end_turned = (tuple(np.array(p) @ np.array([[c, s], [-s, c]]) + (dx, dy)) for p in (start, end))
+    assert np.allclose(
+        m.along_path(turned, line(start_turned, end_turned)), m.along_path(tip, line(start, end)), 0, 1e-12
+    )
+
+
+ARC = build_path(Arc((0.0, 0.3), 0.1, 150.0, 30.0), "arc")
+CORNER = build_path(Polyline(((-0.1, 0.3), (0.0, 0.3), (0.0, 0.4))), "corner")
+
+
+def moved(path, shares, offset=0.0):
+    """A recording whose tip in `move` is at these shares of the path, offset (m) to its left."""
+    x, y, tx, ty = np.array([point_at(path, share * path.length) for share in shares]).T
+    held = [np.pad(values, (MOVE_FROM, 5200 - MOVE_TO), "edge") for values in (x - offset * ty, y + offset * tx)]
+    return hand_made(*held)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_on_an_arc_a_constant_offset_is_the_path_error_and_the_way_is_the_arc(side):
+    shares = np.linspace(0.0, 1.0, MOVE_TO - MOVE_FROM) ** 2  # at any speed
+    result = measured(moved(ARC, shares, 0.003 * side), ARC)
+    assert result.path_error_m == pytest.approx(0.003, rel=1e-9)
+    assert result.path_error_time_m == pytest.approx(0.003, rel=1e-9)
+    assert result.peak_error_m == pytest.approx(0.003, rel=1e-9)
+    assert result.path_length_ratio == pytest.approx(1.0 + 0.03 * side, rel=1e-5), "left of a clockwise arc is outside"
+    straight = measured(moved(ARC, shares, 0.0), line((ARC.x0, ARC.y0), (ARC.x1, ARC.y1)))
+    assert straight.peak_error_m == pytest.approx(0.05, rel=1e-6), "the height of the arc over its chord"
+
+
+def test_on_an_arc_way_gone_back_has_no_weight_and_error_over_progress_is_error_over_the_arc():
+    ticks = np.arange(MOVE_TO - MOVE_FROM)
+    shares = np.interp(ticks, [0, 1500, 2000, 3999], [0.0, 0.5, 0.25, 1.0])
+    offset = np.where(ticks <= 1500, 0.001, np.where(ticks <= 2666, 0.02, 0.003))  # 2666: half of the way again
+    result = measured(moved(ARC, shares, offset), ARC)
+    assert result.path_error_m == pytest.approx(0.002, rel=1e-2)
+
+
+def test_round_a_corner_progress_runs_through_and_a_cut_corner_counts_with_its_length():
+    exact = measured(moved(CORNER, np.linspace(0.0, 1.0, MOVE_TO - MOVE_FROM)), CORNER)
+    assert exact.peak_error_m == pytest.approx(0.0, abs=1e-12)
+    assert exact.path_length_ratio == pytest.approx(1.0, rel=1e-3)
+    tip = np.array([-0.1, 0.3]) + 0.1 * np.linspace(0.0, 1.0, 4000)[:, None]  # straight to the end
+    progress, deviation = m.along_path(tip, CORNER)
+    assert progress[-1] == pytest.approx(CORNER.length) and np.all(np.diff(progress) >= 0.0)
+    assert deviation.max() == pytest.approx(0.05, rel=1e-3)
+    error = m.mean_over_progress(deviation, progress)
+    assert error == pytest.approx(0.0375, rel=1e-2), "2.5 cm on half of the way, 5 cm on the leap"
+
+
+def test_force_is_averaged_over_time_and_over_progress():
+    """10 N pushed for 2 s at rest, 2 N while moving for 2 s."""
+    ticks = np.arange(5200) - MOVE_FROM
+    x = -0.1 + 0.2 * np.interp(ticks, [0, 2000, 3999], [0.0, 0.0, 1.0])
+    force = np.where(ticks < 2000, 10.0, 2.0)
+    result = measured(hand_made(x=x, HAND_FX=0.6 * force, HAND_FY=-0.8 * force))
+    assert result.mean_tip_force_N == pytest.approx(6.0, rel=1e-9)
+    assert result.force_over_progress_N == pytest.approx(2.0, rel=2e-3)
+
+
+def test_acceleration_is_filtered_over_the_whole_recording_and_read_in_move():
+    """A jerk in `approach` just before `move` reaches into it; one far outside does not."""
+    generator = np.random.default_rng(0)
+    smooth = measured(hand_made()).acceleration_dft_sum
+    kick = np.zeros(5200)
+    kick[:300] = 1e-2 * generator.normal(size=300)
+    assert measured(hand_made(y=0.4 + kick)).acceleration_dft_sum == pytest.approx(smooth, rel=1e-6)
+    assert measured(hand_made(y=0.4 + np.roll(kick, 790))).acceleration_dft_sum > 2 * smooth
+
+
+def test_switches_are_changes_of_the_set_of_actuated_brakes_per_second():
+    ticks = np.arange(5200)
+    columns = {"CURRENT": np.where((ticks >= 2000) & (ticks < 3000), 0.3 + 1e-4 * ticks, 0.0)}
+    result = measured(hand_made(**columns))  # on once, off once; a changing current is no switch
+    assert result.switches_per_s == pytest.approx(2 / 3.999)
+    recording = hand_made(**columns)
+    recording.columns["current_E_A"][3000:] = 1.0  # the other brake takes over in the same tick: one change
+    assert measured(recording).switches_per_s == pytest.approx(2 / 3.999)
+    recording.columns["current_B_A"][:1100] = 1.0  # before `move`
+    assert measured(recording).switches_per_s == pytest.approx(2 / 3.999)
+
+
+def test_unreachable_share_counts_felt_ticks_without_a_brake_and_leaves_the_gap_out():
+    decision = np.full(5200, control.USE_SDOF)
+    decision[1100:2100] = control.IN_GAP  # 1000 of 4000 ticks of move: not counted
+    decision[2100:2400] = control.RELEASE_NO_VALID
+    decision[2400:2700] = control.LOCK_NO_VALID
+    force = np.full(5200, 5.0)
+    force[2100:2200] = 0.4  # a hand that is not felt
+    recording = hand_made(DECISION=decision, HAND_FX=force)
+    assert measured(recording).unreachable_share == 500 / 3000
+    uncontrolled = hand_made(DECISION=control.NONE, HAND_FX=5.0)
+    assert measured(uncontrolled).unreachable_share is None
+    all_gap = hand_made(DECISION=control.IN_GAP, HAND_FX=5.0)
+    assert measured(all_gap).unreachable_share is None
+
+
+def test_a_timeout_keeps_what_was_measured_over_the_progress_made():
+    ticks = np.arange(5200) - MOVE_FROM
+    x = -0.1 + 0.2 * np.clip(ticks / 3999, 0.0, 0.3)  # stuck after a third of the way
+    y = 0.4 + np.where(ticks < 0.3 * 3999, 0.002, 0.02)
+    result = measured(hand_made(x=x, y=y))
+    assert result.path_error_m == pytest.approx(0.002, rel=1e-2)
+    assert result.path_length_ratio == pytest.approx((0.06 + 0.018) / 0.2, rel=1e-2)
+
+
+def test_without_progress_the_measures_of_the_movement_are_empty_and_never_zero():
+    for x in (np.full(5200, -0.1), -0.1 - 1e-5 * np.arange(5200), np.full(5200, -0.13)):
+        result = measured(hand_made(x=x, HAND_FX=3.0, CURRENT=1.0))
+        assert result.path_error_m is None and result.force_over_progress_N is None and result.sparc is None
+        assert result.acceleration_dft_sum is None and result.path_length_ratio is None
+        assert result.mean_tip_force_N == 3.0 and result.duration_s == 3.999
+
+
+def test_a_trial_that_never_came_to_move_has_no_measures():
+    recording = hand_made()
+    recording.columns["phase"][:] = tick_log.HOLD
+    assert measured(recording) == m.NO_METRICS == (None,) * 12
+
+
+@pytest.mark.parametrize("name", ["tip_x_m", "hand_fy_N", "current_E_A", "tip_vx_m_s"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_missing_sample_is_refused_by_name(name, value):
+    recording = hand_made()
+    recording.columns[name][1234] = value
+    with pytest.raises(InputError, match=f"{name}.*tick 1234"):
+        measured(recording)
+
+
+def test_missing_or_uneven_ticks_are_refused():
+    recording = hand_made()
+    for name in recording.columns:
+        recording.columns[name] = np.delete(recording.columns[name], 2000)
+    with pytest.raises(InputError, match="t_s.*tick 2000"):
+        measured(recording)
+    for shift, refused in ((5e-10, False), (2e-9, True), (np.nan, True)):
+        recording = hand_made()
+        recording.columns["t_s"][77] += shift
+        if refused:
+            with pytest.raises(InputError, match="t_s.*tick 77"):
+                measured(recording)
+        else:
+            measured(recording)
+    with pytest.raises(InputError, match="no ticks"):
+        m.trial_metrics(Recording(Path("empty")), PATH)
+    interrupted = hand_made()
+    interrupted.columns["phase"][3000] = tick_log.HOLD
+    with pytest.raises(InputError, match="interrupted"):
+        measured(interrupted)
+
+
+def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
+    generator = np.random.default_rng(8)
+    rows = np.zeros((3000, tick_log.WIDTH))
+    rows[:, tick_log.T] = np.arange(3000) / 1000.0
+    rows[:, tick_log.PHASE] = np.searchsorted([500, 600, 2900], np.arange(3000), side="right")
+    rows[:, tick_log.TIP_X] = np.linspace(-0.1, 0.1, 3000)
+    rows[:, tick_log.TIP_Y] = 0.4 + 1e-4 * np.cumsum(generator.normal(size=3000))
+    rows[:, [tick_log.TIP_VX, tick_log.HAND_FX, tick_log.CURRENT]] = np.abs(generator.normal(size=(3000, 3)))
+    rows[:, tick_log.DECISION] = generator.integers(0, len(control.DECISIONS), 3000)
+    with RecordingWriter(tmp_path / "run-001.arrows", "A", {}, sync=False) as writer:
+        writer.write(rows)
+    from_file = m.trial_metrics(read_recording(tmp_path / "run-001.arrows"), PATH)
+    move = slice(600, 2900)
+    tip = rows[:, tick_log.TIP_X : tick_log.TIP_Y + 1]
+    deviation = np.abs(tip[move, 1] - 0.4)
+    assert from_file.path_error_time_m == pytest.approx(deviation.mean(), rel=1e-12)
+    assert from_file.acceleration_dft_sum == m.acceleration_dft_sum(m.tip_acceleration(tip)[move])
+    assert from_file.sparc == m.sparc(rows[move, tick_log.TIP_VX])
+    assert all(value is not None for value in from_file)

@@ -1,0 +1,279 @@
+"""The path to follow: where its nearest point lies, which way it runs, and which paths are refused."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from paths import curves, point, segments, turtle
+
+from core.errors import InputError
+from core.path import CORNER_M, FROM, TURN, held_piece, nearest, on_piece, point_at
+from core.path_file import NEAR_RATIO, Arc, Polyline, Segment, build_path, outline, path_from
+from experiments.trial.tick import arrived
+
+pytestmark = pytest.mark.nojit
+law = settings(deadline=None)  # the first call compiles
+share = st.floats(0.0, 1.0)
+
+
+def from_corners(path, s):
+    """How far progress s (m) is from the nearest corner along the path, m."""
+    return min((abs(s - begin) for begin in path.pieces[1:, FROM]), default=math.inf)
+
+
+@law
+@given(segments, point)
+def test_a_segment_is_its_infinite_line_to_the_last_bit(path, at):
+    """The formula of the segment alone, as it was before there were other paths."""
+    tx, ty = (path.x1 - path.x0) / path.length, (path.y1 - path.y0) / path.length
+    rx, ry = at[0] - path.x0, at[1] - path.y0
+    assert nearest(path, *at) == (tx * rx + ty * ry, tx * ry - ty * rx, tx, ty)
+    assert on_piece(path, held_piece(path, 0, *at), *at) == nearest(path, *at)
+
+
+@law
+@given(point, point)
+def test_a_polyline_of_two_points_is_a_segment(start, end):
+    assume(1e-3 < math.dist(start, end))
+    segment, polyline = build_path(Segment(start, end), "it"), build_path(Polyline((start, end)), "it")
+    assert np.array_equal(segment.pieces, polyline.pieces)
+    assert polyline.length == segment.length and (polyline.x0, polyline.y0) == (segment.x0, segment.y0)
+    assert (polyline.x1, polyline.y1) == pytest.approx((segment.x1, segment.y1), abs=1e-15)
+
+
+@law
+@given(st.one_of(segments, curves), share)
+def test_a_point_of_the_path_is_its_own_nearest_point(path, of_length):
+    s = of_length * path.length
+    x, y, tx, ty = point_at(path, s)
+    progress, distance, ux, uy = nearest(path, x, y)
+    assert progress == pytest.approx(s, abs=1e-9) and distance == pytest.approx(0.0, abs=1e-12)
+    assert math.hypot(tx, ty) == pytest.approx(1.0)
+    if from_corners(path, s) > 1e-9:
+        assert (ux, uy) == pytest.approx((tx, ty), abs=1e-7)
+
+
+@law
+@given(curves, share, st.floats(-0.003, 0.003))
+def test_a_tip_offset_to_the_left_is_that_far_from_the_path_and_no_further_along_it(path, of_length, offset):
+    s = of_length * path.length
+    assume(from_corners(path, s) > 0.01)  # a corner of 140 degrees cuts an offset of 3 mm within 8.2 mm
+    x, y, tx, ty = point_at(path, s)
+    found = nearest(path, x - offset * ty, y + offset * tx)
+    assert found == pytest.approx((s, offset, tx, ty), abs=1e-9)
+
+
+@law
+@given(curves, point)
+def test_the_nearest_point_is_that_far_away_and_no_point_of_the_path_is_nearer(path, at):
+    progress, distance, _, _ = nearest(path, *at)
+    foot = point_at(path, progress)[:2]
+    assert math.dist(foot, at) == pytest.approx(abs(distance), abs=1e-9)
+    apart = [math.dist(point_at(path, s)[:2], at) for s in np.linspace(0.0, path.length, 200)]
+    assert abs(distance) <= min(apart) + 1e-12
+    if 0.0 < progress < path.length:
+        assert abs(distance) >= min(apart) - path.length / 199
+
+
+@law
+@given(curves, point)
+def test_the_path_lies_at_right_angles_to_the_way_to_its_nearest_point(path, at):
+    progress, distance, tx, ty = nearest(path, *at)
+    assert math.hypot(tx, ty) == pytest.approx(1.0)
+    assume(abs(distance) > CORNER_M and progress > -1.0)
+    x, y, _, _ = point_at(path, progress)
+    assert (x - distance * ty, y + distance * tx) == pytest.approx(at, abs=1e-9), "left is positive"
+
+
+@law
+@given(curves, share, st.floats(0.0, 0.003), st.floats(-math.pi, math.pi))
+def test_progress_does_not_leap_for_a_tip_that_stays_near_the_path(path, of_length, off, angle):
+    s = of_length * path.length
+    x, y, _, _ = point_at(path, s)
+    progress, _, _, _ = nearest(path, x + off * math.cos(angle), y + off * math.sin(angle))
+    assert abs(progress - s) <= NEAR_RATIO * 2.0 * off + 0.008, "0.008: nearness is checked every 2 mm"
+
+
+@law
+@given(curves, st.floats(-0.1, 1.1), st.floats(0.0, 0.01))
+def test_points_of_the_path_are_no_further_apart_than_the_way_between_them(path, of_length, way):
+    s = of_length * path.length
+    there = point_at(path, s + way)
+    assert math.dist(point_at(path, s)[:2], there[:2]) <= way + 1e-12
+    assert math.hypot(*there[2:]) == pytest.approx(1.0)
+
+
+@law
+@given(curves, st.floats(0.0, 0.01), st.floats(-0.004, 0.004))
+def test_beyond_its_ends_a_path_goes_on_straight(path, beyond, offset):
+    for s, end in ((-beyond, 0.0), (path.length + beyond, path.length)):
+        x, y, tx, ty = point_at(path, s)
+        assert (tx, ty) == pytest.approx(point_at(path, end)[2:], abs=1e-12)
+        if len(path.pieces) == 1 or np.ptp(np.cumsum(path.pieces[:, TURN])) < 1.0:
+            found = nearest(path, x - offset * ty, y + offset * tx)
+            assert found == pytest.approx((s, offset, tx, ty), abs=1e-9)
+
+
+def inscribed(arc: Arc, pieces: int) -> Polyline:
+    angles = np.radians(np.linspace(arc.from_deg, arc.to_deg, pieces + 1))
+    return Polyline(
+        tuple(
+            (arc.centre_m[0] + arc.radius_m * math.cos(a), arc.centre_m[1] + arc.radius_m * math.sin(a)) for a in angles
+        )
+    )
+
+
+@pytest.mark.parametrize("to_deg", [120.0, -250.0])
+def test_a_polyline_of_more_and_more_pieces_becomes_the_arc(to_deg):
+    arc = Arc((0.02, 0.3), 0.08, 10.0, to_deg)
+    exact, generator = build_path(arc, "arc"), np.random.default_rng(1)
+    tips = [point_at(exact, s)[:2] + generator.normal(size=2) * 0.01 for s in np.linspace(0.0, exact.length, 80)]
+    tips = [tip for tip in tips if 0.005 < nearest(exact, *tip)[0] < exact.length - 0.005]
+    errors = []
+    for pieces in (16, 128):
+        path = build_path(inscribed(arc, pieces), "polyline")
+        differences = np.abs([np.subtract(nearest(path, *tip), nearest(exact, *tip)) for tip in tips])
+        errors.append(differences.max(axis=0))
+    coarse, fine = errors
+    assert coarse[1] / fine[1] > 40.0, "a chord's distance from its arc: the square of its length, 64 times less"
+    assert np.all(fine < coarse / 3.0) and np.all(fine < (1e-3, 1e-4, 0.03, 0.03))
+
+
+CORNER = Polyline(((-0.1, 0.3), (0.0, 0.3), (0.05, 0.38)))
+SHARP = turtle((-0.1, 0.3), 0.0, [(0.0, 0.1), (-130.0, 0.1)])
+LEGS = Polyline(((-0.1, 0.30), (0.0, 0.30), (0.0, 0.34), (-0.1, 0.34)))
+
+
+def directions(path, tips, hold):
+    """Angle (n,) of the tangent at each tip in turn, rad."""
+    found, piece = [], -1
+    for x, y in tips:
+        piece = held_piece(path, piece if hold else -1, x, y)
+        _, _, tx, ty = on_piece(path, piece, x, y)
+        found.append(math.atan2(ty, tx))
+    return np.array(found)
+
+
+def turned(angles):
+    """Turn (n - 1,) from tick to tick, rad, without sign."""
+    return np.abs((np.diff(angles) + math.pi) % (2.0 * math.pi) - math.pi)
+
+
+def along_bisector(path_file, ticks):
+    """Tips (n, 2) from 2 cm outside the corner at the second point to 3 cm inside it, half-way between its pieces."""
+    before, corner, after = (np.array(p) for p in path_file.points_m[:3])
+    inward = (before - corner) / math.dist(before, corner) + (after - corner) / math.dist(after, corner)
+    inward /= np.hypot(*inward)
+    return corner + np.linspace(-0.02, 0.03, ticks)[:, None] * inward
+
+
+@pytest.mark.parametrize(
+    ("path_file", "tips"),
+    [
+        (CORNER, along_bisector(CORNER, 2000)),
+        (SHARP, along_bisector(SHARP, 2000)),
+        (LEGS, np.column_stack([np.linspace(-0.1, -0.03, 2000), np.full(2000, 0.32)])),
+    ],
+    ids=["corner", "sharp corner", "between two legs"],
+)
+def test_noise_half_way_between_two_pieces_does_not_turn_the_direction_back_and_forth(path_file, tips):
+    path = build_path(path_file, "it")
+    noisy = tips + np.random.default_rng(0).normal(size=tips.shape) * 5e-5
+    assert turned(directions(path, noisy, hold=False)).max() > 0.5, "by itself the nearest piece would"
+    assert turned(directions(path, noisy, hold=True)).max() < 0.3
+
+
+@pytest.mark.parametrize("path_file", [CORNER, SHARP], ids=["corner", "sharp corner"])
+@pytest.mark.parametrize("inward", [-0.004, -0.0005, 0.0, 0.0005, 0.004])
+def test_noise_on_the_way_round_a_corner_does_not_turn_the_direction_at_every_tick(path_file, inward):
+    """Tips on the path moved along the bisector, so that they turn inside or outside the corner; noise of 20 um."""
+    path, generator = build_path(path_file, "it"), np.random.default_rng(0)
+    tips = np.array([point_at(path, s)[:2] for s in np.linspace(0.05, 0.15, 2000)])
+    ends = along_bisector(path_file, 2)
+    tips += inward * (ends[1] - ends[0]) / math.dist(*ends) + generator.normal(size=tips.shape) * 2e-5
+    angles = directions(path, tips, hold=True)
+    assert np.count_nonzero(turned(angles) > 0.3) <= 3, "once, or thrice within a millimetre of a sharp corner"
+    assert turned([angles[0], angles[-1]]) == pytest.approx(abs(path.pieces[0, TURN]), abs=1e-6)
+
+
+def test_a_clearly_nearer_piece_is_taken_at_once():
+    path = build_path(LEGS, "it")
+    assert held_piece(path, 0, -0.05, 0.3215) == 2
+    assert held_piece(path, 0, -0.05, 0.3205) == 0 and held_piece(path, 2, -0.05, 0.3195) == 2
+    assert held_piece(path, -1, -0.05, 0.3199) == 0
+
+
+def test_the_end_is_reached_along_the_path_only():
+    hook = build_path(turtle((0.0, 0.3), 0.0, [(0.0, 0.1), (120.0, 0.012)]), "it")
+    assert not arrived(hook, 0.01, hook.x0 + 0.092, 0.3), "as near to the end as it comes before the corner"
+    assert math.hypot(hook.x0 + 0.0945 - hook.x1, 0.3 - hook.y1) > 0.01
+    assert arrived(hook, 0.013, hook.x1, hook.y1)
+    assert not arrived(hook, 0.013, hook.x0 + 0.09, 0.3)
+    round_ = build_path(Arc((0.0, 0.35), 0.1, 0.0, 345.0), "it")
+    assert not arrived(round_, 0.04, round_.x0, round_.y0), "the start, within the end's radius"
+    assert arrived(round_, 0.04, round_.x1, round_.y1)
+
+
+@law
+@given(segments, share, st.floats(-math.pi, math.pi), st.floats(0.0, 0.02))
+def test_on_a_segment_the_end_is_reached_wherever_it_is_near(path, fraction, angle, radius):
+    away = fraction * 0.999 * radius
+    assert arrived(path, radius, path.x1 + away * math.cos(angle), path.y1 + away * math.sin(angle))
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ({"kind": "polyline", "points_m": [[0, 0], [0.1, 0], [0.1, 0]]}, "point 2 to point 3.*no length"),
+        ({"kind": "polyline", "points_m": [[0, 0], [0.1, 0], [0.0, 0.01]]}, "point 2.*turns by 174 degrees"),
+        ({"kind": "polyline", "points_m": [[0, 0], [0.1, 0], [0.05, 0]]}, "point 2.*turns by 180 degrees"),
+        ({"kind": "polyline", "points_m": [[0, 0], [0.1, 0], [0.1, 0.015], [0, 0.015]]}, "leave at least 2 cm"),
+        (
+            {"kind": "polyline", "points_m": [[0, 0], [0.1, 0], [0.1, 0.1], [0.05, 0.1], [0.05, -0.1]]},
+            "near|within 2 cm",
+        ),
+        ({"kind": "polyline", "points_m": [[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1], [0, 0]]}, "ends 0.0 cm from where"),
+        ({"kind": "polyline", "points_m": [[0, 0], [20, 0], [20, 1]]}, "21 m long"),
+        ({"kind": "polyline", "points_m": [[0, 0]]}, "points_m"),
+        ({"kind": "polyline", "points_m": [[0, 0], [math.nan, 0]]}, "finite"),
+        ({"kind": "segment", "start_m": [0, 0], "end_m": [0, 0]}, "no length"),
+        ({"kind": "segment", "start_m": [0, 0]}, "end_m is missing"),
+        ({"kind": "arc", "centre_m": [0, 0], "radius_m": 0.009, "from_deg": 0, "to_deg": 90}, "radius_m"),
+        ({"kind": "arc", "centre_m": [0, 0], "radius_m": -0.1, "from_deg": 0, "to_deg": 90}, "radius_m"),
+        ({"kind": "arc", "centre_m": [0, 0], "radius_m": 0.1, "from_deg": 90, "to_deg": 90}, "no length"),
+        ({"kind": "arc", "centre_m": [0, 0], "radius_m": 0.1, "from_deg": 0, "to_deg": -361}, "full turn"),
+        ({"kind": "arc", "centre_m": [0, 0], "radius_m": 0.1, "from_deg": 0, "to_deg": 360}, "ends 0.0 cm from where"),
+        ({"kind": "arc", "centre_m": [0, 0], "radius_m": 0.1, "from_deg": 0, "to_deg": math.inf}, "finite"),
+        ({"kind": "circle"}, "circle"),
+        ({"points_m": [[0, 0], [1, 1]]}, "kind"),
+        ([[0, 0], [1, 1]], "table"),
+        ({"kind": "arc", "centre": [0, 0]}, "unknown key centre|missing"),
+    ],
+)
+def test_a_path_that_nobody_can_follow_is_refused_in_a_sentence(content, reason):
+    with pytest.raises(InputError, match=rf"^mine\.toml: path 2.*({reason})"):
+        build_path(path_from(content, "mine.toml: path 2"), "mine.toml: path 2")
+
+
+def test_an_arc_given_in_code_with_numbers_that_are_none_is_refused():
+    with pytest.raises(InputError, match="finite"):
+        build_path(Arc((0.0, math.nan), 0.1, 0.0, 90.0), "it")
+
+
+@pytest.mark.parametrize("path_file", [Segment((0.0, 0.3), (0.1, 0.4)), CORNER, Arc((0.0, 0.3), 0.1, 20.0, -100.0)])
+def test_a_path_stored_as_plain_words_and_numbers_comes_back_as_it_was(path_file):
+    stored = msgspec.json.decode(msgspec.json.encode(msgspec.to_builtins(path_file)))
+    assert path_from(stored, "it") == path_file
+
+
+@pytest.mark.parametrize("path_file", [Segment((0.0, 0.3), (0.1, 0.4)), CORNER, Arc((0.0, 0.3), 0.1, 20.0, -100.0)])
+def test_an_outline_runs_from_start_to_end_through_every_corner_in_small_steps(path_file):
+    path, points = build_path(path_file, "it"), outline(path_file, 0.004)
+    assert points[0] == pytest.approx((path.x0, path.y0)) and points[-1] == pytest.approx((path.x1, path.y1))
+    assert np.hypot(*np.diff(points, axis=0).T).max() <= 0.004 + 1e-12
+    assert [nearest(path, *p)[1] for p in points] == pytest.approx([0.0] * len(points), abs=1e-12)
+    for corner in getattr(path_file, "points_m", ()):
+        assert np.hypot(*(points - corner).T).min() < 1e-12

@@ -1,0 +1,136 @@
+"""Three measures and the box plots again, from an exported CSV and from the words of their definitions alone.
+
+Nothing of ours computes here: csv, json, plain Python, numpy arrays and SciPy's filter. Ours is only asked at the end.
+"""
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+from scipy import signal
+from sessions import session_of
+
+from experiments.analysis.boxplots import MEASURES, boxes
+from experiments.export.export import export
+from experiments.session.files import write_pooled_table
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory):
+    """A whole session of a simulated operator: its own rows, and the folder of its CSV."""
+    data = tmp_path_factory.mktemp("recomputed") / "study"
+    with session_of(data, 60) as session:
+        assert session.next_planned() is None
+    rows = write_pooled_table(data)
+    out = data.parent / "csv"
+    export(data, {"csv": out})
+    return rows, out
+
+
+def read_csv(path):
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def movement(folder, trial):
+    """Ticks, numbers of the ticks of `move`, start and end of the path."""
+    path = folder / trial["recording"]
+    ticks = read_csv(path)
+    about = json.loads(path.with_suffix(".json").read_text())["trial"]
+    move = [i for i, tick in enumerate(ticks) if tick["phase"] == "move"]
+    return ticks, move, about["start_m"], about["end_m"]
+
+
+def numbers(ticks, *names):
+    return np.array([[float(tick[name]) for name in names] for tick in ticks])
+
+
+def path_error(ticks, move, start, end):
+    """|d| averaged over path progress: trapezoids over the running maximum of the projection, clipped to the ends."""
+    length = math.dist(start, end)
+    along = [(end[0] - start[0]) / length, (end[1] - start[1]) / length]
+    furthest, area, before = -math.inf, 0.0, None
+    for i in move:
+        x, y = float(ticks[i]["tip_x_m"]) - start[0], float(ticks[i]["tip_y_m"]) - start[1]
+        distance = abs(along[0] * y - along[1] * x)
+        furthest = max(furthest, min(max(along[0] * x + along[1] * y, 0.0), length))
+        if before is None:
+            first = furthest
+        else:
+            area += 0.5 * (distance + before[1]) * (furthest - before[0])
+        before = furthest, distance
+    return area / (furthest - first)
+
+
+def mean_tip_force(ticks, move, *_):
+    """Time mean of |hand force|."""
+    return math.fsum(math.hypot(float(ticks[i]["hand_fx_N"]), float(ticks[i]["hand_fy_N"])) for i in move) / len(move)
+
+
+def acceleration_dft_sum(ticks, move, *_):
+    """Sum over f up to 100 Hz of (f / 1 Hz) sqrt(|Ax|^2 + |Ay|^2), single-sided amplitudes 2/N, mean removed.
+
+    Acceleration: tip position under a 4th-order Butterworth low-pass of 20 Hz, forward and backward, over the whole
+    recording at 1 kHz, two central differences, then the ticks of `move`. The DFT is summed term by term.
+    """
+    low_pass = signal.butter(4, 20.0, fs=1000.0, output="sos")
+    x = signal.sosfiltfilt(low_pass, numbers(ticks, "tip_x_m", "tip_y_m"), axis=0)
+    i = np.array(move)
+    a = (x[i + 2] - 2.0 * x[i] + x[i - 2]) / (2.0 * 0.001) ** 2
+    a = a - a.sum(axis=0) / len(a)
+    n, total = len(a), 0.0
+    for k in range(1, n):
+        f = k * 1000.0 / n
+        if f > 100.0:
+            break
+        turn = np.exp(-2j * np.pi * ((k * np.arange(n)) % n) / n)
+        total += f * 2.0 / n * math.sqrt(abs(turn @ a[:, 0]) ** 2 + abs(turn @ a[:, 1]) ** 2)
+    return total
+
+
+def box(values):
+    """Median, quartiles (at (n - 1) q, linear in between), furthest values within 1.5 box lengths, those beyond."""
+    ordered = sorted(values)
+
+    def quantile(q):
+        place = (len(ordered) - 1) * q
+        k = min(int(place), len(ordered) - 2)
+        return ordered[k] + (place - k) * (ordered[k + 1] - ordered[k])
+
+    q1, q3 = quantile(0.25), quantile(0.75)
+    inside = [v for v in ordered if q1 - 1.5 * (q3 - q1) <= v <= q3 + 1.5 * (q3 - q1)]
+    return quantile(0.5), q1, q3, min(*inside, q1), max(*inside, q3), [v for v in ordered if v not in inside]
+
+
+@pytest.mark.parametrize(
+    ("column", "again", "rounding"),
+    [
+        ("path_error_m", path_error, 1e-12),
+        ("mean_tip_force_N", mean_tip_force, 1e-13),
+        ("acceleration_dft_sum", acceleration_dft_sum, 1e-11),
+    ],
+)
+def test_every_trial_of_a_box_has_the_measure_that_its_ticks_give(tables, column, again, rounding):
+    _, out = tables
+    trials = [t for t in read_csv(out / "trials.csv") if (t["controller"], t["configuration"]) == ("4", "four-brake")]
+    assert len(trials) == 6
+    for trial in trials:
+        assert again(*movement(out, trial)) == pytest.approx(float(trial[column]), rel=rounding), trial["recording"]
+
+
+@pytest.mark.parametrize("measure", MEASURES, ids=lambda measure: measure.column)
+def test_every_box_is_what_the_table_gives(tables, measure):
+    rows, out = tables
+    drawn = boxes(rows, measure.column, ("three-brake", "four-brake"), measure.scale)
+    groups = {}
+    for trial in read_csv(out / "trials.csv"):
+        if trial["status"] in ("done", "timeout") and trial[measure.column]:
+            key = int(trial["controller"]), trial["configuration"]
+            groups.setdefault(key, []).append(measure.scale * float(trial[measure.column]))
+    assert set(drawn) == set(groups) and len(groups) == 10
+    for key, values in groups.items():
+        median, q1, q3, low, high, outliers = box(values)
+        assert drawn[key][:6] == pytest.approx((len(values), median, q1, q3, low, high), rel=1e-14)
+        assert list(drawn[key].outliers) == outliers

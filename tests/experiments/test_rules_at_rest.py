@@ -1,0 +1,110 @@
+"""Laws of the settled rules on the simulated device: nobody is held who pushes along the path."""
+
+import numpy as np
+import pytest
+from protocols import PAPER
+
+from core import tick_log
+from core.control.controllers import LOCKED, make_controller, new_memory
+from core.device import load_device
+from core.path import nearest, point_at
+from core.path_file import build_path
+from core.simulator.hand import new_hand
+from core.simulator.simulation import Simulation
+from core.simulator.state import new_record
+from experiments.plan import PlannedTrial
+from experiments.protocol import load_protocol
+from experiments.trial.operator import OPERATOR
+from experiments.trial.person import noiseless
+from experiments.trial.population import load_population
+from experiments.trial.tick import new_run, run_ticks
+from experiments.trial.trial import Trial, new_simulation
+
+DEVICES = {name: load_device(name) for name in ("three-brake", "four-brake")}
+SPEED_AT_REST = 0.005  # m/s
+
+
+#: Every device with the paths that lie well inside its workspace.
+PLACES = [(name, path) for name in DEVICES for path in PAPER.paths.values()]
+PLACES += [("four-brake", path) for path in load_protocol("curves").paths.values()]
+
+
+def push(device, path, number, tip, force, ticks, fidelity="static", rules="settled"):
+    """The tick log of a hand force (N) that rises in 0.2 s, under a controller, from rest at `tip`, in `move`."""
+    hand = new_hand(np.array([0.0, 0.2]), np.array([(0.0, 0.0), force]))
+    simulation = Simulation(device, tip, fidelity=fidelity, hand=hand)
+    controller = make_controller(PAPER.controllers[number], device.force_normalised_N, rules)
+    run = new_run(simulation.fidelity, simulation.integrator, simulated_hand=False)
+    run["phase"][0] = tick_log.MOVE
+    rows = np.zeros((ticks, tick_log.WIDTH))
+    s = simulation
+    n = run_ticks(
+        path, controller, s.mechanism, s.brakes, s.hand, s.state, s.trial,
+        run, new_record(OPERATOR), np.zeros((1, 2)), new_memory(), rows,
+    )  # fmt: skip
+    return rows[:n]
+
+
+def beside_the_path(path, along, across):
+    """The point `across` (m) to the left of the path at progress `along` (m)."""
+    x, y, tx, ty = point_at(path, along)
+    return x - across * ty, y + across * tx
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize(("name", "path_file"), PLACES)
+def test_a_hand_that_pushes_within_45_degrees_of_the_path_starts_to_move_along_it(name, path_file, number):
+    path, generator = build_path(path_file, "it"), np.random.default_rng(number)
+    for _ in range(12):
+        along, across = generator.uniform(0.05, 0.85) * path.length, generator.uniform(-0.02, 0.02)
+        tip = beside_the_path(path, along, across)
+        _, _, tx, ty = nearest(path, *tip)
+        angle = generator.uniform(-np.pi / 4, np.pi / 4) + np.arctan2(ty, tx)
+        force = 30.0 * np.array([np.cos(angle), np.sin(angle)])
+        rows = push(DEVICES[name], path, number, tip, force, 600)
+        speed = rows[:, tick_log.TIP_VX] * tx + rows[:, tick_log.TIP_VY] * ty
+        assert speed.max() > SPEED_AT_REST, (tip, force)
+
+
+@pytest.mark.parametrize("number", [2, 3, 4, 5])
+@pytest.mark.parametrize(("name", "path_file"), PLACES)
+def test_a_slow_hand_that_pushes_inward_is_never_locked(name, path_file, number):
+    path, generator = build_path(path_file, "it"), np.random.default_rng(10 + number)
+    for _ in range(8):
+        across = generator.choice([-1.0, 1.0]) * generator.uniform(0.006, 0.02)
+        tip = beside_the_path(path, 0.5 * path.length, across)
+        _, distance, tx, ty = nearest(path, *tip)
+        inward = -np.sign(distance) * np.array([-ty, tx])
+        rows = push(DEVICES[name], path, number, tip, 20.0 * inward, 300)
+        d = np.array([nearest(path, *at)[1] for at in rows[:, tick_log.TIP_X : tick_log.TIP_Y + 1]])
+        slow = np.hypot(rows[:, tick_log.TIP_VX], rows[:, tick_log.TIP_VY]) < SPEED_AT_REST
+        still_out = np.sign(d) == np.sign(distance)
+        assert not np.isin(rows[slow & still_out, tick_log.DECISION], list(LOCKED)).any()
+
+
+def test_read_literally_the_rules_deadlock_where_the_settled_ones_do_not():
+    """At rest, a push of 20 N along the path that leans outward by a degree: literal locks, settled lets go."""
+    device = DEVICES["three-brake"]
+    path = build_path(PAPER.paths[1], "it")
+    tip, force = (0.0, 0.402), (20.0 * np.cos(0.02), 20.0 * np.sin(0.02))
+    literal = push(device, path, 4, tip, force, 1000, rules="literal")
+    settled = push(device, path, 4, tip, force, 1000)
+    assert np.isin(literal[1:, tick_log.DECISION], list(LOCKED)).all()
+    assert abs(literal[-1, tick_log.TIP_X] - tip[0]) < 1e-4
+    assert settled[-1, tick_log.TIP_X] - tip[0] > 0.005
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_the_noiseless_operator_finishes_every_trial_under_the_settled_rules(name):
+    device = DEVICES[name]
+    rows = np.zeros((80_000, tick_log.WIDTH))
+    for seed in range(4):
+        person = noiseless(load_population().draw(np.random.default_rng(seed)))
+        simulation = new_simulation(device, (0.0, 0.38))
+        for number, path in enumerate(path for place, path in PLACES if place == name):
+            for controller, preset in PAPER.controllers.items():
+                planned = PlannedTrial(1, 1, name, controller, number, 1)
+                generator = np.random.default_rng([seed, number])
+                trial = Trial(simulation, planned, path, preset, "settled", person=person, generator=generator)
+                trial.run(rows)
+                assert trial.outcome()["status"] == "done", (seed, path, controller)

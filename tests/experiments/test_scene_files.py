@@ -1,0 +1,194 @@
+"""Scene files, schedules and forces: what they mean, and what is refused."""
+
+import re
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.errors import InputError
+from experiments.simulate.scene import read_number_table, read_scene
+
+SCENE = """\
+device = "three-brake"
+duration_s = 0.02
+step_s = 1e-3
+initial_tip_m = [0.05, 0.40]
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path):
+    """A function that writes a scene (and files beside it) and reads it."""
+
+    def read(more: str = "", *changes: tuple[str, str], **files: str):
+        text = SCENE + more
+        for pattern, replacement in changes:
+            assert re.search(pattern, text), pattern
+            text = re.sub(pattern, replacement, text)
+        for name, content in files.items():
+            (tmp_path / f"{name}.csv").write_text(content)
+        (tmp_path / "scene.toml").write_text(text)
+        return read_scene(tmp_path / "scene.toml")
+
+    return read
+
+
+def _read_plain_scene():
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "scene.toml").write_text(SCENE)
+        return read_scene(Path(folder) / "scene.toml")
+
+
+_SCENE = _read_plain_scene()
+
+
+# what a scene means
+
+
+def test_a_scene_without_tables_leaves_brakes_and_hand_at_zero(scene):
+    s = scene()
+    assert (s.fidelity, s.integrator, s.output_every, s.steps, s.rows) == ("ideal", "event", 1, 20, 21)
+    assert not s.schedule.any() and not s.force.any() and not s.initial_velocity.any()
+
+
+def test_output_rows_are_whole_intervals_of_whole_steps(scene):
+    s = scene("output_interval_s = 5e-3\n")
+    assert (s.output_every, s.steps, s.rows) == (5, 20, 5)
+
+
+def test_constants_hold_for_the_whole_scene_and_unnamed_joints_are_zero(scene):
+    s = scene("[brakes]\ntorque_N_m = {A = 5.6, B = 0.3, C = 0}\n[force]\nconstant_N = [10, -1]\n")
+    assert s.schedule.tolist() == [[5.6, 0.0, 0.3, 0.0]] and s.schedule_t[0] <= 0.0
+    assert np.all(s.force == [10.0, -1.0])
+
+
+def test_a_schedule_overrides_the_constants_and_its_columns_may_stand_in_any_order(scene):
+    more = '[brakes]\ntorque_N_m = {A = 1}\nschedule = "brakes.csv"\n'
+    s = scene(more, brakes="t_s,B,A\n-1,0.1,0.2\n0.005,0.3,0.4\n")
+    assert s.schedule_t.tolist() == [-1.0, 0.005]
+    assert s.schedule.tolist() == [[0.2, 0.0, 0.1, 0.0], [0.4, 0.0, 0.3, 0.0]]
+
+
+def test_a_column_of_a_joint_without_a_brake_may_be_zero(scene):
+    s = scene('[brakes]\nschedule = "brakes.csv"\n', brakes="t_s,A,E,B,C\n0,1,2,3,0\n")
+    assert s.schedule.tolist() == [[1.0, 2.0, 3.0, 0.0]]
+
+
+def test_currents_go_with_the_real_brake(scene):
+    for fidelity in ("static", "mr"):
+        s = scene(f'fidelity = "{fidelity}"\n[brakes]\ncurrent_amperes = {{E = 1.0}}\n')
+        assert s.schedule.tolist() == [[0.0, 1.0, 0.0, 0.0]]
+
+
+def test_a_force_file_is_taken_as_it_stands(scene):
+    s = scene('[force]\nfile = "force.csv"\n', force="t_s,fx_N,fy_N\r\n0,1,2\r\n\r\n0.02,3,4e-1\r\n")
+    assert s.force_t.tolist() == [0.0, 0.02] and s.force.tolist() == [[1.0, 2.0], [3.0, 0.4]]
+
+
+def test_paths_are_relative_to_the_scene_file(scene, tmp_path: Path, monkeypatch):
+    from core.device import load_device
+
+    (tmp_path / "mine.toml").write_text(load_device("four-brake").text)
+    monkeypatch.chdir("/")
+    assert scene("", ('"three-brake"', '"mine.toml"')).device.braked == "AEBC"
+
+
+def test_a_duration_may_miss_a_whole_number_of_steps_by_rounding_only(scene):
+    assert scene("", ("= 0.02", "= 0.020000000000001")).steps == 20
+    with pytest.raises(InputError, match="not a whole number of output intervals"):
+        scene("", ("= 0.02", "= 0.02000001"))
+
+
+@given(st.integers(1, 10**6), st.sampled_from([1e-3, 1e-2, 5e-3, 2e-3, 1e-5, 0.1, 0.3]))
+def test_output_times_are_multiples_of_the_interval_to_rounding(k, interval):
+    scene = replace(_SCENE, output_interval_s=interval)
+    time = scene.row_times(k, 1)[0]
+    assert abs(time - k * interval) <= 4e-16 * time
+    if interval == 1e-3:
+        assert time == float(f"{k}e-3")
+
+
+# what is refused
+
+TABLE = '[brakes]\nschedule = "brakes.csv"\n'
+FORCE = '[force]\nfile = "force.csv"\n'
+HEAD = "t_s,fx_N,fy_N\n"
+BAD_SCENES = {
+    "unknown key": ("mass = 1\n", {}, "unknown key mass"),
+    "unknown key in a table": ("[force]\nfx_N = 1\n", {}, r"unknown key force\.fx_N"),
+    "unknown joint": ("[brakes]\ntorque_N_m = {D = 1}\n", {}, r"unknown key brakes\.torque_N_m\.D"),
+    "unknown integrator": ('integrator = "euler"\n', {}, "integrator must be one of event, stepping, karnopp"),
+    "unknown fidelity": ('fidelity = "real"\n', {}, "fidelity must be one of"),
+    "part of a step": ("output_interval_s = 1.5e-3\n", {}, r"interval_s \(0.0015 s\) is not a whole"),
+    "interval of no step": ("output_interval_s = 1e-4\n", {}, "output_interval_s .* is not a whole"),
+    "velocity of nan": ("initial_tip_velocity_m_s = [nan, 0]\n", {}, "must be finite"),
+    "negative torque": ("[brakes]\ntorque_N_m = {A = -1}\n", {}, r"torque_N_m\.A must be at least 0, not -1"),
+    "torque without a brake": ("[brakes]\ntorque_N_m = {C = 1}\n", {}, "torque_N_m.C: three-brake has no brake"),
+    "current for ideal": ("[brakes]\ncurrent_amperes = {A = 1}\n", {}, "current_amperes does not go with"),
+    "torque for mr": ('fidelity = "mr"\n[brakes]\ntorque_N_m = {A = 1}\n', {}, "torque_N_m does not go with"),
+    "current above the limit": ('fidelity = "mr"\n[brakes]\ncurrent_amperes = {A = 1.1}\n', {}, "at most 1 A"),
+    "file and constant": ('[force]\nfile = "f"\nconstant_N = [1, 1]\n', {}, "either file or constant_N"),
+    "no schedule": (TABLE, {}, r"scene\.toml: brakes\.schedule: .*brakes\.csv: cannot be read \(no such file"),
+    "schedule header": (TABLE, {"brakes": "t_s,A,D\n0,1,1\n"}, "line 1: the header must be t_s and joints out of"),
+    "schedule column twice": (TABLE, {"brakes": "t_s,A,A\n0,1,1\n"}, "line 1: a column stands twice"),
+    "schedule without time": (TABLE, {"brakes": "A,E\n1,1\n"}, "line 1: the header must be t_s"),
+    "schedule without rows": (TABLE, {"brakes": "t_s,A\n"}, "has no rows"),
+    "schedule starts late": (TABLE, {"brakes": "t_s,A\n0.1,1\n"}, "line 2: the first time must be 0 or earlier"),
+    "schedule stands still": (TABLE, {"brakes": "t_s,A\n0,1\n\n1,1\n1,2\n"}, "line 5: time must rise, but 1 s"),
+    "schedule negative": (TABLE, {"brakes": "t_s,A\n0,1\n1,-1\n"}, "line 3: A must not be negative, not -1"),
+    "schedule for no brake": (TABLE, {"brakes": "t_s,C\n0,0\n1,1\n"}, "line 3: C: three-brake has no brake"),
+    "schedule of text": (TABLE, {"brakes": "t_s,A\n0,1\n1,one\n"}, "line 3: A must be a number, not 'one'"),
+    "schedule ragged": (TABLE, {"brakes": "t_s,A\n0,1\n1\n"}, "line 3: has 1 values, the header names 2"),
+    "schedule of one width": (TABLE, {"brakes": "t_s,A\n0,1,2\n1,1,2\n"}, "line 2: has 3 values"),
+    "nan in force": (FORCE, {"force": HEAD + "0,0,0\n0.01,nan,0\n1,0,0\n"}, "line 3: fx_N must be finite"),
+    "inf in force": (FORCE, {"force": HEAD + "0,0,0\n1,0,-inf\n"}, "line 3: fy_N must be finite, not -inf"),
+    "force too short": (FORCE, {"force": HEAD + "0,0,0\n0.019,0,0\n"}, "ends at 0.019 s, before the scene does"),
+    "force header": (FORCE, {"force": "t,fx,fy\n0,0,0\n1,0,0\n"}, "line 1: the header must be t_s,fx_N,fy_N"),
+    "force of Python numbers": (FORCE, {"force": HEAD + "0,1_0,0\n1,0,0\n"}, "line 2: fx_N must be a number"),
+    "empty force file": (FORCE, {"force": ""}, "has no rows"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("more, files, says", BAD_SCENES.values(), ids=BAD_SCENES)
+def test_a_scene_that_cannot_run_is_refused_with_file_key_and_reason(scene, more, files, says):
+    with pytest.raises(InputError, match=says) as refusal:
+        scene(more, **files)
+    assert re.search(r"(scene\.toml|brakes\.csv|force\.csv)", str(refusal.value))
+
+
+BAD_LINES = {
+    "step of zero": ("1e-3", "0", "step_s must be greater than"),
+    "negative step": ("1e-3", "-1e-3", "step_s must be greater than"),
+    "step of nan": ("1e-3", "nan", "step_s must be finite"),
+    "no duration": ("duration_s = 0.02", "", "required key duration_s is missing"),
+    "no device": ("device = .*", "", "required key device is missing"),
+    "unknown device": ("three-brake", "six-brake", "device: unknown device 'six-brake'"),
+    "tip out of reach": (r"\[0.05, 0.40\]", "[0.05, 4.0]", r"the tip of three-brake cannot be at \(0.05, 4\)"),
+    "tip within the margin": (r"\[0.05, 0.40\]", "[0.0, 0.605]", "initial_tip_m: the tip"),
+    "tip behind the bases": (r"\[0.05, 0.40\]", "[0.05, -0.4]", "initial_tip_m: the tip"),
+    "longer than a million seconds": ("0.02", "1e300", "duration_s must be at most"),
+    "no TOML": ("= 0.02", "=", "is not valid TOML"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("pattern, replacement, says", BAD_LINES.values(), ids=BAD_LINES)
+def test_a_scene_with_one_wrong_line_is_refused(scene, pattern, replacement, says):
+    with pytest.raises(InputError, match=says):
+        scene("", (pattern, replacement))
+
+
+def test_a_refused_row_is_named_by_its_line_past_empty_ones(tmp_path: Path):
+    (tmp_path / "t.csv").write_text("t_s,A\n\n\n0,1\n\n1,1\n")
+    table = read_number_table(tmp_path / "t.csv", "scene")
+    assert [table.line(row) for row in range(2)] == [4, 6]
+
+
+def test_a_file_that_is_not_text_is_refused(tmp_path: Path):
+    (tmp_path / "scene.toml").write_bytes(b"\xff\xfe\x00name")
+    with pytest.raises(InputError, match="UTF-8"):
+        read_scene(tmp_path / "scene.toml")

@@ -1,0 +1,142 @@
+"""`phd simulate`: rows in the file are the simulator's rows, and a run that does not end leaves no file."""
+
+import io
+import resource
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.errors import InputError
+from experiments.simulate import simulate as simulate_module
+from experiments.simulate.scene import Scene, read_scene
+from experiments.simulate.simulate import TORQUE, WIDTH, column_names, simulate, write_rows
+
+
+@pytest.fixture
+def scene(tmp_path: Path):
+    """A function that writes and reads a scene of three-brake, with a brake schedule if given."""
+
+    def read(more: str = "", duration_s: float = 0.02, brakes: str = "") -> Scene:
+        plain = f'device = "three-brake"\nduration_s = {duration_s}\nstep_s = 1e-3\ninitial_tip_m = [0.05, 0.40]\n'
+        (tmp_path / "scene.toml").write_text(plain + more)
+        (tmp_path / "brakes.csv").write_text(brakes)
+        return read_scene(tmp_path / "scene.toml")
+
+    return read
+
+
+class Ramp:
+    """A row source that counts: row k of the scene holds k + column / 100."""
+
+    def __init__(self, scene, fails_after: int | None = None, error: BaseException | None = None) -> None:
+        self.done, self.fails_after, self.error = 0, fails_after, error
+        self.events, self.fallbacks = 3, 1
+
+    def run_chunk(self, rows: int) -> np.ndarray:
+        if self.error and self.fails_after is not None and self.done >= self.fails_after:
+            raise self.error
+        k = np.arange(self.done, self.done + rows, dtype=float)
+        self.done += rows
+        chunk = k[:, None] + np.arange(WIDTH) / 100
+        chunk[:, -1] = k % 16
+        return chunk
+
+
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=7, max_size=7), st.integers(0, 15))
+def test_every_double_reads_back_as_itself(values, bits):
+    chunk = np.zeros((1, WIDTH))
+    chunk[0, 1:5] = values[:4]
+    chunk[0, TORQUE : TORQUE + 2] = values[4:6]
+    chunk[0, -1] = bits
+    file = io.BytesIO()
+    write_rows(file, np.array(values[6:]), chunk, "AE")
+    line = file.getvalue().decode()
+    *numbers, stuck = line.removesuffix("\n").split(",")
+    assert [float(number) for number in numbers] == [values[6], *values[:6]]
+    assert stuck == "".join(joint for i, joint in enumerate("AEBC") if bits >> i & 1)
+
+
+def test_the_file_holds_every_row_whatever_the_chunks(scene, tmp_path: Path, monkeypatch):
+    s = scene("output_interval_s = 2e-3\n")
+    written = []
+    for chunk_rows, chunk_steps in ((1000, 1000), (3, 1000), (1000, 7), (1, 1)):
+        monkeypatch.setattr(simulate_module, "CHUNK_ROWS", chunk_rows)
+        monkeypatch.setattr(simulate_module, "CHUNK_STEPS", chunk_steps)
+        path = tmp_path / f"{chunk_rows}-{chunk_steps}.csv"
+        summary = simulate(s, path, Ramp)
+        assert (summary.rows, summary.steps, summary.events, summary.fallbacks) == (11, 20, 3, 1)
+        written.append(path.read_bytes())
+    assert len(set(written)) == 1
+    lines = written[0].decode().split("\n")
+    assert lines[0].split(",") == column_names("AEB") and "torque_C_N_m" not in lines[0]
+    assert lines[1:3] == ["0,0.01,0.02,0.03,0.04,0.05,0.06,0.07,", "0.002,1.01,1.02,1.03,1.04,1.05,1.06,1.07,A"]
+    assert len(lines) == 11 + 2 and lines[-1] == "" and b"\r" not in written[0]
+
+
+@pytest.mark.parametrize(
+    "error", [RuntimeError("broken"), KeyboardInterrupt(), OSError(28, "No space left on device")]
+)
+def test_a_run_that_fails_leaves_no_file(scene, tmp_path: Path, monkeypatch, error):
+    monkeypatch.setattr(simulate_module, "CHUNK_ROWS", 4)
+    with pytest.raises(type(error)):
+        simulate(scene(), tmp_path / "out.csv", lambda scene: Ramp(scene, 8, error))
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_a_disk_that_fills_leaves_no_file(scene, tmp_path: Path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    s = scene(duration_s=2.0)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    try:
+        with pytest.raises(OSError):
+            simulate(s, tmp_path / "out.csv", Ramp)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_motion_that_is_not_finite_is_never_written(scene, tmp_path: Path):
+    class Diverging(Ramp):
+        def run_chunk(self, rows):
+            chunk = super().run_chunk(rows)
+            chunk[5, 2] = np.nan
+            return chunk
+
+    with pytest.raises(FloatingPointError, match=r"no longer finite at t = 0\.005 s"):
+        simulate(scene(), tmp_path / "out.csv", Diverging)
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_an_existing_output_file_is_left_as_it_was(scene, tmp_path: Path):
+    (tmp_path / "out.csv").write_text("mine")
+    with pytest.raises(InputError, match="exists already"):
+        simulate(scene(), tmp_path / "out.csv", Ramp)
+    assert (tmp_path / "out.csv").read_text() == "mine"
+
+
+# the simulator behind it
+
+
+def test_a_row_shows_the_state_after_what_happens_at_its_time(scene, tmp_path: Path):
+    more = '[brakes]\nschedule = "brakes.csv"\n[force]\nconstant_N = [3, 2]\n'
+    s = scene(more, brakes="t_s,A,E,B\n0,5,5,5\n0.005,0,0,0\n0.0125,5,5,5\n")
+    simulate(s, tmp_path / "out.csv")
+    rows = [line.split(",") for line in (tmp_path / "out.csv").read_text().split("\n")[1:-1]]
+    assert len(rows) == 21
+    tips = np.array([[float(cell) for cell in row[1:5]] for row in rows])
+    assert all(row[-1] == "AEB" for row in rows[:5]) and np.all(tips[:6] == tips[0])
+    assert all(row[-1] == "" and set(row[5:8]) == {"0"} for row in rows[5:13])
+    assert np.all(np.diff(np.hypot(tips[5:13, 2], tips[5:13, 3])) > 0)
+    assert all(set(row[5:8]) != {"0"} for row in rows[13:])
+
+
+def test_a_scene_runs_the_same_in_one_piece_and_in_many(scene, tmp_path: Path, monkeypatch):
+    more = '[brakes]\nschedule = "brakes.csv"\n[force]\nconstant_N = [9, 2]\n'
+    s = scene(more, 0.3, brakes="t_s,A,E,B\n0,0.3,0.3,0.3\n0.0503,5,0.3,0.3\n0.2,0.3,0.3,5\n")
+    simulate(s, tmp_path / "one.csv")
+    monkeypatch.setattr(simulate_module, "CHUNK_ROWS", 7)
+    simulate(s, tmp_path / "many.csv")
+    assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "many.csv").read_bytes()

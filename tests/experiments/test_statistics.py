@@ -1,0 +1,318 @@
+"""Statistics against enumeration by hand, laws, and (where installed) pingouin and statsmodels."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recorded import record, ticks
+from scipy import stats
+
+from core import tick_log
+from core.tick_log import PHASES
+from experiments.analysis.metrics import acceleration_dft_sum, tip_acceleration
+from experiments.analysis.participants import shift_interval, signed_rank_distribution
+from experiments.analysis.report import sentences, write_report
+from experiments.analysis.sensitivity import (
+    SMOOTHNESS,
+    Smoothness,
+    acceleration,
+    dft_sum,
+    of_recording,
+    sensitivity,
+    swapped,
+)
+from experiments.analysis.statistics import (
+    MEASURES,
+    POOLED,
+    friedman,
+    holm,
+    means,
+    pairs,
+    rank_biserial,
+    rank_biserial_interval,
+    signed_rank_p,
+    statistics,
+)
+from experiments.analysis.trials_table import TrialRow
+
+DEVICES = ("three-brake", "four-brake")
+
+
+def study(people=8, error=lambda row: 1e-3 * row.controller, duration=lambda row: 3.0, seed=0):
+    """Trials in a shuffled order, four repetitions a task; path error and duration as functions of the trial."""
+    generator = np.random.default_rng(seed)
+    rows = []
+    for p in range(1, people + 1):
+        run = 0
+        for device in DEVICES if p % 2 else DEVICES[::-1]:
+            tasks = [(k, s, r) for k in range(1, 6) for s in (1, 2) for r in range(1, 5)]
+            for i in generator.permutation(len(tasks)):
+                run += 1
+                controller, segment, repetition = tasks[i]
+                row = TrialRow(f"{p:02}", run, repetition, device, controller, segment, repetition, "done")
+                row = replace(row, duration_s=duration(row))
+                rows.append(replace(row, path_error_m=error(row), mean_tip_force_N=float(generator.lognormal())))
+    return rows
+
+
+def table_of(data):
+    """(controllers, people) as the functions take it."""
+    return {k + 1: {f"{p:02}": float(v) for p, v in enumerate(of_people)} for k, of_people in enumerate(data)}
+
+
+def only(results, **wanted):
+    (found,) = [r for r in results if all(getattr(r, key) == value for key, value in wanted.items())]
+    return found
+
+
+thousandths = st.tuples(st.integers(1, 10_000), st.sampled_from([-1, 1]))
+samples = st.lists(thousandths, min_size=6, max_size=9, unique_by=lambda one: one[0]).map(
+    lambda found: [sign * size / 1000 for size, sign in found]
+)
+
+
+@given(samples)
+@settings(max_examples=40, deadline=None)
+def test_the_signed_rank_p_is_the_share_of_all_sign_patterns_at_least_as_far_out(values):
+    differences = np.array(values)
+    ranks = stats.rankdata(np.abs(differences))
+    sums = np.array([np.dot(signs, ranks) for signs in product((0, 1), repeat=len(ranks))])
+    mine = ranks[differences > 0].sum()
+    far = np.mean(np.abs(sums - ranks.sum() / 2) >= abs(mine - ranks.sum() / 2) - 1e-9)
+    assert signed_rank_p(differences) == pytest.approx(far)
+    counts = np.bincount(sums.astype(int), minlength=int(ranks.sum()) + 1) / len(sums)
+    assert signed_rank_distribution(len(values)) == pytest.approx(counts)
+
+
+@given(samples)
+@settings(max_examples=60, deadline=None)
+def test_a_shift_lies_in_the_interval_when_the_test_cannot_reject_it(values):
+    """Just inside either end the signed-rank test of the shifted values gives p > 5 %, just outside p <= 5 %."""
+    data = np.array(values)
+    _, middle, low, high = shift_interval(data)
+    i, j = np.triu_indices(len(data))
+    assert middle == pytest.approx(np.median((data[i] + data[j]) / 2))
+    for end, inward in ((low, 1.0), (high, -1.0)):
+        inside, outside = data - (end + 1e-7 * inward), data - (end - 1e-7 * inward)
+        if high - low > 1e-6:
+            assert signed_rank_p(inside) > 0.05
+        assert signed_rank_p(outside) <= 0.05
+
+
+@given(samples)
+def test_rank_biserial_is_the_share_of_positive_pairwise_means_less_that_of_negative_ones(values):
+    data = np.array(values)
+    i, j = np.triu_indices(len(data))
+    assert rank_biserial(data) == pytest.approx(np.mean(np.sign(np.round((data[i] + data[j]) / 2, 9))), abs=1e-9)
+    assert rank_biserial(-data) == pytest.approx(-rank_biserial(data))
+    assert rank_biserial(np.append(data, 0.0)) == pytest.approx(rank_biserial(data))
+    assert rank_biserial(np.abs(data)) == 1.0
+    low, high = rank_biserial_interval(data)
+    assert -1.0 <= low <= high <= 1.0 and (low, high) == rank_biserial_interval(data)
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=12))
+def test_holm_never_makes_p_smaller_keeps_its_order_and_is_bonferroni_for_the_smallest(chances):
+    adjusted = holm(chances)
+    assert all(p <= q <= 1.0 for p, q in zip(chances, adjusted, strict=True))
+    order = np.argsort(chances, kind="stable")
+    assert np.all(np.diff(np.array(adjusted)[order]) >= 0.0)
+    assert adjusted[order[0]] == min(1.0, len(chances) * min(chances))
+
+
+def test_holm_by_hand():
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+
+
+def test_friedman_by_hand_and_its_ends():
+    """12 / (n k (k + 1)) sum R^2 - 3 n (k + 1) without ties; all agree: W = 1; a Latin square: 0."""
+    data = np.random.default_rng(3).normal(size=(5, 9))
+    ranks = stats.rankdata(data, axis=0).sum(axis=1)
+    found = friedman("m", "d", table_of(data))
+    chi = 12.0 / (9 * 5 * 6) * np.sum(ranks**2) - 3 * 9 * 6
+    assert found[0].value == pytest.approx(chi) and found[1].value == pytest.approx(chi / (9 * 4))
+    assert found[0].p == pytest.approx(stats.chi2.sf(chi, 4))
+    same = friedman("m", "d", table_of(np.tile(np.arange(5.0)[:, None], 8)))
+    assert same[1].value == pytest.approx(1.0)
+    square = friedman("m", "d", table_of([[1, 2, 3], [2, 3, 1], [3, 1, 2]]))
+    assert square[0].value == pytest.approx(0.0) and square[0].p is None
+    assert friedman("m", "d", table_of(np.ones((5, 8)))) == []
+
+
+def test_oracles_agree():
+    """pingouin 0.7.0 and statsmodels 0.15.0: Friedman, Kendall's W, Wilcoxon, rank-biserial, Holm."""
+    pingouin = pytest.importorskip("pingouin")
+    multitest = pytest.importorskip("statsmodels.stats.multitest")
+    pandas = pytest.importorskip("pandas")
+    data = np.random.default_rng(5).normal(size=(5, 12)) + np.arange(5)[:, None] / 4
+    wide = pandas.DataFrame(data.T)
+    oracle = pingouin.friedman(wide)
+    chi, w = friedman("m", "d", table_of(data))
+    assert (chi.value, chi.p) == pytest.approx((oracle["Q"].iloc[0], oracle["p_unc"].iloc[0]))
+    assert w.value == pytest.approx(oracle["W"].iloc[0])
+    found = [r for r in pairs("m", "d", table_of(data)) if r.statistic == "hodges_lehmann"]
+    sizes = [r for r in pairs("m", "d", table_of(data)) if r.statistic == "rank_biserial"]
+    assert len(found) == 10
+    for r, size in zip(found, sizes, strict=True):
+        test = pingouin.wilcoxon(data[int(r.first) - 1], data[int(r.second) - 1])
+        assert r.p == pytest.approx(test["p_val"].iloc[0])
+        assert size.value == pytest.approx(test["RBC"].iloc[0])
+    assert [r.p_holm for r in found] == pytest.approx(multitest.multipletests([r.p for r in found], method="holm")[1])
+
+
+def test_a_participant_counts_once_however_many_trials_they_made():
+    rows = study(people=6)
+    extra = [replace(rows[0], run=1000 + i) for i in range(50)]
+    wanted = dict(
+        test="mean", measure="path_error_m", configuration=rows[0].configuration, first=f"{rows[0].controller}"
+    )
+    before, after = (only(statistics(r), **wanted) for r in (rows, rows + extra))
+    assert (after.people, after.value) == (6, pytest.approx(before.value))
+
+
+def test_the_mean_has_students_interval():
+    data = np.random.default_rng(1).normal(size=(1, 7))
+    (found,) = means("m", "d", table_of(data))
+    interval = stats.ttest_1samp(data[0], 0.0).confidence_interval(0.95)
+    assert (found.low, found.high) == pytest.approx((interval.low, interval.high))
+
+
+@pytest.mark.parametrize("people", [1, 3, 5, 6])
+def test_below_six_people_there_is_no_p_and_no_interval(people, tmp_path):
+    results = statistics(study(people, error=lambda row: 1e-3 * row.controller * (1 + 0.01 * row.run)))
+    claims = [r for r in results if (r.p, r.p_holm, r.low, r.high) != (None,) * 4]
+    assert bool(claims) == (people >= 6) and len(results) > 50
+
+
+@pytest.mark.parametrize("percent", [-2.0, 0.0, 3.0])
+def test_a_trend_over_trials_is_found_whatever_differs_between_controllers_and_devices(percent):
+    """An error that changes by a share of its task's value per trial, among tasks that differ up to tenfold."""
+
+    def error(row):
+        task = 1.0 * row.controller * (2.0 if row.configuration == "four-brake" else 1.0)
+        return task + percent / 1000.0 * row.run * 4.5
+
+    found = only(statistics(study(error=error)), test="trend", measure="path_error_m")
+    mean = np.mean([error(row) for row in study(people=1)])
+    assert found.value == pytest.approx(4.5 * percent / mean, abs=1e-9)
+    assert found.low <= found.value <= found.high
+
+
+def test_error_adjusted_for_speed_is_the_same_where_speed_alone_makes_the_difference():
+    """1 mm a doubling of speed; controller 5 is moved at half the speed of the others and looks 1 mm more accurate."""
+    speeds = np.random.default_rng(9).lognormal(0.0, 0.2, 10_000)
+
+    def duration(row):
+        return float((2.0 if row.controller == 5 else 1.0) / speeds[97 * row.run + int(row.participant)])
+
+    results = statistics(study(error=lambda row: 5e-3 - 1e-3 * np.log2(row.duration_s), duration=duration))
+    slope = only(results, statistic="m_per_doubling")
+    assert slope.value == pytest.approx(1e-3) and slope.low == pytest.approx(1e-3) and slope.high == pytest.approx(1e-3)
+    assert only(results, statistic="correlation").value == pytest.approx(1.0)
+    for device in DEVICES:
+        of_it = [r for r in results if r.configuration == device]
+        raw = {r.first: r.value for r in of_it if r.statistic == "mean_error"}
+        adjusted = {r.first: r.value for r in of_it if r.statistic == "error_at_common_speed"}
+        assert raw["1"] - raw["5"] > 0.7e-3
+        assert np.ptp(list(adjusted.values())) < 1e-12
+    assert any("slow trials do look accurate" in sentence for sentence in sentences(results))
+
+
+def test_trials_that_ran_out_of_time_say_nothing_about_speed_and_uncounted_ones_nothing_at_all():
+    rows = study(people=5)
+    late = [replace(r, status="timeout", duration_s=30.0) if r.run == 7 else r for r in rows]
+    whole = statistics(rows)
+    plain = [r for r in whole if r.test == "speed" and r.statistic != "mean_error"]
+    assert [r.value for r in statistics(late) if r.test == "speed" and r.statistic == "doublings_above_own_mean"] == [
+        pytest.approx(r.value) for r in plain if r.statistic == "doublings_above_own_mean"
+    ]
+    aborted = [replace(rows[0], run=900 + i, status="aborted", path_error_m=9.0, duration_s=0.1) for i in range(5)]
+    assert statistics(rows + aborted) == whole
+
+
+def test_pooled_needs_both_devices_of_a_person():
+    rows = study(people=7)
+    some = [r for r in rows if not (r.participant == "03" and r.configuration == "four-brake")]
+    assert only(statistics(some), test="mean", measure="path_error_m", configuration=POOLED, first="2").people == 6
+    one = [r for r in rows if r.configuration == "four-brake"]
+    assert {r.configuration for r in statistics(one)} == {"four-brake", "all"}
+
+
+def test_every_pair_of_controllers_and_every_measure_is_there():
+    results = statistics(study())
+    for device in (*DEVICES, POOLED):
+        of_it = [
+            r
+            for r in results
+            if (r.configuration, r.measure, r.statistic) == (device, "path_error_m", "hodges_lehmann")
+        ]
+        assert len(of_it) == 10
+        for r in of_it:  # controller k has an error of k mm in everyone
+            assert (r.value, r.low, r.high) == pytest.approx((1e-3 * (int(r.first) - int(r.second)),) * 3)
+            assert r.p_holm == pytest.approx(min(1.0, 10 * r.p))
+    assert {r.measure for r in results} <= set(MEASURES)
+
+
+def test_definitions_that_order_the_controllers_alike_agree_and_a_reversed_one_is_named():
+    rows = [
+        replace(r, path_error_time_m=2.0 * r.path_error_m, peak_error_m=1.0 - r.path_error_m, sparc=-1.0 * r.controller,
+                acceleration_dft_sum=float(r.controller), acceleration_weighted_rms_m_s2=r.controller**2.0)
+        for r in study(people=3)
+    ]  # fmt: skip
+    results = sensitivity(rows)
+    by = {(r.measure, r.configuration): r for r in results}
+    assert by["path_error_m", "four-brake"].first == "1 < 2 < 3 < 4 < 5"
+    assert by["path_error_time_m", "four-brake"].value == pytest.approx(1.0)
+    assert by["peak_error_m", "four-brake"].value == pytest.approx(-1.0)
+    assert by["sparc", "three-brake"].value == pytest.approx(1.0)  # nearer 0 is smoother
+    said = " ".join(sentences(results))
+    assert "peak_error_m swaps none and SDOF, none and SDOF with gap" in said
+    assert "the same by acceleration_weighted_rms_m_s2, sparc" in said
+
+
+def test_swapped_pairs_by_hand():
+    assert swapped("1 < 2 < 3", "1 < 2 < 3") == []
+    assert swapped("1 < 2 < 3", "2 < 1 < 3") == [(1, 2)]
+    assert swapped("3 < 1 < 2", "2 < 1") == [(1, 2)]
+
+
+def test_smoothness_by_other_definitions_starts_from_the_metrics_own(tmp_path):
+    """With the metrics' own filter, weights and range it is the metrics' value; each variant is another one."""
+    n = 1200
+    rows = ticks(n)
+    t = np.arange(n) / 1000.0
+    rows[:, tick_log.TIP_X], rows[:, tick_log.TIP_Y] = 0.1 * np.sin(3.0 * t), 0.4 + 0.001 * np.sin(90.0 * t)
+    rows[:, tick_log.PHASE] = np.where((t > 0.1) & (t < 1.1), PHASES.index("move"), PHASES.index("end"))
+    path = record(tmp_path / "run-001.arrows", rows)
+    tip = rows[:, [tick_log.TIP_X, tick_log.TIP_Y]]
+    move = (t > 0.1) & (t < 1.1)
+    own = acceleration_dft_sum(tip_acceleration(tip)[move])
+    assert dft_sum(acceleration(tip, 20.0)[move], Smoothness()) == pytest.approx(own, rel=1e-9)
+    trial = replace(study(people=1)[0], controller=1, recording=path.name, acceleration_dft_sum=own)
+    found = of_recording(tmp_path)(trial)
+    assert list(found) == list(SMOOTHNESS)
+    assert len({round(value, 6) for value in (*found.values(), own)}) == len(SMOOTHNESS) + 1
+    results = sensitivity([trial, replace(trial, controller=2)], of_recording(tmp_path))
+    assert {r.measure for r in results} >= set(SMOOTHNESS)
+    assert all(r.people == 1 for r in results)
+
+
+def test_the_tables_are_tidy(tmp_path):
+    import csv
+
+    write_report(study(people=3), tmp_path, "note")
+    with (tmp_path / "participant_means.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert len(lines) == 3 * 2 * 5
+    assert all(float(line["path_error_m"]) == pytest.approx(1e-3 * int(line["controller"])) for line in lines)
+    with (tmp_path / "statistics.csv").open(newline="") as file:
+        found = list(csv.DictReader(file))
+    assert {line["test"] for line in found} == {"mean", "friedman", "difference", "trend", "order"}  # all as fast
+    assert all(line["p"] == line["p_holm"] == line["low"] == "" for line in found)
+    with (tmp_path / "findings.csv").open(newline="") as file:
+        numbered = list(csv.DictReader(file))
+    assert [line["number"] for line in numbered] == [str(n) for n in range(1, 12)]
+    assert set(numbered[0]) == {"number", "statement", "verdict", "numbers", "sentence"}

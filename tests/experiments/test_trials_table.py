@@ -1,0 +1,114 @@
+"""trials.csv: the promised columns, the same bytes for the same rows, nothing lost on the way back."""
+
+import math
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.errors import InputError
+from experiments.analysis.metrics import NO_METRICS, Metrics
+from experiments.analysis.trials_table import COLUMNS, TrialRow, append_row, read_table, table_bytes, write_table
+
+PROMISED = (
+    "participant, run, block, configuration, controller, segment, repetition, status, path_error_m, "
+    "path_error_time_m, mean_tip_force_N, acceleration_dft_sum, acceleration_weighted_rms_m_s2, "
+    "force_over_progress_N, duration_s, peak_error_m, path_length_ratio, sparc, switches_per_s, "
+    "unreachable_share, recording, energy_residual_J, energy_added_max_J"
+).split(", ")
+
+ROW = TrialRow("01", 7, 1, "three-brake", 2, 1, 1, "done", recording="trials/run-007.parquet")
+FULL = replace(
+    ROW.with_metrics(Metrics(*(0.1 * k for k in range(12)))), energy_residual_J=-1e-9, energy_added_max_J=0.0
+)
+
+
+def test_columns_are_the_promised_ones_in_order():
+    assert list(COLUMNS[: len(PROMISED)]) == PROMISED
+    assert table_bytes([]) == ",".join(COLUMNS).encode() + b"\n"
+
+
+def test_a_row_stands_in_full_precision_with_empty_cells_where_nothing_was_measured(tmp_path):
+    row = ROW.with_metrics(NO_METRICS._replace(path_error_m=1 / 3, duration_s=2.0))
+    line = b"01,7,1,three-brake,2,1,1,done,0.3333333333333333,,,,,,2.0,,,,,,trials/run-007.parquet,,\n"
+    assert table_bytes([row]).splitlines(keepends=True)[1] == line
+    write_table(tmp_path / "trials.csv", [row])
+    assert read_table(tmp_path / "trials.csv") == [row]
+
+
+@given(st.lists(st.none() | st.floats(allow_nan=False, allow_infinity=False), min_size=12, max_size=12))
+def test_every_double_comes_back_and_the_same_rows_give_the_same_bytes(values):
+    row = ROW.with_metrics(Metrics(*values))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "trials.csv"
+        path.write_bytes(table_bytes([row, ROW]))
+        back = read_table(path)
+        assert back == [row, ROW] and table_bytes(back) == path.read_bytes()
+
+
+def test_rows_appended_one_by_one_give_the_table_written_at_once(tmp_path):
+    for row in (FULL, ROW, FULL):
+        append_row(tmp_path / "a.csv", row)
+    write_table(tmp_path / "b.csv", [FULL, ROW, FULL])
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "b.csv"]  # nothing left beside them
+
+
+def test_an_existing_table_is_replaced_only_when_asked(tmp_path):
+    path = tmp_path / "trials.csv"
+    write_table(path, [FULL])
+    with pytest.raises(InputError, match="exists already"):
+        write_table(path, [ROW])
+    assert read_table(path) == [FULL]
+    write_table(path, [ROW], replacing=True)
+    assert read_table(path) == [ROW]
+    with pytest.raises(InputError, match="cannot be written"):
+        write_table(tmp_path / "no folder" / "trials.csv", [ROW])
+
+
+def test_recording_is_seen_from_where_the_table_stands():
+    assert ROW.seen_from("sub-01/ses-01").recording == "sub-01/ses-01/trials/run-007.parquet"
+    assert TrialRow("01", 1, 1, "x", 1, 1, 1, "aborted").seen_from("sub-01").recording == ""
+
+
+def test_later_columns_are_passed_over_but_not_thrown_away(tmp_path):
+    path = tmp_path / "trials.csv"
+    lines = table_bytes([FULL]).decode().splitlines()
+    path.write_text(f"{lines[0]},energy\n{lines[1]},0.5\n")
+    assert read_table(path) == [FULL]
+    with pytest.raises(InputError, match="would lose"):
+        append_row(path, ROW)
+
+
+def test_a_table_from_before_the_energies_were_kept_is_read_with_empty_cells(tmp_path):
+    path = tmp_path / "trials.csv"
+    path.write_text("".join(line.rsplit(",", 2)[0] + "\n" for line in table_bytes([FULL]).decode().splitlines()))
+    assert read_table(path) == [replace(FULL, energy_residual_J=None, energy_added_max_J=None)]
+
+
+@pytest.mark.parametrize(
+    "spoil, word",
+    [
+        (lambda text: text.replace("participant", "person"), "first line"),
+        (lambda text: "", "first line"),
+        (lambda text: text.replace(",7,", ",seven,"), "run"),
+        (lambda text: text.replace("done", "finished"), "status"),
+        (lambda text: text + "01,8\n", "line 3"),
+    ],
+)
+def test_a_spoilt_table_is_refused_by_line_and_column(tmp_path, spoil, word):
+    path = tmp_path / "trials.csv"
+    path.write_text(spoil(table_bytes([FULL]).decode()))
+    with pytest.raises(InputError, match=word):
+        read_table(path)
+
+
+@pytest.mark.parametrize(
+    "column, value", [("path_error_m", math.nan), ("run", 1.5), ("status", "fine"), ("run", None)]
+)
+def test_a_row_that_the_table_cannot_hold_is_a_mistake_of_the_program(column, value):
+    with pytest.raises(ValueError, match=column):
+        table_bytes([replace(FULL, **{column: value})])

@@ -1,0 +1,236 @@
+"""The board's state machine: every event in every state, as the specification's table says.
+
+Each of the 75 pairs is a test of its own; as a script it prints how many of them there are of each kind.
+"""
+
+import re
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from simulated_board import FULL, NO_LIMIT, SimulatedBoard, samples
+
+from hardware.emulated_board.board import SILENCE_US, TICK_US
+from hardware.emulated_board.board_states import UNSEEN, Event, handling
+from hardware.wire.messages import (
+    AskHello,
+    Bye,
+    Fault,
+    FaultReport,
+    Heartbeat,
+    HeartbeatReply,
+    Home,
+    Homed,
+    Limits,
+    Refusal,
+    Refused,
+    ResetFault,
+    SetLimits,
+    State,
+    Stop,
+)
+
+SPECIFICATION = (Path(__file__).resolve().parents[2] / "docs" / "protocol.md").read_text()
+PAIRS = [(state, event) for state in State for event in Event]
+SEEN = [pair for pair in PAIRS if pair not in UNSEEN]
+UNWATCHED = [pair for pair in PAIRS if pair in UNSEEN]
+
+
+def in_state(state: State, event: Event | None = None) -> SimulatedBoard:
+    """A board in a state, by the shortest way from power-up."""
+    bench = SimulatedBoard()
+    if state == State.BOOT:
+        if event is Event.STARTED_LOW:
+            bench.start().board.lose_power(bench.now_us)
+        return bench
+    bench.start()
+    if state != State.IDLE:
+        bench.connect()
+    if state == State.ACTIVE:
+        bench.command()
+    if state == State.FAULT:
+        bench.tell(Stop())
+    assert bench.state == state
+    return bench
+
+
+def happen(bench: SimulatedBoard, event: Event) -> list[tuple]:
+    """Make an event happen; what the board says to it."""
+    told = {
+        Event.HELLO: AskHello(1), Event.LIMITS: SetLimits(FULL, NO_LIMIT), Event.HOME: Home(0b0101, (5, 0, 7, 0)),
+        Event.RESET: ResetFault(), Event.HEARTBEAT: Heartbeat(9), Event.STOP: Stop(), Event.BYE: Bye(),
+    }  # fmt: skip
+    if event in told:
+        return bench.tell(told[event])
+    if event in (Event.ON, Event.OFF):
+        return bench.command(mode=int(event is Event.ON))
+    if event in (Event.STARTED, Event.STARTED_LOW):
+        bench.start()
+    elif event is Event.SILENCE:
+        bench.tick(SILENCE_US // TICK_US)
+    elif event is Event.WATCHDOG:
+        bench.tick(50)
+    elif event is Event.BAD:
+        return bench.tick(encoder_good=(False, True, True, True))
+    elif event is Event.BROWN_OUT:
+        bench.board.lose_power(bench.now_us)
+    return []
+
+
+@pytest.mark.parametrize(("state", "event"), SEEN, ids=[f"{s.name}-{e.name}" for s, e in SEEN])
+def test_each_event_in_each_state_does_what_the_table_says(state: State, event: Event) -> None:
+    bench = in_state(state, event)
+    bench.board.seen.clear()
+    answers = happen(bench, event)
+    assert bench.board.seen.get((state, event)) == 1, "the pair was not visited"
+    says = handling(state, event)
+    assert bench.state == (State[says] if says in State.__members__ else state)
+    assert (Refused in map(type, answers)) == (says == "refused")
+    if says == "ignored":
+        assert answers == []
+    if bench.state != State.ACTIVE:
+        assert bench.board.currents == (0, 0, 0, 0)
+
+
+@pytest.mark.parametrize(("state", "event"), UNWATCHED, ids=[f"{s.name}-{e.name}" for s, e in UNWATCHED])
+def test_what_a_state_does_not_watch_for_is_never_met_there(state: State, event: Event) -> None:
+    """The rest of the table: what would be the event elsewhere is brought about, and for long."""
+    bench = in_state(state)
+    bench.board.seen.clear()
+    happen(bench, event)
+    assert (state, event) not in bench.board.seen
+    if (state, event) != (State.ACTIVE, Event.SILENCE):  # there the watchdog comes first
+        assert bench.state == (State.IDLE if (state, event) == (State.BOOT, Event.SILENCE) else state)
+    if state in (State.IDLE, State.FAULT):
+        bench.tick(3000, encoder_good=(False,) * 4)
+        assert bench.state == state and not UNSEEN & set(bench.board.seen)
+
+
+def test_a_board_that_is_commanded_stays_active() -> None:
+    bench = in_state(State.ACTIVE)
+    for _ in range(3000):
+        bench.command()
+        bench.tick()
+    assert bench.state == State.ACTIVE and not UNSEEN & set(bench.board.seen)
+
+
+def coverage() -> str:
+    """How many pairs of the table are of each kind."""
+    kinds = Counter(says if says not in State.__members__ else "change" for says in (handling(*pair) for pair in PAIRS))
+    return (
+        f"{kinds['change']} change the state, {kinds['same']} are obeyed without, {kinds['refused']} are refused, "
+        f"{kinds['ignored']} ignored, {kinds['-']} not watched for"
+    )
+
+
+def test_the_table_covers_every_pair_and_the_specification_holds_it() -> None:
+    written = {
+        event: [cell.strip() for cell in cells.split("|")[:5]]
+        for event, cells in re.findall(r"^\| ([^|]+) \| ((?:[^|]+\|){5})$", SPECIFICATION, re.M)
+    }
+    assert len(SEEN) + len(UNSEEN) == len(State) * len(Event) == 75
+    for event in Event:
+        assert written[event.value] == [handling(state, event) for state in State]
+    said = re.search(r"\(75 pairs: (.+?)\)", SPECIFICATION.replace("\n", " "))
+    assert said and said[1] == coverage()
+
+
+def test_answers_say_what_was_done() -> None:
+    bench = in_state(State.READY)
+    assert happen(bench, Event.HEARTBEAT) == [HeartbeatReply(9, bench.now_us)]
+    assert happen(bench, Event.LIMITS) == [Limits(FULL, NO_LIMIT)]
+    assert happen(bench, Event.HOME) == [Homed(0b0101, (5, 0, 7, 0))]
+    assert happen(bench, Event.STOP) == [FaultReport(64, 64, 255, bench.now_us)]
+    assert happen(bench, Event.RESET) == [FaultReport(0, 0, 255, bench.now_us)]
+    assert happen(bench, Event.ON) == [Refused(3, Refusal.WRONG_STATE)]
+
+
+def test_hello_says_what_the_board_is_and_ends_the_connection_before() -> None:
+    bench = in_state(State.ACTIVE)
+    (hello,) = bench.tell(AskHello(1))
+    assert (hello.version, hello.state, hello.encoders, hello.brakes) == (1, State.IDLE, 0b0101, 0b1111)
+    assert hello.current_max_mA == FULL and hello.counts_per_rev == (96000, 0, 96000, 0)
+    assert samples(bench.tick(5)) == []
+
+
+def test_a_host_of_another_version_is_told_so() -> None:
+    bench = SimulatedBoard().start()
+    hello, refused = bench.tell(AskHello(2))
+    assert hello.version == 1 and refused == Refused(1, Refusal.VERSION)
+
+
+def test_samples_come_each_tick_from_limits_to_bye() -> None:
+    bench = SimulatedBoard().start()
+    assert bench.tick(10) == []
+    bench.connect()
+    got = samples(bench.tick(100))
+    assert [b.sequence - a.sequence for a, b in zip(got, got[1:], strict=False)] == [1] * 99
+    assert [b.board_us - a.board_us for a, b in zip(got, got[1:], strict=False)] == [1000] * 99
+    assert {sample.state for sample in got} == {State.READY}
+    bench.tell(Bye())
+    assert bench.tick(10) == []
+
+
+def test_a_board_that_nobody_talks_to_stops_sending() -> None:
+    bench = SimulatedBoard()
+    bench.connect()
+    assert 990 <= len(samples(bench.tick(3000))) <= 1000
+    assert bench.state == State.IDLE
+
+
+def test_a_heartbeat_keeps_the_connection_but_not_the_currents() -> None:
+    bench = SimulatedBoard().activate()
+    for _ in range(60):
+        bench.tell(Heartbeat(1))
+        bench.tick()
+    assert bench.state == State.FAULT and bench.board.cause == Fault.WATCHDOG
+    for _ in range(3000):
+        bench.tell(Heartbeat(1))
+        assert len(samples(bench.tick())) == 1
+
+
+def test_homing_sets_the_counts_and_lasts_until_power_up() -> None:
+    bench = SimulatedBoard()
+    bench.connect()
+    assert samples(bench.tick(counts=(100, 0, -50, 0)))[0].flags == 0
+    bench.tell(Home(0b0001, (38400, 0, 0, 0)))
+    sample = samples(bench.tick())[0]
+    assert (sample.counts, sample.flags) == ((38400, -50), 0b0001)
+    assert samples(bench.tick(counts=(90, 0, -50, 0)))[0].counts == (38390, -50)
+    bench.connect()
+    assert samples(bench.tick())[0].counts == (38390, -50)
+    bench.board.lose_power(bench.now_us)
+    bench.connect()
+    sample = samples(bench.tick())[0]
+    assert (sample.counts, sample.flags) == ((90, -50), 0)
+
+
+@pytest.mark.parametrize("joints", [0, 0b0010, 0b0111, 0b10000])
+def test_homing_a_joint_without_encoder_is_refused(joints: int) -> None:
+    bench = SimulatedBoard()
+    bench.connect()
+    assert bench.tell(Home(joints, (1, 2, 3, 4))) == [Refused(4, Refusal.BAD_VALUE)]
+    assert samples(bench.tick())[0].counts == (0, 0)
+
+
+def test_counters_go_round_as_32_bits_do() -> None:
+    bench = SimulatedBoard()
+    bench.connect()
+    bench.tell(Home(0b0001, (2**31 - 1, 0, 0, 0)))
+    assert samples(bench.tick(counts=(1, 0, 0, 0)))[0].counts[0] == -(2**31)
+
+
+def test_power_up_begins_everything_anew_and_says_so() -> None:
+    bench = SimulatedBoard().activate()
+    starts = bench.tell(AskHello(1))[0].starts
+    bench.board.lose_power(bench.now_us)
+    assert bench.tell(AskHello(1)) == []
+    bench.start()
+    (hello,) = bench.tell(AskHello(1))
+    assert hello.starts != starts
+    assert (hello.state, hello.faults, hello.cause) == (State.FAULT, Fault.BROWN_OUT, Fault.BROWN_OUT)
+    assert bench.tell(ResetFault())[0].faults == 0 and bench.state == State.IDLE
+
+
+if __name__ == "__main__":
+    print(f"{len(PAIRS)} pairs: {coverage()}")

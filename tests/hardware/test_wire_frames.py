@@ -1,0 +1,201 @@
+"""Frames of the wire: COBS, CRC-32, and a decoder that no bytes can lead astray.
+
+Run as a script, it feeds a million random bytes (more if a number is given) to each decoder.
+"""
+
+import random
+import sys
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hardware.emulated_board.board import Board
+from hardware.emulated_board.board_watch import Readings
+from hardware.wire.frames import MAX_ENCODED, MAX_PAYLOAD, FrameDecoder, checksum, encode_frame
+from hardware.wire.messages import (
+    AskHello,
+    Bye,
+    Command,
+    Heartbeat,
+    Home,
+    ResetFault,
+    SampleLayout,
+    SetLimits,
+    State,
+    Stop,
+    pack,
+    unpack,
+)
+
+payloads = st.binary(min_size=1, max_size=MAX_PAYLOAD)
+
+
+def stuffed(data: bytes) -> bytes:
+    """COBS by other hands, for data shorter than 254 bytes: each zero becomes the way to the next one."""
+    out = b""
+    for piece in data.split(b"\0"):
+        out += bytes([len(piece) + 1]) + piece
+    return out
+
+
+def host_frames() -> list[bytes]:
+    """A true frame of every message that a host sends: what structure-aware damage begins with."""
+    messages = (
+        AskHello(1), SetLimits((1000, 750, 0, 65535), (0, 229_183, 0, 1)), Command(7, 7, 1, (1, 2, 3, 4)),
+        Home(5, (-1, 0, 38_400, 0)), ResetFault(), Heartbeat(2**32 - 1), Stop(), Bye(),
+    )  # fmt: skip
+    return [encode_frame(pack(message)) for message in messages]
+
+
+def damage(frame: bytes, other: bytes, rng: random.Random) -> bytes:
+    """One thing that happens to a frame on its way, aimed at what holds it together; never the frame itself."""
+    at, bad = rng.randrange(len(frame) - 1), bytearray(frame)
+    match rng.randrange(8):
+        case 0:
+            bad[at] ^= 1 << rng.randrange(8)  # a bit
+        case 1:
+            bad[0] = rng.randrange(1, 256)  # the first COBS code
+        case 2:
+            bad[at], bad[at - 1] = bad[at - 1], bad[at]  # two bytes in the wrong order
+        case 3:
+            del bad[at : at + rng.randint(1, 4)]  # bytes lost
+        case 4:
+            bad[at:at] = rng.randbytes(rng.randint(1, 4))  # bytes from elsewhere
+        case 5:
+            bad[at:] = other[at:]  # two frames torn and joined
+        case 6:
+            bad[-5:-1] = rng.randbytes(4)  # another checksum
+        case 7:
+            bad = bytearray(stuffed(rng.randbytes(rng.randint(5, 120))) + b"\0")  # COBS without a checksum
+    return bytes(bad)
+
+
+def fuzz(n: int, seed: int, decoders: dict[str, object]) -> dict[str, int]:
+    """Feed n bytes, half random, half true frames of all kinds that were damaged, to each in random pieces; accepted.
+
+    2^-32 of the pieces would pass their CRC: one in some 10^10 bytes.
+    """
+    rng = np.random.default_rng(seed)
+    noise = rng.integers(0, 256, n // 2, dtype=np.uint8)
+    noise[rng.random(n // 2) < 0.03] = 0  # frames' ends are common, or few pieces would have the length of a frame
+    frames, spoil, damaged, size = host_frames(), random.Random(seed), [b"\0"], 0
+    while size < n - n // 2:
+        bad = damage(spoil.choice(frames), spoil.choice(frames), spoil)
+        if all(piece + b"\0" not in frames for piece in bad.split(b"\0")):  # or it would be a true one
+            damaged.append(bad if bad.endswith(b"\0") else bad + b"\0")
+            size += len(damaged[-1])
+    stream = noise.tobytes() + b"".join(damaged)
+    cuts = np.unique(rng.integers(0, len(stream), n // 200)).tolist()
+    accepted = dict.fromkeys(decoders, 0)
+    for first, last in zip([0, *cuts], [*cuts, len(stream)], strict=True):
+        for name, decode in decoders.items():
+            accepted[name] += decode(stream[first:last])
+    return accepted
+
+
+def all_decoders() -> dict[str, object]:
+    """Bytes in, number of frames taken for true out: the frames alone, the messages, a whole board."""
+    frames, messages, board = FrameDecoder(), FrameDecoder(), Board()
+    layout = SampleLayout(2, 6, 4)
+    for k in range(200):
+        board.tick(Readings(force=(0,) * 6), 1000 * k)
+    assert board.state == State.IDLE
+
+    def meaning(data: bytes) -> int:
+        return sum(unpack(p) is not None or layout.unpack(p) is not None for p in messages.feed(data))
+
+    def obeyed(data: bytes) -> int:
+        before = board.decoder.counts.good
+        board.receive(data, 200_000)
+        assert board.state == State.IDLE and board.currents == (0, 0, 0, 0)
+        return board.decoder.counts.good - before
+
+    return {"frames": lambda data: len(frames.feed(data)), "messages": meaning, "board": obeyed}
+
+
+def test_the_checksum_has_the_published_check_value() -> None:
+    assert checksum(b"123456789") == 0xCBF43926
+
+
+@given(payloads)
+def test_a_frame_is_cobs_of_payload_and_crc_by_other_hands(payload: bytes) -> None:
+    frame = encode_frame(payload)
+    assert frame == stuffed(payload + zlib.crc32(payload).to_bytes(4, "little")) + b"\0"
+    assert frame.count(0) == 1
+    assert len(frame) <= MAX_ENCODED + 1
+
+
+@given(st.lists(payloads, max_size=6), st.randoms(use_true_random=False))
+def test_frames_come_back_whole_however_the_stream_is_cut(sent: list[bytes], rng: random.Random) -> None:
+    stream = b"".join(encode_frame(payload) for payload in sent)
+    decoder, got = FrameDecoder(), []
+    while stream:
+        n = rng.randint(1, 40)
+        got += decoder.feed(stream[:n])
+        stream = stream[n:]
+    assert got == sent
+    assert decoder.counts.good == len(sent) and decoder.counts.bad == 0
+
+
+@given(st.binary(max_size=400), payloads)
+def test_a_frame_after_any_garbage_is_read_once_a_zero_byte_stands_between(garbage: bytes, payload: bytes) -> None:
+    decoder = FrameDecoder()
+    before = decoder.feed(garbage + b"\0")
+    assert before == []  # 400 bytes of garbage hold a true CRC once in a billion times
+    assert decoder.feed(encode_frame(payload)) == [payload]
+    assert decoder.counts.resyncs == (1 if decoder.counts.bad else 0)
+
+
+@settings(max_examples=50)
+@given(payloads)
+def test_no_single_flipped_bit_passes(payload: bytes) -> None:
+    frame = encode_frame(payload)
+    for bit in range(8 * len(frame)):
+        damaged = bytearray(frame)
+        damaged[bit // 8] ^= 1 << bit % 8
+        assert payload not in FrameDecoder().feed(bytes(damaged) + b"\0")
+
+
+@pytest.mark.parametrize("size", [0, MAX_PAYLOAD + 1])
+def test_a_payload_that_no_frame_can_hold_is_refused(size: int) -> None:
+    with pytest.raises(ValueError, match="1 to 124 bytes"):
+        encode_frame(b"x" * size)
+
+
+def test_a_stream_without_zero_bytes_needs_no_memory() -> None:
+    decoder = FrameDecoder()
+    for _ in range(1000):
+        assert decoder.feed(b"\x55" * 100) == []
+    assert decoder.counts.too_long == 1
+    assert len(decoder._partial) <= MAX_ENCODED
+    assert decoder.feed(b"\0" + encode_frame(b"hello")) == [b"hello"]
+
+
+def test_a_million_random_and_damaged_bytes_are_never_taken_for_a_frame() -> None:
+    decoder = FrameDecoder()
+    decoders = {**all_decoders(), "counted": lambda data: len(decoder.feed(data))}
+    assert fuzz(1_000_000, 1, decoders) == dict.fromkeys(decoders, 0)
+    met = decoder.counts
+    assert met.bytes >= 1_000_000 and met.good == met.resyncs == 0
+    assert met.bad_crc > 10_000 and met.bad_cobs > 10_000 and met.too_long > 100, "not every way out was taken"
+
+
+def test_random_bytes_in_true_frames_never_move_a_board() -> None:
+    """Frames that pass the CRC but hold anything: what is understood is answered or refused, nothing breaks."""
+    rng = np.random.default_rng(3)
+    board = Board()
+    for k in range(20_000):
+        kind = [int(rng.integers(256)), int(rng.integers(1, 9))][k % 2]
+        length = [int(rng.integers(0, 60)), {1: 1, 2: 24, 3: 21, 4: 17, 6: 4}.get(kind, 0)][k % 2]
+        board.receive(encode_frame(bytes([kind]) + rng.bytes(length)), 1000 * k)
+        board.tick(Readings(force=(0,) * 6), 1000 * k)
+        assert all(0 <= current <= 1000 for current in board.currents)
+        assert board.state == State.ACTIVE or board.currents == (0, 0, 0, 0)
+
+
+if __name__ == "__main__":
+    total = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
+    print(f"{total} bytes, frames accepted:", fuzz(total, 2, all_decoders()))

@@ -1,0 +1,231 @@
+"""The host's side of the wire, against a board in simulated time: no port, no clock, any fault."""
+
+import math
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from simulated_bench import NO, TIP, Bench, homed_link, linked, run
+
+from core.device_interface import LinkError
+from core.errors import InputError
+from hardware.connection import Connection
+from hardware.emulated_board.line_faults import read_fault
+from hardware.serial_device import SerialLink
+from hardware.serial_port import find_port, usb_ports
+from hardware.wire.messages import Limits, State
+
+
+@pytest.fixture(autouse=True)
+def no_long_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a connection an exchange lets a sample's time pass; the board's time is not the machine's here."""
+    ours = SimpleNamespace(monotonic=time.monotonic, sleep=lambda seconds: time.sleep(0.1 * seconds))
+    monkeypatch.setattr("hardware.serial_device.time", ours)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+@pytest.fixture
+def link(bench: Bench) -> Iterator[SerialLink]:
+    yield from homed_link(bench)
+
+
+def until(link: SerialLink, done, patience_s: float = 60.0) -> None:
+    """Exchange until something is so."""
+    end = time.monotonic() + patience_s
+    while not done():
+        assert time.monotonic() < end, link.problem
+        link.exchange(NO)
+
+
+def test_samples_say_where_the_tip_is_and_what_the_hand_does(bench: Bench, link: SerialLink) -> None:
+    bench.hand.obey({"target": [0.05, 0.38], "force": [2.0, 0.0]})
+    for _ in range(200):
+        (sample,) = run(link, 1)
+    assert sample.closed and sample.homed and not sample.fault
+    assert math.dist(sample.tip, bench.device.tip) < 1e-3
+    for _ in range(3000):
+        (sample,) = run(link, 1)
+    assert math.dist(sample.tip, bench.device.tip) < 5e-5
+    force = np.mean([s.hand_force for s in run(link, 300)], axis=0)
+    assert np.allclose(force, bench.device.hand_force, atol=0.05)
+
+
+def test_every_sample_is_taken_once_and_every_command_is_echoed(bench: Bench, link: SerialLink) -> None:
+    taken = run(link, 500)
+    assert [b.sequence - a.sequence for a, b in zip(taken, taken[1:], strict=False)] == [1] * 499
+    assert [b.echo - a.echo for a, b in zip(taken, taken[1:], strict=False)] == [1] * 499
+    assert link.health.lost == link.health.repeated == link.health.frames.bad == 0
+
+
+@pytest.mark.parametrize("current", [-1.0, math.nan, -math.inf, math.inf, 0.0])
+def test_a_current_that_makes_no_sense_is_zero_on_the_wire(bench: Bench, link: SerialLink, current: float) -> None:
+    run(link, 5, (current,) * 4)
+    assert bench.board.currents == (0, 0, 0, 0) and bench.board.state == State.READY
+
+
+@pytest.mark.parametrize("current", [1.0004, 5.0, 1e300])
+def test_no_current_above_the_brake_files_limit_reaches_the_wire(
+    bench: Bench, link: SerialLink, current: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent = []
+    monkeypatch.setattr(link._connection, "send", lambda message: sent.append(message))
+    run(link, 3, (current, 0.0, 0.25, -current))
+    assert {command.current_mA for command in sent if len(command) == 4} == {(1000, 0, 250, 0)}
+
+
+@pytest.mark.parametrize(
+    ("capability", "says"),
+    [
+        ({"device": b""}, "does not say which device it is wired to: its firmware must name 'four-brake'"),
+        ({"device": b"three-brake"}, "wired to the device 'three-brake', not to 'four-brake'"),
+        ({"counts_per_rev": (8192, 0, 8192, 0)}, "has encoders A = 8192, B = 8192"),
+        ({"encoders": 0b1010, "counts_per_rev": (0, 96000, 0, 96000)}, "has encoders E = 96000, C = 96000"),
+        ({"brakes": 0b0111}, "drives no brake at C"),
+        ({"current_max_mA": (1000, 1000, 300, 1000)}, "gives the brake at B at most 0.3 A, .* four-brake says 1 A"),
+        ({"force_channels": 0}, "the board sends 0 channels"),
+    ],
+)
+def test_another_board_than_the_device_file_says_is_refused(capability: dict, says: str) -> None:
+    bench = Bench(**capability)
+    with pytest.raises(InputError, match=says):
+        linked(bench)
+
+
+def test_a_port_where_nothing_answers_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hardware.connection.HELLO_S", 0.2)
+    bench = Bench()
+    bench.fault("drop=1")
+    with pytest.raises(InputError, match="bench: no board answers there"):
+        linked(bench)
+
+
+@pytest.mark.parametrize("kind", ["drop=0.1", "corrupt=0.1", "duplicate=0.1", "jitter=0.003"])
+def test_a_bad_wire_is_counted_and_survived(bench: Bench, link: SerialLink, kind: str) -> None:
+    run(link, 20, (0.2,) * 4)
+    bench.fault(kind)
+    came = run(link, 1500, (0.2,) * 4)
+    health, counts = link.health, bench.to_host.counts
+    assert bench.board.state == State.ACTIVE and link.problem == ""
+    assert len(came) > 700
+    if kind.startswith("drop"):
+        assert health.lost == pytest.approx(counts["drop"], abs=3) and counts["drop"] > 50
+    if kind.startswith("corrupt"):  # a flip in the zero byte takes the next frame with it
+        assert health.lost == pytest.approx(counts["corrupt"], rel=0.1)
+        assert health.frames.bad > 50 and bench.board.decoder.counts.bad > 50
+    if kind.startswith("duplicate"):
+        assert health.repeated == pytest.approx(counts["duplicate"], abs=3) and health.lost == 0
+        assert bench.board.counts.old > 50
+    sequences = [sample.sequence for sample in came]
+    assert sequences == sorted(set(sequences))
+    assert all(math.dist(sample.tip, TIP) < 0.01 for sample in came)
+
+
+def test_silence_is_noticed_in_200_ms_and_the_board_is_safe_within_50(
+    bench: Bench, link: SerialLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(link, 50, (0.5,) * 4)
+    began, lose, noticed = bench.ticks, link._lose, []
+    monkeypatch.setattr(link, "_lose", lambda reason: (noticed.append((bench.ticks - began, reason)), lose(reason)))
+    bench.fault("stall+0.4")
+    while not noticed:
+        assert link.exchange((0.5,) * 4) is None
+    ((after_ms, reason),) = noticed
+    assert after_ms <= 206 and reason == "no sample for 200 ms"
+    assert bench.last_current - began < 50
+    until(link, lambda: not link.problem)
+    (sample,) = run(link, 1)
+    assert sample.fault == "no command for 50 ms"
+    link.reset()
+    run(link, 5, (0.5,) * 4)
+    assert bench.board.currents == (500,) * 4 and link.health.lost_links == 1
+
+
+def test_an_unplugged_board_comes_back_without_a_restart_and_still_homed(bench: Bench, link: SerialLink) -> None:
+    before = run(link, 10)[-1]
+    bench.plugged = False
+    assert link.exchange((0.5,) * 4) is None and "it is gone" in link.problem
+    assert link.exchange((0.5,) * 4) is None
+    bench.plugged = True
+    until(link, lambda: not link.problem)
+    after = run(link, 20)[-1]
+    assert after.homed and math.dist(after.tip, before.tip) < 1e-4
+    assert abs(after.t_s - bench.now_s) < 0.01, "the board's clock went on, and so does its model"
+
+
+def test_a_board_that_lost_power_says_so_and_must_be_homed_again(bench: Bench, link: SerialLink) -> None:
+    run(link, 10, (0.5,) * 4)
+    bench.board.lose_power(1000 * bench.ticks)
+    assert bench.board.currents == (0, 0, 0, 0)
+    while not link.problem:
+        link.exchange((0.5,) * 4)
+    until(link, lambda: not link.problem)
+    (sample,) = run(link, 1)
+    assert "supply voltage" in sample.fault and not sample.homed
+    link.reset()
+    link.home(TIP)
+    assert run(link, 3)[-1].homed
+
+
+def test_a_board_that_nobody_talked_to_is_taken_up_again(bench: Bench, link: SerialLink) -> None:
+    for _ in range(1200):
+        bench.tick()
+    assert bench.board.state == State.IDLE
+    until(link, lambda: run(link, 1) != [])
+    assert bench.board.state == State.READY
+
+
+def test_stop_latches_until_reset(bench: Bench, link: SerialLink) -> None:
+    run(link, 10, (0.5,) * 4)
+    link.stop()
+    sample = run(link, 3, (0.5,) * 4)[-1]
+    assert sample.fault == "stopped by the host" and bench.board.currents == (0, 0, 0, 0)
+    link.reset()
+    assert not run(link, 2)[-1].fault
+
+
+def test_a_fault_that_still_stands_is_not_reset(bench: Bench, link: SerialLink) -> None:
+    sense = bench.device.sense
+    bad = read_fault("bad-encoder=B")
+    bench.device.sense = lambda currents, _: sense(currents, (bad,))
+    assert run(link, 3)[-1].fault == "an encoder's signal is bad"
+    with pytest.raises(LinkError, match="would not forget its fault: what caused its fault is still there"):
+        link.reset()
+
+
+def test_closing_leaves_the_board_idle_without_current(bench: Bench) -> None:
+    link = linked(bench)
+    run(link, 10, (0.5,) * 4)
+    link.close()
+    bench.tick()
+    assert bench.board.state == State.IDLE and bench.board.currents == (0, 0, 0, 0)
+    assert link.exchange((0.5,) * 4) is None and link.problem == "closed"
+    link.close()
+
+
+def test_limits_that_were_not_asked_for_are_no_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench()
+    ask = Connection.ask
+
+    def generous(self: Connection, question: tuple, kind: type, *patience: float) -> tuple:
+        answer = ask(self, question, kind, *patience)
+        return answer._replace(current_mA=(3000, 1000, 1000, 1000)) if kind is Limits else answer
+
+    monkeypatch.setattr(Connection, "ask", generous)
+    with pytest.raises(InputError, match="other current limits"):
+        linked(bench)
+
+
+def test_ports_that_come_and_go_while_they_are_listed_are_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    def vanished() -> list:
+        return [int(None, 16)]  # type: ignore[call-overload]  # as pyserial where a USB port has just gone
+
+    monkeypatch.setattr("hardware.serial_port.list_ports.comports", vanished)
+    assert usb_ports() == {}
+    with pytest.raises(InputError, match="there are: none"):
+        find_port("auto")

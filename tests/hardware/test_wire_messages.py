@@ -1,0 +1,117 @@
+"""Messages of the wire against the test vectors that firmware is tested with, in both directions."""
+
+import json
+import re
+import struct
+import zlib
+from pathlib import Path
+
+import pytest
+from test_wire_frames import stuffed
+
+from hardware.wire import messages
+from hardware.wire.frames import MAX_PAYLOAD, FrameDecoder, encode_frame
+from hardware.wire.messages import LAYOUTS, Hello, Sample, SampleLayout, layout_of, pack, unpack
+
+ROOT = Path(__file__).resolve().parents[2]
+VECTORS = json.loads((ROOT / "docs" / "protocol-vectors.json").read_text())
+FRAMES = [pytest.param(vector, id=vector["name"].replace(" ", "-")) for vector in VECTORS["frames"]]
+STREAMS = [pytest.param(vector, id=vector["name"].replace(" ", "-")) for vector in VECTORS["streams"]]
+
+
+def layout(vector: dict) -> SampleLayout:
+    return SampleLayout(vector["encoders"], vector["force_channels"], vector["brakes"])
+
+
+def message_of(vector: dict) -> tuple:
+    kind = getattr(messages, vector["message"])
+    texts = ("device", "serial")
+    return kind(**{
+        name: tuple(value) if isinstance(value, list) else value.encode() if name in texts else value
+        for name, value in vector["fields"].items()
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize("vector", FRAMES)
+def test_a_message_becomes_the_bytes_of_its_vector(vector: dict) -> None:
+    message = message_of(vector)
+    payload = layout(vector).pack(message) if isinstance(message, Sample) else pack(message)
+    assert payload.hex() == vector["payload"]
+    assert encode_frame(payload).hex() == vector["frame"]
+
+
+@pytest.mark.parametrize("vector", FRAMES)
+def test_the_bytes_of_a_vector_become_its_message(vector: dict) -> None:
+    payloads = FrameDecoder().feed(bytes.fromhex(vector["frame"]))
+    assert [payload.hex() for payload in payloads] == [vector["payload"]]
+    message = message_of(vector)
+    assert (layout(vector).unpack if isinstance(message, Sample) else unpack)(payloads[0]) == message
+
+
+@pytest.mark.parametrize("vector", FRAMES)
+def test_the_vectors_are_right_by_other_hands(vector: dict) -> None:
+    payload = bytes.fromhex(vector["payload"])
+    assert bytes.fromhex(vector["frame"]) == stuffed(payload + zlib.crc32(payload).to_bytes(4, "little")) + b"\0"
+
+
+@pytest.mark.parametrize("vector", STREAMS)
+def test_a_damaged_stream_is_counted_as_its_vector_says(vector: dict) -> None:
+    stream = bytes.fromhex(vector["bytes"])
+    for size in (1, 7, len(stream)):
+        decoder = FrameDecoder()
+        got = [p for start in range(0, len(stream), size) for p in decoder.feed(stream[start : start + size])]
+        counts = decoder.counts
+        assert len(got) == counts.good == vector["good"]
+        assert (counts.bad_crc, counts.bad_cobs, counts.too_long) == tuple(
+            vector[kind] for kind in ("bad_crc", "bad_cobs", "too_long")
+        )
+
+
+def test_every_message_has_a_vector() -> None:
+    assert {vector["message"] for vector in VECTORS["frames"]} == {kind.__name__ for kind, _ in LAYOUTS.values()} | {
+        "Sample"
+    }
+
+
+def test_the_specification_names_every_message_with_its_type_and_length() -> None:
+    rows = re.findall(r"^\| 0x([0-9A-F]{2}) \| (\w+) \| ([^|]+) \|", (ROOT / "docs" / "protocol.md").read_text(), re.M)
+    written = {int(number, 16): (name, size.strip()) for number, name, size in rows}
+    for number, (kind, fields) in LAYOUTS.items():
+        assert written.pop(number) == (kind.__name__, str(1 + struct.calcsize("<" + fields)))
+    assert written == {messages.SAMPLE_TYPE: ("Sample", "23 + 4 e + 4 f + 2 b")}
+    for e, f, b in ((2, 6, 4), (4, 0, 1)):
+        assert SampleLayout(e, f, b).bytes == 23 + 4 * e + 4 * f + 2 * b
+
+
+def test_the_specification_gives_the_offsets_of_hello() -> None:
+    text = (ROOT / "docs" / "protocol.md").read_text()
+    table = text.split("**Hello**")[1].split("**Sample**")[0]
+    offsets = [int(offset) for offset in re.findall(r"^\| (\d+) \|", table, re.M)]
+    hello = next(message_of(v) for v in VECTORS["frames"] if v["message"] == "Hello")
+    fields = dict(LAYOUTS.values())[Hello].split()
+    assert len(fields) == len(hello)
+    assert offsets == [0] + [1 + struct.calcsize("<" + " ".join(fields[:k])) for k in range(len(fields))]
+
+
+def test_a_payload_of_the_wrong_length_or_type_is_no_message() -> None:
+    for vector in VECTORS["frames"]:
+        payload = bytes.fromhex(vector["payload"])
+        for wrong in (payload + b"\0", payload[:-1] or b"\xff"):
+            assert unpack(wrong) is None
+    assert unpack(b"\x7f") is None
+
+
+def test_the_longest_sample_fits_a_frame() -> None:
+    assert SampleLayout(4, 6, 4).bytes <= MAX_PAYLOAD
+
+
+def test_a_sample_is_as_long_as_hello_says() -> None:
+    hello = next(message_of(v) for v in VECTORS["frames"] if v["message"] == "Hello")
+    found = layout_of(hello)
+    assert (found.encoders, found.force_channels, found.brakes) == (2, 6, 4)
+
+
+@pytest.mark.parametrize("current", [-1, 65536])
+def test_a_value_that_its_field_cannot_hold_is_never_sent(current: int) -> None:
+    with pytest.raises(struct.error):
+        pack(messages.Command(1, 0, 1, (current, 0, 0, 0)))

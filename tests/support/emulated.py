@@ -1,0 +1,44 @@
+"""`phd emulate` as a program of its own, and orders to it."""
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Emulated:
+    """A running `phd emulate`."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.log = folder / "log"
+        with self.log.open("w") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "app.cli", "emulate", *arguments],
+                cwd=ROOT, stdout=subprocess.PIPE, stderr=log, text=True,
+            )  # fmt: skip
+        self.port = Path(self.process.stdout.readline().strip())
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(str(folder / "answers"))
+        self._socket.settimeout(60.0)
+
+    def order(self, **order) -> dict:
+        """An order; the truth."""
+        self._socket.sendto(json.dumps(order).encode(), str(self.port.with_name("control")))
+        return json.loads(self._socket.recv(1 << 16))
+
+    def end(self, number: int = signal.SIGTERM) -> int:
+        """End it; its exit code."""
+        self.process.send_signal(number)
+        code = self.process.wait(60)
+        self.process.stdout.close()
+        self._socket.close()
+        return code
+
+
+def when(truth: dict, text: str) -> float:
+    """When the last event of this text was, s of the board's time."""
+    return max(t for t, event in truth["events"] if event == text)

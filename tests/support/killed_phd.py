@@ -1,0 +1,127 @@
+"""A phd that starts at once and is killed when told: everything is imported once, each job runs in a fork of that.
+
+Run as a script it reads jobs from stdin, a JSON object a line, and answers each with a line:
+  {"phd": [arguments], "kill_after_s": 0.3}     run `phd arguments`; kill -9 after that time
+  {"write": stream, "acks": file, "seed": 1, "kill_after_s": 0.3}    write ticks until killed, noting what is flushed
+Answer: {"killed": true | false, "code": exit code if it came to its end}.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PIECE, ROWS = 40, 20_000
+
+
+class KilledPhd:
+    """The jobs, from a test's side."""
+
+    def __init__(self, blocks: int) -> None:
+        """blocks: of the plan of each study, 20 trials each."""
+        from protocols import short
+
+        self._folder = tempfile.TemporaryDirectory()
+        protocol = Path(self._folder.name) / "short.toml"
+        protocol.write_text(short(blocks).text, encoding="utf-8")
+        #: arguments of a study, all but its folder
+        self.study = ["study", str(protocol), "--operators", "1", "--seed", "3"]
+        self._process = subprocess.Popen(
+            [sys.executable, __file__], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )  # fmt: skip
+
+    def run(self, kill_after_s: float, **job) -> dict:
+        """Run a job and kill it."""
+        self._process.stdin.write(json.dumps({**job, "kill_after_s": kill_after_s}) + "\n")
+        self._process.stdin.flush()
+        return json.loads(self._process.stdout.readline())
+
+    def close(self) -> None:
+        """End it."""
+        self._process.stdin.close()
+        self._process.wait(60)
+        self._folder.cleanup()
+
+
+def written_rows(seed: int):
+    """The ticks that a writer job writes, without end for any test's purposes."""
+    import numpy as np
+    from recorded import ticks
+
+    return np.tile(ticks(5000, seed), (ROWS // 5000, 1))
+
+
+def write(stream: str, acks: str, seed: int) -> None:
+    """Write ticks at twenty times real time until killed; note when each call began and ended, what was given by then,
+    and how many ticks are safe.
+    """
+    from experiments.recording.writer import RecordingWriter
+
+    rows = written_rows(seed)
+    handle = os.open(acks, os.O_WRONLY | os.O_CREAT)
+    with RecordingWriter(stream, "AEB", {"participant": "01"}) as writer:
+        for start in range(0, ROWS, PIECE):
+            began = time.monotonic()
+            writer.write(rows[start : start + PIECE])
+            os.write(handle, f"{began} {time.monotonic()} {writer.rows} {writer.rows_written}\n".encode())
+            time.sleep(PIECE / 20_000)
+        signal.pause()  # the kill comes late on this machine
+
+
+def do(job: dict) -> int:
+    """One job; its exit code."""
+    from app.cli import main
+
+    if "phd" in job:
+        return main(job["phd"])
+    write(job["write"], job["acks"], job["seed"])
+    return 0
+
+
+def serve() -> None:
+    """Do jobs until stdin ends."""
+    from sessions import new_session, run
+
+    import app.verbs.recover  # noqa: F401  (everything that a job needs is there before the first)
+    import experiments.session.recover  # noqa: F401
+    import experiments.study.study  # noqa: F401
+    from core import tick_log  # noqa: F401
+    with tempfile.TemporaryDirectory() as folder:  # compiles, or loads, the kernels
+        session = new_session(Path(folder))
+        trial, writer = session.begin(session.next_planned())
+        run(trial, writer, ticks=100, piece=100)
+        writer.abandon()
+        session.close()
+    for line in sys.stdin:
+        job = json.loads(line)
+        child = os.fork()
+        if child == 0:
+            null = os.open(os.devnull, os.O_RDWR)
+            for handle in (0, 1, 2):
+                os.dup2(null, handle)
+            code = 99
+            try:
+                code = do(job)
+            finally:
+                os._exit(code)
+        deadline = time.monotonic() + job["kill_after_s"]
+        status = None
+        while status is None and time.monotonic() < deadline:
+            ended, code = os.waitpid(child, os.WNOHANG)
+            status = code if ended else None
+            time.sleep(0.0005)
+        if status is None:
+            os.kill(child, signal.SIGKILL)
+            status = os.waitpid(child, 0)[1]
+        killed = os.WIFSIGNALED(status)
+        print(json.dumps({"killed": killed, "code": None if killed else os.WEXITSTATUS(status)}), flush=True)
+
+
+if __name__ == "__main__":
+    sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
+    serve()

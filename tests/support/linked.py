@@ -1,0 +1,116 @@
+"""A trial on a board in simulated time: device, hand, wires, link and trial in one process, tick by tick."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from protocols import PAPER, PEOPLE
+from simulated_bench import TIP, Bench, BenchWire, reach
+
+from app.emulated_operator import EmulatedOperator
+from core import tick_log
+from core.control.controllers import Preset
+from core.device import Device, load_device
+from core.path_file import build_path
+from core.simulator.hand import Hand
+from experiments.plan import PlannedTrial
+from experiments.protocol import TrialRules
+from experiments.trial.linked_trial import LinkedTrial
+from experiments.trial.person import Person
+from hardware.emulated_board.device import EmulatedHand
+from hardware.serial_device import SerialLink
+
+PATH = PAPER.paths[1]
+LONGEST_TICKS = 60_000
+
+
+class Late:
+    """A hand that does nothing until it may."""
+
+    def __init__(self, hand: EmulatedOperator) -> None:
+        self.inner, self.begun = hand, False
+        self.hand: Hand = hand.hand
+
+    def tick(self, x: float, y: float) -> None:
+        if self.begun:
+            self.inner.tick(x, y)
+
+    def obey(self, order: dict) -> None:
+        self.inner.obey(order)
+
+
+def drawn(seed: int) -> tuple[Person, np.random.Generator]:
+    """A person, and what makes the noise of one trial."""
+    return PEOPLE.draw(np.random.default_rng(seed)), np.random.default_rng([seed, 7])
+
+
+class LinkedBench:
+    """A board with an operator at the handle, or another hand, and the link to it."""
+
+    def __init__(self, device: str | Device = "four-brake", seed: int = 3, hand: EmulatedHand | None = None) -> None:
+        self.device = load_device(device) if isinstance(device, str) else device
+        self.operator: EmulatedOperator | None = None
+        if hand is None:
+            person, generator = drawn(seed)
+            self.operator = EmulatedOperator(person, build_path(PATH, "path"), TIP, generator)
+            hand = Late(self.operator)
+        self.board = Bench(self.device, hand)
+        self.hand = hand
+        self.link = SerialLink(
+            self.device, "bench", clock=self.now, open_port=lambda name: BenchWire(self.board, name)
+        )  # fmt: skip
+        reach(self.link)
+        self.link.home(self.board.device.tip)
+
+    def now(self) -> float:
+        return self.board.now_s
+
+    def trial(
+        self, controller: int = 2, how: TrialRules = PAPER.trial, preset: Preset | None = None, rules: str = PAPER.rules
+    ) -> LinkedTrial:
+        planned = PlannedTrial(1, 1, self.device.name, controller, 1, 1)
+        if isinstance(self.hand, Late):
+            self.hand.begun = True
+        preset = preset or PAPER.controllers[controller]
+        return LinkedTrial(self.device, planned, PATH, preset, rules, how, self.link, self.now)
+
+    def exchange(self, trial: LinkedTrial) -> list[np.ndarray]:
+        """One exchange of a trial; time goes on where there is no link, too."""
+        before = self.board.ticks
+        if self.operator is not None:
+            self.operator.tell(tick_log.PHASES.index(trial.phase))
+        made = trial.exchange()
+        if self.board.ticks == before:
+            self.pass_time(4)
+        return made
+
+    def pass_time(self, ticks: int) -> None:
+        """The host is late: what the board says waits."""
+        with self.board.lock:
+            for _ in range(ticks):
+                self.board.backlog += self.board.tick()
+
+    def run(
+        self, trial: LinkedTrial, until: Callable[[LinkedTrial], bool] = lambda trial: trial.finished
+    ) -> np.ndarray:
+        """Exchange until something is so; the rows (n, BENCH_WIDTH)."""
+        rows: list[np.ndarray] = []
+        while not until(trial):
+            assert self.board.ticks < LONGEST_TICKS and not (trial.finished and len(rows) == 0), trial.outcome()
+            rows += self.exchange(trial)
+        return np.array(rows).reshape(-1, tick_log.BENCH_WIDTH)
+
+    def idle(self, ticks: int) -> None:
+        """What the loop does between trials."""
+        for _ in range(ticks):
+            self.link.exchange((0.0,) * 4)
+            self.link.samples()
+
+    def until_back(self, patience_s: float = 60.0) -> float:
+        """Exchange zeros until samples come again; s of real time that it took (a thread looks for the board)."""
+        began = time.monotonic()
+        while self.link.exchange((0.0,) * 4) is None:
+            assert time.monotonic() - began < patience_s, self.link.problem
+            if self.link.problem:
+                self.pass_time(4)
+        return time.monotonic() - began

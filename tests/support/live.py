@@ -1,0 +1,161 @@
+"""A session server for tests: its messages as they come, its processes, and the proof that nothing of it is left."""
+
+import contextlib
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from app.ipc import messages as m
+from app.ipc.client import Client
+from app.ipc.messages import Setup
+
+LONG_S = 240.0  # to wait before a test fails; kernels may have to be compiled
+
+
+def gone(pid: int) -> bool:
+    """Whether a process has ended (one that nobody has waited for yet counts as ended)."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] in "ZX"
+    except (FileNotFoundError, ProcessLookupError):
+        return True
+
+
+def children(pid: int) -> list[int]:
+    """The processes that a process has started and that live."""
+    found: list[int] = []
+    with contextlib.suppress(OSError):  # it ends just now
+        for file in sorted(Path(f"/proc/{pid}/task").glob("*/children")):
+            with contextlib.suppress(OSError):  # or one of its threads
+                found += map(int, file.read_text().split())
+    return found
+
+
+def wait_until(what: Callable[[], object], seconds: float = LONG_S) -> None:
+    """Wait for something to come true."""
+    end = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.005)
+
+
+class Window:
+    """A window without eyes: a client, what it has been told, snapshot by snapshot, and all ticks."""
+
+    def __init__(self, setup: Setup) -> None:
+        self.opened: m.Opened | None = None
+        self.ticks: list[np.ndarray] = []
+        self.join(setup)
+
+    def join(self, setup: Setup) -> None:
+        """A session server of its own, in place of the one there was."""
+        self.bench = Client(setup)
+        self.snapshot: m.Snapshot | None = None
+        self.pulse: m.Pulse | None = None
+        self._told: deque = deque()
+
+    @property
+    def rows(self) -> np.ndarray:
+        """All ticks so far."""
+        return np.concatenate(self.ticks)
+
+    def look(self) -> None:
+        """Take in what has been told, up to the next snapshot: no state is passed over, however seldom we look."""
+        self._told += self.bench.receive()
+        while self._told:
+            match message := self._told.popleft():
+                case m.Snapshot():
+                    self.snapshot = message
+                    break
+                case m.Opened():
+                    self.opened = message
+                case m.Pulse():
+                    self.pulse = message
+        self.ticks.append(self.bench.ticks())
+
+    def until(self, what: Callable[[m.Snapshot], object], seconds: float = LONG_S) -> m.Snapshot:
+        """Wait for a snapshot of which something is true."""
+
+        def seen() -> object:
+            self.look()
+            assert self.bench.alive or self.snapshot, "the bench is gone"
+            return self.snapshot is not None and what(self.snapshot)
+
+        try:
+            wait_until(seen, seconds)
+        except AssertionError:
+            raise AssertionError(f"waited in vain; the last was {self.snapshot}") from None
+        assert self.snapshot is not None
+        return self.snapshot
+
+    def within(self, seconds: float, what: Callable[[m.Snapshot], object]) -> bool:
+        """Whether something comes true in this time, where it need not."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.look()
+            if self.snapshot is not None and what(self.snapshot):
+                return True
+            time.sleep(0.005)
+        return False
+
+    def until_stage(self, *stages: str) -> m.Snapshot:
+        return self.until(lambda s: s.stage in stages)
+
+    def open(self, participant: str = "01", **how) -> m.Snapshot:
+        self.until_stage(m.NO_SESSION)
+        self.bench.send(m.Open(participant, **how))
+        return self.until_stage(m.READY)
+
+    def start(self) -> m.Snapshot:
+        """Start a trial; returns when its first ticks are there."""
+        self.until_stage(m.READY, m.NO_SESSION)
+        self.ticks.clear()
+        self.bench.send(m.Start())
+        self.until_stage(m.RUNNING)
+        wait_until(lambda: self.look() or len(self.rows))
+        return self.snapshot
+
+    def touch(self) -> m.Snapshot:
+        """The pointer takes hold of the handle of the running trial."""
+        self.until_stage(m.RUNNING)
+        self.bench.aim(*self.snapshot.tip)
+        return self.snapshot
+
+    def abort(self, reason: str) -> m.Snapshot:
+        """End the running trial; returns when its row is there."""
+        self.bench.send(m.Abort(reason))
+        return self.until(lambda s: s.stage != m.RUNNING)
+
+    def until_tick(self, what: Callable[[np.ndarray], object]) -> None:
+        """Wait until there are ticks (n, WIDTH) of which something is true."""
+        wait_until(lambda: self.look() or what(self.rows))
+
+    def processes(self) -> list[int]:
+        """The session server and its loop."""
+        return [self.bench.pid, *children(self.bench.pid)]
+
+    def loop(self) -> int:
+        """The control loop's process, once it is there."""
+        wait_until(lambda: len(children(self.bench.pid)) == 1)
+        return children(self.bench.pid)[0]
+
+
+@contextlib.contextmanager
+def window(setup: Setup) -> Iterator[Window]:
+    """A window with a session server; at the end nothing of it is left, whatever the test did to it."""
+    opened = Window(setup)
+    try:
+        yield opened
+    finally:
+        pids = opened.processes() if not gone(opened.bench.pid) else []
+        opened.bench.stop("the test is over")
+        wait_until(lambda: all(map(gone, pids)))
+        log = setup.data_dir / ".session_server.log"
+        assert not log.exists(), log.read_text()
+
+
+def kill(pid: int, number: int = 9) -> None:
+    os.kill(pid, number)

@@ -1,0 +1,160 @@
+"""A live session over the emulated board's pseudo-terminal, for tests: made ready and led through trials as a person
+does it, again where a busy machine held the processes up and the board, rightly, took its current off.
+"""
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgspec
+from emulated import Emulated
+from live import LONG_S, Window, wait_until, window
+from protocols import PAPER, changed
+
+from app.ipc import messages as m
+from app.ipc.messages import Setup
+from core import tick_log
+from core.path_file import Segment
+from experiments.analysis.trials_table import TrialRow
+from experiments.session.files import cell
+
+DEVICE = "four-brake"
+BRAKING = (2, 4)  # controllers that act on everybody
+AGAIN_S = 3.0  # after which what was asked for is asked for again
+MOST_TRIES = 10  # of a trial that the machine spoils
+CURRENTS = slice(tick_log.CURRENT, tick_log.CURRENT + 4)
+LET_GO = "Let go of the handle"
+
+
+class BoardSession:
+    """A window on a bench with the emulated board, whose operator goes to and fro."""
+
+    def __init__(self, emulated: Emulated, window: Window) -> None:
+        self.emulated, self.window = emulated, window
+
+    @property
+    def folder(self) -> Path:
+        return Path(self.window.opened.folder)
+
+    def device(self) -> m.Check:
+        return next(check for check in self.window.snapshot.checks if check.name == "Device")
+
+    def open(self) -> None:
+        """A session; the device waits for its zero."""
+        self.window.until_stage(m.NO_SESSION)
+        self.window.bench.send(m.Open("01"))
+        self.window.until(lambda s: s.stage == m.RERIG and LET_GO in s.wait_for)
+
+    def make_ready(self) -> None:
+        """What the bench asks for is done until a trial may start: zero, brakes allowed; or the board comes back."""
+        asked, end, away = 0.0, time.monotonic() + 0.6 * LONG_S, False
+        while not self._may_start():
+            now, snapshot = time.monotonic(), self.window.snapshot
+            assert now < end, f"nothing can be started; the last was {snapshot}"
+            if snapshot is not None and now - asked > AGAIN_S:
+                if snapshot.brakes_off:
+                    asked = now
+                    self.window.bench.send(m.AllowBrakes())
+                elif snapshot.stage == m.RERIG and LET_GO in snapshot.wait_for:
+                    away = True
+                    self.rest()
+                    asked = time.monotonic()
+                    self.window.bench.send(m.Confirm())
+            time.sleep(0.005)
+        if away:
+            self.emulated.order(away=False)
+
+    def _may_start(self) -> bool:
+        self.window.look()
+        s = self.window.snapshot
+        fit = s is not None and not {check.state for check in s.checks} & {m.BAD, m.WAITING}
+        return fit and s.stage == m.READY and not s.brakes_off
+
+    def rest(self) -> None:
+        """Nobody holds the handle, and it rests."""
+        self.emulated.order(away=True)
+
+        def still() -> bool:
+            truth = self.emulated.order()
+            return max(map(abs, truth["velocity_m_s"] + truth["hand_force_N"])) < 1e-3
+
+        wait_until(still)
+
+    def begin(self, whole: bool = False) -> int:
+        """A trial; its run. whole: it goes to its end; else it is in its movement now and stays there, for the operator
+        turns round half-way, again and again, and currents flow.
+        """
+        window = self.window
+        for _ in range(MOST_TRIES):
+            self.make_ready()
+            while not whole and window.snapshot.coming.controller not in BRAKING:
+                coming = window.snapshot.coming
+                window.bench.send(m.Skip("the brakes may never act"))
+                window.until(lambda s, before=coming: s.coming != before)
+            path = window.opened.paths[window.snapshot.coming.segment]
+            self.emulated.order(path=msgspec.to_builtins(path if whole else half(path)))
+            window.ticks.clear()
+            window.bench.send(m.Start())
+            if window.within(AGAIN_S, lambda s: s.stage == m.RUNNING):
+                run = window.snapshot.running.run
+                if whole or self._in_movement():
+                    return run
+        raise AssertionError(f"no trial comes to its movement; the last was {window.snapshot}")
+
+    def _in_movement(self) -> bool:
+        """Whether the trial comes to its movement, and to currents, before something ends it."""
+        window = self.window
+
+        def there() -> bool:
+            window.look()
+            rows = window.ticks[-1]
+            return len(rows) > 0 and rows[-1, tick_log.PHASE] == tick_log.MOVE and rows[-1, CURRENTS].any()
+
+        wait_until(lambda: there() or window.snapshot.stage != m.RUNNING)
+        return window.snapshot.stage == m.RUNNING
+
+    def row(self, run: int) -> TrialRow:
+        """The row of a run, when it is there; a run that was cut short comes again next."""
+        window = self.window
+        found = next(r for r in window.until(lambda s: any(r.run == run for r in s.rows)).rows if r.run == run)
+        assert (found.status == "done") != (cell(found) == cell(window.snapshot.coming))
+        return found
+
+    def cut_short(self, act: Callable[[], object], says: str) -> TrialRow:
+        """The row of a trial that this ended in its movement, so that the experimenter reads this."""
+        for _ in range(MOST_TRIES):
+            run = self.begin()
+            act()
+            found = self.row(run)
+            if says in self.window.snapshot.said:
+                return found
+            self.emulated.order(clear=True)
+        raise AssertionError(f"{self.window.snapshot.said} and never {says}")
+
+
+def half(path: Segment) -> Segment:
+    """To the middle of a path."""
+    middle = [0.5 * (a + b) for a, b in zip(path.start_m, path.end_m, strict=True)]
+    return Segment(path.start_m, (middle[0], middle[1]))
+
+
+@contextlib.contextmanager
+def board_session(folder: Path, link: str = "{port}") -> Iterator[BoardSession]:
+    """A session on an emulated board of its own; at the end the board is without current. link: as Setup takes it."""
+    protocol = folder / "patient.toml"
+    protocol.write_text(changed(PAPER.text, time_out_s="200.0"), encoding="utf-8")
+    emulated = Emulated(folder, "--device", DEVICE, "--hand", "operator", "--seed", "3")
+    try:
+        where = link.format(port=emulated.port)
+        setup = Setup(folder / "data", str(protocol), devices=(DEVICE,), link=where, sync=False)
+        with window(setup) as opened:
+            yield BoardSession(emulated, opened)
+
+        def left() -> bool:
+            truth = emulated.order()
+            return truth["currents_mA"] == [0] * 4 and truth["state"] in ("IDLE", "FAULT")
+
+        wait_until(left)
+    finally:
+        emulated.end()

@@ -1,0 +1,32 @@
+"""Protocols for tests: the paper's, and the paper's with some lines of its file changed."""
+
+import re
+
+from experiments.protocol import Protocol, load_protocol, protocol_from_json, protocol_to_json
+from experiments.trial.population import load_population
+
+PAPER = load_protocol()
+PEOPLE = load_population()
+
+
+def changed(text: str, **values: str) -> str:
+    """The text of a protocol with other values of top-level keys, as they stand in TOML."""
+    for key, value in values.items():
+        line = f"{key} = {value}"
+        text, count = re.subn(rf"^{key} = .*$", line, text, flags=re.MULTILINE)
+        if not count:
+            text = f"{line}\n{text}"
+    return text
+
+
+def protocol_of(text: str) -> Protocol:
+    """The protocol of a text with the paper's devices."""
+    return protocol_from_json({**protocol_to_json(PAPER), "text": text}, "test")
+
+
+def short(blocks: int = 1, paths: int = 2, **values: str) -> Protocol:
+    """The paper's with fewer blocks, and its first path alone if `paths` is 1: 10 trials a block and path."""
+    text = changed(PAPER.text, blocks=str(blocks), **values)
+    if paths == 1:
+        text = re.sub(r"\[\[path\]\]\s*number = 2\n(.+\n)+", "", text)
+    return protocol_of(text)

@@ -1,0 +1,118 @@
+"""Both windows on a fake bench, for tests: what they are told, what they show, what is done to them."""
+
+import os
+from collections.abc import Iterator
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+import numpy as np
+from fake_bench import FakeBench
+from PySide6.QtCore import QEvent, QPointF, Qt
+from PySide6.QtGui import QMouseEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QAbstractButton, QApplication, QLabel, QWidget
+
+from app.window.console_window import ConsoleWindow
+from app.window.painting import theme
+from app.window.painting.labels import OneLine
+from app.window.participant_window import ParticipantWindow
+from app.window.windows import Windows
+
+
+class Screens:
+    """The app without processes."""
+
+    def __init__(self, width: int = 1280, height: int = 720) -> None:
+        theme.dress(QApplication.instance())  # type: ignore[arg-type]
+        QApplication.setCursorFlashTime(0)  # pictures are compared, whenever they are taken
+        self.bench = FakeBench()
+        self.windows = Windows(self.bench)
+        self.console: ConsoleWindow = self.windows.console
+        self.participant: ParticipantWindow = self.windows.participant
+        self.console.resize(width, height)
+        self.console.show()
+
+    def hear(self, *messages: object) -> ConsoleWindow:
+        """One frame in which the bench has said this."""
+        self.bench.inbox += messages
+        self.windows.frame()
+        return self.console
+
+    def tick(self, rows: np.ndarray, taken: bool = True) -> None:
+        """One frame with these ticks (n, row.WIDTH), which the panels need not wait for."""
+        self.bench.rows, self.bench.taken = rows, taken
+        self.windows.frame()
+        self.console.show_panels()
+
+    def press(self, key: Qt.Key, window: QWidget | None = None, modifier=Qt.KeyboardModifier.NoModifier) -> list:
+        """Press a key; what was sent because of it."""
+        before = len(self.bench.sent)
+        top = (window or self.console).window()
+        top.activateWindow()
+        QTest.qWaitForWindowActive(top)
+        QTest.keyClick(window or self.console, key, modifier)
+        return self.bench.sent[before:]
+
+    def close(self) -> None:
+        """The end, whatever is open."""
+        self.windows.close()
+        for window in (self.console, self.participant):
+            window.deleteLater()
+        QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+
+
+def opened_screens() -> Iterator[Screens]:
+    """For a fixture: nothing is left of it at the end."""
+    screens = Screens()
+    yield screens
+    screens.close()
+    assert screens.bench.stopped and not [top for top in QApplication.topLevelWidgets() if top.isVisible()]
+
+
+def visible_texts(window: QWidget) -> list[str]:
+    """What can be read on a window's labels and buttons now."""
+    widgets = [*window.findChildren(QLabel), *window.findChildren(QAbstractButton)]
+    return [widget.text() for widget in widgets if widget.isVisible() and widget.text()]
+
+
+def settle(window: QWidget) -> None:
+    """Until everything has the place that it wants: layouts ask each other in turn."""
+    for _ in range(6):
+        QApplication.sendPostedEvents()
+        QApplication.processEvents()
+    window.grab()
+
+
+def point(view: QWidget, place: QPointF) -> None:
+    """The pointer is here (px) on a view, whatever lies over it."""
+    none = Qt.MouseButton.NoButton
+    event = QMouseEvent(
+        QEvent.Type.MouseMove, place, view.mapToGlobal(place), none, none, Qt.KeyboardModifier.NoModifier
+    )
+    QApplication.sendEvent(view, event)
+
+
+def cut_texts(window: QWidget) -> list[str]:
+    """Texts that do not fit where they stand, and do not say so themselves."""
+    cut = []
+    for widget in window.findChildren(QLabel):
+        if not widget.isVisible() or not widget.text() or isinstance(widget, OneLine):
+            continue
+        width, height = widget.width(), widget.height()
+        fits = height >= widget.heightForWidth(width) if widget.wordWrap() else width >= widget.sizeHint().width()
+        if not fits or not _inside(widget):
+            cut.append(widget.text())
+    for button in window.findChildren(QAbstractButton):
+        if button.isVisible() and button.text() and (button.width() < button.sizeHint().width() or not _inside(button)):
+            cut.append(button.text())
+    return cut
+
+
+def _inside(widget: QWidget) -> bool:
+    """Whether a widget lies whole within all that hold it."""
+    parent = widget.parentWidget()
+    while parent is not None:
+        place = widget.mapTo(parent, widget.rect().topLeft())
+        if not parent.rect().contains(widget.rect().translated(place)):
+            return False
+        parent = parent.parentWidget()
+    return True

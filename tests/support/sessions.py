@@ -1,0 +1,63 @@
+"""Sessions for tests: real trials of a simulated operator on the shipped devices, and what a crash leaves of them."""
+
+import contextlib
+from pathlib import Path
+
+import numpy as np
+from protocols import PAPER
+
+from core import tick_log
+from experiments.protocol import Protocol
+from experiments.session.session import Session
+from experiments.trial.population import load_population
+
+
+def new_session(data: Path, participant: str = "01", protocol: Protocol = PAPER, blind: bool = False) -> Session:
+    """A session of a simulated operator, not yet begun."""
+    population = load_population()
+    person = population.draw(np.random.default_rng(3))
+    return Session(data, participant, protocol, person, sync=False, blind=blind, operators=population.operators)
+
+
+def run_trials(session: Session, count: int) -> None:
+    """The next trials of the plan, from begin to row."""
+    for _ in range(count):
+        trial, writer = session.begin(session.next_planned())
+        run(trial, writer)
+        session.finish(trial, writer)
+
+
+def run(trial, writer, ticks: int = 10**9, piece: int = 500) -> None:
+    """Ticks of a trial into its recording, a batch a piece."""
+    rows = np.empty((piece, tick_log.WIDTH))
+    while not trial.finished and trial.ticks < ticks:
+        writer.write(rows[: trial.run(rows)])
+        writer.flush()
+
+
+def crash_in_trial(session: Session, ticks: int = 2500, closed: bool = False) -> Path:
+    """Begin the next trial, end as a killed process does in the middle of it; its stream."""
+    trial, writer = session.begin(session.next_planned())
+    run(trial, writer, 10**9 if closed else ticks)
+    if closed:
+        writer.close(trial.outcome())
+    else:
+        writer.abandon()
+    session.close()
+    return writer.path
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """Everything in a folder, by name."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@contextlib.contextmanager
+def session_of(data: Path, trials: int):
+    """A session in which some trials have been run; closed at the end."""
+    session = new_session(data)
+    try:
+        run_trials(session, trials)
+        yield session
+    finally:
+        session.close()

@@ -1,0 +1,136 @@
+"""A board in simulated time with the simulated device behind it, and wires that a link can be plugged into."""
+
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+
+from core.device import Device, load_device
+from core.device_interface import LinkError
+from core.errors import InputError
+from hardware.emulated_board.board import Board
+from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, HeldHand
+from hardware.emulated_board.line_faults import Line, LineFault, read_fault
+from hardware.emulated_board.sensors import capability_of
+from hardware.serial_device import SerialLink
+
+DEVICE = load_device("four-brake")
+TIP = (0.02, 0.40)
+NO = (0.0,) * 4  # currents
+
+
+class Bench:
+    """A board with a simulated device, and the wires that are plugged into it; each read of a wire takes a tick."""
+
+    def __init__(self, behind: Device = DEVICE, hand: EmulatedHand | None = None, **capability) -> None:
+        self.board = Board(replace(capability_of(behind, "TEST"), **capability))
+        self.hand = hand or HeldHand(TIP)
+        self.device = EmulatedDevice(behind, self.board.capability, self.hand, TIP, seed=1)
+        self.faults: list[LineFault] = []
+        self.to_host, self.to_board = Line(self.faults, 1, 0), Line(self.faults, 1, 1)
+        self.ticks = self.last_current = 0
+        self.plugged = self.powered = True
+        self.backlog = b""  # what waits for a host that was late
+        self._acting: set[str] = set()  # kinds of faults
+        self.tick()  # kernels are compiled, or loaded, before a host waits for an answer
+        self.lock = threading.Lock()  # the link's thread that brings the board back reads as well
+
+    @property
+    def now_s(self) -> float:
+        return 100.0 + 1e-3 * self.ticks
+
+    def tick(self) -> bytes:
+        """A millisecond; what arrives at the host's end."""
+        self.ticks += 1
+        now_us = 1000 * self.ticks
+        acting = [fault for fault in self.faults if fault.acts(self.now_s)]
+        self._plug_and_power({fault.kind for fault in acting}, now_us)
+        if (data := self.to_board.take(self.now_s)) and self.powered:
+            self.send(self.board.receive(data, now_us))
+        readings = self.device.sense(self.board.currents, acting)
+        force = readings.force[: self.board.capability.force_channels]
+        if self.powered:
+            self.send(self.board.tick(readings._replace(force=force), now_us))
+        self.device.advance(self.board.currents)
+        if any(self.board.currents):
+            self.last_current = self.ticks
+        return self.to_host.take(self.now_s)
+
+    def _plug_and_power(self, kinds: set[str], now_us: int) -> None:
+        began, ended = kinds - self._acting, self._acting - kinds
+        self._acting = kinds
+        if "unplug" in began:
+            self.plugged = False
+            self.to_host.clear()
+            self.to_board.clear()
+        if "brown-out" in began:
+            self.powered = False
+            self.board.lose_power(now_us)
+            self.device.sensors.power_up()
+        self.plugged |= "unplug" in ended
+        self.powered |= "brown-out" in ended
+
+    def send(self, data: bytes) -> None:
+        for frame in data.split(b"\0")[:-1]:
+            self.to_host.put(frame + b"\0", self.now_s)
+
+    def fault(self, text: str) -> None:
+        self.faults.append(read_fault(text, self.now_s))
+
+
+def reach(link: SerialLink) -> None:
+    """Open a link; again where this machine held us up for longer than a board may take to answer."""
+    for left in (3, 2, 1, 0):
+        try:
+            link.open()
+            return
+        except InputError as error:
+            if not left or "no board answers" not in str(error):
+                raise
+
+
+class BenchWire:
+    """A wire to the bench."""
+
+    def __init__(self, bench: Bench, name: str) -> None:
+        self.bench, self.name, self.closed, self.not_taken = bench, name, False, 0
+        self.check()
+        bench.backlog = b""
+
+    def check(self) -> None:
+        if not self.bench.plugged or self.closed:
+            raise LinkError(f"serial port {self.name}: it is gone")
+
+    def read(self) -> bytes:
+        self.check()
+        with self.bench.lock:
+            backlog, self.bench.backlog = self.bench.backlog, b""
+            return backlog + self.bench.tick()
+
+    def write(self, data: bytes) -> None:
+        self.check()
+        with self.bench.lock:
+            self.bench.to_board.put(data, self.bench.now_s)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def linked(bench: Bench) -> SerialLink:
+    """The link of a bench, reached."""
+    link = SerialLink(DEVICE, "bench", clock=lambda: bench.now_s, open_port=lambda name: BenchWire(bench, name))
+    reach(link)
+    return link
+
+
+def homed_link(bench: Bench) -> Iterator[SerialLink]:
+    """A link whose handle is homed, closed at the end, with nothing left that looks for the board."""
+    link = linked(bench)
+    link.home(TIP)
+    yield link
+    link.close()
+    assert not any(thread.name == "bring the board back" for thread in threading.enumerate())
+
+
+def run(link: SerialLink, n: int, currents=NO) -> list:
+    """The samples of n exchanges."""
+    return [sample for _ in range(n) if (sample := link.exchange(currents)) is not None]
