@@ -1,8 +1,11 @@
-"""How kernels are compiled: machine code only for what Python calls.
+"""How kernels become machine code: only those that Python calls, each with all that it calls inside.
 
-numba compiles every function by itself, down to machine code, with all that it calls inside: of two hundred kernels
-that call each other each is optimised a dozen times. Here a kernel that another kernel calls stops at LLVM's
-intermediate code, a *part*; the kernel that Python calls, an *entry*, links its parts once, and is optimised once.
+numba by itself makes machine code of every function, and optimises all that it calls with it: of two hundred kernels
+that call each other, the smallest went through LLVM a dozen times. Here a kernel as other kernels call it is a *part*,
+in LLVM's intermediate code and no further. A kernel as Python calls it is an *entry*: its part, linked once with the
+parts that it calls, optimised once, and kept on disk. Parts are not: a process that compiles an entry makes its own.
+
+This leans on what numba keeps to itself (libraries, dispatchers, passes): constraints.txt pins the version.
 """
 
 import contextlib
@@ -16,9 +19,10 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_machinery import PassManager
 from numba.core.registry import CPUDispatcher
 from numba.core.types.functions import BaseFunction
+from numba.core.types.misc import unliteral
 
 #: Passes of numba for what no kernel has: closures, `with`, literals that steer the typing, inlined Python, array
-#: expressions. A kernel that has them is refused, or the machine code is the same: LLVM drops branches never taken.
+#: expressions. numba refuses a kernel that has them; branches never taken are LLVM's to drop.
 NOT_NEEDED = (
     untyped_passes.WithLifting,
     untyped_passes.InlineClosureLikes,
@@ -37,9 +41,9 @@ NOT_NEEDED = (
 
 
 def remember_call_types() -> None:
-    """Let numba work out once what an operator or function gives for some types, not anew at each of a thousand uses.
+    """Let numba work out once what an operator or function gives for some types, not at each of a thousand uses.
 
-    It asks some twenty overloads each time, a quarter of the compilation.
+    It asks some twenty overloads each time: a quarter of the compilation.
     """
     work_out = BaseFunction.get_call_type
     known: dict = {}
@@ -52,7 +56,7 @@ def remember_call_types() -> None:
             known[key] = work_out(function, context, args, kws)
         return known[key]
 
-    BaseFunction.get_call_type = get_call_type
+    BaseFunction.get_call_type = get_call_type  # type: ignore[assignment, method-assign]
 
 
 remember_call_types()
@@ -60,7 +64,7 @@ remember_call_types()
 
 @contextlib.contextmanager
 def no_garbage_collection() -> Iterator[None]:
-    """Python's search for cycles finds nothing in the compiler's millions of objects, and takes a tenth of its time."""
+    """Keep Python from looking for cycles among the compiler's millions of objects: a tenth of the compilation."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -87,66 +91,63 @@ class PartLibrary(JITCodeLibrary):
         self._ensure_finalized()
         return self._final_module
 
-    def with_callees(self) -> list:
-        """This library and, once each, those of all that it calls."""
-        found: dict = {}
-        waiting = [self]
+    def with_callees(self) -> list[JITCodeLibrary]:
+        """This library and, each once, those of all that it calls, however indirectly."""
+        found: dict[JITCodeLibrary, None] = {}
+        waiting: list[JITCodeLibrary] = [self]
         while waiting:
             library = waiting.pop()
             if library not in found:
                 found[library] = None
-                if isinstance(library, PartLibrary):
+                if isinstance(library, PartLibrary):  # what numba compiles for itself holds its callees
                     waiting += library._linking_libraries
         return list(found)
 
 
 class PartCompiler(compiler.Compiler):
-    """numba's compiler, without machine code."""
+    """numba's compiler as far as the intermediate code."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.state.flags.no_compile = True
 
     def define_pipelines(self) -> list:
-        codegen = self.state.targetctx.codegen()
-        self.state.library = PartLibrary(codegen, self.state.func_id.func_qualname)
-        build = compiler.DefaultPassBuilder
+        state, build = self.state, compiler.DefaultPassBuilder
+        state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        stages = build.define_untyped_pipeline, build.define_typed_pipeline, build.define_nopython_lowering_pipeline
         passes = PassManager("kernel")
-        for stage in (
-            build.define_untyped_pipeline,
-            build.define_typed_pipeline,
-            build.define_nopython_lowering_pipeline,
-        ):
-            passes.passes += [step for step in stage(self.state).passes if step[0] not in NOT_NEEDED]
+        for stage in stages:
+            passes.passes += [step for step in stage(state).passes if step[0] not in NOT_NEEDED]
         passes.finalize()
         return [passes]
 
 
 class Part(CPUDispatcher):
-    """A kernel as other kernels call it."""
+    """A kernel as other kernels call it; Python does not."""
 
     def add_overload(self, result: Any) -> None:
         key = (result.fndesc.mangled_name,)
-        result.fndesc.typemap = result.fndesc.calltypes = None  # needed no more, and large
+        result.fndesc.typemap = result.fndesc.calltypes = None  # large, and needed no more
         self.targetctx.insert_user_function(key, result.fndesc, [result.library])
         self.overloads[tuple(result.signature.args)] = result._replace(entry_point=key, type_annotation=None)
 
 
 class EntryCompiler:
-    """In place of numba's compiler: links the part of a kernel with all that it calls."""
+    """Stands where numba expects a compiler: links a part with all that it calls into one library of machine code."""
 
-    def __init__(self, part: Part, typing: Any, target: Any, library: Any, args: Any, *rest: Any) -> None:
-        self.part, self.args = part, args
-        self.flags = rest[1]
-        self.target = compiler._make_subtarget(target, self.flags)
+    def __init__(
+        self, part: Part, typing: Any, target: Any, library: Any, args: Any, return_type: Any, flags: Any, locals: Any
+    ) -> None:
+        self.part, self.args, self.flags = part, tuple(args), flags
+        self.target = compiler._make_subtarget(target, flags)
 
     def compile_extra(self, function: Callable) -> Any:
         with no_garbage_collection():
-            return self.link()
+            self.part.compile(self.args)
+            return self.link(self.part.overloads[self.args])
 
-    def link(self) -> Any:
-        self.part.compile(self.args)
-        part = self.part.overloads[tuple(self.args)]
+    def link(self, part: Any) -> Any:
+        """The entry: the part's compile result, with machine code that Python can call."""
         codegen = self.target.codegen()
         library = codegen.create_library(part.fndesc.qualname)
         library.enable_object_caching()
@@ -154,24 +155,27 @@ class EntryCompiler:
             library.add_linking_library(callee)
         self.target.create_cpython_wrapper(library, part.fndesc, part.environment, None, self.flags.release_gil)
         entry = self.target.get_executable(library, part.fndesc, part.environment)
+        self.target.insert_user_function(entry, part.fndesc, [library])
         result = part._replace(library=library, entry_point=entry, metadata={})
         for environment in result._find_referenced_environments():
             codegen.set_env(environment.env_name, environment)
-        self.target.insert_user_function(entry, part.fndesc, [library])
         return result
 
 
 class Kernel(CPUDispatcher):
-    """A kernel as Python calls it."""
+    """A kernel: called by Python it is an entry, kept on disk; called by another kernel it is a part."""
 
     def __init__(self, function: Callable, options: dict) -> None:
-        wrapperless = {**options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        self.part = Part(function, targetoptions=wrapperless, pipeline_class=PartCompiler)
+        for_kernels = {**options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        self.part = Part(function, targetoptions=for_kernels, pipeline_class=PartCompiler)
         super().__init__(function, targetoptions=options, pipeline_class=partial(EntryCompiler, self.part))
         self.enable_caching()
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        return self.part.get_call_template(args, kws)
+        """What numba asks where another kernel calls; a constant is a number like others, not a type of its own."""
+        named = {name: unliteral(argument) for name, argument in kws.items()}
+        return self.part.get_call_template(tuple(map(unliteral, args)), named)
 
     def get_overload(self, signature: Any) -> Any:
+        """What numba asks for the call's code."""
         return self.part.get_overload(signature)

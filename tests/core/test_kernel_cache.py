@@ -22,7 +22,8 @@ def small_tree(folder: Path) -> Path:
     """A tree with two kernels in two files, and a constant in a third that holds no kernel."""
     core = folder / "core"
     core.mkdir(parents=True)
-    shutil.copy(ROOT / "core" / "kernel.py", core)
+    for name in ("kernel.py", "kernel_compiler.py"):
+        shutil.copy(ROOT / "core" / name, core)
     (core / "__init__.py").touch()
     (core / "caller.py").write_text(CALLER)
     (core / "callee.py").write_text(CALLEE.format("1.0"))
