@@ -19,12 +19,10 @@ from PySide6.QtWidgets import (
 )
 
 from app.window.painting import theme
-from app.window.painting.energy_panel import EnergyPanel
 from app.window.painting.labels import Choice, OneLine, word
 from app.window.painting.linkage_view import Workspace
-from app.window.painting.strip import WINDOW_S
 from app.window.painting.theme import show_whole
-from app.window.painting.traces import Traces
+from app.window.plots import WINDOW_S, EnergyPanel, Traces
 from core import tick_log
 from core.device import Device, load_device
 from core.errors import InputError
@@ -51,7 +49,8 @@ def ticks_of(recording: Recording) -> np.ndarray:
     """The tick log (n, tick_log.WIDTH) of a recording; text columns with the codes of this program."""
     rows = np.zeros((recording.rows, tick_log.WIDTH))
     for name, place in recording_columns(recording.braked):
-        rows[:, place] = recording.column(name)
+        if name in recording.columns:  # earlier versions recorded fewer
+            rows[:, place] = recording.column(name)
     for name, place, words in (
         ("phase", tick_log.PHASE, tick_log.PHASES),
         ("stuck", tick_log.STUCK, tick_log.STUCK_LETTERS),

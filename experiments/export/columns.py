@@ -33,6 +33,19 @@ _BENCH = {
     "encoder_J_counts": Column("", "counts of the encoder at joint J"),
     **{f"force_{n}_counts": Column("", f"counts of force channel {n}") for n in range(1, 7)},
     "measured_J_A": Column("A", "current measured in the brake at joint J"),
+    "decided": Column("", "1 where the controller decided at this tick, 0 where it did not (a newer sample was there)"),
+}
+
+#: The arm at the handle of a simulated device, beside its target: force = held + spring-damper up to its cap.
+_ARM = {
+    "target_vx_m_s": Column("m/s", "velocity of the target, x"),
+    "target_vy_m_s": Column("m/s", "velocity of the target, y"),
+    "arm_held_x_N": Column("N", "force of the arm beside its spring-damper, held over the tick, x"),
+    "arm_held_y_N": Column("N", "force of the arm beside its spring-damper, held over the tick, y"),
+    "arm_force_max_N": Column("N", "cap of the force of the arm's spring-damper"),
+    "arm_stiffness_xx_N_per_m": Column("N/m", "stiffness of the arm, xx"),
+    "arm_stiffness_xy_N_per_m": Column("N/m", "stiffness of the arm, xy"),
+    "arm_stiffness_yy_N_per_m": Column("N/m", "stiffness of the arm, yy"),
 }
 
 #: What the ticks of a recording hold. Frame: x to the participant's right, y away from the participant.
@@ -59,6 +72,9 @@ RECORDING: dict[str, Column] = {
     "target_x_m": Column("m", "where the hand (the pointer, or a simulated operator's virtual hand) wants to be, x"),
     "target_y_m": Column("m", "where the hand wants to be, y"),
     **_BENCH,
+    "sensed_fx_N": Column("N", "force of the hand that the controller decided with at this tick, x"),
+    "sensed_fy_N": Column("N", "force of the hand that the controller decided with at this tick, y"),
+    **_ARM,
 }
 
 #: What trials.csv holds, one row a trial. Measures are over the phase `move`; an empty cell: nothing to measure.

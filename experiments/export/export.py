@@ -22,13 +22,14 @@ from experiments.export.csv import CsvTables
 from experiments.export.trial import Exported, ExportedTrial
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.session.files import STORED, TABLE, rows_of, runs_on_disk
-from experiments.session.journal import read_events
+from experiments.session.journal import BEGUN, read_events
 
 FORMS: dict[str, Callable[[Path], "Form"]] = {"bids": BidsDataset, "csv": CsvTables}
 #: What may be told of a trial while it is blind.
 _TOLD_WHILE_BLIND = (
     "participant", "run", "block", "configuration", "controller", "segment", "repetition", "start_m", "end_m", "path",
     "protocol", "rules", "hand", "link", "assumed", "status", "reason", "energy_residual_J", "energy_added_max_J",
+    "warnings",
 )  # fmt: skip
 
 
@@ -113,13 +114,9 @@ class _Session:
             {Path(row.recording).stem: row for row in rows if row.recording},
             tuple(row for row in rows if not row.recording),
             any(_is_code(row.controller) for row in rows),
-            {event["run"]: event["time"] for event in read_events(folder) if _is_begin(event)},
+            {entry.about["run"]: entry.time for entry in read_events(folder) if entry.event is BEGUN},
             version,
         )
-
-
-def _is_begin(event: dict) -> bool:
-    return event.get("event") == "trial begun" and {"run", "time"} <= event.keys()
 
 
 def _is_code(controller: int | str) -> bool:

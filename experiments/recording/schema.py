@@ -16,6 +16,7 @@ on the bench sensors).
 """
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,6 +37,19 @@ STREAM_END = MARKER + bytes(4)  # Arrow's own end of a stream
 
 #: Text columns -> the integer that stores a word's place.
 TEXT_COLUMNS = {"phase": pa.int8(), "stuck": pa.int8(), "decision": pa.int16()}
+
+
+#: The rest of a simulated device's hand, beside its target: with these a trial can be replayed to the last bit.
+ARM_COLUMNS = (
+    ("target_vx_m_s", tick_log.TARGET_VX),
+    ("target_vy_m_s", tick_log.TARGET_VY),
+    ("arm_held_x_N", tick_log.ARM_HELD_X),
+    ("arm_held_y_N", tick_log.ARM_HELD_Y),
+    ("arm_force_max_N", tick_log.ARM_FORCE_MAX),
+    ("arm_stiffness_xx_N_per_m", tick_log.ARM_STIFFNESS),
+    ("arm_stiffness_xy_N_per_m", tick_log.ARM_STIFFNESS + 1),
+    ("arm_stiffness_yy_N_per_m", tick_log.ARM_STIFFNESS + 2),
+)
 
 
 class Sensors(NamedTuple):
@@ -76,6 +90,9 @@ def recording_columns(braked: str, sensors: Sensors | None = None) -> tuple[tupl
         ("target_x_m", tick_log.TARGET_X),
         ("target_y_m", tick_log.TARGET_Y),
         *(bench_columns(joints, sensors) if sensors else ()),
+        ("sensed_fx_N", tick_log.SENSED_FX),
+        ("sensed_fy_N", tick_log.SENSED_FY),
+        *((("decided", tick_log.DECIDED),) if sensors else ARM_COLUMNS),
     )
 
 
@@ -97,9 +114,16 @@ def column_words(decisions: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
 
 
 def make_schema(
-    braked: str, metadata: dict[str, Any], decisions: tuple[str, ...], sensors: Sensors | None = None
+    braked: str,
+    metadata: dict[str, Any],
+    decisions: tuple[str, ...],
+    sensors: Sensors | None = None,
+    columns: Iterable[str] | None = None,
 ) -> pa.Schema:
-    """The Arrow schema of a recording, without a checksum. InputError for metadata that JSON cannot hold."""
+    """The Arrow schema of a recording, without a checksum. InputError for metadata that JSON cannot hold.
+
+    columns: of a recording that an earlier version wrote, with fewer; None: all that there are now.
+    """
     words = column_words(decisions)
     about = {"form": FORM, "braked": braked, "text": words, "metadata": metadata}
     if sensors:
@@ -108,13 +132,14 @@ def make_schema(
         about_json = json.dumps(about, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"recording: metadata cannot be stored as JSON: {error}") from None
+    names = [name for name, _ in recording_columns(braked, sensors)] if columns is None else columns
     fields = [
         pa.field(
             name,
             pa.dictionary(TEXT_COLUMNS[name], pa.string()) if name in TEXT_COLUMNS else pa.float64(),
             nullable=False,
         )
-        for name, _ in recording_columns(braked, sensors)
+        for name in names
     ]
     return pa.schema(fields, metadata={"phd": about_json})
 

@@ -31,7 +31,15 @@ from experiments.session.files import (
     sessions_in,
     write_pooled_table,
 )
-from experiments.session.journal import Told, put_right, recorded_row, rows_without_recording, told, write_event
+from experiments.session.journal import (
+    PUT_IN_ORDER,
+    JournalSummary,
+    journal_summary,
+    put_right,
+    recorded_row,
+    rows_without_recording,
+    write_event,
+)
 from experiments.session.verify import verify
 
 RECOVERED = "recovered"
@@ -118,7 +126,7 @@ def recover_session(session: Path, sync: bool = True) -> Rescue:
     except InputError as error:
         done.not_rescued.append(_after(str(error), session))
     if done.did_something:
-        write_event(session, RECOVERED, sync, **vars(done))
+        write_event(session, PUT_IN_ORDER, sync, **vars(done))
     return done
 
 
@@ -155,7 +163,7 @@ def _add_rows(session: Path, done: Rescue) -> None:
     except InputError:  # every row can be had again from its recording
         done.set_aside.append(set_aside(session / TABLE, DAMAGED).name)
         have = set()
-    journal = told(session)
+    journal = journal_summary(session)
     bare = {row.run: row for row in rows_without_recording(session, journal)}
     on_disk = runs_on_disk(session)
     table = session / TABLE
@@ -178,8 +186,8 @@ def _add_rows(session: Path, done: Rescue) -> None:
         done.rows_changed.append(f"{TABLE}: run {', '.join(changed)}, as the journal says")
 
 
-def _measured(path: Path, session: Path, journal: Told, done: Rescue) -> TrialRow | None:
-    """The row of a recording; None where it can give none, which is told and keeps no other trial from its row."""
+def _measured(path: Path, session: Path, journal: JournalSummary, done: Rescue) -> TrialRow | None:
+    """The row of a recording; None where it can give none, which is said and keeps no other trial from its row."""
     try:
         recording = read_recording(path)
         if recording.whole:

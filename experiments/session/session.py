@@ -57,16 +57,22 @@ from experiments.session.files import (
 )
 from experiments.session.journal import (
     BEGUN,
+    CREATED,
     ENDED,
+    LEFT_AS_STREAM,
+    NOTE,
+    PRACTICE_BEGUN,
     PRACTICE_ENDED,
     REDONE,
+    RESUMED,
     SKIPPED,
     UNBLINDED,
-    Told,
+    Event,
+    JournalSummary,
     bare_row,
+    journal_summary,
     put_right,
     recorded_row,
-    told,
     write_event,
 )
 from experiments.session.journal import NAME as JOURNAL
@@ -133,7 +139,7 @@ class Session:
             text = json.dumps(about, indent=1, sort_keys=True).encode() + b"\n"
             with written_beside(self.folder / STORED, text, sync) as partial:
                 partial.rename(self.folder / STORED)
-            self.journal("created", plan=self.plan_sha256)
+            self.journal(CREATED, plan=self.plan_sha256)
         except BaseException:
             for name in (STORED, KEY, JOURNAL, LOCK):
                 with contextlib.suppress(OSError):  # the first error tells the story
@@ -164,16 +170,16 @@ class Session:
         session._lock = hold_lock(folder)
         try:
             recover_session(folder, sync)
-            session._told = told(folder)
+            session._summary = journal_summary(folder)
             session._plan_as(stored.plan)
-            session.plan = session._told.plan(stored.plan)
+            session.plan = session._summary.plan(stored.plan)
             session.hand, session.operators = hand, operators
-            session.blind = blind and session._told.key is None
-            session._practised = dict(session._told.practised)
-            session._key = read_key(folder, key_sha256) if session.blind else session._told.key or {}
+            session.blind = blind and session._summary.key is None
+            session._practised = dict(session._summary.practised)
+            session._key = read_key(folder, key_sha256) if session.blind else session._summary.key or {}
             session.rows = rows_of(folder)
             if still_open := len(open_trials(session.plan, session.rows)):
-                session.journal("resumed", open=still_open)
+                session.journal(RESUMED, open=still_open)
         except BaseException:
             session.close()
             raise
@@ -185,7 +191,7 @@ class Session:
         self.folder = session_folder(data_dir, participant)
         self.rows = []
         self.blind, self._key, self._practised = False, {}, {}
-        self._told = Told()
+        self._summary = JournalSummary()
         self._sync = sync
         self._simulations = {}
 
@@ -278,13 +284,13 @@ class Session:
         """Let other processes have the session."""
         self._lock.release()
 
-    def journal(self, event: str, **about: object) -> None:
-        """Append one line: what happened, and when."""
+    def journal(self, event: Event, **about: Any) -> None:
+        """Append one line: what happened, and when (`time`: if not now)."""
         write_event(self.folder, event, self._sync, **about)
 
     def note(self, text: str) -> None:
         """Keep a remark of the experimenter, with the time."""
-        self.journal("note", text=text)
+        self.journal(NOTE, text=text)
 
     def begin(
         self, planned: PlannedTrial, sensors: Sensors | None = None
@@ -304,7 +310,7 @@ class Session:
         about["plan_sha256"] = self.plan_sha256
         writer = RecordingWriter(name, device.braked, about, sync=self._sync, sensors=sensors)
         try:
-            self.journal("practice begun" if practice else BEGUN, **planned._asdict())
+            self.journal(PRACTICE_BEGUN if practice else BEGUN, **planned._asdict())
         except OSError:
             writer.abandon()
             raise
@@ -329,8 +335,8 @@ class Session:
         except OSError as error:
             if not raw_will_do:
                 raise
-            self.journal("left as a stream", file=path.name, reason=error.strerror or str(error))
-        row = recorded_row(read_recording(path), self.folder, self._told)
+            self.journal(LEFT_AS_STREAM, file=path.name, reason=error.strerror or str(error))
+        row = recorded_row(read_recording(path), self.folder, self._summary)
         ended = {"run": row.run, "status": row.status, "reason": outcome["reason"]}
         if trial.planned.block == PRACTICE_BLOCK:
             self.journal(PRACTICE_ENDED, **ended, configuration=row.configuration)
@@ -391,9 +397,9 @@ class Session:
         if not who.strip():
             raise InputError(f"{self.folder}: say who opens the key")
         self.journal(UNBLINDED, who=who, key=self._key)
-        self._told, self.blind = told(self.folder), False
-        self.plan = self._told.plan(self.plan)
-        self._replace_rows(put_right(self.folder, self.rows, self._told))
+        self._summary, self.blind = journal_summary(self.folder), False
+        self.plan = self._summary.plan(self.plan)
+        self._replace_rows(put_right(self.folder, self.rows, self._summary))
         if (self.data_dir / TABLE).exists():
             write_pooled_table(self.data_dir)
 
@@ -450,6 +456,8 @@ def recording_metadata(
         "link": "serial" if linked else "sim",
         "assumed": trial.device.assumed,
     }
+    if isinstance(trial, Trial):
+        about["start"] = trial.start
     if preset is not None:
         about["preset"] = preset_to_json(preset)
     return about

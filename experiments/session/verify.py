@@ -29,7 +29,7 @@ from experiments.session.files import (
     runs_on_disk,
     sessions_in,
 )
-from experiments.session.journal import Told, recorded_row, rows_without_recording, told
+from experiments.session.journal import JournalSummary, journal_summary, recorded_row, rows_without_recording
 from experiments.session.study_file import STUDY, read_study
 
 #: Largest share by which a number of the table may differ from what the recording gives: library versions round apart.
@@ -44,10 +44,13 @@ class Findings:
     recovered: int = 0
     in_progress: int = 0
     faults: list[tuple[str, str]] = field(default_factory=list)  # file (relative to the session), what is wrong
+    warnings: list[tuple[str, str]] = field(default_factory=list)  # file, why its motion may be wrong, though whole
 
 
 def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dict:
     """Check every session of a data folder; the summary, with `faults` as a list of {"file", "fault"}.
+
+    `warnings` likewise: recordings that are whole, of motion that the simulator's own energy ledger contradicts.
 
     InputError if there is no such folder or it holds no session but other files.
     """
@@ -68,6 +71,7 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
         total.recovered += found.recovered
         total.in_progress += found.in_progress
         total.faults += [(f"{place}/{file}" if place != "." else file, fault) for file, fault in found.faults]
+        total.warnings += [(f"{place}/{file}" if place != "." else file, text) for file, text in found.warnings]
         if progress:
             progress(number / len(sessions))
     if folder not in sessions and (folder / TABLE).exists() and not running:
@@ -80,6 +84,7 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
         "recovered": total.recovered,
         "in_progress": total.in_progress,
         "faults": [{"file": file, "fault": fault} for file, fault in total.faults],
+        "warnings": [{"file": file, "warning": text} for file, text in total.warnings],
     }
 
 
@@ -88,7 +93,7 @@ def verify_session(session: Path, live: bool = False) -> Findings:
     found = Findings()
     if is_half_created(session):
         return found
-    journal = told(session)
+    journal = journal_summary(session)
     try:
         about = read_stored(session).about
         if about.get("blind") and journal.key is None:
@@ -128,7 +133,9 @@ def _check_key(session: Path, about: dict, found: Findings) -> None:
         found.faults.append((KEY, _after(str(error), session)))
 
 
-def _check_bare_rows(session: Path, rows: dict[int, TrialRow], journal: Told, live: bool, found: Findings) -> None:
+def _check_bare_rows(
+    session: Path, rows: dict[int, TrialRow], journal: JournalSummary, live: bool, found: Findings
+) -> None:
     """Rows without a recording against the journal, both ways."""
     bare = {row.run: row for row in rows_without_recording(session, journal)}
     for run, right in bare.items():
@@ -161,6 +168,7 @@ def _check_files(session: Path, files: dict[str, Path], live: bool, found: Findi
                 is_recovered = recording.outcome.get("status") == "recovered"
                 found.recovered += is_recovered
                 found.whole += not is_recovered
+                found.warnings += [(name, text) for text in recording.outcome.get("warnings", ())]
         elif live and suffix == STREAM_SUFFIX and not recording.complete and not _faults_but_header(recording):
             found.in_progress += 1
         else:
@@ -178,7 +186,8 @@ def _faults_but_header(recording: Recording) -> list[str]:
 
 
 def _check_row(
-    session: Path, recording: Recording, rows: dict[int, TrialRow], journal: Told, live: bool, found: Findings
+    session: Path, recording: Recording, rows: dict[int, TrialRow], journal: JournalSummary, live: bool,
+    found: Findings,
 ) -> None:
     name = recording.path.relative_to(session).as_posix()
     try:

@@ -22,7 +22,14 @@ from experiments.recording.atomic_files import give_new_name, written_beside
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.session.blind import opened, read_key
 from experiments.session.files import TABLE, hold_lock, read_stored, runs_on_disk
-from experiments.session.journal import KEY_OPENED, Told, recorded_row, rows_without_recording, told, write_event
+from experiments.session.journal import (
+    KEY_OPENED,
+    JournalSummary,
+    journal_summary,
+    recorded_row,
+    rows_without_recording,
+    write_event,
+)
 from experiments.session.session import operators_from_json, preset_from_json
 
 
@@ -67,7 +74,7 @@ def analyze(
     try:
         done = 0
         for session, paths in sessions.items():
-            journal = told(session)
+            journal = journal_summary(session)
             if unblind and journal.key is None:
                 journal = _open_key(session, journal, unblind, out, read)
             if journal.key is not None:  # its recordings cannot name their controllers
@@ -97,7 +104,7 @@ def analyze(
     }
 
 
-def _open_key(session: Path, journal: Told, who: str, out: Path, read: _Read) -> Told:
+def _open_key(session: Path, journal: JournalSummary, who: str, out: Path, read: _Read) -> JournalSummary:
     """The journal with the key of a blind session, once it is journalled that it was opened."""
     about = read_stored(session).about
     if not about.get("blind"):
@@ -112,7 +119,7 @@ def _open_key(session: Path, journal: Told, who: str, out: Path, read: _Read) ->
     return replace(journal, key=key)
 
 
-def _read_one(folder: Path, path: Path, out: Path, journal: Told, rows: list[TrialRow], read: _Read) -> None:
+def _read_one(folder: Path, path: Path, out: Path, journal: JournalSummary, rows: list[TrialRow], read: _Read) -> None:
     recording = read_recording(path)
     if not recording.whole:
         why = "; ".join(recording.damaged) or "cut off before its end"

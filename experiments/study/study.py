@@ -19,6 +19,7 @@ from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import is_wrong_path
 from experiments.session.files import LOCK, STORED, hold_lock, session_folder, write_pooled_table
+from experiments.session.journal import TRIAL_CUT_OFF
 from experiments.session.session import Session
 from experiments.session.study_file import STUDY, StudyPlan, read_study, refuse_other, write_study
 from experiments.trial.population import Population
@@ -69,6 +70,7 @@ class _Run:
         self.out, self.study, self.progress = out, study, progress
         self.rows = np.empty((CHUNK_TICKS, tick_log.WIDTH))
         self.simulating, self.ticks, self.trials = 0.0, 0, 0
+        self.doubted = 0  # trials whose energy ledger contradicts their motion
 
     def carry_out(self) -> dict:
         """Run what is not done yet, then the table and the figures."""
@@ -91,6 +93,7 @@ class _Run:
             "trials": len(table),
             **{f"done_controller_{number}": share_done(table, number) for number in protocol.controllers},
             "recovered": sum(r.status == "recovered" for r in table),
+            "in_doubt": self.doubted,
             "findings": refusal or verdicts(found),
             "protocol": protocol.name,
             "population": self.study.population.name,
@@ -124,7 +127,7 @@ class _Run:
             if is_wrong_path(error):
                 raise
             with contextlib.suppress(OSError):
-                session.journal("trial cut off", run=planned.run, reason=error.strerror or str(error))
+                session.journal(TRIAL_CUT_OFF, run=planned.run, reason=error.strerror or str(error))
             raise OSError(
                 error.errno,
                 f"{error.strerror or error}, so the study stopped in run {planned.run} of participant "
@@ -132,6 +135,7 @@ class _Run:
                 str(self.out),
             ) from error
         self.trials += 1
+        self.doubted += bool(trial.outcome()["warnings"])
 
     def _run_ticks(self, trial: Trial, writer) -> None:
         while not trial.finished:
