@@ -39,6 +39,21 @@ NOT_NEEDED = (
     typed_passes.DumpParforDiagnostics,
 )
 
+#: Called before each kernel that is compiled with its number, of how many and its name; at the end with an empty name.
+watchers: list[Callable[[int, int, str], None]] = []
+
+
+class _Count:
+    """How far the compilation of an entry is."""
+
+    done = of = 0
+
+    @classmethod
+    def tell(cls, name: str) -> None:
+        cls.done = cls.done + 1 if name else cls.of
+        for watcher in watchers:
+            watcher(min(cls.done, cls.of), cls.of, name)
+
 
 def remember_call_types() -> None:
     """Let numba work out once what an operator or function gives for some types, not at each of a thousand uses.
@@ -113,6 +128,7 @@ class PartCompiler(compiler.Compiler):
 
     def define_pipelines(self) -> list:
         state, build = self.state, compiler.DefaultPassBuilder
+        _Count.tell(state.func_id.func_name)
         state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         stages = build.define_untyped_pipeline, build.define_typed_pipeline, build.define_nopython_lowering_pipeline
         passes = PassManager("kernel")
@@ -131,6 +147,18 @@ class Part(CPUDispatcher):
         self.targetctx.insert_user_function(key, result.fndesc, [result.library])
         self.overloads[tuple(result.signature.args)] = result._replace(entry_point=key, type_annotation=None)
 
+    def to_compile(self) -> set["Part"]:
+        """This part and those of all that it calls, however indirectly, that are not compiled for any types yet."""
+        found: set[Part] = set()
+        waiting = [self]
+        while waiting:
+            part = waiting.pop()
+            if part not in found and not part.overloads:
+                found.add(part)
+                names = [part.py_func.__globals__.get(name) for name in part.py_func.__code__.co_names]
+                waiting += [called.part for called in names if isinstance(called, Kernel)]
+        return found
+
 
 class EntryCompiler:
     """Stands where numba expects a compiler: links a part with all that it calls into one library of machine code."""
@@ -142,9 +170,12 @@ class EntryCompiler:
         self.target = compiler._make_subtarget(target, flags)
 
     def compile_extra(self, function: Callable) -> Any:
+        _Count.done, _Count.of = 0, len(self.part.to_compile())
         with no_garbage_collection():
             self.part.compile(self.args)
-            return self.link(self.part.overloads[self.args])
+            result = self.link(self.part.overloads[self.args])
+        _Count.tell("")
+        return result
 
     def link(self, part: Any) -> Any:
         """The entry: the part's compile result, with machine code that Python can call."""

@@ -42,8 +42,7 @@ def answer(tree: Path) -> tuple[float, bool]:
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tree, env=environment, capture_output=True, text=True, timeout=200, check=True
     )
-    value, cold = done.stdout.split()
-    return float(value), cold == "True"
+    return done.stdout
 
 
 def test_kernels_of_every_package_count(tmp_path):
@@ -69,3 +68,14 @@ def test_a_changed_kernel_file_or_constant_never_serves_stale_code(tmp_path):
     assert answer(tree) == (12.0, True)
     (tree / "core" / "number.py").write_text("NUMBER = 20.0\n")
     assert answer(tree) == (22.0, True)
+
+
+def test_a_watcher_is_told_which_of_how_many_kernels_is_compiled(tmp_path):
+    tree = small_tree(tmp_path)
+    code = (
+        "from core.kernel_compiler import watchers\n"
+        "watchers.append(lambda number, of, name: print(number, of, name))\n"
+        "from core.caller import outer\nouter(1.0)"
+    )
+    assert run(tree, code) == "1 2 outer\n2 2 inner\n2 2 \n"
+    assert run(tree, code) == ""  # from the disk
