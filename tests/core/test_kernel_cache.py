@@ -37,6 +37,12 @@ def answer(tree: Path) -> tuple[float, bool]:
     code = (
         "from core.kernel import first_use\ncold = first_use()\nfrom core.caller import outer\nprint(outer(1.0), cold)"
     )
+    value, cold = run(tree, code).split()
+    return float(value), cold == "True"
+
+
+def run(tree: Path, code: str) -> str:
+    """What a new process prints."""
     environment = {**os.environ, "XDG_CACHE_HOME": str(tree / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
     environment.pop("NUMBA_DISABLE_JIT", None)
     done = subprocess.run(
