@@ -92,10 +92,9 @@ class Loop:
             row = np.zeros(tick_log.BENCH_WIDTH)
             put(new_record(CONTROL), np.zeros((2 * ROOM, tick_log.BENCH_WIDTH)), row)
             end_early(new_record(CONTROL), new_record(RUN), 0, 2 * ROOM)
+            run_idle(np.empty(20), self._timespec)
         else:
-            ring = np.zeros((2 * ROOM, tick_log.WIDTH))
-            run_trial(new_record(CONTROL), ring, self._row, self._timespec, *stopped_trial().arguments())
-        run_idle(np.empty(20), self._timespec)
+            run_stopped_trial()
         scheduling, core = take_scheduling(real_time)
         self.ring.control.core = core
         self._answer(Prepared(scheduling, core))
@@ -286,6 +285,13 @@ class Loop:
             fault=sample.fault, homed=sample.homed, tip=sample.tip, hand_force=sample.hand_force, counts=sample.counts,
             theta=sample.theta,
         )  # fmt: skip
+
+
+def run_stopped_trial() -> None:
+    """Run a trial that ends at once, on a ring of its own, and the clock: every kernel of the loop is compiled then."""
+    controls, ring, timespec = new_record(CONTROL), np.zeros((2 * ROOM, tick_log.WIDTH)), new_timespec()
+    run_trial(controls, ring, np.empty((1, tick_log.WIDTH)), timespec, *stopped_trial().arguments())
+    run_idle(np.empty(20), timespec)
 
 
 def stopped_trial() -> Trial:

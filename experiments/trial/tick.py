@@ -25,7 +25,8 @@ from core.brake import begin_lag, lagged_yield
 from core.control.controllers import OFF, decide, release
 from core.kernel import inlined, kernel
 from core.path import nearest
-from core.simulator.simulation import advance, apply, kinetic, stuck_bits
+from core.simulator.event import advance_event
+from core.simulator.simulation import MR, apply, kinetic, stuck_bits
 from core.simulator.state import new_record
 from core.simulator.stick_slip_mode import look, resolve
 from core.stops import stop_gap
@@ -108,7 +109,6 @@ RUN = np.dtype(
         ("end_ticks", "i8"),  # recorded after the end, brakes off
         ("simulated_hand", "i8"),  # 1: the operator drives; 0: the target is set from outside
         ("fidelity", "i8"),
-        ("integrator", "i8"),
         ("real", "i8"),  # 1: a real device; its rows hold what was sensed
         ("speed_max", "f8"),  # m/s, of a real device
         ("release_force", "f8"),  # N; infinite: a trapped hand is not released
@@ -138,7 +138,7 @@ RUN = np.dtype(
 )
 
 
-def new_run(fidelity: int, integrator: int, simulated_hand: bool, real: bool = False) -> np.recarray:
+def new_run(fidelity: int, simulated_hand: bool, real: bool = False) -> np.recarray:
     """A trial before its first tick. Radii and times as in DESIGN's trial; the end radius is assumed."""
     run = new_record(RUN)
     fields = dict(
@@ -150,7 +150,6 @@ def new_run(fidelity: int, integrator: int, simulated_hand: bool, real: bool = F
         end_ticks=300,
         simulated_hand=int(simulated_hand),
         fidelity=fidelity,
-        integrator=integrator,
         real=int(real),
         speed_max=SPEED_MAX_M_S,
         release_force=math.inf,
@@ -194,7 +193,8 @@ def run_ticks(
             resolve(mechanism, brakes, hand, state, t)
         log_row(mechanism, brakes, state, grip, run, t, row)
         if run.real == 0:
-            advance(mechanism, brakes, hand, state, step_scratch, run.current, t, TICK_S, run.fidelity, run.integrator)
+            lagged = 1 if run.fidelity == MR else 0
+            advance_event(mechanism, brakes, hand, state, step_scratch, run.current, t, TICK_S, lagged)
         run.tick += 1
         run.phase_tick += 1
         if run.phase == END and run.phase_tick >= run.end_ticks:

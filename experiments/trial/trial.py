@@ -116,7 +116,7 @@ class Trial:
             preset, self.device.force_normalised_N, rules, velocity_noise=noise
         )
         self._memory = new_memory()
-        self._run = new_run(self.model.fidelity, self.model.integrator, person is not None, self.real)
+        self._run = new_run(self.model.fidelity, person is not None, self.real)
         for name, value in run_fields(how, person is not None).items():
             self._run[name][0] = value
         self._operator, self._noise = new_record(OPERATOR), np.zeros((1, 2))
