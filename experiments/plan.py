@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.control.controllers import PROPORTIONAL, SDOF, Preset
+from core.control.controllers import ALGORITHMS, Preset
 from core.errors import InputError
 from core.path_file import Arc, PathFile, Polyline, build_path
 from experiments.protocol import Protocol
@@ -305,11 +305,11 @@ def _place(point: tuple[float, float]) -> str:
 
 def controller_text(preset: Preset) -> str:
     """A controller in a few words."""
-    about = []
-    if preset.algorithm in (SDOF, PROPORTIONAL) and preset.gap_m:
-        about.append(f"gap {1e3 * preset.gap_m:g} mm")
-    if preset.algorithm == PROPORTIONAL:
-        about.append(f"gain {preset.gain:g} N s/m")
+    about = [
+        f"{one.word} {one.scale * value:g} {one.unit}"
+        for one, value in zip(ALGORITHMS[preset.kind].parameters, preset.values, strict=True)
+        if value != one.default
+    ]
     return f"{preset.name} ({', '.join(about)})" if about else preset.name
 
 

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.control import controllers as control
+from core.control.algorithm import GAP, NONE, UNREACHABLE
+from core.control.controllers import DECISIONS
 from core.errors import InputError
 from core.path import Path, measure
 from experiments.recording.schema import Recording
@@ -179,7 +180,7 @@ def _columns(recording: Recording, *names: str) -> np.ndarray:
 
 def _said(recording: Recording, codes: frozenset[int]) -> np.ndarray:
     """True (rows,) at the ticks whose decision is one of `codes` of this program, found by its words."""
-    wanted = {control.DECISIONS[code] for code in codes}
+    wanted = {DECISIONS[code] for code in codes}
     table = np.array([word in wanted for word in recording.words["decision"]])
     return table[recording.column("decision")]
 
@@ -204,9 +205,9 @@ def trial_metrics(recording: Recording, path: Path) -> Metrics:
     force = np.hypot(recording.column("hand_fx_N")[rows], recording.column("hand_fy_N")[rows])
     currents = _columns(recording, *(f"current_{joint}_A" for joint in recording.braked))[rows]
     unreachable = None
-    if not _said(recording, frozenset({control.NONE}))[rows].all():
+    if not _said(recording, frozenset({NONE}))[rows].all():
         unreachable = unreachable_share(
-            force, _said(recording, control.UNREACHABLE)[rows], _said(recording, control.GAP)[rows]
+            force, _said(recording, UNREACHABLE)[rows], _said(recording, GAP)[rows]
         )
     metrics = NO_METRICS._replace(
         mean_tip_force_N=float(np.mean(force)),

@@ -8,7 +8,7 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from core.control.controllers import NO_CONTROL, Preset
+from core.control.controllers import Preset
 from core.errors import InputError
 from experiments.analysis.findings import Finding, description_only, findings
 from experiments.analysis.participants import configurations_of, finished_share, people_of, scores, too_few
@@ -53,7 +53,7 @@ def write_report(
     coded = any(isinstance(row.controller, str) for row in rows)
     refusal = why_no_findings(controllers or {}, coded)
     names = CONTROLLER if controllers is None or not refusal else {k: one.name for k, one in controllers.items()}
-    none = 1 if controllers is None else next((k for k, one in controllers.items() if one.algorithm == NO_CONTROL), 0)
+    none = 1 if controllers is None else next((k for k, one in controllers.items() if one.kind == "none"), 0)
     texts = {"participant_means.csv": means_csv(rows)}
     if coded:
         texts["report.md"] = report(rows, refusal, [], [], note, names, none)

@@ -8,7 +8,7 @@ of the two gaps; what four brakes gain is judged over the four controllers that 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from core.control.controllers import NO_CONTROL, PROPORTIONAL, SDOF, Preset
+from core.control.controllers import Preset
 from experiments.analysis.participants import PAPER_CONFIGURATIONS
 
 THREE, FOUR = PAPER_CONFIGURATIONS
@@ -117,11 +117,11 @@ def why_no_findings(controllers: Mapping[int, Preset], coded: bool = False) -> s
     """
     if coded:
         return "The controllers are coded, the session is blind: nothing is compared until the key is opened."
-    kinds = {1: NO_CONTROL, 2: SDOF, 3: SDOF, 4: PROPORTIONAL, 5: PROPORTIONAL}
-    gap = {number: preset.gap_m for number, preset in controllers.items()}
-    gain = {number: preset.gain for number, preset in controllers.items()}
+    kinds = {1: "none", 2: "sdof", 3: "sdof", 4: "proportional", 5: "proportional"}
+    gap = {number: preset.value("gap_m") for number, preset in controllers.items()}
+    gain = {number: preset.value("gain_N_s_m") for number, preset in controllers.items()}
     same = (
-        all(preset.algorithm == kinds.get(number) for number, preset in controllers.items())
+        all(preset.kind == kinds.get(number) for number, preset in controllers.items())
         and all((gap[number] > 0.0) == (number == 3) for number in gap)
         and gain.get(5, 0.0) < gain.get(4, float("inf"))
     )

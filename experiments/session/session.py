@@ -16,7 +16,7 @@ from typing import Any, Self
 import msgspec
 import numpy as np
 
-from core.control.controllers import KINDS, Preset
+from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
 from core.errors import InputError
 from core.path import point_at
 from core.path_file import build_path
@@ -450,13 +450,13 @@ def recording_metadata(
 
 def preset_to_json(preset: Preset) -> dict[str, Any]:
     """A controller as plain words and numbers."""
-    kind = next(word for word, algorithm in KINDS.items() if algorithm == preset.algorithm)
-    return {"name": preset.name, "kind": kind, "gap_m": preset.gap_m, "gain_N_s_m": preset.gain}
+    return {"name": preset.name, "kind": preset.kind, **{name: preset.value(name) for name in PARAMETERS}}
 
 
 def preset_from_json(about: dict[str, Any]) -> Preset:
     """A controller as a recording has it. KeyError if something is missing."""
-    return Preset(about["name"], KINDS[about["kind"]], float(about["gap_m"]), float(about["gain_N_s_m"]))
+    own = [parameter.name for parameter in ALGORITHMS[about["kind"]].parameters]
+    return Preset(about["name"], about["kind"], tuple(float(about[name]) for name in own))
 
 
 def _version(package: str) -> str:

@@ -16,7 +16,8 @@ import math
 import numpy as np
 
 from core.brake import begin_lag, lagged_yield
-from core.control.controllers import OFF, decide, release
+from core.control.algorithm import OFF, release
+from core.control.controllers import decide
 from core.kernel import kernel
 from core.simulator.simulation import kinetic
 from core.simulator.stick_slip_mode import look

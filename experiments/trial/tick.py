@@ -10,7 +10,8 @@ import math
 
 import numpy as np
 
-from core.control.controllers import OFF, decide, release
+from core.control.algorithm import OFF, release
+from core.control.controllers import decide
 from core.kernel import kernel
 from core.path import nearest
 from core.simulator.simulation import advance, apply, kinetic, stuck_bits

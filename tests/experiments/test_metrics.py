@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core import tick_log
+from core.control import algorithm
 from core.control import controllers as control
 from core.errors import InputError
 from core.path import line, point_at
@@ -17,6 +18,8 @@ from experiments.analysis.trials_table import COLUMNS
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording, column_words, recording_columns
 from experiments.recording.writer import RecordingWriter
+
+USE_SDOF = control.DECISIONS.index("sdof A")
 
 START, END = (-0.1, 0.4), (0.1, 0.4)
 PATH = line(START, END)
@@ -188,17 +191,17 @@ def test_switches_are_changes_of_the_set_of_actuated_brakes_per_second():
 
 
 def test_unreachable_share_counts_felt_ticks_without_a_brake_and_leaves_the_gap_out():
-    decision = np.full(5200, control.USE_SDOF)
-    decision[1100:2100] = control.IN_GAP  # 1000 of 4000 ticks of move: not counted
-    decision[2100:2400] = control.RELEASE_NO_VALID
-    decision[2400:2700] = control.LOCK_NO_VALID
+    decision = np.full(5200, USE_SDOF)
+    decision[1100:2100] = algorithm.IN_GAP  # 1000 of 4000 ticks of move: not counted
+    decision[2100:2400] = algorithm.RELEASE_NO_VALID
+    decision[2400:2700] = algorithm.LOCK_NO_VALID
     force = np.full(5200, 5.0)
     force[2100:2200] = 0.4  # a hand that is not felt
     recording = hand_made(DECISION=decision, HAND_FX=force)
     assert measured(recording).unreachable_share == 500 / 3000
-    uncontrolled = hand_made(DECISION=control.NONE, HAND_FX=5.0)
+    uncontrolled = hand_made(DECISION=algorithm.NONE, HAND_FX=5.0)
     assert measured(uncontrolled).unreachable_share is None
-    all_gap = hand_made(DECISION=control.IN_GAP, HAND_FX=5.0)
+    all_gap = hand_made(DECISION=algorithm.IN_GAP, HAND_FX=5.0)
     assert measured(all_gap).unreachable_share is None
 
 
