@@ -15,7 +15,7 @@ from app.window.painting.live_boxes import LiveBoxes
 from app.window.painting.panel import CENTRE, LEFT, PAD, Panel
 from app.window.painting.theme import font, pen, shade
 from core.errors import InputError
-from experiments.analysis.boxplots import MEASURES
+from experiments.analysis.boxplots import DRAWN
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings
 from experiments.analysis.participants import people_of, too_few
 from experiments.analysis.statements import why_no_findings
@@ -84,7 +84,7 @@ class ResultsWindow(QWidget):
         self.whose.addItem(POOLED)
         self.whose.setMinimumWidth(170)
         self.whose.currentTextChanged.connect(self._show)
-        self.boxes = [LiveBoxes(measure, self._devices, controllers) for measure in MEASURES]
+        self.boxes = [LiveBoxes(metric, self._devices, controllers) for metric in DRAWN]
         self.verdicts = Verdicts()
         self.said = OneLine("", "caution")
         self.bar = QProgressBar()

@@ -1,13 +1,16 @@
 """The performance measures of a trial (Section V-B of the paper, and those that we put beside them).
 
 Pure functions on arrays sampled at 1 kHz: positions (n, 2) in m, forces (n, 2) in N, n ticks of the phase `move`.
-`trial_metrics` applies them to a recording. A measure that has nothing to measure is None, never 0.
+`METRICS` declares each measure once, with the function of a `Movement` that gives it: columns of trials.csv, the data
+dictionary, figures, statistics, sensitivity and replays derive from it. To add one, add its line there. A measure that
+has nothing to measure is None, never 0.
 
-scipy.signal and scipy.fft are imported where they are used: they take seconds, and whoever begins a session has none.
+scipy.signal and scipy.fft are imported where they are used: they take seconds, which a session that begins lacks.
 """
 
 import math
-from functools import cache
+from collections.abc import Callable
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -26,26 +29,6 @@ POSITION_FILTER_ORDER = 4
 DFT_HIGHEST_HZ = 100.0  # our choice: the paper gives neither weights nor range
 FELT_FORCE_N = 0.5  # a weaker force does not count as a hand that wants to go somewhere
 SPARC_CUTOFF_HZ, SPARC_THRESHOLD, SPARC_PAD_LEVEL = 10.0, 0.05, 4
-
-
-class Metrics(NamedTuple):
-    """The measures of one trial, named as in trials.csv; None where there is nothing to measure."""
-
-    path_error_m: float | None  # |d| over path progress
-    path_error_time_m: float | None  # |d| over time
-    mean_tip_force_N: float | None  # |hand force| over time
-    acceleration_dft_sum: float | None  # m/s2
-    acceleration_weighted_rms_m_s2: float | None
-    force_over_progress_N: float | None  # |hand force| over path progress
-    duration_s: float | None
-    peak_error_m: float | None
-    path_length_ratio: float | None  # tip travel / path length
-    sparc: float | None  # nearer 0 is smoother
-    switches_per_s: float | None
-    unreachable_share: float | None  # None without a controller
-
-
-NO_METRICS = Metrics(*[None] * len(Metrics._fields))
 
 
 def along_path(tip: np.ndarray, path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -174,65 +157,165 @@ def check_samples(recording: Recording) -> None:
                 raise InputError(f"{recording.path}: {name}: the sample of tick {bad[0]} is missing or not finite")
 
 
-def _columns(recording: Recording, *names: str) -> np.ndarray:
-    return np.column_stack([recording.column(name) for name in names])
+class Movement:
+    """The phase `move` of a recording: n ticks, 1 ms apart."""
+
+    def __init__(self, recording: Recording, path: Path) -> None:
+        """InputError for uneven or missing samples, or if `move` never came or was interrupted."""
+        check_samples(recording)
+        ticks = np.flatnonzero(recording.in_phase("move"))
+        if not len(ticks):
+            raise InputError(f"{recording.path}: the trial never came to `move`, there is no movement to measure")
+        if ticks[-1] - ticks[0] != len(ticks) - 1:
+            raise InputError(f"{recording.path}: phase: `move` is interrupted, there is no single movement to measure")
+        self.path = path
+        self._recording, self._rows = recording, slice(ticks[0], ticks[-1] + 1)
+        self.duration_s = (len(ticks) - 1) / SAMPLE_RATE_HZ  # from the first tick of `move` to the last
+        self.tip = self._columns("tip_x_m", "tip_y_m")[self._rows]  # (n, 2) m
+        self.progress, self.deviation = along_path(self.tip, path)  # (n,) m
+
+    @property
+    def made_progress(self) -> bool:
+        """Whether the tip came any way along the path."""
+        return float(self.progress[-1] - self.progress[0]) >= LEAST_PROGRESS_M
+
+    @cached_property
+    def force(self) -> np.ndarray:
+        """Magnitude of the hand force (n,), N."""
+        return np.hypot(*self._columns("hand_fx_N", "hand_fy_N")[self._rows].T)
+
+    @cached_property
+    def speed(self) -> np.ndarray:
+        """Speed of the tip (n,), m/s."""
+        return np.hypot(*self._columns("tip_vx_m_s", "tip_vy_m_s")[self._rows].T)
+
+    @cached_property
+    def acceleration(self) -> np.ndarray:
+        """Acceleration of the tip (n, 2), m/s2; (0, 2) of a recording that is too short to filter."""
+        whole = tip_acceleration(self._columns("tip_x_m", "tip_y_m"))
+        return np.empty((0, 2)) if whole is None else whole[self._rows]
+
+    @property
+    def currents(self) -> np.ndarray:
+        """Currents of the brakes (n, brakes), A."""
+        return self._columns(*(f"current_{joint}_A" for joint in self._recording.braked))[self._rows]
+
+    def decided(self, codes: frozenset[int]) -> np.ndarray:
+        """True (n,) at the ticks whose decision is one of `codes` of this version, found by its words."""
+        wanted = {DECISIONS[code] for code in codes}
+        table = np.array([word in wanted for word in self._recording.words["decision"]])
+        return table[self._recording.column("decision")][self._rows]
+
+    def _columns(self, *names: str) -> np.ndarray:
+        return np.column_stack([self._recording.column(name) for name in names])
 
 
-def _said(recording: Recording, codes: frozenset[int]) -> np.ndarray:
-    """True (rows,) at the ticks whose decision is one of `codes` of this program, found by its words."""
-    wanted = {DECISIONS[code] for code in codes}
-    table = np.array([word in wanted for word in recording.words["decision"]])
-    return table[recording.column("decision")]
+def _unreachable(m: Movement) -> float | None:
+    if m.decided(frozenset({NONE})).all():
+        return None  # without a controller
+    return unreachable_share(m.force, m.decided(UNREACHABLE), m.decided(GAP))
+
+
+class Metric(NamedTuple):
+    """One measure of a trial."""
+
+    name: str  # its column in trials.csv
+    unit: str  # of that column; "" for a number without one
+    title: str
+    meaning: str
+    of: Callable[[Movement], float | None]
+    shown_unit: str = ""  # in figures and reports
+    scale: float = 1.0  # value in `shown_unit` / value in `unit`
+    decimals: int = 2  # in reports
+    figure: str = ""  # drawn as box plots, in this file: the number is that of the paper's figure
+    stands_for: str = ""  # accuracy, force or smoothness; the first that stands for one of them is its definition
+    compared: bool = False  # statistics compare the controllers by it
+    better: str = "lower"
+    needs_progress: bool = True  # None where the tip came no way along the path: there was no movement to judge
+    tells_controller: bool = False  # hidden while a session is blind
+
+
+METRICS = (
+    Metric(
+        "path_error_m", "m", "Path error", "distance to the path, averaged over progress along the path",
+        lambda m: mean_over_progress(m.deviation, m.progress),
+        shown_unit="mm", scale=1e3, figure="fig16_path_error", stands_for="accuracy", compared=True,
+    ),
+    Metric(
+        "path_error_time_m", "m", "Path error over time", "distance to the path, averaged over time",
+        lambda m: float(np.mean(m.deviation)),
+        shown_unit="mm", scale=1e3, stands_for="accuracy",
+    ),
+    Metric(
+        "mean_tip_force_N", "N", "Mean tip force", "magnitude of the hand force, averaged over time",
+        lambda m: float(np.mean(m.force)),
+        shown_unit="N", figure="fig17_tip_force", stands_for="force", compared=True, needs_progress=False,
+    ),
+    Metric(
+        "acceleration_dft_sum", "m/s^2", "Acceleration, weighted DFT sum",
+        "sum over the frequencies up to 100 Hz of (f / 1 Hz) times the amplitude of the acceleration",
+        lambda m: acceleration_dft_sum(m.acceleration),
+        shown_unit="m/s²", decimals=1, figure="fig18_acceleration_dft_sum", stands_for="smoothness", compared=True,
+    ),
+    Metric(
+        "acceleration_weighted_rms_m_s2", "m/s^2", "Acceleration, weighted rms",
+        "the same spectrum as a root mean square: free of duration",
+        lambda m: acceleration_weighted_rms(m.acceleration),
+        shown_unit="m/s²", decimals=1, stands_for="smoothness", compared=True,
+    ),
+    Metric(
+        "force_over_progress_N", "N", "Tip force over progress",
+        "magnitude of the hand force, averaged over progress along the path",
+        lambda m: mean_over_progress(m.force, m.progress),
+        shown_unit="N", stands_for="force", compared=True,
+    ),
+    Metric(
+        "duration_s", "s", "Duration", "from the first tick of the movement to its last",
+        lambda m: m.duration_s,
+        shown_unit="s", compared=True, needs_progress=False,
+    ),
+    Metric(
+        "peak_error_m", "m", "Peak error", "largest distance to the path",
+        lambda m: float(np.max(m.deviation)),
+        shown_unit="mm", scale=1e3, stands_for="accuracy",
+    ),
+    Metric(
+        "path_length_ratio", "", "Path length ratio", "travel of the handle / length of the path",
+        lambda m: float(np.sum(np.hypot(*np.diff(m.tip, axis=0).T))) / m.path.length,
+    ),
+    Metric(
+        "sparc", "", "SPARC", "spectral arc length of the speed; nearer 0 is smoother",
+        lambda m: sparc(m.speed),
+        stands_for="smoothness", better="higher",
+    ),
+    Metric(
+        "switches_per_s", "1/s", "Switches",
+        "ticks at which the set of brakes with current changes, per second",
+        lambda m: switches_per_second(m.currents, m.duration_s),
+        shown_unit="1/s", needs_progress=False, tells_controller=True,
+    ),
+    Metric(
+        "unreachable_share", "", "Unreachable share",
+        "share of the ticks with a felt hand in which no brake was valid or selected; none for controller 1",
+        _unreachable,
+        needs_progress=False, tells_controller=True,
+    ),
+)  # fmt: skip
+BY_NAME = {metric.name: metric for metric in METRICS}
+#: The measures of one trial, by name.
+Metrics = NamedTuple("Metrics", [(metric.name, float | None) for metric in METRICS])
+NO_METRICS = Metrics(*[None] * len(METRICS))
 
 
 def trial_metrics(recording: Recording, path: Path) -> Metrics:
-    """Every measure of one trial, over its phase `move`; for a trial timed out, over the progress made.
+    """Every measure of one trial, over its phase `move`; of a trial timed out, over the progress made.
 
     Our choice: without any progress there was no movement to judge, and its measures (errors, smoothness, travel,
     everything over progress) are None; duration, mean force, switches and unreachable share remain. A trial that
     never came to `move` has none. InputError for uneven or missing samples.
     """
-    check_samples(recording)
-    move = recording.in_phase("move")
-    ticks = np.flatnonzero(move)
-    if not len(ticks):
+    if not recording.in_phase("move").any():
+        check_samples(recording)
         return NO_METRICS
-    if ticks[-1] - ticks[0] != len(ticks) - 1:
-        raise InputError(f"{recording.path}: phase: `move` is interrupted, there is no single movement to measure")
-    rows = slice(ticks[0], ticks[-1] + 1)
-
-    duration = (len(ticks) - 1) / SAMPLE_RATE_HZ  # from the first tick of `move` to the last
-    force = np.hypot(recording.column("hand_fx_N")[rows], recording.column("hand_fy_N")[rows])
-    currents = _columns(recording, *(f"current_{joint}_A" for joint in recording.braked))[rows]
-    unreachable = None
-    if not _said(recording, frozenset({NONE}))[rows].all():
-        unreachable = unreachable_share(
-            force, _said(recording, UNREACHABLE)[rows], _said(recording, GAP)[rows]
-        )
-    metrics = NO_METRICS._replace(
-        mean_tip_force_N=float(np.mean(force)),
-        duration_s=duration,
-        switches_per_s=switches_per_second(currents, duration),
-        unreachable_share=unreachable,
-    )
-
-    whole_tip = _columns(recording, "tip_x_m", "tip_y_m")
-    tip = whole_tip[rows]
-    progress, deviation = along_path(tip, path)
-    path_error = mean_over_progress(deviation, progress)
-    if path_error is None:
-        return metrics
-    speed = np.hypot(recording.column("tip_vx_m_s")[rows], recording.column("tip_vy_m_s")[rows])
-    travel = float(np.sum(np.hypot(*np.diff(tip, axis=0).T)))
-    whole_acceleration = tip_acceleration(whole_tip)
-    acceleration = whole_acceleration[rows] if whole_acceleration is not None else np.empty((0, 2))
-    return metrics._replace(
-        path_error_m=path_error,
-        path_error_time_m=float(np.mean(deviation)),
-        acceleration_dft_sum=acceleration_dft_sum(acceleration),
-        acceleration_weighted_rms_m_s2=acceleration_weighted_rms(acceleration),
-        force_over_progress_N=mean_over_progress(force, progress),
-        peak_error_m=float(np.max(deviation)),
-        path_length_ratio=travel / path.length,
-        sparc=sparc(speed),
-    )
+    m = Movement(recording, path)
+    return Metrics(*(one.of(m) if m.made_progress or not one.needs_progress else None for one in METRICS))

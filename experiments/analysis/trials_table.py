@@ -9,14 +9,14 @@ import io
 import os
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, make_dataclass, replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from core.errors import InputError
 from core.path_file import build_path, path_from
-from experiments.analysis.metrics import NO_METRICS, Metrics, trial_metrics
+from experiments.analysis.metrics import METRICS, NO_METRICS, Metrics, trial_metrics
 from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
 from experiments.recording.schema import Recording
 
@@ -29,8 +29,8 @@ SETTLED = ("done", "timeout", "aborted", "skipped")
 
 
 @dataclass(frozen=True)
-class TrialRow:
-    """One row; the fields are the columns, in order. Later columns are appended at the end, with a default."""
+class _Planned:
+    """Which trial of the plan it was, and how it ended."""
 
     participant: str  # label, "01"
     run: int
@@ -40,18 +40,17 @@ class TrialRow:
     segment: int
     repetition: int
     status: str  # one of STATUSES
-    path_error_m: float | None = None
-    path_error_time_m: float | None = None
-    mean_tip_force_N: float | None = None
-    acceleration_dft_sum: float | None = None
-    acceleration_weighted_rms_m_s2: float | None = None
-    force_over_progress_N: float | None = None
-    duration_s: float | None = None
-    peak_error_m: float | None = None
-    path_length_ratio: float | None = None
-    sparc: float | None = None
-    switches_per_s: float | None = None
-    unreachable_share: float | None = None
+
+
+_Measured = make_dataclass(
+    "_Measured", [(metric.name, float | None, None) for metric in METRICS], bases=(_Planned,), frozen=True
+)
+
+
+@dataclass(frozen=True)
+class TrialRow(_Measured):
+    """One row; the fields are the columns, in order: the trial's place in the plan, its measures, its recording."""
+
     recording: str = ""  # path relative to the file that the row stands in, with "/"; empty: nothing could be kept
     energy_residual_J: float | None = None  # what the ledger leaves unexplained
     energy_added_max_J: float | None = None  # the most that any brake added in a step: must be none

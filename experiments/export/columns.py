@@ -6,6 +6,7 @@ from typing import NamedTuple
 from core import tick_log
 from core.control.controllers import DECISIONS
 from core.errors import InputError
+from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import STATUSES
 
 
@@ -71,22 +72,7 @@ TRIALS: dict[str, Column] = {
     "segment": Column("", "number of the path"),
     "repetition": Column("", "how often this cell of the plan has come, from 1"),
     "status": Column("", "how the trial ended"),
-    "path_error_m": Column("m", "distance to the path, averaged over progress along the path"),
-    "path_error_time_m": Column("m", "distance to the path, averaged over time"),
-    "mean_tip_force_N": Column("N", "magnitude of the hand force, averaged over time"),
-    "acceleration_dft_sum": Column(
-        "m/s^2", "sum over the frequencies up to 100 Hz of (f / 1 Hz) times the amplitude of the acceleration"
-    ),
-    "acceleration_weighted_rms_m_s2": Column("m/s^2", "the same spectrum as a root mean square: free of duration"),
-    "force_over_progress_N": Column("N", "magnitude of the hand force, averaged over progress along the path"),
-    "duration_s": Column("s", "from the first tick of the movement to its last"),
-    "peak_error_m": Column("m", "largest distance to the path"),
-    "path_length_ratio": Column("", "travel of the handle / length of the path"),
-    "sparc": Column("", "spectral arc length of the speed; nearer 0 is smoother"),
-    "switches_per_s": Column("1/s", "ticks at which the set of brakes with current changes, per second"),
-    "unreachable_share": Column(
-        "", "share of the ticks with a felt hand in which no brake was valid or selected; none for controller 1"
-    ),
+    **{metric.name: Column(metric.unit, metric.meaning) for metric in METRICS},
     "recording": Column("", "file of the recording, relative to this file"),
     "energy_residual_J": Column("J", "what the energy ledger of the trial leaves unexplained"),
     "energy_added_max_J": Column("J", "the most energy that any brake added in a step: must be none"),

@@ -21,6 +21,7 @@ from experiments.export.bids import BidsDataset
 from experiments.export.csv import CsvTables
 from experiments.export.trial import Exported, ExportedTrial
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
+from experiments.session.blind import TELLING
 from experiments.session.files import STORED, TABLE, rows_of, runs_on_disk
 from experiments.session.journal import read_events
 
@@ -144,7 +145,7 @@ def _look_at(path: Path, session: _Session) -> ExportedTrial | str:
     if blind:
         told = {name: value for name, value in told.items() if name in _TOLD_WHILE_BLIND}
         outcome = {name: value for name, value in outcome.items() if name in _TOLD_WHILE_BLIND}
-        row = replace(row, switches_per_s=None, unreachable_share=None)
+        row = replace(row, **dict.fromkeys(TELLING))
     return ExportedTrial(
         home.parent.name, home.name, recording, row, told, outcome,
         session.begun.get(row.run, ""), session.software, blind,

@@ -15,13 +15,14 @@ from pathlib import Path
 from typing import TypeVar
 
 from core.errors import InputError
+from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, codes
 from experiments.recording.atomic_files import written_beside
 
 KEY = "key.json"
-#: What tells a controller by itself: how often brakes were switched, how often none could help.
-TELLING = ("switches_per_s", "unreachable_share")
+#: Measures that tell a controller by themselves.
+TELLING = tuple(metric.name for metric in METRICS if metric.tells_controller)
 
 Coded = TypeVar("Coded", PlannedTrial, TrialRow)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from core.control.controllers import Preset
 from core.errors import InputError
-from experiments.analysis.boxplots import MEASURES, boxes, draw_boxplots, in_order
+from experiments.analysis.boxplots import DRAWN, boxes, draw_boxplots, in_order
 from experiments.analysis.report import side_by_side, write_report
 from experiments.analysis.sensitivity import of_recording
 from experiments.analysis.statements import why_no_findings
@@ -166,16 +166,16 @@ def changed_boxes(
         return [f"{error}, so the figures cannot be compared with it"]
     configurations = tuple(dict.fromkeys(row.configuration for row in (*before_rows, *rows)))
     said = []
-    for measure in MEASURES:
+    for metric in DRAWN:
         before, after = (
-            boxes(told_apart(r), measure.column, configurations, measure.scale) for r in (before_rows, rows)
+            boxes(told_apart(r), metric.name, configurations, metric.scale) for r in (before_rows, rows)
         )
         for key in sorted({*before, *after}, key=in_order):
             old, new = before.get(key), after.get(key)
             if old and new and (old.count, old.median) == (new.count, new.median):
                 continue
             controller = key[0] if isinstance(key[0], str) else labels.get(key[0], f"controller {key[0]}")
-            box = f"{measure.title}, {' '.join(controller.split())}, {key[1]}"
+            box = f"{metric.title}, {' '.join(controller.split())}, {key[1]}"
             if old is None or new is None:
                 counts = f"{old.count if old else 0} -> {new.count if new else 0} trials"
                 said.append(f"{box}: {counts}, {'the box is gone' if old else 'a new box'}")
@@ -183,7 +183,7 @@ def changed_boxes(
             share = f" ({(new.median - old.median) / old.median:+.1%})" if old.median else ""
             said.append(
                 f"{box}: {old.count} -> {new.count} trials, "
-                f"median {old.median:.4g} -> {new.median:.4g} {measure.unit}{share}"
+                f"median {old.median:.4g} -> {new.median:.4g} {metric.shown_unit}{share}"
             )
     return said
 

@@ -21,7 +21,7 @@ from app.window.painting import theme
 from app.window.painting.energy_panel import small_energy
 from app.window.painting.live_boxes import APART_PX, AXIS_PX, BOX_MOST_PX, LiveBoxes
 from app.window.results_window import ResultsWindow
-from experiments.analysis.boxplots import MEASURES
+from experiments.analysis.boxplots import DRAWN
 from experiments.analysis.report import sentences
 from experiments.analysis.statistics import Result
 from hardware.serial_port import _reason
@@ -100,7 +100,7 @@ def test_one_trial_alone_is_a_square_filled_or_open_in_the_results(screens: Scre
     first, second = opened().devices
     alone = [result(next(t for t in PLAN if t.configuration == one.name)) for one in (first, second)]
     alone = [replace(row, controller=2, path_error_m=0.002) for row in alone]
-    panel = LiveBoxes(MEASURES[0], [first.name, second.name], {2: "wall"})
+    panel = LiveBoxes(DRAWN[0], [first.name, second.name], {2: "wall"})
     panel.resize(400, 300)
     panel.show_rows(alone)
     picture = panel.grab().toImage()

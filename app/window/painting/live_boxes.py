@@ -10,7 +10,8 @@ from app.window.painting import theme
 from app.window.painting.panel import CENTRE, LEFT, RIGHT, Panel
 from app.window.painting.strip import range_for
 from app.window.painting.theme import font, pen, shade
-from experiments.analysis.boxplots import Box, Measure, boxes
+from experiments.analysis.boxplots import Box, boxes
+from experiments.analysis.metrics import Metric
 from experiments.analysis.trials_table import TrialRow
 
 #: short names of Table I's controllers; others stand under their boxes as the protocol names them
@@ -48,23 +49,23 @@ class LiveBoxes(Panel):
 
     def __init__(
         self,
-        measure: Measure,
+        metric: Metric,
         configurations: Sequence[str],
         controllers: Mapping[int, str],
         parent: QWidget | None = None,
     ) -> None:
-        super().__init__(measure.title, parent)
-        self._measure, self._configurations = measure, tuple(configurations)
+        super().__init__(metric.title, parent)
+        self._metric, self._configurations = metric, tuple(configurations)
         self._names = {number: SHORT.get(name, name) for number, name in controllers.items()}
         self.found: dict[tuple[int | str, str], Box] = {}
         self.controllers: tuple[int | str, ...] = tuple(self._names)
         self._end = 1.0
         self.setMinimumSize(240, 170)
-        self.show_value("", measure.unit)
+        self.show_value("", metric.shown_unit)
 
     def show_rows(self, rows: Sequence[TrialRow]) -> None:
         """The boxes of these trials; codes of a blind session stand in place of controllers."""
-        self.found = boxes(rows, self._measure.column, self._configurations, self._measure.scale)
+        self.found = boxes(rows, self._metric.name, self._configurations, self._metric.scale)
         there = tuple(dict.fromkeys(controller for controller, _ in self.found))
         coded = tuple(controller for controller in there if controller not in self._names)
         self.controllers = coded if there and coded == there else (*self._names, *coded)
