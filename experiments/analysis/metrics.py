@@ -161,11 +161,8 @@ class Movement:
     """The phase `move` of a recording: n ticks, 1 ms apart."""
 
     def __init__(self, recording: Recording, path: Path) -> None:
-        """InputError for uneven or missing samples, or if `move` never came or was interrupted."""
-        check_samples(recording)
+        """A recording that `check_samples` has passed and that came to `move`; InputError if it was interrupted."""
         ticks = np.flatnonzero(recording.in_phase("move"))
-        if not len(ticks):
-            raise InputError(f"{recording.path}: the trial never came to `move`, there is no movement to measure")
         if ticks[-1] - ticks[0] != len(ticks) - 1:
             raise InputError(f"{recording.path}: phase: `move` is interrupted, there is no single movement to measure")
         self.path = path
@@ -314,8 +311,8 @@ def trial_metrics(recording: Recording, path: Path) -> Metrics:
     everything over progress) are None; duration, mean force, switches and unreachable share remain. A trial that
     never came to `move` has none. InputError for uneven or missing samples.
     """
+    check_samples(recording)
     if not recording.in_phase("move").any():
-        check_samples(recording)
         return NO_METRICS
     m = Movement(recording, path)
     return Metrics(*(one.of(m) if m.made_progress or not one.needs_progress else None for one in METRICS))
