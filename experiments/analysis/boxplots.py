@@ -26,7 +26,7 @@ from experiments.analysis.figures import (
 )
 from experiments.analysis.metrics import METRICS, Metric
 from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller
-from experiments.recording.atomic_files import is_wrong_path
+from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
 WHISKER = 1.5  # box lengths
 QUARTILE_METHOD = "linear"  # NumPy's name; MATLAB's is "hazen" and differs
@@ -116,9 +116,7 @@ def draw_boxplots(
         raise InputError(f"{folder}: there are no trials, no box plots to draw")
     paths = [folder / f"{file_name(metric, protocol)}.{form}" for metric in metrics for form in FORMATS]
     paths.append(folder / COMBINED_NAME)
-    for path in paths:
-        if path.exists():
-            raise InputError(f"{path}: exists already, no figure was written")
+    refuse_existing_files(paths)
 
     shown = controllers_shown(rows, labels)
     wider = max(1.0, len(shown) / 5.0)
@@ -135,15 +133,7 @@ def draw_boxplots(
         _draw(figure, rows, metrics, configurations, note, shown)
         drawn.append(figure_bytes(figure, "png"))
     progress(1.0)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for path, data in zip(paths, drawn, strict=True):
-            with path.open("xb") as file:
-                file.write(data)
-    except OSError as error:
-        if not is_wrong_path(error):
-            raise
-        raise InputError(f"{folder}: the figures cannot be written: {error.strerror}") from None
+    write_new_files(dict(zip(paths, drawn, strict=True)))
     return paths
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from core.errors import InputError
 from core.path_file import build_path, path_from
 from experiments.analysis.metrics import METRICS, NO_METRICS, Metrics, trial_metrics
-from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
+from experiments.recording.atomic_files import give_new_name, refuse_existing_files, refusing, written_beside
 from experiments.recording.schema import Recording
 
 STATUSES = ("done", "timeout", "aborted", "redone", "recovered", "skipped", "stopped")
@@ -114,20 +114,13 @@ def write_table(path: str | Path, rows: Iterable[TrialRow], replacing: bool = Fa
     """
     path = Path(path)
     data = table_bytes(rows)
-    try:
-        if path.exists() and not replacing:
-            raise FileExistsError(path)
-        with written_beside(path, data) as partial:
-            if replacing:
-                partial.replace(path)
-            else:
-                give_new_name(partial, path)
-    except FileExistsError:
-        raise InputError(f"{path}: exists already, nothing was written") from None
-    except OSError as error:
-        if not is_wrong_path(error):
-            raise
-        raise InputError(f"{path}: the table cannot be written: {error.strerror}") from None
+    if not replacing:
+        refuse_existing_files([path])
+    with refusing(path, "the table cannot be written"), written_beside(path, data) as partial:
+        if replacing:
+            partial.replace(path)
+        else:
+            give_new_name(partial, path)
 
 
 def append_row(path: str | Path, row: TrialRow) -> None:

@@ -20,6 +20,7 @@ from experiments.analysis.trials_table import TrialRow, row_of
 from experiments.export.bids import BidsDataset
 from experiments.export.csv import CsvTables
 from experiments.export.trial import Exported, ExportedTrial
+from experiments.recording.atomic_files import refusing
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.session.blind import TELLING
 from experiments.session.files import STORED, TABLE, rows_of, runs_on_disk
@@ -177,13 +178,11 @@ def _new_folders(outs: dict[str, Path]) -> Iterator[dict[str, Path]]:
 def _begin(out: Path) -> Path:
     """A new folder beside `out`, which must be new or empty; InputError otherwise."""
     partial = out.with_name(f".{out.name}.partial")
-    try:
+    with refusing(out, "cannot be created"):
         if out.exists() and any(out.iterdir()):
             raise InputError(f"{out}: is not empty, an export needs a new or empty folder")
         shutil.rmtree(partial, ignore_errors=True)  # left by a kill
         partial.mkdir(parents=True)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be created ({(error.strerror or str(error)).lower()})") from None
     return partial
 
 

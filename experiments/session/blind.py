@@ -18,7 +18,7 @@ from core.errors import InputError
 from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, codes
-from experiments.recording.atomic_files import written_beside
+from experiments.recording.atomic_files import reason_of, written_beside
 
 KEY = "key.json"
 #: Measures that tell a controller by themselves.
@@ -51,7 +51,7 @@ def read_key(session: Path, sha256: str) -> dict[str, int]:
             raise InputError(f"{path}: does not match key_sha256 of session.json, it was changed")
         return {str(code): int(number) for code, number in json.loads(data)["controllers"].items()}
     except OSError as error:
-        raise InputError(f"{path}: the key cannot be read ({(error.strerror or str(error)).lower()})") from None
+        raise InputError(f"{path}: the key cannot be read ({reason_of(error)})") from None
 
 
 def opened(thing: Coded, key: Mapping[str, int]) -> Coded:

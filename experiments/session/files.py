@@ -26,6 +26,7 @@ from core.errors import InputError
 from experiments.analysis.trials_table import SETTLED, TrialRow, read_table, write_table
 from experiments.plan import PlannedTrial, plan_from_json, plan_hash
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
+from experiments.recording.atomic_files import reason_of
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX
 
 LOCK = ".lock"
@@ -154,7 +155,7 @@ def read_stored(session: Path) -> StoredSession:
             raise InputError(f"{path}: plan: does not match plan_sha256, it was changed")
         return StoredSession(about["participant"], protocol_from_json(about["protocol"], str(path)), plan, about)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({(error.strerror or str(error)).lower()})") from None
+        raise InputError(f"{path}: cannot be read ({reason_of(error)})") from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: is damaged ({type(error).__name__}: {error})") from None
 

@@ -7,6 +7,7 @@ the table in DIR.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import count
 from pathlib import Path
 
 from core.control.controllers import Preset
@@ -17,7 +18,7 @@ from experiments.analysis.sensitivity import of_recording
 from experiments.analysis.statements import why_no_findings
 from experiments.analysis.trials_table import COUNTED, TrialRow, read_table, write_table
 from experiments.protocol import label
-from experiments.recording.atomic_files import give_new_name, written_beside
+from experiments.recording.atomic_files import make_empty_folder, write_new_files
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.session.blind import opened, read_key
 from experiments.session.files import TABLE, hold_lock, read_stored, runs_on_disk
@@ -212,8 +213,7 @@ def read_studies(folders: Sequence[Path]) -> dict[str, list[TrialRow]]:
 def write_side_by_side(studies: Mapping[str, Sequence[TrialRow]], out: Path) -> Path:
     """The findings of several studies in one table; where it stands."""
     path = out / "side-by-side.md"
-    with written_beside(path, side_by_side(studies).encode()) as partial:
-        give_new_name(partial, path)
+    write_new_files({path: side_by_side(studies).encode()})
     return path
 
 
@@ -224,16 +224,7 @@ def count_of(things: Sequence, word: str) -> str:
 
 def new_folder(folder: Path, out: Path | None) -> Path:
     """The folder for the results: `out`, which must be new or empty, or the first free DIR/analysis-N."""
-    try:
-        if out is None:
-            number = 1
-            while (folder / f"analysis-{number}").exists():
-                number += 1
-            out = folder / f"analysis-{number}"
-        out = Path(out)
-        out.mkdir(parents=True, exist_ok=True)
-        if any(out.iterdir()):
-            raise InputError(f"{out}: is not empty, results are never overwritten")
-    except OSError as error:
-        raise InputError(f"{out}: cannot be created ({(error.strerror or str(error)).lower()})") from None
+    if out is None:
+        out = next(place for n in count(1) if not (place := folder / f"analysis-{n}").exists())
+    make_empty_folder(out, "results are never overwritten")
     return out

@@ -3,8 +3,7 @@
 Which controller, device and hand that is, what came of it, metric by metric, and the replayed ticks as a file.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from core.path import Path as PathAhead
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import along_path, trial_metrics
 from experiments.protocol import Protocol, check_reach, load_protocol
-from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
+from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns
 from experiments.session.files import STORED
 from experiments.study.replay_hand import HANDS, WITH_TARGET, RecordedHand, force_hand, target_hand
@@ -52,8 +51,8 @@ def replay(
     chosen, number = _choose_controller(trial, controller, protocol)
     onto = _choose_device(trial, device)
     kind, moved = _choose_hand(trial, hand)
-    if out is not None and out.exists():
-        raise InputError(f"{out}: exists already and is never overwritten")
+    if out is not None:
+        refuse_existing_files([out])
     rows, outcome = run_replay(trial, moved, onto, chosen.controllers[number], chosen.rules, progress)
     replayed = as_recording(trial, rows, onto)
     if out is not None:
@@ -194,15 +193,4 @@ def _write(replayed: Recording, first: int, out: Path) -> None:
     sink.write(header.encode())
     table = pa.table(arrays, names=list(replayed.columns))
     pa_csv.write_csv(table, sink, pa_csv.WriteOptions(include_header=False, quoting_style="needed"))
-    with _wrong_path_named(out), written_beside(out, sink.getvalue().to_pybytes()) as partial:
-        give_new_name(partial, out)
-
-
-@contextmanager
-def _wrong_path_named(out: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        if not is_wrong_path(error):
-            raise
-        raise InputError(f"{out}: cannot be written ({(error.strerror or str(error)).lower()})") from None
+    write_new_files({out: sink.getvalue().to_pybytes()})

@@ -39,7 +39,7 @@ from core.path_file import PathFile, build_path
 from experiments.analysis.metrics import NO_METRICS, Metrics, trial_metrics
 from experiments.plan import PlannedTrial
 from experiments.protocol import PARAMETER_TYPES, Count, Text, TrialRules, load_protocol, plain_text
-from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
+from experiments.recording.atomic_files import give_new_name, make_empty_folder, written_beside
 from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns
 from experiments.session.files import LOCK, hold_lock
 from experiments.trial.population import Population, load_population
@@ -185,7 +185,7 @@ def run_sweep(
     began = time.perf_counter()
     out = Path(out)
     if not resume:
-        _make_empty(out)
+        make_empty_folder(out, "a sweep needs a new or empty folder (or --resume)", (LOCK, f".{STORED}.partial"))
     with hold_lock(out) if out.is_dir() else _refuse(f"{out}: holds no sweep to resume"):
         (_compare if resume else _store)(out, sweep)
         waiting = [] if (out / TABLE).exists() else [job for job in sweep.jobs if not _part(out, job).exists()]
@@ -329,17 +329,6 @@ def _end_with(parent: int) -> None:
 
 def _part(out: Path, job: Job) -> Path:
     return out / PARTS / f"{job.number:06d}.csv"
-
-
-def _make_empty(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        if {path.name for path in out.iterdir()} - {LOCK, f".{STORED}.partial"}:
-            raise InputError(f"{out}: is not empty, a sweep needs a new or empty folder (or --resume)")
-    except OSError as error:
-        if not is_wrong_path(error):
-            raise
-        raise InputError(f"{out}: cannot be used ({(error.strerror or str(error)).lower()})") from None
 
 
 def _refuse(sentence: str):
