@@ -11,7 +11,6 @@ a number, its words are in _motion.json. The file names say device and run, neve
 """
 
 import csv
-import importlib.metadata
 import re
 from datetime import UTC, datetime
 from pathlib import Path
@@ -25,14 +24,14 @@ from experiments.export.columns import PHASE_LEVELS, STATUS_LEVELS, recording_co
 from experiments.export.trial import (
     Exported,
     ExportedTrial,
-    said_in,
+    answers_and_notes,
     write_columns,
     write_json,
     write_phenotype,
     write_rows,
 )
 from experiments.recording.schema import Recording
-from experiments.session.session import SENSOR
+from experiments.session.session import SENSOR, version_of
 
 BIDS_VERSION = "1.11.1"
 TASK, TRACKSYS = "pathfollow", "fivebar"
@@ -102,7 +101,7 @@ class BidsDataset:
         header = ("name", "component", "type", "tracked_point", "units", "placement", "reference_frame", "description")
         write_rows(motion / f"{stem}_channels.tsv", [header, *channels])
         write_rows(motion / f"{stem}_events.tsv", [("onset", "duration", "trial_type"), *_phases(trial.recording)])
-        self._hands.setdefault(trial.subject, str(trial.told.get("hand", MISSING)))
+        self._hands.setdefault(trial.subject, str(trial.about.get("hand", MISSING)))
         self._scans.setdefault((trial.subject, trial.session), []).append(
             [f"motion/{stem}_motion.tsv", _day_time(trial.begun), *_cells(trial.row)]
         )
@@ -122,11 +121,12 @@ class BidsDataset:
         levels = {hand: _HANDS[hand] for hand in _HANDS if hand in self._hands.values()}
         hand = {"Description": "where the force of the hand came from", **({"Levels": levels} if levels else {})}
         write_json(self.folder / "participants.json", {"hand": hand})
-        write_phenotype(self.folder, [a for a in said_in(exported.sessions).answers if a.subject in self._hands])
+        answers = answers_and_notes(exported.sessions).answers
+        write_phenotype(self.folder, [a for a in answers if a.subject in self._hands])
         write_json(self.folder / f"task-{TASK}_events.json", _events_json())
         write_json(self.folder / f"task-{TASK}_tracksys-{TRACKSYS}_channels.json", _channels_json())
         about = {"Name": exported.name or "phd", "BIDSVersion": BIDS_VERSION, "DatasetType": "raw"}
-        generators = [{"Name": "phd", "Version": _version()}]
+        generators = [{"Name": "phd", "Version": version_of("phd")}]
         write_json(self.folder / "dataset_description.json", {**about, "GeneratedBy": generators})
         (self.folder / "README.md").write_text(
             (_README.format(name=exported.name) + exported.remarks()).rstrip() + "\n", encoding="utf-8"
@@ -215,8 +215,8 @@ def _about(trial: ExportedTrial, channels: list[_Channel]) -> dict[str, Any]:
         "InstitutionAddress": MISSING,
         "InstitutionalDepartmentName": MISSING,
         "SimulatedDevice": not board or board.startswith(_EMULATED),
-        "SimulatedOperator": trial.told.get("hand") == "operator" or board.startswith(_EMULATED),
-        "Trial": trial.told,
+        "SimulatedOperator": trial.about.get("hand") == "operator" or board.startswith(_EMULATED),
+        "Trial": trial.about,
         "Outcome": trial.outcome,
     }
     if any(channel.name == "decision" for channel in channels):
@@ -226,7 +226,7 @@ def _about(trial: ExportedTrial, channels: list[_Channel]) -> dict[str, Any]:
 
 def _board(trial: ExportedTrial) -> str:
     """The number of the board on the bench; "": the device is simulated, as in a recording that says nothing."""
-    if trial.told.get("link", "sim") == "sim":
+    if trial.about.get("link", "sim") == "sim":
         return ""
     return str(trial.outcome.get("link", {}).get("board") or "unknown")
 
@@ -275,7 +275,7 @@ def _scan_column(name: str) -> dict[str, Any]:
 def _events_json() -> dict[str, Any]:
     return {
         "trial_type": {"Description": "phase of the trial", "Levels": PHASE_LEVELS},
-        "StimulusPresentation": {"SoftwareName": "phd", "SoftwareVersion": _version()},
+        "StimulusPresentation": {"SoftwareName": "phd", "SoftwareVersion": version_of("phd")},
     }
 
 
@@ -294,10 +294,3 @@ def _channels_json() -> dict[str, Any]:
             },
         }
     }
-
-
-def _version() -> str:
-    try:
-        return importlib.metadata.version("phd")
-    except importlib.metadata.PackageNotFoundError:
-        return "not installed"

@@ -27,7 +27,7 @@ class ExportedTrial(NamedTuple):
     session: str  # "ses-01"
     recording: Recording
     row: TrialRow
-    told: dict[str, Any]  # of the recording's metadata; the controller as the table has it
+    about: dict[str, Any]  # of the recording's metadata; the controller as the table has it
     outcome: dict[str, Any]
     begun: str  # time of day, ISO; empty where nothing says so
     software: str  # version of phd that recorded it
@@ -126,14 +126,14 @@ class Note(NamedTuple):
     text: str
 
 
-class Said(NamedTuple):
+class AnswersAndNotes(NamedTuple):
     """All of it, in the order of the sessions."""
 
     answers: tuple[Answers, ...] = ()
     notes: tuple[Note, ...] = ()
 
 
-def said_in(sessions: Iterable[Path]) -> Said:
+def answers_and_notes(sessions: Iterable[Path]) -> AnswersAndNotes:
     """What the journals of these session folders (.../sub-01/ses-01) hold, as far as they can be read."""
     answers: list[Answers] = []
     notes: list[Note] = []
@@ -148,10 +148,10 @@ def said_in(sessions: Iterable[Path]) -> Said:
                     answers.append(Answers(participant, configuration, block, values, at))
                 case {"event": "note", "time": str(at), "text": str(text)}:
                     notes.append(Note(at, participant, text))
-    return Said(tuple(answers), tuple(notes))
+    return AnswersAndNotes(tuple(answers), tuple(notes))
 
 
-def write_said(folder: Path, said: Said) -> dict[str, dict[str, Column]]:
+def write_answers_and_notes(folder: Path, said: AnswersAndNotes) -> dict[str, dict[str, Column]]:
     """questionnaire.csv and notes.csv into a folder; file -> its columns, of those written."""
     written = {}
     if said.answers:

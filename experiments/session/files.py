@@ -55,6 +55,11 @@ def runs_on_disk(session: Path, folder: str = TRIALS) -> dict[int, dict[str, Pat
     return dict(sorted(found.items()))
 
 
+def recordings_in(session: Path) -> list[Path]:
+    """The recordings of a session, by run; a stream counts where it has no Parquet file yet."""
+    return [files.get(PARQUET_SUFFIX) or files[STREAM_SUFFIX] for files in runs_on_disk(session).values()]
+
+
 def runs_used(session: Path, folder: str = TRIALS) -> set[int]:
     """Every run number that a file has or ever had."""
     names = (re.match(r"\.?run-(\d+)\.", path.name) for path in session.glob(f"{folder}/*run-*"))
@@ -110,6 +115,11 @@ def sessions_in(folder: Path) -> list[Path]:
     if not sessions and any(not path.name.startswith(ours) for path in folder.iterdir()):
         raise InputError(f"{folder}: holds no session (sub-*/ses-*), and other files")
     return sessions
+
+
+def seen_from(folder: Path, sentence: str) -> str:
+    """The sentence with paths as seen from the folder."""
+    return sentence.replace(f"{folder}/", "")
 
 
 def hold_lock(folder: Path) -> filelock.BaseFileLock:
@@ -188,7 +198,7 @@ def rows_of(session: Path) -> list[TrialRow]:
     return read_table(table) if table.exists() else []
 
 
-def row_place(about: Mapping[str, Any]) -> tuple:
+def planned_fields(about: Mapping[str, Any]) -> tuple:
     """The fields of a row that say which trial it was, from an event of the journal."""
     return tuple(about[name] for name in PlannedTrial._fields)
 

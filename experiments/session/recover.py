@@ -28,10 +28,18 @@ from experiments.session.files import (
     pooled_rows,
     rows_of,
     runs_on_disk,
+    seen_from,
     sessions_in,
     write_pooled_table,
 )
-from experiments.session.journal import Told, put_right, recorded_row, rows_without_recording, told, write_event
+from experiments.session.journal import (
+    JournalSummary,
+    journal_summary,
+    recorded_row,
+    rows_as_journalled,
+    rows_without_recording,
+    write_event,
+)
 from experiments.session.verify import verify
 
 RECOVERED = "recovered"
@@ -112,11 +120,11 @@ def recover_session(session: Path, sync: bool = True) -> Rescue:
             try:
                 _settle_stream(session, files[STREAM_SUFFIX], done, sync)
             except InputError as error:
-                done.not_rescued.append(_after(str(error), session))
+                done.not_rescued.append(seen_from(session, str(error)))
     try:
         _add_rows(session, done)
     except InputError as error:
-        done.not_rescued.append(_after(str(error), session))
+        done.not_rescued.append(seen_from(session, str(error)))
     if done.did_something:
         write_event(session, RECOVERED, sync, **vars(done))
     return done
@@ -155,7 +163,7 @@ def _add_rows(session: Path, done: Rescue) -> None:
     except InputError:  # every row can be had again from its recording
         done.set_aside.append(set_aside(session / TABLE, DAMAGED).name)
         have = set()
-    journal = told(session)
+    journal = journal_summary(session)
     bare = {row.run: row for row in rows_without_recording(session, journal)}
     on_disk = runs_on_disk(session)
     table = session / TABLE
@@ -171,14 +179,14 @@ def _add_rows(session: Path, done: Rescue) -> None:
         append_row(session / TABLE, row)
         done.rows_added.append(f"{TABLE}: run {run}, {row.status}")
     rows = rows_of(session)
-    right = put_right(session, rows, journal)
+    right = rows_as_journalled(session, rows, journal)
     if right != rows:
         write_table(session / TABLE, right, replacing=True)
         changed = [str(new.run) for old, new in zip(rows, right, strict=True) if new != old]
         done.rows_changed.append(f"{TABLE}: run {', '.join(changed)}, as the journal says")
 
 
-def _measured(path: Path, session: Path, journal: Told, done: Rescue) -> TrialRow | None:
+def _measured(path: Path, session: Path, journal: JournalSummary, done: Rescue) -> TrialRow | None:
     """The row of a recording; None where it can give none, which is told and keeps no other trial from its row."""
     try:
         recording = read_recording(path)
@@ -186,10 +194,5 @@ def _measured(path: Path, session: Path, journal: Told, done: Rescue) -> TrialRo
             return recorded_row(recording, session, journal)
         done.not_rescued.append(f"{path.relative_to(session).as_posix()}: {'; '.join(recording.damaged)}")
     except InputError as error:
-        done.not_rescued.append(_after(str(error), session))
+        done.not_rescued.append(seen_from(session, str(error)))
     return None
-
-
-def _after(sentence: str, session: Path) -> str:
-    """The sentence with paths as seen from the session."""
-    return sentence.replace(f"{session}/", "")

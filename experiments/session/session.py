@@ -62,11 +62,11 @@ from experiments.session.journal import (
     REDONE,
     SKIPPED,
     UNBLINDED,
-    Told,
-    bare_row,
-    put_right,
+    JournalSummary,
+    journal_summary,
     recorded_row,
-    told,
+    rows_as_journalled,
+    unmeasured_row,
     write_event,
 )
 from experiments.session.journal import NAME as JOURNAL
@@ -161,12 +161,12 @@ class Session:
         session._lock = hold_lock(folder)
         try:
             recover_session(folder, sync)
-            session._told = told(folder)
+            session._summary = journal_summary(folder)
             session._plan_as(stored.plan)
-            session.plan = session._told.plan(stored.plan)
-            session.hand, session.blind = hand, blind and session._told.key is None
-            session._practised = dict(session._told.practised)
-            session._key = read_key(folder, key_sha256) if session.blind else session._told.key or {}
+            session.plan = session._summary.plan(stored.plan)
+            session.hand, session.blind = hand, blind and session._summary.key is None
+            session._practised = dict(session._summary.practised)
+            session._key = read_key(folder, key_sha256) if session.blind else session._summary.key or {}
             session.rows = rows_of(folder)
             if still_open := len(open_trials(session.plan, session.rows)):
                 session.journal("resumed", open=still_open)
@@ -181,7 +181,7 @@ class Session:
         self.folder = session_folder(data_dir, participant)
         self.rows = []
         self.blind, self._key, self._practised = False, {}, {}
-        self._told = Told()
+        self._summary = JournalSummary()
         self._sync = sync
         self._simulations = {}
 
@@ -326,7 +326,7 @@ class Session:
             if not raw_will_do:
                 raise
             self.journal("left as a stream", file=path.name, reason=error.strerror or str(error))
-        row = recorded_row(read_recording(path), self.folder, self._told)
+        row = recorded_row(read_recording(path), self.folder, self._summary)
         ended = {"run": row.run, "status": row.status, "reason": outcome["reason"]}
         if trial.planned.block == PRACTICE_BLOCK:
             self.journal(PRACTICE_ENDED, **ended, configuration=row.configuration)
@@ -356,7 +356,7 @@ class Session:
         if planned is None:
             raise InputError("all trials of the plan are done, there is none to skip")
         self.journal(SKIPPED, **planned._asdict(), reason=reason)
-        row = bare_row(self.folder, planned._asdict(), "skipped")
+        row = unmeasured_row(self.folder, planned._asdict(), "skipped")
         if planned.block == PRACTICE_BLOCK:
             self._practise(planned.configuration)
             return row
@@ -387,9 +387,9 @@ class Session:
         if not who.strip():
             raise InputError(f"{self.folder}: say who opens the key")
         self.journal(UNBLINDED, who=who, key=self._key)
-        self._told, self.blind = told(self.folder), False
-        self.plan = self._told.plan(self.plan)
-        self._replace_rows(put_right(self.folder, self.rows, self._told))
+        self._summary, self.blind = journal_summary(self.folder), False
+        self.plan = self._summary.plan(self.plan)
+        self._replace_rows(rows_as_journalled(self.folder, self.rows, self._summary))
         if (self.data_dir / TABLE).exists():
             write_pooled_table(self.data_dir)
 
@@ -419,8 +419,8 @@ def session_about(
         "key_sha256": key_sha256,
         "plan": plan_to_json(plan),
         "plan_sha256": plan_hash(plan),
-        "versions": {"phd": _version("phd"), "python": platform.python_version()}
-        | {name: _version(name) for name in LIBRARIES},
+        "versions": {"phd": version_of("phd"), "python": platform.pythonversion_of()}
+        | {name: version_of(name) for name in LIBRARIES},
     }
 
 
@@ -459,7 +459,8 @@ def preset_from_json(about: dict[str, Any]) -> Preset:
     return Preset(about["name"], about["kind"], tuple(float(about[name]) for name in own))
 
 
-def _version(package: str) -> str:
+def version_of(package: str) -> str:
+    """The version of an installed package."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

@@ -27,9 +27,10 @@ from experiments.session.files import (
     read_stored,
     rows_of,
     runs_on_disk,
+    seen_from,
     sessions_in,
 )
-from experiments.session.journal import Told, recorded_row, rows_without_recording, told
+from experiments.session.journal import JournalSummary, journal_summary, recorded_row, rows_without_recording
 from experiments.session.study_file import STUDY, read_study
 
 #: Largest share by which a number of the table may differ from what the recording gives: library versions round apart.
@@ -60,7 +61,7 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
         try:
             read_study(folder)
         except InputError as error:
-            total.faults.append((STUDY, _after(str(error), folder)))
+            total.faults.append((STUDY, seen_from(folder, str(error))))
     for number, session in enumerate(sessions, start=1):
         found = verify_session(session, session in live)
         place = session.relative_to(folder).as_posix()
@@ -88,17 +89,17 @@ def verify_session(session: Path, live: bool = False) -> Findings:
     found = Findings()
     if is_half_created(session):
         return found
-    journal = told(session)
+    journal = journal_summary(session)
     try:
         about = read_stored(session).about
         if about.get("blind") and journal.key is None:
             _check_key(session, about, found)
     except InputError as error:
-        found.faults.append((STORED, _after(str(error), session)))
+        found.faults.append((STORED, seen_from(session, str(error))))
     try:
         rows = {row.run: row for row in rows_of(session)}
     except InputError as error:
-        found.faults.append((TABLE, _after(str(error), session)))
+        found.faults.append((TABLE, seen_from(session, str(error))))
         rows = None
 
     on_disk = runs_on_disk(session)
@@ -125,10 +126,12 @@ def _check_key(session: Path, about: dict, found: Findings) -> None:
     try:
         read_key(session, str(about.get("key_sha256")))
     except InputError as error:
-        found.faults.append((KEY, _after(str(error), session)))
+        found.faults.append((KEY, seen_from(session, str(error))))
 
 
-def _check_bare_rows(session: Path, rows: dict[int, TrialRow], journal: Told, live: bool, found: Findings) -> None:
+def _check_bare_rows(
+    session: Path, rows: dict[int, TrialRow], journal: JournalSummary, live: bool, found: Findings
+) -> None:
     """Rows without a recording against the journal, both ways."""
     bare = {row.run: row for row in rows_without_recording(session, journal)}
     for run, right in bare.items():
@@ -153,7 +156,7 @@ def _check_files(session: Path, files: dict[str, Path], live: bool, found: Findi
             recording = read_recording(path)
         except InputError as error:
             if not (live and not path.exists()):  # else: closed and converted while we looked
-                found.faults.append((name, _after(str(error), session)))
+                found.faults.append((name, seen_from(session, str(error))))
             continue
         if recording.whole:
             if result is None:  # a stream beside its Parquet file counts once
@@ -178,13 +181,13 @@ def _faults_but_header(recording: Recording) -> list[str]:
 
 
 def _check_row(
-    session: Path, recording: Recording, rows: dict[int, TrialRow], journal: Told, live: bool, found: Findings
+    session: Path, recording: Recording, rows: dict[int, TrialRow], journal: JournalSummary, live: bool, found: Findings
 ) -> None:
     name = recording.path.relative_to(session).as_posix()
     try:
         right = recorded_row(recording, session, journal)
     except InputError as error:
-        found.faults.append((name, _after(str(error), session)))
+        found.faults.append((name, seen_from(session, str(error))))
         return
     if f"run-{right.run:03d}" != recording.path.stem:
         found.faults.append((name, f"says that it is run {right.run}"))
@@ -217,7 +220,7 @@ def _pooled_faults(folder: Path) -> Iterator[str]:
     try:
         pooled = {(row.participant, row.run): row for row in read_table(folder / TABLE)}
     except InputError as error:
-        yield _after(str(error), folder)
+        yield seen_from(folder, str(error))
         return
     try:
         rows = {(row.participant, row.run): row for row in pooled_rows(folder)}
@@ -231,8 +234,3 @@ def _pooled_faults(folder: Path) -> Iterator[str]:
             yield f"{trial}: is missing, the session's {TABLE} has it: recover it"
         elif pooled[key] != rows[key]:
             yield f"{trial}: differs from the session's {TABLE}"
-
-
-def _after(sentence: str, folder: Path) -> str:
-    """The sentence with paths as seen from the folder."""
-    return sentence.replace(f"{folder}/", "")

@@ -19,16 +19,18 @@ from experiments.analysis.statements import why_no_findings
 from experiments.analysis.trials_table import COUNTED, TrialRow, read_table, write_table
 from experiments.protocol import label
 from experiments.recording.atomic_files import make_empty_folder, write_new_files
-from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
+from experiments.recording.reader import read_recording
 from experiments.session.blind import opened, read_key
-from experiments.session.files import TABLE, hold_lock, read_stored, runs_on_disk
-from experiments.session.journal import KEY_OPENED, Told, recorded_row, rows_without_recording, told, write_event
+from experiments.session.files import TABLE, hold_lock, read_stored, recordings_in
+from experiments.session.journal import (
+    KEY_OPENED,
+    JournalSummary,
+    journal_summary,
+    recorded_row,
+    rows_without_recording,
+    write_event,
+)
 from experiments.session.session import preset_from_json
-
-
-def find_recordings(session: Path) -> list[Path]:
-    """The recordings of a session, by run; a stream counts where it has no Parquet file yet."""
-    return [files.get(PARQUET_SUFFIX) or files[STREAM_SUFFIX] for files in runs_on_disk(session).values()]
 
 
 @dataclass
@@ -56,7 +58,7 @@ def analyze(
     their journals, and their own tables stay coded. InputError if there is nothing to analyze.
     """
     folder = Path(folder)
-    sessions = {session: find_recordings(session) for session in sorted(folder.glob("sub-*/ses-*"))}
+    sessions = {session: recordings_in(session) for session in sorted(folder.glob("sub-*/ses-*"))}
     count = sum(map(len, sessions.values()))
     if not count:
         raise InputError(f"{folder}: holds no recordings (sub-*/ses-*/trials/run-*)")
@@ -65,7 +67,7 @@ def analyze(
     try:
         done = 0
         for session, paths in sessions.items():
-            journal = told(session)
+            journal = journal_summary(session)
             if unblind and journal.key is None:
                 journal = _open_key(session, journal, unblind, out, read)
             if journal.key is not None:  # its recordings cannot name their controllers
@@ -95,7 +97,7 @@ def analyze(
     }
 
 
-def _open_key(session: Path, journal: Told, who: str, out: Path, read: _Read) -> Told:
+def _open_key(session: Path, journal: JournalSummary, who: str, out: Path, read: _Read) -> JournalSummary:
     """The journal with the key of a blind session, once it is journalled that it was opened."""
     about = read_stored(session).about
     if not about.get("blind"):
@@ -110,7 +112,7 @@ def _open_key(session: Path, journal: Told, who: str, out: Path, read: _Read) ->
     return replace(journal, key=key)
 
 
-def _read_one(folder: Path, path: Path, out: Path, journal: Told, rows: list[TrialRow], read: _Read) -> None:
+def _read_one(folder: Path, path: Path, out: Path, journal: JournalSummary, rows: list[TrialRow], read: _Read) -> None:
     recording = read_recording(path)
     if not recording.whole:
         why = "; ".join(recording.damaged) or "cut off before its end"

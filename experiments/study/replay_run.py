@@ -30,7 +30,7 @@ from experiments.analysis.trials_table import TrialRow
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session.files import STORED, StoredSession, read_stored
-from experiments.session.journal import recorded_row, told
+from experiments.session.journal import journal_summary, recorded_row
 from experiments.study.replay_hand import RecordedHand
 from experiments.trial.operator import OPERATOR
 from experiments.trial.tick import RUNNING, STATUSES, new_run, run_ticks
@@ -64,7 +64,7 @@ def read_recorded(file: Path) -> Recorded:
     session = file.resolve().parent.parent
     if not (session / STORED).is_file():
         raise InputError(f"{file}: the {STORED} of its session, which holds device and arm, is not at {session}")
-    stored, found = read_stored(session), recorded_row(recording, session, told(session))
+    stored, found = read_stored(session), recorded_row(recording, session, journal_summary(session))
     move = np.flatnonzero(recording.in_phase("move"))
     if not len(move):
         raise InputError(f"{file}: the trial never came to `move`, there is no hand to replay")

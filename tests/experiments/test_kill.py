@@ -22,7 +22,7 @@ from recorded import assert_holds
 from experiments.analysis.trials_table import COUNTED, read_table
 from experiments.recording.reader import read_recording
 from experiments.session.files import cell, open_trials, read_stored, rows_of
-from experiments.session.journal import read_events, told
+from experiments.session.journal import journal_summary, read_events
 from experiments.session.recover import recover
 from experiments.session.verify import verify
 
@@ -54,7 +54,7 @@ def check_after_kill(folder: Path, seen: Counter, reference: Path | None) -> Non
     for name, stream in before.items():
         assert stream.whole or name in named, f"{name} is not whole and verify does not say so"
         assert not [fault for fault in stream.damaged if not fault.startswith("header")], "a kill damages nothing"
-    begun = told(session).begun
+    begun = journal_summary(session).begun
     done = recover(folder)
     assert not done["faults"] and not done["not_rescued"], done
     seen["trials recovered"] += len(done["recovered"])

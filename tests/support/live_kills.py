@@ -17,7 +17,7 @@ from app.ipc.setup import Setup
 from core import tick_log
 from experiments.recording.reader import read_recording
 from experiments.session.files import PARQUET_SUFFIX, rows_of, run_path, session_folder
-from experiments.session.journal import told
+from experiments.session.journal import journal_summary
 from experiments.session.verify import verify
 
 TESTS = Path(__file__).resolve().parent
@@ -126,7 +126,7 @@ class Killing:
     def _check(self) -> None:
         """Every trial that was begun has its row and a whole recording with all that was acknowledged."""
         rows = {one.run: one for one in rows_of(self._folder)}
-        begun = told(self._folder).begun
+        begun = journal_summary(self._folder).begun
         assert set(begun) <= set(rows), "a trial that was begun has no row"
         assert verify(self.setup.data_dir)["faults"] == []
         for run in begun:
