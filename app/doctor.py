@@ -43,7 +43,7 @@ class Line(NamedTuple):
 def examine(data_dir: Path, attached: Callable[[], list[Line]]) -> list[Line]:
     """Everything, in the order of the report; `attached` looks at ports and hands."""
     return [
-        libraries(), *screens(), scheduling(), cores(), memory(), disk(data_dir), kernels(), *attached()
+        libraries(), *screens(), scheduling(), cores(), disk(data_dir), kernels(), *attached()
     ]  # fmt: skip
 
 
@@ -108,18 +108,6 @@ def cores() -> Line:
     if count < 2:
         return Line("cores", CAUTION, "1: loop and window share it", "Give the machine a second core.")
     return Line("cores", GOOD, f"{count}")
-
-
-def memory() -> Line:
-    """Room for what the processes of a live bench share."""
-    from app.ipc.address import LEAST_BYTES, memory_folder
-
-    home = memory_folder()
-    free = shutil.disk_usage(home).free
-    found = f"{home}: {free / 1e6:,.0f} MB free for what the processes share"
-    if free < LEAST_BYTES:
-        return Line("memory", BAD, found, f"Remove what fills {home}: a bench needs {LEAST_BYTES / 1e6:.0f} MB there.")
-    return Line("memory", GOOD, found)
 
 
 def disk(data_dir: Path) -> Line:

@@ -1,22 +1,61 @@
-"""What a window and the conductor tell each other. A window sends intents; the conductor answers with what is.
+"""What the processes say to each other.
 
-A window holds no state of the experiment: `Opened` and the newest `Snapshot` say everything, so that a window that
-comes later, in place of one that died, shows the same.
+A window sends commands; the session server answers with what is. A window holds no state of the experiment: `Opened`
+and the newest `Snapshot` say everything. The session server gives jobs to the control loop, which answers each.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, Self
 
-if TYPE_CHECKING:  # a window can start its bench before it imports all this
-    from app.ipc.board_jobs import Linked
+if TYPE_CHECKING:  # else each process imports all of this before it can start the next
+    import numpy as np
+
     from core.control.controllers import Preset
     from core.device import Device
+    from core.device_interface import ZeroRecord
     from core.path_file import PathFile
     from experiments.analysis.trials_table import TrialRow
     from experiments.plan import PlannedTrial
+    from experiments.trial.linked_trial import LinkedTrial
+    from experiments.trial.trial import Arguments
 
 Point = tuple[float, float]  # m
 
-# ----------------------------------------------------------------------------------------- intents: window -> conductor
+# ------------------------------------------------------------------------- what a window starts its session server with
+
+#: operator: a simulated person, for sessions without a hand; hid: a six-axis device whose deflection is the force
+MOUSE, OPERATOR, HID = "mouse", "operator", "hid"
+
+
+class Setup(NamedTuple):
+    """Choices of the command line; None: as the protocol says."""
+
+    data_dir: Path
+    protocol: str = "paper"  # a shipped one by name, or a file
+    devices: tuple[str, ...] | None = None
+    rules: str | None = None
+    low_gain: float | None = None  # N s/m
+    seed: int | None = None
+    hand: str = MOUSE
+    participant: str = ""  # to be offered first; "": the first without a session
+    link: str = ""  # serial port of a device on the bench, or "PORT netft:HOST"; "": simulated
+    real_time: bool = True  # try scheduling that needs a privilege
+    sync: bool = True  # wait for the disk itself
+
+    def to_json(self) -> str:
+        """As text, for a command line."""
+        return json.dumps({**self._asdict(), "data_dir": str(self.data_dir)})
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """The same again."""
+        fields = json.loads(text)
+        devices = fields["devices"]
+        return cls(**{**fields, "data_dir": Path(fields["data_dir"]), "devices": devices and tuple(devices)})
+
+
+# ----------------------------------------------------------------------------------- commands: window -> session server
 
 
 class Open(NamedTuple):
@@ -102,13 +141,12 @@ class Quit(NamedTuple):
     reason: str
 
 
-# ---------------------------------------------------------------------------------------- messages: conductor -> window
+# ------------------------------------------------------------------------------------ what is: session server -> window
 
-#: where the conductor is; ELSEWHERE: it serves another window, which has taken over
-PREPARING, NO_SESSION, READY, RUNNING, RERIG, BREAK, QUESTIONS, FINISHED, FAILED, ELSEWHERE = (
-    "preparing", "no session", "ready", "running", "re-rig", "break", "questions", "finished", "failed", "elsewhere"
+#: where the session server is
+PREPARING, NO_SESSION, READY, RUNNING, RERIG, BREAK, QUESTIONS, FINISHED, FAILED = (
+    "preparing", "no session", "ready", "running", "re-rig", "break", "questions", "finished", "failed"
 )  # fmt: skip
-OVER = (FAILED, ELSEWHERE)  # for this window
 
 #: steps that make a device on the bench ready; DONE: there is none to do
 CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""
@@ -123,6 +161,12 @@ class Check(NamedTuple):
     state: str  # GOOD, CAUTION, BAD, WAITING
     text: str  # short: "simulated", "mouse", "1 kHz, p99 31 µs", "82 GB free", "on"
     advice: str = ""  # what to do about it, one sentence
+
+
+class Refused(NamedTuple):
+    """The session server cannot serve, and ends; nothing was written."""
+
+    why: str  # one sentence
 
 
 class Opened(NamedTuple):
@@ -200,3 +244,126 @@ class Pulse(NamedTuple):
     verified: int  # earlier runs of this session whose recording was verified
     disk_free_bytes: int
     linked: "Linked | None" = None  # how the device on the bench is, while no trial runs; None: simulated, or not told
+
+
+# ----------------------------------------------------------------------------------------- jobs: session server -> loop
+
+REAL_TIME, DEFAULT = "real-time", "default"  # what the loop is started with: scheduling that it may try
+
+
+class Try(NamedTuple):
+    """Keep the deadlines of so many ticks with nothing to do."""
+
+    ticks: int
+
+
+class Run(NamedTuple):
+    """Run this trial now."""
+
+    arguments: "Arguments"
+
+
+class Connect(NamedTuple):
+    """Reach the board of one of these devices, the first that it is wired to."""
+
+    devices: "tuple[Device, ...]"
+
+
+class HomeAt(NamedTuple):
+    """The handle is held at `tip` (m) now: set the encoders."""
+
+    tip: tuple[float, float]
+
+
+class TakeZero(NamedTuple):
+    """Nobody touches the handle: take what is read as zero."""
+
+
+class Reset(NamedTuple):
+    """Brakes may act again: forget the board's faults and the brakes-off, unless it was pressed again since."""
+
+    presses: int  # of the brakes-off, that were seen (`Ring.presses`)
+
+
+class RunLinked(NamedTuple):
+    """Run this trial now."""
+
+    trial: "LinkedTrial"
+
+
+# -------------------------------------------------------------------------------------- answers: loop -> session server
+
+
+class Prepared(NamedTuple):
+    """Trials can be run."""
+
+    scheduling: str  # what was got, in words
+    core: int  # that the loop has for itself; -1: none
+
+
+class Tried(NamedTuple):
+    """How late each tick was."""
+
+    lateness_us: "np.ndarray"  # (n,)
+
+
+class Done(NamedTuple):
+    """A trial has ended."""
+
+    changed: "tuple[np.ndarray, ...]"  # see `changed`
+
+
+def changed(arguments: "Arguments") -> "tuple[np.ndarray, ...]":
+    """The arrays that running a trial changes."""
+    a = arguments
+    return a.hand.grips, a.state, a.trial, a.run, a.operator, a.memory
+
+
+class Linked(NamedTuple):
+    """How the device on the bench is; about ten times a second while no trial runs."""
+
+    device: str = ""  # the one that its board is wired to; "": none has been reached
+    board: str = ""  # its number
+    problem: str = ""  # why there are no samples
+    fault: str = ""  # latched on the board
+    homed: bool = False
+    zeroed: bool = False
+    tip: tuple[float, float] = (0.0, 0.0)  # m
+    hand_force: tuple[float, float] = (0.0, 0.0)  # N
+    encoders: str = ""
+    force_channels: int = 0
+    report: dict = {}  # health counters and clock
+    port: str = ""
+    counts: tuple[int, ...] = ()  # of the encoders, in the order of their letters
+    theta: tuple[float, ...] = ()  # rad, joints A, E, B, C
+    homed_at: float = 0.0  # s since 1970, when it was last done here; 0: not here
+    zeroed_at: float = 0.0
+    told_s: float = 0.0  # monotonic clock
+
+
+class Looked(NamedTuple):
+    """The boards to be reached have been looked for; the `Linked` just before says what was found."""
+
+
+class Homed(NamedTuple):
+    """The encoders stand at the place where the handle was held, m."""
+
+    tip: tuple[float, float]
+
+
+class Zeroed(NamedTuple):
+    """What was read with nobody at the handle."""
+
+    record: "ZeroRecord"
+
+
+class NotDone(NamedTuple):
+    """A job could not be done; one sentence."""
+
+    why: str
+
+
+class LinkedDone(NamedTuple):
+    """A trial has ended, as it was when it ended."""
+
+    trial: "LinkedTrial"

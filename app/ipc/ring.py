@@ -1,13 +1,17 @@
-"""What loop, conductor and window share: a ring of ticks and a block of flags, in a file mapped into memory.
+"""What loop, conductor and window share: a ring of ticks and a block of flags, in memory that each process inherits.
 
 One writer for each part: the loop writes ticks, `head` and its beat; the conductor `tail`, `stop` and its beat; the
 window the pointer's place and `brakes_off`. A reader needs no lock: a count is raised only after what it counts is
-there. Not multiprocessing's shared memory, whose tracker unlinks the segments of other live processes.
+there.
 """
 
 import mmap
+import os
+import secrets
+import sys
+import tempfile
 import time
-from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 
@@ -51,22 +55,43 @@ _TICKS_AT = -(-CONTROL.itemsize // 64) * 64
 class Ring:
     """One process's view of it."""
 
-    def __init__(self, path: Path, create: bool = False, ticks: int = TICKS, width: int = tick_log.WIDTH) -> None:
-        """Map a ring; `create` makes a new one with room for `ticks` of `width` columns. OSError if that cannot be."""
-        self.path = path
-        with path.open("x+b" if create else "r+b") as file:
-            if create:
-                file.truncate(_TICKS_AT + ticks * width * 8)
-            memory = mmap.mmap(file.fileno(), 0)  # let go with the last array on it
+    def __init__(self, handle: str = "", ticks: int = TICKS, width: int = tick_log.WIDTH) -> None:
+        """Map the ring that was inherited under this handle; "": make a new one, with room for `ticks` of `width`
+        columns. OSError if there is no memory for it.
+        """
+        memory = self._map(handle, _TICKS_AT + ticks * width * 8)
         self.controls = np.frombuffer(memory, CONTROL, 1).view(np.recarray)
         self.control = self.controls[0]
-        if create:
+        if not handle:
             self.control.width = width
         self.rows = np.frombuffer(memory, np.float64, offset=_TICKS_AT).reshape(-1, int(self.control.width))
         self._shown = int(self.control.head)
-        if create:
-            self.rows[:] = 0.0  # every page is there: a full memory is noticed now
+        if not handle:
             self.control.core = -1
+
+    @property
+    def inherited(self) -> dict[str, Any]:
+        """Options for `start_python` with which a process that gets our `handle` can map the ring, too."""
+        return {} if sys.platform == "win32" else {"pass_fds": (int(self.handle),)}
+
+    def _map(self, handle: str, size: int) -> mmap.mmap:
+        """The memory; it has no name in any folder and goes with the last process that has it."""
+        if sys.platform == "win32":  # where memory is inherited by a name of its own
+            self.handle = handle or f"phd-{secrets.token_hex(16)}:{size}"
+            name, _, bytes_there = self.handle.partition(":")
+            return mmap.mmap(-1, int(bytes_there), tagname=name)
+        if handle:
+            self.handle = handle
+            return mmap.mmap(int(handle), 0)
+        if sys.platform == "linux":
+            self._file: IO[bytes] = open(os.memfd_create("phd-ring"), "w+b", buffering=0)
+        else:
+            self._file = tempfile.TemporaryFile(buffering=0)
+        missing = bytes(size)  # every page is there: a full memory is noticed now
+        while missing:
+            missing = missing[self._file.write(missing) :]
+        self.handle = str(self._file.fileno())
+        return mmap.mmap(self._file.fileno(), 0)  # let go with the last array on it
 
     # the window
 
@@ -123,9 +148,9 @@ class Ring:
         self.control.pushes[count % AIMS] = fx, fy
         self.control.push_count = count + 1
 
-    def let_go(self) -> None:
-        """There is another pointer now, perhaps elsewhere: the handle does not leap to it, but waits for its touch."""
-        self.control.aim_count = self.control.taken = 0
+    def last(self, column: int) -> float:
+        """One column of the newest tick, 0 before the first."""
+        return float(self.rows[(int(self.control.head) - 1) % len(self.rows), column])
 
     def beat(self) -> None:
         """The conductor lives."""

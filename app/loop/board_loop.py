@@ -9,17 +9,16 @@ import contextlib
 import gc
 import pickle
 import queue
-import shutil
 import signal
 import sys
 import threading
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from app.ipc.board_jobs import (
+from app.ipc.messages import (
+    REAL_TIME,
     Connect,
     HomeAt,
     Homed,
@@ -27,12 +26,14 @@ from app.ipc.board_jobs import (
     LinkedDone,
     Looked,
     NotDone,
+    Prepared,
     Reset,
     RunLinked,
     TakeZero,
+    Tried,
+    Try,
     Zeroed,
 )
-from app.ipc.jobs import REAL_TIME, Prepared, Tried, Try
 from app.ipc.ring import BRAKES_OFF, CONDUCTOR_SILENT, NO_CAUSE, RING_FULL, STOPPED, Ring
 from app.ipc.scheduling import take_scheduling
 from app.loop.clock import new_timespec
@@ -288,9 +289,8 @@ def main() -> None:
         signal.signal(number, signal.SIG_IGN)  # the conductor ends what runs, and then us
     jobs, answers = sys.stdin.buffer, sys.stdout.buffer
     sys.stdout = sys.stderr
-    path, real_time, port = Path(sys.argv[1]), sys.argv[2] == REAL_TIME, sys.argv[3]
+    ring, real_time, port = Ring(sys.argv[1]), sys.argv[2] == REAL_TIME, sys.argv[3]
     with contextlib.suppress(BrokenPipeError):
-        loop = BoardLoop(Ring(path), port, answers)
+        loop = BoardLoop(ring, port, answers)
         loop.prepare(real_time)
         loop.work(jobs)
-    shutil.rmtree(path.parent, ignore_errors=True)  # the last one out: a conductor that was killed could not

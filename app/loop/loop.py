@@ -6,15 +6,13 @@ the trial has changed. A conductor that falls silent ends the trial, brakes off,
 
 import contextlib
 import pickle
-import shutil
 import signal
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from app.ipc.jobs import REAL_TIME, Done, Prepared, Run, Tried, Try, changed
+from app.ipc.messages import REAL_TIME, Done, Prepared, Run, Tried, Try, changed
 from app.ipc.ring import CONTROL, Ring
 from app.ipc.scheduling import take_scheduling
 from app.loop.clock import new_timespec
@@ -76,13 +74,11 @@ def main() -> None:
     jobs, answers = sys.stdin.buffer, sys.stdout.buffer
     sys.stdout = sys.stderr
     sys.modules["scipy"] = None  # type: ignore[assignment]  # numba would import it to see whether there is a BLAS
-    path = Path(sys.argv[1])
-    loop = Loop(Ring(path))
+    loop = Loop(Ring(sys.argv[1]))
     with contextlib.suppress(BrokenPipeError):
         _send(answers, loop.prepare(real_time=sys.argv[2] == REAL_TIME))
         while (job := _next(jobs)) is not None:
             _send(answers, loop.do(job))
-    shutil.rmtree(path.parent, ignore_errors=True)  # the last one out: a conductor that was killed could not
 
 
 def _send(answers: Any, answer: Prepared | Tried | Done) -> None:

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 
 from app.ipc import messages as m
-from app.ipc.setup import HID, MOUSE, OPERATOR
+from app.ipc.messages import HID, MOUSE, OPERATOR
 from app.session_server.device_setup import Rigging
 from app.session_server.practice import done_without, person_at
 from app.session_server.session_progress import ANSWERS, BREAK_ENDED, NOTE, Sitting

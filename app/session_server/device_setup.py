@@ -4,8 +4,21 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from app.ipc import messages as m
-from app.ipc.board_jobs import Connect, HomeAt, Homed, Linked, Looked, NotDone, Reset, TakeZero, Zeroed
-from app.ipc.messages import CONNECT, DONE, HOME, ZERO
+from app.ipc.messages import (
+    CONNECT,
+    DONE,
+    HOME,
+    ZERO,
+    Connect,
+    HomeAt,
+    Homed,
+    Linked,
+    Looked,
+    NotDone,
+    Reset,
+    TakeZero,
+    Zeroed,
+)
 from app.session_server.preflight import check_linked, check_sensor
 from app.session_server.session_progress import Sitting
 from core.device import Device

@@ -1,13 +1,9 @@
 """The conductor's end of the control loop: start it, give it trials, see whether it lives, end it."""
 
-import contextlib
-import pickle
-import queue
 import subprocess
-import threading
 
-from app.ipc.board_jobs import Linked, LinkedDone, RunLinked
-from app.ipc.jobs import DEFAULT, REAL_TIME, Done, Prepared, Run, Tried, Try
+from app.ipc.messages import DEFAULT, REAL_TIME, Done, Linked, LinkedDone, Prepared, Run, RunLinked, Tried, Try
+from app.ipc.pipe import Pipe
 from app.ipc.process import start_python
 from app.ipc.ring import Ring
 
@@ -30,15 +26,11 @@ class LoopProcess:
         self._ring = ring
         self._process = start_python(
             "app.loop.board_loop" if port else "app.loop.loop",
-            str(ring.path), REAL_TIME if real_time else DEFAULT, port,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            ring.handle, REAL_TIME if real_time else DEFAULT, port,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, **ring.inherited,
         )  # fmt: skip
-        self._answers: queue.SimpleQueue[Prepared | Tried | Done | None] = queue.SimpleQueue()
-        self._reader = threading.Thread(target=self._read, name="loop's answers", daemon=True)
-        self._jobs: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
-        self._writer = threading.Thread(target=self._write, name="loop's jobs", daemon=True)  # a loop may not read
-        self._reader.start()
-        self._writer.start()
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._pipe = Pipe(self._process.stdout, self._process.stdin)
         self.running = False  # a trial
         self._beats = False  # also without a trial
         self.dead = False  # seen by the end of its output, at once
@@ -62,19 +54,15 @@ class LoopProcess:
     def send(self, job: Try | Run) -> None:
         """Give it something to do; one that is dead is seen by `dead`. Does not wait for it."""
         self.running = isinstance(job, Run | RunLinked)
-        self._jobs.put(pickle.dumps(job))
+        self._pipe.send(job)
 
     def receive(self) -> list[Prepared | Tried | Done]:
         """What it has answered since the last time."""
-        answers = []
-        while not self._answers.empty():
-            answer = self._answers.get()
-            if answer is None:
-                self.dead = True
-            else:
-                answers.append(answer)
-                self.running &= not isinstance(answer, Done | LinkedDone)
-                self._beats |= isinstance(answer, Linked)
+        answers = self._pipe.receive()
+        for answer in answers:
+            self.running &= not isinstance(answer, Done | LinkedDone)
+            self._beats |= isinstance(answer, Linked)
+        self.dead |= self._pipe.closed
         return answers
 
     def kill(self) -> None:
@@ -84,30 +72,10 @@ class LoopProcess:
 
     def close(self) -> None:
         """Let it end; kill it if it does not."""
-        self._jobs.put(None)
+        self._pipe.close()
         try:
             self._process.wait(END_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._reader.join()
-        self._writer.join()
         self.running, self.dead = False, True
-
-    def _write(self) -> None:
-        """Its jobs, until there are no more or it is gone; then its input ends."""
-        jobs = self._process.stdin
-        assert jobs is not None
-        with contextlib.suppress(BrokenPipeError), jobs:
-            while (job := self._jobs.get()) is not None:
-                jobs.write(job)
-                jobs.flush()
-
-    def _read(self) -> None:
-        with self._process.stdout as answers:  # type: ignore[union-attr]
-            while True:
-                try:
-                    self._answers.put(pickle.load(answers))
-                except (EOFError, pickle.UnpicklingError, OSError):
-                    break
-        self._answers.put(None)

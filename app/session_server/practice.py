@@ -4,7 +4,7 @@ import threading
 
 import numpy as np
 
-from app.ipc.setup import OPERATOR, Setup
+from app.ipc.messages import OPERATOR, Setup
 from core.device import Device
 from core.path_file import build_path
 from core.simulator.simulation import Simulation

@@ -4,8 +4,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from app.ipc.board_jobs import Linked
-from app.ipc.messages import BAD, CAUTION, GOOD, WAITING, Check, Timing
+from app.ipc.messages import BAD, CAUTION, GOOD, WAITING, Check, Linked, Timing
 from app.ipc.scheduling import ADVICE
 from app.session_server.remedies import remedy
 

@@ -1,122 +1,211 @@
-"""The conductor: a process that owns the session, its recordings, journal and tables, and outlives its window.
+"""The session server: a process that owns the session, its recordings, journal and tables.
 
-It is not real time and draws nothing. One window at a time is joined to it; a window that hangs or dies changes nothing
-in the running trial, and another one may take over. It ends when a window says so, when it is told to end, or when no
-window has come back for a while; whatever runs is then ended, brakes off, and kept.
+It is not real time and draws nothing. The window that started it is at the other end of its standard input and output.
+A window that hangs or dies changes nothing in the running trial: the server finishes it, keeps it, and ends. What
+cannot be served is refused before anything is written.
 """
 
-import queue
-import threading
+import contextlib
+import faulthandler
+import os
+import signal
+import sys
+import tempfile
 import time
-from multiprocessing.connection import Connection, Listener
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
 
 from app.ipc import messages as m
+from app.ipc.messages import OPERATOR, Setup
+from app.ipc.pipe import Pipe
 from app.ipc.ring import Ring
-from app.ipc.setup import Setup
-from app.ipc.socket import Mailbox
-from app.session_server.commands import do
 from app.session_server.loop_process import LoopProcess
-from app.session_server.state import Desk
-from experiments.protocol import Protocol
+from core import tick_log
+from core.errors import InputError
+
+if TYPE_CHECKING:
+    from experiments.protocol import Protocol
 
 BEAT_S = 0.02  # longest time between two looks at everything, and between two beats
 PULSE_S = 0.1
 CLOSE_S = 1.0  # longest wait for a window to take the last messages
-TAKEN_OVER = "Another window has taken over: the session goes on there. This one shows nothing new and can be closed."
-LEFT_ALONE = "no window came back"
+LOCK_S = 1.5  # longest wait for a server whose window is gone, and which is about to end
+LOG = ".session_server.log"  # in the data folder; only where something failed that should not
+TERMINATED = "the session server was told to end"
+WINDOW_GONE = "the window was lost"
+FAILED = "the session server failed"
 
 
-class Conductor:
-    """Serves one window after another until the end."""
+class SessionServer:
+    """Serves its window until the end."""
 
-    def __init__(self, setup: Setup, protocol: Protocol, ring: Ring, loop: LoopProcess, listener: Listener) -> None:
-        self._setup, self._ring, self._listener = setup, ring, listener
-        self._desk = Desk(setup, protocol, ring, loop)
-        self._window: Mailbox | None = None
-        self._alone_s = time.monotonic()  # since when there has been no window
-        self._arrived: queue.SimpleQueue[Connection] = queue.SimpleQueue()
+    def __init__(self, setup: Setup, protocol: "Protocol", ring: Ring, loop: LoopProcess, window: Pipe) -> None:
+        from app.session_server.state import Desk
+
+        self._ring, self._window = ring, window
+        self._state = Desk(setup, protocol, ring, loop)
         self._shown: m.Snapshot | None = None
         self._opened: m.Opened | None = None
         self._pulse_s = 0.0
-        self._had_window = False
+        self._alone = False  # the window is gone
         self.end = ""  # why to end
-        threading.Thread(target=self._accept, name="door", daemon=True).start()
 
     def serve(self) -> None:
         """Until the end; every trial is then closed, the loop gone."""
         try:
             while not self.end:
                 self._ring.beat()
-                self._welcome()
                 self._listen()
-                self._desk.watch()
-                self._tell()
-        except BaseException as error:
-            self.end = f"the bench failed: {type(error).__name__}: {error}"
-            raise
+                self._state.watch()
+                if self._alone:
+                    self._finish()
+                else:
+                    self._tell()
+        except Exception as error:
+            traceback.print_exc()  # into the log
+            self.end = f"{FAILED}: {type(error).__name__}: {error}"
         finally:
-            self._desk.end(self.end)
-            if self._window is not None:
-                last = self._desk.snapshot()
-                if self.end.startswith("the bench failed"):
-                    last = last._replace(stage=m.FAILED, said=self.end, said_bad=True)
-                self._window.send(last)
-                deadline = time.monotonic() + CLOSE_S
-                while self._window.waiting and time.monotonic() < deadline:
-                    self._window.receive(BEAT_S)
-                # not closed: that our end goes with the process tells the window that everything is done
-
-    def _accept(self) -> None:
-        while True:
-            try:
-                self._arrived.put(self._listener.accept())
-            except Exception:  # whoever does not know the key, or does not speak as we do, stays outside
-                time.sleep(BEAT_S)
-
-    def _welcome(self) -> None:
-        """The newest window is the one; the one before is told."""
-        while not self._arrived.empty():
-            if self._window is not None:
-                self._window.send(self._desk.snapshot()._replace(stage=m.ELSEWHERE, said=TAKEN_OVER, said_bad=True))
-                self._window.close()
-            self._window, self._had_window = Mailbox(self._arrived.get()), True
-            self._shown = self._opened = None
-            self._ring.let_go()
+            self._state.end(self.end)
+            last = self._state.snapshot()
+            if self.end.startswith(FAILED):
+                last = last._replace(stage=m.FAILED, said=self.end, said_bad=True)
+            self._window.send(last)
+            self._window.flush(CLOSE_S)
+            # not closed: that our end goes with the process tells the window that everything is done
 
     def _listen(self) -> None:
-        """Do what the window asks for; without one, wait for another."""
-        if self._window is None:
-            self._be_alone()
-            return
-        for intent in self._window.receive(BEAT_S):
-            if isinstance(intent, m.Quit):
-                self.end = intent.reason or "the window was closed"
-            else:
-                do(self._desk, intent)
-        if self._window.closed:
-            self._window.close()
-            self._window, self._alone_s = None, time.monotonic()
-            self._desk.keeping.write("window lost")
+        """Do what the window asks for."""
+        from app.session_server.commands import do
 
-    def _be_alone(self) -> None:
-        time.sleep(BEAT_S)
-        nothing_to_keep = self._had_window and self._desk.session is None
-        too_long = time.monotonic() - self._alone_s > self._setup.patience_s
-        if self._desk.runner.run is None and (nothing_to_keep or too_long):
-            self.end = LEFT_ALONE
+        for command in self._window.receive(BEAT_S):
+            if isinstance(command, m.Quit):
+                self.end = command.reason or "the window was closed"
+            else:
+                do(self._state, command)
+        if self._window.closed and not self._alone and not self.end:
+            self._alone = True
+            self._state.window_lost()
+
+    def _finish(self) -> None:
+        """The window is gone: end after the running trial."""
+        run = self._state.runner.run
+        if run is None:
+            self.end = WINDOW_GONE
+        elif self._state.setup.hand != OPERATOR and self._waits_for_start():
+            run.stop(WINDOW_GONE)
+
+    def _waits_for_start(self) -> bool:
+        """Whether the trial's movement has not begun. Our choice: without its window a person cannot be led to the
+        start, so such a trial is ended and comes again; one whose movement has begun goes on to its end.
+        """
+        phase = self._ring.last(tick_log.PHASE)
+        return phase in (tick_log.APPROACH, tick_log.HOLD)
 
     def _tell(self) -> None:
-        if self._window is None or self._window.behind:  # one that hangs is told how things are then
+        if self._window.behind:  # one that hangs is told how things are then
             return
-        opened = self._desk.opened()
+        opened = self._state.opened()
         if opened != self._opened:
             self._window.send(opened)
             self._opened = opened
-        shown = self._desk.snapshot()
+        shown = self._state.snapshot()
         if shown != self._shown:
             self._window.send(shown)
             self._shown = shown
         now = time.monotonic()
         if now - self._pulse_s >= PULSE_S:
-            self._window.offer(self._desk.pulse())
+            self._window.send(self._state.pulse())
             self._pulse_s = now
+
+
+def main() -> None:
+    """The process: commands from the standard input, answers on the standard output."""
+    setup, ring = Setup.from_json(sys.argv[1]), Ring(sys.argv[2])
+    window = Pipe(open(os.dup(0), "rb"), open(os.dup(1), "wb"))
+    early = tempfile.TemporaryFile()  # takes what should not happen, before the data folder is ours
+    null = os.open(os.devnull, os.O_RDWR)
+    for number, file in ((0, null), (1, early.fileno()), (2, early.fileno())):
+        os.dup2(file, number)
+    with contextlib.ExitStack() as left:
+        left.callback(window.flush, CLOSE_S)
+        loop = LoopProcess(ring, setup.real_time, setup.link)  # it takes its time, and so do all the imports below
+        left.callback(lambda: loop.closed or loop.kill())
+        try:
+            server = _start(setup, ring, loop, window, early, left)
+        except InputError as error:
+            window.send(m.Refused(str(error)))
+            return
+        except OSError as error:
+            why = (error.strerror or str(error)).lower()
+            window.send(m.Refused(f"{setup.data_dir}: cannot be written to ({why})"))
+            return
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: setattr(server, "end", TERMINATED))
+        server.serve()
+
+
+def _start(
+    setup: Setup, ring: Ring, loop: LoopProcess, window: Pipe, early: BinaryIO, left: contextlib.ExitStack
+) -> SessionServer:
+    """The server, while the data folder is locked; `left` undoes that. InputError or OSError if it cannot serve."""
+    from app.ipc.process import spare_scipy
+    from experiments.session.files import LOCK, hold_lock
+
+    data_dir = setup.data_dir
+    new = [path for path in (data_dir / LOCK, data_dir, *data_dir.parents) if not path.exists()]
+    left.callback(_remove_empty, data_dir, new, set(data_dir.glob("sub-*")))
+    data_dir.mkdir(parents=True, exist_ok=True)
+    left.callback(hold_lock(data_dir, LOCK_S).release)
+    spare_scipy()
+    protocol = read_protocol(setup)
+    left.callback(_close_log, data_dir / LOG, early)
+    log = os.open(data_dir / LOG, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    for number in (1, 2):
+        os.dup2(log, number)
+    faulthandler.enable()
+    return SessionServer(setup, protocol, ring, loop, window)
+
+
+def read_protocol(setup: Setup) -> "Protocol":
+    """The protocol of new sessions. InputError if it cannot be run, or has nothing to do for the participant named."""
+    from experiments.protocol import load_protocol
+    from experiments.session import files
+
+    protocol = load_protocol(
+        setup.protocol, devices=setup.devices, rules=setup.rules, low_gain=setup.low_gain, seed=setup.seed
+    )
+    kept = files.kept_sessions(setup.data_dir)
+    if not setup.participant and not any(kept.values()):
+        files.free_participant(setup.data_dir, protocol.participants)  # somebody is left
+    if setup.participant and setup.participant not in kept:
+        if setup.hand != OPERATOR:
+            protocol.refuse_stranger(setup.participant)
+        folder = files.session_folder(setup.data_dir, setup.participant)
+        if (folder / files.STORED).exists():
+            files.read_stored(folder)  # one that is damaged is said to be
+        files.refuse_existing(setup.data_dir, setup.participant)
+    return protocol
+
+
+def _close_log(log: Path, early: BinaryIO) -> None:
+    """Keep the log only if there is anything in it."""
+    early.seek(0)
+    with contextlib.suppress(OSError):  # a disk that fails now has been told of
+        if log.exists() and (said := early.read()):
+            with log.open("ab") as file:
+                file.write(said)
+        if log.exists() and not log.stat().st_size:
+            log.unlink()
+
+
+def _remove_empty(data_dir: Path, new: list[Path], sessions: set[Path]) -> None:
+    """If no session has come to those there were, remove what is new: lock, folder and its parents, where empty."""
+    if set(data_dir.glob("sub-*")) - sessions:
+        return
+    for path in new:
+        with contextlib.suppress(OSError):
+            if path.is_dir():
+                path.rmdir()
+            else:
+                path.unlink()

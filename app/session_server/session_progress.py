@@ -5,7 +5,7 @@ import time
 from datetime import UTC, datetime
 
 from app.ipc import messages as m
-from app.ipc.setup import OPERATOR
+from app.ipc.messages import OPERATOR
 from experiments.analysis.trials_table import COUNTED, SETTLED
 from experiments.plan import PlannedTrial
 from experiments.session.files import cell, open_trials

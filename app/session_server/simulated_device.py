@@ -4,8 +4,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from app.ipc import messages as m
+from app.ipc.messages import HID
 from app.ipc.ring import Ring
-from app.ipc.setup import HID
 from app.session_server.hid_input import HidInput, feel_force_alone
 from app.session_server.preflight import check_device, check_hand
 from app.session_server.session_progress import Sitting

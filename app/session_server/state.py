@@ -7,8 +7,8 @@ import math
 import time
 
 from app.ipc import messages as m
+from app.ipc.messages import OPERATOR, Setup
 from app.ipc.ring import Ring
-from app.ipc.setup import OPERATOR, Setup
 from app.session_server.device_setup import Rigging
 from app.session_server.loop_process import LoopProcess
 from app.session_server.practice import Practice
@@ -176,6 +176,10 @@ class Desk:
         if (why_off := self.ring.why_off) != self.why_off:
             self.why_off = why_off
             self.keeping.write("brakes off" if why_off else "brakes allowed", **({"cause": why_off} if why_off else {}))
+
+    def window_lost(self) -> None:
+        """The window is gone, whatever runs."""
+        self.keeping.write("window lost")
 
     def watch(self) -> None:
         """Take in what has happened since the last time."""

@@ -2,9 +2,7 @@
 
 import contextlib
 
-from app.ipc.board_jobs import LinkedDone, RunLinked
-from app.ipc.jobs import Done, Run, changed
-from app.ipc.messages import Timing
+from app.ipc.messages import Done, LinkedDone, Run, RunLinked, Timing, changed
 from app.ipc.ring import BRAKES_OFF, CONDUCTOR_SILENT, RING_FULL, STOPPED, Ring
 from app.session_server.loop_process import LoopProcess
 from app.session_server.recorder import Recorder

@@ -1,8 +1,6 @@
 """Keeps a control loop at hand: starts it, tries it, gives it trials, and starts a new one when it dies."""
 
-from app.ipc.board_jobs import LinkedDone
-from app.ipc.jobs import Done, Prepared, Tried, Try
-from app.ipc.messages import Check, Timing
+from app.ipc.messages import Check, Done, LinkedDone, Prepared, Timing, Tried, Try
 from app.ipc.ring import Ring
 from app.ipc.scheduling import leave_core
 from app.session_server.loop_process import LoopProcess

@@ -90,7 +90,7 @@ def bench_loop(args: argparse.Namespace) -> int:
     """How late the control loop's ticks are."""
     if args.out is not None or args.quick:
         raise InputError("--loop: takes neither --out nor --quick")
-    from app.loop.lateness import measure_all, table
+    from app.verbs.loop_lateness import measure_all, table
 
     announce_first_use()
     with Progress("measuring") as progress:

@@ -70,8 +70,8 @@ def run(args: argparse.Namespace) -> int:
     check_writable(args.data_dir)
     link = link_of(args)
     display = Display("open a window on")
-    from app.ipc.client import Bench
-    from app.ipc.setup import OPERATOR, Setup
+    from app.ipc.client import Client
+    from app.ipc.messages import OPERATOR, Setup
     from app.window.painting import palette
 
     setup = Setup(
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     )  # fmt: skip
     if setup.hand == OPERATOR:
         say_what_is_missing(args, setup)
-    bench = Bench(setup)
+    bench = Client(setup)
     try:  # all this takes its time, and so does the bench
         announce_first_use()
         palette.choose(args.theme)

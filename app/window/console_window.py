@@ -85,10 +85,10 @@ class ProofLine(QFrame):
         ]
         self.recording.setText(" · ".join(filter(None, parts)))
 
-    def show_dead(self, elsewhere: bool = False) -> None:
-        """There is no bench any more. elsewhere: there is, but it serves another window."""
-        self._light(theme.BRAKE_OFF if elsewhere else theme.BAD)
-        self.recording.setText("The other window shows what is being recorded" if elsewhere else "Not recording")
+    def show_dead(self) -> None:
+        """The session server has ended."""
+        self._light(theme.BAD)
+        self.recording.setText("Not recording")
 
 
 class Centre(QWidget):
@@ -345,7 +345,7 @@ class ConsoleWindow(QWidget):
         before, self.snapshot = self.snapshot, snapshot
         if snapshot.stage not in (m.NO_SESSION, m.RUNNING, m.PREPARING):
             self.trying = False
-        self.device_shown &= snapshot.stage not in (m.RUNNING, *m.OVER)
+        self.device_shown &= snapshot.stage not in (m.RUNNING, m.FAILED)
         self.commands.follow(before, snapshot)
         if snapshot.stage == m.QUESTIONS != before.stage:
             self.questions.clear()
@@ -406,7 +406,7 @@ class ConsoleWindow(QWidget):
 
     def show_device(self, shown: bool) -> None:
         """The device page over everything else, or away again."""
-        self.device_shown = shown and self.snapshot.stage not in (m.RUNNING, *m.OVER)
+        self.device_shown = shown and self.snapshot.stage not in (m.RUNNING, m.FAILED)
         self.device.leave()
         self._refresh()
 
@@ -418,9 +418,10 @@ class ConsoleWindow(QWidget):
         """There is no bench any more."""
         self.dead = True
         last = self.snapshot
-        stage = last.stage if last.stage in m.OVER else m.FAILED
-        self.snapshot = m.Snapshot(stage, last.rows, blind=last.blind, notes=last.notes, said=sentence, said_bad=True)
-        self.proof.show_dead(elsewhere=stage == m.ELSEWHERE)
+        self.snapshot = m.Snapshot(
+            m.FAILED, last.rows, blind=last.blind, notes=last.notes, said=sentence, said_bad=True
+        )
+        self.proof.show_dead()
         self.show_panels()
         if self.centre.workspace is not None and self.centre.workspace.view.tip is not None:
             self.centre.rest(self.centre.workspace.view.tip)
@@ -429,7 +430,7 @@ class ConsoleWindow(QWidget):
     def _refresh(self) -> None:
         """Everything that Opened and Snapshot say."""
         snapshot, opened = self.snapshot, self.opened
-        over = snapshot.stage in m.OVER
+        over = snapshot.stage == m.FAILED
         self.banner.setText(breakable(snapshot.said) if over else "")
         self.banner.setVisible(over)
         self.preflight.show_session(opened, snapshot)

@@ -27,7 +27,7 @@ from core.mechanism import JOINTS
 from experiments.protocol import home_of
 
 if TYPE_CHECKING:
-    from app.ipc.board_jobs import Linked
+    from app.ipc.messages import Linked
 
 SIMULATED = (
     "The device is simulated: it is computed on this computer, with no board and no sensors, and is always ready. "

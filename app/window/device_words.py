@@ -14,7 +14,7 @@ from core.encoder_step import encoder_step
 from core.mechanism import JOINTS
 
 if TYPE_CHECKING:
-    from app.ipc.board_jobs import Linked
+    from app.ipc.messages import Linked
 
 RECENT_S = 10.0  # what is counted as happening now
 SAMPLE_HZ = 1000.0
@@ -198,7 +198,7 @@ def quantisation(device: Device, linked: "Linked", controllers: dict[int, Preset
 
 
 if TYPE_CHECKING:
-    from app.ipc.board_jobs import Linked
+    from app.ipc.messages import Linked
 
 
 def board_values(linked: "Linked") -> dict[str, str]:

@@ -141,7 +141,7 @@ class ParticipantWindow(QWidget):
                 self.view.say(words.moving(tick_log.APPROACH, False) or Said(""))
             return
         self.view.show_handle(snapshot.tip)
-        if snapshot.stage in (m.RERIG, m.BREAK, m.FINISHED, *m.OVER, m.NO_SESSION, m.PREPARING):
+        if snapshot.stage in (m.RERIG, m.BREAK, m.FINISHED, m.FAILED, m.NO_SESSION, m.PREPARING):
             self.view.show_path(None)
             self.view.show_handle(None)
             self.view.show_pointer(None)
@@ -191,9 +191,8 @@ class ParticipantWindow(QWidget):
             self.view.say(said)
 
     def show_dead(self) -> None:
-        """There is no bench any more."""
-        stage = self._snapshot.stage if self._snapshot.stage in m.OVER else m.FAILED
-        self._snapshot = m.Snapshot(stage)
+        """The session server has ended."""
+        self._snapshot = m.Snapshot(m.FAILED)
         self.view.show_handle(None)
         self.view.show_path(None)
         self._stack.setCurrentWidget(self.view)

@@ -159,7 +159,7 @@ class SessionPanel(QFrame):
             said = why_not(snapshot)
         theme.name_anew(self.notice, "bad" if bad else "caution")
         self.notice.setText(breakable(said))
-        self.notice.setVisible(bool(said) and snapshot.stage not in m.OVER)  # there a banner says it
+        self.notice.setVisible(bool(said) and snapshot.stage != m.FAILED)  # there a banner says it
 
     def _allow(self, snapshot: m.Snapshot, trying: bool) -> None:
         ready, runs = snapshot.stage == m.READY, snapshot.stage == m.RUNNING
@@ -174,7 +174,7 @@ class SessionPanel(QFrame):
             "Pause after this trial" if runs else "Pause"
         )  # fmt: skip
         self.abort.setEnabled(runs)
-        self.note.setEnabled(snapshot.stage not in (m.PREPARING, m.NO_SESSION, *m.OVER))
+        self.note.setEnabled(snapshot.stage not in (m.PREPARING, m.NO_SESSION, m.FAILED))
 
 
 def can_be_redone(row) -> bool:

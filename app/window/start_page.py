@@ -147,7 +147,7 @@ class StartPage(QWidget):
         self._otherwise = dict(snapshot.otherwise)
         self._show_resumable(snapshot.resumable)
         self._finished = snapshot.finished
-        problem = snapshot.said if snapshot.said_bad and snapshot.stage not in m.OVER else ""  # there a banner says it
+        problem = snapshot.said if snapshot.said_bad and snapshot.stage != m.FAILED else ""  # there a banner says it
         if problem != self._problem:
             self._problem, self._problem_of = problem, self.participant.text()
         self._mind_keys(bool(snapshot.brakes_off))
@@ -160,7 +160,7 @@ class StartPage(QWidget):
         if snapshot.stage == m.PREPARING:
             self.why.setText("Preparing … on first use this takes about half a minute.")
         else:
-            self.why.setText(f"Not yet: {self._why}" if self._why and snapshot.stage not in m.OVER else "")
+            self.why.setText(f"Not yet: {self._why}" if self._why and snapshot.stage != m.FAILED else "")
         self._allow()
 
     def offer(self, participant: str) -> None:

@@ -12,9 +12,9 @@ from PySide6.QtGui import QGuiApplication, QScreen
 from PySide6.QtWidgets import QApplication
 
 from app.ipc import messages as m
-from app.ipc.client import Bench
+from app.ipc.client import Client
 from app.ipc.messages import PREPARING, RUNNING
-from app.ipc.spare_scipy import spare_scipy
+from app.ipc.process import spare_scipy
 from app.window import words
 from app.window.console_window import LARGEST, ConsoleWindow
 from app.window.keys import bind
@@ -278,7 +278,7 @@ def make_ready() -> QApplication:
     return application
 
 
-def run(bench: Bench) -> int:
+def run(bench: Client) -> int:
     """Open the app, which has been made ready, on a bench and stay until it closes; the exit code."""
     application = QApplication.instance()
     assert isinstance(application, QApplication)

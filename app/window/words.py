@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from app.ipc import messages as m
-from app.ipc.setup import MOUSE
+from app.ipc.messages import MOUSE
 from app.window.painting import theme
 from core import tick_log
 from experiments.analysis.trials_table import TrialRow
@@ -37,7 +37,6 @@ STOPPED = Said("Stopped", "One moment, please")
 QUESTIONS = Said("A few questions")
 FINISHED = Said("Thank you", "That was the last one")
 FAILED = Said("Please wait", "Someone is coming to help")
-ELSEWHERE = Said("Another window has taken over", "The session goes on there; this one can be closed")
 SLOWER, FASTER = "A little slower next time", "A little faster next time"
 
 #: The mouse on one screen: the person who moves also starts.
@@ -65,7 +64,7 @@ def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = Fal
     """What is said while no trial runs. own_start: the person who reads it has the space bar."""
     fixed = {
         m.PREPARING: PREPARING, m.NO_SESSION: WELCOME, m.RERIG: CHANGE, m.BREAK: BREAK, m.QUESTIONS: QUESTIONS,
-        m.FINISHED: FINISHED, m.FAILED: FAILED, m.ELSEWHERE: ELSEWHERE,
+        m.FINISHED: FINISHED, m.FAILED: FAILED,
     }  # fmt: skip
     if snapshot.stage in fixed or snapshot.paused:
         said = fixed.get(snapshot.stage, BREAK)

@@ -20,8 +20,8 @@ from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QApplication, QWidget
 
 from app.ipc import messages as m
-from app.ipc.client import Bench
-from app.ipc.setup import Setup
+from app.ipc.client import Client
+from app.ipc.messages import Setup
 from app.window.painting import palette
 
 LIGHT = "light"
@@ -53,7 +53,7 @@ OPERATORS = 6
 class MadeUpHand(QObject):
     """Leads the pointer: takes the handle, goes to the start, holds, follows the path, not very well."""
 
-    def __init__(self, windows: Windows, bench: Bench) -> None:
+    def __init__(self, windows: Windows, bench: Client) -> None:
         super().__init__()
         self._windows, self._bench = windows, bench
         self.now: np.ndarray | None = None  # the newest tick of the running trial
@@ -117,7 +117,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="phd-") as folder:
         protocol = Path(folder) / "paper.toml"  # held for longer: there is time for two pictures
         protocol.write_text(re.sub(r"(?m)^hold_s = .*", f"hold_s = {HOLD_S}", load_protocol().text), encoding="utf-8")
-        windows = Windows(Bench(Setup(Path(folder) / "data", str(protocol))))
+        windows = Windows(Client(Setup(Path(folder) / "data", str(protocol))))
         try:
             if sys.argv[1:] == [LIGHT]:
                 in_light(windows, MadeUpHand(windows, windows.bench))
@@ -214,7 +214,7 @@ def on_the_bench(data: Path) -> None:
     command = [sys.executable, "-m", "app.cli", "emulate", "--device", "four-brake", "--hand", "still"]
     board = subprocess.Popen(command, cwd=HERE.parents[1], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert board.stdout is not None
-    windows = Windows(Bench(Setup(data, devices=("four-brake",), link=board.stdout.readline().strip())))
+    windows = Windows(Client(Setup(data, devices=("four-brake",), link=board.stdout.readline().strip())))
     console = windows.console
     try:
         windows.show()

@@ -122,11 +122,14 @@ def seen_from(folder: Path, sentence: str) -> str:
     return sentence.replace(f"{folder}/", "")
 
 
-def hold_lock(folder: Path) -> filelock.BaseFileLock:
-    """The folder's lock, held until it is released or the process ends. InputError if a live process holds it."""
+def hold_lock(folder: Path, wait_s: float = 0.0) -> filelock.BaseFileLock:
+    """The folder's lock, held until it is released or the process ends.
+
+    InputError if a live process holds it, after `wait_s`.
+    """
     lock = filelock.FileLock(folder / LOCK)
     try:
-        lock.acquire(blocking=False)
+        lock.acquire(timeout=wait_s)
     except filelock.Timeout:
         raise InputError(f"{folder}: is in use by a running process") from None
     return lock

@@ -21,8 +21,8 @@ from synthetic_hand import SyntheticHand
 
 from app.cli import main
 from app.ipc import messages as m
-from app.ipc.client import Bench
-from app.ipc.setup import Setup
+from app.ipc.client import Client
+from app.ipc.messages import Setup
 from app.window.painting import theme
 from app.window.windows import Windows
 from core import tick_log
@@ -45,7 +45,7 @@ def windows(qtbot, tmp_path: Path):
     theme.dress(QApplication.instance())  # type: ignore[arg-type]
     protocol = tmp_path / "patient.toml"  # as the paper's, for a hand whose machine shows it few pictures
     protocol.write_text(changed(PAPER.text, time_out_s="200.0"), encoding="utf-8")
-    windows = Windows(Bench(Setup(tmp_path / "data", str(protocol), sync=False)))
+    windows = Windows(Client(Setup(tmp_path / "data", str(protocol), sync=False)))
     windows.show()
     wait_until(windows.console.start_page.new.isEnabled)
     pids = [windows.bench.pid, *children(windows.bench.pid)]

@@ -3,7 +3,6 @@
 import importlib.metadata
 import json
 import os
-import shutil
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,6 @@ import pytest
 from app import doctor
 from app.cli import main
 from app.doctor import BAD, CAUTION, GOOD, Line
-from app.ipc.address import Place, memory_folder
 
 
 @pytest.fixture
@@ -97,13 +95,3 @@ def test_without_a_screen_that_is_bad_and_says_what_still_works(monkeypatch: pyt
     monkeypatch.setattr(doctor.subprocess, "run", lambda *_, **__: tried)
     (line,) = doctor.screens()
     assert line.state == BAD and "without" in line.advice
-
-
-def test_a_memory_that_is_full_is_bad_for_the_doctor_and_refuses_a_bench(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shutil, "disk_usage", lambda *_: type("Usage", (), {"free": 1_000_000}))
-    line = doctor.memory()
-    assert line.state == BAD and line.advice and str(memory_folder()) in line.found
-    before = set(memory_folder().iterdir())
-    with pytest.raises(OSError, match="only 1.0 MB free"):
-        Place()
-    assert set(memory_folder().iterdir()) <= before

@@ -2,14 +2,13 @@
 
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from protocols import PAPER
 
 from app.ipc import messages as m
+from app.ipc.messages import HID
 from app.ipc.ring import Ring
-from app.ipc.setup import HID
 from app.loop.real_time import take_aim
 from app.session_server.hid_input import HidInput, feel_force_alone
 from app.session_server.simulated_device import SimulatedDevice
@@ -33,8 +32,8 @@ class Played:
 
 
 @pytest.fixture
-def played(tmp_path: Path) -> Iterator[tuple[Ring, Played, HidInput]]:
-    ring, hand = Ring(tmp_path / "ring", create=True, ticks=64), Played()
+def played() -> Iterator[tuple[Ring, Played, HidInput]]:
+    ring, hand = Ring(ticks=64), Played()
     hid = HidInput(ring, hand)
     yield ring, hand, hid
     hid.close()
@@ -75,8 +74,8 @@ def test_an_unplugged_device_gives_no_force_and_blocks_the_start_until_it_is_bac
     assert hid.check.state == m.GOOD
 
 
-def test_closing_leaves_no_force_behind(tmp_path: Path) -> None:
-    ring, hand = Ring(tmp_path / "ring", create=True, ticks=64), Played()
+def test_closing_leaves_no_force_behind() -> None:
+    ring, hand = Ring(ticks=64), Played()
     hand.reading = hand.reading._replace(fx_N=9.0)
     hid = HidInput(ring, hand)
     until(lambda: ring.control.push_count > 2)
@@ -84,7 +83,7 @@ def test_closing_leaves_no_force_behind(tmp_path: Path) -> None:
     assert newest(ring) == (0.0, 0.0)
 
 
-def test_without_such_a_device_it_is_refused_in_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_such_a_device_it_is_refused_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("app.session_server.simulated_device.HidHand", lambda: HidHand(listing=lambda: []))
     with pytest.raises(InputError, match="no six-axis device is attached"):
-        SimulatedDevice(Ring(tmp_path / "ring", create=True, ticks=64), HID)
+        SimulatedDevice(Ring(ticks=64), HID)

@@ -96,10 +96,11 @@ def test_the_readme_leads_from_each_equation_to_code_that_names_it(number: int) 
 def lint(folder: Path, **modules: str) -> str:
     """What lint-imports says of a small tree under the project's own contracts; core="import app" fills it."""
     shutil.copy(ROOT / "pyproject.toml", folder)
-    for package in ("core", "hardware", "experiments", "app"):
+    processes = ("app/ipc", "app/loop", "app/session_server", "app/window")
+    for package in ("core", "hardware", "experiments", "app", *processes):
         (folder / package).mkdir()
         (folder / package / "__init__.py").touch()
-        (folder / package / "code.py").write_text(modules.get(package, ""))
+        (folder / package / "code.py").write_text(modules.get(package.removeprefix("app/"), ""))
     command = [Path(sys.executable).with_name("lint-imports"), "--no-cache", "--no-logo"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=200)
     assert done.returncode == (0 if "0 broken" in done.stdout else 1), done.stdout + done.stderr
@@ -112,6 +113,7 @@ def test_the_layers_as_designed_keep_the_contracts(tmp_path: Path) -> None:
         "hardware": "import core.code, serial, hidraw",
         "experiments": "import core.code, scipy, pyarrow, matplotlib",
         "app": "import core.code, hardware.code, experiments.code, PySide6",
+        **dict.fromkeys(("loop", "session_server", "window"), "import app.ipc.code"),
     }
     assert "0 broken" in lint(tmp_path, **allowed)
 
@@ -126,6 +128,10 @@ def test_the_layers_as_designed_keep_the_contracts(tmp_path: Path) -> None:
         ("experiments", "from app import code"),
         ("experiments", "from PySide6.QtCore import QTimer"),
         ("hardware", "import shiboken6"),
+        ("loop", "import app.session_server.code"),
+        ("session_server", "import app.window.code"),
+        ("window", "import app.loop.code"),
+        ("ipc", "import app.session_server.code"),
     ],
 )
 def test_an_import_against_the_layers_breaks_a_contract(tmp_path: Path, package: str, line: str) -> None:

@@ -1,10 +1,7 @@
-"""A live bench from a window's side: trials, refusals, brakes-off, takeover; and that a slow window changes nothing."""
+"""A live bench from a window's side: trials, refusals, brakes-off; and that a slow window changes nothing."""
 
 import json
-import socket
 import time
-from multiprocessing import AuthenticationError
-from multiprocessing.connection import Client
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +10,7 @@ from live import Window, gone, wait_until, window
 from synthetic_hand import SyntheticHand
 
 from app.ipc import messages as m
-from app.ipc.address import find
-from app.ipc.ring import Ring
-from app.ipc.setup import Setup
+from app.ipc.messages import Setup
 from core import tick_log
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
@@ -176,39 +171,13 @@ def test_proof_of_recording_grows_while_a_trial_runs(bench: Window) -> None:
     bench.abort("enough")
 
 
-def test_a_window_that_hangs_changes_nothing_and_another_takes_over(bench: Window, setup: Setup) -> None:
+def test_a_window_that_hangs_changes_nothing_and_then_hears_how_things_are(bench: Window) -> None:
     run = bench.start().running.run
-    ring = Ring(find(setup.data_dir).ring)
-    before = ring.control.head
-    wait_until(lambda: ring.control.head > before + 1000)  # hangs: reads nothing, while pulses and ticks come
-    other = Window(setup)
-    snapshot = other.until_stage(m.RUNNING)
-    assert snapshot.running.run == run and other.opened.plan == bench.opened.plan
-    bench.until(lambda s: s.said_bad and "taken over" in s.said)
-    assert not bench.bench.alive and other.bench.pid == bench.bench.pid
-    snapshot = other.abort("enough")
+    time.sleep(1.2)  # hangs: reads nothing, while pulses and ticks come
+    snapshot = bench.abort("enough")
     assert snapshot.rows[-1].run == run
     kept = recording(bench, run)
     assert kept.whole and kept.rows > 1000 and kept.outcome["timing"]["lost"] == 0
-    bench.bench.stop("the first window is closed")  # it had started the conductor, which is the other's by now
-    other.until_stage(m.READY)
-    assert not gone(other.bench.pid) and other.bench.alive
-    other.bench.close()
-    bench.join(setup)  # and back
-    bench.until_stage(m.READY)
-
-
-def test_whoever_does_not_know_the_key_stays_outside_and_the_door_stays_open(bench: Window, setup: Setup) -> None:
-    address = find(setup.data_dir)
-    with pytest.raises((AuthenticationError, EOFError, ConnectionError)):
-        Client(address.socket, authkey=b"another one")
-    stranger = socket.socket(socket.AF_UNIX)
-    stranger.connect(address.socket)
-    stranger.send(b"GET / HTTP/1.1\r\n\r\n" * 100)
-    stranger.close()
-    bench.bench.close()
-    bench.join(setup)
-    bench.until_stage(m.READY)
 
 
 def test_a_window_that_quits_in_a_trial_ends_it_and_leaves_nothing_running(setup: Setup, bench: Window) -> None:
@@ -218,7 +187,6 @@ def test_a_window_that_quits_in_a_trial_ends_it_and_leaves_nothing_running(setup
     wait_until(lambda: all(map(gone, pids)))
     kept = recording(bench, run)
     assert kept.whole and kept.outcome["reason"] == "the window was closed"
-    assert not (setup.data_dir / ".bench.json").exists()
     bench.join(setup)
     assert bench.until_stage(m.NO_SESSION).resumable == ("01",)
     bench.bench.send(m.Open("01", resume=True))
@@ -244,4 +212,3 @@ def test_a_folder_that_another_process_has_is_refused(tmp_path: Path) -> None:
     bench.until_stage(m.FAILED)
     assert "in use by a running process" in bench.snapshot.said and not bench.bench.alive
     lock.release()
-    bench.bench.close()

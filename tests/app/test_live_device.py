@@ -10,7 +10,7 @@ from emulated import Emulated
 from live import Window, wait_until, window
 
 from app.ipc import messages as m
-from app.ipc.setup import Setup
+from app.ipc.messages import Setup
 
 DEVICE = "four-brake"
 

@@ -1,28 +1,31 @@
-"""kill -9 of window, control loop and conductor in mid-trial: what ends, what goes on, and what is kept.
+"""kill -9 of window, control loop and session server in mid-trial: what ends, what goes on, and what is kept.
 
 Run as a script with a number of kills, it does as many at random moments and prints what it saw:
 python tests/app/test_live_kill.py 60
 """
 
+import os
 import signal
+import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parents[k] / place) for k, place in ((2, ""), (1, "support"))]
 
 import pytest
-from live import Window, gone, kill, wait_until, window
+from live import Window, children, gone, kill, wait_until, window
 from live_kills import VICTIMS, Killing
 from protocols import PAPER, changed
 
 from app.ipc import messages as m
-from app.ipc.address import find
-from app.ipc.setup import Setup
+from app.ipc.messages import Setup
 from core import tick_log
 from experiments.recording.reader import read_recording
 from experiments.session.files import cell
+from experiments.session.journal import read_events
 from experiments.session.verify import verify
 
 CURRENTS = slice(tick_log.CURRENT, tick_log.CURRENT + 4)
@@ -33,7 +36,7 @@ def setup(tmp_path_factory: pytest.TempPathFactory) -> Setup:
     folder = tmp_path_factory.mktemp("killed") / "data"
     endless = changed(PAPER.text, end_radius_m="1e-6", time_out_s="1000.0")  # the kill comes in the movement
     (folder.parent / "endless.toml").write_text(endless, encoding="utf-8")
-    return Setup(folder, str(folder.parent / "endless.toml"), hand="operator", seed=5, real_time=False, patience_s=60.0)
+    return Setup(folder, str(folder.parent / "endless.toml"), hand="operator", seed=5, real_time=False)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +58,7 @@ def until_current(opened: Window) -> None:
 
 def resume(opened: Window, setup: Setup) -> m.Snapshot:
     """A new bench in place of one that is gone, and its session."""
-    opened.bench.close()
+    opened.bench.leave()
     opened.join(setup)
     assert opened.until_stage(m.NO_SESSION).resumable == ("01",)
     opened.bench.send(m.Open("01", resume=True))
@@ -80,15 +83,14 @@ def test_a_loop_that_is_lost_is_seen_its_trial_recovered_and_run_again(opened: W
     assert verify(setup.data_dir)["faults"] == []
 
 
-def test_a_conductor_that_is_killed_leaves_no_current_no_process_and_a_trial_to_recover(
+def test_a_session_server_that_is_killed_leaves_no_current_no_process_and_a_trial_to_recover(
     opened: Window, setup: Setup
 ) -> None:
     run = opened.start().running.run
     until_current(opened)
-    pids, place = opened.processes(), find(setup.data_dir).ring.parent
+    pids = opened.processes()
     kill(opened.bench.pid)
     wait_until(lambda: all(map(gone, pids)))
-    assert not place.exists()
     opened.look()
     assert not opened.bench.alive
     assert opened.rows[-1, tick_log.PHASE] == tick_log.END and not opened.rows[-1, CURRENTS].any()
@@ -99,38 +101,83 @@ def test_a_conductor_that_is_killed_leaves_no_current_no_process_and_a_trial_to_
     assert verify(setup.data_dir)["faults"] == []
 
 
-def test_a_bench_that_is_told_to_end_keeps_its_trial_which_comes_again(opened: Window, setup: Setup) -> None:
+def test_a_session_server_that_is_told_to_end_keeps_its_trial_which_comes_again(opened: Window, setup: Setup) -> None:
     run = opened.start().running.run
     pids = opened.processes()
     kill(opened.bench.pid, signal.SIGTERM)
     wait_until(lambda: all(map(gone, pids)))
     kept = read_recording(trial(setup, run))
-    assert kept.whole and kept.outcome["status"] == "stopped" and kept.outcome["reason"] == "the bench was told to end"
-    assert not (setup.data_dir / ".bench.json").exists()
-    snapshot = resume(opened, setup._replace(patience_s=4.0))
+    assert kept.whole and kept.outcome["status"] == "stopped"
+    assert kept.outcome["reason"] == "the session server was told to end"
+    snapshot = resume(opened, setup)
     assert snapshot.rows[-1].status == "stopped" and cell(snapshot.coming) == cell(snapshot.rows[-1])
 
 
-def test_a_bench_that_is_left_alone_waits_a_while_and_then_ends(opened: Window, setup: Setup) -> None:
-    run = opened.start().running.run
-    opened.abort("enough")
-    pids, place = opened.processes(), find(setup.data_dir).ring.parent
-    opened.bench.close()
+#: a window in a process of its own: it starts a trial and says whose server and run that is
+WINDOW = """
+import sys, time
+sys.path.insert(0, sys.argv[2])
+from live import Window
+from app.ipc import messages as m
+from app.ipc.messages import Setup
+
+window = Window(Setup.from_json(sys.argv[1]))
+window.open()
+window.start()
+window.until_tick(lambda rows: rows[-1, 1] == 2)
+print(window.bench.pid, window.snapshot.running.run, flush=True)
+while True:
+    window.look()
+    time.sleep(0.005)
+"""
+
+
+def test_a_window_that_is_killed_changes_nothing_in_its_trial_and_the_next_one_goes_on(tmp_path: Path) -> None:
+    setup = Setup(tmp_path / "data", hand="operator", seed=5, real_time=False)
+    support = Path(__file__).resolve().parents[1] / "support"
+    environment = {**os.environ, "PYTHONPATH": str(support.parents[1])}
+    command = [sys.executable, "-c", WINDOW, setup.to_json(), str(support)]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as other:
+        server, run = map(int, other.stdout.readline().split())
+        pids = [server, *children(server)]
+        other.kill()
     wait_until(lambda: all(map(gone, pids)))
-    assert not place.exists() and not (setup.data_dir / ".bench.json").exists()
-    assert read_recording(trial(setup, run)).outcome["status"] == "aborted"
-    assert verify(setup.data_dir)["faults"] == []
+    kept = read_recording(trial(setup, run))
+    assert kept.whole and kept.outcome["status"] in ("done", "timeout") and kept.outcome["timing"]["lost"] == 0
+    assert [event["event"] for event in read_events(setup.data_dir / "sub-01" / "ses-01")][-2:] == [
+        "window lost",
+        "trial ended",
+    ]
+    with window(setup) as opened:
+        began = time.monotonic()
+        snapshot = opened.until(lambda s: s.resumable)
+        print("the next window offers to go on after", time.monotonic() - began, "s")
+        assert snapshot.resumable == ("01",)
+
+
+def test_a_trial_that_waits_for_its_start_ends_with_the_window_of_its_person(tmp_path: Path) -> None:
+    setup = Setup(tmp_path / "data", seed=5, real_time=False)
+    opened = Window(setup)
+    opened.open()
+    run = opened.start().running.run
+    pids = opened.processes()
+    opened.bench.leave()
+    wait_until(lambda: all(map(gone, pids)))
+    assert read_recording(trial(setup, run)).outcome["status"] == "stopped"
+    snapshot = resume(opened, setup)
+    assert cell(snapshot.coming) == cell(snapshot.rows[-1])
+    opened.bench.stop("the test is over")
 
 
 def test_kills_at_random_moments_lose_nothing_that_was_acknowledged(tmp_path: Path) -> None:
-    setup = Setup(tmp_path / "data", hand="operator", seed=5, real_time=False, patience_s=60.0)
+    setup = Setup(tmp_path / "data", hand="operator", seed=5, real_time=False)
     killing = Killing(setup, longest_s=2.0)
     try:
         for victim in VICTIMS:
             killing.kill(victim)
     finally:
         killing.close()
-    assert killing.seen["recordings checked"] >= 3 and not (setup.data_dir / ".bench.json").exists()
+    assert killing.seen["recordings checked"] >= 3
 
 
 def main(kills: int) -> None:

@@ -7,7 +7,7 @@ from live import window
 from protocols import PAPER, changed, protocol_of, short
 from sessions import new_session
 
-from app.ipc.setup import OPERATOR, Setup
+from app.ipc.messages import OPERATOR, Setup
 from experiments.session.files import protocols_otherwise
 
 

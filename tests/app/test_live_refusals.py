@@ -1,21 +1,17 @@
 """What is refused before a session, and what a refusal leaves behind: nothing."""
 
-import json
-import os
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from live import Window, wait_until, window
+from live import window
 from protocols import PAPER, changed, protocol_of, short
 from sessions import files, new_session, run_trials
 
 from app.ipc import messages as m
-from app.ipc.client import Bench
-from app.ipc.setup import Setup
+from app.ipc.client import Client
+from app.ipc.messages import Setup
 from core.errors import InputError
 from experiments.session import session as session_module
 from experiments.session.files import other_protocol, refuse_existing
@@ -31,11 +27,11 @@ def everything(folder: Path) -> set[str]:
 
 
 def refuse(setup: Setup) -> str:
-    """What a conductor answers that refuses to begin."""
-    command = [sys.executable, "-c", "from app.session_server.conductor_process import main; main()", setup.to_json()]
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
-    return json.loads(done.stdout)["refused"]
+    """What a session server answers that refuses to begin."""
+    client = Client(setup)
+    why = client.refused()
+    client.stop("the test is over")
+    return why
 
 
 @pytest.mark.parametrize("there", ["", "data", "data/notes.txt", "data/sub-07/ses-01/session.json"])
@@ -101,22 +97,16 @@ def test_a_session_by_another_protocol_than_the_one_before_is_noticed(tmp_path):
     assert other_protocol(tmp_path, "02", PAPER) == "01"
 
 
-def test_a_second_window_that_wants_something_else_is_refused_and_the_first_one_goes_on(tmp_path: Path) -> None:
+def test_a_second_window_is_refused_and_the_first_one_goes_on(tmp_path: Path) -> None:
     with window(Setup(tmp_path / "data", hand="operator", real_time=False)) as first:
         first.until_stage(m.NO_SESSION)
-        asked = (("protocol", "curves", "protocol"), ("seed", 3, "--seed"), ("hand", "hid", "--input"))
-        for field, value, word in asked:
-            other = Bench(Setup(tmp_path / "data", real_time=False)._replace(**{field: value}))
-            assert word in other.refused() and "is running there already" in other.refused()
-            (said,) = other.receive()
-            assert said.stage == m.FAILED and not other.alive
-            other.stop("")
+        other = Client(Setup(tmp_path / "data", real_time=False))
+        assert "is in use by a running process" in other.refused()
+        (said,) = other.receive()
+        assert said.stage == m.FAILED and not other.alive
+        other.stop("")
         first.look()
         assert first.bench.alive
-        second = Window(Setup(tmp_path / "data", real_time=False))  # asks for nothing: takes it over
-        assert second.bench.refused() == "" and second.until(lambda s: s.stage == m.NO_SESSION)
-        wait_until(lambda: first.look() or not first.bench.alive)
-        second.bench.close()
 
 
 def test_a_plan_of_one_trial_and_one_of_a_thousand_can_be_begun_and_resumed(tmp_path: Path) -> None:

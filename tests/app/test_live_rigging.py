@@ -11,7 +11,7 @@ from live import Window, wait_until, window
 from protocols import PAPER
 
 from app.ipc import messages as m
-from app.ipc.setup import Setup
+from app.ipc.messages import Setup
 from experiments.recording.reader import read_recording
 from experiments.session.session import Session
 

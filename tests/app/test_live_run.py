@@ -10,8 +10,7 @@ import pytest
 from live import LONG_S
 from numba import typeof
 
-from app.ipc.address import Place, _remove_abandoned
-from app.ipc.jobs import Run, Tried, Try
+from app.ipc.messages import Run, Tried, Try
 from app.ipc.ring import Ring
 from app.loop.loop import stopped_trial
 from app.loop.real_time import ROOM
@@ -32,14 +31,11 @@ SOMEBODY = load_population().draw(np.random.default_rng(1))
 @pytest.fixture(scope="module")
 def loop():
     """A ring and a prepared loop."""
-    place = Place()
-    ring = Ring(place.ring, create=True, ticks=SMALL)
+    ring = Ring(ticks=SMALL)
     process = LoopProcess(ring, real_time=False)
     answer_of(ring, process)
     yield ring, process
     process.close()
-    place.remove()
-    assert not place.folder.exists()
 
 
 def answer_of(ring: Ring, process: LoopProcess):
@@ -169,7 +165,7 @@ def test_a_trial_that_has_ended_stays_what_it_is_whatever_is_pressed_then(loop) 
 
 
 def test_a_line_for_the_journal_is_tried_also_where_the_recording_fails_and_after_the_end(tmp_path: Path) -> None:
-    ring = Ring(tmp_path / "ring", create=True, ticks=SMALL)
+    ring = Ring(ticks=SMALL)
     disk, tried = Disk(OSError(28, "No space left on device")), []
     recorder = Recorder(ring, disk)
 
@@ -204,16 +200,3 @@ def test_a_trial_that_comes_out_of_the_pipe_needs_no_new_kernel(loop) -> None:
     arguments = new_one(SOMEBODY).arguments()
     sent = pickle.loads(pickle.dumps(Run(arguments))).arguments
     assert [typeof(a) for a in sent] == [typeof(a) for a in stopped_trial()]
-
-
-def test_what_a_dead_bench_left_is_removed_and_what_a_live_one_has_is_not(loop, tmp_path: Path) -> None:
-    for name in ("phd-dead", "phd-other"):
-        (tmp_path / name).mkdir()
-    (tmp_path / "phd-dead" / "lock").touch()
-    (tmp_path / "phd-dead" / "ring").touch()
-    ring, _ = loop
-    (tmp_path / "phd-live").symlink_to(ring.path.parent)
-    _remove_abandoned(tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["phd-live", "phd-other"]
-    assert ring.path.exists()
-

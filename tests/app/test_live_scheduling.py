@@ -13,7 +13,7 @@ from live import children
 
 from app.ipc.scheduling import leave_core, program_cores, stolen_ms, take_scheduling
 from app.loop.clock import SPIN_NS, new_timespec, now_ns, sleep_until
-from app.loop.lateness import hogs, measure
+from app.verbs.loop_lateness import hogs, measure
 
 ROOT = Path(__file__).resolve().parents[2]
 ASK = """

@@ -15,7 +15,7 @@ from live import Window, gone, kill, wait_until, window
 from protocols import PAPER, changed
 
 from app.ipc import messages as m
-from app.ipc.setup import Setup
+from app.ipc.messages import Setup
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
 from experiments.session.files import kept_sessions
@@ -164,7 +164,7 @@ def test_an_interrupted_session_goes_on_where_it_was(bench: Window, setup: Setup
     before, opened, pids = bench.snapshot, bench.opened, bench.processes()
     kill(bench.bench.pid)
     wait_until(lambda: all(map(gone, pids)))
-    bench.bench.close()
+    bench.bench.leave()
     bench.join(setup._replace(participant=""))
     snapshot = bench.until_stage(m.NO_SESSION)
     assert snapshot.resumable == ("07",) and bench.opened.next_participant == "01"

@@ -12,7 +12,7 @@ from screens import Screens, cut_texts, opened_screens, settle
 
 from app.cli import main
 from app.ipc import messages as m
-from app.ipc.board_jobs import Linked
+from app.ipc.messages import Linked
 from app.session_server.preflight import check_linked, check_loop, check_sensor
 from app.session_server.storage import Keeping
 from app.verbs.common import in_words, print_summary

@@ -11,9 +11,9 @@ import pytest
 from protocols import PAPER, changed, protocol_of, short
 
 from app.cli import main
-from app.ipc.setup import OPERATOR, Setup
-from app.session_server.conductor_process import read_protocol
+from app.ipc.messages import OPERATOR, Setup
 from app.session_server.practice import done_without
+from app.session_server.server import read_protocol
 from app.session_server.session_progress import Sitting
 from core.errors import InputError
 from core.kernel import keep_in_use, remove_unused

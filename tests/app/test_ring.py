@@ -1,17 +1,20 @@
 """The ring between loop, recorder and window, and the loop's kernels on it, without a second process."""
 
+import os
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from app.ipc.client import Client
+from app.ipc.messages import Setup
 from app.ipc.ring import BRAKES_OFF, CONDUCTOR_SILENT, NO_CAUSE, RING_FULL, STOPPED, Ring
 from app.loop.clock import new_timespec, now_ns
 from app.loop.loop import stopped_trial
 from app.loop.real_time import GRASP_RADIUS_M, MOST_BEHIND_NS, ROOM, TICK_NS, due, keep, run_trial, take_aim
 from core import tick_log
+from core.errors import InputError
 from core.simulator.hand import GRIP
 from core.simulator.state import new_record
 
@@ -20,8 +23,8 @@ FOR_EVER_NS = 1 << 62  # a beat of a conductor that never falls silent
 
 
 @pytest.fixture
-def ring(tmp_path: Path) -> Ring:
-    return Ring(tmp_path / "ring", create=True, ticks=SMALL)
+def ring() -> Ring:
+    return Ring(ticks=SMALL)
 
 
 def put(ring: Ring, first: int, n: int) -> None:
@@ -33,7 +36,7 @@ def put(ring: Ring, first: int, n: int) -> None:
 
 
 def test_a_ring_that_goes_round_many_times_hands_every_tick_on_once_and_in_order(ring: Ring) -> None:
-    window = Ring(ring.path)
+    window = Ring(ring.handle)
     generator, put_so_far, recorded, shown = np.random.default_rng(1), 0, [], []
     while put_so_far < 20 * SMALL:
         n = int(generator.integers(0, SMALL // 2))
@@ -56,7 +59,7 @@ def test_a_tick_that_could_not_be_recorded_is_taken_again(ring: Ring) -> None:
 
 
 def test_a_window_that_hung_gets_the_newest_ticks_and_none_that_is_being_overwritten(ring: Ring) -> None:
-    window = Ring(ring.path)
+    window = Ring(ring.handle)
     put(ring, 0, 5 * SMALL + 3)
     rows = window.newest()
     assert rows[-1, 0] == 5 * SMALL + 2 and np.all(np.diff(rows[:, 0]) == 1.0)
@@ -66,7 +69,7 @@ def test_a_window_that_hung_gets_the_newest_ticks_and_none_that_is_being_overwri
 
 def test_a_second_window_starts_with_what_comes_from_now_on(ring: Ring) -> None:
     put(ring, 0, 10)
-    window = Ring(ring.path)
+    window = Ring(ring.handle)
     put(ring, 10, 2)
     assert window.newest()[:, 0].tolist() == [10.0, 11.0]
 
@@ -75,7 +78,7 @@ def test_the_cause_of_a_brakes_off_is_the_first_and_stands_until_brakes_are_allo
     assert ring.why_off == ""
     ring.switch_off("Esc: the participant's finger – stuck")
     ring.switch_off("another")
-    assert Ring(ring.path).why_off == "Esc: the participant's finger – stuck"
+    assert Ring(ring.handle).why_off == "Esc: the participant's finger – stuck"
     ring.allow()
     ring.switch_off("")
     assert ring.why_off == "no cause given"
@@ -151,8 +154,8 @@ class Running:
 
 
 @pytest.fixture
-def large(tmp_path: Path) -> Ring:
-    return Ring(tmp_path / "ring", create=True)
+def large() -> Ring:
+    return Ring()
 
 
 @pytest.mark.parametrize("cause", [STOPPED, BRAKES_OFF, CONDUCTOR_SILENT, RING_FULL])
@@ -186,3 +189,13 @@ def test_brakes_that_are_off_before_a_trial_never_come_on_in_it(large: Ring) -> 
     large.switch_off("Esc")
     assert Running(large).end() == BRAKES_OFF
     assert not large.take()[:, tick_log.CURRENT : tick_log.CURRENT + 4].any()
+
+
+def test_without_memory_for_the_ring_no_server_is_started_and_one_sentence_says_why(monkeypatch, tmp_path) -> None:
+    def full(*_args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "memfd_create", full)
+    with pytest.raises(InputError, match="no memory for the ticks of the control loop"):
+        Client(Setup(tmp_path / "data"))
+    assert not (tmp_path / "data").exists()

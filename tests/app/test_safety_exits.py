@@ -17,7 +17,7 @@ from linked import LinkedBench
 from live import gone, kill, wait_until
 from live_board import board_session
 
-from app.ipc.board_jobs import NotDone, Reset, RunLinked
+from app.ipc.messages import NotDone, Reset, RunLinked
 from app.ipc.ring import Ring
 from app.loop.board_loop import BoardLoop
 from core import tick_log
@@ -93,8 +93,7 @@ def test_a_conductor_that_is_gone_when_the_loop_reports_leaves_no_current(
 ) -> None:
     bench = LinkedBench(hand=HeldHand(START), device=place.session.devices["four-brake"])
     answers = Told()
-    path = place.folder / "ring-2"
-    loop = BoardLoop(Ring(path, create=True, width=tick_log.BENCH_WIDTH), "bench", answers)
+    loop = BoardLoop(Ring(width=tick_log.BENCH_WIDTH), "bench", answers)
     loop._link, answers.broken = bench.link, True
     loop._next = lambda: ...
     with pytest.raises(BrokenPipeError):

@@ -6,7 +6,6 @@ from PySide6.QtWidgets import QLabel
 from screens import Screens, cut_texts, opened_screens, settle, visible_texts
 
 from app.ipc import messages as m
-from app.session_server.server import TAKEN_OVER
 from app.window import words
 from app.window.painting.labels import OneLine
 from experiments.analysis.trials_table import STATUSES
@@ -65,22 +64,3 @@ def test_at_1280_x_720_on_one_screen_nothing_that_the_participant_reads_is_cut(s
     settle(console)
     small = console.centre.small
     assert not isinstance(small, OneLine) and small.isVisible() and cut_texts(console.centre) == []
-
-
-def test_a_window_that_another_took_over_from_says_so_and_frightens_nobody(screens: Screens) -> None:
-    console = screens.hear(opened(), running(3))
-    screens.bench.alive = False
-    screens.hear(ready(3, stage=m.ELSEWHERE, said=TAKEN_OVER, said_bad=True))
-    texts = " ".join(visible_texts(console))
-    assert console.banner.text() == TAKEN_OVER and "can be closed" in texts
-    for frightening in ("coming to help", "Not recording", "Not yet"):
-        assert frightening not in texts and frightening not in screens.participant.view.said.small
-
-
-def test_a_start_page_that_another_window_took_over_from_says_it_once(screens: Screens) -> None:
-    console = screens.hear(opened(""), m.Snapshot(m.NO_SESSION))
-    screens.bench.alive = False
-    screens.hear(m.Snapshot(m.ELSEWHERE, said=TAKEN_OVER, said_bad=True))
-    texts = visible_texts(console)
-    assert texts.count(TAKEN_OVER) == 1 and not any("Not yet" in text for text in texts)
-    assert not console.start_page.new.isEnabled()

@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "support")]
 
-from app.ipc.setup import Setup  # noqa: E402
+from app.ipc.messages import Setup  # noqa: E402
 
 EVERY = 10  # trials
 MOVING_S = 2.5  # after the start of a trial
@@ -33,13 +33,13 @@ def drive(setup: Setup, most: int) -> None:
     from PySide6.QtWidgets import QApplication
 
     from app.ipc import messages as m
-    from app.ipc.client import Bench
+    from app.ipc.client import Client
     from app.window.painting import theme
     from app.window.windows import Windows
 
     application = QApplication([])
     theme.dress(application)
-    windows = Windows(Bench(setup))
+    windows = Windows(Client(setup))
     windows.show()
     windows.show_or_hide_participant()
     console, told = windows.console, set()
@@ -75,9 +75,7 @@ def start_window(setup: Setup, most: int) -> subprocess.Popen:
 
 def session(data: Path, args: argparse.Namespace) -> dict:
     """Run it, kill as asked, and look at what there is."""
-    from live import children
-
-    from app.ipc.address import find
+    from live import children, gone, wait_until
 
     victim, setup = args.kill, Setup(data, hand="operator", seed=1, real_time=not args.default)
     window, kills, began = start_window(setup, args.trials), 0, time.monotonic()
@@ -95,12 +93,14 @@ def session(data: Path, args: argparse.Namespace) -> dict:
         if victim and trials % EVERY == 0:
             time.sleep(MOVING_S)
             kills += 1
+            server = children(window.pid)[0]
             if victim == "window":
                 window.send_signal(signal.SIGKILL)
                 window.wait()
+                wait_until(lambda server=server: gone(server))  # it finishes its trial
                 window = start_window(setup, args.trials)
             else:
-                os.kill(children(find(data).pid)[0], signal.SIGKILL)
+                os.kill(children(server)[0], signal.SIGKILL)
     wall_s = round(time.monotonic() - began, 1)
     return {"killed": victim, "kills": kills, "hogs": args.hogs, "wall_s": wall_s, **recorded(data)}
 
@@ -151,7 +151,7 @@ def main() -> None:
     if args.drive:
         drive(Setup.from_json(args.drive), args.trials)
         return
-    from app.loop.lateness import hogs
+    from app.verbs.loop_lateness import hogs
 
     with tempfile.TemporaryDirectory() as folder, hogs(args.hogs):
         print(json.dumps(session(Path(folder) / "data", args), indent=1))

@@ -22,8 +22,8 @@ from PySide6.QtGui import QCursor
 from PySide6.QtWidgets import QApplication
 
 from app.ipc import messages as m
-from app.ipc.client import Bench
-from app.ipc.setup import Setup
+from app.ipc.client import Client
+from app.ipc.messages import Setup
 from app.window.painting import theme
 from app.window.painting.layers import compile_kernels
 from app.window.windows import Windows
@@ -123,7 +123,7 @@ def measure(seconds: float, width: int, height: int) -> PointerLag | str:
     application = QApplication.instance()
     assert isinstance(application, QApplication)
     with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(Setup(Path(folder) / "data", "paper", None, None, None, None))
+        bench = Client(Setup(Path(folder) / "data", "paper", None, None, None, None))
         windows = Windows(bench)
         console, participant = windows.console, windows.participant
         try:

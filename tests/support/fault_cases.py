@@ -13,8 +13,7 @@ from fault_kinds import AWAY, BETWEEN, END, LOCKED_TICKS, PULL, START, Fault, Ki
 from linked import LinkedBench
 from simulated_bench import reach
 
-from app.ipc.board_jobs import HomeAt, Linked, LinkedDone, Reset
-from app.ipc.messages import GOOD
+from app.ipc.messages import GOOD, HomeAt, Linked, LinkedDone, Reset
 from app.ipc.ring import Ring
 from app.loop import board_loop
 from app.loop.board_loop import BoardLoop
@@ -100,9 +99,7 @@ class Case:
             monotonic=now, monotonic_ns=lambda: round(1e9 * now()), time=now, sleep=lambda seconds: None
         )  # fmt: skip
         monkeypatch.setattr(board_loop, "time", ours)
-        path = place.folder / "ring"
-        path.unlink(missing_ok=True)
-        self.ring = Ring(path, create=True, width=tick_log.BENCH_WIDTH)
+        self.ring = Ring(width=tick_log.BENCH_WIDTH)
         self.answers = io.BytesIO()
         self.loop = BoardLoop(self.ring, "bench", self.answers)
         self.loop._link = self.bench.link

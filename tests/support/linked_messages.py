@@ -5,7 +5,7 @@ import time
 from fake_bench import GREEN, pulse
 
 from app.ipc import messages as m
-from app.ipc.board_jobs import Linked
+from app.ipc.messages import Linked
 
 ON_BENCH = {"real_device": True, "hand": "force sensor"}
 WELL = (m.Check("Device", m.GOOD, "four-brake, board B-7"), m.Check("Hand", m.GOOD, "force sensor"), *GREEN[2:])

@@ -1,4 +1,4 @@
-"""A live bench for tests: its messages as they come, its processes, and the proof that nothing of it is left."""
+"""A session server for tests: its messages as they come, its processes, and the proof that nothing of it is left."""
 
 import contextlib
 import os
@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from app.ipc import messages as m
-from app.ipc.address import find
-from app.ipc.client import Bench
-from app.ipc.setup import Setup
+from app.ipc.client import Client
+from app.ipc.messages import Setup
 
 LONG_S = 240.0  # to wait before a test fails; kernels may have to be compiled
 
@@ -44,7 +43,7 @@ def wait_until(what: Callable[[], object], seconds: float = LONG_S) -> None:
 
 
 class Window:
-    """A window without eyes: a Bench, what it has been told, snapshot by snapshot, and all ticks."""
+    """A window without eyes: a client, what it has been told, snapshot by snapshot, and all ticks."""
 
     def __init__(self, setup: Setup) -> None:
         self.opened: m.Opened | None = None
@@ -52,8 +51,8 @@ class Window:
         self.join(setup)
 
     def join(self, setup: Setup) -> None:
-        """A line of its own, in place of the one there was."""
-        self.bench = Bench(setup)
+        """A session server of its own, in place of the one there was."""
+        self.bench = Client(setup)
         self.snapshot: m.Snapshot | None = None
         self.pulse: m.Pulse | None = None
         self._told: deque = deque()
@@ -135,7 +134,7 @@ class Window:
         wait_until(lambda: self.look() or what(self.rows))
 
     def processes(self) -> list[int]:
-        """The conductor and its loop."""
+        """The session server and its loop."""
         return [self.bench.pid, *children(self.bench.pid)]
 
     def loop(self) -> int:
@@ -146,18 +145,16 @@ class Window:
 
 @contextlib.contextmanager
 def window(setup: Setup) -> Iterator[Window]:
-    """A window with a bench; at the end nothing of it is left, whatever the test did to it."""
+    """A window with a session server; at the end nothing of it is left, whatever the test did to it."""
     opened = Window(setup)
-    wait_until(lambda: opened.bench.pid or not opened.bench.alive)
     try:
         yield opened
     finally:
-        address = find(setup.data_dir)
         pids = opened.processes() if not gone(opened.bench.pid) else []
         opened.bench.stop("the test is over")
         wait_until(lambda: all(map(gone, pids)))
-        assert address is None or not address.ring.parent.exists()
-        assert not (setup.data_dir / ".bench.log").exists() or not (setup.data_dir / ".bench.log").read_text()
+        log = setup.data_dir / ".session_server.log"
+        assert not log.exists(), log.read_text()
 
 
 def kill(pid: int, number: int = 9) -> None:

@@ -13,7 +13,7 @@ from live import LONG_S, Window, wait_until, window
 from protocols import PAPER, changed
 
 from app.ipc import messages as m
-from app.ipc.setup import Setup
+from app.ipc.messages import Setup
 from core import tick_log
 from core.path_file import Segment
 from experiments.analysis.trials_table import TrialRow

@@ -1,44 +1,21 @@
-"""kill -9 of conductor, loop or window of a live bench, at random moments; and what must be there after each."""
+"""Session server, loop or window end at random moments; and what must be there after each."""
 
 import contextlib
-import os
-import subprocess
-import sys
 import time
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
 from live import Window, gone, kill, wait_until
 
 from app.ipc import messages as m
-from app.ipc.address import find
-from app.ipc.setup import Setup
+from app.ipc.messages import Setup
 from core import tick_log
 from experiments.recording.reader import read_recording
 from experiments.session.files import PARQUET_SUFFIX, rows_of, run_path, session_folder
 from experiments.session.journal import journal_summary
 from experiments.session.verify import verify
 
-TESTS = Path(__file__).resolve().parent
-VICTIMS = ("conductor", "loop", "window")
-#: a window in a process of its own, that takes over and says when it has heard of the running trial
-WINDOW = """
-import sys, time
-sys.path.insert(0, sys.argv[2])
-from live import Window
-from app.ipc.setup import Setup
-
-if __name__ == "__main__":
-    window = Window(Setup.from_json(sys.argv[1]))
-    window.until(lambda snapshot: snapshot)
-    print("there", flush=True)
-    while True:
-        window.look()
-        time.sleep(0.005)
-"""
-
-
+VICTIMS = ("server", "loop", "window")
 class Killing:
     """One session of a simulated operator that is killed again and again, and always resumed."""
 
@@ -59,15 +36,15 @@ class Killing:
         bench.start()
         moment = time.monotonic() + self._random.uniform(0.0, self._longest_s)
         if victim == "window":
-            self._kill_window(moment)
+            self._lose_window(moment)
         else:
             while time.monotonic() < moment:
                 self._look()
             running = bench.snapshot.running
             pids = bench.processes()
-            kill(bench.bench.pid if victim == "conductor" else bench.loop())
+            kill(bench.bench.pid if victim == "server" else bench.loop())
             self.seen["in a trial" if running else "between trials"] += 1
-            if victim == "conductor":
+            if victim == "server":
                 self._again(pids)
             else:
                 bench.until(lambda s: "control loop" in s.said)
@@ -94,30 +71,25 @@ class Killing:
             self._ticks[before.run] = len(bench.rows)
         time.sleep(0.002)
 
-    def _kill_window(self, moment: float) -> None:
-        running = self.bench.snapshot.running
-        environment = {**os.environ, "PYTHONPATH": str(TESTS.parents[1])}
-        command = [sys.executable, "-c", WINDOW, self.setup.to_json(), str(TESTS)]
-        with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE) as other:
-            other.stdout.readline()
-            time.sleep(max(0.0, moment - time.monotonic()))
-            other.kill()
-        self.bench.bench.close()
-        self.bench.join(self.setup)
-        rows = self.bench.until(lambda s: s.stage != m.RUNNING).rows
-        done = next(one for one in rows if one.run == running.run)
-        assert done.status in ("done", "timeout"), f"a window's end changed a trial: {done}"
-        self.seen["in a trial"] += 1
+    def _lose_window(self, moment: float) -> None:
+        """The window's end of the pipes is closed, as the system does it when the window is killed."""
+        while time.monotonic() < moment:
+            self._look()
+        running, pids = self.bench.snapshot.running, self.bench.processes()
+        self.bench.bench.leave()
+        self._again(pids)
+        if running is not None:
+            done = next(one for one in self.bench.snapshot.rows if one.run == running.run)
+            assert done.status in ("done", "timeout"), f"a window's end changed a trial: {done}"
+            self.seen["in a trial"] += 1
 
     def _again(self, pids: list[int]) -> None:
-        """A new bench in place of a dead one; the session is gone on with."""
-        place = find(self.setup.data_dir)
+        """A new session server in place of the one that is gone; the session is gone on with."""
         wait_until(lambda: all(map(gone, pids)))
-        assert place is None or not place.ring.parent.exists(), "the dead bench left its memory"
         self.bench.look()
         if len(self.bench.rows):
             assert not self.bench.rows[-1, tick_log.CURRENT : tick_log.CURRENT + 4].any(), "currents at the end"
-        self.bench.bench.close()
+        self.bench.bench.leave()
         self.bench.join(self.setup)
         self.bench.until_stage(m.NO_SESSION)
         self.bench.bench.send(m.Open("01", resume=True))

@@ -7,13 +7,13 @@ import contextlib
 import os
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from app.ipc.address import Place
-from app.ipc.jobs import Done, Prepared, Tried
+from app.ipc.messages import Done, Prepared, Tried
 from app.ipc.process import start_python
 from app.ipc.ring import Ring
 from app.ipc.scheduling import leave_core, program_cores, stolen_ms
@@ -39,8 +39,7 @@ def measure(
     draws beside it, as in the app. OSError if the loop dies or does not answer.
     """
     most, ticks, pieces = round(1000 * seconds), 0, []
-    place = Place()
-    ring = Ring(place.ring, create=True)
+    ring = Ring()
     loop = LoopProcess(ring, real_time)
     try:
         prepared = _answer(loop, ring)
@@ -73,7 +72,6 @@ def measure(
     finally:
         leave_core(-1)
         loop.close()
-        place.remove()
 
 
 def measure_all(seconds: float, progress: Callable[[float], None] | None = None) -> list[dict]:
@@ -149,10 +147,24 @@ def window() -> Iterator[None]:
 @contextlib.contextmanager
 def hogs(n: int) -> Iterator[None]:
     """Processes that only compute; they end with us."""
-    processes = [start_python("app.loop.hog", stdin=subprocess.PIPE) for _ in range(n)]
+    processes = [start_python("app.verbs.loop_lateness", stdin=subprocess.PIPE) for _ in range(n)]
     try:
         yield
     finally:
         for process in processes:
             process.kill()
             process.communicate()
+
+
+def main() -> None:
+    """The process of `hogs`: compute until the input ends, on any core as a foreign program would."""
+    leave_core(-1)
+    threading.Thread(target=_end_with_input, daemon=True).start()
+    number = 1
+    while True:
+        number = number * 1_664_525 % 4_294_967_291
+
+
+def _end_with_input() -> None:
+    sys.stdin.buffer.read()
+    os._exit(0)
