@@ -52,13 +52,13 @@ def mean_over_progress(values: np.ndarray, progress: np.ndarray) -> float | None
 
 
 @cache
-def _position_filter() -> np.ndarray:
+def _position_filter(cutoff_hz: float) -> np.ndarray:
     from scipy.signal import butter
 
-    return butter(POSITION_FILTER_ORDER, POSITION_CUTOFF_HZ, fs=SAMPLE_RATE_HZ, output="sos")
+    return butter(POSITION_FILTER_ORDER, cutoff_hz, fs=SAMPLE_RATE_HZ, output="sos")
 
 
-def tip_acceleration(tip: np.ndarray) -> np.ndarray | None:
+def tip_acceleration(tip: np.ndarray, cutoff_hz: float = POSITION_CUTOFF_HZ) -> np.ndarray | None:
     """Acceleration (m, 2) of the tip (m, 2) over a whole recording, m/s2; None for fewer than 20 ticks.
 
     The one definition for simulated and real devices: position under a 4th-order Butterworth low-pass of 20 Hz,
@@ -68,25 +68,27 @@ def tip_acceleration(tip: np.ndarray) -> np.ndarray | None:
         return None
     from scipy.signal import sosfiltfilt
 
-    smooth = sosfiltfilt(_position_filter(), np.ascontiguousarray(tip.T), axis=1)
+    smooth = sosfiltfilt(_position_filter(cutoff_hz), np.ascontiguousarray(tip.T), axis=1)
     velocity = np.gradient(smooth, 1.0 / SAMPLE_RATE_HZ, axis=1)
     return np.gradient(velocity, 1.0 / SAMPLE_RATE_HZ, axis=1).T
 
 
-def weighted_amplitudes(acceleration: np.ndarray) -> np.ndarray:
-    """(f / 1 Hz) times the amplitude at each f from 1/T to 100 Hz, m/s2; acceleration (n, 2).
+def weighted_amplitudes(
+    acceleration: np.ndarray, highest_hz: float = DFT_HIGHEST_HZ, power: float = 1.0
+) -> np.ndarray:
+    """(f / 1 Hz)^power times the amplitude at each f from 1/T to the highest, m/s2; acceleration (n, 2).
 
     Single-sided amplitudes 2/N of both components together, sqrt(|Ax|^2 + |Ay|^2); mean removed (our choice).
     """
     n = len(acceleration)
-    last = math.floor(n * DFT_HIGHEST_HZ / SAMPLE_RATE_HZ * (1.0 + 1e-12))
+    last = math.floor(n * highest_hz / SAMPLE_RATE_HZ * (1.0 + 1e-12))
     if last < 1:
         return np.empty(0)
     from scipy.fft import rfft
 
     spectrum = rfft((acceleration - acceleration.mean(axis=0)).T, axis=1)[:, 1 : last + 1]
     amplitude = 2.0 / n * np.sqrt(np.sum(spectrum.real**2 + spectrum.imag**2, axis=0))
-    return np.arange(1, last + 1) * (SAMPLE_RATE_HZ / n) * amplitude
+    return (np.arange(1, last + 1) * (SAMPLE_RATE_HZ / n)) ** power * amplitude
 
 
 def acceleration_dft_sum(acceleration: np.ndarray) -> float | None:
