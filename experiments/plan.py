@@ -141,7 +141,7 @@ def lay_out(
 
 
 def make_plan(protocol: Protocol, participant: int | str, coded: bool | None = None) -> tuple[PlannedTrial, ...]:
-    """All trials of a participant by a protocol. coded: over codes (default: as the protocol says)."""
+    """All trials of a participant by a protocol. coded: over codes (default: as in the protocol)."""
     names = [device.name for device in protocol.devices]
     controllers = plan_controllers(protocol, coded)
     return lay_out(
@@ -282,8 +282,8 @@ def _seen(protocol: Protocol) -> str:
     linkage = "the linkage" if protocol.show_linkage else "no linkage"
     feedback = "no feedback" if protocol.feedback == "none" else f"the {protocol.feedback} after each trial"
     cues = protocol.cues
-    told = f'"slower" under {cues.too_fast_s:g} s, "faster" over {cues.too_slow_s:g} s' if cues else "no cues"
-    return f"{linkage}, {feedback}, {told}"
+    paced = f'"slower" under {cues.too_fast_s:g} s, "faster" over {cues.too_slow_s:g} s' if cues else "no cues"
+    return f"{linkage}, {feedback}, {paced}"
 
 
 def path_text(path: PathFile) -> str:

@@ -24,7 +24,7 @@ from core.simulator.hand import Hand, spring_hand
 from core.workspace import tip_is_free
 
 PROPORTIONAL, GAIN = "proportional", "gain_N_s_m"  # whose least gain `--low-gain` sets
-FEEDBACKS = ("none", "time", "error")  # what the participant is told after a trial
+FEEDBACKS = ("none", "time", "error")  # what the participant sees after a trial
 
 Count = Annotated[int, msgspec.Meta(ge=1, le=1000)]
 Text = Annotated[str, msgspec.Meta(min_length=1)]
@@ -51,7 +51,7 @@ class _NamedController(Table, frozen=True):
         return make_preset(self.name, self.kind, {name: getattr(self, name) for name in PARAMETERS})
 
 
-#: One controller as a file says it: an algorithm and its parameters.
+#: One controller as it stands in a file: an algorithm and its parameters.
 ControllerFile = msgspec.defstruct(
     "ControllerFile", [(name, kind | None, None) for name, kind in PARAMETER_TYPES.items()],
     bases=(_NamedController,), frozen=True, kw_only=True, forbid_unknown_fields=True,
@@ -128,7 +128,7 @@ class Questionnaire(Table, frozen=True):
 
 
 class ProtocolFile(Table, frozen=True):
-    """One protocol as its file says it."""
+    """One protocol as it stands in its file."""
 
     name: Text
     devices: Annotated[tuple[Text, ...], msgspec.Meta(min_length=1)]  # shipped names, or paths from the file's folder
@@ -143,7 +143,7 @@ class ProtocolFile(Table, frozen=True):
     blind: bool = False  # the console sees codes in place of controllers
     show_linkage: bool = False  # to the participant
     feedback: str = "none"
-    provenance: str = ""  # "assumed": the paths are nobody's, and every figure says so
+    provenance: str = ""  # "assumed": the paths are not measured or published, and every figure notes it
     trial: TrialFile = TrialFile()
     cues: Cues | None = None
     breaks: Breaks | None = None
@@ -218,7 +218,7 @@ class Protocol:
         return min(gains, default=None)
 
     def note(self) -> str:
-        """What every figure says: protocol, rules, the low gain, what is assumed."""
+        """The note on every figure: protocol, rules, the low gain, what is assumed."""
         parts = [f"{self.name} protocol", f"{self.rules} rules"]
         if self.low_gain is not None:
             parts.append(f"low gain {self.low_gain:g} N s/m")
@@ -311,7 +311,7 @@ def build_protocol(
     given: Mapping[str, Any],
     where: str,
 ) -> Protocol:
-    """The protocol of a file with its devices; `given` stands in place of what the file says. InputError as above."""
+    """The protocol of a file with its devices; `given` replaces the file's own values. InputError as above."""
     names = [device.name for device, _ in devices]
     if len(set(names)) < len(names):
         raise InputError(f"{where}: devices: two devices have the same name ({', '.join(names)})")

@@ -34,8 +34,8 @@ SPARC_CUTOFF_HZ, SPARC_THRESHOLD, SPARC_PAD_LEVEL = 10.0, 0.05, 4
 def along_path(tip: np.ndarray, path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Furthest way along the path so far (n,), clipped to its ends, and distance |d| from it (n,), m; tip (n, 2).
 
-    Both of the nearest point, tick by tick: distance beyond an end is that from the straight line on, and whoever cuts
-    a corner leaps ahead in progress; the leap counts with its own length.
+    Both of the nearest point, tick by tick: beyond an end it is the distance from the straight line on. A tip
+    that cuts a corner leaps ahead in progress; the leap counts with its own length.
     """
     progress, distance = np.empty(len(tip)), np.empty(len(tip))
     measure(path, np.ascontiguousarray(tip), progress, distance)

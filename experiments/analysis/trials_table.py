@@ -23,8 +23,8 @@ from experiments.recording.schema import Recording
 STATUSES = ("done", "timeout", "aborted", "redone", "recovered", "skipped", "stopped")
 #: Trials whose measures count in tables of results and box plots: a time-out keeps its measures (and is marked).
 COUNTED = ("done", "timeout")
-#: Trials that settle their cell of the plan: after any other the cell is run again. Aborted: somebody decided so, and
-#: said why; stopped: the brakes-off, a fault or the end of the app cut it short, which is nobody's decision.
+#: Trials that settle their cell of the plan: after any other the cell is run again. Aborted: the experimenter
+#: ended it and gave a reason; stopped: the brakes-off, a fault or the end of the app cut it short.
 SETTLED = ("done", "timeout", "aborted", "skipped")
 
 
@@ -108,7 +108,7 @@ def table_bytes(rows: Iterable[TrialRow], header: bool = True) -> bytes:
 
 
 def write_table(path: str | Path, rows: Iterable[TrialRow], replacing: bool = False) -> None:
-    """Write a whole table in one step: whoever looks sees the old one or the new one, and so after a crash.
+    """Write a whole table in one step: a reader finds the old one or the new one, after a crash too.
 
     InputError if the file exists, unless `replacing`, or cannot be there; OSError if the disk takes no more.
     """
@@ -192,7 +192,7 @@ def row_of(recording: Recording, folder: Path) -> TrialRow:
     if recording.in_phase("move").any():
         try:
             metrics = trial_metrics(recording, path)
-        except InputError:  # ticks are missing, or a sample is no number: then there is nothing to say of it
+        except InputError:  # ticks are missing, or a sample is no number: then nothing can be measured
             if outcome["status"] in COUNTED:
                 raise
     place = os.path.relpath(recording.path, folder).replace(os.sep, "/")

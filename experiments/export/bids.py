@@ -37,7 +37,7 @@ BIDS_VERSION = "1.11.1"
 TASK, TRACKSYS = "pathfollow", "fivebar"
 MISSING = "n/a"
 _LATENCY_DECIMALS = 6  # at most, by the specification
-#: Columns of trials.csv that a scans table says by the name of the file.
+#: Columns of trials.csv that stand in the name of the file in a scans table.
 _IN_FILE_NAME = ("participant", "recording")
 
 _HANDS = {
@@ -147,14 +147,14 @@ def _channels(trial: ExportedTrial) -> tuple[list[_Channel], dict[str, np.ndarra
             for joint in recording.braked:
                 stuck = np.array([joint in word for word in letters])[recording.column("stuck")]
                 columns[f"stuck_{joint}"] = stuck.astype(np.int8)
-                says = f"1: the brake at joint {joint} is stuck, 0: it is not"
-                channels.append(_Channel(f"stuck_{joint}", MISSING, "MISC", MISSING, MISSING, MISSING, MISSING, says))
+                meaning = f"1: the brake at joint {joint} is stuck, 0: it is not"
+                channels.append(_Channel(f"stuck_{joint}", MISSING, "MISC", *[MISSING] * 4, meaning))
             continue
         values = recording.column(name)
         columns[name] = np.round(values, _LATENCY_DECIMALS) if name == "t_s" else values
         kind = _kind(name)
         at_handle = name.startswith(("tip_", "hand_", "target_"))
-        says = described.description + (": the code of a word in Decisions of _motion.json" * (name == "decision"))
+        meaning = described.description + (": the code of a word in Decisions of _motion.json" * (name == "decision"))
         channels.append(
             _Channel(
                 name,
@@ -164,7 +164,7 @@ def _channels(trial: ExportedTrial) -> tuple[list[_Channel], dict[str, np.ndarra
                 described.unit or MISSING,
                 "handle" if at_handle and not name.startswith("target_") else MISSING,
                 "workspace" if at_handle else MISSING,
-                says,
+                meaning,
             )
         )
     return channels, columns
@@ -225,7 +225,7 @@ def _about(trial: ExportedTrial, channels: list[_Channel]) -> dict[str, Any]:
 
 
 def _board(trial: ExportedTrial) -> str:
-    """The number of the board on the bench; "": the device is simulated, as in a recording that says nothing."""
+    """The number of the board on the bench; "": the device is simulated, also where a recording does not name one."""
     if trial.about.get("link", "sim") == "sim":
         return ""
     return str(trial.outcome.get("link", {}).get("board") or "unknown")

@@ -1,6 +1,6 @@
 """The paper's Figs. 1 and 4 to 14, remade from our models: no data of the paper are drawn, only what the models say.
 
-Each module draws a group of figures; `draw_all` says which files they become and writes them, all or none.
+Each module draws a group of figures; `draw_all` names their files and writes them, all or none.
 """
 
 import re
@@ -49,8 +49,8 @@ def pictures(devices: Sequence[Device]) -> list[Picture]:
     ]
     for device, slug in zip(devices, _slugs(device.name for device in devices), strict=True):
         number = SDOF_FIGURE.get(device.name, "fig04-05")
-        says = f"paths with one brake locked: {device.name}"
-        found.append(Picture(f"{number}_sdof_paths_{slug}", says, partial(draw_sdof_paths, device)))
+        shows = f"paths with one brake locked: {device.name}"
+        found.append(Picture(f"{number}_sdof_paths_{slug}", shows, partial(draw_sdof_paths, device)))
     brakes = brakes_of(devices)
     endings = [f"_{slug}" for slug in _slugs(brake.name for brake in brakes)] if len(brakes) > 1 else [""]
     for name, shows, draw in (
@@ -62,8 +62,8 @@ def pictures(devices: Sequence[Device]) -> list[Picture]:
         for brake, ending in zip(brakes, endings, strict=True):
             found.append(Picture(name + ending, f"{shows}: {brake.name}", partial(draw, brake)))
     for device, slug in zip(devices, _slugs(device.name for device in devices), strict=True):
-        says = f"spring release from rest, each brake locked in turn and none: {device.name}"
-        found.append(Picture(f"fig11_spring_release_{slug}", says, partial(draw_releases, device)))
+        shows = f"spring release from rest, each brake locked in turn and none: {device.name}"
+        found.append(Picture(f"fig11_spring_release_{slug}", shows, partial(draw_releases, device)))
     return [
         *found,
         Picture("fig12_velocity_field", "desired directions around the path y = 40 cm", draw_velocity_field),
@@ -95,7 +95,7 @@ def draw_all(
     """Draw every figure as PNG and PDF into a folder; the same devices give the same bytes.
 
     InputError, and no file left behind, if one of the files exists already or the folder cannot be written.
-    `progress` is told the share done (0 to 1).
+    `progress` gets the share done (0 to 1).
     """
     folder = Path(out_folder)
     wanted = pictures(devices)

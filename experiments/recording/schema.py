@@ -192,7 +192,7 @@ def same_content(a: Recording, b: Recording) -> bool:
 
 
 def describe(schema_metadata: dict[bytes, bytes] | None) -> dict[str, Any]:
-    """What the schema says about the recording (the JSON under `phd`), as keyword arguments of `Recording`.
+    """The description in the schema (the JSON under `phd`), as keyword arguments of `Recording`.
 
     ValueError if this is no recording or one of a later form.
     """

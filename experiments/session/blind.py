@@ -3,7 +3,7 @@
 The key is drawn from the system's randomness, so neither seed nor plan tells it, and lies in a file of its own beside
 session.json, which holds only its SHA-256 (with a salt in the file: the key cannot be found by trying all). While a
 session is blind its plan, journal, table and the metadata of its recordings hold codes, and the table leaves out what
-tells a controller by itself. The ticks of a recording hold currents and decisions: whoever looks there can tell.
+reveals a controller by itself. The ticks of a recording hold currents and decisions: they reveal it to a reader.
 """
 
 import hashlib

@@ -143,14 +143,14 @@ def is_in_use(folder: Path) -> bool:
         hold_lock(folder).release()
     except InputError:
         return True
-    except OSError:  # not ours to open, as on a read-only disk: nobody writes there
+    except OSError:  # not ours to open, as on a read-only disk: no process writes there
         return False
     return False
 
 
 @dataclass(frozen=True)
 class StoredSession:
-    """What session.json says."""
+    """The content of session.json."""
 
     participant: str
     protocol: Protocol

@@ -187,7 +187,7 @@ def _add_rows(session: Path, done: Rescue) -> None:
 
 
 def _measured(path: Path, session: Path, journal: JournalSummary, done: Rescue) -> TrialRow | None:
-    """The row of a recording; None where it can give none, which is told and keeps no other trial from its row."""
+    """The row of a recording; None where it can give none, which is reported; other trials get theirs."""
     try:
         recording = read_recording(path)
         if recording.whole:

@@ -75,7 +75,7 @@ from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.operator import Person
 from experiments.trial.trial import Trial, new_simulation
 
-SENSOR = "force sensor"  # of a device on the bench: whoever moves the handle
+SENSOR = "force sensor"  # of a device on the bench, in place of a kind of hand
 LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 
 
@@ -311,7 +311,7 @@ class Session:
     ) -> TrialRow:
         """Close the recording, verify it, take the measures from what was recorded, add the row to the table.
 
-        cut_short: if it was ended, nobody decided so: it is "stopped", and its cell comes again.
+        cut_short: a trial that was ended was not ended by the experimenter: it is "stopped", and its cell comes again.
         raw_will_do: where the disk does not take the Parquet file, the stream is the recording until `put_in_order`.
         OSError if the disk does not take what is needed; `put_in_order` then makes up for it.
         """
@@ -380,7 +380,7 @@ class Session:
     def unblind(self, who: str) -> None:
         """Open the key: codes become controllers in the tables, from now on; who did it is journalled first.
 
-        InputError if the session is not blind, or nobody is named.
+        InputError if the session is not blind, or no name is given.
         """
         if not self.blind:
             raise InputError(f"{self.folder}: is not blind, there is no key to open")
@@ -427,7 +427,7 @@ def session_about(
 def recording_metadata(
     participant: str, protocol: Protocol, hand: str, trial: Trial | LinkedTrial, preset: Preset | None
 ) -> dict[str, Any]:
-    """What a recording says of its trial. preset: its controller; None: nothing may tell it, the session is blind."""
+    """The metadata of a recording. preset: its controller; None: hidden, the session is blind."""
     planned, path, linked = trial.planned, trial.path, isinstance(trial, LinkedTrial)
     about = {
         "participant": participant,

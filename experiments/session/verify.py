@@ -199,7 +199,7 @@ def _check_row(
 
 
 def differences(row: TrialRow, right: TrialRow, source: str = "its recording") -> Iterator[str]:
-    """What a row says and its recording, with what the journal adds, does not."""
+    """Where a row differs from what its recording, with the journal's additions, gives."""
     for column in fields(TrialRow):
         there, true = getattr(row, column.name), getattr(right, column.name)
         if column.name == "recording":
@@ -208,10 +208,10 @@ def differences(row: TrialRow, right: TrialRow, source: str = "its recording") -
         if isinstance(there, float) and isinstance(true, float):
             same = math.isclose(there, true, rel_tol=TOLERANCE, abs_tol=1e-12)
         if not same:
-            yield f"run {row.run}: {column.name} is {_said(there)}, {source} gives {_said(true)}"
+            yield f"run {row.run}: {column.name} is {_shown(there)}, {source} gives {_shown(true)}"
 
 
-def _said(value: object) -> str:
+def _shown(value: object) -> str:
     return "empty" if value in (None, "") else str(value)
 
 

@@ -103,7 +103,7 @@ def simulate(
     source: Callable[[Scene], RowSource] = open_scene,
     progress: Callable[[float], None] | None = None,
 ) -> Summary:
-    """Run a scene into a new CSV file. `progress` is told the share done (0 to 1) after each chunk.
+    """Run a scene into a new CSV file. `progress` gets the share done (0 to 1) after each chunk.
 
     InputError if the file exists or cannot be created; OSError if writing fails; FloatingPointError if the motion
     diverges. In all these cases, and on any other exception, no half-written file is left behind.

@@ -53,7 +53,7 @@ def analyze(
 ) -> dict:
     """Write trials.csv, the figures and the report into a new folder (default DIR/analysis-N); the summary.
 
-    A recording that is damaged or was cut off is left out and named, here and on the figures, and `changed` says what
+    A recording that is damaged or was cut off is left out and named, here and on the figures, and `changed` gives what
     that does to each box. unblind: who opens the keys of blind sessions, for this analysis alone: it is written into
     their journals, and their own tables stay coded. InputError if there is nothing to analyze.
     """
@@ -168,7 +168,7 @@ def changed_boxes(
     except InputError as error:
         return [f"{error}, so the figures cannot be compared with it"]
     configurations = tuple(dict.fromkeys(row.configuration for row in (*before_rows, *rows)))
-    said = []
+    changes = []
     for metric in DRAWN:
         before, after = (
             boxes(told_apart(r), metric.name, configurations, metric.scale) for r in (before_rows, rows)
@@ -181,14 +181,14 @@ def changed_boxes(
             box = f"{metric.title}, {' '.join(controller.split())}, {key[1]}"
             if old is None or new is None:
                 counts = f"{old.count if old else 0} -> {new.count if new else 0} trials"
-                said.append(f"{box}: {counts}, {'the box is gone' if old else 'a new box'}")
+                changes.append(f"{box}: {counts}, {'the box is gone' if old else 'a new box'}")
                 continue
             share = f" ({(new.median - old.median) / old.median:+.1%})" if old.median else ""
-            said.append(
+            changes.append(
                 f"{box}: {old.count} -> {new.count} trials, "
                 f"median {old.median:.4g} -> {new.median:.4g} {metric.shown_unit}{share}"
             )
-    return said
+    return changes
 
 
 def read_studies(folders: Sequence[Path]) -> dict[str, list[TrialRow]]:

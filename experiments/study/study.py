@@ -145,8 +145,8 @@ class _Run:
             if name == FIGURES:
                 draw_boxplots(table, folder, note, labels=protocol.labels(), protocol=protocol.name)
             else:
-                said = f"{protocol.note()}, {self.study.population.note()}"
-                write_report(table, folder, said, controllers=protocol.controllers)
+                about = f"{protocol.note()}, {self.study.population.note()}"
+                write_report(table, folder, about, controllers=protocol.controllers)
             shutil.rmtree(self.out / name, ignore_errors=True)
             folder.rename(self.out / name)
 

@@ -76,7 +76,7 @@ SweptController = msgspec.defstruct(
 
 
 class SweepFile(Table, frozen=True):
-    """One sweep as its file says it."""
+    """One sweep as it stands in its file."""
 
     name: Text
     controller: Annotated[tuple[SweptController, ...], msgspec.Meta(min_length=1)]
