@@ -1,6 +1,6 @@
 """`phd simulate`: run a scene and stream its motion to a CSV file.
 
-The rows come from a `RowSource` chunk by chunk, so memory stays flat however long the scene is. The file is
+The rows come chunk by chunk, so memory stays flat however long the scene is. The file is
 created exclusively, and removed again if the run does not reach its end.
 """
 
@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -29,24 +29,6 @@ CHUNK_STEPS = 500_000
 T, X, Y, VX, VY, TORQUE, STUCK, WIDTH = 0, 1, 2, 3, 4, 5, 9, 10
 
 
-class RowSource(Protocol):
-    """A scene being simulated."""
-
-    @property
-    def events(self) -> int:
-        """Stick-slip events so far."""
-        ...
-
-    @property
-    def fallbacks(self) -> int:
-        """Steps so far that the event integrator handed to the implicit one."""
-        ...
-
-    def run_chunk(self, rows: int) -> npt.NDArray[np.float64]:
-        """The next output rows (rows, WIDTH); the first call begins at t = 0."""
-        ...
-
-
 @dataclass(frozen=True)
 class Summary:
     """What a run did."""
@@ -59,16 +41,11 @@ class Summary:
     fallbacks: int
 
 
-def open_scene(scene: Scene) -> RowSource:
-    """The simulator, at the start of a scene."""
-    return _Run(scene)
-
-
-class _Run:
-    """The simulator behind `RowSource`; imported here, where the kernels are first needed."""
+class SceneRun:
+    """A scene being simulated, chunk by chunk."""
 
     def __init__(self, scene: Scene) -> None:
-        from core.simulator.hand import new_hand
+        from core.simulator.hand import new_hand  # here: the kernels are first needed now
         from core.simulator.simulation import Simulation
 
         self.scene, self.row = scene, 0
@@ -82,6 +59,7 @@ class _Run:
         )
 
     def run_chunk(self, rows: int) -> npt.NDArray[np.float64]:
+        """The next output rows (rows, WIDTH); the first call begins at t = 0."""
         scene, first = self.scene, self.row
         self.row += rows
         return self.simulation.rows(
@@ -90,17 +68,19 @@ class _Run:
 
     @property
     def events(self) -> int:
+        """Stick-slip events so far."""
         return self.simulation.ledger().events
 
     @property
     def fallbacks(self) -> int:
+        """Steps so far that the event integrator handed to the implicit one."""
         return self.simulation.ledger().fallbacks
 
 
 def simulate(
     scene: Scene,
     out_path: str | Path,
-    source: Callable[[Scene], RowSource] = open_scene,
+    source: Callable[[Scene], SceneRun] = SceneRun,
     progress: Callable[[float], None] | None = None,
 ) -> Summary:
     """Run a scene into a new CSV file. `progress` gets the share done (0 to 1) after each chunk.
