@@ -1,6 +1,7 @@
 """`phd replay`: a recorded trial on the screen, or its hand through another controller or device."""
 
 import argparse
+import sys
 from pathlib import Path
 
 from app.display import Display, import_screen
@@ -20,7 +21,8 @@ def add(verbs) -> None:
         "play a recorded trial on the screen, or its hand through another controller or device",
         "With any of the options below no window opens: the hand of the trial's movement is simulated once more, and\n"
         "each metric is printed as it was and as it is. A person would react to what they feel; the recorded hand\n"
-        "only gives way as an arm does. With neither --controller nor --device it is the recorded trial again.",
+        "only gives way as an arm does. With neither --controller nor --device it is the recorded trial again, to the\n"
+        "last bit; a warning says where it is not (another version or machine recorded it).",
         "phd replay study-1/sub-01/ses-01/trials/run-001.parquet --controller 3 --out replayed.csv",
     )
     verb.add_argument("recording", type=Path, metavar="RECORDING", help="a recording in the folder of its session")
@@ -56,6 +58,8 @@ def replay_verb(args: argparse.Namespace) -> int:
     announce_first_use()
     with Progress("replaying") as progress:
         summary = replay(args.recording, args.controller, args.device, args.protocol, args.hand, args.out, progress)
+    for warning in summary["warnings"]:
+        print(f"warning: {args.recording}: {warning}", file=sys.stderr)
     if args.json:
         print_summary(summary, True)
     else:
@@ -92,6 +96,11 @@ def table(summary: dict) -> str:
     for name in ("energy_residual_J", "energy_added_max_J"):
         lines.append(f"{name:32}{_shown(before[name]):>28}{_shown(after[name]):>28}")
     lines.append(f"largest difference of the tip: {1e3 * summary['largest_tip_difference_m']:.4g} mm")
+    if summary["equal"]:
+        lines.append("equal to the recording in every tick and column, to the last bit")
+    if decisions := summary["decisions"]:
+        same = decisions["decisions"] - decisions["different"]
+        lines.append(f"decisions, taken again from the recording alone: {same} of {decisions['decisions']} the same")
     lines.append(summary["says"])
     if summary["out"]:
         lines.append(f"{summary['out']}: {summary['ticks']} ticks")

@@ -1,6 +1,7 @@
 """`phd study`: the whole study with simulated operators."""
 
 import argparse
+import sys
 from pathlib import Path
 
 from app.progress import Progress, announce_first_use
@@ -111,6 +112,12 @@ def study(args: argparse.Namespace) -> int:
             summary = resume_study(args.out, asked, progress)
         else:
             summary = run_study(args.out, args.operators or OPERATORS, protocol, population, progress)
+    if summary["in_doubt"]:
+        print(
+            f"warning: {args.out}: the energy ledger contradicts the motion of {summary['in_doubt']} trials, which "
+            "may be wrong; phd verify names them",
+            file=sys.stderr,
+        )
     print_summary(summary, args.json)
     return 0
 

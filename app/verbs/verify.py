@@ -1,6 +1,7 @@
 """`phd verify`: is everything that was recorded whole?"""
 
 import argparse
+import sys
 from pathlib import Path
 
 from app.progress import Progress
@@ -26,7 +27,10 @@ def verify_verb(args: argparse.Namespace) -> int:
 
     with Progress("verifying") as progress:
         found = verify(args.dir, progress)
-    print_summary(found if args.json else {**found, "faults": len(found["faults"])}, args.json)
+    for doubt in found["warnings"]:
+        print(f"warning: {doubt['file']}: {doubt['warning']}", file=sys.stderr)
+    counts = {name: len(found[name]) for name in ("faults", "warnings")}
+    print_summary(found if args.json else {**found, **counts}, args.json)
     if not args.json:
         for fault in found["faults"]:
             print(f"{fault['file']}: {fault['fault']}")

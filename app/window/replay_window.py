@@ -51,7 +51,8 @@ def ticks_of(recording: Recording) -> np.ndarray:
     """The tick log (n, tick_log.WIDTH) of a recording; text columns with the codes of this program."""
     rows = np.zeros((recording.rows, tick_log.WIDTH))
     for name, place in recording_columns(recording.braked):
-        rows[:, place] = recording.column(name)
+        if name in recording.columns:  # earlier versions recorded fewer
+            rows[:, place] = recording.column(name)
     for name, place, words in (
         ("phase", tick_log.PHASE, tick_log.PHASES),
         ("stuck", tick_log.STUCK, tick_log.STUCK_LETTERS),

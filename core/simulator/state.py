@@ -48,6 +48,10 @@ STATE = np.dtype(
     ]
 )
 
+#: Fields that are filled before they are read, in every step. All others are what a device takes from trial to trial.
+_FILLED_FIRST = ("cost_plus", "cost_minus", "active", "lag")
+CARRIED = tuple(name for name in STATE.names or () if name not in _FILLED_FIRST)
+
 ARM = np.dtype([(name, "f8") for name in ("base_x", "base_y", "length_1", "length_2", "side")]
                + [(name, "f8") for name in ("proximal", "distal", "coupling", "rotor")])  # fmt: skip
 MECHANISM = np.dtype(

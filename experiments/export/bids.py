@@ -153,7 +153,7 @@ def _channels(trial: ExportedTrial) -> tuple[list[_Channel], dict[str, np.ndarra
         values = recording.column(name)
         columns[name] = np.round(values, _LATENCY_DECIMALS) if name == "t_s" else values
         kind = _kind(name)
-        at_handle = name.startswith(("tip_", "hand_", "target_"))
+        at_handle = name.startswith(("tip_", "hand_", "target_", "sensed_"))
         meaning = described.description + (": the code of a word in Decisions of _motion.json" * (name == "decision"))
         channels.append(
             _Channel(

@@ -31,6 +31,7 @@ FORMS: dict[str, Callable[[Path], "Form"]] = {"bids": BidsDataset, "csv": CsvTab
 _SHOWN_WHILE_BLIND = (
     "participant", "run", "block", "configuration", "controller", "segment", "repetition", "start_m", "end_m", "path",
     "protocol", "rules", "hand", "link", "assumed", "status", "reason", "energy_residual_J", "energy_added_max_J",
+    "warnings",
 )  # fmt: skip
 
 

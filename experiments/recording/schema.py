@@ -16,6 +16,7 @@ on the bench sensors).
 """
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,6 +26,7 @@ import pyarrow as pa
 from fastcrc.crc32 import iso_hdlc as crc32
 
 from core import tick_log
+from core.control.controllers import DECISIONS
 from core.errors import InputError
 from core.mechanism import JOINTS
 
@@ -50,45 +52,15 @@ def recording_columns(braked: str, sensors: Sensors | None = None) -> tuple[tupl
 
     sensors: of a device on the bench; None: it is simulated, and there are no raw signals.
     """
-    joints = [i for i, joint in enumerate(JOINTS) if joint in braked]
-    if "".join(JOINTS[i] for i in joints) != braked:
+    if "".join(joint for joint in JOINTS if joint in braked) != braked:
         raise InputError(f"recording: braked joints {braked!r} must be letters out of {JOINTS}, in that order")
-    return (
-        ("t_s", tick_log.T),
-        ("phase", tick_log.PHASE),
-        ("tip_x_m", tick_log.TIP_X),
-        ("tip_y_m", tick_log.TIP_Y),
-        ("tip_vx_m_s", tick_log.TIP_VX),
-        ("tip_vy_m_s", tick_log.TIP_VY),
-        ("tip_ax_m_s2", tick_log.TIP_AX),
-        ("tip_ay_m_s2", tick_log.TIP_AY),
-        ("hand_fx_N", tick_log.HAND_FX),
-        ("hand_fy_N", tick_log.HAND_FY),
-        *((f"current_{JOINTS[i]}_A", tick_log.CURRENT + i) for i in joints),
-        *((f"torque_{JOINTS[i]}_N_m", tick_log.TORQUE + i) for i in joints),
-        ("stuck", tick_log.STUCK),
-        ("decision", tick_log.DECISION),
-        ("lateness_us", tick_log.LATENESS_US),
-        ("energy_hand_J", tick_log.ENERGY_HAND),
-        ("energy_brakes_J", tick_log.ENERGY_BRAKES),
-        ("energy_kinetic_J", tick_log.ENERGY_KINETIC),
-        ("energy_stops_J", tick_log.ENERGY_STOPS),
-        ("target_x_m", tick_log.TARGET_X),
-        ("target_y_m", tick_log.TARGET_Y),
-        *(bench_columns(joints, sensors) if sensors else ()),
-    )
-
-
-def bench_columns(joints: list[int], sensors: Sensors) -> list[tuple[str, int]]:
-    """(name, column of the tick log) of what the bench alone has; joints: indices of the braked ones."""
-    return [
-        ("board_us", tick_log.BOARD_US),
-        ("host_s", tick_log.HOST_S),
-        ("filled", tick_log.FILLED),
-        *((f"encoder_{joint}_counts", tick_log.COUNT + JOINTS.index(joint)) for joint in sensors.encoders),
-        *((f"force_{n + 1}_counts", tick_log.FORCE_COUNT + n) for n in range(sensors.force_channels)),
-        *((f"measured_{JOINTS[i]}_A", tick_log.MEASURED + i) for i in joints),
-    ]
+    here = (tick_log.BOTH, tick_log.BENCH if sensors else tick_log.SIMULATED)
+    found: list[tick_log.Column] = []
+    for column in tick_log.COLUMNS:
+        if column.of in here:
+            joints = sensors.encoders if sensors and column.place == tick_log.COUNT else braked
+            found += column.spread(joints, range(1, 1 + sensors.force_channels) if sensors else ())
+    return tuple((column.name, column.place) for column in found)
 
 
 def column_words(decisions: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
@@ -97,9 +69,16 @@ def column_words(decisions: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
 
 
 def make_schema(
-    braked: str, metadata: dict[str, Any], decisions: tuple[str, ...], sensors: Sensors | None = None
+    braked: str,
+    metadata: dict[str, Any],
+    decisions: tuple[str, ...],
+    sensors: Sensors | None = None,
+    columns: Iterable[str] | None = None,
 ) -> pa.Schema:
-    """The Arrow schema of a recording, without a checksum. InputError for metadata that JSON cannot hold."""
+    """The Arrow schema of a recording, without a checksum. InputError for metadata that JSON cannot hold.
+
+    columns: of a recording that an earlier version wrote, with fewer; None: all that there are now.
+    """
     words = column_words(decisions)
     about = {"form": FORM, "braked": braked, "text": words, "metadata": metadata}
     if sensors:
@@ -108,13 +87,14 @@ def make_schema(
         about_json = json.dumps(about, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"recording: metadata cannot be stored as JSON: {error}") from None
+    names = [name for name, _ in recording_columns(braked, sensors)] if columns is None else columns
     fields = [
         pa.field(
             name,
             pa.dictionary(TEXT_COLUMNS[name], pa.string()) if name in TEXT_COLUMNS else pa.float64(),
             nullable=False,
         )
-        for name, _ in recording_columns(braked, sensors)
+        for name in names
     ]
     return pa.schema(fields, metadata={"phd": about_json})
 
@@ -175,6 +155,15 @@ class Recording:
     def in_phase(self, phase: str) -> np.ndarray:
         """True at the ticks of one phase (rows,): approach, hold, move or end."""
         return self.column("phase") == self.words["phase"].index(phase)
+
+
+def recording_of(rows: np.ndarray, braked: str, path: Path = Path()) -> Recording:
+    """Ticks (n, tick_log.WIDTH) of a simulated device as a recording that was never on a disk."""
+    columns = {
+        name: rows[:, place].astype(TEXT_COLUMNS[name].to_pandas_dtype()) if name in TEXT_COLUMNS else rows[:, place]
+        for name, place in recording_columns(braked)
+    }
+    return Recording(path, braked=braked, columns=columns, words=column_words(DECISIONS), complete=True)
 
 
 def same_content(a: Recording, b: Recording) -> bool:

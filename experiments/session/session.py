@@ -443,6 +443,8 @@ def recording_metadata(
         "link": "serial" if linked else "sim",
         "assumed": trial.device.assumed,
     }
+    if isinstance(trial, Trial):
+        about["start"] = trial.start
     if preset is not None:
         about["preset"] = preset_to_json(preset)
     return about

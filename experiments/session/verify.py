@@ -45,10 +45,13 @@ class Findings:
     recovered: int = 0
     in_progress: int = 0
     faults: list[tuple[str, str]] = field(default_factory=list)  # file (relative to the session), what is wrong
+    warnings: list[tuple[str, str]] = field(default_factory=list)  # file, why its motion may be wrong, though whole
 
 
 def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dict:
     """Check every session of a data folder; the summary, with `faults` as a list of {"file", "fault"}.
+
+    `warnings` likewise: recordings that are whole, of motion that the simulator's own energy ledger contradicts.
 
     InputError if there is no such folder or it holds no session but other files.
     """
@@ -69,6 +72,7 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
         total.recovered += found.recovered
         total.in_progress += found.in_progress
         total.faults += [(f"{place}/{file}" if place != "." else file, fault) for file, fault in found.faults]
+        total.warnings += [(f"{place}/{file}" if place != "." else file, text) for file, text in found.warnings]
         if progress:
             progress(number / len(sessions))
     if folder not in sessions and (folder / TABLE).exists() and not running:
@@ -81,6 +85,7 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
         "recovered": total.recovered,
         "in_progress": total.in_progress,
         "faults": [{"file": file, "fault": fault} for file, fault in total.faults],
+        "warnings": [{"file": file, "warning": text} for file, text in total.warnings],
     }
 
 
@@ -164,6 +169,7 @@ def _check_files(session: Path, files: dict[str, Path], live: bool, found: Findi
                 is_recovered = recording.outcome.get("status") == "recovered"
                 found.recovered += is_recovered
                 found.whole += not is_recovered
+                found.warnings += [(name, text) for text in recording.outcome.get("warnings", ())]
         elif live and suffix == STREAM_SUFFIX and not recording.complete and not _faults_but_header(recording):
             found.in_progress += 1
         else:

@@ -13,7 +13,7 @@ import pyarrow as pa
 from pyarrow import csv as pa_csv
 
 from core import tick_log
-from core.control.controllers import DECISIONS
+from core.control.controllers import DECISIONS, Preset
 from core.device import Device, load_device
 from core.errors import InputError
 from core.path import Path as PathAhead
@@ -21,15 +21,29 @@ from core.workspace import tip_is_free
 from experiments.analysis.metrics import along_path, trial_metrics
 from experiments.protocol import Protocol, check_reach, load_protocol
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
-from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns
+from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns, recording_of
 from experiments.session.files import STORED
-from experiments.study.replay_hand import HANDS, WITH_TARGET, RecordedHand, force_hand, target_hand
+from experiments.study.decisions import Checked, check_decisions
+from experiments.study.replay_hand import (
+    HANDS,
+    WITH_TARGET,
+    RecordedHand,
+    force_hand,
+    has_arm,
+    has_start,
+    recorded_arm,
+    target_hand,
+)
 from experiments.study.replay_run import Recorded, read_recorded, run_replay
 from experiments.trial.person import Person
 
 A_PERSON_WOULD_REACT = (
     "A person would feel the difference and react: this is what the recorded hand would have come to, not what a "
     "person would have done."
+)
+OTHER_VERSION = (
+    "another version recorded the trial, without all that an equal replay needs: it begins with the movement and comes "
+    "near the recorded motion, mostly to rounding"
 )
 
 
@@ -49,11 +63,20 @@ def replay(
     """
     trial = read_recorded(Path(file))
     chosen, number = _choose_controller(trial, controller, protocol)
-    onto = _choose_device(trial, device)
+    own = trial.stored.protocol.device(trial.row.configuration)
+    onto = own if device is None else _choose_device(trial, device)
     kind, moved = _choose_hand(trial, hand)
     if out is not None:
         refuse_existing_files([out])
-    rows, outcome = run_replay(trial, moved, onto, chosen.controllers[number], chosen.rules, progress)
+    same_device = (onto.text, onto.brake_texts) == (own.text, own.brake_texts)
+    lead = recorded_arm(trial.recording, 0) if same_device and has_start(trial.recording) else None
+    preset = chosen.controllers[number]
+    rows, outcome = run_replay(trial, moved, onto, preset, chosen.rules, lead, progress)
+    itself = kind == "target" and same_device and is_own(trial, preset, chosen.rules)
+    doubts = outcome.pop("warnings")
+    difference = first_difference(trial.recording, rows) if lead and itself else None
+    checked = decisions_of(trial, own)
+    rows = rows[trial.first :] if lead else rows
     replayed = as_recording(trial, rows, onto)
     if out is not None:
         _write(replayed, trial.first, out)
@@ -74,11 +97,19 @@ def replay(
         | {"way_made": way_made(replayed, trial.path)}
         | outcome,
         "metrics": compared(trial, replayed),
+        "begins": "start" if lead else "move",
+        "equal": None if difference is None else not difference,
+        "decisions": checked._asdict() if checked else None,
         "largest_tip_difference_m": tip_difference(trial, rows),
         "ticks": len(rows),
         "note": chosen.note(),
         "assumed": onto.assumed,
         "says": A_PERSON_WOULD_REACT,
+        "warnings": [
+            *(f"the recording: {doubt}" for doubt in trial.recording.outcome.get("warnings", ())),
+            *(f"the replay: {doubt}" for doubt in doubts),
+            *warnings(trial, bool(lead) or not same_device, difference, checked),
+        ],
         "out": None if out is None else str(out),
     }
 
@@ -115,7 +146,8 @@ def _choose_device(trial: Recorded, device: str | None) -> Device:
 def _choose_hand(trial: Recorded, hand: str | None) -> tuple[str, RecordedHand]:
     """Which of `HANDS` it is, and that hand."""
     about = trial.recording.metadata
-    has_target = about.get("hand") in WITH_TARGET
+    whole_arm = has_arm(trial.recording)
+    has_target = whole_arm or about.get("hand") in WITH_TARGET
     kind = hand or ("target" if has_target else "force")
     if kind not in HANDS:
         raise InputError(f"hand: {kind!r} is not one of {', '.join(HANDS)}")
@@ -123,6 +155,8 @@ def _choose_hand(trial: Recorded, hand: str | None) -> tuple[str, RecordedHand]:
         return kind, force_hand(trial.recording, trial.first)
     if not has_target:
         raise InputError(f"{trial.recording.path}: the hand ({about.get('hand')!r}) has no target, replay its force")
+    if whole_arm:
+        return kind, recorded_arm(trial.recording, trial.first)
     stored = trial.stored
     try:
         person = Person(**stored.about["person"]) if about["hand"] == "operator" else None
@@ -131,20 +165,66 @@ def _choose_hand(trial: Recorded, hand: str | None) -> tuple[str, RecordedHand]:
     return kind, target_hand(trial.recording, trial.first, trial.path, person, stored.protocol.mouse)
 
 
+def is_own(trial: Recorded, preset: Preset, rules: str) -> bool:
+    """Whether this is what the trial was run with; a blind session does not say."""
+    number, protocol = trial.row.controller, trial.stored.protocol
+    return not isinstance(number, str) and (preset, rules) == (protocol.controllers[number], protocol.rules)
+
+
+def decisions_of(trial: Recorded, own: Device) -> Checked | None:
+    """The recorded decisions, each taken again; None: the session is blind, or an earlier version recorded it."""
+    number, protocol = trial.row.controller, trial.stored.protocol
+    if isinstance(number, str):
+        return None
+    return check_decisions(trial.recording, trial.path, own, protocol.controllers[number], protocol.rules)
+
+
+def first_difference(recording: Recording, rows: np.ndarray) -> str:
+    """Where all ticks (n, tick_log.WIDTH), replayed, differ from the recorded ones; "": nowhere, bit for bit."""
+    words = column_words(DECISIONS)
+    first, where = len(rows), ""
+    for name, place in recording_columns(recording.braked):
+        if name == "lateness_us":  # of the machine, not of the trial
+            continue
+        then = recording.column(name)[: len(rows)]
+        if name in TEXT_COLUMNS:
+            then = np.array([words[name].index(word) for word in recording.words[name]])[then]
+        differs = np.flatnonzero(then != rows[:, place])
+        if len(differs) and differs[0] < first:
+            first, where = int(differs[0]), f"tick {differs[0]}, {name}"
+    return where or ("" if len(rows) == recording.rows else f"tick {len(rows)}, after which the replay ends")
+
+
+def warnings(trial: Recorded, exact: bool, difference: str | None, checked: Checked | None) -> list[str]:
+    """Why the replay is not the recorded trial though it might be, and what is wrong with the recording.
+
+    exact: it is no replay on the recorded device that had to do without the recorded start.
+    """
+    said = []
+    if not exact and not trial.recording.sensors:
+        said.append(OTHER_VERSION)
+    if difference:
+        said.append(
+            f"the replay differs from the recording, first in {difference}: another version of the program or "
+            "another kind of machine recorded it"
+        )
+    if checked and checked.different:
+        said.append(
+            f"{checked.different} of {checked.decisions} recorded decisions are not what the controller decides on "
+            "what it was given"
+        )
+    return said
+
+
 def as_recording(trial: Recorded, rows: np.ndarray, device: Device) -> Recording:
     """The replayed ticks as a recording of this device, behind the recorded tip until then (filters need a lead)."""
     ticks = np.zeros((trial.first, tick_log.WIDTH))
     for name, place in recording_columns(""):
-        if name not in TEXT_COLUMNS:
+        if name not in TEXT_COLUMNS and name in trial.recording.columns:
             ticks[:, place] = trial.recording.column(name)[: trial.first]
     ticks = np.concatenate((ticks, rows))
     ticks[:, tick_log.T] = trial.recording.column("t_s")[: len(ticks)]
-    columns = {
-        name: ticks[:, place].astype(TEXT_COLUMNS[name].to_pandas_dtype()) if name in TEXT_COLUMNS else ticks[:, place]
-        for name, place in recording_columns(device.braked)
-    }
-    words = column_words(DECISIONS)
-    return Recording(trial.recording.path, braked=device.braked, columns=columns, words=words, complete=True)
+    return recording_of(ticks, device.braked, trial.recording.path)
 
 
 def compared(trial: Recorded, replayed: Recording) -> dict[str, dict[str, float | None]]:

@@ -2,7 +2,8 @@
 
 target   the arm (spring-damper and mass) that the recorded hand was, pulled by the recorded target: it gives way to
          another motion as an arm does, and wants what it wanted. What the recorded force has besides (noise, tremor,
-         effort) is held over each tick as it was: on the recorded motion the force is the recorded one.
+         effort) is held over each tick as it was: on the recorded motion the force is the recorded one, to the last
+         bit where the arm itself was recorded; recordings of earlier versions lack it, and it is worked out.
 force    the recorded force over time, whatever the handle does.
 """
 
@@ -14,9 +15,10 @@ from core.errors import InputError
 from core.path import CURVATURE, Path, nearest
 from core.simulator.hand import Hand, new_hand
 from experiments.protocol import MouseHand
-from experiments.recording.schema import Recording
+from experiments.recording.schema import ARM_COLUMNS, Recording
 from experiments.trial.operator import TICK_S, take_handle, turn_arm
 from experiments.trial.person import Person
+from experiments.trial.trial import is_start
 
 HANDS = ("target", "force")
 #: Hands, as a recording calls them, whose target stands in it.
@@ -27,17 +29,18 @@ class RecordedHand(NamedTuple):
     """A hand for the simulator, and what it wants at each of n ticks (spring-damper hands alone; else n = 0)."""
 
     hand: Hand
+    first: int  # tick of the recording at which it begins
     target: np.ndarray  # (n, 4) m, m/s
     stiffness: np.ndarray  # (n, 3) N/m
     held: np.ndarray  # (n, 2) N
     force_max: np.ndarray  # (n,) N
 
     def take(self, tick: int) -> None:
-        """Want what the recorded hand wanted at a tick."""
+        """Want what the recorded hand wanted at a tick of the recording."""
         if len(self.target):
-            grip = self.hand.grips[0]
-            grip.target[:], grip.stiffness[:] = self.target[tick], self.stiffness[tick]
-            grip.held[:], grip.force_max = self.held[tick], self.force_max[tick]
+            grip, n = self.hand.grips.view(np.ndarray)[0], tick - self.first
+            grip["target"], grip["stiffness"] = self.target[n], self.stiffness[n]
+            grip["held"], grip["force_max"] = self.held[n], self.force_max[n]
 
 
 def force_hand(recording: Recording, first: int) -> RecordedHand:
@@ -45,14 +48,36 @@ def force_hand(recording: Recording, first: int) -> RecordedHand:
     force = _columns(recording, first, "hand_fx_N", "hand_fy_N")
     times = (first + np.arange(len(force))) * TICK_S
     empty = np.empty(0)
-    return RecordedHand(new_hand(times, force), empty, empty, empty, empty)
+    return RecordedHand(new_hand(times, force), first, empty, empty, empty, empty)
+
+
+def has_arm(recording: Recording) -> bool:
+    """Whether everything is recorded that makes a simulated device's hand."""
+    return "start" in recording.metadata and all(name in recording.columns for name, _ in ARM_COLUMNS)
+
+
+def has_start(recording: Recording) -> bool:
+    """Whether everything is recorded that a trial depends on, as this version has it."""
+    return has_arm(recording) and is_start(recording.metadata["start"])
+
+
+def recorded_arm(recording: Recording, first: int) -> RecordedHand:
+    """The recorded arm from tick `first` on, exactly as it was. InputError if a number of it is not finite."""
+    target = _columns(recording, first, "target_x_m", "target_y_m", "target_vx_m_s", "target_vy_m_s")
+    held = _columns(recording, first, "arm_held_x_N", "arm_held_y_N")
+    stiffness = _columns(recording, first, *(f"arm_stiffness_{axes}_N_m" for axes in ("xx", "xy", "yy")))
+    hand = new_hand()
+    for name, value in recording.metadata["start"]["arm"].items():
+        hand.grips[name][0] = value
+    return RecordedHand(hand, first, target, stiffness, held, recording.column("arm_force_max_N")[first:])
 
 
 def target_hand(recording: Recording, first: int, path: Path, person: Person | None, mouse: MouseHand) -> RecordedHand:
-    """The recorded arm and its target from tick `first` on. person: whose arm; None: the mouse's.
+    """The arm of a recording of an earlier version, and its target, from tick `first` on.
 
-    The target's velocity is not recorded: central differences, for an operator (a pointer's counts as zero). Where
-    that is not what it was, and at a bend, where the arm is turned at once, the difference goes into what is held.
+    person: whose arm; None: the mouse's. The target's velocity is not recorded: central differences, for an operator
+    (a pointer's counts as zero). Where that is not what it was, and at a bend, where the arm is turned at once, the
+    difference goes into what is held.
     InputError for a target or an acceleration that is not finite.
     """
     tip = _columns(recording, first, "tip_x_m", "tip_y_m")
@@ -74,7 +99,7 @@ def target_hand(recording: Recording, first: int, path: Path, person: Person | N
     way, rate = target[:, :2] - tip, target[:, 2:] - velocity
     spring = _times(stiffness, way) + _times(np.tile(grip.damping, (len(tip), 1)), rate)
     held, force_max = what_is_held(force, spring, float(grip.force_max))
-    return RecordedHand(hand, target, stiffness, held, force_max)
+    return RecordedHand(hand, first, target, stiffness, held, force_max)
 
 
 def what_is_held(force: np.ndarray, spring: np.ndarray, clip: float) -> tuple[np.ndarray, np.ndarray]:

@@ -1,10 +1,16 @@
-"""A replay's motion: the recorded hand once more, tick by tick, from where the recorded movement began.
+"""A replay's motion: the recorded hand once more, tick by tick.
 
-From the first tick of `move`: the tip where it was and as fast as it was, each brake as it is without current, and its
-play where the recorded way to there leaves it on this device. The hand (`replay_hand`) is over at the recording's last
-tick. Through its own controller and device a trial comes out as it was, to rounding, with the target as the hand; what
-is left of the yields of the trial before makes up to a micrometre. With the force as the hand nothing holds the handle
-near the recorded motion, and it drifts off by millimetres to centimetres.
+On the device of the recording: from the first tick of the trial, with the device as the trial before had left it and
+the arm as it was at every tick. Through its own controller a trial then comes out as it was, in every column and to
+the last bit (with the same version of the program on the same kind of machine).
+
+On another device, and where an earlier version recorded neither start nor arm: from the first tick of `move`. The tip
+where it was and as fast as it was, each brake as it is without current, and its play where the recorded way to there
+leaves it on this device. Then a trial comes out as it was to rounding, or, where a brake's lag or play was not what it
+is taken for, to fractions of a millimetre.
+
+The hand (`replay_hand`) is over at the recording's last tick. With the force as the hand nothing holds the handle near
+the recorded motion, and it drifts off by millimetres to centimetres.
 """
 
 from collections.abc import Callable
@@ -32,9 +38,10 @@ from experiments.recording.schema import Recording
 from experiments.session.files import STORED, StoredSession, read_stored
 from experiments.session.journal import journal_summary, recorded_row
 from experiments.study.replay_hand import RecordedHand
+from experiments.trial.linked_trial import plain
 from experiments.trial.operator import OPERATOR
-from experiments.trial.tick import RUNNING, STATUSES, new_run, run_ticks
-from experiments.trial.trial import run_fields
+from experiments.trial.tick import STATUSES, new_run, run_ticks
+from experiments.trial.trial import ledger_warnings, new_simulation, run_fields, start_again
 
 HAND_ENDED = "hand ended"  # the recorded hand is over and the end of the path was not reached
 PROGRESS_EVERY = 500  # ticks
@@ -80,47 +87,82 @@ def run_replay(
     device: Device,
     preset: Preset,
     rules: str,
+    lead: RecordedHand | None,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[np.ndarray, dict[str, Any]]:
-    """The replayed ticks (n, tick_log.WIDTH) of `move` and `end`, and how it ended: status and the energy stamp.
+    """The replayed ticks (n, tick_log.WIDTH), and how it ended: status and the energy stamp.
 
-    FloatingPointError if the motion is no longer finite.
+    lead: the recorded arm from the first tick on, on the recorded device; the hand takes over with `move`. None: the
+    replay begins with `move`. FloatingPointError if the motion is no longer finite.
     """
-    recording, first, (x, y) = trial.recording, trial.first, trial.start
-    velocity = float(recording.column("tip_vx_m_s")[first]), float(recording.column("tip_vy_m_s")[first])
-    s = Simulation(device, (x, y), velocity, fidelity="mr", integrator="event", hand=hand.hand)
-    s.state["play"][0], s.state["edge"][0] = play_after(recording, first, device)
-    rate = s.state["rate"][0]  # each brake slips as it did; one without a rate sticks if it can
-    s.state["sign"][0] = np.where(np.abs(rate) > RATE_ROUNDING, np.sign(rate), 0.0)
-    last = max(first - 1, 0)  # what the controller knows of the hand before it decides for the first time
-    s.state["hand_force"][0] = [recording.column(name)[last] for name in ("hand_fx_N", "hand_fy_N")]
-    run = new_run(s.fidelity, s.integrator, simulated_hand=False)
+    recording = trial.recording
+    s = from_the_start(trial, device, lead) if lead else from_the_movement(trial, device, hand)
+    before = s.ledger()
+    run = plain(new_run(s.fidelity, s.integrator, simulated_hand=False))
     for name, value in run_fields(trial.stored.protocol.trial, simulated_hand=False).items():
         run[name][0] = value
-    run["phase"][0], run["tick"][0] = tick_log.MOVE, first
+    first = 0 if lead else trial.first
+    if not lead:
+        run["phase"][0], run["tick"][0] = tick_log.MOVE, first
     controller, memory = make_controller(preset, device.force_normalised_N, rules), new_memory()
-    operator, noise = new_record(OPERATOR), np.zeros((1, 2))
+    operator, noise = plain(new_record(OPERATOR)), np.zeros((1, 2))
+    mechanism, brakes, state, scratch = (plain(record) for record in (s.mechanism, s.brakes, s.state, s.trial))
+    felt = s.hand._replace(grips=plain(s.hand.grips))
+    away, stopped = recording.in_phase("approach"), stopped_at(recording)
     rows = np.empty((recording.rows - first, tick_log.WIDTH))
     done = 0
     while done < len(rows):
-        hand.take(done)
-        tick = rows[done : done + 1]
+        tick = first + done
+        if tick == trial.first and s.hand is not hand.hand:
+            felt, state["settled"][0] = hand.hand._replace(grips=plain(hand.hand.grips)), 0
+        (hand if tick >= trial.first or lead is None else lead).take(tick)
+        run["held"][0], run["stop"][0] = not away[tick], tick >= stopped
         if not run_ticks(
-            trial.path, controller, s.mechanism, s.brakes, s.hand, s.state, s.trial, run, operator, noise, memory, tick
-        ):
+            trial.path, controller, mechanism, brakes, felt, state, scratch, run, operator, noise, memory,
+            rows[done : done + 1],
+        ):  # fmt: skip
             break
         done += 1
         if progress and done % PROGRESS_EVERY == 0:
             progress(done / len(rows))
     rows = rows[:done]
-    if not np.isfinite(rows).all():
+    if not np.isfinite(rows[:, : tick_log.SENSED_FY + 1]).all():
         raise FloatingPointError(f"{recording.path}: the replayed motion is no longer finite")
-    status, ledger = int(run["status"][0]), s.ledger()
+    status, after = STATUSES[int(run["status"][0])], s.ledger()
     return rows, {
-        "status": STATUSES[status] if status != RUNNING else HAND_ENDED,
-        "energy_residual_J": ledger.residual,
-        "energy_added_max_J": ledger.added_by_brakes,
+        "status": {"running": HAND_ENDED, "aborted": recording.outcome["status"]}.get(status, status),
+        "energy_residual_J": after.residual - before.residual,
+        "energy_added_max_J": after.added_by_brakes,
+        "warnings": ledger_warnings(before, after),
     }
+
+
+def from_the_start(trial: Recorded, device: Device, arm: RecordedHand) -> Simulation:
+    """The recorded device as the trial before had left it."""
+    recording = trial.recording
+    x, y = (float(recording.column(name)[0]) for name in ("tip_x_m", "tip_y_m"))
+    s = new_simulation(device, (x, y), arm.hand)
+    start_again(s, recording.metadata["start"])
+    return s
+
+
+def from_the_movement(trial: Recorded, device: Device, hand: RecordedHand) -> Simulation:
+    """A device as the recorded movement found it, as far as tip and hand tell."""
+    recording, first = trial.recording, trial.first
+    velocity = float(recording.column("tip_vx_m_s")[first]), float(recording.column("tip_vy_m_s")[first])
+    s = Simulation(device, trial.start, velocity, fidelity="mr", integrator="event", hand=hand.hand)
+    s.state["play"][0], s.state["edge"][0] = play_after(recording, first, device)
+    rate = s.state["rate"][0]  # each brake slips as it did; one without a rate sticks if it can
+    s.state["sign"][0] = np.where(np.abs(rate) > RATE_ROUNDING, np.sign(rate), 0.0)
+    last = max(first - 1, 0)  # what the controller knows of the hand before it decides for the first time
+    s.state["hand_force"][0] = [recording.column(name)[last] for name in ("hand_fx_N", "hand_fy_N")]
+    return s
+
+
+def stopped_at(recording: Recording) -> int:
+    """The tick at which the experimenter or a fault ended the trial; behind the last where none did."""
+    end = np.flatnonzero(recording.in_phase("end"))
+    return int(end[0]) if len(end) and recording.outcome.get("status") in ("aborted", "stopped") else recording.rows
 
 
 def play_after(recording: Recording, ticks: int, device: Device) -> tuple[np.ndarray, np.ndarray]:

@@ -68,6 +68,7 @@ class _Run:
         self.out, self.study, self.progress = out, study, progress
         self.rows = np.empty((CHUNK_TICKS, tick_log.WIDTH))
         self.simulating, self.ticks, self.trials = 0.0, 0, 0
+        self.doubted = 0  # trials whose energy ledger contradicts their motion
 
     def carry_out(self) -> dict:
         """Run what is not done yet, then the table and the figures."""
@@ -88,6 +89,7 @@ class _Run:
             "trials": len(table),
             **{f"done_controller_{number}": share_done(table, number) for number in protocol.controllers},
             "recovered": sum(r.status == "recovered" for r in table),
+            "in_doubt": self.doubted,
             "findings": why_no_findings(protocol.controllers) or verdicts(table),
             "protocol": protocol.name,
             "population": self.study.population.name,
@@ -126,6 +128,7 @@ class _Run:
                 str(self.out),
             ) from error
         self.trials += 1
+        self.doubted += bool(trial.outcome()["warnings"])
 
     def _run_ticks(self, trial: Trial, writer) -> None:
         while not trial.finished:

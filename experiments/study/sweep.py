@@ -28,7 +28,7 @@ import msgspec
 import numpy as np
 
 from core import tick_log
-from core.control.controllers import ALGORITHMS, DECISIONS, PARAMETERS, Preset, make_preset
+from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.control.rule_sets import RULE_SETS
 from core.device import Device
 from core.errors import InputError
@@ -40,7 +40,7 @@ from experiments.analysis.metrics import NO_METRICS, Metrics, trial_metrics
 from experiments.plan import PlannedTrial
 from experiments.protocol import PARAMETER_TYPES, Count, Text, TrialRules, load_protocol, plain_text
 from experiments.recording.atomic_files import give_new_name, make_empty_folder, written_beside
-from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns
+from experiments.recording.schema import recording_of
 from experiments.session.files import LOCK, hold_lock
 from experiments.trial.population import Population, load_population
 from experiments.trial.tick import TICK_S
@@ -247,7 +247,7 @@ def _all_rows(trial: Trial) -> np.ndarray:
 
 def _row(job: Job, segment: int, repetition: int, trial: Trial, rows: np.ndarray) -> dict[str, object]:
     outcome = trial.outcome()
-    recording = in_memory(rows, job.device.braked)
+    recording = recording_of(rows, job.device.braked)
     metrics = trial_metrics(recording, trial.path) if recording.in_phase("move").any() else NO_METRICS
     place = (
         job.population.name, job.device.name, job.rules, job.preset.kind, *map(job.preset.value, PARAMETERS),
@@ -257,15 +257,6 @@ def _row(job: Job, segment: int, repetition: int, trial: Trial, rows: np.ndarray
     return dict(zip(PLACE, place, strict=True)) | {
         key: "" if value is None or not math.isfinite(value) else repr(float(value)) for key, value in measured.items()
     }
-
-
-def in_memory(rows: np.ndarray, braked: str) -> Recording:
-    """Ticks (n, tick_log.WIDTH) as a recording that was never on a disk."""
-    columns = {
-        name: rows[:, place].astype(TEXT_COLUMNS[name].to_pandas_dtype()) if name in TEXT_COLUMNS else rows[:, place]
-        for name, place in recording_columns(braked)
-    }
-    return Recording(Path(), braked=braked, columns=columns, words=column_words(DECISIONS), complete=True)
 
 
 def _results(jobs: Sequence[Job], cluster: str | None):

@@ -24,6 +24,7 @@ from core.simulator.stick_slip_mode import look
 from core.stops import stop_gap
 from core.tick_log import (
     CURRENT,
+    DECIDED,
     DECISION,
     END,
     ENERGY_BRAKES,
@@ -35,6 +36,8 @@ from core.tick_log import (
     MEASURED,
     MOVE,
     PHASE,
+    SENSED_FX,
+    SENSED_FY,
     STUCK,
     TARGET_X,
     TARGET_Y,
@@ -97,10 +100,12 @@ def linked_tick(path, controller, mechanisms, brake_records, grips, states, watc
     astray(brakes, watch, run, row)
     if run.phase == MOVE:
         guard(mechanism, brakes, state, watch, run)
+    row[DECIDED] = 0.0
     if run.phase != MOVE:
         release(run.current)
         run.decision = OFF
     elif newest != 0:
+        row[DECIDED] = 1.0
         tip = state.tip
         run.decision = decide(
             controller, brakes, path, memory, tip[0], tip[1], tip[2], tip[3],
@@ -120,6 +125,7 @@ def take_in(mechanism, state, grip, row):
     state.acceleration[0], state.acceleration[1] = row[TIP_AX], row[TIP_AY]
     state.hand_force[0], state.hand_force[1] = row[HAND_FX], row[HAND_FY]
     grip.held[0], grip.held[1] = row[HAND_FX], row[HAND_FY]
+    row[SENSED_FX], row[SENSED_FY] = row[HAND_FX], row[HAND_FY]
     look(mechanism, state)
 
 

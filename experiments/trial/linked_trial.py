@@ -76,7 +76,7 @@ class LinkedTrial:
         """
         self.device, self.planned, self.link, self.clock = device, planned, link, clock
         self.path: Path = build_path(path, f"path {planned.segment}")
-        noise = encoder_noise(device, *point_at(self.path, 0.5 * self.path.length)[:2])
+        noise = encoder_noise(device, self.path)
         self.controller: Controller = make_controller(preset, device.force_normalised_N, rules, velocity_noise=noise)
         self._memory = new_memory()
         self._mechanism = plain(pack_mechanism(device.mechanism))
@@ -285,12 +285,13 @@ class LinkedTrial:
         return made
 
 
-def encoder_noise(device: Device, x: float, y: float) -> float:
-    """Noise (m/s, rms) of the velocity that a link tells at a tip (m); 0 where the device file says no encoders."""
+def encoder_noise(device: Device, path: Path) -> float:
+    """Noise (m/s, rms) of a link's velocity in the middle of a path; 0 where the device file says no encoders."""
     encoders = device.sensing.encoders if device.sensing else None
     if encoders is None:
         return 0.0
     counts = [getattr(encoders, joint) or 0 for joint in JOINTS]
+    x, y, _, _ = point_at(path, 0.5 * path.length)
     return VELOCITY_NOISE_HZ * encoder_step(device, (x, y), counts)
 
 

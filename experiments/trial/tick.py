@@ -16,9 +16,13 @@ from core.kernel import kernel
 from core.path import nearest
 from core.simulator.simulation import advance, apply, kinetic, stuck_bits
 from core.simulator.state import new_record
-from core.simulator.stick_slip_mode import resolve
+from core.simulator.stick_slip_mode import look, resolve
 from core.tick_log import (
     APPROACH,
+    ARM_FORCE_MAX,
+    ARM_HELD_X,
+    ARM_HELD_Y,
+    ARM_STIFFNESS,
     CURRENT,
     DECISION,
     END,
@@ -32,7 +36,11 @@ from core.tick_log import (
     LATENESS_US,
     MOVE,
     PHASE,
+    SENSED_FX,
+    SENSED_FY,
     STUCK,
+    TARGET_VX,
+    TARGET_VY,
     TARGET_X,
     TARGET_Y,
     TIP_AX,
@@ -126,6 +134,7 @@ def run_ticks(path, controller, mechanisms, brake_records, hand, states, trials,
         else:
             release(run.current)
             run.decision = OFF
+        rows[n, SENSED_FX], rows[n, SENSED_FY] = state.hand_force[0], state.hand_force[1]
         t = run.tick * TICK_S
         apply(brakes, state, run.current, run.fidelity)
         resolve(mechanism, brakes, hand, state, t)
@@ -199,7 +208,7 @@ def enter(run, phase, status, reason):
 
 @kernel
 def log_row(mechanism, brakes, state, grip, run, t, row):
-    """Stage: one row of the log, after what happens at t."""
+    """Stage: one row of the log, after what happens at t; what was sensed stands in it already."""
     row[T], row[PHASE], row[DECISION] = t, run.phase, run.decision
     row[TIP_X], row[TIP_Y], row[TIP_VX], row[TIP_VY] = state.tip[0], state.tip[1], state.tip[2], state.tip[3]
     row[TIP_AX], row[TIP_AY] = state.acceleration[0], state.acceleration[1]
@@ -212,4 +221,26 @@ def log_row(mechanism, brakes, state, grip, run, t, row):
     row[ENERGY_BRAKES] = state.heat[0] + state.heat[1] + state.heat[2] + state.heat[3] - run.energy_zero[1]
     row[ENERGY_KINETIC] = kinetic(state)
     row[ENERGY_STOPS] = state.lost_at_stops - run.energy_zero[2]
-    row[TARGET_X], row[TARGET_Y] = grip.target[0], grip.target[1]
+    row[TARGET_X], row[TARGET_Y], row[TARGET_VX], row[TARGET_VY] = (
+        grip.target[0], grip.target[1], grip.target[2], grip.target[3],
+    )  # fmt: skip
+    row[ARM_HELD_X], row[ARM_HELD_Y], row[ARM_FORCE_MAX] = grip.held[0], grip.held[1], grip.force_max
+    for i in range(3):
+        row[ARM_STIFFNESS + i] = grip.stiffness[i]
+
+
+@kernel
+def decide_again(path, controller, mechanisms, brake_records, states, memory, given, codes, currents):
+    """Decision codes (n,) and currents (n, 4), A, of the ticks of a movement, from the rows alone.
+
+    given (n, 6): tip (m), its velocity (m/s) and the sensed hand force (N).
+    """
+    mechanism, brakes, state = mechanisms[0], brake_records[0], states[0]
+    for n in range(given.shape[0]):
+        for i in range(4):
+            state.tip[i] = given[n, i]
+        look(mechanism, state)
+        codes[n] = decide(
+            controller, brakes, path, memory, given[n, 0], given[n, 1], given[n, 2], given[n, 3], given[n, 4],
+            given[n, 5], state.g, state.mass, currents[n],
+        )  # fmt: skip

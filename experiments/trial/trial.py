@@ -12,8 +12,8 @@ from core.device import Device
 from core.path import Path
 from core.path_file import PathFile, build_path
 from core.simulator.hand import Hand
-from core.simulator.simulation import Simulation
-from core.simulator.state import new_record
+from core.simulator.simulation import Ledger, Simulation
+from core.simulator.state import CARRIED, STATE, new_record
 from core.simulator.stick_slip import STILL
 from core.simulator.stick_slip_mode import look
 from experiments.plan import PlannedTrial
@@ -27,6 +27,10 @@ NOISE_DRAWS = 1 << 16
 
 #: Our choice: a person's approach, which may take its time, ends a forgotten trial after 10 minutes.
 PERSON_APPROACH_S = 600.0
+#: Share of the energy that changed hands, and J, that the ledger of a trial may leave unexplained without a warning.
+UNEXPLAINED, UNEXPLAINED_J = 0.01, 1e-5
+#: J; energy that a brake may seem to add in a step: rounding.
+ADDED_J = 1e-9
 #: What a protocol that says nothing else has.
 DEFAULT_RULES = TrialRules()
 
@@ -80,6 +84,7 @@ class Trial:
         self._abort_reason = ""
         self.timing: dict[str, Any] | None = None  # of a live trial, for the end record: how late its ticks were
         come_to_rest(simulation)
+        self.start = recorded_start(simulation)
         self._before = simulation.ledger()
 
     def aim(self, x: float, y: float) -> None:
@@ -141,8 +146,22 @@ class Trial:
             "fallbacks": now.fallbacks - before.fallbacks,
             "energy_residual_J": now.residual - before.residual,
             "energy_added_max_J": now.added_by_brakes,
+            "warnings": ledger_warnings(before, now),
             **({"timing": self.timing} if self.timing else {}),
         }
+
+
+def ledger_warnings(before: Ledger, after: Ledger) -> list[str]:
+    """What the energy ledger says against the simulated motion between two of its states; none where it agrees."""
+    found = []
+    residual = after.residual - before.residual
+    moved = abs(after.work_hand - before.work_hand) + sum(after.heat) - sum(before.heat)
+    moved += after.lost_at_stops - before.lost_at_stops + after.kinetic
+    if not abs(residual) <= UNEXPLAINED * moved + UNEXPLAINED_J:
+        found.append(f"the energy ledger leaves {residual:.2g} J of {moved:.2g} J unexplained: the motion may be wrong")
+    if not after.added_by_brakes <= ADDED_J:
+        found.append(f"a brake added {after.added_by_brakes:.2g} J within a step, which no brake can")
+    return found
 
 
 def run_fields(how: TrialRules, simulated_hand: bool) -> dict[str, float]:
@@ -171,3 +190,30 @@ def come_to_rest(simulation: Simulation) -> None:
     state["held"][0] = STILL
     state["added_by_brakes"][0] = 0.0
     look(simulation.mechanism[0], state[0])
+
+
+def recorded_start(simulation: Simulation) -> dict[str, Any]:
+    """What a trial that begins now depends on and its ticks do not tell, as JSON holds it without rounding.
+
+    state: the device as the trial before left it (yields, backlash, stops, ledger); arm: what of the hand stays.
+    """
+    grip = simulation.hand.grips
+    return {
+        "state": {name: simulation.state[name][0].tolist() for name in CARRIED},
+        "arm": {name: grip[name][0].tolist() for name in ("spring", "damping", "mass")},
+    }
+
+
+def start_again(simulation: Simulation, start: dict[str, Any]) -> None:
+    """Bring a device and its hand to a recorded start of this version."""
+    for name in CARRIED:
+        simulation.state[name][0] = start["state"][name]
+    for name in ("spring", "damping", "mass"):
+        simulation.hand.grips[name][0] = start["arm"][name]
+
+
+def is_start(start: dict[str, Any]) -> bool:
+    """Whether a recorded start is of this version: it holds every field of the device's state, and no other."""
+    return {name: np.shape(value) for name, value in start["state"].items()} == {
+        name: STATE[name].shape for name in CARRIED
+    }

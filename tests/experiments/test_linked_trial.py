@@ -17,6 +17,7 @@ from experiments.plan import PlannedTrial
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
+from experiments.study.decisions import check_decisions
 from experiments.trial.trial import Trial, new_simulation
 
 #: Share by which a measure may differ from the simulated device's, with the same person and noise. Velocity is 7 ms
@@ -112,6 +113,26 @@ def test_samples_that_came_while_the_host_was_late_are_all_recorded_and_only_the
     assert np.allclose(np.diff(rows[:, tick_log.T]), 1e-3, rtol=0.0, atol=1e-9)
     assert (rows[:-1, CURRENTS] == before).all(), "what is past is not decided anew"
     assert (np.diff(rows[:, tick_log.LATENESS_US]) < 0.0).all() and rows[0, tick_log.LATENESS_US] > 9e3
+    assert rows[:, tick_log.DECIDED].tolist() == [0.0] * 10 + [1.0]
+
+
+@pytest.mark.parametrize("kind", ["", "drop=0.05"])
+def test_every_decision_on_the_bench_follows_from_the_recording_alone(
+    bench: LinkedBench, kind: str, tmp_path: Path
+) -> None:
+    trial = bench.trial(4)
+    if kind:
+        bench.board.fault(kind)
+    rows = bench.run(trial, lambda trial: trial.phase == "move")
+    bench.pass_time(10)
+    rows = np.concatenate((rows, bench.run(trial)))
+    found = recorded(rows, bench.device, trial.outcome(), tmp_path / "run.arrows", Sensors("AB", 6))
+    decided = np.count_nonzero(rows[:, tick_log.DECIDED])
+    assert 100 < decided < np.count_nonzero(found.in_phase("move"))
+    preset, rules = PAPER.controllers[4], PAPER.rules
+    assert check_decisions(found, trial.path, bench.device, preset, rules) == (decided, 0)
+    other = preset._replace(gain=0.9 * preset.gain)
+    assert check_decisions(found, trial.path, bench.device, other, rules).different > 10
 
 
 @pytest.mark.parametrize("kind", ["drop=0.05", "corrupt=0.05", "duplicate=0.1", "jitter=0.003"])

@@ -28,7 +28,7 @@ def test_on_the_recorded_motion_the_arm_pulls_with_the_recorded_force(tmp_path):
             hand = target_hand(recording, first, path, arm, PAPER.mouse)
             for tick in range(0, recording.rows - first, 97):
                 at = {name: float(recording.column(name)[first + tick]) for name in recording.columns}
-                hand.take(tick)
+                hand.take(first + tick)
                 fx, fy = hand_force(hand.hand, 0.0, at["tip_x_m"], at["tip_y_m"], at["tip_vx_m_s"], at["tip_vy_m_s"])
                 assert fx - arm.mass_kg * at["tip_ax_m_s2"] == pytest.approx(at["hand_fx_N"], abs=1e-9)
                 assert fy - arm.mass_kg * at["tip_ay_m_s2"] == pytest.approx(at["hand_fy_N"], abs=1e-9)

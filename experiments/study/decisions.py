@@ -1,0 +1,49 @@
+"""Every decision of a recorded trial taken again, from the recording and the session's device and controller alone.
+
+The controller is given what it was given then: tip, velocity and sensed force of each tick. Nothing is simulated.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from core.control.controllers import DECISIONS, Preset, make_controller, new_memory
+from core.device import Device
+from core.mechanism import JOINTS
+from core.path import Path
+from core.simulator.state import new_state, pack_brakes, pack_mechanism
+from experiments.recording.schema import Recording
+from experiments.trial.linked_trial import encoder_noise
+from experiments.trial.tick import decide_again
+
+#: What a decision is taken from, in the order in which `decide_again` reads it.
+GIVEN = ("tip_x_m", "tip_y_m", "tip_vx_m_s", "tip_vy_m_s", "sensed_fx_N", "sensed_fy_N")
+
+
+class Checked(NamedTuple):
+    """What came of it."""
+
+    decisions: int  # that were taken again
+    different: int  # of them, by the decision or by any current
+
+
+def check_decisions(recording: Recording, path: Path, device: Device, preset: Preset, rules: str) -> Checked | None:
+    """Take each decision of the movement again; None: an earlier version recorded it, without the sensed force."""
+    if not all(name in recording.columns for name in GIVEN):
+        return None
+    taken = recording.in_phase("move")
+    if recording.sensors:
+        taken &= recording.column("decided") == 1.0
+    given = np.column_stack([recording.column(name)[taken] for name in GIVEN])
+    noise = encoder_noise(device, path) if recording.sensors else 0.0
+    controller = make_controller(preset, device.force_normalised_N, rules, velocity_noise=noise)
+    codes, currents = np.zeros(len(given), dtype=np.int64), np.zeros((len(given), 4))
+    decide_again(
+        path, controller, pack_mechanism(device.mechanism), pack_brakes(device.brakes, backlash=False),
+        new_state(0.0, 0.0), new_memory(), given, codes, currents,
+    )  # fmt: skip
+    words = np.array(DECISIONS, dtype=object)
+    different = words[codes] != recording.text("decision")[taken]
+    for joint in device.braked:
+        different |= currents[:, JOINTS.index(joint)] != recording.column(f"current_{joint}_A")[taken]
+    return Checked(len(given), int(np.count_nonzero(different)))

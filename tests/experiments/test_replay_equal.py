@@ -1,0 +1,230 @@
+"""A replay through its own controller is the recorded trial, in every tick and column, to the last bit.
+
+Whatever went before the trial: another trial's yields and backlash, a redo, a crash, a re-rig, practice.
+"""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from protocols import PAPER, changed, protocol_of, short
+from sessions import crash_in_trial, new_session, run, run_trials
+from synthetic_hand import SyntheticHand
+
+from app.cli import main
+from core import tick_log
+from experiments.recording.reader import read_recording
+from experiments.recording.schema import ARM_COLUMNS
+from experiments.recording.writer import save_as_parquet
+from experiments.session.session import Session
+from experiments.study.replay import OTHER_VERSION, replay
+from experiments.trial.trial import ledger_warnings, new_simulation
+
+NEAR_M = 1e-5  # a replay that has to do without the trial's start: yields of the trial before had not quite gone
+BENT = 'kind = "polyline"\npoints_m = [[-0.10, 0.40], [0.0, 0.43], [0.10, 0.40]]'
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    """Both devices, a bent path, and all that can befall a trial, by a simulated operator."""
+    folder = tmp_path_factory.mktemp("eventful")
+    text = changed(PAPER.text, blocks="1", practice_trials="1").replace("time_out_s = 30.0", "time_out_s = 3.4", 1)
+    text = text.replace('kind = "segment"\nstart_m = [-0.08, 0.26]\nend_m = [0.08, 0.42]', BENT)
+    session = new_session(folder, protocol=protocol_of(text))
+    run_trials(session, 2)
+    session.redo(2, "the phone rang")
+    stop_in_the_movement(session)
+    crash_in_trial(session, 3000)
+    session = Session.resume(folder, "01", sync=False)
+    run_trials(session, 10)
+    session.close()
+    return session
+
+
+@pytest.fixture(scope="module")
+def by_hand(tmp_path_factory):
+    """A practice trial and a trial by mouse (02), and a trial by a six-axis device (03)."""
+    folder = tmp_path_factory.mktemp("by-hand")
+    session = Session(folder, "02", short(paths=1, practice_trials="1"), sync=False)
+    for _ in range(2):
+        trial, writer = session.begin(session.next_planned())
+        rows, at = np.empty((20, tick_log.WIDTH)), trial.simulation.state["tip"][0]
+        hand = SyntheticHand(1, (at[0], at[1]))
+        while not trial.finished:
+            trial.aim(*hand((at[0], at[1]), tick_log.PHASES.index(trial.phase), 0.02))
+            writer.write(rows[: trial.run(rows)])
+        session.finish(trial, writer)
+    session.close()
+    session = Session(folder, "03", short(paths=1), sync=False, hand="hid")
+    push_through_a_trial(session)
+    session.close()
+    return folder
+
+
+def stop_in_the_movement(session):
+    trial, writer = session.begin(session.next_planned())
+    rows = np.empty((1, tick_log.WIDTH))
+    while trial.phase != "move":
+        writer.write(rows[: trial.run(rows)])
+    run(trial, writer, trial.ticks + 700, 100)
+    trial.abort("the participant let go")
+    run(trial, writer)
+    session.finish(trial, writer)
+
+
+def push_through_a_trial(session):
+    """A hand that is a force alone, new in each tick."""
+    planned = session.next_planned()
+    grip = session.simulation(planned.configuration).hand.grips
+    grip["spring"][0], grip["stiffness"][0], grip["damping"][0] = 1, 0.0, 0.0
+    trial, writer = session.begin(planned)
+    tip, rows = trial.simulation.state["tip"][0], np.empty((1, tick_log.WIDTH))
+    while not trial.finished:
+        x, y = (trial.path.x0, trial.path.y0) if trial.phase in ("approach", "hold") else (trial.path.x1, trial.path.y1)
+        grip["held"][0] = np.clip(300.0 * (np.array((x, y)) - tip[:2]) - 20.0 * tip[2:], -15.0, 15.0)
+        writer.write(rows[: trial.run(rows)])
+    session.finish(trial, writer)
+
+
+def recordings(folder):
+    return sorted(folder.glob("**/run-*.parquet"))
+
+
+def replayed(path, **how):
+    """Its summary, and what it says of equality and decisions."""
+    told = replay(path, **how)
+    decisions = told["decisions"] or {"decisions": 0, "different": None}
+    return told, (told["begins"], told["equal"], decisions["different"])
+
+
+def test_every_trial_of_a_session_replays_to_equal_ticks_and_equal_decisions(session):
+    status, devices, paths = set(), set(), recordings(session.folder)
+    for path in paths:
+        told, said = replayed(path)
+        assert said == ("start", True, 0) and told["warnings"] == [], path
+        outcome = read_recording(path).outcome
+        assert told["decisions"]["decisions"] == np.count_nonzero(read_recording(path).in_phase("move"))
+        if outcome["status"] != "recovered":
+            assert told["after"]["status"] == outcome["status"]
+            assert told["after"]["energy_residual_J"] == outcome["energy_residual_J"]
+            assert outcome["warnings"] == []
+        assert told["largest_tip_difference_m"] == 0.0
+        assert all(metric["change"] in (0.0, None) for metric in told["metrics"].values())
+        status.add(told["before"]["status"])
+        devices.add(told["before"]["device"])
+    assert status == {"done", "timeout", "aborted", "redone", "recovered"} and len(paths) == 14
+    assert devices == {"three-brake", "four-brake"}
+
+
+def test_trials_by_mouse_and_by_a_six_axis_device_replay_to_equal_ticks_too(by_hand):
+    paths = recordings(by_hand)
+    assert [path.parent.name for path in paths] == ["practice", "trials", "trials"]
+    for path in paths:
+        told, said = replayed(path)
+        assert said == ("start", True, 0) and told["hand"] == "target" and told["warnings"] == [], path
+
+
+def copied(path, folder, change):
+    """The recording in a copy of its session, changed."""
+    place = shutil.copytree(path.parent.parent, folder / "sub-01" / "ses-01", dirs_exist_ok=True) / path.parent.name
+    (place / path.name).unlink()
+    save_as_parquet(change(read_recording(path)), place / path.name, sync=False)
+    return place / path.name
+
+
+def with_column(recording, name, change):
+    column = recording.columns[name].copy()
+    change(column)
+    return replace(recording, columns={**recording.columns, name: column})
+
+
+def test_a_start_that_is_another_is_told_from_the_recorded_one(session, tmp_path, capsys):
+    def other(recording):
+        state = dict(recording.metadata["start"]["state"])
+        state["torque_yield"] = [one + 1e-9 for one in state["torque_yield"]]
+        start = {**recording.metadata["start"], "state": state}
+        return replace(recording, metadata={**recording.metadata, "start": start})
+
+    path = copied(recordings(session.folder)[1], tmp_path, other)
+    told, said = replayed(path)
+    assert said == ("start", False, 0) and 0.0 < told["largest_tip_difference_m"] < 1e-6
+    assert main(["replay", str(path), "--json"]) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["equal"] is False
+    assert printed.err.startswith("warning: ") and "differs from the recording, first in tick " in printed.err
+
+
+def test_a_decision_that_does_not_follow_from_what_is_recorded_is_counted(session, tmp_path):
+    path = next(path for path in recordings(session.folder) if read_recording(path).metadata["controller"] == 4)
+    move = np.flatnonzero(read_recording(path).in_phase("move"))
+
+    def no_force(sensed):
+        sensed[move] = 0.0
+
+    def another(decision):
+        decision[move[5]] = (decision[move[5]] + 1) % 26
+
+    def more(current):
+        current[move[7]] += 0.1
+
+    for name, change, least in (("sensed_fx_N", no_force, 10), ("decision", another, 1), ("current_A_A", more, 1)):
+        changed_one = copied(path, tmp_path / name, lambda r, n=name, c=change: with_column(r, n, c))
+        told, said = replayed(changed_one)
+        assert said[2] >= least and (least > 1 or said[2] == 1), name
+        assert any("recorded decisions are not" in warning for warning in told["warnings"]), name
+
+
+def as_an_earlier_version_had_it(recording):
+    later = {"sensed_fx_N", "sensed_fy_N", *(name for name, _ in ARM_COLUMNS)}
+    columns = {name: column for name, column in recording.columns.items() if name not in later}
+    metadata = {name: value for name, value in recording.metadata.items() if name != "start"}
+    return replace(recording, columns=columns, metadata=metadata)
+
+
+def test_a_recording_of_an_earlier_version_is_replayed_from_its_movement_and_that_is_said(session, tmp_path, capsys):
+    path = copied(recordings(session.folder)[0], tmp_path, as_an_earlier_version_had_it)
+    told, said = replayed(path)
+    assert said == ("move", None, None) and told["warnings"] == [OTHER_VERSION]
+    assert 0.0 < told["largest_tip_difference_m"] < NEAR_M
+    assert main(["replay", str(path), "--controller", "4", "--json"]) == 0
+    assert OTHER_VERSION in capsys.readouterr().err
+
+
+def test_another_controller_starts_from_the_same_approach_and_makes_no_promise_of_equality(session):
+    path = next(path for path in recordings(session.folder) if read_recording(path).metadata["controller"] == 1)
+    told, said = replayed(path, controller=4)
+    assert said == ("start", None, 0) and told["warnings"] == []
+    assert told["largest_tip_difference_m"] > 1e-3
+    told, said = replayed(path, device="four-brake")
+    assert told["before"]["device"] == "three-brake" and said[:2] == ("move", None)
+
+
+def test_a_ledger_that_contradicts_the_motion_is_said_by_recording_verify_and_replay(tmp_path, capsys):
+    session = new_session(tmp_path, protocol=short(paths=1))
+    trial, writer = session.begin(session.next_planned())
+    run(trial, writer)
+    trial.simulation.state["work_hand"][0] += 1.0
+    session.finish(trial, writer)
+    session.close()
+    [path] = recordings(tmp_path)
+    [doubt] = read_recording(path).outcome["warnings"]
+    assert "leaves -1 J" in doubt and "the motion may be wrong" in doubt
+    assert main(["verify", str(tmp_path), "--json"]) == 0
+    printed = capsys.readouterr()
+    name = path.relative_to(tmp_path).as_posix()
+    assert json.loads(printed.out)["warnings"] == [{"file": name, "warning": doubt}]
+    assert printed.err == f"warning: {name}: {doubt}\n"
+    assert replay(path)["warnings"] == [f"the recording: {doubt}"]
+
+
+def test_energy_from_a_brake_is_a_doubt_whatever_else_the_ledger_says():
+    before = new_simulation(PAPER.devices[0], (0.05, 0.40)).ledger()
+    assert ledger_warnings(before, before) == []
+    [doubt] = ledger_warnings(before, replace(before, added_by_brakes=2e-9))
+    assert "a brake added 2e-09 J" in doubt
+    assert len(ledger_warnings(before, replace(before, residual=float("nan")))) == 1
+    moved = replace(before, work_hand=1.0, heat=(0.9, 0.0, 0.1, 0.0))
+    assert ledger_warnings(before, replace(moved, residual=0.01)) == []
+    assert len(ledger_warnings(before, replace(moved, residual=0.03))) == 1
