@@ -13,6 +13,7 @@ from core.errors import InputError
 from experiments.plan import PlannedTrial
 from experiments.session.files import other_protocol
 from experiments.session.session import SENSOR, Session
+from experiments.trial.population import load_population
 
 #: hand -> in words
 HANDS = {
@@ -81,7 +82,9 @@ def _open(desk: Desk, intent: m.Open) -> None:
         session = Session.resume(setup.data_dir, name, setup.sync)
     else:
         person, blind = person_at(setup, desk.protocol, name), intent.blind or None
-        session = Session(setup.data_dir, name, desk.protocol, person, setup.sync, blind, desk.device.hand)
+        operators = load_population().operators if person else None
+        hand = desk.device.hand
+        session = Session(setup.data_dir, name, desk.protocol, person, setup.sync, blind, hand, operators)
     try:
         desk.keeping.take(Sitting(session))
     except BaseException:

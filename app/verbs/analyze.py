@@ -48,9 +48,11 @@ def analyze_verb(args: argparse.Namespace) -> int:
     if args.json:
         print_summary(summary, True)
         return 0
+    warnings = summary.pop("warnings")
     lists = {name: entries for name, entries in summary.items() if isinstance(entries, list)}
     print_summary({**summary, **{name: len(entries) for name, entries in lists.items()}}, False)
     for name, entries in lists.items():
         for entry in entries:
             print(f"{name.replace('_', ' ')}: {entry}")
+    print_summary({"warnings": warnings}, False)
     return 0

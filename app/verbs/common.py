@@ -63,10 +63,13 @@ def print_summary(summary: dict, as_json: bool) -> None:
     if as_json:
         print(json.dumps(summary))
     else:
-        width = max((len(in_words(key)) for key in summary), default=0)
-        for key, value in summary.items():
+        listed = {key: value for key, value in summary.items() if key != "warnings"}
+        width = max((len(in_words(key)) for key in listed), default=0)
+        for key, value in listed.items():
             shown = f"{value:.4g}" if isinstance(value, float) else value
             print(f"{in_words(key):{width}}  {shown}")
+        for warning in summary.get("warnings", []):  # last, where they are seen
+            print(f"warning: {warning}")
 
 
 def in_words(key: str) -> str:

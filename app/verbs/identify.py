@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import sys
 from pathlib import Path
 
 from app.progress import Progress
@@ -32,9 +33,8 @@ def add(verbs) -> None:
     verb.add_argument(
         "--backlash-deg",
         type=_backlash,
-        default=0.75,
         metavar="DEG",
-        help="goes into the file as it is: steps do not tell it (default: 0.75, assumed)",
+        help="goes into the file as it is: steps do not show it (default: 0.75, assumed)",
     )
     verb.add_argument("--json", action="store_true", help="print numbers, intervals and residuals as JSON")
 
@@ -46,7 +46,9 @@ def identify_verb(args: argparse.Namespace) -> int:
         found, brake, figures = identify(
             args.steps, args.out, args.name, args.figures, args.omega_0, args.backlash_deg, progress
         )
-    told = summary(found)
+    told = summary(found, args.backlash_deg)
+    for warning in told["warnings"]:
+        print(f"warning: {warning}", file=sys.stderr)
     if args.json:
         print_summary({"brake": brake.name, "out": str(args.out), "figures": [*map(str, figures)]} | told, True)
         return 0
@@ -60,6 +62,7 @@ def identify_verb(args: argparse.Namespace) -> int:
         f"residuals (rms): steady torque {told['torque_residual_rms_N_m']:.3g} N m, "
         f"time constant {told['time_constant_residual_rms_s'] * 1e3:.3g} ms"
     )
+    print("assumed: " + "; ".join(f"{key} ({why})" for key, why in told["assumed"].items()))
     if found.set_aside:
         print(f"without a clear transient, not used for Eq. (4): {', '.join(told['set_aside'])}")
     for path in figures:

@@ -5,9 +5,10 @@ One rule for all, fixed before any data:
 - A statement is split into claims, a claim into comparisons: one for each configuration and, where two measures stand
   for one thing (force over time and over progress; acceleration's weighted DFT sum and weighted rms), one for each.
 - In a comparison every participant gives one difference, first minus second, of the medians of their own trials (for
-  "consistent": of their trials' mean distance from the middle of the box). What counts is the median participant and
-  the 95 % interval of `median_interval`; below six participants that interval is the whole range of these people, so
-  that all of them must agree, and the verdict describes only them. One participant alone has no range: unclear.
+  "consistent": of their trials' mean distance from the middle of the box). What counts is the mean participant and
+  the 95 % interval of `mean_interval`, which fewer people only widen: nothing gets easier to say with fewer. It takes
+  the differences as normal, which few people cannot show: below six the report says so. One participant has no
+  interval: unclear.
 - below:   yes if the whole interval is under 0; else no if it is all over 0, or within 15 % of the uncontrolled
            median either way (no difference to speak of).
 - similar: within 15 % of the uncontrolled median (for "little change in accuracy": 0.5 mm) either way. Yes if the
@@ -29,12 +30,11 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.analysis.participants import (
-    LEAST_PEOPLE,
     Interval,
     Scores,
     configurations_of,
     finished_share,
-    median_interval,
+    mean_interval,
     people_of,
     scores,
     spreads,
@@ -87,7 +87,7 @@ class Comparison(NamedTuple):
             return f"{self.where} ({self.reason})"
         digits = 2 if self.unit == "mm" else 0
         middle, low, high = (f"{round(value, digits) + 0.0:+.{digits}f}" for value in self.found[1:])
-        interval = f" ({low} to {high})" if self.found.is_range else ""
+        interval = f" ({low} to {high})" if self.found.is_bounded else ""
         return f"{self.where} {middle} {self.unit}{interval}"
 
 
@@ -156,9 +156,8 @@ def _compare(
     in_mm = measure in ERROR and (claim.negligible or claim.kind == BELOW)
     scale, unit = (1e3, "mm") if in_mm else (100.0 / uncontrolled, "%")
     band = scale * (NEGLIGIBLE_M if claim.negligible else SIMILAR_SHARE * uncontrolled)
-    interval = median_interval(scale * np.array(differences))
-    said = answer(claim.kind, interval, band) if interval.is_range else None
-    return Comparison(claim, measure, where, said, "", interval, band, unit)
+    interval = mean_interval(scale * np.array(differences))
+    return Comparison(claim, measure, where, answer(claim.kind, interval, band), "", interval, band, unit)
 
 
 def answer(kind: str, found: Interval, band: float) -> bool | None:
@@ -215,10 +214,8 @@ def _why_unclear(compared: Sequence[Comparison]) -> str:
         return f"{missing[:1].upper()}{missing[1:]}."
     if {True, False} <= {one.answer for one in compared}:
         why = "measures or devices disagree"
-    elif not all(one.found.is_range for one in compared if one.found):
-        why = "one participant shows no range"
-    elif min(one.found.people for one in compared if one.found) < LEAST_PEOPLE:
-        why = "the participants disagree"
+    elif not all(one.found.is_bounded for one in compared if one.found):
+        why = "one participant has no interval"
     else:
         why = "an interval is too wide"
     return f"{_listed(compared)}; needed: {_needed(compared[0])}, but {why}."

@@ -15,7 +15,8 @@ from experiments.analysis.trials_table import COUNTED, TrialRow
 
 #: The paper's two, by device name.
 PAPER_CONFIGURATIONS = ("three-brake", "four-brake")
-#: With fewer, no 95 % interval for the middle of people exists (2 / 2^5 > 5 %), nor can a signed-rank test reach 5 %.
+#: With fewer, no 95 % interval exists that assumes no distribution (2 / 2^5 > 5 %), nor can a signed-rank test reach
+#: 5 %.
 LEAST_PEOPLE = 6
 LEVEL = 0.95
 #: What every report says below `LEAST_PEOPLE`; {} is the number in words.
@@ -85,24 +86,41 @@ class Interval(NamedTuple):
 
     people: int
     middle: float
-    low: float
+    low: float  # -inf and inf: these people are too few to say
     high: float
 
     @property
-    def is_range(self) -> bool:
-        """Whether low and high say how far people lie apart: one person does not."""
-        return self.people > 1
+    def is_bounded(self) -> bool:
+        """Whether it says anything: of one person it does not."""
+        return math.isfinite(self.low) and math.isfinite(self.high)
+
+
+def mean_interval(values: Sequence[float] | np.ndarray) -> Interval:
+    """The mean and its 95 % interval by Student's t: takes the values as normal, holds for two people as for many.
+
+    Fewer people only widen it: the root mean square of its half-widths over all subsets of m of these people is
+    t(m - 1) s / sqrt(m), with s the standard deviation of them all, and that falls with every person more.
+    """
+    from scipy.special import stdtrit  # here: an app that starts has no time for it
+
+    data = np.asarray(values, dtype=float)
+    n, middle = len(data), float(np.mean(data))
+    if n < 2:
+        return Interval(n, middle, -math.inf, math.inf)
+    half = float(stdtrit(n - 1, 0.5 * (1.0 + LEVEL)) * np.std(data, ddof=1) / math.sqrt(n))
+    return Interval(n, middle, middle - half, middle + half)
 
 
 def median_interval(values: Sequence[float] | np.ndarray) -> Interval:
     """The median and its 95 % interval by counting (the sign test turned round): no distribution is assumed.
 
     From the k-th smallest to the k-th largest value, the largest k that covers the median of people with at least
-    95 %. Below six values none does: then it is the whole range of these people, and describes only them; of one
-    person it is that one value, and is no range (`Interval.is_range`).
+    95 %. Below six values none does.
     """
     data = np.sort(np.asarray(values, dtype=float))
     n, k, outside = len(data), 1, 1
+    if n < LEAST_PEOPLE:
+        return Interval(n, float(np.median(data)), -math.inf, math.inf)
     while k < n - k and 2 * (outside + math.comb(n, k)) <= round((1.0 - LEVEL) * 2**n):
         outside += math.comb(n, k)
         k += 1
@@ -112,14 +130,15 @@ def median_interval(values: Sequence[float] | np.ndarray) -> Interval:
 def shift_interval(values: Sequence[float] | np.ndarray) -> Interval:
     """Hodges-Lehmann: the median of all pairwise means, with the interval of the exact signed-rank test.
 
-    Takes the values as symmetric about their middle. Below six values: the whole range, as above.
+    Takes the values as symmetric about their middle. Below six values there is no such interval.
     """
     data = np.asarray(values, dtype=float)
     n = len(data)
     i, j = np.triu_indices(n)
     walsh = np.sort(0.5 * (data[i] + data[j]))
-    below = np.cumsum(signed_rank_distribution(n))
-    k = int(np.searchsorted(below, 0.5 * (1.0 - LEVEL))) if n >= LEAST_PEOPLE else 1
+    if n < LEAST_PEOPLE:
+        return Interval(n, float(np.median(walsh)), -math.inf, math.inf)
+    k = int(np.searchsorted(np.cumsum(signed_rank_distribution(n)), 0.5 * (1.0 - LEVEL)))
     return Interval(n, float(np.median(walsh)), float(walsh[k - 1]), float(walsh[len(walsh) - k]))
 
 

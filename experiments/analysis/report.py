@@ -5,7 +5,7 @@ Plain sentences and tables; the same rows and note give the same bytes.
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from core.control.controllers import Preset
@@ -14,7 +14,7 @@ from experiments.analysis.findings import Finding, description_only, findings
 from experiments.analysis.participants import configurations_of, finished_share, people_of, scores, too_few
 from experiments.analysis.sensitivity import Variants, sensitivity, swapped
 from experiments.analysis.statements import CONTROLLER, why_no_findings
-from experiments.analysis.statistics import MEASURES, POOLED, Result, statistics
+from experiments.analysis.statistics import MEASURES, POOLED, Result, least_p_holm, statistics
 from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller
 from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
 
@@ -24,12 +24,13 @@ SHOWN = {
     "mean_tip_force_N": ("mean tip force", "N", 1.0, 2),
     "acceleration_dft_sum": ("acceleration DFT sum", "m/s²", 1.0, 1),
 }
+SIMULATED = "The operators are simulated: read it as what this model says, not as people."
 READ = (
-    "A difference is taken within each participant; in brackets stands its 95 % interval for the median participant "
-    "(below six participants: the range of them all; one alone has none and decides nothing); % is of the uncontrolled "
-    "median. Similar: within 15 %. Negligible in accuracy: at most 0.5 mm. A statement holds only if every device and "
-    "every measure of one thing says so; where they disagree, the interval is too wide, or under 90 % of the trials "
-    "reached the end, one cannot tell."
+    "A difference is taken within each participant; then stands the mean participant's, in brackets its 95 % interval "
+    "(Student's t, which takes the differences as normal; fewer participants only widen it, one alone has none and "
+    "decides nothing); % is of the uncontrolled median. Similar: within 15 %. Negligible in accuracy: at most 0.5 mm. "
+    "A statement holds only if every device and every measure of one thing says so; where they disagree, the interval "
+    "is too wide, or under 90 % of the trials reached the end, one cannot tell."
 )
 
 
@@ -39,12 +40,14 @@ def write_report(
     note: str,
     variants: Variants | None = None,
     controllers: Mapping[int, Preset] | None = None,
+    simulated: bool = False,
 ) -> list[Path]:
     """Write the files into `out_folder`; their paths. note: what was used, as on the figures.
 
     variants: further definitions of smoothness, as `sensitivity.of_recording(folder)` takes them from recordings.
     controllers: those of the protocol (None: Table I); the paper's statements are tested on Table I's alone. Of coded
     rows only the means are written: each blind session has a key of its own, so codes cannot be compared.
+    simulated: operators, not people, moved the handle.
     InputError before anything is written if one exists already or no trial counts.
     """
     folder = Path(out_folder)
@@ -56,14 +59,14 @@ def write_report(
     none = 1 if controllers is None else next((k for k, one in controllers.items() if one.kind == "none"), 0)
     texts = {"participant_means.csv": means_csv(rows)}
     if coded:
-        texts["report.md"] = report(rows, refusal, [], [], note, names, none)
+        texts["report.md"] = report(rows, refusal, [], [], note, names, none, simulated)
     else:
         found = [] if refusal else findings(rows)
         results = [*statistics(rows), *sensitivity(rows, variants)]
         if found:
             texts["findings.csv"] = findings_csv(found)
         texts["statistics.csv"] = _csv(Result._fields, results)
-        texts["report.md"] = report(rows, refusal, found, results, note, names, none)
+        texts["report.md"] = report(rows, refusal, found, results, note, names, none, simulated)
     for name in texts:
         if (folder / name).exists():
             raise InputError(f"{folder / name}: exists already, no report was written")
@@ -123,12 +126,11 @@ def report(
     note: str,
     names: Mapping[int, str],
     none: int,
+    simulated: bool,
 ) -> str:
     """The page. refusal: why there are no findings; names: of the controllers; none: the uncontrolled one."""
     parts = ["# Report", f"{note[:1].upper()}{note[1:].rstrip('.')}. {_trials(rows, names)}"]
-    few = (description_only(found) if found else "") or too_few(len(people_of(rows)))
-    if few:
-        parts.append(f"**{few}**")
+    parts += [f"**{warning}**" for warning in warnings(rows, found, simulated)]
     parts.append("## The paper's findings")
     if refusal:
         parts.append(refusal)
@@ -140,6 +142,12 @@ def report(
         parts += ["## Against no control", _against_none(results, names, none), "## What else to know"]
         parts.append("\n".join(f"- {sentence}" for sentence in sentences(results, names)))
     return "\n\n".join(parts) + "\n"
+
+
+def warnings(rows: Sequence[TrialRow], found: Sequence[Finding], simulated: bool) -> list[str]:
+    """What a reader must know before the findings: that people are few, and that they are none."""
+    few = (description_only(found) if found else "") or too_few(len(people_of(rows)))
+    return ([few] if few else []) + ([SIMULATED] if simulated else [])
 
 
 def _trials(rows: Sequence[TrialRow], names: Mapping[int, str]) -> str:
@@ -181,7 +189,25 @@ def _against_none(results: Sequence[Result], names: Mapping[int, str], none: int
     few = any(r.p_holm is None for r in chosen.values())
     how = "Change of the participants' means (Hodges-Lehmann"
     how += ")." if few else ", 95 % interval). *: Wilcoxon p < 0.05 after Holm's correction for all pairs."
-    return "\n".join(lines) + f"\n\n{how}"
+    return "\n\n".join(["\n".join(lines), how, *_out_of_reach(results, {key[0] for key in chosen})])
+
+
+def _out_of_reach(results: Sequence[Result], configurations: Collection[str]) -> list[str]:
+    """Where too few people for it can get a star in the table, a sentence for each number of people and pairs."""
+    families: dict[tuple[str, str], list[Result]] = {}
+    for r in results:
+        if r.p_holm is not None and r.measure in SHOWN and r.configuration in configurations:
+            families.setdefault((r.configuration, r.measure), []).append(r)
+    where: dict[str, list[str]] = {}
+    for (configuration, _), pairs in families.items():
+        if (least := least_p_holm(pairs)) >= 0.05:
+            people = max(pair.people for pair in pairs)
+            where.setdefault(
+                f"no *, however they differ: the smallest p of Wilcoxon's test with {people} participants is "
+                f"{2.0 * 0.5**people:.3g}, after Holm's correction for {len(pairs)} pairs {least:.2g}",
+                [],
+            ).append(configuration)
+    return [f"On {' and '.join(dict.fromkeys(devices))} {why}." for why, devices in where.items()]
 
 
 def reversed_pair(result: Result) -> Result:

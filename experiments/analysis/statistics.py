@@ -19,6 +19,7 @@ from experiments.analysis.participants import (
     LEVEL,
     Scores,
     configurations_of,
+    mean_interval,
     median_interval,
     people_of,
     scores,
@@ -91,12 +92,10 @@ def means(measure: str, configuration: str, table: dict[int, dict[str, float]]) 
     """Mean over participants of their means, with Student's interval."""
     results = []
     for controller, of_people in table.items():
-        data = np.array(list(of_people.values()))
-        mean, low, high = float(np.mean(data)), None, None
-        if len(data) >= LEAST_PEOPLE:
-            half = float(stats.t.ppf(0.5 + 0.5 * LEVEL, len(data) - 1) * np.std(data, ddof=1) / math.sqrt(len(data)))
-            low, high = mean - half, mean + half
-        results.append(Result("mean", measure, configuration, f"{controller}", "", len(data), "mean", mean, low, high))
+        found = mean_interval(list(of_people.values()))
+        ends = found[2:] if found.people >= LEAST_PEOPLE else (None, None)
+        about = ("mean", measure, configuration, f"{controller}", "", found.people, "mean")
+        results.append(Result(*about, found.middle, *ends))
     return results
 
 
@@ -159,6 +158,14 @@ def holm(chances: Sequence[float]) -> list[float]:
         largest = max(largest, min(1.0, (len(chances) - rank) * chances[i]))
         adjusted[i] = largest
     return adjusted
+
+
+def least_p_holm(pairs: Sequence[Result]) -> float:
+    """The smallest p after Holm's correction that so few people allow in these pairs of one family, whatever they do.
+
+    Wilcoxon's smallest p of n people is that of all n differing the same way, 2 / 2^n.
+    """
+    return min(1.0, len(pairs) * min((2.0 * 0.5**pair.people for pair in pairs), default=1.0))
 
 
 def rank_biserial(differences: np.ndarray) -> float:

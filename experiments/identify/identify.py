@@ -1,7 +1,8 @@
 """`phd identify`: from measured current steps to a brake file, with intervals, residuals and Figs. 6 to 8.
 
-What current steps at constant speed do not tell is said in the file: the backlash is taken as given, and Eq. (4) is
-extrapolated to a quarter of the lowest measured speed (our choice; the paper sets no floor).
+What the steps do not show is called assumed in the file: the largest current, the knee, the backlash, the floor (a
+quarter of the lowest measured speed: our choice, the paper sets none), and omega_0 where no two measured speeds lie in
+the flat part of Eq. (4). Numbers that are hardly in the units of their columns are taken as they are, with a warning.
 """
 
 import contextlib
@@ -29,12 +30,13 @@ from experiments.identify.fit import (
 from experiments.identify.least_squares import LinearFit
 from experiments.identify.step_response import FALL, RISE, Measured, measure
 from experiments.identify.steps import Step, read_steps
+from experiments.identify.units import doubtful_units
 from experiments.recording.atomic_files import give_new_name, written_beside
 
 #: Our choice: Eq. (4) is extrapolated below the lowest measured speed by this factor, then held.
 BELOW_MEASURED = 0.25
 DIGITS = 6  # significant, of the numbers in the file
-BACKLASH_DEG = 0.75  # assumed
+BACKLASH_DEG = 0.75  # assumed where none is given
 
 
 class Parameter(NamedTuple):
@@ -57,6 +59,44 @@ class Identification:
     constants: dict[str, TimeConstants]  # by direction
     omega_0_rpm: float
     scatter: dict[float, float]  # omega_0 (rpm) -> scatter relative to the least; empty where it was given
+
+    @property
+    def flat_part_seen(self) -> bool:
+        """Whether two measured speeds at least lie at omega_0 and above: else nothing shows that Eq. (4) is flat."""
+        return len({one.step.speed_rpm for one in self.measured if one.step.speed_rpm >= self.omega_0_rpm}) > 1
+
+    @property
+    def omega_0_by(self) -> str:
+        """Where omega_0 comes from."""
+        if not self.scatter:
+            return "given"
+        if self.flat_part_seen:
+            return "least squares over the measured speeds"
+        return "assumed: the highest measured speed, no faster step shows where the time constants level off"
+
+    @property
+    def doubtful(self) -> dict[str, str]:
+        """Column of the steps -> why its numbers are hardly in its unit."""
+        return doubtful_units(self.measured, self.omega_0_rpm if self.scatter and self.flat_part_seen else None)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What whoever reads the numbers must know."""
+        unseen = [f"omega_0_rpm = {self.omega_0_rpm:g} is {self.omega_0_by}"]
+        return [*self.doubtful.values(), *([] if self.flat_part_seen or not self.scatter else unseen)]
+
+    def assumed(self, backlash_deg: float | None) -> dict[str, str]:
+        """Key of the brake file -> why, for each number that the steps do not show. backlash_deg: None: not given."""
+        assumed = {
+            "current_max_A": "the largest that was measured",
+            "knee_A": "as in the paper",
+            "floor_rpm": "Eq. (4) is held below",
+        }
+        if self.scatter and not self.flat_part_seen:
+            assumed["omega_0_rpm"] = "the highest measured speed, no faster step shows where time constants level off"
+        if backlash_deg is None:
+            assumed["backlash_deg"] = "steps do not show it"
+        return assumed
 
     @property
     def set_aside(self) -> list[Measured]:
@@ -108,7 +148,7 @@ def identify_steps(steps: Iterable[Step], source: str, omega_0_rpm: float | None
     return Identification(source, len(steps), measured, gain, constants, omega_0, scatter)
 
 
-def brake_text(found: Identification, name: str, backlash_deg: float = BACKLASH_DEG) -> str:
+def brake_text(found: Identification, name: str, backlash_deg: float | None = None) -> str:
     """The brake file, which `core.brake_file` reads; InputError where the fit is no brake that can exist."""
     lowest = min(one.step.speed_rpm for one in found.measured)
     text = _brake_text(found, name, backlash_deg, lowest * BELOW_MEASURED)
@@ -116,7 +156,10 @@ def brake_text(found: Identification, name: str, backlash_deg: float = BACKLASH_
         parse_brake(text, found.source)
         return text
     text = _brake_text(found, name, backlash_deg, lowest)  # extrapolated, a time constant may turn negative
-    parse_brake(text, f"{found.source}: the fit is no brake that can exist: the brake file")
+    try:
+        parse_brake(text, f"{found.source}: the fit is no brake that can exist: the brake file")
+    except InputError as error:
+        raise InputError("; ".join([str(error), *found.doubtful.values()])) from None
     return text
 
 
@@ -126,7 +169,7 @@ def identify(
     name: str | None = None,
     figures: Path | None = None,
     omega_0_rpm: float | None = None,
-    backlash_deg: float = BACKLASH_DEG,
+    backlash_deg: float | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[Identification, BrakeFile, list[Path]]:
     """Read the steps, fit, and write the brake file and, into a folder, the figures; all or nothing.
@@ -166,8 +209,8 @@ def identify(
     return found, parse_brake(text, str(out)), written
 
 
-def summary(found: Identification) -> dict[str, Any]:
-    """Everything there is to say, for JSON: numbers with intervals, omega_0, residuals step by step."""
+def summary(found: Identification, backlash_deg: float | None = None) -> dict[str, Any]:
+    """Everything there is to say, for JSON: numbers with intervals, omega_0, what is assumed, residuals by step."""
     residuals = found.residuals()
     constants = np.array([r for _, r in residuals.values() if r is not None])
     return {
@@ -179,7 +222,9 @@ def summary(found: Identification) -> dict[str, Any]:
             for row in found.parameters()
         ],
         "omega_0_rpm": found.omega_0_rpm,
-        "omega_0_by": "least squares over the measured speeds" if found.scatter else "given",
+        "omega_0_by": found.omega_0_by,
+        "assumed": found.assumed(backlash_deg),
+        "warnings": found.warnings,
         "scatter_by_omega_0": [{"omega_0_rpm": key, "scatter": value} for key, value in found.scatter.items()],
         "torque_residual_rms_N_m": float(np.sqrt(np.mean(found.gain.residuals**2))),
         "time_constant_residual_rms_s": float(np.sqrt(np.mean(constants**2))),
@@ -207,7 +252,7 @@ def _rows(names: Iterable[str], fit: LinearFit, units: Iterable[str]) -> list[Pa
     ]
 
 
-def _brake_text(found: Identification, name: str, backlash_deg: float, floor_rpm: float) -> str:
+def _brake_text(found: Identification, name: str, backlash_deg: float | None, floor_rpm: float) -> str:
     rows = {row.name: row for row in found.parameters()}
     value = {key: float(f"{row.value:.{DIGITS}g}") for key, row in rows.items()}
     k1, k2, k3, k4 = (value[key] for key in K_NAMES[:4])
@@ -217,20 +262,31 @@ def _brake_text(found: Identification, name: str, backlash_deg: float, floor_rpm
         number = f"{value[key]!r},"
         return f"    {number:16}# {key.partition('.')[2] or key} +- {rows[key].half_width:.2g} {rows[key].unit}"
 
-    how = "where the time constants scatter least" if found.scatter else "given"
+    assumed = found.assumed(backlash_deg)
+    how = {"backlash_deg": "given"}
+    how["omega_0_rpm"] = "where the time constants scatter least" if found.scatter else "given"
+    how |= {key: f"assumed: {why}" for key, why in assumed.items()}
+    provenance = f"identified from {found.source}; assumed: {', '.join(assumed)}"
+    if found.doubtful:
+        provenance += f"; doubtful units: {', '.join(found.doubtful)}"
+
+    def number(key: str, value: float) -> str:
+        return f"{key} = {value!r}".ljust(24) + f"# {how[key]}"
+
     lines = [
         "# Fitted by phd identify: value +- half-width of its 95 % interval.",
         f"# {found.steps} current steps, repeats averaged to {len(found.measured)}.",
+        *(f"# Warning: {warning}" for warning in found.warnings),
         f"name = {json.dumps(name, ensure_ascii=False)}",
-        f"provenance = {json.dumps(f'identified from {found.source}', ensure_ascii=False)}",
-        f"current_max_A = {found.current_max!r}".ljust(24) + "# the largest that was measured",
+        f"provenance = {json.dumps(provenance, ensure_ascii=False)}",
+        number("current_max_A", found.current_max),
         "k = [                   # Eq. (2), N m",
         *map(line, K_NAMES),
         "]",
-        f"knee_A = {KNEE_A!r}".ljust(24) + "# fixed, as in the paper",
-        f"omega_0_rpm = {found.omega_0_rpm!r}".ljust(24) + f"# {how}",
-        f"floor_rpm = {floor_rpm!r}".ljust(24) + "# our choice: Eq. (4) is held below",
-        f"backlash_deg = {float(backlash_deg)!r}".ljust(24) + "# not identified: steps do not tell it",
+        number("knee_A", KNEE_A),
+        number("omega_0_rpm", found.omega_0_rpm),
+        number("floor_rpm", floor_rpm),
+        number("backlash_deg", BACKLASH_DEG if backlash_deg is None else float(backlash_deg)),
     ]
     for direction in found.constants:
         lines += ["", f"[{direction}]                  # Eq. (4), s", f"a_avg_s = {value[f'{direction}.a_avg']!r}"]

@@ -73,6 +73,7 @@ from experiments.session.journal import NAME as JOURNAL
 from experiments.session.recover import recover_session
 from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.operator import Person
+from experiments.trial.population import Operators
 from experiments.trial.trial import Trial, new_simulation
 
 SENSOR = "force sensor"  # of a device on the bench, in place of a kind of hand
@@ -91,12 +92,13 @@ class Session:
         sync: bool = True,
         blind: bool | None = None,
         hand: str = "mouse",
+        operators: Operators | None = None,
     ) -> None:
         """Create the folder and store the plan. person: a simulated operator; None: a hand at the mouse or device.
 
         blind: whether the controllers stand as codes (None: as the protocol says; a simulated operator's never do).
         sync = False leaves it to the system when data reach the disk (simulated studies: they can be run again).
-        hand: what moves the handle where it is no simulated operator.
+        hand: what moves the handle where it is no simulated operator. operators: the population of the person.
         InputError if the session exists, is none of the protocol's, or the folder cannot be made.
         """
         if not (participant.isascii() and participant.isalnum()):
@@ -105,6 +107,7 @@ class Session:
             protocol.refuse_stranger(participant)
         refuse_existing(data_dir, participant)
         self._take_up(data_dir, participant, protocol, person, sync)
+        self.operators = operators
         self.hand = "operator" if person else hand
         self.blind = (protocol.blind and person is None) if blind is None else blind
         self._plan_as(make_plan(protocol, participant, self.blind))
@@ -126,7 +129,7 @@ class Session:
             if self.blind:
                 self._key = new_key(protocol.controllers)
                 key_sha256 = write_key(self.folder, self._key, sync)
-            about = session_about(participant, protocol, person, self.hand, self.plan, key_sha256)
+            about = session_about(participant, protocol, person, operators, self.hand, self.plan, key_sha256)
             text = json.dumps(about, indent=1, sort_keys=True).encode() + b"\n"
             with written_beside(self.folder / STORED, text, sync) as partial:
                 partial.rename(self.folder / STORED)
@@ -153,7 +156,7 @@ class Session:
         try:
             person = Person(**stored.about["person"]) if stored.about["person"] else None
             blind, key_sha256 = bool(stored.about["blind"]), str(stored.about["key_sha256"])
-            hand = str(stored.about["hand"])
+            hand, operators = str(stored.about["hand"]), operators_from_json(stored.about)
         except (KeyError, TypeError) as error:
             raise InputError(f"{folder / STORED}: is damaged ({type(error).__name__}: {error})") from None
         session = cls.__new__(cls)
@@ -164,7 +167,8 @@ class Session:
             session._summary = journal_summary(folder)
             session._plan_as(stored.plan)
             session.plan = session._summary.plan(stored.plan)
-            session.hand, session.blind = hand, blind and session._summary.key is None
+            session.hand, session.operators = hand, operators
+            session.blind = blind and session._summary.key is None
             session._practised = dict(session._summary.practised)
             session._key = read_key(folder, key_sha256) if session.blind else session._summary.key or {}
             session.rows = rows_of(folder)
@@ -296,7 +300,7 @@ class Session:
         name = run_path(self.folder, planned.run, STREAM_SUFFIX, PRACTICE if practice else TRIALS)
         device = self.devices[planned.configuration]
         preset = None if self.blind else self.preset(planned)
-        about = recording_metadata(self.participant, self.protocol, self.hand, trial, preset)
+        about = recording_metadata(self.participant, self.protocol, self.operators, self.hand, trial, preset)
         about["plan_sha256"] = self.plan_sha256
         writer = RecordingWriter(name, device.braked, about, sync=self._sync, sensors=sensors)
         try:
@@ -400,8 +404,8 @@ class Session:
 
 
 def session_about(
-    participant: str, protocol: Protocol, person: Person | None, hand: str, plan: tuple[PlannedTrial, ...],
-    key_sha256: str,
+    participant: str, protocol: Protocol, person: Person | None, operators: Operators | None, hand: str,
+    plan: tuple[PlannedTrial, ...], key_sha256: str,
 ) -> dict[str, Any]:  # fmt: skip
     """What session.json holds. key_sha256: of the key of a blind session, whose plan holds codes; else empty."""
     return {
@@ -409,6 +413,7 @@ def session_about(
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "hand": hand,
         "person": person._asdict() if person else None,
+        "operators": operators._asdict() if operators else None,
         "fidelity": "mr",
         "seed": protocol.seed,
         "rules": protocol.rules,
@@ -425,8 +430,9 @@ def session_about(
 
 
 def recording_metadata(
-    participant: str, protocol: Protocol, hand: str, trial: Trial | LinkedTrial, preset: Preset | None
-) -> dict[str, Any]:
+    participant: str, protocol: Protocol, operators: Operators | None, hand: str, trial: Trial | LinkedTrial,
+    preset: Preset | None,
+) -> dict[str, Any]:  # fmt: skip
     """The metadata of a recording. preset: its controller; None: hidden, the session is blind."""
     planned, path, linked = trial.planned, trial.path, isinstance(trial, LinkedTrial)
     about = {
@@ -440,6 +446,7 @@ def recording_metadata(
         "seed": protocol.seed,
         "note": protocol.note(),
         "hand": SENSOR if linked else hand,
+        "operators": operators._asdict() if operators else None,
         "link": "serial" if linked else "sim",
         "assumed": trial.device.assumed,
     }
@@ -459,6 +466,12 @@ def preset_from_json(about: dict[str, Any]) -> Preset:
     """A controller as a recording has it. KeyError if something is missing."""
     own = [parameter.name for parameter in ALGORITHMS[about["kind"]].parameters]
     return Preset(about["name"], about["kind"], tuple(float(about[name]) for name in own))
+
+
+def operators_from_json(about: dict[str, Any]) -> Operators | None:
+    """The population of the simulated operator, as session and recordings have it; None: a person, or not stored."""
+    stored = about.get("operators")
+    return Operators(str(stored["population"]), tuple(stored["changed_after_findings"])) if stored else None
 
 
 def version_of(package: str) -> str:

@@ -13,7 +13,8 @@ from pathlib import Path
 from core.control.controllers import Preset
 from core.errors import InputError
 from experiments.analysis.boxplots import DRAWN, boxes, draw_boxplots, in_order
-from experiments.analysis.report import side_by_side, write_report
+from experiments.analysis.findings import findings
+from experiments.analysis.report import side_by_side, warnings, write_report
 from experiments.analysis.sensitivity import of_recording
 from experiments.analysis.statements import why_no_findings
 from experiments.analysis.trials_table import COUNTED, TrialRow, read_table, write_table
@@ -30,7 +31,7 @@ from experiments.session.journal import (
     rows_without_recording,
     write_event,
 )
-from experiments.session.session import preset_from_json
+from experiments.session.session import operators_from_json, preset_from_json
 
 
 @dataclass
@@ -39,9 +40,11 @@ class _Read:
 
     rows: list[TrialRow] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
-    notes: set[str] = field(default_factory=set)
+    notes: set[str] = field(default_factory=set)  # of the report
+    labels: set[str] = field(default_factory=set)  # of the figures
     protocols: set[str] = field(default_factory=set)  # names
     presets: dict[int, Preset] = field(default_factory=dict)
+    simulated: bool = False  # simulated operators moved the handle, in some trials at least
     keys: dict[str, dict[str, int]] = field(default_factory=dict)  # participant -> key that was opened here
 
 
@@ -81,8 +84,7 @@ def analyze(
             rows += rows_without_recording(session, journal)
             read.rows += sorted(rows, key=lambda row: row.run)
         write_table(out / "trials.csv", read.rows)
-        if read.rows:
-            _conclude(out, read)
+        warned = _conclude(out, read) if read.rows else []
     except BaseException:
         if not any(out.iterdir()):
             out.rmdir()
@@ -94,6 +96,7 @@ def analyze(
         "coded": sum(isinstance(row.controller, str) for row in read.rows),
         "left_out": read.left_out,
         "changed": changed_boxes(folder / "trials.csv", read.rows, read.keys, _labels(read)) if read.left_out else [],
+        "warnings": warned,
     }
 
 
@@ -121,20 +124,29 @@ def _read_one(folder: Path, path: Path, out: Path, journal: JournalSummary, rows
     row = recorded_row(recording, out, journal)
     rows.append(row)
     about = recording.metadata
-    read.notes.add(f"{about.get('note', 'protocol not recorded')}, hand: {about.get('hand', 'not recorded')}")
+    operators = operators_from_json(about)
+    protocol, hand = about.get("note", "protocol not recorded"), f"hand: {about.get('hand', 'not recorded')}"
+    read.labels.add(f"{protocol}, {operators.label if operators else hand}")
+    read.notes.add(f"{protocol}, {operators.note if operators else hand}")
+    read.simulated |= about.get("hand") == "operator"
     read.protocols.add(str(about.get("protocol", "")))
     if isinstance(row.controller, int) and "preset" in about:
         read.presets[row.controller] = preset_from_json(about["preset"])
 
 
-def _conclude(out: Path, read: _Read) -> None:
-    """Figures and report."""
+def _conclude(out: Path, read: _Read) -> list[str]:
+    """Figures and report; the warnings of the report."""
     without = f", {count_of(read.left_out, 'recording')} left out" if read.left_out else ""
-    note = " / ".join(sorted(read.notes)) + without
+    label, note = (" / ".join(sorted(said)) + without for said in (read.labels, read.notes))
     protocol = " and ".join(sorted(read.protocols))
-    draw_boxplots(told_apart(read.rows), out / "figures", note, labels=_labels(read), protocol=protocol)
-    if any(row.status in COUNTED for row in read.rows):
-        write_report(read.rows, out / "report", note, of_recording(out), dict(sorted(read.presets.items())))
+    draw_boxplots(told_apart(read.rows), out / "figures", label, labels=_labels(read), protocol=protocol)
+    if not any(row.status in COUNTED for row in read.rows):
+        return []
+    controllers = dict(sorted(read.presets.items()))
+    write_report(read.rows, out / "report", note, of_recording(out), controllers, read.simulated)
+    coded = any(isinstance(row.controller, str) for row in read.rows)
+    found = [] if why_no_findings(controllers, coded) else findings(read.rows)
+    return warnings(read.rows, found, read.simulated)
 
 
 def told_apart(rows: Sequence[TrialRow]) -> list[TrialRow]:

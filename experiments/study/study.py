@@ -10,8 +10,8 @@ import numpy as np
 
 from core import tick_log
 from experiments.analysis.boxplots import draw_boxplots
-from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, findings
-from experiments.analysis.report import write_report
+from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings
+from experiments.analysis.report import warnings, write_report
 from experiments.analysis.statements import why_no_findings
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, participant_index
@@ -84,13 +84,15 @@ class _Run:
         if self.trials or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
             self._conclude(table)
         protocol = self.study.protocol
+        refusal = why_no_findings(protocol.controllers)
+        found = [] if refusal else findings(table)
         return {
             "out": str(self.out),
             "trials": len(table),
             **{f"done_controller_{number}": share_done(table, number) for number in protocol.controllers},
             "recovered": sum(r.status == "recovered" for r in table),
             "in_doubt": self.doubted,
-            "findings": why_no_findings(protocol.controllers) or verdicts(table),
+            "findings": refusal or verdicts(found),
             "protocol": protocol.name,
             "population": self.study.population.name,
             "operators_changed_after_findings": list(self.study.population.changed_after_findings) or "nothing",
@@ -100,6 +102,7 @@ class _Run:
             "simulated_s": self.ticks * TICK_S,
             "simulation_wall_s": self.simulating,
             "wall_s": time.perf_counter() - began,
+            "warnings": warnings(table, found, simulated=True),
         }
 
     def _session(self, label: str) -> Session:
@@ -107,7 +110,9 @@ class _Run:
             return Session.resume(self.out, label, sync=False)
         protocol = self.study.protocol
         generator = np.random.default_rng(np.random.SeedSequence([protocol.seed, participant_index(label)]))
-        return Session(self.out, label, protocol, self.study.population.draw(generator), sync=False)
+        population = self.study.population
+        person = population.draw(generator)
+        return Session(self.out, label, protocol, person, sync=False, operators=population.operators)
 
     def _run_trial(self, session: Session, planned: PlannedTrial) -> None:
         """One trial, from its first tick to its row. OSError, as one sentence, if the disk takes no more."""
@@ -140,24 +145,24 @@ class _Run:
 
     def _conclude(self, table: Sequence[TrialRow]) -> None:
         """Box plots and report; each folder appears whole, in place of one from before a crash."""
-        protocol = self.study.protocol
-        note = f"{protocol.note()}, simulated operators ({self.study.population.name})"
+        protocol, operators = self.study.protocol, self.study.population.operators
+        note = f"{protocol.note()}, {operators.label}"
         for name in (FIGURES, REPORT):
             folder = self.out / f".{name}.partial"
             shutil.rmtree(folder, ignore_errors=True)
             if name == FIGURES:
                 draw_boxplots(table, folder, note, labels=protocol.labels(), protocol=protocol.name)
             else:
-                about = f"{protocol.note()}, {self.study.population.note()}"
-                write_report(table, folder, about, controllers=protocol.controllers)
+                about = f"{protocol.note()}, {operators.note}"
+                write_report(table, folder, about, controllers=protocol.controllers, simulated=True)
             shutil.rmtree(self.out / name, ignore_errors=True)
             folder.rename(self.out / name)
 
 
-def verdicts(rows: Sequence[TrialRow]) -> str:
+def verdicts(found: Sequence[Finding]) -> str:
     """How many of the paper's statements the data support, in words."""
-    found = [finding.verdict for finding in findings(rows)]
-    counts = [f"{verdict}: {found.count(verdict)}" for verdict in (HOLDS, FAILS, CANNOT_TELL)]
+    said = [finding.verdict for finding in found]
+    counts = [f"{verdict}: {said.count(verdict)}" for verdict in (HOLDS, FAILS, CANNOT_TELL)]
     return ", ".join(counts) + f" (of the paper's {len(found)}; why: {REPORT}/report.md)"
 
 

@@ -1,13 +1,13 @@
 """Populations: who the simulated operators are. A file gives each of a person's numbers a spread and its source.
 
-    {value = 0.13, source = ".."}               everybody the same
-    {low = 150.0, high = 250.0, source = ".."}  anything in between, equally likely
-    {mean = 8.1, sd = 1.0, source = ".."}       normal, cut at the limits of the number (LIMITS)
+{value = 0.13, source = ".."}               everybody the same
+{low = 150.0, high = 250.0, source = ".."}  anything in between, equally likely
+{mean = 8.1, sd = 1.0, source = ".."}       normal, cut at the limits of the number (LIMITS)
 """
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
@@ -122,6 +122,24 @@ PopulationFile = msgspec.defstruct(
 )  # fmt: skip
 
 
+class Operators(NamedTuple):
+    """What session and recordings store of the population of their simulated operator."""
+
+    population: str
+    changed_after_findings: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        """As a figure names them."""
+        return f"simulated operators ({self.population})"
+
+    @property
+    def note(self) -> str:
+        """As a report names them, with whatever was tuned to what they show."""
+        changed = "; ".join(self.changed_after_findings) or "nothing"
+        return f"simulated operators ({self.population} population; changed after findings were looked at: {changed})"
+
+
 @dataclass(frozen=True)
 class Population:
     """People to draw simulated operators from."""
@@ -131,10 +149,10 @@ class Population:
     spreads: dict[str, Spread]
     changed_after_findings: tuple[str, ...] = ()
 
-    def note(self) -> str:
-        """What a report says of these operators: whether anything about them was tuned to what they show."""
-        changed = "; ".join(self.changed_after_findings) or "nothing"
-        return f"simulated operators ({self.name} population; changed after findings were looked at: {changed})"
+    @property
+    def operators(self) -> Operators:
+        """What is stored and shown of operators drawn from it."""
+        return Operators(self.name, self.changed_after_findings)
 
     @property
     def assumed(self) -> bool:

@@ -12,7 +12,7 @@ import pytest
 from app.cli import main
 from core.brake_file import SHIPPED_FOLDER, BrakeFile, TimeConstant, parse_brake
 from core.errors import InputError
-from experiments.identify.identify import brake_text, identify_steps
+from experiments.identify.identify import brake_text, identify_steps, summary
 from experiments.identify.least_squares import fit_linear, undetermined
 from experiments.identify.step_response import steady_torque, time_constant_of_step
 from experiments.identify.steps import Step, mean_step, read_steps
@@ -118,11 +118,104 @@ def test_torque_gain_is_continuous_at_the_knee_and_the_file_is_a_brake(quiet):
     for seed in range(3):
         found = identify_steps(synthetic_steps(BRAKE, seed, repeats=1), "steps.csv")
         brake = parse_brake(brake_text(found, 'my "brake"'), "brake")
-        assert brake.name == 'my "brake"' and brake.provenance == "identified from steps.csv"
+        assert brake.name == 'my "brake"' and brake.provenance.startswith("identified from steps.csv; assumed: ")
         k1, k2, k3, k4, k5 = brake.k
         assert k1 * 0.2 + k2 == pytest.approx(k3 * 0.04 + k4 * 0.2 + k5, abs=1e-8)
         assert np.array(brake.k) == pytest.approx(found.gain.values, rel=1e-4)
         assert brake.rise.a == pytest.approx(found.constants["rise"].surface.values, rel=1e-5)
+
+
+# --- numbers in other units, and what steps do not show
+
+
+def in_other_units(steps: list[Step], t=1.0, current=1.0, speed=1.0, torque=1.0) -> list[Step]:
+    """The same steps with numbers times these factors."""
+    found = []
+    for one in steps:
+        currents = current * one.current_from, current * one.current_to
+        found.append(Step(*currents, speed * one.speed_rpm, t * one.t, torque * one.torque))
+    return found
+
+
+OTHER_UNITS = {
+    "milliseconds": ({"t": 1e3}, "t_s", "ms ("),
+    "microseconds": ({"t": 1e6}, "t_s", "us ("),
+    "mN m": ({"torque": 1e3}, "torque_N_m", "mN m (5.3e+03 mN m = 5.3 N m)"),
+    "N cm": ({"torque": 1e2}, "torque_N_m", "N cm (530 N cm = 5.3 N m)"),
+    "rad/s": ({"speed": math.pi / 30.0}, "speed_rpm", "rad/s (6.7 rad/s = 64 rpm)"),
+    "rev/s": ({"speed": 1.0 / 60.0}, "speed_rpm", "rev/s (1.07 rev/s = 64 rpm)"),
+    "deg/s": ({"speed": 6.0}, "speed_rpm", "deg/s (384 deg/s = 64 rpm)"),
+}
+
+
+@pytest.mark.parametrize("factors, column, says", OTHER_UNITS.values(), ids=OTHER_UNITS)
+def test_numbers_in_another_unit_give_a_warning_that_names_it_and_the_file_says_so(quiet, factors, column, says):
+    found = identify_steps(in_other_units(quiet, **factors), "steps.csv")
+    assert list(found.doubtful) == [column]
+    (warning,) = found.warnings
+    assert warning.startswith(f"{column}: ") and f"likely unit: {says}" in warning
+    assert summary(found)["warnings"] == [warning]
+    text = brake_text(found, "mine")
+    assert f"# Warning: {warning}" in text
+    assert parse_brake(text, "brake").provenance.endswith(f"; doubtful units: {column}")
+
+
+def test_currents_in_mA_are_no_brake_that_can_exist_and_the_refusal_names_the_unit(quiet):
+    found = identify_steps(in_other_units(quiet, current=1e3), "steps.csv")
+    with pytest.raises(InputError, match=r"current_to_A: .* likely unit: mA \(1e\+03 mA = 1 A\)"):
+        brake_text(found, "mine")
+
+
+def test_rad_s_up_to_many_revolutions_show_in_omega_0():
+    """Speeds of 0.5 to 256 rpm are 0.05 to 27 rad/s, which could be rpm; an omega_0 of 0.84 rpm could not."""
+    steps = synthetic_steps(BRAKE, 1, QUIET, speeds=(*SPEEDS, 128.0, 256.0), repeats=1)
+    assert identify_steps(steps, "steps.csv").warnings == []
+    (warning,) = identify_steps(in_other_units(steps, speed=math.pi / 30.0), "steps.csv").warnings
+    assert "omega_0 would be 0.838 rpm" in warning and "likely unit: rad/s (0.838 rad/s = 8 rpm)" in warning
+
+
+@pytest.mark.parametrize("top", [4.0, 8.0, 16.0])
+@pytest.mark.parametrize("noise", ["quiet", "rough"])
+def test_omega_0_is_assumed_unless_two_speeds_show_the_flat_part(top, noise):
+    speeds = tuple(speed for speed in SPEEDS if speed <= top)
+    steps = synthetic_steps(BRAKE, 2, QUIET if noise == "quiet" else BENCH, speeds=speeds)
+    found = identify_steps(steps, "steps.csv")
+    text = brake_text(found, "mine")
+    seen = top > BRAKE.omega_0_rpm
+    assert found.omega_0_rpm == min(top, BRAKE.omega_0_rpm)
+    assert found.flat_part_seen == seen == ("omega_0_rpm" not in found.assumed(None))
+    assert found.omega_0_by.startswith("least squares" if seen else "assumed: the highest measured speed")
+    (line,) = [line for line in text.splitlines() if line.startswith("omega_0_rpm")]
+    assert ("# assumed: the highest measured speed" in line) == (not seen)
+    assert any("omega_0_rpm" in warning for warning in found.warnings) == (not seen)
+
+
+def test_the_file_calls_assumed_what_steps_do_not_show_and_nothing_else(quiet):
+    found = identify_steps(quiet, "steps.csv")
+    assert found.warnings == []
+    for backlash, assumed in ((None, ["current_max_A", "knee_A", "floor_rpm", "backlash_deg"]), (0.5, [])):
+        text = brake_text(found, "mine", backlash)
+        lines = [line.split(" = ")[0] for line in text.splitlines() if "# assumed: " in line]
+        expected = assumed or ["current_max_A", "knee_A", "floor_rpm"]
+        assert sorted(lines) == sorted(expected) == sorted(summary(found, backlash)["assumed"])
+        assert parse_brake(text, "brake").provenance == f"identified from steps.csv; assumed: {', '.join(expected)}"
+
+
+def test_the_command_warns_on_stderr_and_in_json(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    quiet = synthetic_steps(BRAKE, 1, QUIET, speeds=(0.5, 1.0, 2.0, 4.0), repeats=1)
+    write_steps(in_other_units(quiet, torque=1e3), tmp_path / "steps.csv")
+    for out, more in (("one.toml", []), ("two.toml", ["--json"])):
+        assert main(["identify", "steps.csv", "--out", out, *more]) == 0
+        said = capsys.readouterr()
+        warnings = [line for line in said.err.splitlines() if line.startswith("warning: ")]
+        assert [warning.split(":")[1].split()[0] for warning in warnings] == ["torque_N_m", "speed_rpm", "omega_0_rpm"]
+        if more:
+            told = json.loads(said.out)
+            assert [f"warning: {warning}" for warning in told["warnings"]] == warnings
+            assert set(told["assumed"]) == {"current_max_A", "knee_A", "floor_rpm", "omega_0_rpm", "backlash_deg"}
+        else:
+            assert "assumed: current_max_A (the largest that was measured); knee_A" in said.out
 
 
 # --- what steps cannot tell

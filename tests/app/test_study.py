@@ -78,13 +78,14 @@ def test_the_same_seed_gives_the_same_table_byte_for_byte_and_another_seed_does_
 
 def test_analyze_rebuilds_every_number_and_figure_from_the_recordings_alone(study, tmp_path, capsys):
     before = {p: p.read_bytes() for p in study.rglob("*") if p.is_file() and p.suffix != ".parquet"}
-    for table in study.rglob("trials.csv"):
-        table.rename(table.with_suffix(".hidden"))
+    hidden = {path: path.with_suffix(".hidden") for path in (*study.rglob("trials.csv"), study / "study.json")}
+    for path, elsewhere in hidden.items():
+        path.rename(elsewhere)
     try:
         assert main(["analyze", str(study), "--out", str(tmp_path / "out"), "--json"]) == 0
     finally:
-        for hidden in study.rglob("trials.hidden"):
-            hidden.rename(hidden.with_suffix(".csv"))
+        for path, elsewhere in hidden.items():
+            elsewhere.rename(path)
     assert json.loads(capsys.readouterr().out)["trials"] == 60
     old, new = read_table(study / "trials.csv"), read_table(tmp_path / "out" / "trials.csv")
     for a, b in zip(old, new, strict=True):
@@ -92,6 +93,21 @@ def test_analyze_rebuilds_every_number_and_figure_from_the_recordings_alone(stud
         assert (tmp_path / "out" / b.recording).resolve() == (study / a.recording).resolve()
     assert (tmp_path / "out" / "figures" / "boxplots.png").is_file()
     assert {p: p.read_bytes() for p in before} == before
+    headers = [(folder / "report" / "report.md").read_text().split("## ")[0] for folder in (study, tmp_path / "out")]
+    assert headers[0] == headers[1] and "simulated operators (average population; changed after" in headers[0]
+
+
+def test_the_last_lines_of_study_and_analyze_are_the_warnings_of_the_report(study, undrawn, tmp_path, capsys):
+    assert main(["study", "--resume", "--out", str(study)]) == 0
+    assert main(["analyze", str(study), "--out", str(tmp_path / "out")]) == 0
+    report = (study / "report" / "report.md").read_text()
+    warnings = [line.strip("*") for line in report.splitlines() if line.startswith("**")]
+    assert len(warnings) == 2 and "One person is too few" in warnings[0] and "simulated" in warnings[1]
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-2:] == [f"warning: {warning}" for warning in warnings]
+    assert sum(line in lines[-2:] for line in lines) == 4
+    assert main(["study", "--resume", "--out", str(study), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["warnings"] == warnings
 
 
 def test_a_damaged_recording_is_named_and_left_out(study, tmp_path, capsys):

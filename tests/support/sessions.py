@@ -14,8 +14,9 @@ from experiments.trial.population import load_population
 
 def new_session(data: Path, participant: str = "01", protocol: Protocol = PAPER, blind: bool = False) -> Session:
     """A session of a simulated operator, not yet begun."""
-    person = load_population().draw(np.random.default_rng(3))
-    return Session(data, participant, protocol, person, sync=False, blind=blind)
+    population = load_population()
+    person = population.draw(np.random.default_rng(3))
+    return Session(data, participant, protocol, person, sync=False, blind=blind, operators=population.operators)
 
 
 def run_trials(session: Session, count: int) -> None:
