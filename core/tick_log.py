@@ -122,7 +122,7 @@ COLUMNS = (
         "arm_held_y_N", ARM_HELD_Y, "N", "force of the arm beside its spring-damper, held over the tick, y", SIMULATED
     ),
     Column("arm_force_max_N", ARM_FORCE_MAX, "N", "cap of the force of the arm's spring-damper", SIMULATED),
-    Column("arm_stiffness_xx_N_m", ARM_STIFFNESS, "N/m", "stiffness of the arm, xx", SIMULATED),
-    Column("arm_stiffness_xy_N_m", ARM_STIFFNESS + 1, "N/m", "stiffness of the arm, xy", SIMULATED),
-    Column("arm_stiffness_yy_N_m", ARM_STIFFNESS + 2, "N/m", "stiffness of the arm, yy", SIMULATED),
+    Column("arm_stiffness_xx_N_per_m", ARM_STIFFNESS, "N/m", "stiffness of the arm, xx", SIMULATED),
+    Column("arm_stiffness_xy_N_per_m", ARM_STIFFNESS + 1, "N/m", "stiffness of the arm, xy", SIMULATED),
+    Column("arm_stiffness_yy_N_per_m", ARM_STIFFNESS + 2, "N/m", "stiffness of the arm, yy", SIMULATED),
 )  # fmt: skip

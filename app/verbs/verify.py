@@ -29,8 +29,8 @@ def verify_verb(args: argparse.Namespace) -> int:
         found = verify(args.dir, progress)
     for doubt in found["warnings"]:
         print(f"warning: {doubt['file']}: {doubt['warning']}", file=sys.stderr)
-    counts = {name: len(found[name]) for name in ("faults", "warnings")}
-    print_summary(found if args.json else {**found, **counts}, args.json)
+    counts = {**found, "faults": len(found["faults"]), "in_doubt": len(found["warnings"]), "warnings": []}
+    print_summary(found if args.json else counts, args.json)
     if not args.json:
         for fault in found["faults"]:
             print(f"{fault['file']}: {fault['fault']}")

@@ -65,7 +65,7 @@ def recorded_arm(recording: Recording, first: int) -> RecordedHand:
     """The recorded arm from tick `first` on, exactly as it was. InputError if a number of it is not finite."""
     target = _columns(recording, first, "target_x_m", "target_y_m", "target_vx_m_s", "target_vy_m_s")
     held = _columns(recording, first, "arm_held_x_N", "arm_held_y_N")
-    stiffness = _columns(recording, first, *(f"arm_stiffness_{axes}_N_m" for axes in ("xx", "xy", "yy")))
+    stiffness = _columns(recording, first, *(f"arm_stiffness_{axes}_N_per_m" for axes in ("xx", "xy", "yy")))
     hand = new_hand()
     for name, value in recording.metadata["start"]["arm"].items():
         hand.grips[name][0] = value

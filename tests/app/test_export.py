@@ -183,7 +183,8 @@ def test_file_names_say_device_and_run_and_nothing_of_the_controller(exported):
 
 
 def test_every_column_that_can_be_recorded_or_tabled_is_described_with_its_unit(exported):
-    units = {"_N_m": "N m", "_m_s2": "m/s^2", "_m_s": "m/s", "_us": "us"}  # longer ends first: they hold shorter ones
+    # longer ends first: they hold shorter ones
+    units = {"_N_per_m": "N/m", "_N_m": "N m", "_m_s2": "m/s^2", "_m_s": "m/s", "_us": "us"}
     units |= {"_s": "s", "_m": "m", "_N": "N", "_A": "A", "_J": "J"}
     names = [name for name, _ in recording_columns("AEBC")]
     for name in names:
