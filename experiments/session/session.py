@@ -424,7 +424,7 @@ def session_about(
         "key_sha256": key_sha256,
         "plan": plan_to_json(plan),
         "plan_sha256": plan_hash(plan),
-        "versions": {"phd": version_of("phd"), "python": platform.pythonversion_of()}
+        "versions": {"phd": version_of("phd"), "python": platform.python_version()}
         | {name: version_of(name) for name in LIBRARIES},
     }
 
