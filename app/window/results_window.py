@@ -3,17 +3,15 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from PySide6.QtCore import QEvent, QObject, QRectF, Qt, Signal
-from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QPainter, QShortcut
-from PySide6.QtWidgets import QHBoxLayout, QProgressBar, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtCore import QEvent, QObject, Qt, Signal
+from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QShortcut
+from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QProgressBar, QPushButton, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
 from app.window.export import Export, Job, new_folder
 from app.window.painting import theme
 from app.window.painting.labels import Choice, OneLine, word
-from app.window.painting.live_boxes import LiveBoxes
-from app.window.painting.panel import CENTRE, LEFT, PAD, Panel
-from app.window.painting.theme import font, pen, shade
+from app.window.plots import BoxPlot
 from core.errors import InputError
 from experiments.analysis.boxplots import DRAWN
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings
@@ -24,44 +22,38 @@ from experiments.protocol import label
 from experiments.session.files import pooled_rows
 
 POOLED = "All participants"
-VERDICT = {HOLDS: theme.GOOD, FAILS: theme.BAD, CANNOT_TELL: theme.CAUTION}
-LINE_PX, PILL_PX = 25.0, 96.0
+VERDICT = {HOLDS: "good", FAILS: "bad", CANNOT_TELL: "caution"}  # the look of each
 LARGEST = (1280, 720)  # px, as it opens
 
 
-class Verdicts(Panel):
+class Verdicts(QFrame):
     """The paper's statements, each with what these data say of it."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__("What these data say", parent)
+        super().__init__(parent, objectName="panel")
         self.found: list[Finding] = []
+        self._grid = QGridLayout(self)
+        self._grid.setContentsMargins(12, 8, 12, 8)
+        self._grid.setVerticalSpacing(3)
         self.show_found([])
 
     def show_found(self, found: Sequence[Finding]) -> None:
-        """New verdicts."""
+        """New verdicts, in two columns."""
         self.found = list(found)
-        rows = -(-max(len(self.found), 1) // 2)
-        self.setFixedHeight(int(32.0 + rows * LINE_PX + 0.7 * PAD))
-        self.repaint_still()
-
-    def paint_still(self, painter: QPainter) -> None:
-        inside, half = self.inside, -(-len(self.found) // 2)
-        painter.setFont(font(theme.SMALL))
+        while (item := self._grid.takeAt(0)) is not None:
+            item.widget().hide()
+            item.widget().deleteLater()
+        self._grid.addWidget(word("What these data say", bold=True), 0, 0, 1, 2)
         if not self.found:
-            painter.setPen(shade(theme.QUIET))
-            painter.drawText(inside, LEFT, "nothing yet: no trial is done")
+            self._grid.addWidget(word("nothing yet: no trial is done", "quiet", theme.SMALL), 1, 0, 1, 2)
+        half = -(-len(self.found) // 2)
         for i, finding in enumerate(self.found):
-            x = inside.x() + (i // half) * 0.5 * (inside.width() + PAD)
-            y = inside.y() + (i % half) * LINE_PX
-            pill = QRectF(x + 0.5, y + 2.5, PILL_PX, LINE_PX - 6.0)
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(pen(VERDICT[finding.verdict], 1.2))
-            painter.drawRoundedRect(pill, 0.5 * pill.height(), 0.5 * pill.height())
-            painter.drawText(pill, CENTRE, finding.verdict)
-            room = 0.5 * (inside.width() - PAD) - PILL_PX - 12.0
-            text = painter.fontMetrics().elidedText(finding.statement.text, Qt.TextElideMode.ElideRight, int(room))
-            painter.setPen(shade(theme.TEXT))
-            painter.drawText(QRectF(x + PILL_PX + 12.0, y, room, LINE_PX), LEFT, text)
+            verdict = word(finding.verdict, VERDICT[finding.verdict], theme.SMALL)
+            self._grid.addWidget(verdict, 1 + i % half, 2 * (i // half))
+            text = OneLine(finding.statement.text, dots=Qt.TextElideMode.ElideRight)
+            self._grid.addWidget(text, 1 + i % half, 2 * (i // half) + 1)
+        for column in (1, 3):
+            self._grid.setColumnStretch(column, 1)
 
 
 class ResultsWindow(QWidget):
@@ -84,7 +76,7 @@ class ResultsWindow(QWidget):
         self.whose.addItem(POOLED)
         self.whose.setMinimumWidth(170)
         self.whose.currentTextChanged.connect(self._show)
-        self.boxes = [LiveBoxes(metric, self._devices, controllers) for metric in DRAWN]
+        self.boxes = [BoxPlot(metric, self._devices, controllers) for metric in DRAWN]
         self.verdicts = Verdicts()
         self.said = OneLine("", "caution")
         self.bar = QProgressBar()

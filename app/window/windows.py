@@ -7,7 +7,7 @@ import threading
 import time
 
 import numpy as np
-from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QCoreApplication, QEvent, QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication, QScreen
 from PySide6.QtWidgets import QApplication
 
@@ -235,8 +235,9 @@ class Windows(QObject):
         rows = self.bench.ticks()
         if len(rows):
             taken = self.bench.taken
-            if self.participant.isVisible():  # first, for what is told first is painted first
+            if self.participant.isVisible():  # first, and painted at once: it is what the hand looks at
                 self.participant.show_ticks(rows, taken)
+                QCoreApplication.sendPostedEvents(self.participant, QEvent.Type.UpdateRequest)
             self.console.show_ticks(rows, taken)
         self.participant.view.follow_pointer()
         self.console.show_time()

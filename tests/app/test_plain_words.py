@@ -18,8 +18,7 @@ from app.session_server.storage import Keeping
 from app.verbs.common import in_words, print_summary
 from app.window import words
 from app.window.painting import theme
-from app.window.painting.energy_panel import small_energy
-from app.window.painting.live_boxes import APART_PX, AXIS_PX, BOX_MOST_PX, LiveBoxes
+from app.window.plots import BoxPlot, small_energy
 from app.window.results_window import ResultsWindow
 from experiments.analysis.boxplots import DRAWN
 from experiments.analysis.report import sentences
@@ -96,22 +95,16 @@ def test_small_energies_are_said_in_units_that_fit(energy: float, said: str) -> 
     assert small_energy(energy) == said
 
 
-def test_one_trial_alone_is_a_square_filled_or_open_in_the_results(screens: Screens) -> None:
+def test_one_trial_alone_is_a_point_filled_or_open_in_the_results(screens: Screens) -> None:
     first, second = opened().devices
     alone = [result(next(t for t in PLAN if t.configuration == one.name)) for one in (first, second)]
     alone = [replace(row, controller=2, path_error_m=0.002) for row in alone]
-    panel = LiveBoxes(DRAWN[0], [first.name, second.name], {2: "wall"})
-    panel.resize(400, 300)
-    panel.show_rows(alone)
-    picture = panel.grab().toImage()
-    inside = panel.inside
-    left, right = inside.left() + AXIS_PX, inside.right()
-    middle, apart = 0.5 * (left + right), 0.5 * (BOX_MOST_PX + APART_PX)
-    coloured = {}
-    for name, x in (("filled", middle - apart), ("open", middle + apart)):
-        run = [picture.pixelColor(round(x), y).name() == theme.CONTROLLER[2].lower() for y in range(30, 280)]
-        coloured[name] = sum(run)
-    assert coloured["filled"] > 2 * coloured["open"] and "1 trial a box" in panel.said
+    plot = BoxPlot(DRAWN[0], [first.name, second.name], {2: "wall"})
+    plot.show_rows(alone)
+    filled, hollow = plot.points.points()
+    assert filled.brush().color().name() == theme.CONTROLLER[2].lower() == hollow.pen().color().name()
+    assert hollow.brush().color().name() == theme.PANEL.lower() and filled.pos().x() < hollow.pos().x()
+    assert "1 trial a box" in plot.said and "no box below 5 trials" in plot.said
 
 
 def test_a_summary_gives_units_as_units(capsys) -> None:

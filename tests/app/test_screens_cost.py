@@ -20,8 +20,8 @@ from app.verbs.bench import seconds
 from app.window import windows as windows_of_app
 from app.window.painting import theme
 from app.window.painting.linkage_view import Workspace
-from app.window.painting.panel import Panel
 from app.window.painting.plane import Plane
+from app.window.plots import Plot
 from app.window.windows import WarmUp
 from core import tick_log
 from core.device import load_device
@@ -46,6 +46,7 @@ def test_the_cost_of_drawing_is_measured_and_leaves_nothing_behind(qtbot, both: 
     assert 0.0 < cost.core_share_least and 0.0 < cost.core_share
     assert cost.long_frames >= (cost.max_ms > LONG_MS)
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+    gc.collect()  # the menus that plots come with
     assert set(QApplication.topLevelWidgets()) <= before and gc.get_freeze_count() <= frozen
 
 
@@ -235,8 +236,8 @@ def test_every_panel_has_room_for_what_it_shows(screens: Screens, width: int, he
     console.resize(width, height)
     settle(console)
     assert (console.width(), console.height()) == (width, height)
-    for panel in console.findChildren(Panel):
-        assert panel.inside.height() > 20.0 and panel.inside.width() > 200.0
+    for panel in console.findChildren(Plot):
+        assert panel.graph.height() >= 30 and panel.graph.width() > 200
 
 
 def pixels(image: QImage) -> np.ndarray:

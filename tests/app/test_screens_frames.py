@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from fake_bench import PLAN, movement, opened, ready, running, ticks
-from fake_ticks import ALONG, trial
+from fake_ticks import ALONG
 from PySide6.QtCore import QRectF
 from PySide6.QtWidgets import QApplication
 from screens import Screens, opened_screens, settle
@@ -14,11 +14,9 @@ from screens import Screens, opened_screens, settle
 from app.ipc import messages as m
 from app.window.console_window import PANELS_EVERY
 from app.window.painting import theme
-from app.window.painting.energy_panel import Ledger
-from app.window.painting.layers import by_bin, elbows, joints_at
+from app.window.painting.layers import elbows, joints_at
 from app.window.painting.linkage_view import Workspace
-from app.window.painting.timing_strip import TimingStrip
-from app.window.painting.traces import Traces
+from app.window.plots import Ledger
 from app.window.preflight import Pill
 from app.window.windows import FRAME_S
 from core import tick_log
@@ -125,54 +123,6 @@ def test_a_check_that_has_not_changed_is_not_dressed_anew(qtbot, monkeypatch) ->
         pill.show_check(check)
         assert pill.text.text() == check.text and (check.advice in pill.toolTip())
     assert len(dressed) == 3
-
-
-def test_a_panel_painted_in_part_looks_as_if_painted_whole(qtbot) -> None:
-    theme.dress(QApplication.instance())
-    traces, timing, rows = Traces(), TimingStrip(), trial(FOUR)
-    for widget in (traces, timing):
-        qtbot.addWidget(widget)
-        widget.resize(372, 500 if widget is traces else 120)
-        widget.show()
-    traces.show_trial(FOUR, ALONG)
-    settle(traces)
-    for begin in range(0, 3000, 50):
-        traces.add(rows[begin : begin + 50])
-        timing.add(rows[begin : begin + 50])
-    for panel in (traces.error, traces.currents, timing):
-        plot = panel.plot.toAlignedRect()
-        whole = panel.grab().toImage()
-        for part in (plot, plot.adjusted(3, 2, -40, -5), plot.adjusted(-9, 0, 0, 0), panel.rect()):
-            assert panel.grab(part).toImage() == whole.copy(part), (panel, part)
-        assert panel.covers(plot) and not panel.covers(plot.adjusted(-9, 0, 0, 0))
-
-
-def test_a_hidden_trace_covers_nothing(qtbot) -> None:
-    traces = Traces()
-    qtbot.addWidget(traces)
-    traces.set_blind(True)
-    assert not traces.currents.covers(traces.currents.plot.toAlignedRect())
-
-
-@pytest.mark.nojit
-def test_bins_hold_the_lowest_and_the_highest_of_their_ticks() -> None:
-    generator = np.random.default_rng(5)
-    for _ in range(20):
-        n, series, rate = int(generator.integers(1, 60)), int(generator.integers(1, 4)), generator.uniform(5.0, 400.0)
-        t = np.cumsum(generator.uniform(1e-4, 3e-2, n))
-        values = generator.normal(size=(series, n))
-        values[generator.random((series, n)) < 0.1] = np.nan
-        begin, end = sorted(generator.integers(0, n + 1, 2).tolist())
-        bins, low, high = np.empty(n), np.empty((series, n)), np.empty((series, n))
-        falls = np.empty((series, n), dtype=bool)
-        count = by_bin(t, values, begin, end, rate, bins, low, high, falls)
-        of = np.floor(t[begin:end] * rate + 1e-9)
-        assert bins[:count].tolist() == np.unique(of).tolist()
-        for k, number in enumerate(np.unique(of)):
-            own = values[:, begin:end][:, of == number]
-            np.testing.assert_array_equal(low[:, k], own.min(axis=1))
-            np.testing.assert_array_equal(high[:, k], own.max(axis=1))
-            np.testing.assert_array_equal(falls[:, k], own[:, -1] < own[:, 0])
 
 
 def test_arms_keep_their_lengths_and_end_at_the_tip_or_are_not_there() -> None:

@@ -1,7 +1,7 @@
 """Text on a panel that is never cut: it breaks into lines, or says with dots that there is more."""
 
-from PySide6.QtCore import QPointF, QSize, Qt
-from PySide6.QtGui import QPainter, QPaintEvent, QPolygonF
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt
+from PySide6.QtGui import QFontMetrics, QPainter, QPaintEvent, QPolygonF
 from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
 from app.window.painting import theme
@@ -64,6 +64,40 @@ class OneLine(QLabel):
         painter.setPen(self.palette().color(self.foregroundRole()))
         shown = self.fontMetrics().elidedText(self.text(), self._dots, self.width())
         painter.drawText(self.rect(), Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, shown)
+
+
+class Figures(QWidget):
+    """A line that changes often, in parts with a colour each: painted, so that the window is not laid out anew."""
+
+    def __init__(self, size: int = theme.SMALL, bold: bool = False, right: bool = False) -> None:
+        super().__init__()
+        self._size, self._bold, self._right = size, bold, right
+        self.parts: tuple[tuple[str, str], ...] = ()
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+
+    def show_parts(self, *parts: tuple[str, str]) -> None:
+        """(text, colour) each."""
+        if parts != self.parts:
+            self.parts = parts
+            self.update()
+
+    def text(self) -> str:
+        """All of it, without the colours."""
+        return " ".join(text for text, _ in self.parts)
+
+    def sizeHint(self) -> QSize:
+        return QSize(0, QFontMetrics(theme.font(self._size, self._bold)).height())
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setFont(theme.font(self._size, self._bold))
+        widths = [theme.text_width(text, self._size, self._bold) for text, _ in self.parts]
+        gap = theme.text_width(" ", self._size, self._bold)
+        x = self.width() - sum(widths) - gap * (len(widths) - 1) if self._right else 0.0
+        for (text, colour), width in zip(self.parts, widths, strict=True):
+            painter.setPen(theme.shade(colour))
+            painter.drawText(QRectF(x, 0.0, width + 2.0, self.height()), Qt.AlignmentFlag.AlignVCenter, text)
+            x += width + gap
 
 
 class Choice(QComboBox):

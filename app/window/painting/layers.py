@@ -66,34 +66,6 @@ def elbows(mechanism: Mechanism, x: float, y: float) -> tuple[float, float, floa
 
 
 @kernel
-def by_bin(
-    t: np.ndarray, values: np.ndarray, begin: int, end: int, rate: float,
-    bins: np.ndarray, low: np.ndarray, high: np.ndarray, falls: np.ndarray,
-) -> int:
-    """Ticks begin .. end - 1 of times t (s) and values (series, n) in bins, `rate` a second; how many bins there are.
-
-    Into bins (m,) their numbers; into low, high and falls (series, m) the lowest and the highest tick of each, NaN
-    where one is NaN, and whether its last tick is lower than its first.
-    """  # fmt: skip
-    count, start = 0, begin
-    for k in range(begin, end):
-        now = math.floor(t[k] * rate + 1e-9)
-        new = count == 0 or now != bins[count - 1]
-        if new:
-            bins[count] = now
-            count, start = count + 1, k
-        at = count - 1
-        for i in range(len(values)):
-            value = values[i, k]
-            if new or value < low[i, at] or value != value:
-                low[i, at] = value
-            if new or value > high[i, at] or value != value:
-                high[i, at] = value
-            falls[i, at] = value < values[i, start]
-    return count
-
-
-@kernel
 def brake_directions(brakes: Brakes, g: np.ndarray, field: Field, rules: Rules, found: np.ndarray) -> int:
     """Into `found` (4, 3): the SDOF direction of each brake and its valid sense; the chosen brake, or -1."""
     for i in range(4):
@@ -209,8 +181,6 @@ def compile_kernels(device: Device) -> None:
     errors(follower.path, ticks, np.empty(1))
     follower.needles(device, (-0.05, 0.35), (0.05, 0.4), 0.02)
     elbows(device.mechanism, 0.0, 0.4)
-    ones = np.zeros((1, 1))
-    by_bin(ticks[0], ones, 0, 1, 1.0, ones[0], ones, ones, np.zeros((1, 1), dtype=bool))
     directions(device, force_map(device, 0.0, 0.4), field, SETTLED)
 
 

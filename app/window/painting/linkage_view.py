@@ -26,7 +26,6 @@ from app.window.painting.marks import (
     paint_field,
     paint_wedge,
 )
-from app.window.painting.panel import LEFT, RIGHT, WORDS_EVERY_S
 from app.window.painting.plane import Plane
 from app.window.painting.theme import font, pen, shade, text_width, write
 from core import tick_log
@@ -43,6 +42,9 @@ TITLE_PX = 36  # the line above is so high
 EDGE_PX = 6.0  # what pens and letters reach beyond a mark's radius
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
 ASSUMED = "parameters assumed"
+LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
+RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+WORDS_EVERY_S = 0.1  # numbers that change faster cannot be read
 ARM_PX = 7.0  # how wide an arm is
 PIECE_PX = 250.0  # an arm lies aslant: the boxes around pieces of it hold far less than the one around all of it
 

@@ -1,4 +1,4 @@
-"""Traces, timing strip and energy ledger: what they show of ticks, and that nothing of a tick is lost."""
+"""Live plots and energy ledger: what they show of ticks, and that nothing of a tick is lost."""
 
 import os
 
@@ -7,18 +7,12 @@ import pytest
 from fake_ticks import ALONG, quiet, trial
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
-from PySide6.QtGui import QColor, QImage
+from PySide6.QtCore import QPointF
 from PySide6.QtWidgets import QApplication
 
 from app.ipc.messages import Timing
-from app.window.console_window import RIGHT_PX
 from app.window.painting import theme
-from app.window.painting.energy_panel import EnergyPanel, Ledger
-from app.window.painting.panel import PAD
-from app.window.painting.strip import WINDOW_S, Strip, range_for
-from app.window.painting.theme import text_width
-from app.window.painting.timing_strip import Bars, TimingStrip, share_of
-from app.window.painting.traces import NOTHING, Traces
+from app.window.plots import HIDDEN, NOTHING, WINDOW_S, EnergyPanel, Ledger, TimingStrip, Trace, Traces, range_for
 from core import tick_log
 from core.device import load_device
 
@@ -40,68 +34,72 @@ def traces(qtbot) -> Traces:
     return traces
 
 
-def pixels(image: QImage) -> np.ndarray:
-    """Red, green, blue of every pixel (height, width, 3)."""
-    image = image.convertToFormat(QImage.Format.Format_RGBA8888)
-    flat = np.frombuffer(image.constBits(), dtype=np.uint8).reshape(image.height(), image.bytesPerLine() // 4, 4)
-    return flat[:, : image.width(), :3].astype(int)
+@pytest.fixture
+def trace(qtbot) -> Trace:
+    trace = shown(qtbot, Trace("Path error", "mm", ["#ffffff"], 1.0, 1), 360, 120)
+    return trace
 
 
-def drawn(strip: Strip, colour: str, tolerance: int = 60) -> np.ndarray:
-    """Where (height, width) a strip shows a colour."""
-    wanted = np.array(QColor(colour).getRgb()[:3])
-    return np.abs(pixels(strip.pixmap.toImage()) - wanted).max(axis=2) < tolerance
+def drawn(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
+    """The points that the curve paints."""
+    QApplication.processEvents()
+    return trace.curves[0].curve.getData()
 
 
-# ------------------------------------------------------------------------------------------------------------- strip
+# ------------------------------------------------------------------------------------------------------------ a curve
 
 
-def test_a_spike_of_one_tick_is_seen_and_scrolls_out(qtbot) -> None:
-    strip = Strip(["#ffffff"], 1.0)
-    strip.fit(300, 60, 1.0)
+def test_a_spike_of_one_tick_is_drawn_and_scrolls_out(trace: Trace) -> None:
     t = 1e-3 * np.arange(3000)
     values = np.full((1, 3000), 0.1)
     values[0, 1234] = 0.95
-    for begin in range(0, 3000, 16):
-        strip.add(t[begin : begin + 16], values[:, begin : begin + 16])
-    high = drawn(strip, "#ffffff")[:15]
-    assert high.any()
-    at = np.flatnonzero(high.any(axis=0)).mean()
-    assert at == pytest.approx(300 * (1.0 - (t[-1] - 1.234) / WINDOW_S), abs=3)
-    strip.add(3.0 + 1e-3 * np.arange(6000), np.full((1, 6000), 0.1))
-    assert not drawn(strip, "#ffffff")[:15].any()
+    for begin in range(0, 3000, 48):
+        trace.add(t[begin : begin + 48], values[:, begin : begin + 48])
+    x, y = drawn(trace)
+    assert y.max() == 0.95 and x[y.argmax()] == pytest.approx(1.234, abs=2.0 * WINDOW_S / 300)
+    trace.add(3.0 + 1e-3 * np.arange(6000), np.full((1, 6000), 0.1))
+    assert drawn(trace)[1].max() == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("ratio", (1.0, 1.5, 2.0))
-@pytest.mark.parametrize("piece", (1, 7, 16, 333))
-def test_a_strip_painted_piece_by_piece_looks_as_if_painted_at_once(qtbot, piece: int, ratio: float) -> None:
-    generator = np.random.default_rng(5)
-    t = 1e-3 * np.arange(9000)
-    values = np.cumsum(generator.normal(size=(2, 9000)), axis=1)
-    values = (values - values.min()) / np.ptp(values)
-    strip = Strip(["#ffffff", "#3fb68b"], 1.0)
-    strip.fit(200, 50, ratio)
-    for begin in range(0, 9000, piece):
-        strip.add(t[begin : begin + piece], values[:, begin : begin + piece])
-    piecewise = pixels(strip.pixmap.toImage())
-    begun = strip._next
-    strip.redraw()
-    once = pixels(strip.pixmap.toImage())
-    late = (strip._next - begun) * strip._step  # columns that still waited
-    if late:
-        once, piecewise = once[:, :-late], piecewise[:, late:]
-    differs = np.abs(once - piecewise).max(axis=2) > 60
-    assert differs[:, 2:-2].mean() < 0.002
+def test_a_curve_paints_a_few_points_a_pixel_however_long_the_trial(trace: Trace) -> None:
+    for second in range(60):
+        trace.add(second + 1e-3 * np.arange(1000), np.sin(np.arange(1000.0))[None] * 0.5 + 0.5)
+    assert len(drawn(trace)[0]) <= 2 * trace.graph.width() + 4
+    trace.item.vb.sigRangeChangedManually.emit([True, False])  # somebody has moved the plot
+    trace.item.setXRange(0.0, 60.0, padding=0.0)
+    x, _ = drawn(trace)
+    assert len(x) <= 2 * trace.graph.width() + 4 and x[0] < 1.0 and x[-1] > 59.0
 
 
-def test_the_lines_are_interrupted_where_there_is_no_value(qtbot) -> None:
-    strip = Strip(["#ffffff"], 1.0)
-    strip.fit(300, 60, 1.0)
+def test_a_plot_that_was_moved_stays_until_the_next_trial(trace: Trace) -> None:
+    t = 1e-3 * np.arange(1000)
+    for second in range(8):
+        trace.add(second + t, np.full((1, 1000), 0.5))
+    assert trace.item.viewRange()[0] == pytest.approx([1.999, 7.999], abs=1e-6)
+    trace.item.vb.sigRangeChangedManually.emit([True, False])
+    trace.item.setXRange(0.0, 2.0, padding=0.0)
+    trace.add(8.0 + t, np.full((1, 1000), 0.5))
+    assert trace.item.viewRange()[0] == [0.0, 2.0]
+    trace.clear()
+    assert trace.item.viewRange()[0] == [0.0, WINDOW_S]
+
+
+def test_the_curve_is_interrupted_where_there_is_no_value(trace: Trace) -> None:
     values = np.full((1, 6000), 0.5)
     values[0, 2000:4000] = np.nan
-    strip.add(1e-3 * np.arange(6000), values)
-    columns = drawn(strip, "#ffffff", 130).any(axis=0)
-    assert columns[10:95].all() and not columns[105:195].any() and columns[205:290].all()
+    trace.add(1e-3 * np.arange(6000), values)
+    x, y = drawn(trace)
+    known = x[np.isfinite(y)]
+    assert np.isnan(y).any() and not ((known > 2.05) & (known < 3.95)).any()
+
+
+def test_the_pointer_reads_the_tick_under_it(traces: Traces) -> None:
+    rows = quiet(500, HAND_FX=3.0, HAND_FY=-4.0)
+    traces.add(rows)
+    assert traces.force.read_at(QPointF(0.2, 1.0)) == "0.200 s: 5.0 N"
+    assert traces.force.read_at(QPointF(7.0, 1.0)) == ""
+    traces.set_blind(True)
+    assert traces.currents.read_at(QPointF(0.2, 0.5)) == HIDDEN
 
 
 def test_ranges_are_round_hold_their_value_and_only_grow(traces: Traces) -> None:
@@ -109,19 +107,11 @@ def test_ranges_are_round_hold_their_value_and_only_grow(traces: Traces) -> None
         assert value <= range_for(value, 1e-9) <= 2.0 * value
     assert range_for(3.0, 10.0) == 10.0
     traces.add(quiet(HAND_FX=37.0))
-    assert traces.force.strip.end == 40.0
+    assert traces.force.end == 40.0
     traces.add(quiet(start_s=0.016, HAND_FX=1.0))
-    assert traces.force.strip.end == 40.0
-    traces.clear()
-    assert traces.force.strip.end == 10.0
-
-
-def test_what_is_kept_does_not_grow_with_the_length_of_a_trial(qtbot) -> None:
-    strip = Strip(["#ffffff"], 1.0)
-    strip.fit(300, 60, 1.0)
-    for second in range(120):
-        strip.add(second + 1e-3 * np.arange(1000), np.zeros((1, 1000)))
-    assert strip._values.nbytes + strip._t.nbytes < 1e6
+    assert traces.force.end == 40.0
+    traces.show_trial(FOUR, ALONG)
+    assert traces.force.end == 10.0
 
 
 # ------------------------------------------------------------------------------------------------------------ traces
@@ -131,7 +121,7 @@ def test_each_trace_says_its_value_with_its_unit(traces: Traces) -> None:
     traces.add(quiet(HAND_FX=3.0, HAND_FY=-4.0, TIP_VX=0.06, TIP_VY=0.08, CURRENT_E=0.8, CURRENT_C=0.25))
     assert traces.error.value == "10.0 mm"
     assert traces.force.value == "5.0 N" and traces.speed.value == "0.10 m/s"
-    assert traces.currents.words == ["A 0.00", "E 0.80", "B 0.00", "C 0.25"]
+    assert traces.currents.value == "A 0.00 E 0.80 B 0.00 C 0.25 A"
 
 
 def test_the_error_counts_from_go_to_the_end(traces: Traces) -> None:
@@ -143,9 +133,9 @@ def test_the_error_counts_from_go_to_the_end(traces: Traces) -> None:
 
 def test_another_device_has_other_brakes(traces: Traces) -> None:
     traces.show_trial(THREE, ALONG)
-    assert traces.currents.words == [f"{joint} {NOTHING}" for joint in "AEB"]
+    assert traces.currents.value == f"A {NOTHING} E {NOTHING} B {NOTHING} A"
     traces.add(quiet(CURRENT_B=0.5))
-    assert traces.currents.words[-1] == "B 0.50"
+    assert traces.currents.value.endswith("B 0.50 A")
 
 
 def test_a_blind_console_hides_the_currents_and_nothing_else(traces: Traces) -> None:
@@ -159,36 +149,34 @@ def test_a_blind_console_hides_the_currents_and_nothing_else(traces: Traces) -> 
     assert pictures[0] == pictures[1] and traces.force.value == "2.0 N"
     assert traces.currents.value == f"A {NOTHING} E {NOTHING} B {NOTHING} C {NOTHING} A"
     traces.set_blind(False)
-    assert traces.currents.words[2] == "B 0.30" and traces.grab().toImage() != pictures[0]
+    assert "B 0.30" in traces.currents.value and traces.grab().toImage() != pictures[0]
 
 
 # ------------------------------------------------------------------------------------------------------------ timing
 
 
-def test_a_late_tick_stands_out_in_its_colour(qtbot) -> None:
+def test_a_late_tick_is_a_point_in_its_colour(qtbot) -> None:
     strip = shown(qtbot, TimingStrip(), 360, 120)
-    strip.grab()
     lateness = np.full(3000, 14.0)
     lateness[1000], lateness[2000] = 300.0, 2500.0
     for begin in range(0, 3000, 16):
         rows = quiet(16, start_s=1e-3 * begin)[: 3000 - begin]
         rows[:, tick_log.LATENESS_US] = lateness[begin : begin + 16]
         strip.add(rows)
-    columns = [np.flatnonzero(drawn(strip.strip, colour).any(axis=0)) for colour in (theme.CAUTION, theme.BAD)]
-    assert all(0 < len(found) <= 2 * Bars.bin_px for found in columns) and columns[0].max() < columns[1].min()
-    assert (np.diff(share_of(np.array([1.0, 14.0, 100.0, 1000.0, 1e4]))) > 0.0).all()
+    points = strip.late.points()
+    assert [round(point.pos().x(), 3) for point in points] == [1.0, 2.0]
+    assert [point.brush().color().name() for point in points] == [theme.CAUTION.lower(), theme.BAD.lower()]
+    strip.clear()
+    assert not len(strip.late.points())
 
 
 def test_timing_is_said_in_words_and_a_missed_tick_is_no_small_print(qtbot) -> None:
     strip = shown(qtbot, TimingStrip(), 360, 120)
     strip.show_timing(Timing(14.2, 31.4, 402.0, 0, "real-time: FIFO 50, core 0"))
     assert strip.said == "p99 31 · max 402 µs · 0 missed" and strip.foot == "p50 14 µs · real-time: FIFO 50, core 0"
-    before = strip.grab().toImage()
+    assert strip.value == strip.said and strip.figures.parts[0][1] == theme.QUIET
     strip.show_timing(Timing(14.2, 31.4, 402.0, 1, "real-time: FIFO 50, core 0"))
-    assert strip.said.endswith("1 missed") and strip.grab().toImage() != before
-    strip.show_timing(Timing(29.0, 14_830.0, 124_230.0, 6_400, "default, short slice"))
-    title = text_width("Loop lateness", theme.NORMAL, bold=True)
-    assert title + text_width(strip.said, theme.SMALL) + 2.0 * PAD < RIGHT_PX  # they share a line
+    assert strip.said.endswith("1 missed") and strip.figures.parts[0][1] == theme.CAUTION
 
 
 # ------------------------------------------------------------------------------------------------------------ energy

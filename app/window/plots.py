@@ -1,0 +1,560 @@
+"""Every plot on screen, by pyqtgraph: live traces, the loop's lateness, box plots with each trial as a point.
+
+All of them can be zoomed with the wheel, moved with the mouse and read under the pointer. A live plot follows the
+newest tick until it is zoomed or moved; a double click, or the next trial, lets it follow again.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QPointF, Qt, Signal
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QVBoxLayout, QWidget
+
+from app.ipc.messages import Timing
+from app.window.painting import theme
+from app.window.painting.labels import Figures, OneLine, word
+from app.window.painting.layers import errors
+from core import tick_log
+from core.device import Device
+from core.mechanism import JOINTS
+from core.path_file import PathFile, build_path
+from experiments.analysis.boxplots import Box, boxes
+from experiments.analysis.metrics import Metric
+from experiments.analysis.trials_table import COUNTED, TrialRow
+
+WINDOW_S = 6.0  # what a live plot shows while it follows
+WORDS_EVERY_S = 0.1  # numbers that change faster cannot be read
+NOTHING = "–"
+HIDDEN = "hidden: the session is blind"
+NO_TRIAL = "no trial yet"
+STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # round ends of a range, times a power of ten
+AXIS_PX = 40
+
+
+def range_for(value: float, least: float) -> float:
+    """The end of a range from 0 that holds a value: `least`, or a round number above it."""
+    if not value > least:
+        return least
+    decade = 10.0 ** math.floor(math.log10(value))
+    return next(step * decade for step in STEPS if step * decade >= value * (1.0 - 1e-12))
+
+
+def envelope(t: np.ndarray, values: np.ndarray, bin_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest tick of each bin of time: times (2 bins,), values (series, 2 bins); a spike is never lost.
+
+    t (n,) s, rising; values (series, n). Bins lie at whole multiples of bin_s, so that a curve that scrolls does not
+    shimmer. A bin with a NaN is NaN: the curve is interrupted there. What is thinner already comes back as it is.
+    """
+    if len(t) < 2 or len(t) <= 2.0 * (t[-1] - t[0]) / bin_s:
+        return t, values
+    starts = np.flatnonzero(np.diff(np.floor(t / bin_s), prepend=-1.0))
+    low, high = np.minimum.reduceat(values, starts, axis=1), np.maximum.reduceat(values, starts, axis=1)
+    return np.repeat(t[starts], 2), np.stack((low, high), axis=2).reshape(len(values), -1)
+
+
+class Plot(QFrame):
+    """A panel with a title, a value at the right of it, and a plot under them."""
+
+    def __init__(self, title: str, parent: QWidget | None = None) -> None:
+        super().__init__(parent, objectName="panel")
+        self.title, self.figures = word(title, bold=True), Figures(theme.NORMAL, right=True)
+        self.graph = pg.PlotWidget(background=theme.PANEL, enableMenu=False)
+        self.graph.setFrameShape(QFrame.Shape.NoFrame)
+        self.graph.hideButtons()
+        self.graph.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.item = self.graph.getPlotItem()
+        self.item.setContentsMargins(0, 0, 0, 0)
+        for side in ("left", "bottom"):
+            axis = self.item.getAxis(side)
+            axis.setPen(theme.LINE)
+            axis.setTextPen(theme.QUIET)
+            axis.setStyle(tickFont=theme.font(theme.SMALL), tickLength=-3)
+            axis.enableAutoSIPrefix(False)
+        self.item.getAxis("left").setWidth(AXIS_PX)
+        self.head = QHBoxLayout()
+        self.head.setSpacing(8)
+        self.head.addWidget(self.title)
+        self.head.addWidget(self.figures, 1)
+        self.rows = QVBoxLayout(self)
+        self.rows.setContentsMargins(10, 5, 8, 5)
+        self.rows.setSpacing(2)
+        self.rows.addLayout(self.head)
+        self.rows.addWidget(self.graph, 1)
+        self._pointer = pg.SignalProxy(self.graph.scene().sigMouseMoved, rateLimit=30, slot=self._pointed)
+
+    @property
+    def value(self) -> str:
+        """The value beside the title, as it reads."""
+        return self.figures.text()
+
+    def read_at(self, place: QPointF) -> str:
+        """What the plot says at a place (in its own units), for the tip at the pointer; "": nothing."""
+        return ""
+
+    def _pointed(self, moved: tuple) -> None:
+        box = self.item.vb
+        inside = box.sceneBoundingRect().contains(moved[0])
+        self.graph.setToolTip(self.read_at(box.mapSceneToView(moved[0])) if inside else "")
+
+
+class Trace(Plot):
+    """One measure, a curve or several, over the time of a trial; all of the trial is kept, the newest seconds shown."""
+
+    def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
+        super().__init__(title)
+        self._unit, self._digits, self._least, self.end = unit, digits, least, least
+        self.newest: tuple[float, ...] = ()
+        self.hidden = False
+        self._t, self._values, self._count = np.empty(8192), np.empty((len(colours), 8192)), 0
+        self._worded_s = -np.inf
+        self._following = True
+        self.curves = [self.item.plot(pen=pg.mkPen(colour, width=1), connect="finite") for colour in colours]
+        self.item.hideAxis("bottom")
+        self.item.setMouseEnabled(x=True, y=False)
+        self.item.vb.sigRangeChangedManually.connect(self._stop_following)
+        self.item.vb.sigXRangeChanged.connect(lambda: None if self._following else self._draw())
+        self.graph.setMinimumHeight(36)
+        self.clear()
+
+    def add(self, t: np.ndarray, values: np.ndarray) -> None:
+        """Ticks of the running trial: times (n,) s, values (series, n) in the unit, NaN where there is none."""
+        if not len(t):
+            return
+        end = self._count + len(t)
+        if end > len(self._t):
+            self._t = np.concatenate((self._t, np.empty(max(end, len(self._t)))))
+            self._values = np.hstack((self._values, np.empty((len(self.curves), len(self._t) - self._values.shape[1]))))
+        self._t[self._count : end], self._values[:, self._count : end] = t, values
+        self._count = end
+        self.newest = tuple(values[:, -1].tolist())
+        if not self.hidden:
+            self._rescale(values)
+            self._draw()
+        if not self._worded_s <= t[-1] < self._worded_s + WORDS_EVERY_S:
+            self._worded_s = float(t[-1])
+            self.show_newest()
+
+    def clear(self) -> None:
+        """A new trial: nothing to show yet."""
+        self._count, self.newest, self._worded_s, self.end = 0, (), -np.inf, self._least
+        self._following = True
+        self._scale()
+        self._draw()
+        self.show_newest()
+
+    def hide_values(self, hidden: bool) -> None:
+        """Blind: neither curve nor value."""
+        self.hidden = hidden
+        for curve in self.curves:
+            curve.setVisible(not hidden)
+        if not hidden:
+            self._rescale(self._values[:, : self._count])
+        self._draw()
+        self.show_newest()
+
+    def show_newest(self) -> None:
+        """The value beside the title."""
+        known = self.newest and not self.hidden and self.newest[0] == self.newest[0]
+        figure = f"{self.newest[0]:.{self._digits}f}" if known else NOTHING
+        self.figures.show_parts((figure, theme.TEXT), (self._unit, theme.QUIET))
+
+    def read_at(self, place: QPointF) -> str:
+        if self.hidden:
+            return HIDDEN
+        k = int(np.searchsorted(self._t[: self._count], place.x()))
+        if not 0 < k < self._count:
+            return ""
+        return f"{self._t[k]:.3f} s: " + ", ".join(f"{v:.{self._digits}f} {self._unit}" for v in self._values[:, k])
+
+    def mouseDoubleClickEvent(self, event) -> None:
+        self._following = True
+        self._draw()
+        super().mouseDoubleClickEvent(event)
+
+    def _stop_following(self, *_: object) -> None:
+        self._following = False
+        self._draw()
+
+    def _rescale(self, values: np.ndarray) -> None:
+        highest = float(np.fmax.reduce(values, axis=None, initial=0.0))
+        if highest > self.end:
+            self.end = range_for(highest, self._least)
+            self._scale()
+
+    def _scale(self) -> None:
+        self.item.setYRange(0.0, self.end, padding=0.04)
+        self.item.getAxis("left").setTicks([[(0.0, "0"), (self.end, f"{self.end:g}")]])
+
+    def _draw(self) -> None:
+        t = self._t[: self._count]
+        if self._following:
+            now = max(t[-1] if len(t) else 0.0, WINDOW_S)
+            self.item.setXRange(now - WINDOW_S, now, padding=0.0)
+        begin, end = self.item.viewRange()[0]
+        first, last = np.searchsorted(t, (begin, end))
+        seen = slice(max(first - 1, 0), last + 1)
+        times, values = envelope(t[seen], self._values[:, : self._count][:, seen], (end - begin) / self.graph.width())
+        for curve, series in zip(self.curves, values, strict=True):
+            curve.setData(times, series)
+
+
+class Currents(Trace):
+    """The current of each brake, named in its colour."""
+
+    def __init__(self, braked: str) -> None:
+        self.braked = braked
+        super().__init__("Brake currents", "A", [theme.JOINT[joint] for joint in braked], 1.0, 2)
+
+    def show_newest(self) -> None:
+        known = self.newest and not self.hidden
+        figures = [f"{value:.2f}" for value in self.newest] if known else [NOTHING] * len(self.braked)
+        named = zip(self.braked, figures, strict=True)
+        parts = [(f"{joint} {figure}", theme.JOINT[joint]) for joint, figure in named]
+        self.figures.show_parts(*parts, ("A", theme.QUIET))
+
+
+class Traces(QWidget):
+    """The four live traces, one above the other."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.error = Trace("Path error", "mm", [theme.TRACE], 10.0, 1)
+        self.force = Trace("Hand force", "N", [theme.GOOD], 10.0, 1)
+        self.currents = Currents("AEB")
+        self.speed = Trace("Tip speed", "m/s", [theme.TEXT], 0.2, 2)
+        self._path = None
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(theme.GAP)
+        for trace in self._all():
+            layout.addWidget(trace, 1)
+
+    def _all(self) -> tuple[Trace, ...]:
+        return self.error, self.force, self.currents, self.speed
+
+    def show_trial(self, device: Device, path: PathFile) -> None:
+        """Another trial: its brakes, its path; the curves begin anew."""
+        self._path = build_path(path, "path")
+        if device.braked != self.currents.braked:
+            anew = Currents(device.braked)
+            anew.hide_values(self.currents.hidden)
+            self.layout().replaceWidget(self.currents, anew)
+            self.currents.setParent(None)
+            self.currents.deleteLater()
+            self.currents = anew
+            self.layout().setStretchFactor(anew, 1)
+        for trace in self._all():
+            trace.clear()
+
+    def add(self, rows: np.ndarray) -> None:
+        """Ticks (n, WIDTH) of the running trial; the error counts from go to the end."""
+        if not len(rows):
+            return
+        t = rows[:, tick_log.T]
+        self.force.add(t, np.hypot(rows[:, tick_log.HAND_FX], rows[:, tick_log.HAND_FY])[None])
+        self.speed.add(t, np.hypot(rows[:, tick_log.TIP_VX], rows[:, tick_log.TIP_VY])[None])
+        columns = [tick_log.CURRENT + JOINTS.index(joint) for joint in self.currents.braked]
+        self.currents.add(t, rows[:, columns].T)
+        error = np.full(len(rows), np.nan)
+        if self._path is not None:
+            errors(self._path, np.ascontiguousarray(rows), error)
+        self.error.add(t, 1e3 * error[None])
+
+    def set_blind(self, blind: bool) -> None:
+        """Hide what would tell the controllers apart."""
+        if blind != self.currents.hidden:
+            self.currents.hide_values(blind)
+
+
+class TimingStrip(Trace):
+    """How late each tick of the loop comes, on a logarithmic scale; percentiles, missed ticks, scheduling in words."""
+
+    LEAST_US, DECADES = 1.0, 4.0  # the scale: 1 us at the bottom, 100 us in the middle, 10 ms at the top
+    LATE_US, MISSED_US = 100.0, 1000.0  # a point in the colour of a caution from here on; red: a tick was missed
+
+    def __init__(self) -> None:
+        self.timing: Timing | None = None
+        super().__init__("Loop lateness", "", [theme.GOOD], self.DECADES, 0)
+        self.late = pg.ScatterPlotItem(size=5, pen=None)
+        self.item.addItem(self.late)
+        self.foot_figures = Figures()
+        self.rows.addWidget(self.foot_figures)
+        self.clear()
+
+    def add(self, rows: np.ndarray) -> None:  # type: ignore[override]
+        """Ticks (n, WIDTH) of the running trial."""
+        t, lateness = rows[:, tick_log.T], rows[:, tick_log.LATENESS_US]
+        share = np.clip(np.log10(np.maximum(lateness, self.LEAST_US)), 0.0, self.DECADES)
+        late = lateness >= self.LATE_US
+        if late.any():
+            colours = [theme.BAD if us >= self.MISSED_US else theme.CAUTION for us in lateness[late]]
+            self.late.addPoints(x=t[late], y=share[late], brush=[pg.mkBrush(colour) for colour in colours])
+        super().add(t, share[None])
+
+    def clear(self) -> None:
+        if hasattr(self, "late"):
+            self.late.clear()
+        super().clear()
+
+    def show_timing(self, timing: Timing | None) -> None:
+        """Percentiles, missed ticks, scheduling."""
+        self.timing = timing
+        self.show_newest()
+
+    def show_newest(self) -> None:
+        now = self.timing
+        self.figures.show_parts((self.said, theme.CAUTION if now is not None and now.missed else theme.QUIET))
+        if hasattr(self, "foot_figures"):
+            self.foot_figures.show_parts((self.foot, theme.QUIET))
+
+    @property
+    def said(self) -> str:
+        """The line beside the title."""
+        now = self.timing
+        return NO_TRIAL if now is None else f"p99 {now.p99_us:.0f} · max {now.max_us:.0f} µs · {now.missed} missed"
+
+    @property
+    def foot(self) -> str:
+        """The line under the plot."""
+        return f"p50 {self.timing.p50_us:.0f} µs · {self.timing.scheduling}" if self.timing is not None else ""
+
+    def read_at(self, place: QPointF) -> str:
+        return f"{10.0 ** place.y():.0f} µs"
+
+    def _scale(self) -> None:
+        self.item.setYRange(0.0, self.DECADES, padding=0.04)
+        self.item.getAxis("left").setTicks([[(0.0, "1 µs"), (2.0, "100 µs"), (4.0, "10 ms")]])
+
+
+# ------------------------------------------------------------------------------------------------------- box plots
+
+#: short names of Table I's controllers; others stand under their boxes as the protocol names them
+SHORT = {
+    "SDOF with gap": "SDOF gap", "Proportional, high gain": "Prop. high", "Proportional, low gain": "Prop. low"
+}  # fmt: skip
+LEAST_IN_A_BOX = 5  # Our choice: fewer values are points without a box
+GOLDEN = 0.6180339887  # run * GOLDEN modulo 1: a jitter that is fixed and even
+
+
+def colour_of(controller: int | str) -> str:
+    """Table I's five colours, which begin again for further controllers; a code has none of its own."""
+    if isinstance(controller, str):
+        return theme.QUIET
+    return theme.CONTROLLER[(controller - 1) % len(theme.CONTROLLER) + 1]
+
+
+class BoxPlot(Plot):
+    """One measure: a group for each controller, a box for each configuration (the first filled, the second open).
+
+    controllers: number -> the protocol's name of it. Each trial is a point; a click on it emits `chosen`.
+    """
+
+    chosen = Signal(object)  # a TrialRow
+
+    def __init__(self, metric: Metric, configurations: Sequence[str], controllers: Mapping[int, str]) -> None:
+        super().__init__(metric.title)
+        self._metric, self._configurations = metric, tuple(configurations)
+        self._names = {number: SHORT.get(name, name) for number, name in controllers.items()}
+        self.found: dict[tuple[int | str, str], Box] = {}
+        self.controllers: tuple[int | str, ...] = tuple(self._names)
+        self.caption = OneLine("", "quiet", theme.SMALL)
+        self.rows.addWidget(self.caption)
+        self.points = pg.ScatterPlotItem(size=5, hoverable=True, hoverSize=9, tip=self._tip)
+        self.points.sigClicked.connect(self._clicked)
+        self.figures.show_parts((metric.shown_unit, theme.QUIET))
+        self.setMinimumSize(240, 170)
+
+    def show_rows(self, rows: Sequence[TrialRow]) -> None:
+        """The trials of these rows; codes of a blind session stand in place of controllers."""
+        self.found = boxes(rows, self._metric.name, self._configurations, self._metric.scale)
+        there = tuple(dict.fromkeys(controller for controller, _ in self.found))
+        coded = tuple(controller for controller in there if controller not in self._names)
+        self.controllers = coded if there and coded == there else (*self._names, *coded)
+        self.item.clear()
+        for (controller, configuration), box in self.found.items():
+            if box.count >= LEAST_IN_A_BOX:
+                self._add_box(box, self._place(controller, configuration), self._width, controller, configuration)
+        self._add_points(rows)
+        highest = max((max(box.high, *box.outliers, box.q3) for box in self.found.values()), default=0.0)
+        self.item.setYRange(0.0, range_for(1.02 * highest, 1.0), padding=0.02)
+        self.item.setXRange(-0.5, max(len(self.controllers), 1) - 0.5, padding=0.0)
+        self.item.getAxis("bottom").setTicks(
+            [[(i, self._names.get(controller, f"{controller}")) for i, controller in enumerate(self.controllers)]]  # type: ignore[call-overload]
+        )
+        self.caption.setText(self.said)
+
+    @property
+    def said(self) -> str:
+        """What the boxes are, under them."""
+        drawn = zip(("filled", "open", "third", "fourth"), self._configurations, strict=False)
+        parts = [f"{how} {name}" for how, name in drawn]
+        counts = {box.count for box in self.found.values()}
+        if len(counts) == 1:
+            parts.append(f"{min(counts)} trial{'s' if counts != {1} else ''} a box")
+        elif counts:
+            parts.append(f"{min(counts)} to {max(counts)} trials a box")
+        if counts and min(counts) < LEAST_IN_A_BOX:
+            parts.append(f"no box below {LEAST_IN_A_BOX} trials")
+        return " · ".join(parts)
+
+    @property
+    def _width(self) -> float:
+        return 0.76 / len(self._configurations)
+
+    def _place(self, controller: int | str, configuration: str) -> float:
+        j = self._configurations.index(configuration)
+        return self.controllers.index(controller) + (j - 0.5 * (len(self._configurations) - 1)) * self._width
+
+    def _add_box(self, box: Box, x: float, width: float, controller: int | str, configuration: str) -> None:
+        colour = colour_of(controller)
+        filled = configuration == self._configurations[0]
+        line, half = pg.mkPen(colour, width=1), 0.42 * width
+        brush = pg.mkBrush(theme.colour(colour, 0.45 if filled else 0.08))
+        self.item.addItem(
+            pg.BarGraphItem(x0=[x - half], x1=[x + half], y0=[box.q1], y1=[box.q3], pen=line, brush=brush)
+        )
+        ends_x, ends_y = [], []
+        for inner, outer in ((box.q1, box.low), (box.q3, box.high)):
+            ends_x += [x, x, x - 0.5 * half, x + 0.5 * half]
+            ends_y += [inner, outer, outer, outer]
+        self.item.addItem(pg.PlotCurveItem(np.array(ends_x), np.array(ends_y), pen=line, connect="pairs"))
+        median = pg.mkPen(theme.HANDLE if filled else colour, width=2)
+        self.item.addItem(pg.PlotCurveItem(np.array([x - half, x + half]), np.full(2, box.median), pen=median))
+
+    def _add_points(self, rows: Sequence[TrialRow]) -> None:
+        spots = []
+        for row in rows:
+            value = getattr(row, self._metric.name)
+            if value is None or row.status not in COUNTED or (row.controller, row.configuration) not in self.found:
+                continue
+            jitter = (row.run * GOLDEN % 1.0 - 0.5) * 0.6 * self._width
+            colour = colour_of(row.controller)
+            filled = row.configuration == self._configurations[0]
+            spots.append({
+                "pos": (self._place(row.controller, row.configuration) + jitter, self._metric.scale * value),
+                "symbol": "x" if row.status == "timeout" else "o", "data": row, "pen": pg.mkPen(colour, width=1),
+                "brush": pg.mkBrush(colour if filled else theme.PANEL),
+            })  # fmt: skip
+        self.points.setData(spots)
+        self.item.addItem(self.points)
+
+    def _tip(self, x: float, y: float, data: TrialRow) -> str:
+        timed_out = " · timed out" if data.status == "timeout" else ""
+        return f"Participant {data.participant} · run {data.run} · {y:.3g} {self._metric.shown_unit}{timed_out}"
+
+    def _clicked(self, _points: object, found: Sequence, _event: object) -> None:
+        if len(found):
+            self.chosen.emit(found[0].data())
+
+
+# --------------------------------------------------------------------------------------------------- energy ledger
+
+BRAKES, KINETIC, STOPS = theme.BRAKE_SLIPPING, theme.TRACE, theme.BAD
+COLUMNS = [tick_log.ENERGY_HAND, tick_log.ENERGY_BRAKES, tick_log.ENERGY_KINETIC, tick_log.ENERGY_STOPS]
+ROUNDING_J = 1e-9  # heat that falls by less in a tick is rounding
+
+
+def small_energy(energy_J: float) -> str:
+    """-3 nJ, 20 µJ, 4 mJ, 1.5 J."""
+    units = (("J", 1.0), ("mJ", 1e-3), ("µJ", 1e-6), ("nJ", 1e-9))
+    unit, least = next(((unit, least) for unit, least in units if abs(energy_J) >= least), units[-1])
+    return f"{float(f'{energy_J / least:.2g}'):g} {unit}"
+
+
+class Ledger:
+    """Energies (J) since the trial's first tick."""
+
+    def __init__(self) -> None:
+        self.hand = self.brakes = self.kinetic = self.stops = 0.0
+        self.added = 0.0  # the most that the brakes together gave in a tick
+        self._first: np.ndarray | None = None
+        self._heat = 0.0
+
+    def add(self, rows: np.ndarray) -> None:
+        """Ticks (n, WIDTH), n > 0, of one trial, in order."""
+        columns = rows[:, COLUMNS]
+        if self._first is None:
+            self._first, self._heat = columns[0].copy(), float(columns[0, 1])
+        heat = columns[:, 1]
+        fall = float((heat[:-1] - heat[1:]).max(initial=-np.inf))
+        self.added = max(self.added, self._heat - float(heat[0]), fall)
+        self._heat = float(heat[-1])
+        self.hand, self.brakes, self.kinetic, self.stops = (columns[-1] - self._first).tolist()
+
+    @property
+    def began(self) -> bool:
+        """Whether it has had a tick."""
+        return self._first is not None
+
+    @property
+    def residual(self) -> float:
+        """What the ledger leaves unexplained, J: of an exact simulation, rounding."""
+        return self.hand - self.brakes - self.kinetic - self.stops
+
+
+class EnergyPanel(QFrame):
+    """What the hand gave is what the brakes took, what moves and what stops took; no brake adds energy."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent, objectName="panel")
+        self.ledger, self._worded_s = Ledger(), -np.inf
+        self._bar = QHBoxLayout()
+        self._bar.setSpacing(0)
+        for colour in (BRAKES, KINETIC, STOPS, theme.LINE):  # the last: what the hand gave and is nowhere yet
+            part = QFrame()
+            part.setFixedHeight(12)
+            part.setStyleSheet(f"background: {colour}; border: none")
+            self._bar.addWidget(part, 0 if colour != theme.LINE else 1)
+        self._balance, self._proof = Figures(), Figures()
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(12, 6, 12, 8)
+        layout.setSpacing(4)
+        layout.addWidget(word("Energy this trial", bold=True))
+        layout.addLayout(self._bar)
+        layout.addWidget(self._balance)
+        layout.addWidget(self._proof)
+        self._word()
+
+    def add(self, rows: np.ndarray) -> None:
+        """Ticks (n, WIDTH) of the running trial."""
+        if not len(rows):
+            return
+        self.ledger.add(rows)
+        now = float(rows[-1, tick_log.T])
+        if not self._worded_s <= now < self._worded_s + WORDS_EVERY_S:
+            self._worded_s = now
+            self._word()
+
+    def clear(self) -> None:
+        """A new trial."""
+        self.ledger, self._worded_s = Ledger(), -np.inf
+        self._word()
+
+    @property
+    def said(self) -> str:
+        """All words of the panel, without their colours."""
+        return f"{self._balance.text()} {self._proof.text()}"
+
+    def _word(self) -> None:
+        ledger = self.ledger
+        balance = [
+            (f"hand {ledger.hand:.2f} J =", theme.TEXT), (f"brakes {ledger.brakes:.2f}", BRAKES), ("+", theme.TEXT),
+            (f"kinetic {ledger.kinetic:.2f}", KINETIC),
+        ]  # fmt: skip
+        if ledger.stops > 0.005:
+            balance += [("+", theme.TEXT), (f"stops {ledger.stops:.2f}", STOPS)]
+        if ledger.added > ROUNDING_J:
+            verdict = (f"a brake added {small_energy(ledger.added)}", theme.BAD)
+        else:
+            verdict = ("no brake added energy", theme.GOOD)
+        residual = small_energy(ledger.residual) if abs(ledger.residual) > ROUNDING_J else "under 1 nJ"
+        proof = [(f"residual {residual} ·", theme.QUIET), verdict] if ledger.began else [(NO_TRIAL, theme.QUIET)]
+        self._balance.show_parts(*balance)
+        self._proof.show_parts(*proof)
+        parts_J = [max(part, 0.0) for part in (ledger.brakes, ledger.kinetic, ledger.stops)]
+        whole = max(ledger.hand, sum(parts_J), 1e-3)
+        for i, part in enumerate((*parts_J, whole - sum(parts_J))):
+            self._bar.setStretch(i, round(1000.0 * part / whole))
+            self._bar.itemAt(i).widget().setVisible(round(1000.0 * part / whole) > 0)
