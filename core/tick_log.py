@@ -126,3 +126,5 @@ COLUMNS = (
     Column("arm_stiffness_xy_N_per_m", ARM_STIFFNESS + 1, "N/m", "stiffness of the arm, xy", SIMULATED),
     Column("arm_stiffness_yy_N_per_m", ARM_STIFFNESS + 2, "N/m", "stiffness of the arm, yy", SIMULATED),
 )  # fmt: skip
+#: The rest of a simulated device's hand, beside its target: with these a trial is replayed to the last bit.
+ARM_COLUMNS = tuple(column.name for column in COLUMNS if column.of == SIMULATED)
