@@ -14,9 +14,8 @@ from app.window.painting.labels import Choice, OneLine, word
 from app.window.plots import BoxPlot
 from core.errors import InputError
 from experiments.analysis.boxplots import DRAWN
-from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings
+from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings, why_no_findings
 from experiments.analysis.participants import people_of, too_few
-from experiments.analysis.statements import why_no_findings
 from experiments.analysis.trials_table import COUNTED, TrialRow
 from experiments.protocol import label
 from experiments.session.files import pooled_rows

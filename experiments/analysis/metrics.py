@@ -221,6 +221,7 @@ class Metric(NamedTuple):
     name: str  # its column in trials.csv
     unit: str  # of that column; "" for a number without one
     title: str
+    short: str  # in a sentence
     meaning: str
     of: Callable[[Movement], float | None]
     shown_unit: str = ""  # in figures and reports
@@ -236,71 +237,80 @@ class Metric(NamedTuple):
 
 METRICS = (
     Metric(
-        "path_error_m", "m", "Path error", "distance to the path, averaged over progress along the path",
+        "path_error_m", "m", "Path error", "path error",
+        "distance to the path, averaged over progress along the path",
         lambda m: mean_over_progress(m.deviation, m.progress),
         shown_unit="mm", scale=1e3, figure="fig16_path_error", stands_for="accuracy", compared=True,
     ),
     Metric(
-        "path_error_time_m", "m", "Path error over time", "distance to the path, averaged over time",
+        "path_error_time_m", "m", "Path error over time", "path error over time",
+        "distance to the path, averaged over time",
         lambda m: float(np.mean(m.deviation)),
         shown_unit="mm", scale=1e3, stands_for="accuracy",
     ),
     Metric(
-        "mean_tip_force_N", "N", "Mean tip force", "magnitude of the hand force, averaged over time",
+        "mean_tip_force_N", "N", "Mean tip force", "force over time", "magnitude of the hand force, averaged over time",
         lambda m: float(np.mean(m.force)),
         shown_unit="N", figure="fig17_tip_force", stands_for="force", compared=True, needs_progress=False,
     ),
     Metric(
-        "acceleration_dft_sum", "m/s^2", "Acceleration, weighted DFT sum",
+        "acceleration_dft_sum", "m/s^2", "Acceleration, weighted DFT sum", "acceleration DFT sum",
         "sum over the frequencies up to 100 Hz of (f / 1 Hz) times the amplitude of the acceleration",
         lambda m: acceleration_dft_sum(m.acceleration),
         shown_unit="m/s²", decimals=1, figure="fig18_acceleration_dft_sum", stands_for="smoothness", compared=True,
     ),
     Metric(
-        "acceleration_weighted_rms_m_s2", "m/s^2", "Acceleration, weighted rms",
+        "acceleration_weighted_rms_m_s2", "m/s^2", "Acceleration, weighted rms", "acceleration rms",
         "the same spectrum as a root mean square: free of duration",
         lambda m: acceleration_weighted_rms(m.acceleration),
         shown_unit="m/s²", decimals=1, stands_for="smoothness", compared=True,
     ),
     Metric(
-        "force_over_progress_N", "N", "Tip force over progress",
+        "force_over_progress_N", "N", "Tip force over progress", "force over progress",
         "magnitude of the hand force, averaged over progress along the path",
         lambda m: mean_over_progress(m.force, m.progress),
         shown_unit="N", stands_for="force", compared=True,
     ),
     Metric(
-        "duration_s", "s", "Duration", "from the first tick of the movement to its last",
+        "duration_s", "s", "Duration", "duration", "from the first tick of the movement to its last",
         lambda m: m.duration_s,
         shown_unit="s", compared=True, needs_progress=False,
     ),
     Metric(
-        "peak_error_m", "m", "Peak error", "largest distance to the path",
+        "peak_error_m", "m", "Peak error", "peak error", "largest distance to the path",
         lambda m: float(np.max(m.deviation)),
         shown_unit="mm", scale=1e3, stands_for="accuracy",
     ),
     Metric(
-        "path_length_ratio", "", "Path length ratio", "travel of the handle / length of the path",
+        "path_length_ratio", "", "Path length ratio", "path length ratio", "travel of the handle / length of the path",
         lambda m: float(np.sum(np.hypot(*np.diff(m.tip, axis=0).T))) / m.path.length,
     ),
     Metric(
-        "sparc", "", "SPARC", "spectral arc length of the speed; nearer 0 is smoother",
+        "sparc", "", "SPARC", "SPARC", "spectral arc length of the speed; nearer 0 is smoother",
         lambda m: sparc(m.speed),
         stands_for="smoothness", better="higher",
     ),
     Metric(
-        "switches_per_s", "1/s", "Switches",
+        "switches_per_s", "1/s", "Switches", "switches",
         "ticks at which the set of brakes with current changes, per second",
         lambda m: switches_per_second(m.currents, m.duration_s),
         shown_unit="1/s", needs_progress=False, tells_controller=True,
     ),
     Metric(
-        "unreachable_share", "", "Unreachable share",
+        "unreachable_share", "", "Unreachable share", "unreachable share",
         "share of the ticks with a felt hand in which no brake was valid or selected; none for controller 1",
         _unreachable,
         needs_progress=False, tells_controller=True,
     ),
 )  # fmt: skip
 BY_NAME = {metric.name: metric for metric in METRICS}
+
+
+def compared_for(thing: str) -> tuple[str, ...]:
+    """The measures that stand for accuracy, force or smoothness ("": for themselves) and are compared."""
+    return tuple(metric.name for metric in METRICS if metric.stands_for == thing and metric.compared)
+
+
 #: The measures of one trial, by name.
 Metrics = NamedTuple("Metrics", [(metric.name, float | None) for metric in METRICS])
 NO_METRICS = Metrics(*[None] * len(METRICS))

@@ -13,10 +13,9 @@ from pathlib import Path
 from core.control.controllers import Preset
 from core.errors import InputError
 from experiments.analysis.boxplots import DRAWN, boxes, draw_boxplots, in_order
-from experiments.analysis.findings import findings
+from experiments.analysis.findings import findings, why_no_findings
 from experiments.analysis.report import side_by_side, warnings, write_report
 from experiments.analysis.sensitivity import of_recording
-from experiments.analysis.statements import why_no_findings
 from experiments.analysis.trials_table import COUNTED, TrialRow, read_table, write_table
 from experiments.protocol import label
 from experiments.recording.atomic_files import make_empty_folder, write_new_files

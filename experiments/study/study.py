@@ -10,9 +10,8 @@ import numpy as np
 
 from core import tick_log
 from experiments.analysis.boxplots import draw_boxplots
-from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings
+from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings, why_no_findings
 from experiments.analysis.report import warnings, write_report
-from experiments.analysis.statements import why_no_findings
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol
