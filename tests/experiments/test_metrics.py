@@ -14,6 +14,7 @@ from core.errors import InputError
 from core.path import line, point_at
 from core.path_file import Arc, Polyline, build_path
 from experiments.analysis import metrics as m
+from experiments.analysis.sensitivity import DEFINITIONS
 from experiments.analysis.trials_table import COLUMNS
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording, column_words, recording_columns
@@ -51,6 +52,13 @@ def hand_made(x=None, y=None, braked="AEB", n=5200, **columns):
 
 def measured(recording, path=PATH):
     return m.trial_metrics(recording, path)
+
+
+def test_what_each_figure_shows_is_the_definition_of_one_thing():
+    drawn = [metric for metric in m.METRICS if metric.figure]
+    assert [metric.stands_for for metric in drawn] == ["accuracy", "force", "smoothness"]
+    assert [metric.name for metric in drawn] == [names[0] for names in DEFINITIONS.values()]
+    assert all(metric.compared for metric in drawn)
 
 
 def test_names_are_those_of_the_trials_table():
