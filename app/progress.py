@@ -1,8 +1,24 @@
-"""What a verb says on stderr while it works: a progress bar on a terminal, a word on the first compilation."""
+"""What a verb shows: a progress bar and a word on the first compilation on stderr, and whether a window can be opened.
+
+The screen is asked for before Qt is, which ends the process where there is none.
+"""
 
 import os
+import subprocess
 import sys
 import time
+from importlib import import_module
+from types import ModuleType
+
+from core.errors import InputError
+
+#: On Linux one of these says where a window can be.
+PLACES = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
+LEAST_ROOM = (1240, 690)  # px, for the console with its frame
+_CODE = (
+    "from PySide6.QtGui import QGuiApplication as A; a = A([]); room = a.primaryScreen().availableGeometry();"
+    "print(room.width(), room.height())"
+)
 
 
 def announce_first_use() -> bool:
@@ -38,3 +54,45 @@ class Progress:
     def __exit__(self, *_: object) -> None:
         if self.shown:
             print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+
+class Display:
+    """Tried in a process of its own, beside whatever else has to be prepared."""
+
+    def __init__(self, purpose: str, without: str = "") -> None:
+        """purpose: ends "there is no screen to ..."; without: what can be done all the same.
+
+        InputError if nothing says where a screen could be.
+        """
+        if sys.platform == "linux" and not any(map(os.environ.get, PLACES)):
+            more = f" ({without})" if without else ""
+            raise InputError(f"there is no screen to {purpose}: none of DISPLAY, WAYLAND_DISPLAY is set{more}")
+        null, pipe = subprocess.DEVNULL, subprocess.PIPE
+        self._tried = subprocess.Popen(
+            [sys.executable, "-c", _CODE], stdin=null, stdout=pipe, stderr=null, text=True
+        )  # fmt: skip
+
+    def check(self) -> None:
+        """Wait for the answer. InputError if there is no screen.
+
+        On one with little room (a small one at 200 %) all is drawn smaller, so that nothing is cut; before a window is
+        made, for Qt reads the scale once.
+        """
+        said, _ = self._tried.communicate()
+        if self._tried.returncode != 0:
+            named = ", ".join(f"{name}={os.environ[name]}" for name in PLACES if name in os.environ)
+            raise InputError(f"the window cannot be opened: Qt finds no usable screen ({named})")
+        width, height = map(int, said.split())
+        share = min(width / LEAST_ROOM[0], height / LEAST_ROOM[1])
+        if share < 1.0:
+            os.environ["QT_SCALE_FACTOR"] = f"{share * float(os.environ.get('QT_SCALE_FACTOR', 1.0)):.4f}"
+
+
+def import_screen(name: str) -> ModuleType:
+    """A module of app.window. InputError if a system library is missing."""
+    try:
+        return import_module(f"app.window.{name}")
+    except ImportError as error:
+        if ".so" not in str(error):
+            raise
+        raise InputError(f"the window cannot be opened, a system library is missing: {error}") from None

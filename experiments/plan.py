@@ -12,7 +12,7 @@ import math
 import re
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -209,17 +209,21 @@ TRIAL_S = 15.0  # assumed: approach, hold, a move of some seconds, and what lies
 RERIG_S = 300.0  # assumed: taking a brake off or putting one on, and the checks
 
 
-def print_plan(protocol: Protocol, participant: str) -> str:
-    """The protocol's facts, the estimated duration, then every trial in order with practice, breaks and re-rigs."""
+#: lines of the printed plan between a trial and the next one; of the first one's configuration so many are then done
+#: and left
+Steps = Callable[[Protocol, PlannedTrial, PlannedTrial, int, int], list[str]]
+
+
+def print_plan(protocol: Protocol, participant: str, steps: Steps) -> str:
+    """The protocol's facts, the estimated duration, then every trial in order with practice and the steps between."""
     plan = make_plan(protocol, participant)
-    parts = [_head(protocol, participant, plan)]
-    place = 0
+    parts, before = [_head(protocol, participant, plan)], plan[0]
     for configuration in dict.fromkeys(trial.configuration for trial in plan):
-        if place:
-            parts.append(f"re-rig to {configuration}")
         trials = [trial for trial in plan if trial.configuration == configuration]
-        parts.append("\n".join([configuration, *_lines(protocol, participant, trials)]))
-        place += len(trials)
+        if before.configuration != configuration:
+            parts += steps(protocol, before, trials[0], sum(t.configuration == before.configuration for t in plan), 0)
+        parts.append("\n".join([configuration, *_lines(protocol, participant, trials, steps)]))
+        before = trials[-1]
     return "\n\n".join(parts) + "\n"
 
 
@@ -313,7 +317,7 @@ def controller_text(preset: Preset) -> str:
     return f"{preset.name} ({', '.join(about)})" if about else preset.name
 
 
-def _lines(protocol: Protocol, participant: str, trials: list[PlannedTrial]) -> list[str]:
+def _lines(protocol: Protocol, participant: str, trials: list[PlannedTrial], steps: Steps) -> list[str]:
     """The trials of one configuration."""
     width = max(len(protocol.controller_name(trial.controller)) for trial in trials)
     practice = [
@@ -327,7 +331,6 @@ def _lines(protocol: Protocol, participant: str, trials: list[PlannedTrial]) -> 
             lines.append(f"  {'practice' if block == PRACTICE_BLOCK else f'block {block}'}")
         run = "" if block == PRACTICE_BLOCK else str(trial.run)
         lines.append(f"  {run:>5}  {protocol.controller_name(trial.controller):{width}}  path {trial.segment}")
-        if block != PRACTICE_BLOCK and break_after(protocol, done, len(trials) - done):
-            assert protocol.breaks is not None
-            lines.append(f"  -- break of at least {protocol.breaks.least_s:g} s --")
+        if 0 < done < len(trials):
+            lines += [f"  {line}" for line in steps(protocol, trial, trials[done], done, len(trials) - done)]
     return lines

@@ -110,7 +110,7 @@ class AllowBrakes(NamedTuple):
 
 
 class Confirm(NamedTuple):
-    """What the conductor waits for is done: the re-rig, the break."""
+    """The step that the session waits for is done: the re-rig, the break."""
 
 
 class Rig(NamedTuple):
@@ -136,7 +136,7 @@ class Answers(NamedTuple):
 
 
 class Quit(NamedTuple):
-    """Abort what runs, keep it, and end the conductor."""
+    """Abort what runs, keep it, and end the session server."""
 
     reason: str
 
@@ -147,6 +147,19 @@ class Quit(NamedTuple):
 PREPARING, NO_SESSION, READY, RUNNING, RERIG, BREAK, QUESTIONS, FINISHED, FAILED = (
     "preparing", "no session", "ready", "running", "re-rig", "break", "questions", "finished", "failed"
 )  # fmt: skip
+
+#: stage -> why what does not fit it is refused
+NOT_NOW = {
+    PREPARING: "Everything is still being prepared.",
+    NO_SESSION: "No session is open.",
+    READY: "A session is open.",
+    RUNNING: "A trial is running.",
+    RERIG: "The device must be re-rigged first.",
+    BREAK: "There is a break first.",
+    QUESTIONS: "The questions after the block come first.",
+    FINISHED: "All trials of the plan are done.",
+    FAILED: "No more trials can be run.",
+}
 
 #: steps that make a device on the bench ready; DONE: there is none to do
 CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""
@@ -187,7 +200,7 @@ class Opened(NamedTuple):
     seed: int
     real_device: bool  # currents flow in real brakes
     hand: str  # what moves the handle: "mouse", "operator"
-    next_participant: str  # to be offered: the first without a session, or with an unfinished one; "": nobody is left
+    next_participant: str  # to be offered: the first without a session, or with an unfinished one; "": none is left
     rules: str  # by which the controllers decide: "settled", "literal"
     blind: bool = False  # a new session is blind whether that is asked for or not
 
@@ -214,6 +227,28 @@ class Snapshot(NamedTuple):
     resumable: tuple[str, ...] = ()  # participants whose session in the data folder is unfinished
     finished: tuple[str, ...] = ()  # .. is done: it can be opened again, to redo a trial or write a note
     otherwise: tuple[tuple[str, str], ...] = ()  # of these: whose protocol is not the one of new sessions, and its name
+
+    @property
+    def why_not(self) -> str:
+        """Why no trial can be started now; "": one can. The server refuses by it, the window greys its buttons."""
+        if self.stage not in (READY, NO_SESSION):
+            return NOT_NOW[self.stage]
+        if self.paused:
+            return "The session is paused: resume it first (P)."
+        if self.brakes_off:
+            return f"Brakes are off: {self.brakes_off}"
+        for state in (BAD, WAITING):
+            for check in self.checks:
+                if check.state == state:
+                    return f"{check.name}: {check.text}" + (f". {check.advice}" if check.advice else "")
+        return ""
+
+    def why_no_session(self, real_device: bool) -> str:
+        """Why no session can be opened now; "": one can. On the bench a session comes before homing and zero."""
+        if not real_device:
+            return self.why_not
+        there = tuple(check for check in self.checks if check.name not in ("Device", "Hand"))
+        return self._replace(checks=there, brakes_off="").why_not
 
 
 class Proof(NamedTuple):
@@ -276,7 +311,7 @@ class HomeAt(NamedTuple):
 
 
 class TakeZero(NamedTuple):
-    """Nobody touches the handle: take what is read as zero."""
+    """The handle is free: take what is read as zero."""
 
 
 class Reset(NamedTuple):
@@ -352,7 +387,7 @@ class Homed(NamedTuple):
 
 
 class Zeroed(NamedTuple):
-    """What was read with nobody at the handle."""
+    """What was read with the handle free."""
 
     record: "ZeroRecord"
 

@@ -1,8 +1,8 @@
-"""What loop, conductor and window share: a ring of ticks and a block of flags, in memory that each process inherits.
+"""What loop, session server and window share: a ring of ticks and a block of flags, in memory that each inherits.
 
-One writer for each part: the loop writes ticks, `head` and its beat; the conductor `tail`, `stop` and its beat; the
-window the pointer's place and `brakes_off`. A reader needs no lock: a count is raised only after what it counts is
-there.
+One writer for each part: the loop writes ticks, `head` and its beat; the session server `tail`, `stop` and its
+beat; the window the pointer's place and `brakes_off`. A reader needs no lock: a count is raised only after what it
+counts is there.
 """
 
 import mmap
@@ -29,10 +29,10 @@ CONTROL = np.dtype(
         # by the window
         ("aim_count", "i8"),  # how often the pointer was pointed; the newest place is aims[(aim_count - 1) % AIMS]
         ("aims", "f8", (AIMS, 2)),  # m
-        ("brakes_off", "i8"),  # 1: no currents until the conductor allows them again
+        ("brakes_off", "i8"),  # 1: no currents until the session server allows them again
         ("why_off", "u1", (TEXT,)),  # its cause, UTF-8
-        ("presses", "i8"),  # how often somebody asked for the brakes-off
-        # by the conductor
+        ("presses", "i8"),  # of the brakes-off, so far
+        # by the session server
         ("push_count", "i8"),  # how often a force was pushed; 0: the pointer is the hand
         ("pushes", "f8", (AIMS, 2)),  # N, likewise
         ("conductor_beat", "i8"),  # ns
@@ -102,13 +102,13 @@ class Ring:
         self.control.aim_count = count + 1
 
     def press_off(self, cause: str) -> None:
-        """Somebody asks for the brakes-off: also one that lasts already is not ended by who has not seen this."""
+        """The brakes-off is pressed: an `allow` that was asked for before this press does not end it."""
         self.control.presses += 1
         self.switch_off(cause)
 
     @property
     def presses(self) -> int:
-        """How often somebody asked for the brakes-off."""
+        """How often the brakes-off was pressed."""
         return int(self.control.presses)
 
     def switch_off(self, cause: str) -> None:
@@ -133,7 +133,7 @@ class Ring:
         self._shown = head
         return rows[max(0, overwritten) :]
 
-    # the conductor
+    # the session server
 
     def begin_trial(self) -> None:
         """Before the loop is told to run one."""
@@ -153,7 +153,7 @@ class Ring:
         return float(self.rows[(int(self.control.head) - 1) % len(self.rows), column])
 
     def beat(self) -> None:
-        """The conductor lives."""
+        """The session server lives."""
         self.control.conductor_beat = time.monotonic_ns()
 
     @property

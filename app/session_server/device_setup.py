@@ -20,7 +20,7 @@ from app.ipc.messages import (
     Zeroed,
 )
 from app.session_server.preflight import check_linked, check_sensor
-from app.session_server.session_progress import Sitting
+from app.session_server.session_progress import SessionProgress
 from core.device import Device
 from core.errors import InputError
 from core.simulator.simulation import Simulation
@@ -28,14 +28,15 @@ from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol, home_of
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter
+from experiments.session.journal import HOMED, ZEROED
 from experiments.session.session import SENSOR, Session
 from experiments.trial.linked_trial import LinkedTrial
 
 if TYPE_CHECKING:
-    from app.session_server.trial_runner import Runner
+    from app.session_server.trial_runner import TrialRunner
 
 
-class Rigging:
+class DeviceSetup:
     """How the bench is, as its loop tells it, and what has to be done to it next."""
 
     real, hand = True, SENSOR
@@ -48,15 +49,15 @@ class Rigging:
         self._busy = False  # a step has been asked for and not been answered
         send(self._connect)
 
-    def stage(self, sitting: Sitting) -> str:
+    def stage(self, progress: SessionProgress) -> str:
         """As the session's; but a device has to be made ready, and again after its board has lost its power."""
-        stage = sitting.stage
-        if stage not in (m.READY, m.RERIG) or sitting.coming is None:
+        stage = progress.stage
+        if stage not in (m.READY, m.RERIG) or progress.coming is None:
             return stage
-        if self.step(self._device(sitting)):
+        if self.step(self._device(progress)):
             return m.RERIG
-        sitting.rigged = sitting.coming.configuration
-        return sitting.stage
+        progress.rigged = progress.coming.configuration
+        return progress.stage
 
     def step(self, device: Device) -> str:
         """What is next before this device can be used. A board that is lost is no step: it comes back itself.
@@ -72,11 +73,11 @@ class Rigging:
             return HOME
         return DONE if linked.zeroed else ZERO
 
-    def wait_for(self, sitting: Sitting) -> str:
+    def wait_for(self, progress: SessionProgress) -> str:
         """The step in one sentence."""
-        if self.stage(sitting) != m.RERIG or sitting.coming is None:
-            return sitting.wait_for()
-        device = self._device(sitting)
+        if self.stage(progress) != m.RERIG or progress.coming is None:
+            return progress.wait_for()
+        device = self._device(progress)
         if self._busy:
             return "A moment ..."
         match self.step(device):
@@ -84,33 +85,33 @@ class Rigging:
                 joints = " ".join(device.braked)
                 return f"Put {device.name} on the bench (brakes at {joints}), connect its board, then go on."
             case "home":
-                x, y = home_of(device, sitting.session.protocol.paths)
+                x, y = home_of(device, progress.session.protocol.paths)
                 return f"Hold the handle in its jig at x = {1e3 * x:.0f} mm, y = {1e3 * y:.0f} mm, then go on."
             case "zero":
                 return "Let go of the handle, go on, and do not touch it for a second."
         return ""
 
-    def confirm(self, sitting: Sitting, write: Callable[..., None]) -> None:
+    def confirm(self, progress: SessionProgress, write: Callable[..., None]) -> None:
         """The person has done it: now the loop does its part."""
-        self.do(sitting, self.step(self._device(sitting)))
+        self.do(progress, self.step(self._device(progress)))
 
-    def do(self, sitting: Sitting, step: str) -> None:
+    def do(self, progress: SessionProgress, step: str) -> None:
         """Let the loop do a step, or do it again; while one is being done, nothing."""
-        device = self._device(sitting)
+        device = self._device(progress)
         if step and not self._busy:
-            home = HomeAt(home_of(device, sitting.session.protocol.paths))
+            home = HomeAt(home_of(device, progress.session.protocol.paths))
             job = {CONNECT: Connect((device,)), HOME: home, ZERO: TakeZero()}[step]
             if isinstance(job, Connect):
                 self._connect = job
             self._busy = True
             self._send(job)
 
-    def _device(self, sitting: Sitting) -> Device:
+    def _device(self, progress: SessionProgress) -> Device:
         """That of the coming trial."""
-        assert sitting.coming is not None
-        return sitting.session.protocol.device(sitting.coming.configuration)
+        assert progress.coming is not None
+        return progress.session.protocol.device(progress.coming.configuration)
 
-    def hear(self, runner: "Runner", write: Callable[..., None], say: Callable[..., None]) -> None:
+    def hear(self, runner: "TrialRunner", write: Callable[..., None], say: Callable[..., None]) -> None:
         """What the loop says. write: into the journal; say: to the experimenter."""
         if runner.replaced:  # the new loop knows of no device
             runner.replaced, self._busy, self.linked = False, False, None
@@ -124,10 +125,10 @@ class Rigging:
                     self._busy = False
                 case Homed(tip):
                     self._busy = False
-                    write("homed", tip_m=tip, board=self.linked.board if self.linked else "")
+                    write(HOMED, tip_m=tip, board=self.linked.board if self.linked else "")
                 case Zeroed(record):
                     self._busy = False
-                    write("zero taken", **record._asdict())
+                    write(ZEROED, **record._asdict())
                 case NotDone(why):
                     self._busy = False
                     say(f"{why[0].upper()}{why[1:]}.", bad=True)
@@ -143,7 +144,7 @@ class Rigging:
         """
         self._send(Reset(presses))
 
-    def tip(self, sitting: Sitting | None, practice: Simulation | None) -> m.Point:
+    def tip(self, progress: SessionProgress | None, practice: Simulation | None) -> m.Point:
         """Where the handle is, m; rounded, so that a hand that rests tells the window nothing new. Nobody knows it
         before the encoders are homed: then where the jig will hold it.
         """

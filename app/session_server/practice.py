@@ -17,7 +17,7 @@ from experiments.trial.trial import Trial, new_simulation
 
 
 class Practice:
-    """One trial after another that no session knows of."""
+    """One trial after another, outside of any session."""
 
     def __init__(self, setup: Setup, protocol: Protocol) -> None:
         """Build the simulated device, whose kernels may have to be compiled, beside everything else."""
@@ -25,7 +25,7 @@ class Practice:
         self.simulation: Simulation | None = None  # None: not built yet
         self.tried = 0
         self.failure: BaseException | None = None
-        self.loop_ready = threading.Event()  # set by whoever knows: the loop needs the processors more
+        self.loop_ready = threading.Event()  # set once it is: the loop needs the processors more
         threading.Thread(target=self._prepare, name="preparation", daemon=True).start()
 
     def _prepare(self) -> None:
@@ -38,7 +38,7 @@ class Practice:
             import scipy.fft
             import scipy.signal  # noqa: F401  (the measures need them: seconds, but not after the first trial)
         except BaseException as error:
-            self.failure = error  # raised again where it ends the conductor
+            self.failure = error  # raised again in `State.watch`, where it ends the server
 
     def trial(self, linked: Device | None) -> Trial | LinkedTrial:
         """The next one; linked: on this device, which stands on the bench.

@@ -1,8 +1,12 @@
-"""The pre-flight row: what has to be right before a trial may start."""
+"""The pre-flight row: what has to be right before a trial may start. One `Check` each, as in `phd doctor`."""
 
+import os
 import shutil
+import statistics
 import tempfile
+import time
 from pathlib import Path
+from typing import IO
 
 from app.ipc.messages import BAD, CAUTION, GOOD, WAITING, Check, Linked, Timing
 from app.ipc.scheduling import ADVICE
@@ -10,6 +14,7 @@ from app.session_server.remedies import remedy
 
 #: bytes. Our choice: a trial takes 7 MB at most, a session of 60 well under the lower one
 LOW, TOO_LOW = 2_000_000_000, 200_000_000
+SLOW_SYNC_S = 0.1
 #: µs. Our choice: what a loop without privilege keeps on an idle machine; later ticks are still in the recording
 LATE_US = 200.0
 
@@ -32,7 +37,7 @@ def check_linked(linked: Linked | None, why_off: str) -> Check:
     if why_off or linked.fault:
         return check_device(False, why_off or f"the board: {linked.fault}")
     if not linked.homed:
-        return Check("Device", BAD, "not homed", "The encoders must be homed: nobody knows where the handle is.")
+        return Check("Device", BAD, "not homed", "Home the encoders: until then the place of the handle is unknown.")
     return Check("Device", GOOD, f"{linked.device}, board {linked.board}")
 
 
@@ -67,24 +72,42 @@ def check_loop(tried: Timing | None, dead: bool, last: Timing | None = None) -> 
     return Check("Loop", CAUTION, text, advice if kept.scheduling.startswith("real-time") else f"{advice} {ADVICE}")
 
 
-def check_disk(folder: Path) -> tuple[Check, int]:
-    """Whether the data folder can be written to and has room; and its free bytes."""
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
-    free = shutil.disk_usage(folder).free
+def check_disk(folder: Path, sync: bool = False) -> tuple[Check, int]:
+    """Whether the data folder, which need not exist yet, can be written to and has room; and its free bytes.
+
+    sync: also how long a write takes to reach the disk itself.
+    """
+    there = folder
+    while not there.exists() and there != there.parent:
+        there = there.parent
     try:
-        with tempfile.TemporaryFile(dir=folder) as file:
-            file.write(b"phd")
-            file.flush()
+        free = shutil.disk_usage(there).free
+        with tempfile.TemporaryFile(dir=there) as file:
+            waits = [_time_to_write(file, sync) for _ in range(5 if sync else 1)]
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        return Check("Disk", BAD, reason, f"{folder} cannot be written to: {reason}."), free
+        return Check("Disk", BAD, reason, f"{folder} cannot be written to: {reason}. Choose another --data-dir."), 0
     text = f"{free / 1e9:.0f} GB free" if free >= 1e10 else f"{free / 1e9:.1f} GB free"
+    wait_s = statistics.median(waits)
+    if sync:
+        text = f"{folder}: {text}, {1e3 * wait_s:.1f} ms to bring a write to the disk"
+    room = f"Make room on the disk of {folder}"
     if free < TOO_LOW:
-        return Check("Disk", BAD, text, f"Make room on the disk of {folder}: there must be 0.2 GB."), free
+        return Check("Disk", BAD, text, f"{room}: there must be {TOO_LOW / 1e9:g} GB."), free
     if free < LOW:
-        return Check("Disk", CAUTION, text, f"Make room on the disk of {folder}."), free
+        return Check("Disk", CAUTION, text, f"{room}."), free
+    if sync and wait_s > SLOW_SYNC_S:
+        return Check("Disk", CAUTION, text, "Record on a local disk, not on a network drive or a memory stick."), free
     return Check("Disk", GOOD, text), free
+
+
+def _time_to_write(file: IO[bytes], sync: bool) -> float:
+    began = time.perf_counter()
+    file.write(bytes(65536))
+    file.flush()
+    if sync:
+        os.fsync(file.fileno())
+    return time.perf_counter() - began
 
 
 def check_recording(broken: str, undone: str, last: str, streams: int) -> Check:

@@ -40,7 +40,7 @@ def remedy(cause: str) -> str:
     return next((what for part, what in REMEDIES.items() if part.lower() in small), "")
 
 
-def told(name: str, reason: str) -> str:
+def with_advice(name: str, reason: str) -> str:
     """What the experimenter reads of a trial (or, without a name, of the bench) and a reason ("": there is none)."""
     if not reason:
         return ""

@@ -41,10 +41,10 @@ class SessionServer:
     """Serves its window until the end."""
 
     def __init__(self, setup: Setup, protocol: "Protocol", ring: Ring, loop: LoopProcess, window: Pipe) -> None:
-        from app.session_server.state import Desk
+        from app.session_server.state import State
 
         self._ring, self._window = ring, window
-        self._state = Desk(setup, protocol, ring, loop)
+        self._state = State(setup, protocol, ring, loop)
         self._shown: m.Snapshot | None = None
         self._opened: m.Opened | None = None
         self._pulse_s = 0.0
@@ -103,7 +103,7 @@ class SessionServer:
         return phase in (tick_log.APPROACH, tick_log.HOLD)
 
     def _tell(self) -> None:
-        if self._window.behind:  # one that hangs is told how things are then
+        if self._window.behind:  # it hangs; once it reads again it gets the newest state
             return
         opened = self._state.opened()
         if opened != self._opened:
@@ -177,7 +177,7 @@ def read_protocol(setup: Setup) -> "Protocol":
     )
     kept = files.kept_sessions(setup.data_dir)
     if not setup.participant and not any(kept.values()):
-        files.free_participant(setup.data_dir, protocol.participants)  # somebody is left
+        files.free_participant(setup.data_dir, protocol.participants)  # InputError if nobody is left
     if setup.participant and setup.participant not in kept:
         if setup.hand != OPERATOR:
             protocol.refuse_stranger(setup.participant)
@@ -191,7 +191,7 @@ def read_protocol(setup: Setup) -> "Protocol":
 def _close_log(log: Path, early: BinaryIO) -> None:
     """Keep the log only if there is anything in it."""
     early.seek(0)
-    with contextlib.suppress(OSError):  # a disk that fails now has been told of
+    with contextlib.suppress(OSError):  # the window has been told of a failing disk
         if log.exists() and (said := early.read()):
             with log.open("ab") as file:
                 file.write(said)

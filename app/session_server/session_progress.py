@@ -1,4 +1,4 @@
-"""One session at the desk: what comes, what stands on the bench, and what has to happen before the next trial."""
+"""How far an open session is: what comes, what stands on the bench, and what is due before the next trial."""
 
 import statistics
 import time
@@ -6,21 +6,21 @@ from datetime import UTC, datetime
 
 from app.ipc import messages as m
 from app.ipc.messages import OPERATOR
+from app.session_server.steps import due_step
 from experiments.analysis.trials_table import COUNTED, SETTLED
 from experiments.plan import PlannedTrial
 from experiments.session.files import cell, open_trials
-from experiments.session.journal import read_events
+from experiments.session.journal import ANSWERS, BREAK_ENDED, ENDED, NOTE, read_events
 from experiments.session.session import Session
 
-NOTE, ANSWERS, BREAK_ENDED = "note", "answers", "break ended"  # events of the journal
 MOST_NAMED = 8  # trials in one sentence
 
 
-class Sitting:
+class SessionProgress:
     """An open session, and where it stands between two trials."""
 
     def __init__(self, session: Session) -> None:
-        """Take it up; what its journal tells of earlier sittings is not asked for again."""
+        """Take it up; what its journal says of earlier days is not asked for again."""
         self.session = session
         self.coming: PlannedTrial | None = None
         self.paused_s: float | None = None  # since when
@@ -30,16 +30,15 @@ class Sitting:
         self.notes: list[str] = []
         self._answered: set[tuple[str, int]] = set()
         self._lengths: list[float] = []  # s, from the end of one trial to the end of the next
-        for event in read_events(session.folder):
-            match event:
-                case {"event": "trial ended", "time": str(at)}:
-                    self.rest_from_s = time.monotonic() - _seconds_since(at)
-                case {"event": "break ended", "settled": int(settled)}:
-                    self.rested_at = settled
-                case {"event": "note", "time": str(at), "text": str(text)}:
-                    self._add_note(datetime.fromisoformat(at).astimezone(), text)
-                case {"event": "answers", "configuration": str(configuration), "block": int(block)}:
-                    self._answered.add((configuration, block))
+        for event, at, about in read_events(session.folder):
+            if event is ENDED:
+                self.rest_from_s = time.monotonic() - _seconds_since(at)
+            elif event is BREAK_ENDED:
+                self.rested_at = about["settled"]
+            elif event is NOTE:
+                self._add_note(datetime.fromisoformat(at).astimezone(), about["text"])
+            elif event is ANSWERS:
+                self._answered.add((about["configuration"], about["block"]))
         if self.break_left_s() <= 0.0:  # it has passed while the session was closed, or there is none
             self.rested_at = session.settled
         self.look_ahead()
@@ -59,29 +58,21 @@ class Sitting:
         return float(tip[0]), float(tip[1])
 
     @property
+    def break_due(self) -> bool:
+        """Whether a break comes before the next trial, and has not been ended."""
+        return self._break_due and self._settled != self.rested_at
+
+    @property
     def stage(self) -> str:
         """What the session waits for."""
-        if self.asked_block is not None:
-            return m.QUESTIONS
-        if self.coming is None:
-            return m.FINISHED
-        if self.coming.configuration != self.rigged:
-            return m.RERIG
-        if self._break_due and self._settled != self.rested_at:
-            return m.BREAK
-        return m.READY
+        if (step := due_step(self)) is not None:
+            return step.name
+        return m.READY if self.coming is not None else m.FINISHED
 
     def wait_for(self) -> str:
         """What is to be done now, in one sentence; "": nothing."""
-        stage = self.stage
-        if stage == m.BREAK:
-            return "A break: let go of the handle and rest."
-        if stage != m.RERIG:
-            return ""
-        assert self.coming is not None
-        device = self.session.protocol.device(self.coming.configuration)
-        joints = " ".join(device.braked)
-        return f"Next: {device.name} (brakes at {joints}). The device is simulated: there is nothing to change by hand."
+        step = due_step(self)
+        return step.sentence(self) if step else ""
 
     def break_left_s(self) -> float:
         """How long the break lasts at least, from now."""
@@ -105,7 +96,7 @@ class Sitting:
         return f"The plan is done, but {len(without)} of its {len(session.plan)} trials have no result: {named}."
 
     def seconds_left(self) -> float | None:
-        """Of the whole session, from the trials so far; None: nobody knows."""
+        """Of the whole session, from the trials so far; None: not known yet."""
         if not self._lengths:
             return None
         return statistics.median(self._lengths) * (len(self.session.plan) - self._settled)
@@ -133,7 +124,7 @@ class Sitting:
     def _block_to_ask(self) -> tuple[str, int] | None:
         """Configuration and block of the first finished block whose questions wait; left out where all was skipped."""
         session = self.session
-        if not session.protocol.questionnaire or session.hand == OPERATOR:  # nobody is there to answer
+        if not session.protocol.questionnaire or session.hand == OPERATOR:  # there is no person to answer
             return None
         still_open = {(trial.configuration, trial.block) for trial in open_trials(session.plan, session.rows)}
         over = {(row.configuration, row.block) for row in session.rows if row.status != "skipped"}

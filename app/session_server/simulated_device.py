@@ -1,4 +1,4 @@
-"""The simulated device as the desk has it: always there, moved by mouse, six-axis device or simulated operator."""
+"""The simulated device as the state has it: always there, moved by mouse, six-axis device or simulated operator."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -8,22 +8,23 @@ from app.ipc.messages import HID
 from app.ipc.ring import Ring
 from app.session_server.hid_input import HidInput, feel_force_alone
 from app.session_server.preflight import check_device, check_hand
-from app.session_server.session_progress import Sitting
+from app.session_server.session_progress import SessionProgress
 from core.device import Device
 from core.simulator.simulation import Simulation
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
 from experiments.recording.writer import RecordingWriter
+from experiments.session.journal import RERIGGED
 from experiments.session.session import Session
 from experiments.trial.trial import Trial
 from hardware.hid import HidHand
 
 if TYPE_CHECKING:
-    from app.session_server.trial_runner import Runner
+    from app.session_server.trial_runner import TrialRunner
 
 
 class SimulatedDevice:
-    """The counterpart of `rigging.Rigging`."""
+    """The counterpart of `rigging.DeviceSetup`."""
 
     real, linked = False, None
 
@@ -32,21 +33,21 @@ class SimulatedDevice:
         self.hand, self._ring = hand, ring
         self._hid = HidInput(ring, HidHand()) if hand == HID else None
 
-    def stage(self, sitting: Sitting) -> str:
+    def stage(self, progress: SessionProgress) -> str:
         """What the session waits for."""
-        return sitting.stage
+        return progress.stage
 
-    def wait_for(self, sitting: Sitting) -> str:
+    def wait_for(self, progress: SessionProgress) -> str:
         """What the person is to do, in one sentence."""
-        return sitting.wait_for()
+        return progress.wait_for()
 
-    def confirm(self, sitting: Sitting, write: Callable[..., None]) -> None:
+    def confirm(self, progress: SessionProgress, write: Callable[..., None]) -> None:
         """The next configuration stands on the bench."""
-        assert sitting.coming is not None
-        write("re-rigged", configuration=sitting.coming.configuration)
-        sitting.rigged = sitting.coming.configuration
+        assert progress.coming is not None
+        write(RERIGGED, configuration=progress.coming.configuration)
+        progress.rigged = progress.coming.configuration
 
-    def hear(self, runner: "Runner", write: Callable[..., None], say: Callable[..., None]) -> None:
+    def hear(self, runner: "TrialRunner", write: Callable[..., None], say: Callable[..., None]) -> None:
         """A simulated device says nothing by itself."""
 
     def allow(self, presses: int) -> None:
@@ -58,10 +59,10 @@ class SimulatedDevice:
         """For the pre-flight row: device and hand."""
         return check_device(True, why_off), self._hid.check if self._hid else check_hand(self.hand)
 
-    def tip(self, sitting: Sitting | None, practice: Simulation | None) -> m.Point:
+    def tip(self, progress: SessionProgress | None, practice: Simulation | None) -> m.Point:
         """Where the handle is, m. practice: the device of trials without a session."""
-        if sitting is not None:
-            return sitting.tip
+        if progress is not None:
+            return progress.tip
         if practice is None:
             return 0.0, 0.0
         x, y = practice.state["tip"][0, :2]

@@ -1,6 +1,6 @@
-"""The conductor's desk: the whole state of the experiment, and what becomes of a trial when it ends.
+"""The whole state of the experiment: the open session, the device, the running trial.
 
-`intents` changes it as a window asks; `snapshot` shows it; `keeping` brings it to the disk.
+`commands` changes it as a window asks; `snapshot` shows it; `storage` brings it to the disk.
 """
 
 import math
@@ -9,40 +9,42 @@ import time
 from app.ipc import messages as m
 from app.ipc.messages import OPERATOR, Setup
 from app.ipc.ring import Ring
-from app.session_server.device_setup import Rigging
+from app.session_server.device_setup import DeviceSetup
 from app.session_server.loop_process import LoopProcess
 from app.session_server.practice import Practice
 from app.session_server.preflight import check_disk, check_recording
-from app.session_server.remedies import told
-from app.session_server.session_progress import Sitting
+from app.session_server.remedies import with_advice
+from app.session_server.session_progress import SessionProgress
 from app.session_server.simulated_device import SimulatedDevice
-from app.session_server.storage import Keeping
+from app.session_server.steps import BY_NAME
+from app.session_server.storage import Storage
 from app.session_server.trial_run import TrialRun
-from app.session_server.trial_runner import Runner
+from app.session_server.trial_runner import TrialRunner
 from core.errors import InputError
 from experiments.protocol import Protocol
 from experiments.session.files import free_participant, kept_sessions, protocols_otherwise
+from experiments.session.journal import BRAKES_ALLOWED, BRAKES_OFF, WINDOW_LOST
 from experiments.session.session import Session
 from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.trial import Trial
 
 DISK_S = 5.0  # between two looks at the disk, while nothing runs
-END_S = 5.0  # longest wait for a trial to end by itself when the conductor ends
+END_S = 5.0  # longest wait for a trial to end by itself when the session server ends
 WAIT_S = 0.01
 
 
-class Desk:
+class State:
     """One data folder, one session at a time, one trial at a time."""
 
     def __init__(self, setup: Setup, protocol: Protocol, ring: Ring, loop: LoopProcess) -> None:
         """protocol: of new sessions. loop: already started."""
         self.setup, self.protocol, self.ring = setup, protocol, ring
-        self.runner = Runner(ring, loop, setup.real_time, setup.link)
-        self.device = Rigging(self.runner.send, protocol) if setup.link else SimulatedDevice(ring, setup.hand)
+        self.runner = TrialRunner(ring, loop, setup.real_time, setup.link)
+        self.device = DeviceSetup(self.runner.send, protocol) if setup.link else SimulatedDevice(ring, setup.hand)
         self.why_off = ""  # cause of the brakes-off, as the journal has it
-        self.presses = 0  # of it, as the windows have been told
+        self.presses = 0  # of the brakes-off, as the window has seen them
         self.broken = ""  # why no more trials can be run
-        self.keeping = Keeping(setup.data_dir, self.runner, self.say)
+        self.storage = Storage(setup.data_dir, self.runner, self.say)
         self._said, self._said_bad = "", False
         self._resumable: tuple[str, ...] = ()
         self._finished: tuple[str, ...] = ()
@@ -66,7 +68,7 @@ class Desk:
             self._next_participant = next(iter(self._resumable), "")
 
     def try_out(self) -> Trial | LinkedTrial:
-        """A practice trial that no session knows of. InputError: the device on the bench is not ready."""
+        """A practice trial outside of any session. InputError: the device on the bench is not ready."""
         linked = self.device.ready_device(self.protocol)
         if linked is None and self.practice.simulation is not None:
             self.device.take_handle(self.practice.simulation)
@@ -83,17 +85,17 @@ class Desk:
             return m.RUNNING
         if self.practice.simulation is None or not self.runner.ready:
             return m.PREPARING
-        return self.device.stage(self.sitting) if self.sitting else m.NO_SESSION
+        return self.device.stage(self.progress) if self.progress else m.NO_SESSION
 
     @property
-    def sitting(self) -> Sitting | None:
+    def progress(self) -> SessionProgress | None:
         """The open session, and where it stands."""
-        return self.keeping.sitting
+        return self.storage.progress
 
     @property
     def session(self) -> Session | None:
         """The open one."""
-        return self.sitting.session if self.sitting else None
+        return self.progress.session if self.progress else None
 
     def opened(self) -> m.Opened:
         """What does not change while a session is open."""
@@ -122,8 +124,8 @@ class Desk:
 
     def snapshot(self) -> m.Snapshot:
         """Everything that a window shows."""
-        stage, sitting, session, run = self.stage, self.sitting, self.session, self.runner.run
-        coming = sitting.coming if sitting else None
+        stage, progress, session, run = self.stage, self.progress, self.session, self.runner.run
+        coming = progress.coming if progress else None
         at = run.planned if run else coming
         return m.Snapshot(
             stage=stage,
@@ -132,21 +134,21 @@ class Desk:
             running=run.planned if run else None,
             practice=session is None or (at is not None and at.block == 0),
             tip=self._tip(),
-            paused=sitting is not None and sitting.paused_s is not None,
+            paused=progress is not None and progress.paused_s is not None,
             blind=session is not None and session.blind,
             checks=(
                 *self.device.checks(self.why_off),
                 self.runner.check,
                 self._disk,
-                check_recording(self.broken, self.keeping.undone, self.keeping.verified, self.keeping.streams),
+                check_recording(self.broken, self.storage.undone, self.storage.verified, self.storage.streams),
             ),
             brakes_off=self.why_off,
-            notes=tuple(sitting.notes) if sitting else (),
+            notes=tuple(progress.notes) if progress else (),
             said=self._said,
             said_bad=self._said_bad,
-            wait_for=self.device.wait_for(sitting) if sitting and stage in (m.RERIG, m.BREAK) else "",
-            wait_s=float(math.ceil(sitting.break_left_s())) if sitting and stage == m.BREAK else 0.0,
-            seconds_left=sitting.seconds_left() if sitting else None,
+            wait_for=self.device.wait_for(progress) if progress and stage in BY_NAME else "",
+            wait_s=float(math.ceil(progress.break_left_s())) if progress and stage == m.BREAK else 0.0,
+            seconds_left=progress.seconds_left() if progress else None,
             resumable=() if session else self._resumable,
             finished=() if session else self._finished,
             otherwise=() if session else self._otherwise,
@@ -162,7 +164,7 @@ class Desk:
         """Where the handle stands; during a trial: where it stood before, m."""
         if self.runner.run is not None:
             return self.runner.run.tip
-        return self.device.tip(self.sitting, self.practice.simulation)
+        return self.device.tip(self.progress, self.practice.simulation)
 
     # ------------------------------------------------------------------------------------- what happens
 
@@ -175,11 +177,14 @@ class Desk:
         self.presses = self.ring.presses
         if (why_off := self.ring.why_off) != self.why_off:
             self.why_off = why_off
-            self.keeping.write("brakes off" if why_off else "brakes allowed", **({"cause": why_off} if why_off else {}))
+            if why_off:
+                self.storage.write(BRAKES_OFF, cause=why_off)
+            else:
+                self.storage.write(BRAKES_ALLOWED)
 
     def window_lost(self) -> None:
         """The window is gone, whatever runs."""
-        self.keeping.write("window lost")
+        self.storage.write(WINDOW_LOST)
 
     def watch(self) -> None:
         """Take in what has happened since the last time."""
@@ -187,27 +192,27 @@ class Desk:
             raise self.practice.failure
         self.look_at_brakes()
         run, lost = self.runner.watch()
-        self.device.hear(self.runner, self.keeping.write, self.say)
+        self.device.hear(self.runner, self.storage.write, self.say)
         if self.runner.ready:
             self.practice.loop_ready.set()
         if lost:
             self._lost(run, lost)
         elif run is not None:
-            self.keeping.keep(run)
+            self.storage.keep(run)
         now = time.monotonic()
         if self.runner.run is None and now - self._looked_s > DISK_S:
             self._looked_s = now
             self._disk, self._free = check_disk(self.setup.data_dir)
         if self.runner.run is None:
-            self.keeping.catch_up()
+            self.storage.catch_up()
 
     def _lost(self, run: TrialRun | None, why: str) -> None:
         """The loop died or hung, perhaps with a trial."""
         self.broken = self.runner.broken
         if run is not None:
-            self.keeping.rescue(run, why)
+            self.storage.rescue(run, why)
         else:
-            self.say(told("", why), bad=True)
+            self.say(with_advice("", why), bad=True)
 
     def end(self, reason: str) -> None:
         """Abort what runs, keep it, let the session go, end the loop."""
@@ -221,5 +226,5 @@ class Desk:
         self.device.close()
         self.runner.close()
         if self.runner.run is not None:
-            self.keeping.rescue(self.runner.run, reason)
-        self.keeping.let_go()
+            self.storage.rescue(self.runner.run, reason)
+        self.storage.let_go()

@@ -7,36 +7,39 @@ recording that is whole but does not become a Parquet file stops nothing: it is 
 import sys
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
-from app.session_server.remedies import told
-from app.session_server.session_progress import Sitting
+from app.session_server.remedies import with_advice
+from app.session_server.session_progress import SessionProgress
 from app.session_server.trial_run import TrialRun
-from app.session_server.trial_runner import Runner
+from app.session_server.trial_runner import TrialRunner
 from core.errors import InputError
 from experiments.analysis.trials_table import SETTLED
 from experiments.recording.reader import STREAM_SUFFIX
 from experiments.session.files import write_pooled_table
+from experiments.session.journal import LOOP_LOST, Event, now
 
 AGAIN_S = 5.0  # between two attempts
 
 
-class Keeping:
-    """The disk's part of the desk, for one session after the other."""
+class Storage:
+    """Brings one session after the other to the disk."""
 
-    def __init__(self, data_dir: Path, runner: Runner, say: Callable[..., None]) -> None:
+    def __init__(self, data_dir: Path, runner: TrialRunner, say: Callable[..., None]) -> None:
         """say: to the experimenter."""
-        self.sitting: Sitting | None = None  # the open session
-        self.undone = ""  # what of it the disk has not taken yet, and why
+        self.progress: SessionProgress | None = None  # the open session
+        self._failed = ""  # what of it the disk has not taken yet ..
+        self.undone = ""  # .. and why
         self.verified = ""  # what was recorded last
         self._data_dir, self._runner, self._say = data_dir, runner, say
-        self._late: list[tuple[str, dict]] = []  # lines of the journal
+        self._late: list[tuple[Event, str, dict]] = []  # lines of the journal
         self._tried_s = time.monotonic()
 
-    def take(self, sitting: Sitting | None) -> None:
+    def take(self, progress: SessionProgress | None) -> None:
         """A session to keep."""
-        self.sitting, self.undone, self.verified, self._late = sitting, "", "", []
+        self.progress, self.verified, self._late = progress, "", []
+        self.undone = self._failed = ""
 
     def leave(self) -> None:
         """The session is closed. OSError, and it stays open: the disk does not take the journal's last lines.
@@ -47,34 +50,35 @@ class Keeping:
         self.let_go()
 
     def let_go(self) -> None:
-        """The session is closed, whatever the disk says: lines that it does not take go to the log of the bench."""
-        if self.sitting is None:
+        """The session is closed, whatever the disk says: lines that it does not take go to the log."""
+        if self.progress is None:
             return
         try:
             self._write_late()
         except OSError as error:
-            for event, about in self._late:
-                print(f"{self.sitting.session.folder}: not in the journal ({error}): {event} {about}", file=sys.stderr)
-        self.sitting.session.close()
+            folder = self.progress.session.folder
+            for event, at, about in self._late:
+                print(f"{folder}: not in the journal ({error}): {at} {event.name} {about}", file=sys.stderr)
+        self.progress.session.close()
         self.take(None)
 
     @property
     def streams(self) -> int:
         """Trials whose recording is whole but no Parquet file yet."""
-        rows = self.sitting.session.rows if self.sitting else []
+        rows = self.progress.session.rows if self.progress else []
         return sum(row.recording.endswith(STREAM_SUFFIX) for row in rows)
 
-    def write(self, event: str, **about: object) -> None:
+    def write(self, event: Event, **about: Any) -> None:
         """A line in the journal of the session, if there is one; never while the control loop waits for us."""
-        if self.sitting is None:
+        if self.progress is None:
             return
-        session, at = self.sitting.session, datetime.now(UTC).isoformat(timespec="milliseconds")
+        session, at = self.progress.session, now()
 
         def put() -> None:
             try:
-                session.journal(event, **about)
+                session.journal(event, time=at, **about)
             except OSError:
-                self._late.append((event, {"time": at, **about}))
+                self._late.append((event, at, about))
                 raise
 
         try:
@@ -88,13 +92,14 @@ class Keeping:
     def _write_late(self) -> None:
         """Lines of the journal that the disk has not taken, with their own times. OSError."""
         while self._late:
-            assert self.sitting is not None
-            event, about = self._late[0]
-            self.sitting.session.journal(event, **about)
+            assert self.progress is not None
+            event, at, about = self._late[0]
+            self.progress.session.journal(event, time=at, **about)
             self._late.pop(0)
 
     def fail(self, what: str, error: Exception) -> None:
         """The disk took no more."""
+        self._failed = what
         reason = (getattr(error, "strerror", None) or str(error)).rstrip(".")
         self.undone = f"{what}: {reason}. What was recorded is kept; it is tried again every {AGAIN_S:.0f} s"
         self._tried_s = time.monotonic()
@@ -102,20 +107,20 @@ class Keeping:
 
     def keep(self, run: TrialRun) -> None:
         """A trial has come to its end."""
-        said = told(run.name, run.trial.outcome()["reason"])
-        if self.sitting is None:
+        said = with_advice(run.name, run.trial.outcome()["reason"])
+        if self.progress is None:
             self._say(said)
             return
         try:
-            row = run.keep(self.sitting.session)
+            row = run.keep(self.progress.session)
             self.verified = run.name.lower() if row.recording else self.verified
-            if row.status == "aborted":  # somebody decided so: the reason alone would not say what became of it
-                said = told(f"{run.name} was aborted", run.trial.outcome()["reason"])
+            if row.status == "aborted":  # the experimenter decided so: their reason alone would not say it
+                said = with_advice(f"{run.name} was aborted", run.trial.outcome()["reason"])
             if row.status == "stopped":
                 said += " It comes again: start it, or skip it." if row.block else " It comes again: start it."
             if row.recording.endswith(STREAM_SUFFIX):
                 said += f" The disk did not take the Parquet file of {run.name.lower()}: its stream is whole."
-            self.sitting.trial_ended()
+            self.progress.trial_ended()
             self.changed(said.strip())
         except (InputError, OSError) as error:
             run.let_go()
@@ -123,24 +128,24 @@ class Keeping:
 
     def rescue(self, run: TrialRun, why: str) -> None:
         """The control loop was lost with a trial."""
-        said = told("", why)
-        if self.sitting is None:
+        said = with_advice("", why)
+        if self.progress is None:
             run.let_go()
             self._say(said, bad=True)
             return
         try:
-            run.rescue(self.sitting.session)
-            self.write("control loop lost", run=run.planned.run, reason=why)
-            self.sitting.last_end_s = None
+            run.rescue(self.progress.session)
+            self.write(LOOP_LOST, run=run.planned.run, reason=why)
+            self.progress.last_end_s = None
             self.changed(f"{said} {run.name} is recovered and its trial comes again.", bad=True)
         except (InputError, OSError) as error:
             self.fail(f"{why}; {run.name.lower()} is not complete", error)
 
     def changed(self, said: str, bad: bool = False) -> None:
         """A row has been added or marked: what comes, the table of all participants, and what to say. OSError."""
-        assert self.sitting is not None
-        self.sitting.look_ahead()
-        self._say(" ".join(filter(None, (said, self.sitting.without_valid_trial()))), bad=bad)
+        assert self.progress is not None
+        self.progress.look_ahead()
+        self._say(" ".join(filter(None, (said, self.progress.without_valid_trial()))), bad=bad)
         try:
             write_pooled_table(self._data_dir)
         except InputError as error:  # another session's table cannot be read: this one goes on
@@ -148,11 +153,11 @@ class Keeping:
 
     def catch_up(self) -> None:
         """What the disk has not taken is tried again, now and then; nothing may be running."""
-        now = time.monotonic()
-        if self.sitting is None or not (self.undone or self.streams) or now - self._tried_s < AGAIN_S:
+        waited_s = time.monotonic() - self._tried_s
+        if self.progress is None or not (self.undone or self.streams) or waited_s < AGAIN_S:
             return
-        self._tried_s = now
-        session, streams = self.sitting.session, self.streams
+        self._tried_s = time.monotonic()
+        session, streams = self.progress.session, self.streams
         there = {row.run for row in session.rows}
         try:
             self._write_late()
@@ -165,6 +170,6 @@ class Keeping:
                     said += " What was cut off comes again."
                 self.changed(" ".join([said, *(f"It cannot be rescued: {one}." for one in left)]), bad=bool(left))
         except (InputError, OSError) as error:
-            self.fail(self.undone.partition(":")[0] or "Streams are still to be converted", error)
+            self.fail(self._failed or "Streams are still to be converted", error)
             return
-        self.undone = ""
+        self.undone = self._failed = ""

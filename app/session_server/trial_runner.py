@@ -19,7 +19,7 @@ HUNG = "the control loop hung and was ended"
 NEVER = f"the control loop cannot be started: it died {MOST_STARTS} times while it was being prepared"
 
 
-class Runner:
+class TrialRunner:
     """One trial at a time, on the loop that lives."""
 
     def __init__(self, ring: Ring, loop: LoopProcess, real_time: bool, port: str = "") -> None:

@@ -5,8 +5,7 @@ import contextlib
 import json
 from pathlib import Path
 
-from app.display import Display
-from app.progress import Progress, announce_first_use
+from app.progress import Display, Progress, announce_first_use
 from app.verbs.common import add_verb, whole_number_of
 from core.errors import InputError
 

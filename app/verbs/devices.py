@@ -23,7 +23,7 @@ def add(verbs) -> None:
 
 
 def devices(args: argparse.Namespace) -> int:
-    from app.attached import about
+    from app.doctor import about
     from hardware.discovery import ask_board, hid_devices, serial_ports
 
     boards = [ask_board(port) for port in args.port]

@@ -32,19 +32,19 @@ def add(verbs) -> None:
 
 
 def doctor(args: argparse.Namespace) -> int:
-    from app.attached import attached_lines
-    from app.doctor import BAD, examine
+    from app.doctor import examine
+    from app.ipc.messages import BAD
 
-    lines = examine(args.data_dir, lambda: attached_lines(args.port))
+    checks = examine(args.data_dir, args.port)
     if args.json:
-        print(json.dumps([line._asdict() for line in lines]))
+        print(json.dumps([dict(zip(("name", "state", "found", "advice"), check, strict=True)) for check in checks]))
     else:
         coloured = sys.stdout.isatty() and "NO_COLOR" not in os.environ
-        width = max(len(line.name) for line in lines)
-        for line in lines:
-            mark, colour = MARKS[line.state]
+        width = max(len(check.name) for check in checks)
+        for check in checks:
+            mark, colour = MARKS[check.state]
             shown = f"\x1b[{colour}m{mark}\x1b[0m" if coloured else mark
-            print(f"{shown}  {line.name:{width}}  {line.found}")
-            if line.advice:
-                print(f"{'':{width + 6}}{line.advice}")
-    return 1 if any(line.state == BAD for line in lines) else 0
+            print(f"{shown}  {check.name:{width}}  {check.text}")
+            if check.advice:
+                print(f"{'':{width + 6}}{check.advice}")
+    return 1 if any(check.state == BAD for check in checks) else 0

@@ -4,8 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from app.display import Display, import_screen
-from app.progress import Progress, announce_first_use
+from app.progress import Display, Progress, announce_first_use, import_screen
 from app.verbs.common import add_verb, print_summary, whole_number_of
 from core.errors import InputError
 

@@ -3,11 +3,9 @@
 import argparse
 import os
 import sys
-import tempfile
 from pathlib import Path
 
-from app.display import Display, import_screen
-from app.progress import announce_first_use
+from app.progress import Display, announce_first_use, import_screen
 from app.verbs.common import add_verb, label, whole_number_of
 from core.errors import InputError
 
@@ -67,7 +65,6 @@ def add(verbs) -> None:
 def run(args: argparse.Namespace) -> int:
     if args.print_plan:
         return print_plan(args)
-    check_writable(args.data_dir)
     link = link_of(args)
     display = Display("open a window on")
     from app.ipc.client import Client
@@ -142,6 +139,7 @@ def protocol_of(args: argparse.Namespace):
 
 def print_plan(args: argparse.Namespace) -> int:
     """Every trial of the participant, for the standard output."""
+    from app.session_server.steps import planned_steps
     from experiments.plan import print_plan
     from experiments.session.files import free_participant
 
@@ -149,7 +147,7 @@ def print_plan(args: argparse.Namespace) -> int:
     participant = args.participant or free_participant(args.data_dir, protocol.participants)
     if args.input != "operator":
         protocol.refuse_stranger(participant)
-    print(print_plan(protocol, participant), end="")
+    print(print_plan(protocol, participant, planned_steps), end="")
     return 0
 
 
@@ -157,15 +155,3 @@ def whole(name_or_path: str) -> str:
     """A file by its whole path, for another process; a shipped name as it is."""
     path = Path(name_or_path)
     return str(path.absolute()) if path.is_file() else name_or_path
-
-
-def check_writable(folder: Path) -> None:
-    """InputError unless files can be made in a folder that need not exist yet; nothing is left there."""
-    place = folder
-    while not place.exists() and place != place.parent:
-        place = place.parent
-    try:
-        with tempfile.TemporaryFile(dir=place) as file:
-            file.write(b"phd")
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written to ({(error.strerror or str(error)).lower()})") from None

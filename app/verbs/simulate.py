@@ -1,6 +1,7 @@
 """`phd simulate`: one scene, no operator."""
 
 import argparse
+import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -42,6 +43,8 @@ def simulate_verb(args: argparse.Namespace) -> int:
     with Progress("simulating") as progress:
         summary = asdict(simulate(scene, args.out, announced, progress))
     summary["wall_s"] -= compiling_s
+    for warning in summary["warnings"]:
+        print(f"warning: {args.scene}: {warning}", file=sys.stderr)
     if args.json:
         told = {"device": scene.device.name, "assumed": scene.device.assumed, "fidelity": scene.fidelity}
         print_summary(told | {"integrator": scene.integrator} | summary | {"compiling_s": compiling_s}, True)

@@ -21,7 +21,7 @@ from app.window.painting import theme
 from app.window.painting.labels import KeyButton, OneLine, breakable, line, word
 from app.window.plan_grid import PlanGrid
 from app.window.preflight import advice
-from app.window.words import cell, minutes, place, why_not
+from app.window.words import cell, minutes, place
 from experiments.analysis.trials_table import COUNTED, SETTLED
 
 WIDTH_PX = 276
@@ -156,7 +156,7 @@ class SessionPanel(QFrame):
         """What happened, and else why no trial can be started, unless the banner says it already."""
         said, bad = snapshot.said, snapshot.said_bad
         if not said and snapshot.stage == m.READY and not advice(snapshot):
-            said = why_not(snapshot)
+            said = snapshot.why_not
         theme.name_anew(self.notice, "bad" if bad else "caution")
         self.notice.setText(breakable(said))
         self.notice.setVisible(bool(said) and snapshot.stage != m.FAILED)  # there a banner says it
@@ -164,7 +164,7 @@ class SessionPanel(QFrame):
     def _allow(self, snapshot: m.Snapshot, trying: bool) -> None:
         ready, runs = snapshot.stage == m.READY, snapshot.stage == m.RUNNING
         another = trying and snapshot.stage == m.NO_SESSION
-        self.start.setEnabled(not why_not(snapshot) and (another or ready and snapshot.coming is not None))
+        self.start.setEnabled(not snapshot.why_not and (another or ready and snapshot.coming is not None))
         self.redo.setEnabled((ready or snapshot.stage == m.FINISHED) and any(map(can_be_redone, snapshot.rows)))
         self.skip.setEnabled(ready and snapshot.coming is not None and not snapshot.practice)
         self.pause.setEnabled(ready or runs)

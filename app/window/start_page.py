@@ -6,7 +6,6 @@ from PySide6.QtWidgets import QCheckBox, QFrame, QHBoxLayout, QLineEdit, QPushBu
 from app.ipc import messages as m
 from app.window.painting import theme
 from app.window.painting.labels import breakable, line, word
-from app.window.words import why_no_session, why_not
 
 CARD_PX = 372
 RESUMABLE_MOST = 4  # shown; the others can be typed
@@ -155,8 +154,8 @@ class StartPage(QWidget):
         self._practice.setVisible(not on_bench)
         self._bench.setVisible(on_bench)
         prepares = snapshot.stage == m.PREPARING
-        self._why = "Preparing …" if prepares else why_no_session(snapshot, on_bench)
-        self._why_no_practice = "Preparing …" if prepares else why_not(snapshot)
+        self._why = "Preparing …" if prepares else snapshot.why_no_session(on_bench)
+        self._why_no_practice = "Preparing …" if prepares else snapshot.why_not
         if snapshot.stage == m.PREPARING:
             self.why.setText("Preparing … on first use this takes about half a minute.")
         else:

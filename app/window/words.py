@@ -72,7 +72,7 @@ def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = Fal
         return said._replace(small=" · ".join(filter(None, (first, said.small))))
     if snapshot.brakes_off:
         return STOPPED
-    blocked = bool(why_not(snapshot))
+    blocked = bool(snapshot.why_not)
     if not snapshot.rows or snapshot.practice:
         small = STOPPED.small if blocked else SPACE_FIRST if own_start else WELCOME.small
         return Said("Practice" if snapshot.practice else WELCOME.large, small)
@@ -89,7 +89,7 @@ def with_keys(said: Said, snapshot: m.Snapshot) -> Said:
 def practised(snapshot: m.Snapshot, own_start: bool = True) -> Said:
     """What is said after a practice trial; of one that was ended early the bench says why."""
     large = STOPPED.large if snapshot.said else ENDINGS["done"]
-    return Said(large, "Space: another one · Esc: back" if own_start and not why_not(snapshot) else "")
+    return Said(large, "Space: another one · Esc: back" if own_start and not snapshot.why_not else "")
 
 
 def after(trial: TrialRow, opened: m.Opened | None, own_start: bool = False, blocked: bool = False) -> Said:
@@ -187,29 +187,6 @@ def size(count: int) -> str:
         if count >= least:
             return f"{count / least:.1f} {unit}"
     return f"{count} bytes"
-
-
-def why_no_session(snapshot: m.Snapshot, on_bench: bool) -> str:
-    """Why no session can be opened now; empty: one can. What is homed and zeroed on the bench belongs to a session."""
-    if on_bench:
-        there = tuple(check for check in snapshot.checks if check.name not in ("Device", "Hand"))
-        snapshot = snapshot._replace(checks=there, brakes_off="")
-    return why_not(snapshot)
-
-
-def why_not(snapshot: m.Snapshot) -> str:
-    """Why no trial can be started now; empty: one can."""
-    if snapshot.stage not in (m.READY, m.NO_SESSION):
-        return "" if snapshot.stage == m.RUNNING else "Not now"
-    if snapshot.brakes_off:
-        return f"Brakes are off: {snapshot.brakes_off}"
-    if snapshot.paused:
-        return "Paused: P resumes"
-    for state in (m.BAD, m.WAITING):
-        for check in snapshot.checks:
-            if check.state == state:
-                return f"{check.name}: {check.text}"
-    return ""
 
 
 def hand_is_mouse(opened: m.Opened | None) -> bool:

@@ -1,7 +1,9 @@
 """The `event` integrator: smooth RK4 between events, each located to rounding, the exact solver after each.
 
 Feasible by construction: after an event the motion is what the stick-slip problem says, with no tolerance and no creep.
-A step with too many events (chatter) or a hand too stiff for RK4 is given to `stepping`, and that is counted.
+A step whose own error estimate is too large is cut: near singular positions, where a lag's time constant changes
+quickly, and where a brake would give energy. Too many events within a short time (chatter) or a hand too stiff for RK4
+are given to `stepping`, and that is counted.
 """
 
 from core.kernel import kernel
@@ -16,11 +18,22 @@ from core.simulator.event_location import (
     locate,
 )
 from core.simulator.hand import changes_by_itself, hand_force
-from core.simulator.runge_kutta import age_yields, begin, rk4
-from core.simulator.solver_numbers import MAX_EVENTS, RATE_ROUNDING, REST_ROUNDING, SHORTEST
+from core.simulator.runge_kutta import age_yields, begin, joint_acceleration, rk4
+from core.simulator.solver_numbers import (
+    FALLBACK_S,
+    FINEST,
+    GIVEN,
+    MAX_EVENTS,
+    RATE_ROUNDING,
+    REST_ROUNDING,
+    REST_SPEED,
+    SHORTEST,
+    STEP_ERROR,
+    YIELD_ERROR,
+)
 from core.simulator.stepping import advance_stepping, stiffer_than
-from core.simulator.stick_slip import STILL, largest_excess, solve_at_rest
-from core.simulator.stick_slip_mode import enter_line, finish, meet, release, set_costs, settle_edges, strike
+from core.simulator.stick_slip import STILL, largest_excess, same_line, solve_at_rest
+from core.simulator.stick_slip_mode import enter_line, finish, meet, release, resolve, set_costs, settle_edges, strike
 
 
 @kernel
@@ -28,14 +41,26 @@ def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged)
     """Move the state from t to t + h (s). Expects the pattern resolved at t; leaves the quantities of t + h."""
     state.steps += 1
     state.settled = 0
-    elapsed, events, longest = 0.0, 0, h
+    elapsed, longest = 0.0, h
+    crowd, since = 0, 0.0  # events of late, and from when on they are counted
     while elapsed < h:
         rest = h - elapsed
-        if events > MAX_EVENTS or stiffer_than(state, hand, rest):
+        step = min(rest, longest)
+        if step > FALLBACK_S and stiffer_than(state, hand, step):
+            longest = max(FALLBACK_S, 0.5 * step)
+            continue
+        if crowd > MAX_EVENTS or stiffer_than(state, hand, step):
             state.fallbacks += 1
-            state.events += events
-            advance_stepping(mechanism, brakes, hand, state, trial, currents, t + elapsed, rest, lagged)
-            return
+            piece = min(rest, FALLBACK_S)
+            advance_stepping(mechanism, brakes, hand, state, trial, currents, t + elapsed, piece, lagged)
+            if piece == rest:
+                return
+            elapsed += piece
+            longest, crowd, since = h, 0, elapsed
+            resolve(mechanism, brakes, hand, state, t + elapsed)
+            continue
+        if elapsed - since > FALLBACK_S:
+            crowd, since = 0, elapsed
         now = t + elapsed
         if state.held == STILL:
             begin(brakes, state, currents, rest, lagged)
@@ -45,34 +70,73 @@ def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged)
             fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
             state.hand_force[0], state.hand_force[1] = fx, fy
             if step < rest:
-                events += 1
+                state.events += 1
+                crowd += 1
                 leave_rest(mechanism, brakes, hand, state, fx, fy)
             continue
-        step = min(rest, longest)
         begin(brakes, state, currents, step, lagged)
         if not rk4(mechanism, brakes, hand, state, trial, now, step, lagged):
             state.shortened += 1
             longest = 0.5 * step
             if longest < SHORTEST:
-                events = MAX_EVENTS + 1
+                crowd = MAX_EVENTS + 1
             continue
+        error = trial.error
+        if lagged != 0:
+            error = max(error, yield_error(brakes, state, trial, step) * (STEP_ERROR / YIELD_ERROR))
+        if not error <= state.tolerance * STEP_ERROR:
+            if step > FINEST:
+                state.refined += 1
+                longest = step * max(0.2, 0.9 * (state.tolerance * STEP_ERROR / error) ** (1.0 / 3.0))
+                continue
+            state.doubtful += 1
         trial.seen = 0
         kind, guess = first_event(mechanism, brakes, state, trial, step, lagged)
         if kind != NONE:
             kind, step = locate(mechanism, brakes, hand, state, trial, now, step, kind, guess, lagged)
+        if min(min(trial.heat[0], trial.heat[1]), min(trial.heat[2], trial.heat[3])) < -GIVEN:
+            if step > FINEST:
+                state.refined += 1
+                longest = 0.5 * step
+                continue
+            state.doubtful += 1
+        if longest < h and 16.0 * error < state.tolerance * STEP_ERROR:
+            longest *= 2.0
         accept(mechanism, brakes, state, trial, step, lagged)
         elapsed = h if step == rest else elapsed + step
         if kind != NONE:
-            events += 1
+            state.events += 1
+            crowd += 1
             happen(mechanism, brakes, hand, state, trial, kind, t + elapsed)
         elif elapsed < h:
             fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], state.tip[2], state.tip[3])
             set_costs(brakes, state)
             finish(mechanism, state, fx, fy, hand.grips[0].mass)
-    state.events += events
     if lagged != 0:
         set_costs(brakes, state)
     state.settled = 0 if state.held == STILL else 1
+
+
+@kernel
+def yield_error(brakes, state, trial, step):
+    """How far the yields at the end of the trial may be off, because each lag's time constant was frozen (N m).
+
+    Estimated from how much the joint's rate changed beside its size, and how far it ended from the prediction that
+    the frozen constant was chosen by.
+    """
+    largest = 0.0
+    for i in range(4):
+        changed = abs(trial.torque_yield[1, i] - state.torque_yield[i])
+        if changed <= state.tolerance * YIELD_ERROR or state.sign[i] == 0.0 or brakes.present[i] == 0.0:
+            continue
+        start, end = state.rate[i], trial.rate[i]
+        if min(abs(start), abs(end)) >= brakes.omega_0[i] and start * end > 0.0:
+            continue
+        predicted = start + joint_acceleration(state, i) * step
+        middle = 0.5 * (abs(start) + abs(end)) + brakes.floor[i]
+        spread, missed = (end - start) / middle, (end - predicted) / middle
+        largest = max(largest, changed * (0.5 * abs(missed) + spread * spread / 12.0))
+    return largest
 
 
 @kernel
@@ -120,7 +184,7 @@ def happen(mechanism, brakes, hand, state, trial, kind, t):
         state.play[i] = brakes.play[i] if state.sign[i] > 0.0 else 0.0
         set_costs(brakes, state)
     at_rest = tip[2] == 0.0 and tip[3] == 0.0
-    if kind == SPEED or at_rest or (kind < SPEED and comes_to_rest(brakes, state)):
+    if kind == SPEED or at_rest or (kind < SPEED and comes_to_rest(mechanism, state)):
         stop_moving(state)
         from_rest(mechanism, state, fx, fy, arm_mass)
     elif kind >= STOP:
@@ -128,25 +192,24 @@ def happen(mechanism, brakes, hand, state, trial, kind, t):
     elif kind == LOOSE_PLUS or kind == LOOSE_MINUS:
         release(mechanism, state, state.held, 1.0 if kind == LOOSE_PLUS else -1.0)
     elif kind < SPEED:
-        if state.held >= 0:
-            state.sign[kind] = -state.sign[kind]  # parallel to the held joint's row for an instant: it passes zero
-        else:
-            meet(mechanism, state, kind, fx, fy, arm_mass)
+        meet(mechanism, state, kind, fx, fy, arm_mass)
     settle_edges(brakes, state)
     finish(mechanism, state, fx, fy, arm_mass)
 
 
 @kernel
-def comes_to_rest(brakes, state):
-    """True where every braked joint's rate is zero to rounding, and there are two at least: the tip is at rest."""
-    resting, moving = 0, 0
-    for i in range(4):
-        if brakes.present[i] > 0.0:
-            if abs(state.rate[i]) <= RATE_ROUNDING:
-                resting += 1
-            else:
-                moving += 1
-    return moving == 0 and resting >= 2
+def comes_to_rest(mechanism, state):
+    """True where two joints that are not on one line have no rate, and not because their rows are parallel just now."""
+    speed = state.tip[2] * state.tip[2] + state.tip[3] * state.tip[3]
+    if speed > REST_SPEED * REST_SPEED:
+        return False
+    for i in range(5):
+        if state.active[i] != 0 and abs(state.rate[i]) <= RATE_ROUNDING:
+            for j in range(i):
+                at_rest = state.active[j] != 0 and abs(state.rate[j]) <= RATE_ROUNDING
+                if at_rest and not same_line(i, j, mechanism.coaxial):
+                    return True
+    return False
 
 
 @kernel

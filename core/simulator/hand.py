@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from core.kernel import kernel
+from core.simulator.solver_numbers import EDGE_S, FORCE_MISSED
 from core.simulator.state import new_record
 
 GRIP = np.dtype(
@@ -91,24 +92,83 @@ def changes_by_itself(hand):
 def prescribed_force(hand, t):
     """The part of the hand force that depends on time alone, (fx, fy) in N."""
     grip = hand.grips[0]
-    n = hand.times.shape[0]
-    if n == 1:
+    if hand.times.shape[0] == 1:
         fx, fy = hand.forces[0, 0], hand.forces[0, 1]
     else:
-        i = grip.cursor
-        while i < n - 2 and hand.times[i + 1] < t:
-            i += 1
-        while i > 0 and hand.times[i] > t:
-            i -= 1
-        grip.cursor = i
-        share = (t - hand.times[i]) / (hand.times[i + 1] - hand.times[i])
-        share = min(max(share, 0.0), 1.0)
-        fx = hand.forces[i, 0] + share * (hand.forces[i + 1, 0] - hand.forces[i, 0])
-        fy = hand.forces[i, 1] + share * (hand.forces[i + 1, 1] - hand.forces[i, 1])
+        fx, fy = table_force(hand, knot_before(hand, t), t)
     if grip.waves == 1:
         fx += grip.wave[0, 0] * math.sin(grip.wave[0, 1] * t + grip.wave[0, 2])
         fy += grip.wave[1, 0] * math.sin(grip.wave[1, 1] * t + grip.wave[1, 2])
     return fx, fy
+
+
+@kernel
+def knot_before(hand, t):
+    """Row of the force table after which time t lies; the table's cursor goes there."""
+    i = hand.grips[0].cursor
+    while i < hand.times.shape[0] - 2 and hand.times[i + 1] < t:
+        i += 1
+    while i > 0 and hand.times[i] > t:
+        i -= 1
+    hand.grips[0].cursor = i
+    return i
+
+
+@kernel
+def table_force(hand, i, t):
+    """Force of the table (fx, fy), N, at time t between its rows i and i + 1; held beyond them."""
+    share = (t - hand.times[i]) / (hand.times[i + 1] - hand.times[i])
+    share = min(max(share, 0.0), 1.0)
+    fx = hand.forces[i, 0] + share * (hand.forces[i + 1, 0] - hand.forces[i, 0])
+    fy = hand.forces[i, 1] + share * (hand.forces[i + 1, 1] - hand.forces[i, 1])
+    return fx, fy
+
+
+@kernel
+def split_at_knots(hand, t, end):
+    """Where a step from t to `end` (s) must end so that it sees the course of the force table; `end` where it does.
+
+    A step evaluates the force at its start, middle and end: it sees a parabola. Where the table leaves that by more
+    than `FORCE_MISSED` allows, at a knot or halfway between two, the step ends at the knot next to the worst place.
+    """
+    n = hand.times.shape[0]
+    if n == 1:
+        return end
+    first = knot_before(hand, t) + 1
+    while first < n and hand.times[first] <= t + EDGE_S:
+        first += 1
+    while first < n and hand.times[first] < end - EDGE_S:
+        until = worst_knot(hand, first, t, end)
+        if until == end:
+            break
+        end = until
+    return end
+
+
+@kernel
+def worst_knot(hand, first, t, end):
+    """The knot between t and `end` (s) next to which the table is furthest off what a step sees; `end`: near enough.
+
+    `first` is the first row inside.
+    """
+    times, n = hand.times, hand.times.shape[0]
+    ax, ay = table_force(hand, first - 1, t)
+    middle = 0.5 * (t + end)
+    mx, my = table_force(hand, knot_before(hand, middle), middle)
+    bx, by = table_force(hand, knot_before(hand, end), end)
+    worst, until = FORCE_MISSED / (end - t), end
+    k, before = first, t
+    while before < end:
+        after = times[k] if k < n and times[k] < end - EDGE_S else end
+        for at in (0.5 * (before + after), after):
+            s = (at - t) / (end - t)
+            fx, fy = table_force(hand, min(k, n - 1) - 1, at)
+            off_x = fx - ax - s * (4.0 * mx - 3.0 * ax - bx + 2.0 * s * (ax + bx - 2.0 * mx))
+            off_y = fy - ay - s * (4.0 * my - 3.0 * ay - by + 2.0 * s * (ay + by - 2.0 * my))
+            if abs(off_x) + abs(off_y) > worst:
+                worst, until = abs(off_x) + abs(off_y), after if after < end else before
+        k, before = k + 1, after
+    return until
 
 
 @kernel

@@ -13,7 +13,7 @@ from core.brake import begin_lag, lagged_yield
 from core.dynamics import motion
 from core.kernel import inlined, kernel
 from core.simulator.hand import grip_force, prescribed_force
-from core.simulator.solver_numbers import REACH
+from core.simulator.solver_numbers import ENERGY_ERROR, LEAST_ENERGY, NEAR_SINGULAR, REACH, STEP_ERROR
 from core.simulator.stick_slip import solve_mass
 from core.simulator.stick_slip_mode import store
 
@@ -34,6 +34,7 @@ TRIAL = np.dtype(
         ("turned", "f8", (4,)),  # rad, how far each joint turned
         ("heat", "f8", (4,)),  # J
         ("work", "f8"),  # J, by the hand
+        ("error", "f8"),  # m/s2, how far the step's last stage was from its end: its error estimate over its length
         ("torque_yield", "f8", (2, 4)),  # N m, at the middle and end of the step (only where there is a lag)
         ("held", "i8"),  # `stepping`: the pattern after the step
         ("sign", "f8", (5,)),
@@ -203,10 +204,10 @@ def rk4(mechanism, brakes, hand, state, trial, t, dt, lagged):
     turned[2], heat[2] = booked(sixth, first[2], middle[2], last[2], rate[2], q2.rate_b, q3.rate_b, q4.rate_b)
     turned[3], heat[3] = booked(sixth, first[3], middle[3], last[3], rate[3], q2.rate_c, q3.rate_c, q4.rate_c)
     trial.middle_torque = 0.5 * (torque2 + torque3)
-    if held >= 0:
-        keep_on_line(mechanism, state, trial, held)
+    put_back = keep_on_line(mechanism, state, trial, held) if held >= 0 else 0.0
     tip = trial.tip
     ax, ay, torque, hx, hy, end = stage(mechanism, grip, held, last, qx, qy, tip[0], tip[1], tip[2], tip[3])
+    trial.error = abs(ax - ax4) + abs(ay - ay4) + (put_back / dt if put_back > 0.0 else 0.0)
     trial.acceleration[0], trial.acceleration[1] = ax, ay
     trial.hand_force[0], trial.hand_force[1] = hx, hy
     trial.line_torque = torque
@@ -218,7 +219,10 @@ def rk4(mechanism, brakes, hand, state, trial, t, dt, lagged):
     least_2 = min(min(abs(q2.s_2), abs(q3.s_2)), min(abs(q4.s_2), abs(end.s_2)))
     if held >= 0:
         trial.rate[held] = 0.0
-    closes = least_1 > limit * m1.length_1 * m1.length_2 and least_2 > limit * m2.length_1 * m2.length_2
+    area_1, area_2 = m1.length_1 * m1.length_2, m2.length_1 * m2.length_2
+    if least_1 < NEAR_SINGULAR * area_1 or least_2 < NEAR_SINGULAR * area_2:
+        trial.error = max(trial.error, energy_error(state, trial) * (STEP_ERROR / ENERGY_ERROR))
+    closes = least_1 > limit * area_1 and least_2 > limit * area_2
     return closes and math.isfinite(tip[0] + tip[1] + tip[2] + tip[3])
 
 
@@ -230,8 +234,21 @@ def booked(sixth, first, middle, last, w1, w2, w3, w4):
 
 
 @kernel
+def energy_error(state, trial):
+    """What the ledger of the trial leaves unexplained, as a share of the energy that changed hands in it."""
+    m, v, n, u = state.mass, state.tip, trial.mass, trial.tip
+    before = 0.5 * (m[0] * v[2] * v[2] + 2.0 * m[1] * v[2] * v[3] + m[2] * v[3] * v[3])
+    after = 0.5 * (n[0] * u[2] * u[2] + 2.0 * n[1] * u[2] * u[3] + n[2] * u[3] * u[3])
+    heat = trial.heat[0] + trial.heat[1] + trial.heat[2] + trial.heat[3]
+    return abs(after - before + heat - trial.work) / (abs(after - before) + abs(heat) + abs(trial.work) + LEAST_ENERGY)
+
+
+@kernel
 def keep_on_line(mechanism, state, at, j):
-    """Put a tip back on the SDOF path of held joint j, position and velocity (removes the method's error only)."""
+    """Put a tip back on the SDOF path of held joint j, position and velocity (removes the method's error only).
+
+    Returns the speed that this took away, m/s.
+    """
     tip = at.tip
     if j < 4 or mechanism.coaxial != 0:
         rx, ry = tip[0] - state.circle[0], tip[1] - state.circle[1]
@@ -243,6 +260,7 @@ def keep_on_line(mechanism, state, at, j):
     along = nx * tip[2] + ny * tip[3]
     tip[2] -= along * nx
     tip[3] -= along * ny
+    return abs(along)
 
 
 @kernel

@@ -14,10 +14,10 @@ from core.brake import torque_gain
 from core.device import Device
 from core.kernel import kernel
 from core.simulator.event import advance_event
-from core.simulator.hand import Hand, new_hand
+from core.simulator.hand import Hand, new_hand, split_at_knots
 from core.simulator.karnopp import advance_karnopp, resolve_in_band
 from core.simulator.runge_kutta import TRIAL
-from core.simulator.solver_numbers import DELTA_OMEGA
+from core.simulator.solver_numbers import ADDED_J, DELTA_OMEGA, EDGE_S, UNEXPLAINED, UNEXPLAINED_J
 from core.simulator.state import new_record, new_state, pack_brakes, pack_mechanism
 from core.simulator.stepping import advance_stepping
 from core.simulator.stick_slip import STILL, same_line
@@ -28,9 +28,6 @@ FIDELITIES = ("ideal", "static", "mr")
 IDEAL, STATIC, MR = range(3)
 INTEGRATORS = ("event", "stepping", "karnopp")
 EVENT, STEPPING, KARNOPP = range(3)
-
-#: s; a schedule row this near to a step's edge is that edge (DESIGN of the scene file)
-EDGE_S = 1e-9
 
 ROW_WIDTH = 10  # t, x, y, vx, vy, torque A, E, B, C, stuck bits
 
@@ -107,7 +104,8 @@ def run_rows(
 ):  # fmt: skip
     """Fill rows (n, ROW_WIDTH) from row `first_row` on, advancing `per_row` steps after each but `last_row`.
 
-    times (m,), values (m, 4): the command schedule; a row inside a step splits it.
+    times (m,), values (m, 4): the command schedule; a row inside a step splits it, and so do the knots of a force
+    table that the step would not see.
     """
     mechanism, brakes, state, trial = mechanisms[0], brake_records[0], states[0], trials[0]
     cursor = 0
@@ -137,9 +135,25 @@ def run_rows(
                 until = end
                 if cursor + 1 < times.shape[0] and times[cursor + 1] < end - EDGE_S:
                     until = times[cursor + 1]
+                until = split_at_knots(hand, t, until)
                 h = step if until == end and t == k * step else until - t
                 advance(mechanism, brakes, hand, state, trial, values[cursor], t, h, fidelity, integrator)
                 t = until
+
+
+def energy_warnings(work_hand: float, heat: float, lost_at_stops: float, kinetic: float, residual: float,
+                    added_by_brakes: float) -> tuple[str, ...]:  # fmt: skip
+    """What an energy ledger (J) says against the motion that it belongs to, a sentence each; none where it agrees."""
+    found = []
+    changed_hands = abs(work_hand) + heat + lost_at_stops + kinetic
+    if not abs(residual) <= UNEXPLAINED * changed_hands + UNEXPLAINED_J:
+        found.append(
+            f"the energy ledger leaves {residual:.2g} J of {changed_hands:.2g} J unexplained: "
+            "the motion may be wrong; choose a smaller step"
+        )
+    if not added_by_brakes <= ADDED_J:
+        found.append(f"a brake added {added_by_brakes:.2g} J within a step, which no brake can; choose a smaller step")
+    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -156,6 +170,19 @@ class Ledger:
     events: int
     fallbacks: int
     shortened: int
+    refined: int
+    doubtful: int
+
+    def warnings(self) -> tuple[str, ...]:
+        """Why the motion so far may be wrong, a sentence each; none where nothing speaks against it."""
+        found = energy_warnings(self.work_hand, sum(self.heat), self.lost_at_stops, self.kinetic, self.residual,
+                                self.added_by_brakes)  # fmt: skip
+        if self.doubtful:
+            found += (
+                f"{self.doubtful} of {self.steps} steps were too coarse and could not be cut further: "
+                "the motion may be wrong from there on",
+            )
+        return found
 
 
 class Simulation:
@@ -171,6 +198,7 @@ class Simulation:
         hand: Hand | None = None,
         backlash: bool = True,
         delta_omega: float = DELTA_OMEGA,
+        tolerance: float = 1.0,
     ):
         self.device = device
         self.fidelity = FIDELITIES.index(fidelity)
@@ -181,6 +209,7 @@ class Simulation:
         self.trial = new_record(TRIAL)
         self.state = new_state(*tip, *velocity)
         self.state["delta_omega"][0] = delta_omega
+        self.state["tolerance"][0] = tolerance
         start(self.mechanism, self.brakes, self.state, self.fidelity)
 
     def rows(self, n: int, step: float, per_row: int, times: np.ndarray, values: np.ndarray,
@@ -203,6 +232,7 @@ class Simulation:
             float(s["work_hand"][0]), tuple(map(float, s["heat"][0])), float(s["lost_at_stops"][0]),
             float(kinetic(s[0])), float(energy_residual(s[0])), float(s["added_by_brakes"][0]),
             int(s["steps"][0]), int(s["events"][0]), int(s["fallbacks"][0]), int(s["shortened"][0]),
+            int(s["refined"][0]), int(s["doubtful"][0]),
         )  # fmt: skip
 
 

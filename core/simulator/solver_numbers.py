@@ -5,11 +5,27 @@ None is tuned to a scene: most say what counts as rounding.
 
 # `event`
 
-#: Events in one step after which its rest is given to `stepping` (chatter). Larger: a Zeno sequence costs more before
-#: it is cut. Smaller: busy but regular steps lose their order.
-MAX_EVENTS = 24
+#: Events within `FALLBACK_S` (s), or a shorter step, after which its rest is given to `stepping` (chatter). Larger: a
+#: Zeno sequence costs more before it is cut. Smaller: busy but regular steps lose their order.
+MAX_EVENTS, FALLBACK_S = 24, 1e-3
 #: s; a step cut below this because the arms do not close is given to `stepping`.
 SHORTEST = 1e-8
+#: m/s2; a step whose last stage differs from its end by more is cut (an embedded third-order estimate, so the step
+#: itself is far better). Larger: errors near singular positions grow. Smaller: quiet steps are cut without need.
+STEP_ERROR = 1e-3
+#: Sine of an elbow below which a step's energy is checked, too: the rates of the joints are there far more sensitive
+#: than the tip's motion. Larger: quiet steps pay for the check. Smaller: the ledger drifts near singular positions.
+NEAR_SINGULAR = 0.1
+#: Share of the energy that changed hands in a step (above `LEAST_ENERGY`, J) that its ledger may leave unexplained.
+#: Larger: energy appears or vanishes near singular positions. Smaller: rounding cuts steps.
+ENERGY_ERROR, LEAST_ENERGY = 1e-4, 1e-6
+#: N m; a step over which the frozen time constant of a brake may misjudge its yield by more is cut. Larger: long steps
+#: lose accuracy where brakes lag and joints reverse. Smaller: quiet steps are cut without need.
+YIELD_ERROR = 5e-3
+#: J; a step in which a brake would give more than this is cut: its joint reversed unseen. Smaller: rounding cuts steps.
+GIVEN = 1e-15
+#: s; no step is cut below this for its error. Larger: errors remain near singular positions. Smaller: they cost more.
+FINEST = 1e-6
 #: N; a hand that pushes a resting tip this little beyond what the brakes hold does not move it yet. Larger: the tip
 #: leaves rest late. Zero: rounding decides whether it has left, and the solver may not agree.
 REST_ROUNDING = 1e-12
@@ -25,11 +41,20 @@ LOCATED = 1e-14
 #: not reach zero sticks the brake.
 GRAZING = 1e-10
 
+#: N s; a step whose evaluations miss the course of the force table by more (force times step) is split at its knots.
+#: Larger: a pulse between two evaluations is overlooked. Smaller: noise in a force file costs steps.
+FORCE_MISSED = 1e-6
+#: s; a schedule row or force knot this near to a step's edge is that edge (DESIGN of the scene file).
+EDGE_S = 1e-9
+
 # The pattern of stick and slip
 
 #: rad/s; a slipping rate this far on the wrong side of zero is rounding left by the location of an event, not motion.
 #: Larger: a real reversal is taken for rounding. Smaller: rounding is taken for a reversal and the brake chatters.
 RATE_ROUNDING = 1e-12
+#: m/s; a tip this slow, two joints of which have no rate, is at rest. Larger: motion is stopped that the brakes cannot
+#: stop. Smaller: rounding keeps a stopped tip moving.
+REST_SPEED = 1e-10
 #: Relative; a hand force this near to the last one is the same, taken at a time that differs by rounding. Larger: a
 #: small change between two calls is overlooked for a step. Smaller: nothing breaks, a pattern is worked out again.
 HAND_ROUNDING = 1e-9
@@ -48,8 +73,13 @@ STIFF = 1.0
 #: m; a step over a longer way is halved until it is shorter, since the mass matrix belongs to a place. Larger: fast
 #: motion gains or loses energy as the mass changes under it. Smaller: fast motion costs more steps.
 LONGEST_WAY = 0.005
+#: Share by which the sine of an elbow may change in a step; over more it is halved. Larger: near singular positions
+#: the mass matrix changes beyond all use within a step. Smaller: motion there costs more steps.
+LARGEST_CHANGE = 0.1
 #: Halvings of one step at most.
-MOST_HALVINGS = 12
+MOST_HALVINGS = 16
+#: Share of the kinetic energy that a step may create by rounding; above it, what was created is taken away.
+CREATED = 1e-9
 #: Sine or rad; a joint this near to its stop touches it. Larger: a joint is held short of its stop. Smaller: rounding
 #: hides that it lies against the stop, and it is struck anew each step.
 TOUCHING = 1e-10
@@ -73,3 +103,11 @@ HELD_ROUNDING = 1e-12
 STOP_STRENGTH = 1e6
 #: relative: a split at the bound of what the joints hold is accepted this far beyond it
 SPLIT_ROUNDING = 1e-9
+
+# What is said about a result
+
+#: Share of the energy that changed hands, and J, that a ledger may leave unexplained without a warning. Larger: wrong
+#: motion passes without a word. Smaller: the error that a first-order integrator has by its nature is warned of.
+UNEXPLAINED, UNEXPLAINED_J = 0.01, 1e-5
+#: J; energy that a brake may seem to add in a step: rounding. Smaller: rounding is warned of.
+ADDED_J = 1e-9

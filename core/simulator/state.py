@@ -23,6 +23,7 @@ STATE = np.dtype(
         ("contact", "f8", (5,)),  # hard stop: -1 at the low one, +1 at the high one, 0 away from both
         ("distal_side", "f8"),  # sign of the sine between the distal links, fixed at the start
         ("delta_omega", "f8"),  # rad/s, band of Eq. (6) (`karnopp` only)
+        ("tolerance", "f8"),  # share of the error bounds in solver_numbers.py that a step must keep (`event`)
         ("torque", "f8", (5,)),  # N m, signed, what each brake does
         ("torque_yield", "f8", (4,)),  # N m, what each brake can hold now (outside the backlash)
         ("edge", "f8", (4,)),  # backlash: +1 at the upper edge of the play, -1 at the lower, 0 inside
@@ -38,6 +39,8 @@ STATE = np.dtype(
         ("events", "i8"),
         ("fallbacks", "i8"),  # steps (or rests of steps) that `event` gave to `stepping`
         ("shortened", "i8"),  # steps cut because a stage left the region where the linkage closes
+        ("refined", "i8"),  # steps cut because their error estimate was too large
+        ("doubtful", "i8"),  # steps taken although their error estimate was too large: they could be cut no further
         # work space of a step
         ("cost_plus", "f8", (5,)),  # N m, what a joint holds against + motion now
         ("cost_minus", "f8", (5,)),  # N m, against - motion
@@ -108,5 +111,6 @@ def new_state(x: float, y: float, vx: float = 0.0, vy: float = 0.0) -> np.recarr
     """A state with the tip at (x, y), m, moving at (vx, vy), m/s; brakes and backlash are set by the simulator."""
     state = new_record(STATE)
     state["tip"][0] = (x, y, vx, vy)
+    state["tolerance"][0] = 1.0
     state["held"][0] = STILL if vx == 0.0 and vy == 0.0 else FREE
     return state

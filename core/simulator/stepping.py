@@ -1,8 +1,9 @@
-"""The `stepping` integrator: one implicit time step over velocities, first order, never fails.
+"""The `stepping` integrator: one implicit time step over velocities, first order.
 
     v+ = argmin 1/2 (v - v_free)' M (v - v_free) + h sum of costs
-with the exact stick-slip solver; a spring-damper hand is taken implicitly, so no stiffness is too large. It serves by
-itself, and as what `event` falls back to.
+with the exact stick-slip solver; a spring-damper hand is taken implicitly, so no stiffness is too large. Near singular
+positions a step is halved while the mass matrix changes much on its way, and may create no energy: so the motion stays
+finite. It serves by itself, and as what `event` falls back to.
 """
 
 import math
@@ -11,7 +12,15 @@ from core.brake import lagged_yield
 from core.kernel import kernel
 from core.simulator.hand import cap_scale, hand_force, spring_force
 from core.simulator.runge_kutta import begin, keep_on_line
-from core.simulator.solver_numbers import LONGEST_WAY, MOST_HALVINGS, STIFF, TOUCHING
+from core.simulator.solver_numbers import (
+    CREATED,
+    LARGEST_CHANGE,
+    LONGEST_WAY,
+    MOST_HALVINGS,
+    NEAR_SINGULAR,
+    STIFF,
+    TOUCHING,
+)
 from core.simulator.stick_slip import STILL, same_line, solve_at_rest
 from core.simulator.stick_slip_mode import enter_line, look, set_costs, strike
 from core.stops import stop_gap
@@ -48,12 +57,39 @@ def advance_stepping(mechanism, brakes, hand, state, trial, currents, t, h, lagg
         step = min(step, h - elapsed)
         begin(brakes, state, currents, step, lagged)
         speed = implicit_velocity(mechanism, brakes, hand, state, trial, t + elapsed, step, lagged)
-        if speed * step > LONGEST_WAY and halvings < MOST_HALVINGS:
+        singular = near_singular(mechanism, state)
+        if halvings < MOST_HALVINGS and (
+            speed * step > LONGEST_WAY
+            or (singular and singularity_change(mechanism, state, trial) * step > LARGEST_CHANGE)
+        ):
             step *= 0.5
             halvings += 1
             continue
+        before = balance(state) if singular else 0.0
         take(mechanism, brakes, hand, state, trial, step, lagged)
+        if singular:
+            create_nothing(state, before)
         elapsed = h if step == h - elapsed else elapsed + step
+
+
+@kernel
+def near_singular(mechanism, state):
+    """True where an elbow is nearly stretched or folded: |g| of its base joint is 1 / (proximal length sine)."""
+    g, l_1, l_2 = state.g, mechanism.arm_1.length_1, mechanism.arm_2.length_1
+    first = l_1 * l_1 * (g[0, 0] * g[0, 0] + g[0, 1] * g[0, 1])
+    second = l_2 * l_2 * (g[2, 0] * g[2, 0] + g[2, 1] * g[2, 1])
+    return max(first, second) * (NEAR_SINGULAR * NEAR_SINGULAR) > 1.0
+
+
+@kernel
+def singularity_change(mechanism, state, trial):
+    """How fast the sine of an elbow changes at the trial's velocity, relative to itself (1/s); the larger."""
+    g, ux, uy = state.g, trial.tip[2], trial.tip[3]
+    e, c = g[1, 0] * ux + g[1, 1] * uy, g[3, 0] * ux + g[3, 1] * uy
+    l_1, l_2 = mechanism.arm_1.length_1, mechanism.arm_2.length_1
+    first = e * e * l_1 * l_1 * (g[0, 0] * g[0, 0] + g[0, 1] * g[0, 1])
+    second = c * c * l_2 * l_2 * (g[2, 0] * g[2, 0] + g[2, 1] * g[2, 1])
+    return math.sqrt(max(first, second))
 
 
 @kernel
@@ -119,6 +155,35 @@ def take(mechanism, brakes, hand, state, trial, h, lagged):
     move(mechanism, state, trial, h, hand.grips[0].mass)
     book(brakes, state, trial, tip[0] - x, tip[1] - y, h)
     look(mechanism, state)
+
+
+@kernel
+def balance(state):
+    """Energy of the device less what the ledger says it was given (J): constant but for the method's error."""
+    m, v, heat = state.mass, state.tip, state.heat
+    kinetic = 0.5 * (m[0] * v[2] * v[2] + 2.0 * m[1] * v[2] * v[3] + m[2] * v[3] * v[3])
+    return kinetic + heat[0] + heat[1] + heat[2] + heat[3] + state.lost_at_stops - state.work_hand
+
+
+@kernel
+def create_nothing(state, before):
+    """Slow a tip that has more energy after a step than the ledger gave it: the mass matrix changed on the way."""
+    created = balance(state) - before
+    if created <= 0.0:
+        return
+    m, v = state.mass, state.tip
+    kinetic = 0.5 * (m[0] * v[2] * v[2] + 2.0 * m[1] * v[2] * v[3] + m[2] * v[3] * v[3])
+    if created <= CREATED * kinetic:
+        return
+    square = 1.0 - created / kinetic if created < kinetic else 0.0
+    scale = math.sqrt(square)
+    for i in range(2):
+        v[2 + i] *= scale
+        state.carry[i] *= scale
+        state.bias_force[i] *= square
+    for j in range(5):
+        state.rate[j] *= scale
+        state.bias[j] *= square
 
 
 @kernel

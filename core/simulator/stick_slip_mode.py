@@ -165,6 +165,10 @@ def meet(mechanism, state, j, fx, fy, arm_mass):
     A soft threshold on its SDOF line; joints on the same line (E and C on coaxial bases) go with it.
     """
     g, mass = state.g, state.mass
+    for i in range(5):
+        if state.active[i] != 0 and abs(state.rate[i]) <= RATE_ROUNDING and not same_line(i, j, mechanism.coaxial):
+            meet_parallel(mechanism, state, j, fx, fy, arm_mass)
+            return
     sx, sy = slipping_force(state, j, mechanism.coaxial)
     torque = holding_torque(
         mass[0] + arm_mass,
@@ -181,12 +185,93 @@ def meet(mechanism, state, j, fx, fy, arm_mass):
         release(mechanism, state, j, 1.0)
     elif torque > minus:
         release(mechanism, state, j, -1.0)
-    elif state.held != j:
+    else:
+        hold(mechanism, state, j)
+
+
+@kernel
+def hold(mechanism, state, j):
+    """Joint j and those on its line stick."""
+    if state.held != j:
         state.held = j
         for i in range(5):
             if same_line(i, j, mechanism.coaxial):
                 state.sign[i] = 0.0
         enter_line(mechanism, state, j)
+
+
+@kernel
+def has_no_rate(mechanism, state, i, j):
+    """True where joint i, on the line of joint j or not, stands while the tip moves."""
+    return state.active[i] != 0 and (
+        same_line(i, j, mechanism.coaxial) or abs(state.rate[i]) <= RATE_ROUNDING
+    )
+
+
+@kernel
+def meet_parallel(mechanism, state, j, fx, fy, arm_mass):
+    """Joint j and another on a different line have no rate while the tip moves: their rows are parallel for an instant.
+
+    With s = g_j . a every such joint k turns at r_k = ratio_k s + gdot_k . v, and the motion is
+        argmin over s of 1/2 (s - s_free)^2 / (g_j . M^-1 g_j) + sum of costs of r_k:
+    convex, with one kink a line. The line whose kink is the minimum sticks; where none is, all slip.
+    """
+    g, bias, mass = state.g, state.bias, state.mass
+    rx, ry = fx - state.bias_force[0], fy - state.bias_force[1]
+    for i in range(4):
+        if not has_no_rate(mechanism, state, i, j):
+            torque = slip_torque(state, i)
+            rx += g[i, 0] * torque
+            ry += g[i, 1] * torque
+    mxx, mxy, myy = mass[0] + arm_mass, mass[1], mass[2] + arm_mass
+    ax, ay = solve_mass(mxx, mxy, myy, rx, ry)
+    hx, hy = solve_mass(mxx, mxy, myy, g[j, 0], g[j, 1])
+    free, compliance = g[j, 0] * ax + g[j, 1] * ay, g[j, 0] * hx + g[j, 1] * hy
+    square = g[j, 0] * g[j, 0] + g[j, 1] * g[j, 1]
+    sticks = FREE
+    for k in range(5):
+        if has_no_rate(mechanism, state, k, j):
+            left, right = slopes_at_kink(mechanism, state, k, j, free, compliance)
+            ratio = (g[k, 0] * g[j, 0] + g[k, 1] * g[j, 1]) / square
+            state.sign[k] = 1.0 if ratio * right < 0.0 else -1.0
+            if left <= 0.0 <= right and sticks == FREE:
+                sticks = k
+    if sticks == FREE:
+        state.held = FREE
+        return
+    s = -bias[sticks] * square / (g[sticks, 0] * g[j, 0] + g[sticks, 1] * g[j, 1])
+    for k in range(5):
+        if has_no_rate(mechanism, state, k, j):
+            if same_line(k, sticks, mechanism.coaxial):
+                state.sign[k] = 0.0
+            else:
+                ratio = (g[k, 0] * g[j, 0] + g[k, 1] * g[j, 1]) / square
+                state.sign[k] = 1.0 if ratio * s + bias[k] > 0.0 else -1.0
+    hold(mechanism, state, sticks)
+
+
+@kernel
+def slopes_at_kink(mechanism, state, k, j, free, compliance):
+    """Slopes of the objective of `meet_parallel` just below and above the s at which joint k has no acceleration."""
+    g, bias = state.g, state.bias
+    square = g[j, 0] * g[j, 0] + g[j, 1] * g[j, 1]
+    s = -bias[k] * square / (g[k, 0] * g[j, 0] + g[k, 1] * g[j, 1])
+    left = right = (s - free) / compliance
+    for i in range(5):
+        if has_no_rate(mechanism, state, i, j):
+            ratio = (g[i, 0] * g[j, 0] + g[i, 1] * g[j, 1]) / square
+            above = ratio * state.cost_plus[i] if ratio > 0.0 else -ratio * state.cost_minus[i]
+            below = -ratio * state.cost_minus[i] if ratio > 0.0 else ratio * state.cost_plus[i]
+            if same_line(i, k, mechanism.coaxial):
+                left += below
+                right += above
+            elif (ratio * s + bias[i]) * ratio > 0.0:
+                left += above
+                right += above
+            else:
+                left += below
+                right += below
+    return left, right
 
 
 @kernel

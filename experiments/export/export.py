@@ -24,7 +24,7 @@ from experiments.recording.atomic_files import refusing
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.session.blind import TELLING
 from experiments.session.files import STORED, TABLE, recordings_in, rows_of
-from experiments.session.journal import journal_summary
+from experiments.session.journal import BEGUN, read_events
 
 FORMS: dict[str, Callable[[Path], "Form"]] = {"bids": BidsDataset, "csv": CsvTables}
 #: What an export shows of a trial while its session is blind.
@@ -114,7 +114,7 @@ class _Session:
             {Path(row.recording).stem: row for row in rows if row.recording},
             tuple(row for row in rows if not row.recording),
             any(isinstance(row.controller, str) for row in rows),
-            {run: str(event.get("time", "")) for run, event in journal_summary(folder).begun.items()},
+            {entry.about["run"]: entry.time for entry in read_events(folder) if entry.event is BEGUN},
             version,
         )
 

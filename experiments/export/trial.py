@@ -14,7 +14,7 @@ from pyarrow.csv import WriteOptions, write_csv
 from experiments.analysis.trials_table import TrialRow
 from experiments.export.columns import NOTES, QUESTIONNAIRE, SCALES, Column
 from experiments.recording.schema import Recording
-from experiments.session.journal import read_events
+from experiments.session.journal import ANSWERS, NOTE, read_events
 
 #: Columns that say what the brakes did, and with it which controller it was.
 _TELLTALE = ("current_", "torque_", "stuck", "decision", "energy_brakes")
@@ -139,15 +139,11 @@ def answers_and_notes(sessions: Iterable[Path]) -> AnswersAndNotes:
     notes: list[Note] = []
     for folder in sessions:
         participant = folder.parent.name.removeprefix("sub-")
-        for event in read_events(folder):
-            match event:
-                case {
-                    "event": "answers", "time": str(at), "configuration": str(configuration), "block": int(block),
-                    "values": dict(values),
-                }:  # fmt: skip
-                    answers.append(Answers(participant, configuration, block, values, at))
-                case {"event": "note", "time": str(at), "text": str(text)}:
-                    notes.append(Note(at, participant, text))
+        for event, at, about in read_events(folder):
+            if event is ANSWERS:
+                answers.append(Answers(participant, about["configuration"], about["block"], about["values"], at))
+            elif event is NOTE:
+                notes.append(Note(at, participant, about["text"]))
     return AnswersAndNotes(tuple(answers), tuple(notes))
 
 

@@ -1,4 +1,9 @@
-"""journal.jsonl of a session: what happened and when, one line an event, never rewritten."""
+"""journal.jsonl of a session: what happened and when, one line an event, never rewritten; and what follows from it.
+
+A recording says how its trial ended and never changes. That a trial was redone afterwards, that one was skipped, and
+whether the key of a blind session was opened for its table, stands in the journal, which is written first. So a table
+that a crash or a bad disk has spoilt can be made again, and `phd analyze` gives the same one.
+"""
 
 import contextlib
 import json
@@ -7,10 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, get_type_hints
 
+from core.device_interface import ZeroRecord
 from experiments.analysis.metrics import NO_METRICS
-from experiments.analysis.trials_table import TrialRow, row_of
+from experiments.analysis.trials_table import COUNTED, TrialRow, row_of
 from experiments.plan import PlannedTrial
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Recording
@@ -19,10 +25,69 @@ from experiments.session.files import CRASHED, planned_fields
 
 NAME = "journal.jsonl"
 
+# ---------------------------------------------------------------------------------------------------------- the events
 
-def write_event(folder: Path, event: str, sync: bool = True, **about: object) -> None:
-    """Append one line; a line that a crash cut off is ended first. OSError, and no half line, on a full disk."""
-    line = json.dumps({"time": datetime.now(UTC).isoformat(timespec="milliseconds"), "event": event, **about})
+
+class Event(NamedTuple):
+    """A kind of event: its name, and what its line says besides the time."""
+
+    name: str
+    fields: dict[str, Any]  # name -> type, or types, as JSON has them
+
+
+_NUMBER, _TEXTS = (int, float), ("recovered", "completed", "rows_added", "rows_changed", "set_aside", "removed")
+_TRIAL = dict(get_type_hints(PlannedTrial))
+
+CREATED = Event("created", {"plan": str})  # hash of the plan
+RESUMED = Event("resumed", {"open": int})  # trials still to come
+PRACTICE_BEGUN = Event("practice begun", _TRIAL)
+PRACTICE_ENDED = Event("practice ended", {"run": int, "status": str, "reason": str, "configuration": str})
+BEGUN = Event("trial begun", _TRIAL)
+ENDED = Event("trial ended", {"run": int, "status": str, "reason": str})
+TRIAL_CUT_OFF = Event("trial cut off", {"run": int, "reason": str})  # of a study whose disk is full
+LEFT_AS_STREAM = Event("left as a stream", {"file": str, "reason": str})
+SKIPPED = Event("skipped", {**_TRIAL, "reason": str})
+REDONE = Event("redone", {"run": int, "reason": str})
+UNBLINDED = Event("unblinded", {"who": str, "key": dict})  # code -> controller
+KEY_OPENED = Event("key opened", {"who": str, "analysis": str})  # for an analysis; the session stays blind
+NOTE = Event("note", {"text": str})
+PAUSED = Event("paused", {})
+RESUMED_AFTER_PAUSE = Event("resumed after a pause", {"seconds": _NUMBER})
+BREAK_ENDED = Event("break ended", {"settled": int})  # trials of the plan
+ANSWERS = Event("answers", {"configuration": str, "block": int, "values": dict})
+RERIGGED = Event("re-rigged", {"configuration": str})
+HOMED = Event("homed", {"tip_m": list, "board": str})
+ZEROED = Event("zero taken", dict.fromkeys(ZeroRecord._fields, list) | {"samples": int})
+BRAKES_OFF = Event("brakes off", {"cause": str})
+BRAKES_ALLOWED = Event("brakes allowed", {})
+LOOP_LOST = Event("control loop lost", {"run": int, "reason": str})
+WINDOW_LOST = Event("window lost", {})
+PUT_IN_ORDER = Event("recovered", dict.fromkeys((*_TEXTS, "not_rescued"), list))
+
+EVENTS = {event.name: event for event in tuple(globals().values()) if isinstance(event, Event)}
+
+
+class Entry(NamedTuple):
+    """A line of the journal."""
+
+    event: Event
+    time: str  # ISO, UTC
+    about: dict[str, Any]  # its fields
+
+
+def now() -> str:
+    """The time of an event that happens now."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def write_event(folder: Path, event: Event, sync: bool = True, time: str = "", **about: object) -> None:
+    """Append one line; a line that a crash cut off is ended first. time: if not now.
+
+    OSError, and no half line, on a full disk. TypeError: the event has other fields.
+    """
+    if about.keys() != event.fields.keys():
+        raise TypeError(f"{event.name}: says {sorted(event.fields)}, not {sorted(about)}")
+    line = json.dumps({"time": time or now(), "event": event.name, **about})
     handle = os.open(folder / NAME, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
     try:
         end = os.lseek(handle, 0, os.SEEK_END)
@@ -45,24 +110,32 @@ def write_event(folder: Path, event: str, sync: bool = True, **about: object) ->
         os.close(handle)
 
 
-def read_events(folder: Path) -> list[dict]:
-    """Every event that can be read, in order; a line that a crash cut off is passed over."""
+def read_events(folder: Path) -> list[Entry]:
+    """Every event that can be read, in order; passed over are a line that a crash cut off and an event that is not
+    declared, or not as it is declared.
+    """
     try:
         lines = (folder / NAME).read_bytes().splitlines()
     except FileNotFoundError:
         return []
-    events = []
+    entries = []
     for line in lines:
         with contextlib.suppress(ValueError):
-            event = json.loads(line)
-            if isinstance(event, dict):
-                events.append(event)
-    return events
+            if (entry := _entry(json.loads(line))) is not None:
+                entries.append(entry)
+    return entries
 
 
-#: Events of the journal.
-BEGUN, ENDED, SKIPPED, REDONE, UNBLINDED = "trial begun", "trial ended", "skipped", "redone", "unblinded"
-PRACTICE_ENDED, KEY_OPENED = "practice ended", "key opened"
+def _entry(line: object) -> Entry | None:
+    if not isinstance(line, dict) or not isinstance(line.get("time"), str):
+        return None
+    event = EVENTS.get(str(line.get("event")))
+    if event is None or not all(name in line and isinstance(line[name], kind) for name, kind in event.fields.items()):
+        return None
+    return Entry(event, line["time"], {name: line[name] for name in event.fields})
+
+
+# ------------------------------------------------------------------------------------- what follows for table and plan
 
 
 @dataclass(frozen=True)
@@ -89,21 +162,17 @@ def journal_summary(session: Path) -> JournalSummary:
     """The summary of a session's journal, as far as it can be read."""
     found = JournalSummary()
     key = None
-    for event in read_events(session):
-        match event:
-            case {"event": "trial begun", "run": int(run)}:
-                found.begun[run] = event
-            case {"event": "skipped", "run": int(run), "block": int(block), "configuration": str(configuration)}:
-                if block:
-                    found.skipped[run] = event
-                else:
-                    found.practised[configuration] = found.practised.get(configuration, 0) + 1
-            case {"event": "redone", "run": int(run), "reason": str(reason)}:
-                found.redone[run] = reason
-            case {"event": "practice ended", "configuration": str(configuration), "status": "done" | "timeout"}:
-                found.practised[configuration] = found.practised.get(configuration, 0) + 1
-            case {"event": "unblinded", "key": dict(opening)}:
-                key = {str(code): int(number) for code, number in opening.items()}
+    for event, _, about in read_events(session):
+        if event is BEGUN:
+            found.begun[about["run"]] = about
+        elif event is SKIPPED and about["block"]:
+            found.skipped[about["run"]] = about
+        elif event is REDONE:
+            found.redone[about["run"]] = about["reason"]
+        elif event is SKIPPED or (event is PRACTICE_ENDED and about["status"] in COUNTED):
+            found.practised[about["configuration"]] = found.practised.get(about["configuration"], 0) + 1
+        elif event is UNBLINDED:
+            key = {str(code): int(number) for code, number in about["key"].items()}
     return replace(found, key=key)
 
 
@@ -135,7 +204,7 @@ def rows_without_recording(session: Path, journal: JournalSummary) -> list[Trial
     rows = [journal.row(unmeasured_row(session, event, "skipped")) for event in journal.skipped.values()]
     for run, event in journal.begun.items():
         lost = any(session.glob(f"trials/run-{run:03d}{STREAM_SUFFIX}.{CRASHED}*"))
-        if lost and "block" in event and not any(session.glob(f"trials/run-{run:03d}.parquet")):
+        if lost and not any(session.glob(f"trials/run-{run:03d}.parquet")):
             rows.append(journal.row(unmeasured_row(session, event, "recovered")))
     return sorted(rows, key=lambda row: row.run)
 

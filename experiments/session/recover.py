@@ -33,6 +33,7 @@ from experiments.session.files import (
     write_pooled_table,
 )
 from experiments.session.journal import (
+    PUT_IN_ORDER,
     JournalSummary,
     journal_summary,
     recorded_row,
@@ -126,7 +127,7 @@ def recover_session(session: Path, sync: bool = True) -> Rescue:
     except InputError as error:
         done.not_rescued.append(seen_from(session, str(error)))
     if done.did_something:
-        write_event(session, RECOVERED, sync, **vars(done))
+        write_event(session, PUT_IN_ORDER, sync, **vars(done))
     return done
 
 

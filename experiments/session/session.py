@@ -57,11 +57,17 @@ from experiments.session.files import (
 )
 from experiments.session.journal import (
     BEGUN,
+    CREATED,
     ENDED,
+    LEFT_AS_STREAM,
+    NOTE,
+    PRACTICE_BEGUN,
     PRACTICE_ENDED,
     REDONE,
+    RESUMED,
     SKIPPED,
     UNBLINDED,
+    Event,
     JournalSummary,
     journal_summary,
     recorded_row,
@@ -133,7 +139,7 @@ class Session:
             text = json.dumps(about, indent=1, sort_keys=True).encode() + b"\n"
             with written_beside(self.folder / STORED, text, sync) as partial:
                 partial.rename(self.folder / STORED)
-            self.journal("created", plan=self.plan_sha256)
+            self.journal(CREATED, plan=self.plan_sha256)
         except BaseException:
             for name in (STORED, KEY, JOURNAL, LOCK):
                 with contextlib.suppress(OSError):  # the first error tells the story
@@ -173,7 +179,7 @@ class Session:
             session._key = read_key(folder, key_sha256) if session.blind else session._summary.key or {}
             session.rows = rows_of(folder)
             if still_open := len(open_trials(session.plan, session.rows)):
-                session.journal("resumed", open=still_open)
+                session.journal(RESUMED, open=still_open)
         except BaseException:
             session.close()
             raise
@@ -278,13 +284,13 @@ class Session:
         """Let other processes have the session."""
         self._lock.release()
 
-    def journal(self, event: str, **about: object) -> None:
-        """Append one line: what happened, and when."""
+    def journal(self, event: Event, **about: Any) -> None:
+        """Append one line: what happened, and when (`time`: if not now)."""
         write_event(self.folder, event, self._sync, **about)
 
     def note(self, text: str) -> None:
         """Keep a remark of the experimenter, with the time."""
-        self.journal("note", text=text)
+        self.journal(NOTE, text=text)
 
     def begin(
         self, planned: PlannedTrial, sensors: Sensors | None = None
@@ -304,7 +310,7 @@ class Session:
         about["plan_sha256"] = self.plan_sha256
         writer = RecordingWriter(name, device.braked, about, sync=self._sync, sensors=sensors)
         try:
-            self.journal("practice begun" if practice else BEGUN, **planned._asdict())
+            self.journal(PRACTICE_BEGUN if practice else BEGUN, **planned._asdict())
         except OSError:
             writer.abandon()
             raise
@@ -329,7 +335,7 @@ class Session:
         except OSError as error:
             if not raw_will_do:
                 raise
-            self.journal("left as a stream", file=path.name, reason=error.strerror or str(error))
+            self.journal(LEFT_AS_STREAM, file=path.name, reason=error.strerror or str(error))
         row = recorded_row(read_recording(path), self.folder, self._summary)
         ended = {"run": row.run, "status": row.status, "reason": outcome["reason"]}
         if trial.planned.block == PRACTICE_BLOCK:

@@ -187,7 +187,8 @@ def _faults_but_header(recording: Recording) -> list[str]:
 
 
 def _check_row(
-    session: Path, recording: Recording, rows: dict[int, TrialRow], journal: JournalSummary, live: bool, found: Findings
+    session: Path, recording: Recording, rows: dict[int, TrialRow], journal: JournalSummary, live: bool,
+    found: Findings,
 ) -> None:
     name = recording.path.relative_to(session).as_posix()
     try:

@@ -4,7 +4,7 @@
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -182,11 +182,22 @@ class Scene:
     schedule: np.ndarray  # (n, 4) yield torque in N m (ideal) or current in A (static, mr)
     force_t: np.ndarray  # (m,) s, rising; linear in between, held beyond the ends (a constant has one knot)
     force: np.ndarray  # (m, 2) N
+    tolerance: float = 1.0  # share of the integrator's own error bounds
 
     @property
     def rows(self) -> int:
         """Rows of the output: the first at t = 0."""
         return self.steps // self.output_every + 1
+
+    def finer(self) -> "Scene":
+        """The same scene for a check of its accuracy: half the step, a tenth of the integrator's error bounds."""
+        return replace(
+            self,
+            step_s=0.5 * self.step_s,
+            steps=2 * self.steps,
+            output_every=2 * self.output_every,
+            tolerance=0.1 * self.tolerance,
+        )
 
     def row_times(self, first: int, count: int) -> np.ndarray:
         """Times (s) of output rows first .. first + count - 1: exact multiples of the interval.

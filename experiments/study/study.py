@@ -17,6 +17,7 @@ from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import is_wrong_path, make_empty_folder
 from experiments.session.files import LOCK, STORED, hold_lock, session_folder, write_pooled_table
+from experiments.session.journal import TRIAL_CUT_OFF
 from experiments.session.session import Session
 from experiments.session.study_file import STUDY, StudyPlan, read_study, refuse_other, write_study
 from experiments.trial.population import Population
@@ -124,7 +125,7 @@ class _Run:
             if is_wrong_path(error):
                 raise
             with contextlib.suppress(OSError):
-                session.journal("trial cut off", run=planned.run, reason=error.strerror or str(error))
+                session.journal(TRIAL_CUT_OFF, run=planned.run, reason=error.strerror or str(error))
             raise OSError(
                 error.errno,
                 f"{error.strerror or error}, so the study stopped in run {planned.run} of participant "

@@ -16,7 +16,7 @@ from experiments.recording.reader import read_recording
 from experiments.session import session as sessions
 from experiments.session.blind import new_key, read_key
 from experiments.session.files import cell, read_stored, write_pooled_table
-from experiments.session.journal import read_events
+from experiments.session.journal import KEY_OPENED, UNBLINDED, read_events
 from experiments.session.recover import recover
 from experiments.session.session import Session
 from experiments.session.verify import verify
@@ -70,8 +70,8 @@ def test_nothing_but_the_key_tells_a_controller(data):
             about = read_recording(of(data) / row.recording).metadata
             assert about["controller"] == row.controller and "preset" not in about
             assert row.path_error_m is not None
-    for event in read_events(of(data)):
-        assert event.get("controller", "K1") in CODES and "key" not in event
+    for entry in read_events(of(data)):
+        assert entry.about.get("controller", "K1") in CODES and "key" not in entry.about
     others = {name: text for name, text in files(data).items() if not name.endswith("key.json")}
     salt = json.loads((of(data) / "key.json").read_text())["salt"]
     assert not any(salt.encode() in text for text in others.values())
@@ -107,7 +107,7 @@ def test_unblinded_every_table_names_the_controllers_and_has_all_measures(data):
         assert (now.switches_per_s is not None) == bool(now.recording)
         if now.recording and now.controller != 3:  # with a gap, a trial that stayed in it has none either
             assert (now.unreachable_share is not None) == (now.controller != 1)
-    opened = [event for event in read_events(session.folder) if event["event"] == "unblinded"]
+    opened = [entry.about for entry in read_events(session.folder) if entry.event is UNBLINDED]
     assert [(event["who"], event["key"]) for event in opened] == [("Dr Weiss", key)]
     run_trials(session, 1)  # and it goes on, in the open
     assert read_recording(session.folder / session.rows[-1].recording).metadata["preset"]["kind"]
@@ -125,7 +125,7 @@ def test_nobody_unnamed_opens_the_key(data):
     session = Session.resume(data, "01", sync=False)
     with pytest.raises(InputError, match="who"):
         session.unblind(" ")
-    assert session.blind and not any(event["event"] == "unblinded" for event in read_events(session.folder))
+    assert session.blind and not any(entry.event is UNBLINDED for entry in read_events(session.folder))
     session.close()
 
 
@@ -184,7 +184,7 @@ def test_analysis_that_opens_the_key_says_who_did_it_and_leaves_the_tables_coded
     coded_rows, rows = read_table(data / "trials.csv"), read_table(tmp_path / "out" / "trials.csv")
     assert [row.controller for row in rows] == [key[row.controller] for row in coded_rows]
     assert all(row.switches_per_s is not None for row in rows if row.recording)
-    opened = [event for event in read_events(of(data)) if event["event"] == "key opened"]
+    opened = [entry.about for entry in read_events(of(data)) if entry.event is KEY_OPENED]
     assert len(opened) == 1 and opened[0]["who"] and opened[0]["analysis"] == str(tmp_path / "out")
     assert all(path.read_bytes() == content for path, content in tables)
     assert verify(data)["faults"] == []

@@ -12,9 +12,9 @@ from types import SimpleNamespace
 import pytest
 
 from app import doctor
-from app.attached import hid_lines, port_lines
 from app.cli import main
-from app.doctor import CAUTION, GOOD, UDEV_RULE
+from app.doctor import UDEV_RULE, hid_checks, port_checks
+from app.ipc.messages import CAUTION, GOOD
 from core.errors import InputError
 from hardware import discovery
 
@@ -51,7 +51,7 @@ def test_nothing_attached_is_said_plainly_and_no_failure(nothing, capsys: pytest
     assert said(capsys) == (0, "nothing attached\n")
     code, out = said(capsys, "--json")
     assert code == 0 and json.loads(out) == {"ports": [], "boards": [], "hands": []}
-    assert [line.state for line in (*port_lines([]), *hid_lines())] == [GOOD, GOOD]
+    assert [line.state for line in (*port_checks([]), *hid_checks())] == [GOOD, GOOD]
 
 
 def test_what_is_attached_has_a_line_each_with_its_identity(nothing, capsys: pytest.CaptureFixture) -> None:
@@ -64,18 +64,18 @@ def test_what_is_attached_has_a_line_each_with_its_identity(nothing, capsys: pyt
 
 
 def test_rights_that_are_missing_come_with_what_to_type(nothing, tmp_path: Path) -> None:
-    (line,) = port_lines([discovery.SerialPort("/dev/ttyACM9", "16c0:0483", "123", "USB Serial", False)])
+    (line,) = port_checks([discovery.SerialPort("/dev/ttyACM9", "16c0:0483", "123", "USB Serial", False)])
     assert line.state == CAUTION and (sys.platform != "linux" or "usermod -aG dialout" in line.advice)
-    nothing.setattr("app.attached.hid_devices", lambda: [discovery.HidDevice("/dev/hidraw7", "046d:c626", "S", False)])
-    (line,) = hid_lines()
+    nothing.setattr("app.doctor.hid_devices", lambda: [discovery.HidDevice("/dev/hidraw7", "046d:c626", "S", False)])
+    (line,) = hid_checks()
     assert line.state == CAUTION and UDEV_RULE in line.advice
 
     def broken():
         raise InputError("six-axis devices cannot be read: no library")
 
-    nothing.setattr("app.attached.hid_devices", broken)
-    (line,) = hid_lines()
-    assert line.state == CAUTION and "no library" in line.found
+    nothing.setattr("app.doctor.hid_devices", broken)
+    (line,) = hid_checks()
+    assert line.state == CAUTION and "no library" in line.text
 
 
 def test_a_dead_port_says_that_no_board_answers(nothing, dead_port: str, capsys: pytest.CaptureFixture) -> None:
@@ -84,14 +84,19 @@ def test_a_dead_port_says_that_no_board_answers(nothing, dead_port: str, capsys:
     assert code == 1 and out.splitlines() == [f"board           {dead_port}  no board answers there"]
 
 
+def at_ports(_folder: Path, ports: list[str]) -> list:
+    """What the doctor says of boards alone."""
+    return [doctor.board_check(discovery.ask_board(port)) for port in ports]
+
+
 def test_the_doctor_says_what_to_do_about_a_port_at_which_nobody_is(
     nothing, dead_port: str, capsys: pytest.CaptureFixture
 ) -> None:
     nothing.setattr(discovery, "HELLO_S", 0.3)
-    nothing.setattr(doctor, "examine", lambda folder, attached: attached())
+    nothing.setattr(doctor, "examine", at_ports)
     assert main(["doctor", "--port", dead_port]) == 1
     out = capsys.readouterr().out
-    assert f"NO  board   {dead_port}: no board answers there\n" in out and "has the board power" in out
+    assert f"NO  board  {dead_port}: no board answers there\n" in out and "has the board power" in out
 
 
 @pytest.mark.parametrize(("what", "says"), [("file", "it is no serial port"), ("folder", "is a directory")])
@@ -105,7 +110,7 @@ def test_what_is_no_port_says_so(nothing, what: str, says: str, tmp_path: Path, 
 def test_a_port_that_is_not_there_is_one_sentence(
     verb: str, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(doctor, "examine", lambda folder, attached: attached())
+    monkeypatch.setattr(doctor, "examine", at_ports)
     assert main([verb, "--port", "/dev/none"]) == 2
     out, err = capsys.readouterr()
     assert (out, err) == ("", "phd: serial port /dev/none: no such file or directory\n")
@@ -142,7 +147,7 @@ def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
         code, out = said(capsys, "--port", port)
         wire.close()
         assert code == 1 and out == f"board           {port}  another program is using it\n"
-        monkeypatch.setattr(doctor, "examine", lambda folder, attached: attached())
+        monkeypatch.setattr(doctor, "examine", at_ports)
         assert main(["doctor", "--port", port]) == 0
         assert "ok  board" in (looked := capsys.readouterr().out) and "EMULATED-9, wired to three-brake" in looked
     finally:

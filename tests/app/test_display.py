@@ -5,14 +5,14 @@ from pathlib import Path
 import pytest
 from sessions import session_of
 
-from app import display
+from app import progress
 from app.cli import main
 
 
 @pytest.fixture
 def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(display.sys, "platform", "linux")
-    for name in display.PLACES:
+    monkeypatch.setattr(progress.sys, "platform", "linux")
+    for name in progress.PLACES:
         monkeypatch.delenv(name, raising=False)
 
 
@@ -33,6 +33,6 @@ def test_a_library_that_the_windows_need_and_the_system_lacks_is_one_sentence(mo
     def missing(name: str):
         raise ImportError("libEGL.so.1: cannot open shared object file")
 
-    monkeypatch.setattr(display, "import_module", missing)
-    with pytest.raises(display.InputError, match=r"a system library is missing: libEGL"):
-        display.import_screen("windows")
+    monkeypatch.setattr(progress, "import_module", missing)
+    with pytest.raises(progress.InputError, match=r"a system library is missing: libEGL"):
+        progress.import_screen("windows")

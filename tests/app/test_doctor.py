@@ -9,24 +9,26 @@ import pytest
 
 from app import doctor
 from app.cli import main
-from app.doctor import BAD, CAUTION, GOOD, Line
+from app.ipc.messages import BAD, CAUTION, GOOD, Check
+from app.session_server import preflight
 
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Without the looks that take a process of their own."""
-    monkeypatch.setattr(doctor, "screens", lambda: [Line("screen", GOOD, "one")])
-    monkeypatch.setattr(doctor, "scheduling", lambda: Line("scheduling", GOOD, "real-time"))
-    monkeypatch.setattr("app.attached.attached_lines", lambda ports: [Line("serial", GOOD, "nothing attached")])
-    monkeypatch.setattr(doctor, "libraries", lambda: Line("libraries", GOOD, "all there"))
+    monkeypatch.setattr(doctor, "screens", lambda: [Check("screen", GOOD, "one")])
+    monkeypatch.setattr(doctor, "scheduling", lambda: Check("scheduling", GOOD, "real-time"))
+    monkeypatch.setattr(doctor, "serial_ports", list)
+    monkeypatch.setattr(doctor, "hid_checks", list)
+    monkeypatch.setattr(doctor, "libraries", lambda: Check("libraries", GOOD, "all there"))
     return monkeypatch
 
 
 def test_a_machine_that_is_fit_gives_0_and_one_that_is_not_1(quick, tmp_path: Path, capsys) -> None:
     assert main(["doctor", "--data-dir", str(tmp_path), "--json"]) == 0
     lines = json.loads(capsys.readouterr().out)
-    assert {line["name"] for line in lines} >= {"libraries", "screen", "scheduling", "cores", "disk", "kernels"}
-    quick.setattr(doctor, "scheduling", lambda: Line("scheduling", BAD, "could not be tried", "Reinstall."))
+    assert {line["name"] for line in lines} >= {"libraries", "screen", "scheduling", "cores", "Disk", "kernels"}
+    quick.setattr(doctor, "scheduling", lambda: Check("scheduling", BAD, "could not be tried", "Reinstall."))
     assert main(["doctor", "--data-dir", str(tmp_path)]) == 1
     out = capsys.readouterr().out
     assert "NO  scheduling" in out and "Reinstall." in out
@@ -34,24 +36,27 @@ def test_a_machine_that_is_fit_gives_0_and_one_that_is_not_1(quick, tmp_path: Pa
 
 
 def test_a_folder_that_does_not_exist_is_judged_by_where_it_would_be_and_not_made(tmp_path: Path) -> None:
-    line = doctor.disk(tmp_path / "not" / "yet")
-    assert line.state in (GOOD, CAUTION, BAD) and "GB free" in line.found
+    line = doctor.check_disk(tmp_path / "not" / "yet", sync=True)[0]
+    assert line.state in (GOOD, CAUTION, BAD) and "GB free" in line.text
     assert not (tmp_path / "not").exists()
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="to root every folder is open")
 def test_a_folder_that_may_not_be_written_to_is_bad(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
-    assert doctor.disk(tmp_path).state == BAD
+    assert doctor.check_disk(tmp_path, sync=True)[0].state == BAD
     tmp_path.chmod(0o700)
 
 
 def test_a_full_or_slow_disk_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(doctor, "LEAST_FREE_BYTES", 10**18)
-    assert doctor.disk(tmp_path).state == BAD and "Free at least" in doctor.disk(tmp_path).advice
-    monkeypatch.setattr(doctor, "LEAST_FREE_BYTES", 0)
-    monkeypatch.setattr(doctor, "SLOW_SYNC_S", -1.0)
-    assert doctor.disk(tmp_path).state == CAUTION and "local disk" in doctor.disk(tmp_path).advice
+    monkeypatch.setattr(preflight, "TOO_LOW", 10**18)
+    full = doctor.check_disk(tmp_path, sync=True)[0]
+    assert full.state == BAD and "Make room" in full.advice
+    monkeypatch.setattr(preflight, "TOO_LOW", 0)
+    monkeypatch.setattr(preflight, "LOW", 0)
+    monkeypatch.setattr(preflight, "SLOW_SYNC_S", -1.0)
+    slow = doctor.check_disk(tmp_path, sync=True)[0]
+    assert slow.state == CAUTION and "local disk" in slow.advice
 
 
 @pytest.mark.parametrize(
@@ -68,7 +73,7 @@ def test_a_library_that_is_missing_or_another_than_asked_for_is_named(
 ) -> None:
     monkeypatch.setattr(importlib.metadata, "requires", lambda name: needs)
     line = doctor.libraries()
-    assert line.state == state and says in line.found and bool(line.advice) == (state == BAD)
+    assert line.state == state and says in line.text and bool(line.advice) == (state == BAD)
 
 
 @pytest.mark.parametrize(

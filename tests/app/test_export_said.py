@@ -119,8 +119,7 @@ def test_where_nothing_was_said_nothing_is_written(silent, tmp_path):
 
 
 def test_the_live_bench_writes_what_the_export_reads(tmp_path):
-    from app.session_server.session_progress import ANSWERS, NOTE
-    from experiments.session.journal import write_event
+    from experiments.session.journal import ANSWERS, NOTE, write_event
 
     home = tmp_path / "sub-07" / "ses-01"
     home.mkdir(parents=True)

@@ -25,7 +25,7 @@ from app.ipc.messages import Setup
 from core import tick_log
 from experiments.recording.reader import read_recording
 from experiments.session.files import cell
-from experiments.session.journal import read_events
+from experiments.session.journal import ENDED, WINDOW_LOST, read_events
 from experiments.session.verify import verify
 
 CURRENTS = slice(tick_log.CURRENT, tick_log.CURRENT + 4)
@@ -144,10 +144,8 @@ def test_a_window_that_is_killed_changes_nothing_in_its_trial_and_the_next_one_g
     wait_until(lambda: all(map(gone, pids)))
     kept = read_recording(trial(setup, run))
     assert kept.whole and kept.outcome["status"] in ("done", "timeout") and kept.outcome["timing"]["lost"] == 0
-    assert [event["event"] for event in read_events(setup.data_dir / "sub-01" / "ses-01")][-2:] == [
-        "window lost",
-        "trial ended",
-    ]
+    entries = read_events(setup.data_dir / "sub-01" / "ses-01")
+    assert [entry.event for entry in entries[-2:]] == [WINDOW_LOST, ENDED]
     with window(setup) as opened:
         began = time.monotonic()
         snapshot = opened.until(lambda s: s.resumable)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from app.display import LEAST_ROOM, Display
+from app.progress import LEAST_ROOM, Display
 from app.window.painting.palette import DARK, LIGHT, PALETTES, Palette, contrast
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -14,7 +14,7 @@ from app.cli import main
 from app.ipc import messages as m
 from app.ipc.messages import Linked
 from app.session_server.preflight import check_linked, check_loop, check_sensor
-from app.session_server.storage import Keeping
+from app.session_server.storage import Storage
 from app.verbs.common import in_words, print_summary
 from app.window import words
 from app.window.painting import theme
@@ -138,7 +138,7 @@ def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(
     monkeypatch.setattr("app.session_server.storage.write_pooled_table", lambda folder: None)
     heard: list[str] = []
     row = replace(result(PLAN[0], status), block=block)
-    keeping = Keeping(tmp_path, SimpleNamespace(run=None), lambda text, bad=False: heard.append(text))
+    keeping = Storage(tmp_path, SimpleNamespace(run=None), lambda text, bad=False: heard.append(text))
     keeping.sitting = SimpleNamespace(
         session=None, trial_ended=lambda: None, look_ahead=lambda: None, without_valid_trial=lambda: ""
     )

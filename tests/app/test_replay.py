@@ -113,6 +113,7 @@ def test_a_replayed_force_is_the_recorded_force_at_every_tick_whatever_it_moves(
 
 def test_a_hand_without_a_recorded_target_is_replayed_by_its_force(data, monkeypatch):
     monkeypatch.setattr("experiments.study.replay.WITH_TARGET", ())
+    monkeypatch.setattr("experiments.study.replay.has_arm", lambda _: False)
     path = recordings(data)[0]
     assert replay(path)["hand"] == "force"
     assert main(["replay", str(path), "--hand", "target"]) == 2

@@ -22,7 +22,7 @@ from experiments.session.files import (
     rows_of,
     write_pooled_table,
 )
-from experiments.session.journal import read_events
+from experiments.session.journal import NOTE, REDONE, read_events
 from experiments.session.recover import recover
 from experiments.session.session import Session
 from experiments.session.verify import verify
@@ -75,7 +75,7 @@ def test_a_redone_trial_is_run_again_next_under_the_next_free_number_and_its_rec
     assert rows_of(session.folder) == session.rows and statuses(session) == [(1, "done"), (2, "redone"), (3, "done")]
     run_trials(session, 1)
     assert session.next_planned() == session.plan[3] and second.read_bytes() == content
-    redone = [event for event in read_events(session.folder) if event["event"] == "redone"]
+    redone = [entry.about for entry in read_events(session.folder) if entry.event is REDONE]
     assert [(event["run"], event["reason"]) for event in redone] == [(2, "bumped the table")]
     session.redo(21, "again")
     assert session.next_planned().run == 22
@@ -183,8 +183,8 @@ def test_a_table_that_hides_a_redo_or_makes_up_a_skip_is_named(data):
 
 
 def test_a_note_stands_in_the_journal_with_its_time(data):
-    noted = [event for event in read_events(of(data)) if event["event"] == "note"]
-    assert [event["text"] for event in noted] == ["asked to move a little slower"] and noted[0]["time"] > "2020"
+    (noted,) = (entry for entry in read_events(of(data)) if entry.event is NOTE)
+    assert noted.about == {"text": "asked to move a little slower"} and noted.time > "2020"
 
 
 def practising(tmp_path, **values):

@@ -102,7 +102,7 @@ def trials_open(folder: Path) -> int:
 
 def trials_s(folder: Path) -> float:
     """How long the trials of a study took, from the first to the last."""
-    first, last = (datetime.fromisoformat(read_events(folder / "sub-01" / "ses-01")[k]["time"]) for k in (0, -1))
+    first, last = (datetime.fromisoformat(read_events(folder / "sub-01" / "ses-01")[k].time) for k in (0, -1))
     return (last - first).total_seconds()
 
 

@@ -83,7 +83,8 @@ def push_through_a_trial(session):
     tip, rows = trial.simulation.state["tip"][0], np.empty((1, tick_log.WIDTH))
     while not trial.finished:
         x, y = (trial.path.x0, trial.path.y0) if trial.phase in ("approach", "hold") else (trial.path.x1, trial.path.y1)
-        grip["held"][0] = np.clip(300.0 * (np.array((x, y)) - tip[:2]) - 20.0 * tip[2:], -15.0, 15.0)
+        grip["held"][0] = np.clip(3000.0 * (np.array((x, y)) - tip[:2]) - 80.0 * tip[2:], -15.0, 15.0)
+        assert trial.ticks < 20_000
         writer.write(rows[: trial.run(rows)])
     session.finish(trial, writer)
 

@@ -1,7 +1,9 @@
 """`phd simulate`: rows in the file are the simulator's rows, and a run that does not end leaves no file."""
 
 import io
+import json
 import resource
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.cli import main
 from core.errors import InputError
 from experiments.simulate import simulate as simulate_module
 from experiments.simulate.scene import Scene, read_scene
@@ -34,6 +37,9 @@ class Ramp:
     def __init__(self, scene, fails_after: int | None = None, error: BaseException | None = None) -> None:
         self.done, self.fails_after, self.error = 0, fails_after, error
         self.events, self.fallbacks = 3, 1
+
+    def warnings(self) -> tuple[str, ...]:
+        return ()
 
     def run_chunk(self, rows: int) -> np.ndarray:
         if self.error and self.fails_after is not None and self.done >= self.fails_after:
@@ -140,3 +146,20 @@ def test_a_scene_runs_the_same_in_one_piece_and_in_many(scene, tmp_path: Path, m
     monkeypatch.setattr(simulate_module, "CHUNK_ROWS", 7)
     simulate(s, tmp_path / "many.csv")
     assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "many.csv").read_bytes()
+
+
+def test_a_result_that_half_the_step_contradicts_carries_a_warning(scene, tmp_path: Path, capsys):
+    """First order at 20 ms is off by millimetres and says so, in the summary, on stderr and in --json."""
+    s = scene("integrator = 'stepping'\n[force]\nconstant_N = [20.0, 5.0]\n", 0.4)
+    coarse = replace(s, step_s=0.02, steps=20, output_every=1, output_interval_s=0.02)
+    found = simulate(coarse, tmp_path / "coarse.csv")
+    assert found.half_step_differs_m > 1e-3
+    assert any("half the step" in sentence for sentence in found.warnings)
+    fine = simulate(replace(s, integrator="event"), tmp_path / "fine.csv")
+    assert fine.half_step_differs_m < 1e-8 and fine.warnings == ()
+    path = tmp_path / "scene.toml"
+    path.write_text(path.read_text().replace("step_s = 1e-3", "step_s = 0.02"))
+    assert main(["simulate", str(path), "--out", str(tmp_path / "verb.csv"), "--json"]) == 0
+    said = capsys.readouterr()
+    assert said.err.startswith("warning: ")
+    assert len(json.loads(said.out)["warnings"]) >= 1

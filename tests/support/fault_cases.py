@@ -18,7 +18,7 @@ from app.ipc.ring import Ring
 from app.loop import board_loop
 from app.loop.board_loop import BoardLoop
 from app.session_server.preflight import check_linked
-from app.session_server.remedies import remedy, told
+from app.session_server.remedies import remedy, with_advice
 from app.session_server.trial_run import LinkedRun
 from app.session_server.trial_runner import DIED
 from core import tick_log
@@ -255,7 +255,7 @@ class Case:
             self.words = lost(self.run.name)
             return
         self.run.ended(LinkedDone(self.running), "")
-        self.words = told(self.run.name, self.running.outcome()["reason"])
+        self.words = with_advice(self.run.name, self.running.outcome()["reason"])
         self.row = self.run.keep(session)
 
     @property

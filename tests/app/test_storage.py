@@ -13,15 +13,15 @@ from protocols import PAPER, changed, protocol_of, short
 from sessions import new_session, run, run_trials
 
 from app.ipc.messages import BAD, BREAK, CAUTION, READY
-from app.session_server import session_progress as sitting_module
-from app.session_server import storage as keeping_module
+from app.session_server import session_progress as progress_module
+from app.session_server import storage as storage_module
 from app.session_server.preflight import check_recording
-from app.session_server.session_progress import BREAK_ENDED, Sitting
-from app.session_server.storage import Keeping
+from app.session_server.session_progress import SessionProgress
+from app.session_server.storage import Storage
 from experiments.recording.reader import read_recording
 from experiments.session import journal
 from experiments.session.files import cell, rows_of
-from experiments.session.journal import read_events
+from experiments.session.journal import ANSWERS, BREAK_ENDED, NOTE, read_events
 from experiments.session.recover import recover
 from experiments.session.session import Session
 from experiments.session.verify import verify
@@ -66,11 +66,11 @@ def said() -> list[tuple[str, bool]]:
 
 
 @pytest.fixture
-def desk(session: Session, said, monkeypatch: pytest.MonkeyPatch) -> Keeping:
-    monkeypatch.setattr(keeping_module, "AGAIN_S", 0.0)
-    desk = Keeping(session.data_dir, Idle(), lambda sentence, bad=False: said.append((sentence, bad)))
-    desk.take(Sitting(session))
-    return desk
+def storage(session: Session, said, monkeypatch: pytest.MonkeyPatch) -> Storage:
+    monkeypatch.setattr(storage_module, "AGAIN_S", 0.0)
+    storage = Storage(session.data_dir, Idle(), lambda sentence, bad=False: said.append((sentence, bad)))
+    storage.take(SessionProgress(session))
+    return storage
 
 
 def full(*_args, **_more):
@@ -84,68 +84,69 @@ def in_order(session: Session) -> None:
     assert verify(session.data_dir)["faults"] == []
 
 
-def test_a_stream_that_does_not_become_parquet_is_the_recording_until_it_does(desk, session, said, monkeypatch):
+def test_a_stream_that_does_not_become_parquet_is_the_recording_until_it_does(storage, session, said, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("experiments.recording.writer.written_beside", full)
-        desk.keep(Ended(session))
+        storage.keep(Ended(session))
         assert [(row.status, row.recording) for row in session.rows] == [("done", "trials/run-001.arrows")]
-        assert not desk.undone and desk.streams == 1 and "its stream is whole" in said[-1][0]
-        assert check_recording("", desk.undone, desk.verified, desk.streams).state == CAUTION
-        assert desk.sitting.coming == session.plan[1]  # the session goes on
-        desk.catch_up()
-        assert desk.streams == 1
+        assert not storage.undone and storage.streams == 1 and "its stream is whole" in said[-1][0]
+        assert check_recording("", storage.undone, storage.verified, storage.streams).state == CAUTION
+        assert storage.progress.coming == session.plan[1]  # the session goes on
+        storage.catch_up()
+        assert storage.streams == 1
     kept = read_recording(session.folder / "trials" / "run-001.arrows")
-    desk.catch_up()
-    assert desk.streams == 0 and [row.recording for row in session.rows] == ["trials/run-001.parquet"]
+    storage.catch_up()
+    assert storage.streams == 0 and [row.recording for row in session.rows] == ["trials/run-001.parquet"]
     assert read_recording(session.folder / "trials" / "run-001.parquet").rows == kept.rows
-    assert not desk.undone and check_recording("", desk.undone, "", desk.streams).state not in (BAD, CAUTION)
+    assert not storage.undone and check_recording("", storage.undone, "", storage.streams).state not in (BAD, CAUTION)
     in_order(session)
 
 
-def test_lines_that_the_disk_did_not_take_are_written_before_a_session_is_left_or_it_is_not(desk, session, monkeypatch):
+def test_lines_that_the_disk_did_not_take_are_written_before_a_session_is_left(storage, session, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("experiments.session.session.write_event", full)
-        desk.write("answers", configuration="three-brake", block=1, values={"effort": 70})
+        storage.write(ANSWERS, configuration="three-brake", block=1, values={"effort": 70})
         with pytest.raises(OSError, match="No space left"):
-            desk.leave()
-        assert desk.sitting is not None
-    desk.leave()
-    assert desk.sitting is None
-    assert [event["values"] for event in read_events(session.folder) if event["event"] == "answers"] == [{"effort": 70}]
+            storage.leave()
+        assert storage.progress is not None
+    storage.leave()
+    assert storage.progress is None
+    (said,) = (entry for entry in read_events(session.folder) if entry.event is ANSWERS)
+    assert said.about["values"] == {"effort": 70}
 
 
-def test_lines_that_the_disk_never_takes_are_in_the_log(desk, session, monkeypatch, capsys):
+def test_lines_that_the_disk_never_takes_are_in_the_log(storage, session, monkeypatch, capsys):
     monkeypatch.setattr("experiments.session.session.write_event", full)
-    desk.write("note", text="the lamp flickers")
-    desk.let_go()
-    assert desk.sitting is None and "the lamp flickers" in capsys.readouterr().err
+    storage.write(NOTE, text="the lamp flickers")
+    storage.let_go()
+    assert storage.progress is None and "the lamp flickers" in capsys.readouterr().err
 
 
-def test_what_was_left_as_a_stream_is_converted_by_recover(desk, session, monkeypatch):
+def test_what_was_left_as_a_stream_is_converted_by_recover(storage, session, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("experiments.recording.writer.written_beside", full)
-        desk.keep(Ended(session))
+        storage.keep(Ended(session))
     session.close()
     assert recover(session.data_dir)["faults"] == []
     assert [row.recording for row in rows_of(session.folder)] == ["trials/run-001.parquet"]
 
 
-def test_a_table_that_the_disk_does_not_take_stops_the_next_trial_until_it_does(desk, session, said, monkeypatch):
+def test_a_table_that_the_disk_does_not_take_stops_the_next_trial_until_it_does(storage, session, said, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("experiments.analysis.trials_table.written_beside", full)
-        desk.keep(Ended(session))
-        assert session.rows == [] and "Run 1 is not complete: No space left" in desk.undone and said[-1][1]
-        assert check_recording("", desk.undone, "", 0).state == BAD
-        desk.catch_up()
-        assert desk.undone and session.rows == []
-    desk.catch_up()
-    assert not desk.undone and [row.status for row in session.rows] == ["done"] and "run 1 is done" in said[-1][0]
-    assert desk.sitting.coming == session.plan[1]
+        storage.keep(Ended(session))
+        assert session.rows == [] and "Run 1 is not complete: No space left" in storage.undone and said[-1][1]
+        assert check_recording("", storage.undone, "", 0).state == BAD
+        storage.catch_up()
+        assert storage.undone and session.rows == []
+    storage.catch_up()
+    assert not storage.undone and [row.status for row in session.rows] == ["done"] and "run 1 is done" in said[-1][0]
+    assert storage.progress.coming == session.plan[1]
     in_order(session)
 
 
 @pytest.mark.parametrize("room", range(0, 6000, 450))
-def test_wherever_a_disk_takes_no_more_the_trial_has_its_row_when_it_does_again(desk, session, monkeypatch, room):
+def test_wherever_a_disk_takes_no_more_the_trial_has_its_row_when_it_does_again(storage, session, monkeypatch, room):
     """room: bytes that journal, tables and recording may still have."""
     left, write = [room], os.write
     ended = Ended(session)
@@ -159,67 +160,67 @@ def test_wherever_a_disk_takes_no_more_the_trial_has_its_row_when_it_does_again(
     with monkeypatch.context() as patch:
         patch.setattr(journal.os, "write", until_full)
         patch.setattr("experiments.recording.writer.written_beside", full)
-        desk.keep(ended)
-        desk.write("somebody coughed")
-    desk.catch_up()
-    assert not desk.undone and desk.streams == 0
+        storage.keep(ended)
+        storage.write(NOTE, text="somebody coughed")
+    storage.catch_up()
+    assert not storage.undone and storage.streams == 0
     (row,) = session.rows
     assert row.status in ("done", "recovered") and read_recording(session.folder / row.recording).whole
-    assert [e["event"] for e in read_events(session.folder)].count("somebody coughed") == 1
-    assert (desk.sitting.coming == session.plan[1]) == (row.status == "done")
+    assert [entry.event for entry in read_events(session.folder)].count(NOTE) == 1
+    assert (storage.progress.coming == session.plan[1]) == (row.status == "done")
     in_order(session)
 
 
-def test_a_line_of_the_journal_that_came_too_late_has_the_time_of_what_happened(desk, session, monkeypatch):
+def test_a_line_of_the_journal_that_came_too_late_has_the_time_of_what_happened(storage, session, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(journal.os, "write", full)
-        desk.write("note", text="one")
-        desk.write("note", text="two")
-    session.journal("later")
-    desk.catch_up()
-    events = {event.get("text", event["event"]): event["time"] for event in read_events(session.folder)}
+        storage.write(NOTE, text="one")
+        storage.write(NOTE, text="two")
+    session.note("later")
+    storage.catch_up()
+    events = {entry.about.get("text"): entry.time for entry in read_events(session.folder)}
     assert events["one"] <= events["two"] <= events["later"]
 
 
-def test_a_table_changed_by_hand_is_set_aside_and_made_again(desk, session):
+def test_a_table_changed_by_hand_is_set_aside_and_made_again(storage, session):
     run_trials(session, 1)
     table = session.folder / "trials.csv"
     by_hand = table.read_bytes().replace(b"\n", b"\r\n")
     table.write_bytes(by_hand)
-    desk.keep(Ended(session))
-    assert desk.undone
-    desk.catch_up()
-    assert not desk.undone and [row.status for row in session.rows] == ["done", "done"]
+    storage.keep(Ended(session))
+    assert storage.undone
+    storage.catch_up()
+    assert not storage.undone and [row.status for row in session.rows] == ["done", "done"]
     assert (session.folder / "trials.csv.damaged").read_bytes() == by_hand
     in_order(session)
 
 
-def test_what_nobody_decided_to_end_comes_again_and_what_somebody_did_does_not(desk, session, said):
-    desk.keep(Ended(session, ticks=200))
+def test_what_nobody_decided_to_end_comes_again_and_what_somebody_did_does_not(storage, session, said):
+    storage.keep(Ended(session, ticks=200))
     (row,) = session.rows
     assert row.status == "stopped" and "the lamp fell down" in said[-1][0] and "comes again" in said[-1][0]
     assert read_recording(session.folder / row.recording).outcome["status"] == "stopped"
-    again = desk.sitting.coming
+    again = storage.progress.coming
     assert cell(again) == cell(row) and again.run != row.run
     ended = Ended(session, ticks=200)
     ended.cut_short = False
-    desk.keep(ended)
-    assert session.rows[-1].status == "aborted" and cell(desk.sitting.coming) == cell(session.plan[1])
+    storage.keep(ended)
+    assert session.rows[-1].status == "aborted" and cell(storage.progress.coming) == cell(session.plan[1])
     in_order(session)
 
 
-def test_the_end_of_the_plan_names_the_trials_without_a_result(desk, session, said):
+def test_the_end_of_the_plan_names_the_trials_without_a_result(storage, session, said):
     run_trials(session, len(session.plan) - 2)
     ended = Ended(session, ticks=200)
     ended.cut_short = False
-    desk.keep(ended)
-    assert desk.sitting.without_valid_trial() == ""
+    storage.keep(ended)
+    assert storage.progress.without_valid_trial() == ""
     session.skip("short of time")
-    desk.changed("")
+    storage.changed("")
     last = len(session.plan)
     assert f"2 of its {last} trials have no result: {last - 1} (aborted), {last} (skipped)" in said[-1][0]
     session.redo(session.rows[-2].run, "there is time")
-    desk.keep(Ended(session))
+    storage.keep(Ended(session))
     assert f"1 of its {last} trials have no result: {last} (skipped)" in said[-1][0]
 
 
@@ -236,13 +237,13 @@ def rested(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
             self.session = new_session(tmp_path / "data", protocol=protocol_of(text))
             self.session.close()
 
-        def open(self) -> Sitting:
+        def open(self) -> SessionProgress:
             self.session.close()
             self.session = Session.resume(tmp_path / "data", "01", sync=False)
-            return Sitting(self.session)
+            return SessionProgress(self.session)
 
         def later(self, seconds: float) -> None:
-            monkeypatch.setattr(sitting_module, "datetime", shifted(seconds))
+            monkeypatch.setattr(progress_module, "datetime", shifted(seconds))
 
     again = Again()
     yield again
@@ -261,14 +262,14 @@ def shifted(seconds: float) -> type:
 
 
 def test_a_break_is_gone_on_with_when_the_bench_had_to_be_started_again(rested):
-    sitting = rested.open()
-    assert sitting.stage == READY
+    progress = rested.open()
+    assert progress.stage == READY
     run_trials(rested.session, 1)
-    sitting = rested.open()
-    assert sitting.stage == BREAK and 400.0 < sitting.break_left_s() <= 600.0
+    progress = rested.open()
+    assert progress.stage == BREAK and 400.0 < progress.break_left_s() <= 600.0
     rested.later(450.0)
-    sitting = rested.open()
-    assert sitting.stage == BREAK and 0.0 < sitting.break_left_s() <= 150.0
+    progress = rested.open()
+    assert progress.stage == BREAK and 0.0 < progress.break_left_s() <= 150.0
     rested.later(-3600.0)  # somebody set the clock: the whole break, not an hour of it
     assert 400.0 < rested.open().break_left_s() <= 600.0
 
@@ -283,8 +284,8 @@ def test_a_break_that_passed_while_the_session_was_closed_is_not_asked_for(reste
 def test_a_break_that_was_ended_is_not_asked_for_again(rested):
     rested.open()
     run_trials(rested.session, 1)
-    sitting = rested.open()
-    assert sitting.stage == BREAK
+    progress = rested.open()
+    assert progress.stage == BREAK
     rested.session.journal(BREAK_ENDED, settled=rested.session.settled)
     assert rested.open().stage == READY
     run_trials(rested.session, 1)

@@ -1,0 +1,200 @@
+"""Never silently wrong: whatever the step, a result is right to a millimetre or carries a warning."""
+
+import math
+
+import numpy as np
+import pytest
+from devices import BRAKE_TEXT, THREE
+
+from core.device import Device, build_device
+from core.simulator.hand import new_hand
+from core.simulator.simulation import Ledger, Simulation
+
+STEPS = (1e-3, 5e-3, 2e-2)
+#: m; beyond it a result must carry a warning
+WRONG = 1e-3
+
+ONE_ABOVE_THE_OTHER = """
+name = "one base above the other"
+[geometry]
+base_A_m = [0.02893, -0.09505]
+base_B_m = [0.02499, -0.04198]
+L_AE_m = 0.16949
+L_ED_m = 0.35255
+L_BC_m = 0.32173
+L_CD_m = 0.37413
+elbows = "left"
+[mass]
+AE = {mass_kg = 0.259, com_m = 0.002, inertia_kg_m2 = 1.36e-3}
+ED = {mass_kg = 1.030, com_m = 0.108, inertia_kg_m2 = 2.13e-2}
+BC = {mass_kg = 0.307, com_m = 0.281, inertia_kg_m2 = 0.0}
+CD = {mass_kg = 0.0143, com_m = 0.030, inertia_kg_m2 = 1.48e-4}
+tip_kg = 0.31
+rotor_inertia_kg_m2 = 0.001
+[limits]
+margin = 0.05
+[brakes]
+A = "test-brake"
+E = "test-brake"
+C = "test-brake"
+"""
+
+
+def five_bar(rng: np.random.Generator, coaxial: bool, margin: float, braked: str) -> Device:
+    """A random device; with `coaxial` both arms turn about one point."""
+    base = rng.uniform(-0.05, 0.05, 2)
+    other = base if coaxial else base + rng.uniform(0.05, 0.15, 2) * (1.0, 0.3)
+    lengths = rng.uniform(0.2, 0.4, 4)
+    text = f"""
+name = "random"
+[geometry]
+base_A_m = [{base[0]}, {base[1]}]
+base_B_m = [{other[0]}, {other[1]}]
+L_AE_m = {lengths[0]}
+L_ED_m = {lengths[1]}
+L_BC_m = {lengths[2]}
+L_CD_m = {lengths[3]}
+elbows = "out"
+[mass]
+{chr(10).join(f"{link} = {{mass_kg = {rng.uniform(0.05, 0.6)}}}" for link in ("AE", "ED", "BC", "CD"))}
+tip_kg = {rng.uniform(0.1, 0.6)}
+[limits]
+margin = {margin}
+[brakes]
+{chr(10).join(f'{joint} = "test-brake"' for joint in braked)}
+"""
+    return build_device(text, {"test-brake": BRAKE_TEXT}, "random")
+
+
+def free_place(device: Device, rng: np.random.Generator) -> tuple[float, float]:
+    """A tip position clear of all stops."""
+    from core.workspace import tip_is_free
+
+    while True:
+        x, y = rng.uniform((-0.5, 0.05), (0.5, 0.65))
+        if tip_is_free(device.mechanism, x, y):
+            return float(x), float(y)
+
+
+def tips_every_20_ms(simulation: Simulation, duration: float, step: float, torques) -> np.ndarray:
+    """Tip positions (n, 2) every 20 ms."""
+    n = round(duration / 0.02)
+    rows = simulation.rows(n + 1, step, round(0.02 / step), np.zeros(1), np.array([torques], dtype=float), 0, n)
+    return rows[:, 1:3]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_coaxial_device_held_at_its_elbows_swings_about_its_base_without_loss(seed):
+    """E and C on one axis rest together: that is no rest. Distance from the base and speed stay what they are."""
+    rng = np.random.default_rng(seed)
+    device = five_bar(rng, True, 0.05, "EC")
+    x, y = free_place(device, rng)
+    base = np.array([device.mechanism.arm_1.base_x, device.mechanism.arm_1.base_y])
+    out = np.array([x, y]) - base
+    radius = float(np.linalg.norm(out))
+    tangent = np.array([-out[1], out[0]]) / radius
+    v = tangent * 0.4 + out / radius * rng.uniform(-0.5, 0.5)
+    simulation = Simulation(device, (x, y), (v[0], v[1]), "ideal", "event")
+    rows = simulation.run(0.4, 1e-3, (0.0, 3.0, 0.0, 3.0))
+    held = rows[rows[:, 9] == 2 + 8]
+    assert len(held) > 50, "the elbows come to rest"
+    radii = np.hypot(*(held[:, 1:3] - base).T)
+    speeds = np.hypot(*held[:, 3:5].T)
+    assert np.ptp(radii) < 1e-12 and np.ptp(speeds) < 1e-9
+    assert speeds[-1] > 0.1
+    assert abs(simulation.ledger().residual) < 1e-8
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_on_coaxial_bases_event_and_stepping_agree(seed):
+    rng = np.random.default_rng(seed)
+    device = five_bar(rng, True, 0.05, "EC")
+    start, v = free_place(device, rng), rng.uniform(-0.5, 0.5, 2)
+    event, stepping = (
+        tips_every_20_ms(Simulation(device, start, (v[0], v[1]), "ideal", kind), 0.3, step, (0.0, 0.6, 0.0, 0.6))
+        for kind, step in (("event", 1e-3), ("stepping", 1e-5))
+    )
+    assert np.abs(event - stepping).max() < 1e-4
+
+
+def test_where_two_rows_are_parallel_for_an_instant_the_error_falls_with_the_step():
+    """The held joint hands over to another there: the exact solver says so, without chatter and without a fallback."""
+    device = build_device(ONE_ABOVE_THE_OTHER, {"test-brake": BRAKE_TEXT}, "test")
+    hand = new_hand(forces=np.array([[-15.678, -0.861]]))
+
+    def run(step: float) -> tuple[np.ndarray, Ledger]:
+        simulation = Simulation(device, (0.10172, 0.35704), (-0.24103, 0.00037), "ideal", "event", hand)
+        return tips_every_20_ms(simulation, 0.4, step, (2.5, 2.5, 0.0, 2.5)), simulation.ledger()
+
+    reference, _ = run(1e-5)
+    errors = []
+    for step in (2e-2, 4e-3, 1e-3, 1e-4):
+        tips, ledger = run(step)
+        errors.append(np.abs(tips - reference).max())
+        assert ledger.fallbacks == 0 and not ledger.warnings()
+    assert all(fine <= max(coarse, 1e-9) for coarse, fine in zip(errors[:-1], errors[1:], strict=True)), errors
+    assert errors[-1] < 1e-9
+
+
+@pytest.mark.parametrize("fidelity", ["ideal", "static", "mr"])
+@pytest.mark.parametrize("seed", range(6))
+def test_near_singular_positions_no_step_is_wrong_without_a_word_and_no_brake_gives_energy(fidelity, seed):
+    rng = np.random.default_rng(100 + seed)
+    braked = ("AEB", "EC", "AC", "AEBC")[seed % 4]
+    device = five_bar(rng, seed % 3 == 0, 0.02, braked)
+    start = free_place(device, rng)
+    times = np.arange(0.0, 0.41, 0.00787)
+    hand = new_hand(times, rng.uniform(-30.0, 30.0, (len(times), 2)))
+    top = 3.0 if fidelity == "ideal" else 1.0
+    commands = [rng.uniform(0.0, top) * (joint in braked) for joint in "AEBC"]
+
+    def run(step: float, tolerance: float = 1.0) -> tuple[np.ndarray, Ledger]:
+        simulation = Simulation(device, start, (0.0, 0.0), fidelity, "event", hand, tolerance=tolerance)
+        return tips_every_20_ms(simulation, 0.4, step, commands), simulation.ledger()
+
+    reference, _ = run(1e-4, 0.01)
+    for step in STEPS:
+        tips, ledger = run(step)
+        assert ledger.added_by_brakes <= 1e-15
+        assert np.abs(tips - reference).max() < WRONG or ledger.warnings()
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_a_pulse_of_force_between_two_steps_is_felt(step):
+    """0.2 ms of up to 4000 N inside one step: the same motion whatever the step."""
+    times = np.array([0.0, 0.1004, 0.1005, 0.1006, 0.2])
+    forces = np.array([[0, 0], [0, 0], [4000, 0], [0, 0], [0, 0]], dtype=float)
+    tips = [
+        tips_every_20_ms(Simulation(THREE.device, (0.05, 0.4), hand=new_hand(times, forces)), 0.2, h, [2.3] * 3 + [0])
+        for h in (step, 1e-5)
+    ]
+    assert np.abs(tips[1][-1] - (0.05, 0.40)).max() > 1e-3
+    assert np.abs(tips[0] - tips[1]).max() < 1e-6
+
+
+def test_a_force_table_on_the_steps_or_coarser_splits_none():
+    times = np.arange(0.0, 1.01, 5e-3)
+    hand = new_hand(times, np.stack([10 * np.sin(9 * times), 8 * np.cos(7 * times)], axis=1))
+    simulation = Simulation(THREE.device, (0.05, 0.40), hand=hand)
+    simulation.run(1.0, 1e-3, (0.3, 0.3, 0.3, 0.0))
+    assert simulation.ledger().steps == 1000
+
+
+@pytest.mark.parametrize("step", [1e-3, 1e-2, 2e-2])
+@pytest.mark.parametrize("seed", range(4))
+def test_stepping_stays_finite_near_singular_positions(seed, step):
+    rng = np.random.default_rng(seed)
+    device = five_bar(rng, False, 0.005, "AEBC")
+    times = np.arange(0.0, 1.01, 0.03)
+    hand = new_hand(times, rng.uniform(-100.0, 100.0, (len(times), 2)))
+    simulation = Simulation(device, free_place(device, rng), (0.0, 0.0), "static", "stepping", hand)
+    tips = tips_every_20_ms(simulation, 1.0, step, (0.5, 0.0, 0.0, 0.3))
+    assert np.all(np.isfinite(tips)) and math.isfinite(simulation.ledger().residual)
+
+
+def test_energy_that_karnopp_creates_is_warned_of():
+    """A strong brake at a coarse step is thrown across the whole band, back and forth."""
+    simulation = Simulation(THREE.device, (0.05, 0.40), (0.3, 0.1), "ideal", "karnopp")
+    simulation.run(0.2, 5e-3, (5.6, 5.6, 5.6, 0.0))
+    ledger = simulation.ledger()
+    assert ledger.residual > 0.01 and ledger.warnings()
