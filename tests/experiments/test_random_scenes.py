@@ -1,0 +1,79 @@
+"""Never silently wrong: random devices and scenes at steps of 0.1 to 20 ms beside an independent reference.
+
+Margins down to 0.02, all three fidelities, any brakes, stops, forces and starts (`random_scenes`); the stored tips come
+from `scene_reference`, which shares nothing with the simulator. A longer run, for developers:
+`python tests/benchmarks/random_scene_check.py 1000 3000`; `--store` makes the stored tips anew.
+"""
+
+import pytest
+from random_scenes import random_scene
+from scene_outcomes import Outcome, known_scenes, outcomes, stored_references
+
+#: Of the right results at steps up to 2 ms, the share that may carry a warning: who is always warned reads none.
+FALSE_ALARMS, FINE_STEP_S = 0.02, 2e-3
+#: s; steps at which integrators of first order are wrong often enough.
+COARSE_STEPS_S = (1e-3, 2e-2)
+#: J, and share of the energy turned over; a brake may seem to add so much: rounding.
+ROUNDING_J, ROUNDING = 1e-12, 1e-12
+
+
+@pytest.fixture(scope="module")
+def random_outcomes() -> list[Outcome]:
+    """Every stored seed at every step."""
+    stored = stored_references()
+    return [one for seed, tips in stored.items() for one in outcomes(f"seed {seed}", *random_scene(seed), tips)]
+
+
+@pytest.fixture(scope="module")
+def known_outcomes() -> list[Outcome]:
+    """Every scene that a version got wrong, at every step."""
+    return [one for name, scene in known_scenes().items() for one in outcomes(name, *scene)]
+
+
+@pytest.fixture(params=["random_outcomes", "known_outcomes"])
+def found(request: pytest.FixtureRequest) -> list[Outcome]:
+    """Both sets, one after the other."""
+    return request.getfixturevalue(request.param)
+
+
+def listed(outcomes_of_a_fault: list[Outcome]) -> str:
+    """One line each."""
+    return "\n".join(map(str, outcomes_of_a_fault))
+
+
+def test_no_result_is_off_by_more_than_a_millimetre_without_a_warning(found: list[Outcome]):
+    silent = [one for one in found if one.silent]
+    assert not silent, listed(silent)
+
+
+def test_no_ledger_contradicts_the_motion_without_a_warning(found: list[Outcome]):
+    contradicted = [one for one in found if one.unexplained and not one.warnings]
+    assert not contradicted, listed(contradicted)
+
+
+def test_brakes_add_no_energy(found: list[Outcome]):
+    adding = [one for one in found if one.added_by_brakes_J > ROUNDING_J + ROUNDING * one.turnover_J]
+    assert not adding, listed(adding)
+
+
+def test_no_motion_leaves_the_finite_numbers(found: list[Outcome]):
+    endless = [one for one in found if not one.off_m < float("inf")]
+    assert not endless, listed(endless)
+
+
+def test_a_right_result_at_a_fine_step_is_rarely_warned_of(random_outcomes: list[Outcome]):
+    fine = [one for one in random_outcomes if one.step_s <= FINE_STEP_S]
+    alarms = [one for one in fine if one.false_alarm]
+    assert len(alarms) <= FALSE_ALARMS * len(fine), listed(alarms)
+
+
+@pytest.mark.parametrize("integrator", ["stepping", "karnopp"])
+def test_no_other_integrator_is_wrong_without_a_warning(integrator: str):
+    few = {f"seed {seed}": (*random_scene(seed), tips) for seed, tips in list(stored_references().items())[:10]}
+    silent = [
+        one
+        for name, scene in (few | known_scenes()).items()
+        for one in outcomes(name, *scene, COARSE_STEPS_S, integrator)
+        if one.silent
+    ]
+    assert not silent, listed(silent)

@@ -1,0 +1,124 @@
+"""What the simulator makes of a random scene, beside the independent reference."""
+
+import json
+import math
+import tempfile
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from random_scenes import INTERVAL_S, STEPS, random_scene, write_scene
+from scene_reference import Reference, solve_scene
+
+from core.brake_file import SHIPPED_FOLDER
+from experiments.simulate.scene import read_scene
+from experiments.simulate.simulate import open_scene, simulate
+
+#: m; the reference may be as wrong as this by its own estimate. Worse: the scene is not judged.
+SURE_M = 5e-5
+#: m; off by more is wrong, and off by less is right: a warning of it is a false alarm.
+WRONG_M, RIGHT_M = 1e-3, 1e-4
+#: Share of the energy turned over that the ledger may leave unexplained, and J below which it is rounding.
+UNEXPLAINED, UNEXPLAINED_J = 0.01, 1e-6
+#: Of the tips every INTERVAL_S one in so many is stored and compared.
+THINNED = 2
+STORED, KNOWN = (Path(__file__).with_name(name) for name in ("scene_references.json", "known_scenes.json"))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One scene at one step."""
+
+    scene: str
+    step_s: float
+    fidelity: str
+    off_m: float  # largest distance from the reference at any compared time; infinite: the motion is not finite
+    warnings: tuple[str, ...]
+    added_by_brakes_J: float
+    residual_J: float
+    turnover_J: float  # heat, losses at stops, kinetic energy at the end
+
+    @property
+    def silent(self) -> bool:
+        """Wrong without a word."""
+        return self.off_m > WRONG_M and not self.warnings
+
+    @property
+    def false_alarm(self) -> bool:
+        """Right, and warned of."""
+        return self.off_m < RIGHT_M and bool(self.warnings)
+
+    @property
+    def unexplained(self) -> bool:
+        """The ledger does not add up."""
+        return not abs(self.residual_J) <= UNEXPLAINED * self.turnover_J + UNEXPLAINED_J
+
+    def __str__(self) -> str:
+        return (
+            f"{self.scene} ({self.fidelity}) at {self.step_s:g} s: {self.off_m:.3g} m off, residual "
+            f"{self.residual_J:.3g} of {self.turnover_J:.3g} J, brakes add {self.added_by_brakes_J:.3g} J, "
+            f"{'; '.join(self.warnings) or 'no warning'}"
+        )
+
+
+def reference(device: dict, scene: dict) -> Reference:
+    """The independent solution, a tip every INTERVAL_S."""
+    brakes = {file.stem: tomllib.loads(file.read_text(encoding="utf-8")) for file in SHIPPED_FOLDER.glob("*.toml")}
+    return solve_scene(device, brakes, scene, INTERVAL_S * np.arange(round(scene["duration"] / INTERVAL_S) + 1))
+
+
+def outcomes(
+    name: str, device: dict, scene: dict, tips: np.ndarray, steps=STEPS, integrator="event"
+) -> Iterator[Outcome]:
+    """The simulator's runs of a scene, by way of its file, beside the tips (n, 2) every THINNED INTERVAL_S."""
+    with tempfile.TemporaryDirectory() as folder:
+        for step in steps:
+            yield _outcome(name, device, scene, tips, step, integrator, Path(folder))
+
+
+def _outcome(name, device, scene, tips, step, integrator, folder: Path) -> Outcome:
+    sources = []
+
+    def source(asked):
+        sources.append(open_scene(asked))
+        return sources[-1]
+
+    out = folder / f"{step!r}.csv"
+    path = write_scene(device, scene, step, folder, integrator)
+    try:
+        warnings = simulate(read_scene(path), out, source).warnings
+        got = np.loadtxt(out, delimiter=",", skiprows=1, usecols=(1, 2))[::THINNED]
+        off = float(np.hypot(*(got - tips).T).max())
+    except FloatingPointError as error:
+        warnings, off = (str(error),), math.inf
+    ledger = sources[0].simulation.ledger()
+    turnover = ledger.kinetic + sum(ledger.heat) + ledger.lost_at_stops
+    return Outcome(name, step, scene["fidelity"], off, warnings, ledger.added_by_brakes, ledger.residual, turnover)
+
+
+def store_references(seeds) -> None:
+    """Write the reference of each seed that it is sure of, every THINNED tip to 1 um, one line a seed."""
+    lines = []
+    for seed in seeds:
+        found = reference(*random_scene(seed))
+        if found.error[-1] < SURE_M:
+            tips = np.round(found.tips[::THINNED], 6).tolist()
+            lines.append(f'"{seed}": {json.dumps(tips, separators=(",", ":"))}')
+    STORED.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+
+
+def stored_references() -> dict[int, np.ndarray]:
+    """Tips (n, 2) of each stored seed."""
+    return {int(seed): np.array(tips) for seed, tips in json.loads(STORED.read_text(encoding="utf-8")).items()}
+
+
+def known_scenes() -> dict[str, tuple[dict, dict, np.ndarray]]:
+    """Device, scene and tips of each scene that a version of the simulator got wrong.
+
+    The tips are those of an independent DOP853 solution with events, in Lagrangian form; `scene_reference` agrees with
+    all of them to 7 um.
+    """
+    found = json.loads(KNOWN.read_text(encoding="utf-8"))
+    return {name: (one["device"], one["scene"], np.array(one["tips"])) for name, one in found.items()}
