@@ -16,7 +16,7 @@ import numpy as np
 
 from core.errors import InputError
 from core.path_file import build_path, path_from
-from experiments.analysis.metrics import METRICS, NO_METRICS, Metrics, trial_metrics
+from experiments.analysis.metrics import BY_NAME, METRICS, NO_METRICS, Metric, Metrics, trial_metrics
 from experiments.recording.atomic_files import give_new_name, refuse_existing_files, refusing, written_beside
 from experiments.recording.schema import Recording
 
@@ -42,18 +42,29 @@ class _Planned:
     status: str  # one of STATUSES
 
 
-_Measured = make_dataclass(
-    "_Measured", [(metric.name, float | None, None) for metric in METRICS], bases=(_Planned,), frozen=True
-)
+def _measured(name: str, metrics: Sequence[Metric], base: type) -> type:
+    columns = [(metric.name, float | None, None) for metric in metrics]
+    return make_dataclass(name, columns, bases=(base,), frozen=True)
+
+
+_FIRST = METRICS[: METRICS.index(BY_NAME["unreachable_share"]) + 1]  # of the first version
 
 
 @dataclass(frozen=True)
-class TrialRow(_Measured):
-    """One row; the fields are the columns, in order: the trial's place in the plan, its measures, its recording."""
+class _Recorded(_measured("_Measured", _FIRST, _Planned)):
+    """What came of it."""
 
     recording: str = ""  # path relative to the file that the row stands in, with "/"; empty: nothing could be kept
     energy_residual_J: float | None = None  # what the ledger leaves unexplained
     energy_added_max_J: float | None = None  # the most that any brake added in a step: must be none
+
+
+@dataclass(frozen=True)
+class TrialRow(_measured("_MeasuredSince", METRICS[len(_FIRST) :], _Recorded)):
+    """One row; the fields are the columns, in order: the trial's place in the plan, its measures, its recording.
+
+    Measures that came later stand at the end: a table of an earlier version lacks them, and is read all the same.
+    """
 
     def with_metrics(self, metrics: Metrics) -> "TrialRow":
         """The same row with the measures of its trial."""

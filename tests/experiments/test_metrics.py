@@ -61,10 +61,9 @@ def test_what_each_figure_shows_is_the_definition_of_one_thing():
     assert all(metric.compared for metric in drawn)
 
 
-def test_names_are_those_of_the_trials_table():
-    first = COLUMNS.index("path_error_m")
-    assert m.Metrics._fields == COLUMNS[first : first + len(m.Metrics._fields)]
-    assert COLUMNS[first + len(m.Metrics._fields)] == "recording"
+def test_each_measure_has_its_column_of_the_trials_table_later_ones_at_the_end():
+    first, recorded = COLUMNS.index("path_error_m"), COLUMNS.index("recording")
+    assert (*COLUMNS[first:recorded], *COLUMNS[recorded + 3 :]) == m.Metrics._fields
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -233,7 +232,7 @@ def test_without_progress_the_measures_of_the_movement_are_empty_and_never_zero(
 def test_a_trial_that_never_came_to_move_has_no_measures():
     recording = hand_made()
     recording.columns["phase"][:] = tick_log.HOLD
-    assert measured(recording) == m.NO_METRICS == (None,) * 12
+    assert measured(recording) == m.NO_METRICS == (None,) * len(m.METRICS)
 
 
 @pytest.mark.parametrize("name", ["tip_x_m", "hand_fy_N", "current_E_A", "tip_vx_m_s"])
