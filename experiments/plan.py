@@ -310,7 +310,7 @@ def _place(point: tuple[float, float]) -> str:
 def controller_text(preset: Preset) -> str:
     """A controller in a few words."""
     about = [
-        f"{one.word} {one.scale * value:g} {one.unit}"
+        f"{one.word} {one.scale * value:g} {one.unit}".rstrip()
         for one, value in zip(ALGORITHMS[preset.kind].parameters, preset.values, strict=True)
         if value != one.default
     ]

@@ -49,7 +49,14 @@ def make_empty_folder(folder: Path, needs: str, besides: Collection[str] = ()) -
             raise InputError(f"{folder}: is not empty, {needs}")
 
 
-def write_new_files(contents: Mapping[Path, bytes], sync: bool = False) -> None:
+def write_new_file(file: Path, content: bytes, sync: bool = False) -> None:
+    """Write a file, whole or not at all. InputError if it is there already or cannot be there."""
+    refuse_existing_files([file])
+    with refusing(file, "cannot be written"), written_beside(file, content, sync) as partial:
+        give_new_name(partial, file)
+
+
+def write_new_files(contents: Mapping[Path, bytes]) -> None:
     """Write new files and the folders that they need, all or none. InputError if one cannot be there."""
     refuse_existing_files(contents)
     folders = dict.fromkeys(place for file in contents for place in (file.parent, *file.parent.parents))
@@ -59,9 +66,8 @@ def write_new_files(contents: Mapping[Path, bytes], sync: bool = False) -> None:
         for file, content in contents.items():
             with refusing(file, "cannot be written"):
                 file.parent.mkdir(parents=True, exist_ok=True)
-                with written_beside(file, content, sync) as partial:
-                    give_new_name(partial, file)
-                    written.append(file)
+            write_new_file(file, content)
+            written.append(file)
     except BaseException:
         for file in written:
             file.unlink(missing_ok=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from core.errors import InputError
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
-from experiments.recording.atomic_files import reason_of, write_new_files
+from experiments.recording.atomic_files import reason_of, write_new_file
 from experiments.trial.population import Population, population_of
 
 STUDY = "study.json"
@@ -33,7 +33,7 @@ def write_study(folder: Path, study: StudyPlan) -> None:
         "population": {"name": study.population.name, "text": study.population.text},
         "protocol": protocol_to_json(study.protocol),
     }
-    write_new_files({folder / STUDY: json.dumps(about, indent=1, sort_keys=True).encode() + b"\n"}, sync=True)
+    write_new_file(folder / STUDY, json.dumps(about, indent=1, sort_keys=True).encode() + b"\n", sync=True)
 
 
 def read_study(folder: Path) -> StudyPlan:

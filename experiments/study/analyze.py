@@ -18,7 +18,7 @@ from experiments.analysis.report import side_by_side, warnings, write_report
 from experiments.analysis.sensitivity import of_recording
 from experiments.analysis.trials_table import COUNTED, TrialRow, read_table, write_table
 from experiments.protocol import label
-from experiments.recording.atomic_files import make_empty_folder, write_new_files
+from experiments.recording.atomic_files import make_empty_folder, write_new_file
 from experiments.recording.reader import read_recording
 from experiments.session.blind import opened, read_key
 from experiments.session.files import TABLE, hold_lock, read_stored, recordings_in
@@ -226,7 +226,7 @@ def read_studies(folders: Sequence[Path]) -> dict[str, list[TrialRow]]:
 def write_side_by_side(studies: Mapping[str, Sequence[TrialRow]], out: Path) -> Path:
     """The findings of several studies in one table; where it stands."""
     path = out / "side-by-side.md"
-    write_new_files({path: side_by_side(studies).encode()})
+    write_new_file(path, side_by_side(studies).encode())
     return path
 
 

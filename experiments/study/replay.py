@@ -20,7 +20,7 @@ from core.path import Path as PathAhead
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import along_path, trial_metrics
 from experiments.protocol import Protocol, check_reach, load_protocol
-from experiments.recording.atomic_files import refuse_existing_files, write_new_files
+from experiments.recording.atomic_files import refuse_existing_files, write_new_file
 from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns, recording_of
 from experiments.session.files import STORED
 from experiments.study.decisions import Checked, check_decisions
@@ -273,4 +273,4 @@ def _write(replayed: Recording, first: int, out: Path) -> None:
     sink.write(header.encode())
     table = pa.table(arrays, names=list(replayed.columns))
     pa_csv.write_csv(table, sink, pa_csv.WriteOptions(include_header=False, quoting_style="needed"))
-    write_new_files({out: sink.getvalue().to_pybytes()})
+    write_new_file(out, sink.getvalue().to_pybytes())
