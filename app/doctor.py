@@ -106,7 +106,7 @@ def kernels() -> Check:
     """Whether the compiled kernels are at hand."""
     if first_use():
         return Check("kernels", CAUTION, f"not compiled yet ({CACHE_FOLDER})",
-                    "The first trial or study compiles them, about half a minute; nothing to do.")  # fmt: skip
+                    "The first trial or study compiles them, a quarter of a minute; nothing to do.")  # fmt: skip
     return Check("kernels", GOOD, f"compiled, in {CACHE_FOLDER}")
 
 

@@ -22,13 +22,31 @@ _CODE = (
 
 
 def announce_first_use() -> bool:
-    """Say so if kernels will be compiled now; whether they will."""
+    """Say so if kernels will be compiled now, and show how far that is; whether they will."""
     from core.kernel import first_use
 
-    first = first_use() and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+        return False
+    show_compiling()
+    first = first_use()
     if first:
-        print("compiling kernels (first use, about half a minute)", file=sys.stderr, flush=True)
+        print("compiling kernels (first use, about a quarter of a minute)", file=sys.stderr, flush=True)
     return first
+
+
+def show_compiling() -> None:
+    """From here on a bar says which of how many kernels is being compiled."""
+    from core.kernel_compiler import watchers
+
+    bar = Progress("compiling kernels")
+
+    def watch(number: int, of: int, name: str) -> None:
+        if name:
+            bar(number / of, f"{number} of {of}")
+        else:
+            bar.clear()
+
+    watchers[:] = [watch]
 
 
 class Progress:
@@ -39,11 +57,12 @@ class Progress:
     def __init__(self, says: str) -> None:
         self.says, self.start, self.shown = says, time.monotonic(), ""
 
-    def __call__(self, share: float) -> None:
+    def __call__(self, share: float, where: str = "") -> None:
+        """where: stands for the percentage."""
         if not sys.stderr.isatty() or time.monotonic() - self.start < 1.0:
             return
         full = round(share * self.CELLS)
-        line = f"\r{self.says} [{'#' * full}{'.' * (self.CELLS - full)}] {share:4.0%}"
+        line = f"\r{self.says} [{'#' * full}{'.' * (self.CELLS - full)}] {where or f'{share:4.0%}'}"
         if line != self.shown:
             print(line, end="", file=sys.stderr, flush=True)
             self.shown = line
@@ -52,8 +71,13 @@ class Progress:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Take it off the terminal."""
         if self.shown:
             print("\r\033[K", end="", file=sys.stderr, flush=True)
+            self.shown = ""
 
 
 class Display:

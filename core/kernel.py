@@ -12,8 +12,11 @@ import shutil
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import numba
+
+from core.kernel_compiler import Kernel
 
 try:
     import fcntl
@@ -116,12 +119,21 @@ def first_use() -> bool:
     return not any(CACHE_FOLDER.rglob("*.nbi"))
 
 
-#: Every kernel: compiled once, cached, without the interpreter lock, division by zero gives inf (no hidden branch).
-#: No flag that assumes finite numbers. Without numba's run-time for arrays (_nrt) a kernel that allocates does not
-#: compile: that nothing is allocated per tick is checked by the compiler, and arrays cost no reference counting.
-#: No entry for C (no_cfunc_wrapper): nothing calls one, and it is a seventh of the compilation.
-_OPTIONS = dict(cache=True, nogil=True, error_model="numpy", _nrt=False, no_cfunc_wrapper=True)
-kernel = numba.njit(**_OPTIONS)
-#: A kernel that is always compiled into its caller: the few small ones of which a step is made. A call costs more than
-#: most of them do; the compiler by itself leaves them out of line and a step takes half as long again.
-inlined = numba.njit(**_OPTIONS, forceinline=True)
+#: Without the interpreter lock, division by zero gives inf (no hidden branch). No flag that assumes finite numbers.
+#: Without numba's run-time for arrays (_nrt) a kernel that allocates does not compile: that nothing is allocated per
+#: tick is checked by the compiler, and arrays cost no reference counting.
+_OPTIONS = dict(nopython=True, boundscheck=None, nogil=True, error_model="numpy", _nrt=False)
+
+
+def kernel(function: Any) -> Any:
+    """Compile a function: once for each types of its arguments, kept on disk. Left to Python without the jit."""
+    return function if numba.config.DISABLE_JIT else Kernel(function, _OPTIONS)
+
+
+def inlined(function: Any) -> Any:
+    """Compile a kernel always into its caller: the few small ones of which a step is made.
+
+    A call costs more than most of them do; the compiler by itself leaves them out of line and a step takes half as
+    long again.
+    """
+    return function if numba.config.DISABLE_JIT else Kernel(function, {**_OPTIONS, "forceinline": True})

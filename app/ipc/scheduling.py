@@ -1,7 +1,7 @@
 """The best scheduling that the control loop can get, and in words what it got.
 
 Linux: real-time (FIFO) with its memory locked where the user may; otherwise the shortest slice of the default
-scheduler. Both: no timer slack, and a processor core that the other processes of the bench leave. None of this exists
+scheduler. Both: no timer slack, and a processor core that the other processes of the program leave. None of this exists
 on Windows and macOS, where the loop runs as any program does.
 """
 

@@ -34,9 +34,7 @@ class Loop:
 
     def prepare(self, real_time: bool) -> Prepared:
         """Compile and touch everything that a trial needs, then take the best scheduling that is allowed."""
-        controls, ring = new_record(CONTROL), np.zeros((2 * ROOM, tick_log.WIDTH))
-        run_trial(controls, ring, self.spare, self.timespec, *stopped_trial())
-        run_idle(np.empty(20), self.timespec)
+        run_stopped_trial()
         scheduling, core = take_scheduling(real_time)
         self.ring.control.core = core
         return Prepared(scheduling, core)
@@ -51,6 +49,14 @@ class Loop:
             case Run(arguments):
                 run_trial(self.ring.controls, self.ring.rows, self.spare, self.timespec, *arguments)
                 return Done(changed(arguments))
+
+
+def run_stopped_trial() -> None:
+    """Run a trial that ends at once, on a ring of its own, and the clock: every kernel of the loop is compiled then."""
+    controls, ring = new_record(CONTROL), np.zeros((2 * ROOM, tick_log.WIDTH))
+    spare, timespec = np.empty((1, tick_log.WIDTH)), new_timespec()
+    run_trial(controls, ring, spare, timespec, *stopped_trial())
+    run_idle(np.empty(20), timespec)
 
 
 def stopped_trial() -> Arguments:

@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     if setup.hand == OPERATOR:
         say_what_is_missing(args, setup)
     bench = Client(setup)
-    try:  # all this takes its time, and so does the bench
+    try:  # all this takes its time, and so does the session server
         announce_first_use()
         palette.choose(args.theme)
         windows = import_screen("windows")

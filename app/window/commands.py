@@ -1,4 +1,4 @@
-"""What the experimenter asks for, by key or button: intents to the bench, and the question before some of them."""
+"""What the experimenter asks for, by key or button: commands to the server, and the question before some of them."""
 
 from typing import TYPE_CHECKING
 
@@ -115,7 +115,7 @@ class Commands:
     # brakes
 
     def brakes_off(self, cause: str) -> None:
-        """Zero current at once; it goes straight to the control loop, even when the rest of the bench is gone."""
+        """Zero current at once; it goes straight to the control loop, even when the session server is gone."""
         self._bench.brakes_off(cause)
 
     def allow_brakes(self) -> None:

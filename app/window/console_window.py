@@ -1,6 +1,6 @@
 """The experimenter's window: pre-flight, plan, workspace, traces, proof of recording; questions and notices in cards.
 
-It shows what the bench says and asks the bench for what the experimenter wants; it decides nothing.
+It shows what the session server says and asks it for what the experimenter wants; it decides nothing.
 """
 
 import time
@@ -326,7 +326,7 @@ class ConsoleWindow(QWidget):
             "participant": self.participant_asked.emit,
         }
 
-    # ------------------------------------------------------------------------------------------- what the bench says
+    # ------------------------------------------------------------------------------------------- what the server says
 
     def show_opened(self, opened: m.Opened) -> None:
         """A session, or a protocol before one or after one."""

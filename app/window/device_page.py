@@ -154,7 +154,7 @@ class DevicePage(QWidget):
         layout.addWidget(self.figures)
         layout.addStretch(1)
 
-    # what the bench says
+    # what the server says
 
     def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
         """What may be done now."""

@@ -157,7 +157,7 @@ class StartPage(QWidget):
         self._why = "Preparing …" if prepares else snapshot.why_no_session(on_bench)
         self._why_no_practice = "Preparing …" if prepares else snapshot.why_not
         if snapshot.stage == m.PREPARING:
-            self.why.setText("Preparing … on first use this takes about half a minute.")
+            self.why.setText("Preparing … on first use this takes about a quarter of a minute.")
         else:
             self.why.setText(f"Not yet: {self._why}" if self._why and snapshot.stage != m.FAILED else "")
         self._allow()

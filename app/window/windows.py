@@ -1,4 +1,4 @@
-"""The app: both windows on their screens, and 60 times a second what the bench has said since."""
+"""The app: both windows on their screens, and 60 times a second what the session server has said since."""
 
 import gc
 import signal
@@ -28,12 +28,12 @@ from core.device import Device
 from core.path_file import Segment, build_path, outline
 
 LOOK_MS = 100
-#: Where the bench takes longer than this its kernels are being compiled, and ours must be too. Our choice.
+#: Where the session server takes longer than this its kernels are being compiled, and ours must be too. Our choice.
 FIRST_USE_S = 3.0
 
 
 class WarmUp(QObject):
-    """Waits until the bench is ready (it needs the processors more), or until it is clear that this takes long."""
+    """Waits until the server is ready (it needs the processors more), or until it is clear that this takes long."""
 
     def __init__(self, console: ConsoleWindow) -> None:
         super().__init__()
@@ -220,7 +220,7 @@ class Windows(QObject):
         self.frame()
 
     def frame(self) -> None:
-        """Take in what has come, and see whether the bench lives."""
+        """Take in what has come, and see whether the session server lives."""
         alive = self.bench.alive  # asked first: what it said before it died is still read
         for message in self.bench.receive():
             match message:
@@ -244,7 +244,7 @@ class Windows(QObject):
         if not alive and not self._dead:
             self._dead = True
             said = self.console.snapshot
-            self.console.show_dead(said.said if said.said_bad and said.said else words.BENCH_DIED)
+            self.console.show_dead(said.said if said.said_bad and said.said else words.SERVER_DIED)
             self.participant.show_dead()
         self.framed.emit(rows)
 
@@ -256,7 +256,7 @@ class Windows(QObject):
         self.console.close()
 
     def close(self, reason: str = "the window was closed") -> None:
-        """End the bench, whatever it does, and both windows."""
+        """End the session server, whatever it does, and both windows."""
         if self._over:
             return
         self._over = True
@@ -269,7 +269,7 @@ class Windows(QObject):
 
 
 def make_ready() -> QApplication:
-    """What need not wait for the bench: the application, and a first kernel, which loads most of the compiler."""
+    """What need not wait for the server: the application, and a first kernel, which loads most of the compiler."""
     spare_scipy()
     outline(Segment((0.0, 0.0), (0.0, 0.1)), 0.1)
     application = QApplication.instance() or QApplication(sys.argv[:1])

@@ -45,8 +45,8 @@ SPACE_NEXT, SPACE_FIRST = "Space starts the next trial", "Space starts the first
 #: .. whose view lies over the console.
 ALLOW_KEY, CONSOLE_KEY = "B lets the brakes act again", "F11 shows the console"
 
-BENCH_DIED = (
-    "The bench has stopped: brakes off, what was recorded is kept. "
+SERVER_DIED = (
+    "The session server has stopped: brakes off, what was recorded is kept. "
     "Close this window, start again and resume the session."
 )
 CELL = ("configuration", "block", "segment", "controller", "repetition")  # what makes two trials the same
@@ -87,7 +87,7 @@ def with_keys(said: Said, snapshot: m.Snapshot) -> Said:
 
 
 def practised(snapshot: m.Snapshot, own_start: bool = True) -> Said:
-    """What is said after a practice trial; of one that was ended early the bench says why."""
+    """What is said after a practice trial; of one that was ended early the server says why."""
     large = STOPPED.large if snapshot.said else ENDINGS["done"]
     return Said(large, "Space: another one · Esc: back" if own_start and not snapshot.why_not else "")
 
@@ -164,7 +164,7 @@ def same_cell(a: PlannedTrial | TrialRow, b: PlannedTrial | TrialRow) -> bool:
 
 
 def minutes(seconds: float | None) -> str:
-    """About how long: "about 14 min left"; empty when nobody knows."""
+    """About how long: "about 14 min left"; empty while that is unknown."""
     if seconds is None:
         return ""
     return f"about {max(round(seconds / 60.0), 1)} min left"

@@ -98,7 +98,7 @@ def run_replay(
     recording = trial.recording
     s = from_the_start(trial, device, lead) if lead else from_the_movement(trial, device, hand)
     before = s.ledger()
-    run = plain(new_run(s.fidelity, s.integrator, simulated_hand=False))
+    run = plain(new_run(s.fidelity, simulated_hand=False))
     for name, value in run_fields(trial.stored.protocol.trial, simulated_hand=False).items():
         run[name][0] = value
     first = 0 if lead else trial.first

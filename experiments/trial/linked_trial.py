@@ -23,7 +23,7 @@ from core.mechanism import JOINTS
 from core.path import Path, point_at
 from core.path_file import PathFile, build_path
 from core.simulator.hand import new_hand
-from core.simulator.simulation import FIDELITIES, INTEGRATORS
+from core.simulator.simulation import FIDELITIES
 from core.simulator.state import new_record, new_state, pack_brakes, pack_mechanism
 from core.stops import distal_sine
 from experiments.plan import PlannedTrial
@@ -88,7 +88,7 @@ class LinkedTrial:
         self._how = how
         self._watch["release_force"][0] = how.release.force_N if how.release else math.inf
         self._watch["release_ticks"][0] = round(how.release.time_s / tick.TICK_S) if how.release else 0
-        self._run = plain(tick.new_run(FIDELITIES.index("mr"), INTEGRATORS.index("event"), simulated_hand=False))
+        self._run = plain(tick.new_run(FIDELITIES.index("mr"), simulated_hand=False))
         for name, value in run_fields(how, simulated_hand=False).items():
             self._run[name][0] = value
         self._reason = ""

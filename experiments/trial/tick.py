@@ -14,7 +14,8 @@ from core.control.algorithm import OFF, release
 from core.control.controllers import decide
 from core.kernel import kernel
 from core.path import nearest
-from core.simulator.simulation import advance, apply, kinetic, stuck_bits
+from core.simulator.event import advance_event
+from core.simulator.simulation import MR, apply, kinetic, stuck_bits
 from core.simulator.state import new_record
 from core.simulator.stick_slip_mode import look, resolve
 from core.tick_log import (
@@ -73,7 +74,6 @@ RUN = np.dtype(
         ("end_ticks", "i8"),  # recorded after the end, brakes off
         ("simulated_hand", "i8"),  # 1: the operator drives; 0: the target is set from outside
         ("fidelity", "i8"),
-        ("integrator", "i8"),
         # what changes
         ("tick", "i8"),
         ("phase", "i8"),
@@ -90,7 +90,7 @@ RUN = np.dtype(
 )
 
 
-def new_run(fidelity: int, integrator: int, simulated_hand: bool) -> np.recarray:
+def new_run(fidelity: int, simulated_hand: bool) -> np.recarray:
     """A trial before its first tick. Radii and times as in DESIGN's trial; the end radius is assumed."""
     run = new_record(RUN)
     fields = dict(
@@ -102,7 +102,6 @@ def new_run(fidelity: int, integrator: int, simulated_hand: bool) -> np.recarray
         end_ticks=300,
         simulated_hand=int(simulated_hand),
         fidelity=fidelity,
-        integrator=integrator,
         phase=APPROACH,
         held=1,
         decision=OFF,
@@ -139,7 +138,7 @@ def run_ticks(path, controller, mechanisms, brake_records, hand, states, trials,
         apply(brakes, state, run.current, run.fidelity)
         resolve(mechanism, brakes, hand, state, t)
         log_row(mechanism, brakes, state, grip, run, t, rows[n])
-        advance(mechanism, brakes, hand, state, trial, run.current, t, TICK_S, run.fidelity, run.integrator)
+        advance_event(mechanism, brakes, hand, state, trial, run.current, t, TICK_S, 1 if run.fidelity == MR else 0)
         run.tick += 1
         run.phase_tick += 1
         if run.phase == END and run.phase_tick >= run.end_ticks:

@@ -70,7 +70,7 @@ class Trial:
         self.path: Path = build_path(path, f"path {planned.segment}")
         self.controller: Controller = make_controller(preset, simulation.device.force_normalised_N, rules)
         self._memory = new_memory()
-        self._run = new_run(simulation.fidelity, simulation.integrator, person is not None)
+        self._run = new_run(simulation.fidelity, person is not None)
         for name, value in run_fields(how, person is not None).items():
             self._run[name][0] = value
         self._operator, self._noise = new_record(OPERATOR), np.zeros((1, 2))

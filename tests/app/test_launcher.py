@@ -49,6 +49,7 @@ case "$*" in
         done
         printf '#!/bin/sh\\necho "phd was given:" "$@"\\n' >"$here/phd"
         chmod +x "$here"/* ;;
+    "-m app.compile_kernels") echo "compile" >>"$LOG"; [ -z "${COMPILING_FAILS-}" ] ;;
     "-m pytest -m nojit"*) echo "pytest nojit $NUMBA_DISABLE_JIT" >>"$LOG"; exit "${NOJIT_CODE-0}" ;;
     "-m pytest --junitxml"*)
         echo "pytest whole" >>"$LOG"
@@ -132,6 +133,14 @@ def test_first_use_sets_up_and_hands_every_argument_on(tree: Tree) -> None:
     assert (done.returncode, done.stdout) == (0, "phd was given: study two words --seed 1\n")
     assert "first use" in done.stderr and "pip talks" in done.stderr
     assert "-c constraints.txt" in tree.calls("pip")[0]
+
+
+def test_the_set_up_compiles_the_kernels_once_and_stands_where_that_fails(tree: Tree) -> None:
+    done = tree.run("devices", COMPILING_FAILS="yes")
+    assert (done.returncode, tree.calls("compile")) == (0, ["compile"])
+    assert "could not be compiled now" in done.stderr
+    tree.run("devices")
+    assert len(tree.calls("compile")) == 1
 
 
 def test_later_uses_call_neither_python_nor_pip(tree: Tree) -> None:

@@ -253,7 +253,7 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
     if death == "silent":
         screens.bench.alive = False
         screens.hear()
-        assert console.banner.text() == words.BENCH_DIED
+        assert console.banner.text() == words.SERVER_DIED
     else:
         screens.hear(ready(3, stage=m.FAILED, said="The disk is full.", said_bad=True))
         assert console.banner.text() == "The disk is full."

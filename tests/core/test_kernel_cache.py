@@ -22,7 +22,8 @@ def small_tree(folder: Path) -> Path:
     """A tree with two kernels in two files, and a constant in a third that holds no kernel."""
     core = folder / "core"
     core.mkdir(parents=True)
-    shutil.copy(ROOT / "core" / "kernel.py", core)
+    for name in ("kernel.py", "kernel_compiler.py"):
+        shutil.copy(ROOT / "core" / name, core)
     (core / "__init__.py").touch()
     (core / "caller.py").write_text(CALLER)
     (core / "callee.py").write_text(CALLEE.format("1.0"))
@@ -36,13 +37,18 @@ def answer(tree: Path) -> tuple[float, bool]:
     code = (
         "from core.kernel import first_use\ncold = first_use()\nfrom core.caller import outer\nprint(outer(1.0), cold)"
     )
+    value, cold = run(tree, code).split()
+    return float(value), cold == "True"
+
+
+def run(tree: Path, code: str) -> str:
+    """What a new process prints."""
     environment = {**os.environ, "XDG_CACHE_HOME": str(tree / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
     environment.pop("NUMBA_DISABLE_JIT", None)
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tree, env=environment, capture_output=True, text=True, timeout=200, check=True
     )
-    value, cold = done.stdout.split()
-    return float(value), cold == "True"
+    return done.stdout
 
 
 def test_kernels_of_every_package_count(tmp_path):
@@ -68,3 +74,14 @@ def test_a_changed_kernel_file_or_constant_never_serves_stale_code(tmp_path):
     assert answer(tree) == (12.0, True)
     (tree / "core" / "number.py").write_text("NUMBER = 20.0\n")
     assert answer(tree) == (22.0, True)
+
+
+def test_a_watcher_is_told_which_of_how_many_kernels_is_compiled(tmp_path):
+    tree = small_tree(tmp_path)
+    code = (
+        "from core.kernel_compiler import watchers\n"
+        "watchers.append(lambda number, of, name: print(number, of, name))\n"
+        "from core.caller import outer\nouter(1.0)"
+    )
+    assert run(tree, code) == "1 2 outer\n2 2 inner\n2 2 \n"
+    assert run(tree, code) == ""  # from the disk

@@ -36,7 +36,7 @@ def push(device, path, number, tip, force, ticks, fidelity="static", rules="sett
     hand = new_hand(np.array([0.0, 0.2]), np.array([(0.0, 0.0), force]))
     simulation = Simulation(device, tip, fidelity=fidelity, hand=hand)
     controller = make_controller(PAPER.controllers[number], device.force_normalised_N, rules)
-    run = new_run(simulation.fidelity, simulation.integrator, simulated_hand=False)
+    run = new_run(simulation.fidelity, simulated_hand=False)
     run["phase"][0] = tick_log.MOVE
     rows = np.zeros((ticks, tick_log.WIDTH))
     s = simulation

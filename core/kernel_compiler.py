@@ -1,0 +1,212 @@
+"""How kernels become machine code: only those that Python calls, each with all that it calls inside.
+
+numba by itself makes machine code of every function, and optimises all that it calls with it: of two hundred kernels
+that call each other, the smallest went through LLVM a dozen times. Here a kernel as other kernels call it is a *part*,
+in LLVM's intermediate code and no further. A kernel as Python calls it is an *entry*: its part, linked once with the
+parts that it calls, optimised once, and kept on disk. Parts are not: a process that compiles an entry makes its own.
+
+This leans on what numba keeps to itself (libraries, dispatchers, passes): constraints.txt pins the version.
+"""
+
+import contextlib
+import gc
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+from numba.core import compiler, typed_passes, untyped_passes
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler_machinery import PassManager
+from numba.core.registry import CPUDispatcher
+from numba.core.types.functions import BaseFunction
+from numba.core.types.misc import unliteral
+
+#: Passes of numba for what no kernel has: closures, `with`, literals that steer the typing, inlined Python, array
+#: expressions. numba refuses a kernel that has them; branches never taken are LLVM's to drop.
+NOT_NEEDED = (
+    untyped_passes.WithLifting,
+    untyped_passes.InlineClosureLikes,
+    untyped_passes.RewriteSemanticConstants,
+    untyped_passes.DeadBranchPrune,
+    untyped_passes.RewriteDynamicRaises,
+    untyped_passes.MakeFunctionToJitFunction,
+    untyped_passes.InlineInlinables,
+    untyped_passes.FindLiterallyCalls,
+    untyped_passes.LiteralUnroll,
+    untyped_passes.LiteralPropagationSubPipelinePass,
+    typed_passes.InlineOverloads,
+    typed_passes.NopythonRewrites,
+    typed_passes.DumpParforDiagnostics,
+)
+
+#: Called before each kernel that is compiled with its number, of how many and its name; at the end with an empty name.
+watchers: list[Callable[[int, int, str], None]] = []
+
+
+class _Count:
+    """How far the compilation of an entry is."""
+
+    done = of = 0
+
+    @classmethod
+    def tell(cls, name: str) -> None:
+        cls.done = cls.done + 1 if name else cls.of
+        for watcher in watchers:
+            watcher(min(cls.done, cls.of), cls.of, name)
+
+
+def remember_call_types() -> None:
+    """Let numba work out once what an operator or function gives for some types, not at each of a thousand uses.
+
+    It asks some twenty overloads each time: a quarter of the compilation.
+    """
+    work_out = BaseFunction.get_call_type
+    known: dict = {}
+
+    def get_call_type(function: Any, context: Any, args: Any, kws: Any) -> Any:
+        if kws:
+            return work_out(function, context, args, kws)
+        key = function, *(argument._code for argument in args)
+        if key not in known:
+            known[key] = work_out(function, context, args, kws)
+        return known[key]
+
+    BaseFunction.get_call_type = get_call_type  # type: ignore[assignment, method-assign]
+
+
+remember_call_types()
+
+
+@contextlib.contextmanager
+def no_garbage_collection() -> Iterator[None]:
+    """Keep Python from looking for cycles among the compiler's millions of objects: a tenth of the compilation."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+class PartLibrary(JITCodeLibrary):
+    """The intermediate code of one kernel, and the libraries of the kernels that it calls."""
+
+    def add_llvm_module(self, ll_module: Any) -> None:
+        self._final_module.link_in(ll_module)
+
+    def add_linking_library(self, library: Any) -> None:
+        self._linking_libraries.append(library)
+
+    def finalize(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    def _get_module_for_linking(self) -> Any:
+        self._ensure_finalized()
+        return self._final_module
+
+    def with_callees(self) -> list[JITCodeLibrary]:
+        """This library and, each once, those of all that it calls, however indirectly."""
+        found: dict[JITCodeLibrary, None] = {}
+        waiting: list[JITCodeLibrary] = [self]
+        while waiting:
+            library = waiting.pop()
+            if library not in found:
+                found[library] = None
+                if isinstance(library, PartLibrary):  # what numba compiles for itself holds its callees
+                    waiting += library._linking_libraries
+        return list(found)
+
+
+class PartCompiler(compiler.Compiler):
+    """numba's compiler as far as the intermediate code."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.state.flags.no_compile = True
+
+    def define_pipelines(self) -> list:
+        state, build = self.state, compiler.DefaultPassBuilder
+        _Count.tell(state.func_id.func_name)
+        state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        stages = build.define_untyped_pipeline, build.define_typed_pipeline, build.define_nopython_lowering_pipeline
+        passes = PassManager("kernel")
+        for stage in stages:
+            passes.passes += [step for step in stage(state).passes if step[0] not in NOT_NEEDED]
+        passes.finalize()
+        return [passes]
+
+
+class Part(CPUDispatcher):
+    """A kernel as other kernels call it; Python does not."""
+
+    def add_overload(self, result: Any) -> None:
+        key = (result.fndesc.mangled_name,)
+        result.fndesc.typemap = result.fndesc.calltypes = None  # large, and needed no more
+        self.targetctx.insert_user_function(key, result.fndesc, [result.library])
+        self.overloads[tuple(result.signature.args)] = result._replace(entry_point=key, type_annotation=None)
+
+    def to_compile(self) -> set["Part"]:
+        """This part and those of all that it calls, however indirectly, that are not compiled for any types yet."""
+        found: set[Part] = set()
+        waiting = [self]
+        while waiting:
+            part = waiting.pop()
+            if part not in found and not part.overloads:
+                found.add(part)
+                names = [part.py_func.__globals__.get(name) for name in part.py_func.__code__.co_names]
+                waiting += [called.part for called in names if isinstance(called, Kernel)]
+        return found
+
+
+class EntryCompiler:
+    """Stands where numba expects a compiler: links a part with all that it calls into one library of machine code."""
+
+    def __init__(
+        self, part: Part, typing: Any, target: Any, library: Any, args: Any, return_type: Any, flags: Any, locals: Any
+    ) -> None:
+        self.part, self.args, self.flags = part, tuple(args), flags
+        self.target = compiler._make_subtarget(target, flags)
+
+    def compile_extra(self, function: Callable) -> Any:
+        _Count.done, _Count.of = 0, len(self.part.to_compile())
+        with no_garbage_collection():
+            self.part.compile(self.args)
+            result = self.link(self.part.overloads[self.args])
+        _Count.tell("")
+        return result
+
+    def link(self, part: Any) -> Any:
+        """The entry: the part's compile result, with machine code that Python can call."""
+        codegen = self.target.codegen()
+        library = codegen.create_library(part.fndesc.qualname)
+        library.enable_object_caching()
+        for callee in part.library.with_callees():
+            library.add_linking_library(callee)
+        self.target.create_cpython_wrapper(library, part.fndesc, part.environment, None, self.flags.release_gil)
+        entry = self.target.get_executable(library, part.fndesc, part.environment)
+        self.target.insert_user_function(entry, part.fndesc, [library])
+        result = part._replace(library=library, entry_point=entry, metadata={})
+        for environment in result._find_referenced_environments():
+            codegen.set_env(environment.env_name, environment)
+        return result
+
+
+class Kernel(CPUDispatcher):
+    """A kernel: called by Python it is an entry, kept on disk; called by another kernel it is a part."""
+
+    def __init__(self, function: Callable, options: dict) -> None:
+        for_kernels = {**options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        self.part = Part(function, targetoptions=for_kernels, pipeline_class=PartCompiler)
+        super().__init__(function, targetoptions=options, pipeline_class=partial(EntryCompiler, self.part))
+        self.enable_caching()
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """What numba asks where another kernel calls; a constant is a number like others, not a type of its own."""
+        named = {name: unliteral(argument) for name, argument in kws.items()}
+        return self.part.get_call_template(tuple(map(unliteral, args)), named)
+
+    def get_overload(self, signature: Any) -> Any:
+        """What numba asks for the call's code."""
+        return self.part.get_overload(signature)

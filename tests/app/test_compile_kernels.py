@@ -1,0 +1,64 @@
+"""What the set-up compiles: everything that the first study, simulation and live trial need."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from app.progress import show_compiling
+from core.kernel_compiler import watchers
+
+SCENE = Path(__file__).parents[2] / "docs" / "examples" / "locked-brake.toml"
+COUNTED = """
+import sys
+from numba.core.event import Listener, register
+names = []
+class Count(Listener):
+    def on_start(self, event): names.append(event.data["dispatcher"].__name__)
+    def on_end(self, event): pass
+register("numba:compile", Count())
+{code}
+print(*names)
+"""
+
+
+def compiled_by(code: str) -> str:
+    """The kernels that a new process compiles for it."""
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "0"}
+    done = subprocess.run(
+        [sys.executable, "-c", COUNTED.format(code=code)], env=environment, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()[-1]
+
+
+@pytest.fixture(scope="module")
+def set_up() -> None:
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "0"}
+    command = [sys.executable, "-m", "app.compile_kernels"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=500, check=True)
+    assert (done.stdout, done.stderr) == ("", "")  # no bar but on a terminal
+
+
+def test_after_the_set_up_a_study_a_simulation_and_a_live_trial_compile_nothing(set_up, tmp_path) -> None:
+    verb = "from app.cli import main; assert main({}) == 0"
+    study = ["study", "--operators", "1", "--out", str(tmp_path / "study")]
+    assert compiled_by(verb.format(study)) == ""
+    assert compiled_by(verb.format(["simulate", str(SCENE), "--out", str(tmp_path / "rows.csv")])) == ""
+    assert compiled_by("from app.loop.loop import run_stopped_trial; run_stopped_trial()") == ""
+
+
+def test_on_a_terminal_a_bar_says_which_of_how_many_kernels(monkeypatch, capsys) -> None:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setattr("app.progress.time", SimpleNamespace(monotonic=iter((0.0, 2.0)).__next__))
+    show_compiling()
+    try:
+        watchers[0](45, 156, "advance_event")
+        assert capsys.readouterr().err.endswith("45 of 156")
+        watchers[0](156, 156, "")
+        assert capsys.readouterr().err == "\r\033[K"
+    finally:
+        watchers.clear()
