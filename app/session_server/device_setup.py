@@ -29,7 +29,7 @@ from app.ipc.messages import (
     Zeroed,
 )
 from app.ipc.ring import Ring
-from app.session_server.preflight import check_device, check_hand, check_linked, check_sensor
+from app.session_server.preflight import check_device, check_hand, check_real, check_sensor
 from app.session_server.session_progress import SessionProgress
 from core.device import Device
 from core.errors import InputError
@@ -161,7 +161,7 @@ class DeviceSetup:
     def checks(self, why_off: str) -> tuple[Check, Check]:
         """For the pre-flight row: device and hand."""
         if self.real:
-            return check_linked(self.status, why_off), check_sensor(self.status)
+            return check_real(self.status, why_off), check_sensor(self.status)
         return check_device(True, why_off), self._hid.check if self._hid else check_hand(self.hand)
 
     def allow(self, presses: int) -> None:

@@ -27,28 +27,28 @@ def check_device(simulated: bool, why_off: str) -> Check:
     return Check("Device", GOOD, "simulated" if simulated else "connected")
 
 
-def check_linked(linked: DeviceStatus | None, why_off: str) -> Check:
+def check_real(status: DeviceStatus | None, why_off: str) -> Check:
     """Whether the device on the bench is there and fit, and currents may flow."""
-    if linked is None:
+    if status is None:
         return Check("Device", WAITING, "connecting", "The board on the bench is being reached.")
-    if linked.problem:
-        problem = f"{linked.problem[0].upper()}{linked.problem[1:]}. {remedy(linked.problem)}"
+    if status.problem:
+        problem = f"{status.problem[0].upper()}{status.problem[1:]}. {remedy(status.problem)}"
         return Check("Device", BAD, "not connected", problem.strip())
-    if why_off or linked.fault:
-        return check_device(False, why_off or f"the board: {linked.fault}")
-    if not linked.homed:
+    if why_off or status.fault:
+        return check_device(False, why_off or f"the board: {status.fault}")
+    if not status.homed:
         return Check("Device", BAD, "not homed", "Home the encoders: until then the place of the handle is unknown.")
-    return Check("Device", GOOD, f"{linked.device}, board {linked.board}")
+    return Check("Device", GOOD, f"{status.device}, board {status.board}")
 
 
-def check_sensor(linked: DeviceStatus | None) -> Check:
+def check_sensor(status: DeviceStatus | None) -> Check:
     """Whether the hand force is measured."""
-    if linked is None or not linked.device or linked.problem:
+    if status is None or not status.device or status.problem:
         return Check("Hand", WAITING, "force sensor", "The board on the bench is being reached.")
-    if linked.force_channels == 0:
+    if status.force_channels == 0:
         advice = "The controllers cannot feel the hand: they see motion alone, and nothing releases a trapped hand."
         return Check("Hand", CAUTION, "no force sensor", advice)
-    if not linked.zeroed:
+    if not status.zeroed:
         return Check("Hand", BAD, "force not zeroed", "The force sensor has no zero yet.")
     return Check("Hand", GOOD, "force sensor")
 

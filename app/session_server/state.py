@@ -66,10 +66,10 @@ class State:
 
     def try_out(self) -> Trial:
         """A practice trial outside of any session. InputError: the device on the bench is not ready."""
-        linked = self.device.ready_device(self.protocol)
-        if linked is None and self.practice.simulation is not None:
+        real = self.device.ready_device(self.protocol)
+        if real is None and self.practice.simulation is not None:
             self.device.take_handle(self.practice.simulation)
-        return self.practice.trial(linked)
+        return self.practice.trial(real)
 
     # ------------------------------------------------------------------------------------- what is
 

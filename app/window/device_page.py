@@ -73,7 +73,7 @@ class DevicePage(QWidget):
         super().__init__(parent)
         self._opened: m.Opened | None = None
         self._snapshot = m.Snapshot(m.PREPARING)
-        self._linked: DeviceStatus | None = None
+        self._status: DeviceStatus | None = None
         self._rates, self._recent = Rates(), Recent()
         self._card: Notice | None = None
         self.title = word("Device", size=theme.HEAD, bold=True)
@@ -163,13 +163,13 @@ class DevicePage(QWidget):
         self._opened, self._snapshot = opened, snapshot
         self._refresh()
 
-    def show_linked(self, linked: "DeviceStatus | None") -> None:
+    def show_status(self, status: "DeviceStatus | None") -> None:
         """How the device is, about ten times a second."""
-        if linked is None or linked != self._linked:
-            before, self._linked = self._linked, linked
-            if before is None or linked is None or linked.homed != before.homed:
+        if status is None or status != self._status:
+            before, self._status = self._status, status
+            if before is None or status is None or status.homed != before.homed:
                 self._recent = Recent()  # what the encoders said before they were homed means nothing
-            self._rates = self._recent.add(linked.told_s, counters_of(linked.report)) if linked else Rates()
+            self._rates = self._recent.add(status.told_s, counters_of(status.report)) if status else Rates()
             if self.isVisible():
                 self._refresh()
 
@@ -183,23 +183,23 @@ class DevicePage(QWidget):
         return self._opened is not None and self._opened.real_device
 
     def _refresh(self) -> None:
-        linked, on_bench = self._linked, self.on_bench
+        status, on_bench = self._status, self.on_bench
         self.simulated.setVisible(not on_bench)
         self.health.setVisible(on_bench)
         self.figures.setVisible(on_bench)
         if not on_bench:
             self.where.setText("")
             return
-        found = not_well(linked, self._rates)
+        found = not_well(status, self._rates)
         self._show_words(found or [Word(m.GOOD, "All is well.")])
-        self.where.setText(linked.port if linked else "")
-        if linked is None:
+        self.where.setText(status.port if status else "")
+        if status is None:
             return
-        self.board.show_values(board_values(linked))
-        self.sensors.show_values(sensor_values(linked, self._rates))
-        self.link.show_values(link_values(linked.report))
-        self.quantised.setText(self._quantised(linked))
-        self._allow(linked)
+        self.board.show_values(board_values(status))
+        self.sensors.show_values(sensor_values(status, self._rates))
+        self.link.show_values(link_values(status.report))
+        self.quantised.setText(self._quantised(status))
+        self._allow(status)
 
     def _show_words(self, words: list[Word]) -> None:
         for at, (mark, sentence) in enumerate(zip(self.marks, self.sentences, strict=True)):
@@ -211,9 +211,9 @@ class DevicePage(QWidget):
                 mark.setStyleSheet(f"color: {COLOURS[words[at].state]}")
                 sentence.setText(breakable(" ".join(filter(None, words[at][1:]))))
 
-    def _quantised(self, linked: "DeviceStatus") -> str:
-        device, opened = self._device(linked.device), self._opened
-        found = quantisation(device, linked, opened.controllers) if device and opened else None
+    def _quantised(self, status: "DeviceStatus") -> str:
+        device, opened = self._device(status.device), self._opened
+        found = quantisation(device, status, opened.controllers) if device and opened else None
         if found is None:
             return ""
         text = (
@@ -238,13 +238,13 @@ class DevicePage(QWidget):
             return "The plan is done."
         return "" if snapshot.stage in (m.READY, m.RERIG, m.BREAK, m.QUESTIONS) else "Not now."
 
-    def _allow(self, linked: "DeviceStatus") -> None:
+    def _allow(self, status: "DeviceStatus") -> None:
         why = self._why_not()
         self.why.setText(why)
         self.why.setVisible(bool(why))
-        there = not why and not linked.problem and bool(linked.device)
-        self.home.setEnabled(there and not linked.fault)
-        self.zero.setEnabled(there and not linked.fault and linked.force_channels > 0)
+        there = not why and not status.problem and bool(status.device)
+        self.home.setEnabled(there and not status.fault)
+        self.zero.setEnabled(there and not status.fault and status.force_channels > 0)
         self.reconnect.setEnabled(not why)
         self.reset.setEnabled(bool(self._snapshot.brakes_off) and self._snapshot.stage != m.RUNNING)
 

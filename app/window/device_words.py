@@ -87,27 +87,27 @@ def counters_of(report: dict) -> dict:
     return {**{name: report.get(name, 0) for name in counted}, **frames}
 
 
-def not_well(linked: "DeviceStatus | None", rates: Rates) -> list[Word]:
+def not_well(status: "DeviceStatus | None", rates: Rates) -> list[Word]:
     """What keeps trials from starting, then what is worth a look; empty: all is well."""
-    if linked is None:
+    if status is None:
         return [Word(m.WAITING, "The board is being reached.")]
-    if linked.problem:
+    if status.problem:
         advice = "Look at cable and supply: as soon as the board answers, the connection is there again by itself."
-        return [Word(m.BAD, f"No connection: {linked.problem}.", advice)]
+        return [Word(m.BAD, f"No connection: {status.problem}.", advice)]
     words = []
-    if linked.fault:
-        cure = next((cure for key, cure in CURES if key in linked.fault), "Find out why before you reset it.")
-        words.append(Word(m.BAD, f"Fault latched on the board: {linked.fault}. No current flows.", cure))
-    if not linked.homed:
+    if status.fault:
+        cure = next((cure for key, cure in CURES if key in status.fault), "Find out why before you reset it.")
+        words.append(Word(m.BAD, f"Fault latched on the board: {status.fault}. No current flows.", cure))
+    if not status.homed:
         words.append(Word(m.BAD, "The encoders are not homed: nobody knows where the handle is.", "Home the encoders."))
-    if linked.force_channels == 0:
+    if status.force_channels == 0:
         words.append(Word(m.CAUTION, "There is no force sensor: the controllers see motion alone."))
-    elif not linked.zeroed:
+    elif not status.zeroed:
         words.append(Word(m.BAD, "The force sensor has no zero yet.", "Take the zero, with nobody at the handle."))
-    return words + _lately(linked, rates)
+    return words + _lately(status, rates)
 
 
-def _lately(linked: "DeviceStatus", rates: Rates) -> list[Word]:
+def _lately(status: "DeviceStatus", rates: Rates) -> list[Word]:
     words, counts = [], rates.counts
 
     def say(when: bool, what: str, advice: str) -> None:
@@ -137,22 +137,22 @@ def _lately(linked: "DeviceStatus", rates: Rates) -> list[Word]:
         "Close other programs; phd doctor says what stands in the way.",
     )
     say(
-        linked.homed and counts.get("not_closed", 0) > 0,
+        status.homed and counts.get("not_closed", 0) > 0,
         "The encoders contradict each other: their angles belong to no position of the linkage.",
         "Home the encoders again; if it comes back, look at their plugs.",
     )
     say(counts.get("refused", 0) > 0, "The board refuses commands.", "Reconnect it.")
-    anew = linked.report.get("begun_anew", 0)
-    cut = linked.report.get("lost_links", 0) - anew
+    anew = status.report.get("begun_anew", 0)
+    cut = status.report.get("lost_links", 0) - anew
     say(cut > 0, f"The connection was lost {times(cut)} since the start.", "Look at cable and plug.")
     say(
         anew > 0,
         f"The connection was begun anew {times(anew)}: the board would have taken every command for late.",
         "This computer's clock stood still: no suspend and no pause of a virtual machine while the device is in use.",
     )
-    back = linked.report.get("board_time_back", 0)
+    back = status.report.get("board_time_back", 0)
     say(back > 0, f"The board's time went back {times(back)}.", "Its firmware must count microseconds in 64 bits.")
-    clock = linked.report.get("clock", {})
+    clock = status.report.get("clock", {})
     say(
         clock.get("residual_s", 0.0) > RESIDUAL_S or abs(clock.get("drift", 0.0)) > DRIFT,
         "The board's clock and this computer's do not run evenly side by side.",
@@ -181,15 +181,15 @@ class Quantisation(NamedTuple):
         return self.force_N > FELT_SHARE * self.range_N
 
 
-def quantisation(device: Device, linked: "DeviceStatus", controllers: dict[int, Preset]) -> Quantisation | None:
+def quantisation(device: Device, status: "DeviceStatus", controllers: dict[int, Preset]) -> Quantisation | None:
     """From the counts a revolution and the Jacobians; None where the board has not told enough to say."""
-    counts = linked.report.get("counts_per_rev", ())
-    joints = [JOINTS.index(letter) for letter in linked.encoders]
+    counts = status.report.get("counts_per_rev", ())
+    joints = [JOINTS.index(letter) for letter in status.encoders]
     gain = max((preset.value("gain_N_s_m") for preset in controllers.values()), default=0.0)
-    if gain <= 0.0 or not linked.homed or len(counts) != len(joints) or not all(counts):
+    if gain <= 0.0 or not status.homed or len(counts) != len(joints) or not all(counts):
         return None
     per_joint = dict(zip(joints, counts, strict=True))
-    step = encoder_step(device, linked.tip, [per_joint.get(i, 0) for i in range(4)])
+    step = encoder_step(device, status.tip, [per_joint.get(i, 0) for i in range(4)])
     if not math.isfinite(step):
         return None
     noise = VELOCITY_NOISE_HZ * step
@@ -200,22 +200,22 @@ if TYPE_CHECKING:
     from app.ipc.messages import DeviceStatus
 
 
-def board_values(linked: "DeviceStatus") -> dict[str, str]:
+def board_values(status: "DeviceStatus") -> dict[str, str]:
     """Who the board is, and whether it is ready."""
-    report = linked.report
+    report = status.report
     state = report.get("state", "")
-    homed = "homed" + at(linked.homed_at, " before this program began") if linked.homed else "not homed"
-    zeroed = "zeroed" + at(linked.zeroed_at, "") if linked.zeroed else "no zero yet"
-    reached = bool(linked.device) and not linked.problem
+    homed = "homed" + at(status.homed_at, " before this program began") if status.homed else "not homed"
+    zeroed = "zeroed" + at(status.zeroed_at, "") if status.zeroed else "no zero yet"
+    reached = bool(status.device) and not status.problem
     return {
-        "Device": linked.device,
-        "Board": linked.board,
-        "Port": linked.port,
+        "Device": status.device,
+        "Board": status.board,
+        "Port": status.port,
         "Firmware": f"{report['firmware']}, protocol {report['protocol']}" if "firmware" in report else "",
         "State": STATES.get(state, state) if reached else "not connected",
-        "Fault": (linked.fault or "none") if reached else "",
-        "Encoders": f"{' '.join(linked.encoders)}: {homed}" if reached else "",
-        "Force sensor": (f"{linked.force_channels} channels, {zeroed}" if linked.force_channels else "none")
+        "Fault": (status.fault or "none") if reached else "",
+        "Encoders": f"{' '.join(status.encoders)}: {homed}" if reached else "",
+        "Force sensor": (f"{status.force_channels} channels, {zeroed}" if status.force_channels else "none")
         if reached
         else "",
     }
@@ -226,24 +226,24 @@ def at(when: float, else_: str) -> str:
     return f" at {datetime.fromtimestamp(when):%H:%M}" if when else else_
 
 
-def sensor_values(linked: "DeviceStatus", rates: Rates) -> dict[str, str]:
+def sensor_values(status: "DeviceStatus", rates: Rates) -> dict[str, str]:
     """What the sensors say now."""
-    if linked.problem or not linked.counts:
+    if status.problem or not status.counts:
         return {}
-    counts = dict(zip(linked.encoders, linked.counts, strict=False))
+    counts = dict(zip(status.encoders, status.counts, strict=False))
     values = {}
     for i, joint in enumerate(JOINTS):
-        angle = f"{math.degrees(linked.theta[i]):.2f}°" if linked.homed and len(linked.theta) == 4 else ""
+        angle = f"{math.degrees(status.theta[i]):.2f}°" if status.homed and len(status.theta) == 4 else ""
         told = f"{grouped(counts[joint])} counts" if joint in counts else "computed" if angle else ""
         values[f"Joint {joint}"] = "   ".join(filter(None, (angle, told)))
-    fx, fy = linked.hand_force
-    if linked.homed:
-        values["Handle"] = f"x {1e3 * linked.tip[0]:.1f} mm   y {1e3 * linked.tip[1]:.1f} mm"
-    if linked.force_channels and math.isfinite(fx + fy):
+    fx, fy = status.hand_force
+    if status.homed:
+        values["Handle"] = f"x {1e3 * status.tip[0]:.1f} mm   y {1e3 * status.tip[1]:.1f} mm"
+    if status.force_channels and math.isfinite(fx + fy):
         values["Hand force"] = f"{math.hypot(fx, fy):.1f} N   x {fx:.1f}   y {fy:.1f}"
     if rates.over_s:
         values["Samples"] = f"{rates.per_s('samples'):.0f} a second"
-    round_trip = linked.report.get("round_trip_s")
+    round_trip = status.report.get("round_trip_s")
     values["Answer takes"] = f"{1e3 * round_trip:.1f} ms at best" if round_trip is not None else ""
     return values
 

@@ -4,10 +4,10 @@ import math
 
 import pytest
 from fake_bench import DEVICES, GREEN, PRESETS, opened, ready, running
-from linked_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, linked, told
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from screens import Screens, cut_texts, opened_screens, settle, visible_texts
+from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
 
 from app.ipc import messages as m
 from app.window.device_page import SIMULATED
@@ -24,14 +24,14 @@ def screens(qtbot):
 
 def on_bench(screens: Screens, device=None, **snapshot):
     """The console with the page open, on a device on the bench."""
-    console = screens.hear(opened(**ON_BENCH), ready(3, checks=WELL, **snapshot), told(device or linked()))
+    console = screens.hear(opened(**ON_BENCH), ready(3, checks=WELL, **snapshot), told(device or status()))
     screens.press(KEY.Key_F3)
     assert console.device.isVisible()
     return console
 
 
 def test_the_page_comes_by_key_and_by_the_light_of_the_device_and_goes_again(screens: Screens) -> None:
-    console = screens.hear(opened(**ON_BENCH), ready(3, checks=WELL), told(linked()))
+    console = screens.hear(opened(**ON_BENCH), ready(3, checks=WELL), told(status()))
     for show in (lambda: screens.press(KEY.Key_F3), lambda: QTest.mouseClick(console.preflight.pills[0], LEFT)):
         for leave in (KEY.Key_F3, KEY.Key_Escape):
             show()
@@ -63,12 +63,12 @@ def test_a_device_that_is_well_shows_all_that_its_board_and_link_tell(screens: S
 
 def test_what_is_not_known_is_a_dash_and_never_an_old_value(screens: Screens) -> None:
     console = on_bench(screens)
-    screens.hear(told(linked(problem="no sample for 200 ms", homed=False, counts=(), theta=())))
+    screens.hear(told(status(problem="no sample for 200 ms", homed=False, counts=(), theta=())))
     assert {label.text() for label in console.device.sensors.values.values()} == {"–"}
     assert console.device.board.values["State"].text() == "not connected"
-    screens.hear(told(linked(homed=False)))
+    screens.hear(told(status(homed=False)))
     sensors = console.device.sensors.values
-    screens.hear(told(linked(homed=False, tip=(math.nan, math.nan), hand_force=(math.nan, math.nan))))
+    screens.hear(told(status(homed=False, tip=(math.nan, math.nan), hand_force=(math.nan, math.nan))))
     assert sensors["Hand force"].text() == sensors["Handle"].text() == "–"
     assert sensors["Joint A"].text() == "34\u202f512 counts"
 
@@ -76,11 +76,11 @@ def test_what_is_not_known_is_a_dash_and_never_an_old_value(screens: Screens) ->
 @pytest.mark.parametrize(
     ("device", "says", "advises"),
     [
-        (linked(problem="no sample for 200 ms"), "no sample for 200 ms", "cable"),
-        (linked(fault="an encoder's signal is bad"), "an encoder's signal is bad", "plug"),
-        (linked(fault="no command for 50 ms"), "no command for 50 ms", "close other programs"),
-        (linked(homed=False), "not homed", "Home the encoders"),
-        (linked(zeroed=False), "no zero", "Take the zero"),
+        (status(problem="no sample for 200 ms"), "no sample for 200 ms", "cable"),
+        (status(fault="an encoder's signal is bad"), "an encoder's signal is bad", "plug"),
+        (status(fault="no command for 50 ms"), "no command for 50 ms", "close other programs"),
+        (status(homed=False), "not homed", "Home the encoders"),
+        (status(zeroed=False), "no zero", "Take the zero"),
     ],
 )
 def test_what_keeps_trials_from_starting_is_said_with_what_to_do(device, says: str, advises: str) -> None:
@@ -91,8 +91,8 @@ def test_what_keeps_trials_from_starting_is_said_with_what_to_do(device, says: s
 def test_every_fault_of_the_board_has_its_advice() -> None:
     from hardware.sensing.samples import FAULT_WORDS
 
-    unknown = not_well(linked(fault="unknown fault 4096"), Rates())[0].advice
-    assert all(not_well(linked(fault=words), Rates())[0].advice != unknown for words in FAULT_WORDS.values())
+    unknown = not_well(status(fault="unknown fault 4096"), Rates())[0].advice
+    assert all(not_well(status(fault=words), Rates())[0].advice != unknown for words in FAULT_WORDS.values())
 
 
 @pytest.mark.parametrize(
@@ -101,15 +101,15 @@ def test_every_fault_of_the_board_has_its_advice() -> None:
      ("refused", "refuses")],
 )  # fmt: skip
 def test_a_counter_that_rises_is_worth_a_word_and_an_old_count_is_not(counter: str, says: str) -> None:
-    recent, quiet = Recent(), dict.fromkeys(counters_of(linked().report), 0)
+    recent, quiet = Recent(), dict.fromkeys(counters_of(status().report), 0)
     recent.add(0.0, quiet)
     noisy = {**quiet, "samples": 990, counter: 9}
-    (word,) = not_well(linked(), recent.add(1.0, noisy))
+    (word,) = not_well(status(), recent.add(1.0, noisy))
     assert says in word.what and word.advice and word.state == m.CAUTION
     for second in range(2, 2 * int(RECENT_S)):
         noisy = {**noisy, "samples": noisy["samples"] + 1000}
         rates = recent.add(float(second), noisy)
-    assert not_well(linked(), rates) == []
+    assert not_well(status(), rates) == []
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_a_counter_that_rises_is_worth_a_word_and_an_old_count_is_not(counter: s
      ({"lost_links": 1, "begun_anew": 1}, ["anew once"]), ({"board_time_back": 1}, ["time went back once"])],
 )  # fmt: skip
 def test_why_a_connection_was_cut_off_is_told_apart(counted: dict, says: list[str]) -> None:
-    words = not_well(linked(counted), Rates())
+    words = not_well(status(counted), Rates())
     assert len(words) == len(says) and all(told in word.what for told, word in zip(says, words, strict=True))
     assert all(word.advice for word in words)
 
@@ -126,16 +126,16 @@ def test_why_a_connection_was_cut_off_is_told_apart(counted: dict, says: list[st
 def test_samples_are_counted_by_the_clock_of_who_counted_them(screens: Screens) -> None:
     page = on_bench(screens).device
     for second in range(1, 4):
-        screens.hear(told(linked({"samples": 812_345 + 1000 * second}), float(second)))
+        screens.hear(told(status({"samples": 812_345 + 1000 * second}), float(second)))
     assert page.sensors.values["Samples"].text() == "1000 a second"
 
 
 def test_what_encoders_say_before_they_are_homed_is_no_contradiction(screens: Screens) -> None:
-    page = on_bench(screens, linked({"samples": 0}, homed=False)).device
+    page = on_bench(screens, status({"samples": 0}, homed=False)).device
 
     def hear(second: int, not_closed: int, homed: bool) -> str:
         report = {"samples": 1000 * second, "not_closed": not_closed}
-        screens.hear(told(linked(report, homed=homed), float(second)))
+        screens.hear(told(status(report, homed=homed), float(second)))
         return page.sentences[0].text()
 
     assert "not homed" in hear(1, 900, False)
@@ -175,7 +175,7 @@ def test_faults_are_reset_as_the_brakes_are_allowed(screens: Screens) -> None:
 
 
 def test_without_a_session_no_step_is_taken_and_the_page_says_why(screens: Screens) -> None:
-    console = screens.hear(opened("", **ON_BENCH), m.Snapshot(m.NO_SESSION, checks=NOT_ZEROED), told(linked()))
+    console = screens.hear(opened("", **ON_BENCH), m.Snapshot(m.NO_SESSION, checks=NOT_ZEROED), told(status()))
     QTest.mouseClick(console.start_page.device, LEFT)
     page = console.device
     assert page.isVisible() and "Open a session first" in page.why.text()
@@ -192,7 +192,7 @@ def test_a_trial_that_runs_is_not_covered_by_the_page(screens: Screens) -> None:
 
 def test_under_the_page_nothing_is_confirmed_unseen(screens: Screens) -> None:
     waits = ready(3, checks=NOT_ZEROED)._replace(stage=m.RERIG, wait_for="Let go of the handle, go on.")
-    console = screens.hear(opened(**ON_BENCH), waits, told(linked(zeroed=False)))
+    console = screens.hear(opened(**ON_BENCH), waits, told(status(zeroed=False)))
     assert screens.press(KEY.Key_F3) == [] and console.device.isVisible()
     assert screens.press(KEY.Key_Space) == [] == screens.press(KEY.Key_Return)
     screens.press(KEY.Key_F3)
@@ -210,8 +210,8 @@ def test_a_session_can_be_opened_on_a_device_that_its_first_steps_make_ready(scr
 
 
 def test_a_gain_feels_the_encoders_as_far_as_their_steps_are_coarse() -> None:
-    fine = quantisation(DEVICE, linked(), PRESETS)
-    coarse = quantisation(DEVICE, linked({"counts_per_rev": [48_000, 48_000]}), PRESETS)
+    fine = quantisation(DEVICE, status(), PRESETS)
+    coarse = quantisation(DEVICE, status({"counts_per_rev": [48_000, 48_000]}), PRESETS)
     assert fine is not None and coarse is not None
     assert coarse.step_m == pytest.approx(2.0 * fine.step_m) and coarse.force_N == pytest.approx(2.0 * fine.force_N)
     assert fine.gain == max(preset.value("gain_N_s_m") for preset in PRESETS.values())
@@ -220,9 +220,9 @@ def test_a_gain_feels_the_encoders_as_far_as_their_steps_are_coarse() -> None:
         number: preset._replace(values=tuple(0.001 * value for value in preset.values))
         for number, preset in PRESETS.items()
     }
-    few = quantisation(DEVICE, linked(), gentle)
+    few = quantisation(DEVICE, status(), gentle)
     assert few is not None and fine.felt and not few.felt
-    assert quantisation(DEVICE, linked(homed=False), PRESETS) is None
+    assert quantisation(DEVICE, status(homed=False), PRESETS) is None
 
 
 @pytest.mark.parametrize("size", [(1280, 720), (1240, 660), (1920, 1080)])
@@ -234,7 +234,7 @@ def test_no_text_is_cut(screens: Screens, size: tuple[int, int], bad: bool) -> N
     if bad:
         frames = {"good": 9, "bad_cobs": 0, "bad_crc": 9, "too_long": 0, "resyncs": 3, "bytes": 10**9, "bad": 9}
         counts = {"lost": 10**6, "late_commands": 10**5, "not_closed": 10**5, "refused": 10**5, "frames": frames}
-        device = linked(counts, fault="an encoder's signal is bad", homed=False, zeroed=False)
+        device = status(counts, fault="an encoder's signal is bad", homed=False, zeroed=False)
         screens.hear(ready(3, checks=LOST, brakes_off="the board: an encoder's signal is bad"), told(device))
     settle(console)
     assert cut_texts(console) == []

@@ -24,12 +24,12 @@ class OnBench:
     def __init__(self, seen: Window, emulated: Emulated) -> None:
         self.seen, self.emulated = seen, emulated
         seen.until_stage(m.NO_SESSION)
-        wait_until(lambda: self.linked and self.linked.device)
+        wait_until(lambda: self.status and self.status.device)
         seen.bench.send(m.Open("01"))
         seen.until_stage(m.RERIG)
 
     @property
-    def linked(self):
+    def status(self):
         self.seen.look()
         return self.seen.pulse.device if self.seen.pulse else None
 
@@ -39,11 +39,11 @@ class OnBench:
 
         def taken() -> bool:
             nonlocal asked_s
-            linked, now = self.linked, time.monotonic()
+            status, now = self.status, time.monotonic()
             if "Let go" in self.seen.snapshot.wait_for and now - asked_s > 0.5:
                 asked_s = now
                 self.seen.bench.send(m.Rig(m.ZERO))
-            return bool(linked and linked.zeroed and self.seen.snapshot.stage == m.READY)
+            return bool(status and status.zeroed and self.seen.snapshot.stage == m.READY)
 
         wait_until(taken)
 
@@ -90,7 +90,7 @@ def test_a_press_of_brakes_off_after_allow_stands_while_the_board_is_busy(on_ben
     seen.bench.send(m.Note("after that"))
     seen.until(lambda s: s.notes)
     seen.bench.brakes_off("the second press")
-    wait_until(lambda: on_bench.linked.device and not on_bench.linked.zeroed)
+    wait_until(lambda: on_bench.status.device and not on_bench.status.zeroed)
     assert seen.snapshot.brakes_off
     seen.bench.send(m.AllowBrakes())
     seen.until(lambda s: not s.brakes_off)

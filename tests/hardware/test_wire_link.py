@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from simulated_bench import NO, TIP, Bench, homed_link, linked, run
+from simulated_bench import NO, TIP, Bench, homed_link, reached, run
 
 from core.device_interface import DeviceError
 from core.errors import InputError
@@ -86,7 +86,7 @@ def test_no_current_above_the_brake_files_limit_reaches_the_wire(
 def test_another_board_than_the_device_file_says_is_refused(capability: dict, says: str) -> None:
     bench = Bench(**capability)
     with pytest.raises(InputError, match=says):
-        linked(bench)
+        reached(bench)
 
 
 def test_a_port_where_nothing_answers_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,7 +94,7 @@ def test_a_port_where_nothing_answers_is_one_sentence(monkeypatch: pytest.Monkey
     bench = Bench()
     bench.fault("drop=1")
     with pytest.raises(InputError, match="bench: no board answers there"):
-        linked(bench)
+        reached(bench)
 
 
 @pytest.mark.parametrize("kind", ["drop=0.1", "corrupt=0.1", "duplicate=0.1", "jitter=0.003"])
@@ -191,7 +191,7 @@ def test_a_fault_that_still_stands_is_not_reset(bench: Bench, link: SerialDevice
 
 
 def test_closing_leaves_the_board_idle_without_current(bench: Bench) -> None:
-    link = linked(bench)
+    link = reached(bench)
     run(link, 10, (0.5,) * 4)
     link.close()
     bench.tick()
@@ -210,7 +210,7 @@ def test_limits_that_were_not_asked_for_are_no_connection(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(Connection, "ask", generous)
     with pytest.raises(InputError, match="other current limits"):
-        linked(bench)
+        reached(bench)
 
 
 def test_ports_that_come_and_go_while_they_are_listed_are_none(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from simulated_bench import NO, Bench, homed_link, linked, run
+from simulated_bench import NO, Bench, homed_link, reached, run
 
 from core.device_interface import DeviceError
 from hardware.sensing.zero import ZERO_SAMPLES
@@ -123,7 +123,7 @@ def test_a_zero_that_could_not_be_taken_leaves_the_one_before(bench: Bench, link
 
 def test_without_homing_nobody_can_tell_whether_the_handle_is_still(bench: Bench) -> None:
     bench.device.sensors.power_up()
-    link = linked(bench)
+    link = reached(bench)
     with pytest.raises(DeviceError, match="home the encoders first"):
         link.zero()
     assert not link.zeroed

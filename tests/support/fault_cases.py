@@ -16,7 +16,7 @@ from simulated_bench import reach
 from app.ipc.messages import GOOD, DeviceStatus, Done, HomeAt, Reset
 from app.ipc.ring import Ring
 from app.loop.loop import Loop
-from app.session_server.preflight import check_linked
+from app.session_server.preflight import check_real
 from app.session_server.remedies import remedy, with_advice
 from app.session_server.trial_runner import DIED, TrialRun
 from core import tick_log
@@ -113,7 +113,7 @@ class Case:
         told_last = None
         while (answer := self._answer()) is not None:
             told_last = answer if isinstance(answer, DeviceStatus) else told_last
-        return check_linked(told_last, self.ring.why_off) if told_last else None
+        return check_real(told_last, self.ring.why_off) if told_last else None
 
     def look_now(self):
         """The same, without the 100 ms after which it is told anew."""

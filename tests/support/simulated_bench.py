@@ -116,7 +116,7 @@ class BenchWire:
         self.closed = True
 
 
-def linked(bench: Bench) -> SerialDevice:
+def reached(bench: Bench) -> SerialDevice:
     """The link of a bench, reached."""
     link = SerialDevice(
         DEVICE, "bench", clock=lambda: bench.now_s, open_port=lambda name: BenchWire(bench, name),
@@ -128,7 +128,7 @@ def linked(bench: Bench) -> SerialDevice:
 
 def homed_link(bench: Bench) -> Iterator[SerialDevice]:
     """A link whose handle is homed, closed at the end, with nothing left that looks for the board."""
-    link = linked(bench)
+    link = reached(bench)
     link.home(TIP)
     yield link
     link.close()

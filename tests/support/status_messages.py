@@ -24,7 +24,7 @@ REPORT = {
 }  # fmt: skip
 
 
-def linked(report: dict | None = None, **changes) -> DeviceStatus:
+def status(report: dict | None = None, **changes) -> DeviceStatus:
     """A four-brake device that is well, but for these changes (of its report, of itself)."""
     now = time.time()
     well = DeviceStatus(
