@@ -5,7 +5,6 @@ import threading
 import numpy as np
 
 from app.ipc.messages import OPERATOR, Setup
-from core.control.controllers import NO_CONTROL
 from core.device import Device
 from core.path_file import build_path
 from core.simulator.simulated_device import SimulatedDevice
@@ -47,7 +46,7 @@ class Practice:
         """
         p, turn = self._protocol, self.tried
         self.tried += 1
-        controllers = sorted(p.controllers, key=lambda number: p.controllers[number].algorithm == NO_CONTROL)
+        controllers = sorted(p.controllers, key=lambda number: p.controllers[number].kind == "none")
         controller, segment = controllers[turn % len(controllers)], list(p.paths)[turn % len(p.paths)]
         device = linked or p.devices[0]
         planned = PlannedTrial(0, 0, device.name, controller, segment, self.tried)

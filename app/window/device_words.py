@@ -177,7 +177,7 @@ def quantisation(device: Device, linked: "DeviceStatus", controllers: dict[int, 
     """From the counts a revolution and the Jacobians; None where the board has not told enough to say."""
     counts = linked.report.get("counts_per_rev", ())
     joints = [JOINTS.index(letter) for letter in linked.encoders]
-    gain = max((preset.gain for preset in controllers.values()), default=0.0)
+    gain = max((preset.value("gain_N_s_m") for preset in controllers.values()), default=0.0)
     if gain <= 0.0 or not linked.homed or len(counts) != len(joints) or not all(counts):
         return None
     per_joint = dict(zip(joints, counts, strict=True))

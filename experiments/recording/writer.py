@@ -49,14 +49,13 @@ class RecordingWriter:
         path: str | Path,
         braked: str,
         metadata: dict[str, Any],
-        decisions: tuple[str, ...] = DECISIONS,
         sync: bool = True,
         sensors: Sensors | None = None,
     ) -> None:
         """Create `path`; InputError if it exists or cannot be there, OSError if the disk takes no more.
 
         braked: letters of the braked joints, "AEB". metadata: anything JSON holds, known before the trial.
-        decisions: code -> text. sync = False leaves the time of writing to the system: for simulated trials, whose
+        sync = False leaves the time of writing to the system: for simulated trials, whose
         Parquet file reaches the disk before their stream is removed. sensors: of a device on the bench, whose ticks are
         tick_log.BENCH_WIDTH wide.
         """
@@ -66,9 +65,9 @@ class RecordingWriter:
         self.bytes_written = 0
         self._names, self._places = zip(*recording_columns(braked, sensors), strict=True)
         self._width = tick_log.BENCH_WIDTH if sensors else tick_log.WIDTH
-        self._words = column_words(decisions)
+        self._words = column_words(DECISIONS)
         self._dictionaries = {name: pa.array(words, pa.string()) for name, words in self._words.items()}
-        schema = make_schema(braked, metadata, decisions, sensors)
+        schema = make_schema(braked, metadata, DECISIONS, sensors)
         self._schema = schema.with_metadata({**schema.metadata, "crc32": SEAL})
         self._sink = io.BytesIO()
         self._stream = pa.ipc.new_stream(self._sink, self._schema)

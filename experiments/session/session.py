@@ -16,7 +16,7 @@ from typing import Any, Self
 import msgspec
 import numpy as np
 
-from core.control.controllers import KINDS, Preset
+from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
 from core.errors import InputError
 from core.path import point_at
 from core.path_file import build_path
@@ -69,10 +69,10 @@ from experiments.session.journal import (
     UNBLINDED,
     Event,
     JournalSummary,
-    bare_row,
     journal_summary,
-    put_right,
     recorded_row,
+    rows_as_journalled,
+    unmeasured_row,
     write_event,
 )
 from experiments.session.journal import NAME as JOURNAL
@@ -81,7 +81,7 @@ from experiments.trial.operator import Person
 from experiments.trial.population import Operators
 from experiments.trial.trial import Trial
 
-SENSOR = "force sensor"  # of a device on the bench: whoever moves the handle
+SENSOR = "force sensor"  # of a device on the bench, in place of a kind of hand
 LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 
 
@@ -313,7 +313,7 @@ class Session:
     ) -> TrialRow:
         """Close the recording, verify it, take the measures from what was recorded, add the row to the table.
 
-        cut_short: if it was ended, nobody decided so: it is "stopped", and its cell comes again.
+        cut_short: a trial that was ended was not ended by the experimenter: it is "stopped", and its cell comes again.
         raw_will_do: where the disk does not take the Parquet file, the stream is the recording until `put_in_order`.
         OSError if the disk does not take what is needed; `put_in_order` then makes up for it.
         """
@@ -358,7 +358,7 @@ class Session:
         if planned is None:
             raise InputError("all trials of the plan are done, there is none to skip")
         self.journal(SKIPPED, **planned._asdict(), reason=reason)
-        row = bare_row(self.folder, planned._asdict(), "skipped")
+        row = unmeasured_row(self.folder, planned._asdict(), "skipped")
         if planned.block == PRACTICE_BLOCK:
             self._practise(planned.configuration)
             return row
@@ -382,7 +382,7 @@ class Session:
     def unblind(self, who: str) -> None:
         """Open the key: codes become controllers in the tables, from now on; who did it is journalled first.
 
-        InputError if the session is not blind, or nobody is named.
+        InputError if the session is not blind, or no name is given.
         """
         if not self.blind:
             raise InputError(f"{self.folder}: is not blind, there is no key to open")
@@ -391,7 +391,7 @@ class Session:
         self.journal(UNBLINDED, who=who, key=self._key)
         self._summary, self.blind = journal_summary(self.folder), False
         self.plan = self._summary.plan(self.plan)
-        self._replace_rows(put_right(self.folder, self.rows, self._summary))
+        self._replace_rows(rows_as_journalled(self.folder, self.rows, self._summary))
         if (self.data_dir / TABLE).exists():
             write_pooled_table(self.data_dir)
 
@@ -422,15 +422,15 @@ def session_about(
         "key_sha256": key_sha256,
         "plan": plan_to_json(plan),
         "plan_sha256": plan_hash(plan),
-        "versions": {"phd": _version("phd"), "python": platform.python_version()}
-        | {name: _version(name) for name in LIBRARIES},
+        "versions": {"phd": version_of("phd"), "python": platform.python_version()}
+        | {name: version_of(name) for name in LIBRARIES},
     }
 
 
 def recording_metadata(
     participant: str, protocol: Protocol, operators: Operators | None, hand: str, trial: Trial, preset: Preset | None
 ) -> dict[str, Any]:
-    """What a recording says of its trial. preset: its controller; None: nothing may tell it, the session is blind."""
+    """The metadata of a recording. preset: its controller; None: hidden, the session is blind."""
     planned, path = trial.planned, trial.path
     about = {
         "participant": participant,
@@ -456,13 +456,13 @@ def recording_metadata(
 
 def preset_to_json(preset: Preset) -> dict[str, Any]:
     """A controller as plain words and numbers."""
-    kind = next(word for word, algorithm in KINDS.items() if algorithm == preset.algorithm)
-    return {"name": preset.name, "kind": kind, "gap_m": preset.gap_m, "gain_N_s_m": preset.gain}
+    return {"name": preset.name, "kind": preset.kind, **{name: preset.value(name) for name in PARAMETERS}}
 
 
 def preset_from_json(about: dict[str, Any]) -> Preset:
     """A controller as a recording has it. KeyError if something is missing."""
-    return Preset(about["name"], KINDS[about["kind"]], float(about["gap_m"]), float(about["gain_N_s_m"]))
+    own = [parameter.name for parameter in ALGORITHMS[about["kind"]].parameters]
+    return Preset(about["name"], about["kind"], tuple(float(about[name]) for name in own))
 
 
 def operators_from_json(about: dict[str, Any]) -> Operators | None:
@@ -471,7 +471,8 @@ def operators_from_json(about: dict[str, Any]) -> Operators | None:
     return Operators(str(stored["population"]), tuple(stored["changed_after_findings"])) if stored else None
 
 
-def _version(package: str) -> str:
+def version_of(package: str) -> str:
+    """The version of an installed package."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

@@ -120,7 +120,7 @@ class JointValues(Table, frozen=True):
 
 
 class BrakeTable(Table, frozen=True):
-    """What the brakes are told: constants, or a schedule file that overrides them."""
+    """The commands to the brakes: constants, or a schedule file that overrides them."""
 
     torque_N_m: JointValues | None = None
     current_amperes: JointValues | None = None
@@ -139,7 +139,7 @@ class ForceTable(Table, frozen=True):
 
 
 class SceneFile(Table, frozen=True):
-    """A scene as its file says it."""
+    """A scene as it stands in its file."""
 
     device: str
     duration_s: Positive
@@ -259,7 +259,7 @@ def _whole(total: float, part: float, where: str, of: str) -> int:
 
 
 def _schedule(file: SceneFile, device: Device, path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Times (n,) and values (n, 4) of what the brakes are told."""
+    """Times (n,) and values (n, 4) of the commands to the brakes."""
     key = "torque_N_m" if file.fidelity == "ideal" else "current_amperes"
     constants = (getattr(file.brakes, key) or JointValues()).array()
     _check_commands(constants[None], device, file.fidelity, lambda row, joint: f"{path}: brakes.{key}.{joint}")

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.control.controllers import DECISIONS, Preset, make_controller, new_memory
+from core.control.controllers import DECISIONS, Preset, make_controller
+from core.control.velocity_field import new_memory
 from core.device import Device
 from core.device_interface import velocity_noise
 from core.mechanism import JOINTS

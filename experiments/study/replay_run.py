@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 
 from core import tick_log
-from core.control.controllers import Preset, make_controller, new_memory
+from core.control.controllers import Preset, make_controller
+from core.control.velocity_field import new_memory
 from core.device import Device
 from core.errors import InputError
 from core.path import Path as PathAhead

@@ -22,7 +22,8 @@ import math
 import numpy as np
 
 from core.brake import begin_lag, lagged_yield
-from core.control.controllers import OFF, decide, release
+from core.control.algorithm import OFF, release
+from core.control.controllers import decide
 from core.kernel import inlined, kernel
 from core.path import nearest
 from core.simulator.event import advance_event

@@ -13,7 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from core import tick_log
-from core.control.controllers import Controller, Preset, make_controller, new_memory
+from core.control.algorithm import Controller
+from core.control.controllers import Preset, make_controller
+from core.control.velocity_field import new_memory
 from core.device import Device
 from core.device_interface import DeviceSample, RealDevice, velocity_noise
 from core.faults import after, cause

@@ -20,7 +20,7 @@ from app.window import words
 from app.window.painting import theme
 from app.window.plots import BoxPlot, small_energy
 from app.window.results_window import ResultsWindow
-from experiments.analysis.boxplots import MEASURES
+from experiments.analysis.boxplots import DRAWN
 from experiments.analysis.report import sentences
 from experiments.analysis.statistics import Result
 from hardware.serial_port import _reason
@@ -99,7 +99,7 @@ def test_one_trial_alone_is_a_point_filled_or_open_in_the_results(screens: Scree
     first, second = opened().devices
     alone = [result(next(t for t in PLAN if t.configuration == one.name)) for one in (first, second)]
     alone = [replace(row, controller=2, path_error_m=0.002) for row in alone]
-    plot = BoxPlot(MEASURES[0], [first.name, second.name], {2: "wall"})
+    plot = BoxPlot(DRAWN[0], [first.name, second.name], {2: "wall"})
     plot.show_rows(alone)
     filled, hollow = plot.points.points()
     assert filled.brush().color().name() == theme.CONTROLLER[2].lower() == hollow.pen().color().name()

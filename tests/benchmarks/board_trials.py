@@ -6,7 +6,6 @@ difference can be told apart by its cause. No wall clock: a trial takes as long 
 """
 
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ from msgspec.structs import asdict
 
 from app.emulated_operator import EmulatedOperator
 from core import tick_log
-from core.control.controllers import DECISIONS, Preset
+from core.control.controllers import Preset
 from core.device import Device
 from core.device_file import Encoders, Sensing
 from core.path_file import build_path
@@ -22,7 +21,7 @@ from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import Metrics, trial_metrics
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
-from experiments.recording.schema import Recording, column_words, recording_columns
+from experiments.recording.schema import recording_of
 from experiments.trial.person import Person
 from experiments.trial.trial import Trial
 from hardware.emulated_board.board import TICK_US, Board
@@ -209,10 +208,4 @@ def with_counts(device: Device, times: float) -> Device:
 
 def measured(trial: Trial, rows: np.ndarray) -> tuple[str, Metrics]:
     """How a trial has ended, and the measures of its rows as a recording of them has."""
-    words = column_words(DECISIONS)
-    columns = {
-        name: rows[:, at].astype(int) if name in words else np.ascontiguousarray(rows[:, at])
-        for name, at in recording_columns(trial.device.braked)
-    }
-    recording = Recording(Path("simulated"), braked=trial.device.braked, columns=columns, words=words)
-    return trial.outcome()["status"], trial_metrics(recording, trial.path)
+    return trial.outcome()["status"], trial_metrics(recording_of(rows, trial.device.braked), trial.path)

@@ -10,8 +10,8 @@ from real_bench import PATH, RealBench
 from simulated_bench import TIP
 
 from core import tick_log
-from core.control import controllers as control
-from core.control.controllers import PROPORTIONAL, Preset
+from core.control import algorithm
+from core.control.controllers import Preset
 from core.device import load_device
 from core.device_interface import DeviceSample
 from core.simulator.state import new_record, pack_brakes
@@ -34,7 +34,7 @@ def held() -> Iterator[RealBench]:
 def locked(bench: RealBench, **release) -> tuple:
     """A trial in `move` whose controller locks everything when pushed back; and the rules that it has."""
     how = PAPER.trial._replace(hold_s=0.05, start_radius_m=0.02, release=Release(**release))
-    trial = bench.trial(5, how, Preset("locks", PROPORTIONAL, 0.0, 5.0), "literal")
+    trial = bench.trial(5, how, Preset("locks", "proportional", (0.0, 5.0)), "literal")
     bench.run(trial, lambda trial: trial.phase == "move")
     bench.hand.obey({"target": [PATH.start_m[0] - 0.3, PATH.start_m[1] + 0.3]})
     return trial, how
@@ -58,7 +58,7 @@ def test_without_a_release_or_below_its_force_a_lock_holds(held: RealBench) -> N
     trial, _ = locked(held, force_N=60.0, time_s=0.2)
     rows = held.run(trial, lambda trial: trial.finished or trial.ticks > 3000)
     assert not trial.finished and (rows[-500:, CURRENTS] >= 1.0).all()
-    assert np.isin(rows[-500:, tick_log.DECISION], list(control.LOCKED)).all()
+    assert np.isin(rows[-500:, tick_log.DECISION], list(algorithm.LOCKED)).all()
 
 
 class Told:

@@ -16,8 +16,8 @@ from synthetic_hand import SyntheticHand
 from app.cli import main
 from core import tick_log
 from core.simulator.simulated_device import SimulatedDevice, ledger_warnings
+from core.tick_log import ARM_COLUMNS
 from experiments.recording.reader import read_recording
-from experiments.recording.schema import ARM_COLUMNS
 from experiments.recording.writer import save_as_parquet
 from experiments.session.session import Session
 from experiments.study.replay import OTHER_VERSION, replay
@@ -178,7 +178,7 @@ def test_a_decision_that_does_not_follow_from_what_is_recorded_is_counted(sessio
 
 
 def as_an_earlier_version_had_it(recording):
-    later = {"sensed_fx_N", "sensed_fy_N", *(name for name, _ in ARM_COLUMNS)}
+    later = {"sensed_fx_N", "sensed_fy_N", *ARM_COLUMNS}
     columns = {name: column for name, column in recording.columns.items() if name not in later}
     metadata = {name: value for name, value in recording.metadata.items() if name != "start"}
     return replace(recording, columns=columns, metadata=metadata)

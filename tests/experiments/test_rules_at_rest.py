@@ -5,7 +5,9 @@ import pytest
 from protocols import PAPER
 
 from core import tick_log
-from core.control.controllers import LOCKED, make_controller, new_memory
+from core.control.algorithm import LOCKED
+from core.control.controllers import make_controller
+from core.control.velocity_field import new_memory
 from core.device import load_device
 from core.path import nearest, point_at
 from core.path_file import build_path
