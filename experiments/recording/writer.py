@@ -79,9 +79,7 @@ class RecordingWriter:
         self._stream.write_batch(self._batch(np.empty((0, self._width))))
         header = seal(_before_first_batch(self._taken()))
         try:
-            self._file = os.open(
-                self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644
-            )
+            self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
         except FileExistsError:
             raise InputError(f"{self.path}: exists already, a recording is never overwritten") from None
         except OSError as error:
@@ -272,9 +270,7 @@ def save_as_parquet(recording: Recording, target: Path, sync: bool = True) -> No
     else:
         there = read_parquet(target)
         if not there.whole or not same_content(there, recording):
-            raise InputError(
-                f"{target}: exists already and differs from {recording.path.name}, neither was touched"
-            )
+            raise InputError(f"{target}: exists already and differs from {recording.path.name}, neither was touched")
 
 
 def _parquet_bytes(recording: Recording) -> bytes:

@@ -20,7 +20,7 @@ from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
 from core.errors import InputError
 from core.path import point_at
 from core.path_file import build_path
-from core.simulator.simulation import Simulation
+from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow, append_row, write_table
 from experiments.plan import (
     PRACTICE_BLOCK,
@@ -78,10 +78,9 @@ from experiments.session.journal import (
 from experiments.session.journal import NAME as JOURNAL
 from experiments.session.recover import recover_session
 from experiments.trial.inputs import OPERATOR, SENSOR
-from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.operator import Person
 from experiments.trial.population import Operators
-from experiments.trial.trial import Trial, new_simulation
+from experiments.trial.trial import Trial
 
 LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 
@@ -253,31 +252,26 @@ class Session:
         """The controller of a trial, in a blind session too: not to be shown then."""
         return self.protocol.controllers[self._number(planned)]
 
-    def simulation(self, configuration: str) -> Simulation:
+    def simulation(self, configuration: str) -> SimulatedDevice:
         """The simulated device of a configuration; it stays as the last trial left it."""
         if configuration not in self._simulations:
             number, path_file = next(iter(self.protocol.paths.items()))
             path = build_path(path_file, f"path {number}")
             x, y, _, _ = point_at(path, 0.5 * path.length)
             hand = None if self.person else self.protocol.mouse.hand()
-            self._simulations[configuration] = new_simulation(self.devices[configuration], (x, y), hand)
+            self._simulations[configuration] = SimulatedDevice(self.devices[configuration], (x, y), hand)
             self._simulations[configuration].hand.grips["target"][0, :2] = (x, y)
         return self._simulations[configuration]
 
-    def _simulated_trial(self, planned: PlannedTrial) -> Trial:
+    def _trial(self, planned: PlannedTrial, real: bool) -> Trial:
         generator = None
         if self.person:  # the same noise for every controller and configuration
             key = [self.protocol.seed, participant_index(self.participant), planned.segment, planned.repetition]
             generator = np.random.default_rng(np.random.SeedSequence(key))
+        device = self.devices[planned.configuration] if real else self.simulation(planned.configuration)
         return Trial(
-            self.simulation(planned.configuration), planned, self.protocol.paths[planned.segment],
-            self.preset(planned), self.protocol.rules, self.protocol.trial, self.person, generator,
-        )  # fmt: skip
-
-    def _linked_trial(self, planned: PlannedTrial) -> LinkedTrial:
-        return LinkedTrial(
-            self.devices[planned.configuration], planned, self.protocol.paths[planned.segment],
-            self.preset(planned), self.protocol.rules, self.protocol.trial,
+            device, planned, self.protocol.paths[planned.segment], self.preset(planned), self.protocol.rules,
+            self.protocol.trial, None if real else self.person, generator,
         )  # fmt: skip
 
     def close(self) -> None:
@@ -292,14 +286,12 @@ class Session:
         """Keep a remark of the experimenter, with the time."""
         self.journal(NOTE, text=text)
 
-    def begin(
-        self, planned: PlannedTrial, sensors: Sensors | None = None
-    ) -> tuple[Trial | LinkedTrial, RecordingWriter]:
+    def begin(self, planned: PlannedTrial, sensors: Sensors | None = None) -> tuple[Trial, RecordingWriter]:
         """Open a trial, or a practice trial (block 0), and its recording.
 
         sensors: of the device on the bench, on which it is to be run; None: on the simulated device.
         """
-        trial = self._linked_trial(planned) if sensors else self._simulated_trial(planned)
+        trial = self._trial(planned, real=sensors is not None)
         practice = planned.block == PRACTICE_BLOCK
         if practice:
             (self.folder / PRACTICE).mkdir(exist_ok=True)
@@ -317,7 +309,7 @@ class Session:
         return trial, writer
 
     def finish(
-        self, trial: Trial | LinkedTrial, writer: RecordingWriter, cut_short: bool = False, raw_will_do: bool = False
+        self, trial: Trial, writer: RecordingWriter, cut_short: bool = False, raw_will_do: bool = False
     ) -> TrialRow:
         """Close the recording, verify it, take the measures from what was recorded, add the row to the table.
 
@@ -436,11 +428,10 @@ def session_about(
 
 
 def recording_metadata(
-    participant: str, protocol: Protocol, operators: Operators | None, hand: str, trial: Trial | LinkedTrial,
-    preset: Preset | None,
-) -> dict[str, Any]:  # fmt: skip
+    participant: str, protocol: Protocol, operators: Operators | None, hand: str, trial: Trial, preset: Preset | None
+) -> dict[str, Any]:
     """The metadata of a recording. preset: its controller; None: hidden, the session is blind."""
-    planned, path, linked = trial.planned, trial.path, isinstance(trial, LinkedTrial)
+    planned, path = trial.planned, trial.path
     about = {
         "participant": participant,
         **planned._asdict(),
@@ -451,9 +442,9 @@ def recording_metadata(
         "rules": protocol.rules,
         "seed": protocol.seed,
         "note": protocol.note(),
-        "hand": SENSOR if linked else hand,
+        "hand": SENSOR if trial.real else hand,
         "operators": operators._asdict() if operators else None,
-        "link": "serial" if linked else "sim",
+        "link": "serial" if trial.real else "sim",
         "assumed": trial.device.assumed,
     }
     if isinstance(trial, Trial):

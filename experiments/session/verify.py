@@ -175,9 +175,7 @@ def _check_files(session: Path, files: dict[str, Path], live: bool, found: Findi
         else:
             found.faults += [(name, fault) for fault in recording.damaged]
             if not recording.complete and suffix == STREAM_SUFFIX:
-                found.faults.append(
-                    (name, f"cut off before its end, {recording.rows} ticks are whole: recover it")
-                )
+                found.faults.append((name, f"cut off before its end, {recording.rows} ticks are whole: recover it"))
     return result
 
 
@@ -187,7 +185,11 @@ def _faults_but_header(recording: Recording) -> list[str]:
 
 
 def _check_row(
-    session: Path, recording: Recording, rows: dict[int, TrialRow], journal: JournalSummary, live: bool,
+    session: Path,
+    recording: Recording,
+    rows: dict[int, TrialRow],
+    journal: JournalSummary,
+    live: bool,
     found: Findings,
 ) -> None:
     name = recording.path.relative_to(session).as_posix()

@@ -38,9 +38,7 @@ class NumberTable:
         """Refuse a first column that does not rise strictly, or starts after 0."""
         t = self.values[:, 0]
         if t[0] > 0.0:
-            raise InputError(
-                f"{self.path}: line {self.line(0)}: the first time must be 0 or earlier, not {t[0]:g} s"
-            )
+            raise InputError(f"{self.path}: line {self.line(0)}: the first time must be 0 or earlier, not {t[0]:g} s")
         bad = np.flatnonzero(np.diff(t) <= 0.0)
         if len(bad):
             row = int(bad[0]) + 1
@@ -208,9 +206,7 @@ class Scene:
         k = np.arange(first, first + count, dtype=float)
         per_second = round(1.0 / self.output_interval_s)
         return (
-            k / per_second
-            if per_second and 1.0 / per_second == self.output_interval_s
-            else k * self.output_interval_s
+            k / per_second if per_second and 1.0 / per_second == self.output_interval_s else k * self.output_interval_s
         )
 
 

@@ -36,6 +36,7 @@ from core.files import Table, one_of, parse_toml, read_text
 from core.kernel import first_use
 from core.path import point_at
 from core.path_file import PathFile, build_path
+from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import NO_METRICS, Metrics, trial_metrics
 from experiments.plan import PlannedTrial
 from experiments.protocol import PARAMETER_TYPES, Count, Text, TrialRules, load_protocol, plain_text
@@ -44,7 +45,7 @@ from experiments.recording.schema import recording_of
 from experiments.session.files import LOCK, hold_lock
 from experiments.trial.population import Population, load_population
 from experiments.trial.tick import TICK_S
-from experiments.trial.trial import Trial, new_simulation
+from experiments.trial.trial import Trial
 
 Names = Annotated[tuple[Text, ...], msgspec.Meta(min_length=1)]
 MOST_JOBS = 1_000_000
@@ -218,7 +219,7 @@ def run_job(job: Job) -> tuple[int, bytes, int]:
     person = job.population.draw(np.random.default_rng(np.random.SeedSequence([job.seed, job.operator])))
     first = build_path(next(iter(job.paths.values())), "path")
     x, y, _, _ = point_at(first, 0.5 * first.length)
-    simulation = new_simulation(job.device, (x, y))
+    simulation = SimulatedDevice(job.device, (x, y))
     text, ticks = io.StringIO(), 0
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     for repetition in range(1, job.repetitions + 1):

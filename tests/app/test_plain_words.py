@@ -12,7 +12,7 @@ from screens import Screens, cut_texts, opened_screens, settle
 
 from app.cli import main
 from app.ipc import messages as m
-from app.ipc.messages import Linked
+from app.ipc.messages import DeviceStatus
 from app.session_server.preflight import check_linked, check_loop, check_sensor
 from app.session_server.storage import Storage
 from app.verbs.common import in_words, print_summary
@@ -68,7 +68,7 @@ def test_the_loop_is_judged_by_its_last_trial_once_there_is_one() -> None:
 
 
 def test_without_its_board_a_force_sensor_is_not_ready() -> None:
-    there = Linked("four-brake", "B1", homed=True, zeroed=True, force_channels=6)
+    there = DeviceStatus("four-brake", "B1", homed=True, zeroed=True, force_channels=6)
     assert check_sensor(there).state == m.GOOD == check_linked(there, "").state
     gone = there._replace(problem="no sample for 200 ms")
     assert check_sensor(gone).state == m.WAITING and check_linked(gone, "").state == m.BAD
