@@ -42,7 +42,7 @@ def show_compiling() -> None:
 
     def watch(number: int, of: int, name: str) -> None:
         if name:
-            bar(number / of, f"{number} of {of}")
+            bar(number / max(of, 1), f"{number} of {of}")
         else:
             bar.clear()
 

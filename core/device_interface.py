@@ -1,16 +1,38 @@
-"""How a program reaches a device on the bench, whatever wire is between them. SI units, joint order A, E, B, C."""
+"""What any device offers, simulated or real, whatever wire leads to it. SI units, joint order A, E, B, C.
 
-from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+Two classes implement it: `core.simulator.simulated_device.SimulatedDevice` and `hardware.serial_device.SerialDevice`.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
 
 from core.device import Device
+from core.linkage import tip_force_map
+from core.mechanism import JOINTS
+from core.simulator.state import pack_mechanism
 
-#: 1/s: the noise (rms) of the velocity that a link tells, over its encoders' step at the tip (hardware/motion_filter)
+#: 1/s: the noise (rms) of the velocity that a real device senses, over its encoders' step at the tip
+#: (hardware/sensing/tip_motion)
 VELOCITY_NOISE_HZ = 17.0
 
 
-class LinkSample(NamedTuple):
-    """One tick of a device as its sensors tell it. Positions in m, forces in N, currents in A, times in s."""
+class AnyDevice(Protocol):
+    """A device that a trial runs on."""
+
+    device: Device  # by its file
+
+    def begin(self) -> None:
+        """A trial begins: what came before is not its own."""
+
+    def end_record(self) -> dict[str, Any]:
+        """What the device has to say of the trial, for the end of its recording, as JSON holds it."""
+
+
+class DeviceSample(NamedTuple):
+    """One tick of a real device as its sensors tell it. Positions in m, forces in N, currents in A, times in s."""
 
     t_s: float  # host's monotonic clock at which the sensors were read, by the clock model
     board_us: int  # the board's own clock, as it came
@@ -38,35 +60,40 @@ class ZeroRecord(NamedTuple):
     current: tuple[float, float, float, float]  # A, mean of what is measured without current
 
 
-class LinkError(Exception):
-    """The device cannot be reached, or did not do what it was told; one sentence."""
+class DeviceError(Exception):
+    """The device cannot be reached, or did not do what it was asked; one sentence."""
 
 
-class DeviceLink(Protocol):
+class RealDevice(AnyDevice, Protocol):
     """A device on the bench. `exchange` belongs to the control loop: it never waits longer than a few ms."""
 
-    device: Device
     encoders: str  # letters of the joints that have one, as "AB"; known once it is open
     force_channels: int  # likewise
+    port: str  # by which it is reached
+    clock: Callable[[], float]  # s, monotonic: the host's, as in `DeviceSample.t_s`
 
     @property
     def problem(self) -> str:
         """Why there are no samples, one sentence; "" while they come."""
 
+    @property
+    def zeroed(self) -> bool:
+        """Whether the zero of its force sensor is known, or it has no such sensor."""
+
     def open(self) -> None:
         """Reach the device. InputError: there is none, or it is another one than the device file says."""
 
-    def exchange(self, currents: Sequence[float]) -> LinkSample | None:
+    def exchange(self, currents: Sequence[float]) -> DeviceSample | None:
         """Currents (4,) in A to the brakes, clamped to their limits; the newest sample, or None: nothing came."""
 
-    def samples(self) -> list[LinkSample]:
+    def samples(self) -> list[DeviceSample]:
         """Every sample since the last call, oldest first: `exchange` returns the last of them."""
 
     def report(self) -> dict:
-        """Health and clock of the link, as JSON holds them: for the device page and for each recording."""
+        """Health and clock of the connection, as JSON holds them: for the device page and for each recording."""
 
     def home(self, tip: tuple[float, float]) -> None:
-        """The handle is held at `tip` (m) now: set the encoders. LinkError if that could not be done."""
+        """The handle is held at `tip` (m) now: set the encoders. DeviceError if that could not be done."""
 
     def zero(self) -> ZeroRecord:
         """Nobody touches the handle: take what force sensor and amplifiers read as zero. About a second, no current."""
@@ -75,7 +102,28 @@ class DeviceLink(Protocol):
         """Brakes off, latched on the board until `reset`."""
 
     def reset(self) -> None:
-        """Forget the board's faults, where their causes are past. LinkError: one still stands."""
+        """Forget the board's faults, where their causes are past. DeviceError: one still stands."""
 
     def close(self) -> None:
         """Zero currents and leave. Never waits for long, whatever hangs."""
+
+
+def encoder_step(device: Device, tip: tuple[float, float], counts_per_rev: Sequence[int]) -> float:
+    """How far the tip moves for one count of the encoders, m, at a tip (m), in the direction where it is coarsest.
+
+    counts_per_rev (4,): joints A, E, B, C, 0 without one. Rows of Eqs. (7) and (8) are the joint rates for a velocity
+    of the tip; infinite where a direction is not sensed.
+    """
+    rates = np.empty((4, 2))
+    tip_force_map(pack_mechanism(device.mechanism)[0], tip[0], tip[1], rates)  # 1/m
+    counts = rates * np.asarray(counts_per_rev, dtype=float)[:, None] / (2.0 * math.pi)
+    least = float(np.linalg.svd(counts, compute_uv=False)[-1])
+    return 1.0 / least if least > 0.0 else math.inf
+
+
+def velocity_noise(device: Device, tip: tuple[float, float]) -> float:
+    """Noise (m/s, rms) of the sensed velocity at a tip (m); 0 where the device file says no encoders."""
+    encoders = device.sensing.encoders if device.sensing else None
+    if encoders is None:
+        return 0.0
+    return VELOCITY_NOISE_HZ * encoder_step(device, tip, [getattr(encoders, joint) or 0 for joint in JOINTS])

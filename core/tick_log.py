@@ -1,39 +1,130 @@
-"""The columns of the tick log: one float64 row a tick, written by the tick kernel, read by recorder and screens."""
+"""The tick log: one float64 row a tick, written by the tick kernel, read by recorder and screens.
+
+`COLUMNS` declares every column once: recordings, exports and the data dictionary derive from it. To add one: a place,
+its line in `COLUMNS`, and the stage of the tick that writes it.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 from core.mechanism import JOINTS
 
 PHASES = ("approach", "hold", "move", "end")
 APPROACH, HOLD, MOVE, END = range(4)
+CHANNELS = range(1, 7)  # of a force sensor
 
-T = 0
-PHASE = 1
-TIP_X, TIP_Y = 2, 3
-TIP_VX, TIP_VY = 4, 5
-TIP_AX, TIP_AY = 6, 7
+T, PHASE = 0, 1
+TIP_X, TIP_Y, TIP_VX, TIP_VY, TIP_AX, TIP_AY = range(2, 8)
 HAND_FX, HAND_FY = 8, 9
-CURRENT = 10  # four columns, joints A, E, B, C
-TORQUE = 14  # four columns, joints A, E, B, C
-STUCK = 18  # bits 1 A, 2 E, 4 B, 8 C
-DECISION = 19
-LATENESS_US = 20
+CURRENT, TORQUE = 10, 14  # four places each, joints A, E, B, C
+STUCK, DECISION, LATENESS_US = 18, 19, 20
 ENERGY_HAND, ENERGY_BRAKES, ENERGY_KINETIC, ENERGY_STOPS = 21, 22, 23, 24
-TARGET_X, TARGET_Y = 25, 26  # where the hand (pointer or virtual) wants to be
-SENSED_FX, SENSED_FY = 27, 28  # hand force that the controller decided with: the newest that was sensed at t
-# The rest of the hand (`core.hand.GRIP`) during the tick; not on the bench, where the hand is a person's.
-TARGET_VX, TARGET_VY = 29, 30  # velocity of the target
-ARM_HELD_X, ARM_HELD_Y = 31, 32  # force that is held over the tick, beside the spring-damper
-ARM_FORCE_MAX = 33  # cap of the spring-damper
-ARM_STIFFNESS = 34  # three columns, xx, xy, yy
+TARGET_X, TARGET_Y = 25, 26
+SENSED_FX, SENSED_FY = 27, 28
+TARGET_VX, TARGET_VY = 29, 30
+ARM_HELD_X, ARM_HELD_Y, ARM_FORCE_MAX = 31, 32, 33
+ARM_STIFFNESS = 34  # three places, xx, xy, yy
 WIDTH = 37
 
-#: Further columns of a device on the bench: as the sensors said it, and when. NaN in a tick whose sample was lost.
-BOARD_US, HOST_S = 37, 38  # the board's clock; the host's, by the clock model
-FILLED = 39  # 1: the sample of this tick was lost, what was sensed is interpolated
-COUNT = 40  # four columns, encoders of the joints A, E, B, C
-FORCE_COUNT = 44  # six columns, force channels
-MEASURED = 50  # four columns, A, currents that the board measures, joints A, E, B, C
-DECIDED = 54  # 1: the controller decided in this tick; 0: brakes off, or a newer sample was there already
+# Further places in the rows of a device on the bench.
+BOARD_US, HOST_S, FILLED = 37, 38, 39
+COUNT = 40  # four places, encoders of the joints A, E, B, C
+FORCE_COUNT = 44  # six places, force channels
+MEASURED = 50  # four places, joints A, E, B, C
+DECIDED = 54
 BENCH_WIDTH = 55
 
 #: bits of the `stuck` column -> letters
 STUCK_LETTERS = tuple("".join(j for i, j in enumerate(JOINTS) if bits >> i & 1) for bits in range(16))
+
+BOTH, SIMULATED, BENCH = "both", "simulated", "bench"  # whose ticks hold a column
+
+
+class Column(NamedTuple):
+    """One column; or, where {J} or {n} stands in its name, one for each joint or force channel."""
+
+    name: str  # in recordings and exports
+    place: int  # in a row: its own, that of joint A, or that of channel 1
+    unit: str  # "" for text, counts, and numbers without a unit
+    meaning: str
+    of: str = BOTH
+
+    def spread(self, joints: Iterable[str] = JOINTS, channels: Iterable[int] = CHANNELS) -> Iterator["Column"]:
+        """The single columns that it stands for."""
+        for i, joint in enumerate(JOINTS):
+            if "{J}" in self.name and joint in joints:
+                yield self._named(i, J=joint)
+        for n in channels if "{n}" in self.name else ():
+            yield self._named(n - 1, n=n)
+        if "{" not in self.name:
+            yield self
+
+    def _named(self, further: int, **what: object) -> "Column":
+        name, meaning = self.name.format(**what), self.meaning.format(**what)
+        return self._replace(name=name, place=self.place + further, meaning=meaning)
+
+
+#: In the order of a recording. Frame: x to the participant's right, y away from the participant. On the bench the
+#: torques, `stuck` and the energies are estimates from sensed force and velocity and the brake model; its raw signals
+#: are n/a in a tick whose sample was lost.
+COLUMNS = (
+    Column("t_s", T, "s", "time since the first tick of the recording"),
+    Column("phase", PHASE, "", "part of the trial"),
+    Column("tip_x_m", TIP_X, "m", "position of the handle (the tip of the linkage), x"),
+    Column("tip_y_m", TIP_Y, "m", "position of the handle, y"),
+    Column("tip_vx_m_s", TIP_VX, "m/s", "velocity of the handle, x"),
+    Column("tip_vy_m_s", TIP_VY, "m/s", "velocity of the handle, y"),
+    Column("tip_ax_m_s2", TIP_AX, "m/s^2", "acceleration of the handle as the simulator or the device gives it, x"),
+    Column("tip_ay_m_s2", TIP_AY, "m/s^2", "acceleration of the handle as the simulator or the device gives it, y"),
+    Column("hand_fx_N", HAND_FX, "N", "force of the hand on the handle, x"),
+    Column("hand_fy_N", HAND_FY, "N", "force of the hand on the handle, y"),
+    Column("current_{J}_A", CURRENT, "A", "current commanded to the brake at joint {J}"),
+    Column("torque_{J}_N_m", TORQUE, "N m", "torque of the brake at joint {J} on that joint, signed"),
+    Column("stuck", STUCK, "", "letters of the joints whose brakes are stuck"),  # bits 1 A, 2 E, 4 B, 8 C
+    Column("decision", DECISION, "", "what the controller decided at this tick"),
+    Column(
+        "lateness_us", LATENESS_US, "us",
+        "how late the tick began; 0 where the simulated device does not run in real time",
+    ),
+    Column("energy_hand_J", ENERGY_HAND, "J", "work of the hand on the device so far"),
+    Column("energy_brakes_J", ENERGY_BRAKES, "J", "heat in the brakes so far"),
+    Column("energy_kinetic_J", ENERGY_KINETIC, "J", "kinetic energy of the device now"),
+    Column("energy_stops_J", ENERGY_STOPS, "J", "energy lost in the hard stops so far"),
+    Column(
+        "target_x_m", TARGET_X, "m",
+        "where the hand (the pointer, or a simulated operator's virtual hand) wants to be, x",
+    ),
+    Column("target_y_m", TARGET_Y, "m", "where the hand wants to be, y"),
+    Column("board_us", BOARD_US, "us", "time of the sample by the board's clock", BENCH),
+    Column(
+        "host_s", HOST_S, "s", "time of the sample by the host's steady clock, by the clock model of the link", BENCH
+    ),
+    Column(
+        "filled", FILLED, "",
+        "1 where the sample was lost and position, velocity, acceleration and force are interpolated", BENCH,
+    ),
+    Column("encoder_{J}_counts", COUNT, "", "counts of the encoder at joint {J}", BENCH),
+    Column("force_{n}_counts", FORCE_COUNT, "", "counts of force channel {n}", BENCH),
+    Column("measured_{J}_A", MEASURED, "A", "current measured in the brake at joint {J}", BENCH),
+    Column("sensed_fx_N", SENSED_FX, "N", "force of the hand that the controller decided with at this tick, x"),
+    Column("sensed_fy_N", SENSED_FY, "N", "force of the hand that the controller decided with at this tick, y"),
+    Column(
+        "decided", DECIDED, "",
+        "1 where the controller decided at this tick, 0 where it did not (a newer sample was there)", BENCH,
+    ),
+    # The arm at the handle, beside its target: force = held + spring-damper up to its cap (`core.simulator.hand.GRIP`).
+    Column("target_vx_m_s", TARGET_VX, "m/s", "velocity of the target, x", SIMULATED),
+    Column("target_vy_m_s", TARGET_VY, "m/s", "velocity of the target, y", SIMULATED),
+    Column(
+        "arm_held_x_N", ARM_HELD_X, "N", "force of the arm beside its spring-damper, held over the tick, x", SIMULATED
+    ),
+    Column(
+        "arm_held_y_N", ARM_HELD_Y, "N", "force of the arm beside its spring-damper, held over the tick, y", SIMULATED
+    ),
+    Column("arm_force_max_N", ARM_FORCE_MAX, "N", "cap of the force of the arm's spring-damper", SIMULATED),
+    Column("arm_stiffness_xx_N_per_m", ARM_STIFFNESS, "N/m", "stiffness of the arm, xx", SIMULATED),
+    Column("arm_stiffness_xy_N_per_m", ARM_STIFFNESS + 1, "N/m", "stiffness of the arm, xy", SIMULATED),
+    Column("arm_stiffness_yy_N_per_m", ARM_STIFFNESS + 2, "N/m", "stiffness of the arm, yy", SIMULATED),
+)  # fmt: skip
+#: The rest of a simulated device's hand, beside its target: with these a trial is replayed to the last bit.
+ARM_COLUMNS = tuple(column.name for column in COLUMNS if column.of == SIMULATED)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.control.controllers import PROPORTIONAL, SDOF, Preset
+from core.control.controllers import ALGORITHMS, Preset
 from core.errors import InputError
 from core.path_file import Arc, PathFile, Polyline, build_path
 from experiments.protocol import Protocol
@@ -141,7 +141,7 @@ def lay_out(
 
 
 def make_plan(protocol: Protocol, participant: int | str, coded: bool | None = None) -> tuple[PlannedTrial, ...]:
-    """All trials of a participant by a protocol. coded: over codes (default: as the protocol says)."""
+    """All trials of a participant by a protocol. coded: over codes (default: as in the protocol)."""
     names = [device.name for device in protocol.devices]
     controllers = plan_controllers(protocol, coded)
     return lay_out(
@@ -286,8 +286,8 @@ def _seen(protocol: Protocol) -> str:
     linkage = "the linkage" if protocol.show_linkage else "no linkage"
     feedback = "no feedback" if protocol.feedback == "none" else f"the {protocol.feedback} after each trial"
     cues = protocol.cues
-    told = f'"slower" under {cues.too_fast_s:g} s, "faster" over {cues.too_slow_s:g} s' if cues else "no cues"
-    return f"{linkage}, {feedback}, {told}"
+    paced = f'"slower" under {cues.too_fast_s:g} s, "faster" over {cues.too_slow_s:g} s' if cues else "no cues"
+    return f"{linkage}, {feedback}, {paced}"
 
 
 def path_text(path: PathFile) -> str:
@@ -309,11 +309,11 @@ def _place(point: tuple[float, float]) -> str:
 
 def controller_text(preset: Preset) -> str:
     """A controller in a few words."""
-    about = []
-    if preset.algorithm in (SDOF, PROPORTIONAL) and preset.gap_m:
-        about.append(f"gap {1e3 * preset.gap_m:g} mm")
-    if preset.algorithm == PROPORTIONAL:
-        about.append(f"gain {preset.gain:g} N s/m")
+    about = [
+        f"{one.word} {one.scale * value:g} {one.unit}".rstrip()
+        for one, value in zip(ALGORITHMS[preset.kind].parameters, preset.values, strict=True)
+        if value != one.default
+    ]
     return f"{preset.name} ({', '.join(about)})" if about else preset.name
 
 

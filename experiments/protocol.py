@@ -13,7 +13,7 @@ from typing import Annotated, Any, NamedTuple
 
 import msgspec
 
-from core.control.controllers import KINDS, PROPORTIONAL, Preset
+from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.control.rule_sets import RULE_SETS
 from core.device import Device, build_device, load_device
 from core.errors import InputError
@@ -23,28 +23,39 @@ from core.path_file import PathFile, build_path, outline, path_from
 from core.simulator.hand import Hand, spring_hand
 from core.workspace import tip_is_free
 
-FEEDBACKS = ("none", "time", "error")  # what the participant is told after a trial
+PROPORTIONAL, GAIN = "proportional", "gain_N_s_m"  # whose least gain `--low-gain` sets
+FEEDBACKS = ("none", "time", "error")  # what the participant sees after a trial
 
 Count = Annotated[int, msgspec.Meta(ge=1, le=1000)]
 Text = Annotated[str, msgspec.Meta(min_length=1)]
 
 
-class ControllerFile(Table, frozen=True):
-    """One controller: an algorithm of the paper and its parameters."""
+#: Parameter of an algorithm -> what a file may say for it.
+PARAMETER_TYPES = {name: Positive if one.default is None else NotNegative for name, one in PARAMETERS.items()}
+
+
+class _NamedController(Table, frozen=True):
+    """What every controller has."""
 
     name: Text
-    kind: str  # "none", "sdof", "proportional"
+    kind: str  # a word of ALGORITHMS
     number: Count | None = None  # its place in the list where it is left out
-    gap_m: NotNegative = 0.0  # half-width of the band around the path without control
-    gain_N_s_m: Positive | None = None  # K_y, of "proportional" alone
 
     def __post_init__(self) -> None:
-        one_of(self.kind, tuple(KINDS), "kind")
         plain_text(self.name, "name")
-        if (self.kind == "proportional") != (self.gain_N_s_m is not None):
-            raise ValueError(f"gain_N_s_m is {'required for' if self.gain_N_s_m is None else 'not for'} {self.kind!r}")
-        if self.kind == "none" and self.gap_m:
-            raise ValueError("gap_m is not for 'none', which never controls")
+        self.preset()
+
+    def preset(self) -> Preset:
+        """The controller. ValueError if its parameters are not those of its algorithm."""
+        one_of(self.kind, tuple(ALGORITHMS), "kind")
+        return make_preset(self.name, self.kind, {name: getattr(self, name) for name in PARAMETERS})
+
+
+#: One controller as it stands in a file: an algorithm and its parameters.
+ControllerFile = msgspec.defstruct(
+    "ControllerFile", [(name, kind | None, None) for name, kind in PARAMETER_TYPES.items()],
+    bases=(_NamedController,), frozen=True, kw_only=True, forbid_unknown_fields=True,
+)  # fmt: skip
 
 
 class TrialFile(Table, frozen=True):
@@ -117,7 +128,7 @@ class Questionnaire(Table, frozen=True):
 
 
 class ProtocolFile(Table, frozen=True):
-    """One protocol as its file says it."""
+    """One protocol as it stands in its file."""
 
     name: Text
     devices: Annotated[tuple[Text, ...], msgspec.Meta(min_length=1)]  # shipped names, or paths from the file's folder
@@ -132,7 +143,7 @@ class ProtocolFile(Table, frozen=True):
     blind: bool = False  # the console sees codes in place of controllers
     show_linkage: bool = False  # to the participant
     feedback: str = "none"
-    provenance: str = ""  # "assumed": the paths are nobody's, and every figure says so
+    provenance: str = ""  # "assumed": the paths are not measured or published, and every figure notes it
     trial: TrialFile = TrialFile()
     cues: Cues | None = None
     breaks: Breaks | None = None
@@ -203,11 +214,11 @@ class Protocol:
     @property
     def low_gain(self) -> float | None:
         """The least gain of its proportional controllers, N s/m; None without any."""
-        gains = [preset.gain for preset in self.controllers.values() if preset.algorithm == PROPORTIONAL]
+        gains = [preset.value(GAIN) for preset in self.controllers.values() if preset.kind == PROPORTIONAL]
         return min(gains, default=None)
 
     def note(self) -> str:
-        """What every figure says: protocol, rules, the low gain, what is assumed."""
+        """The note on every figure: protocol, rules, the low gain, what is assumed."""
         parts = [f"{self.name} protocol", f"{self.rules} rules"]
         if self.low_gain is not None:
             parts.append(f"low gain {self.low_gain:g} N s/m")
@@ -300,7 +311,7 @@ def build_protocol(
     given: Mapping[str, Any],
     where: str,
 ) -> Protocol:
-    """The protocol of a file with its devices; `given` stands in place of what the file says. InputError as above."""
+    """The protocol of a file with its devices; `given` replaces the file's own values. InputError as above."""
     names = [device.name for device, _ in devices]
     if len(set(names)) < len(names):
         raise InputError(f"{where}: devices: two devices have the same name ({', '.join(names)})")
@@ -365,7 +376,7 @@ def _numbered(key: str, numbers: Sequence[Any], where: str) -> list[int]:
 
 def _controllers(file: ProtocolFile, where: str) -> dict[int, Preset]:
     numbers = _numbered("controller", [controller.number for controller in file.controller], where)
-    presets = [Preset(one.name, KINDS[one.kind], one.gap_m, one.gain_N_s_m or 0.0) for one in file.controller]
+    presets = [one.preset() for one in file.controller]
     names = [preset.name for preset in presets]
     if len(set(names)) < len(names):
         raise InputError(f"{where}: controller: two controllers have the same name ({', '.join(names)})")
@@ -386,11 +397,11 @@ def with_low_gain(controllers: Mapping[int, Preset], gain: float, where: str) ->
     """The controllers with this gain (N s/m) for the proportional one of least gain."""
     if isinstance(gain, bool) or not isinstance(gain, int | float) or not 0.0 < gain <= 1e6:
         raise InputError(f"low gain: {gain!r} must be a number greater than 0, at most 1e6 N s/m")
-    proportional = [number for number, preset in controllers.items() if preset.algorithm == PROPORTIONAL]
+    proportional = [number for number, preset in controllers.items() if preset.kind == PROPORTIONAL]
     if not proportional:
         raise InputError(f"{where}: controller: none is proportional, there is no low gain to set")
-    least = min(proportional, key=lambda number: controllers[number].gain)
-    return {**controllers, least: controllers[least]._replace(gain=float(gain))}
+    least = min(proportional, key=lambda number: controllers[number].value(GAIN))
+    return {**controllers, least: controllers[least].replaced(GAIN, float(gain))}
 
 
 def check_reach(protocol: Protocol, where: str) -> None:

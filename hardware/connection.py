@@ -4,7 +4,7 @@ import time
 from typing import Protocol, TypeVar
 
 from core.device import Device
-from core.device_interface import LinkError
+from core.device_interface import DeviceError
 from core.errors import InputError
 from core.mechanism import JOINTS
 from hardware.emulated_board.sensors import sensing_of
@@ -14,6 +14,7 @@ from hardware.wire.messages import (
     VERSION,
     WATCHDOG_US,
     AskHello,
+    Flag,
     Four,
     Hello,
     Home,
@@ -21,6 +22,7 @@ from hardware.wire.messages import (
     Refusal,
     Refused,
     ResetFault,
+    Sample,
     SampleLayout,
     SetLimits,
     joints_of,
@@ -35,6 +37,13 @@ AGAIN_S = 0.1  # a question without answer is put again after this
 #: rad/s, at which a joint is too fast (assumed; 9 m/s at the end of a 0.3 m link)
 SPEED_MAX = 30.0
 TURN = 6.283185307179586
+
+#: s. The clock stood still for longer than this (or as long in several steps). Below what makes a board call a command
+#: late (freshness.LATE_US) by what the way of a command may vary.
+STOOD_STILL_S = 0.04
+LEARN_S = 1.0  # of board time, after which the quickest sample's way is known
+DRIFT = 2e-4  # most that the two clocks run apart: four crystals of 50 ppm. Assumed
+LATE_S = 0.2  # all commands late for so long
 
 #: why a board refused, for whoever asked
 REFUSAL_WORDS = {
@@ -55,7 +64,7 @@ Answer = TypeVar("Answer")
 
 
 class Wire(Protocol):
-    """What a connection needs of a port; all raise LinkError where it has died."""
+    """What a connection needs of a port; all raise DeviceError where it has died."""
 
     name: str
     not_taken: int  # writes that found no room in time
@@ -100,7 +109,7 @@ class Connection:
         return messages
 
     def ask(self, question: tuple, kind: type[Answer], patience_s: float = ANSWER_S) -> Answer:
-        """The board's answer of this kind; what else comes meanwhile is dropped. LinkError: refused, or none came."""
+        """The board's answer of this kind; what else comes meanwhile is dropped. DeviceError: refused, or none came."""
         end = time.monotonic() + patience_s
         again, late = 0.0, False
         while not late:
@@ -113,8 +122,8 @@ class Connection:
                 if isinstance(message, kind):
                     return message
                 if isinstance(message, Refused) and message.message == pack(question)[0]:
-                    raise LinkError(refusal(question, message.reason))
-        raise LinkError(f"{self.wire.name}: no board answers there")
+                    raise DeviceError(refusal(question, message.reason))
+        raise DeviceError(f"{self.wire.name}: no board answers there")
 
     def hello(self, device: Device) -> Hello:
         """Who is there, checked against the device file; ends what connection there was. InputError: another board."""
@@ -129,7 +138,9 @@ class Connection:
         asked = limits_of(hello, device)
         limits = self.ask(asked, Limits)
         if limits.current_mA != asked.current_mA:
-            raise LinkError(f"the board has set other current limits, {limits.current_mA} mA, than {asked.current_mA}")
+            raise DeviceError(
+                f"the board has set other current limits, {limits.current_mA} mA, than {asked.current_mA}"
+            )
         self._layout = layout_of(hello)
         return limits
 
@@ -184,3 +195,42 @@ def check_hello(hello: Hello, device: Device) -> None:
 
 def _listed(counts: tuple[int, ...]) -> str:
     return ", ".join(f"{JOINTS[i]} = {n}" for i, n in enumerate(counts) if n) or "none"
+
+
+class FreshnessWatch:
+    """Whether the board still takes for fresh what is sent: the host's end of docs/protocol.md, "Commands".
+
+    A board calls a command late by its own clock and the host's. Where the host's clock stood still (a virtual machine
+    that was paused, a suspend that was given up), every command is late from then on, for minutes. Only a new
+    connection helps: with it freshness begins anew, and the currents are zero until some are asked for.
+    """
+
+    def __init__(self) -> None:
+        self._began = self._last = 0.0  # board s
+        self._least: float | None = None  # s: host time less board time of the quickest samples. None: no sample yet
+        self._late: tuple[float, int] | None = None  # since when (host s) commands are late, and the echo since then
+
+    def doubt(self, sample: Sample, came_s: float) -> str:
+        """Why the connection must begin anew, one sentence; "": the board can tell what is fresh. came_s: host time."""
+        stood = self._stood_still(1e-6 * sample.board_us, came_s)
+        if stood > STOOD_STILL_S:
+            return f"this computer's clock stood still for {1e3 * stood:.0f} ms, the board is being connected anew"
+        if self._late is None or self._late[1] != sample.echo:  # one was taken in
+            self._late = (came_s, sample.echo) if sample.flags & Flag.LATE else None
+        elif came_s - self._late[0] > LATE_S:
+            return "the board takes every command for late, it is being connected anew"
+        return ""
+
+    def _stood_still(self, board_s: float, came_s: float) -> float:
+        """How much earlier a sample came than the quickest before it, s: nothing is quicker but by a clock."""
+        behind = came_s - board_s
+        if self._least is None or board_s < self._last:  # the first one, or the board's clock went back
+            self._began, self._least = board_s, behind
+        drifted = DRIFT * (board_s - self._last)
+        self._last = board_s
+        if board_s - self._began < LEARN_S:
+            self._least = min(self._least, behind)
+            return 0.0
+        earlier = self._least - behind
+        self._least += min(max(-earlier, -drifted), drifted)
+        return earlier

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from serial.tools import list_ports
 
-from core.device_interface import LinkError
+from core.device_interface import DeviceError
 from core.errors import InputError
 from core.mechanism import JOINTS
 from hardware.connection import HELLO_S, Connection
@@ -82,19 +82,19 @@ def ask_board(port: str) -> BoardFound:
     nobody = BoardFound(port, "", "", 0, "", {}, {}, 0, "", "", "")
     try:
         wire = Port(port)
-    except LinkError as error:
+    except DeviceError as error:
         return nobody._replace(problem=_without_name(error, port))
     try:
         wire.write(b"\0")
         hello = Connection(wire).ask(AskHello(VERSION), Hello, HELLO_S)
-    except LinkError as error:
+    except DeviceError as error:
         return nobody._replace(problem=_without_name(error, port))
     finally:
         wire.close()
     return described(port, hello)
 
 
-def _without_name(error: LinkError, port: str) -> str:
+def _without_name(error: DeviceError, port: str) -> str:
     """What is wrong, without the name of the port, which stands beside it."""
     return str(error).rpartition(f"{port}: ")[2]
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import serial
 from serial.tools import list_ports
 
-from core.device_interface import LinkError
+from core.device_interface import DeviceError
 from core.errors import InputError
 
 try:
@@ -45,7 +45,7 @@ class Identity(NamedTuple):
 
 
 class Port:
-    """An open port. LinkError where it has died."""
+    """An open port. DeviceError where it has died."""
 
     def __init__(self, name: str) -> None:
         self.name, self.not_taken = name, 0
@@ -53,9 +53,9 @@ class Port:
             self._serial = serial.Serial(name, BAUD, timeout=READ_S, write_timeout=WRITE_S, exclusive=True)
             self._serial.reset_input_buffer()
         except _DEAD as error:
-            raise LinkError(f"serial port {name}: {_reason(error)}") from None
+            raise DeviceError(f"serial port {name}: {_reason(error)}") from None
         except ValueError as error:
-            raise LinkError(f"serial port {name}: {error}") from None
+            raise DeviceError(f"serial port {name}: {error}") from None
 
     def read(self) -> bytes:
         """What has come; waits READ_S for the first byte."""
@@ -63,7 +63,7 @@ class Port:
             first = self._serial.read(1)
             return first + self._serial.read(self._serial.in_waiting) if first else first
         except _DEAD as error:
-            raise LinkError(f"serial port {self.name}: {_reason(error)}") from None
+            raise DeviceError(f"serial port {self.name}: {_reason(error)}") from None
 
     def write(self, data: bytes) -> None:
         """Send; what is not taken in time is lost, as on any wire, and if that lasts the board falls silent."""
@@ -72,7 +72,7 @@ class Port:
         except serial.SerialTimeoutException:
             self.not_taken += 1  # the other end does not read, or this program was held up for longer
         except _DEAD as error:
-            raise LinkError(f"serial port {self.name}: {_reason(error)}") from None
+            raise DeviceError(f"serial port {self.name}: {_reason(error)}") from None
 
     def close(self) -> None:
         """Close in a thread of its own, and do not wait for one that hangs."""

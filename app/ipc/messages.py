@@ -17,8 +17,7 @@ if TYPE_CHECKING:  # else each process imports all of this before it can start t
     from core.path_file import PathFile
     from experiments.analysis.trials_table import TrialRow
     from experiments.plan import PlannedTrial
-    from experiments.trial.linked_trial import LinkedTrial
-    from experiments.trial.trial import Arguments
+    from experiments.trial.trial import Changed, Trial
 
 Point = tuple[float, float]  # m
 
@@ -278,7 +277,7 @@ class Pulse(NamedTuple):
     timing: Timing | None
     verified: int  # earlier runs of this session whose recording was verified
     disk_free_bytes: int
-    linked: "Linked | None" = None  # how the device on the bench is, while no trial runs; None: simulated, or not told
+    device: "DeviceStatus | None" = None  # a real one, while no trial runs; None: not told yet
 
 
 # ----------------------------------------------------------------------------------------- jobs: session server -> loop
@@ -295,11 +294,11 @@ class Try(NamedTuple):
 class Run(NamedTuple):
     """Run this trial now."""
 
-    arguments: "Arguments"
+    trial: "Trial"
 
 
 class Connect(NamedTuple):
-    """Reach the board of one of these devices, the first that it is wired to."""
+    """Reach the board of one of these real devices, the first that it is wired to."""
 
     devices: "tuple[Device, ...]"
 
@@ -318,12 +317,6 @@ class Reset(NamedTuple):
     """Brakes may act again: forget the board's faults and the brakes-off, unless it was pressed again since."""
 
     presses: int  # of the brakes-off, that were seen (`Ring.presses`)
-
-
-class RunLinked(NamedTuple):
-    """Run this trial now."""
-
-    trial: "LinkedTrial"
 
 
 # -------------------------------------------------------------------------------------- answers: loop -> session server
@@ -345,17 +338,11 @@ class Tried(NamedTuple):
 class Done(NamedTuple):
     """A trial has ended."""
 
-    changed: "tuple[np.ndarray, ...]"  # see `changed`
+    changed: "Changed"  # by running it; see `Trial.take_back`
 
 
-def changed(arguments: "Arguments") -> "tuple[np.ndarray, ...]":
-    """The arrays that running a trial changes."""
-    a = arguments
-    return a.hand.grips, a.state, a.trial, a.run, a.operator, a.memory
-
-
-class Linked(NamedTuple):
-    """How the device on the bench is; about ten times a second while no trial runs."""
+class DeviceStatus(NamedTuple):
+    """How a real device is; about ten times a second while no trial runs."""
 
     device: str = ""  # the one that its board is wired to; "": none has been reached
     board: str = ""  # its number
@@ -377,7 +364,7 @@ class Linked(NamedTuple):
 
 
 class Looked(NamedTuple):
-    """The boards to be reached have been looked for; the `Linked` just before says what was found."""
+    """The boards to be reached have been looked for; the `DeviceStatus` just before says what was found."""
 
 
 class Homed(NamedTuple):
@@ -396,9 +383,3 @@ class NotDone(NamedTuple):
     """A job could not be done; one sentence."""
 
     why: str
-
-
-class LinkedDone(NamedTuple):
-    """A trial has ended, as it was when it ended."""
-
-    trial: "LinkedTrial"

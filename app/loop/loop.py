@@ -1,100 +1,322 @@
-"""The control loop: a process that runs one trial at a time at 1 kHz (see `real_time`).
+"""The control loop: a process that runs one trial at a time at 1 kHz, on a simulated or a real device.
 
-It knows nothing of sessions, recordings and windows: the conductor sends it a trial, ready to run, and gets back what
-the trial has changed. A conductor that falls silent ends the trial, brakes off, and with the pipe the process.
+It knows nothing of sessions, recordings and windows: the session server sends it a trial, ready to run, and gets back
+what the trial has changed. A simulated trial runs as compiled code (see `real_time`). A real device's samples pace the
+loop, Python per tick, and nothing waits longer than a few ms; between trials the loop goes on with zero currents.
+Brakes-off is latched on the board, and a fault that the board latches becomes a brakes-off. However the process ends,
+the last thing sent is zero; killed, the board's watchdog does it. A server that falls silent ends the trial, brakes
+off, and with the pipe the process.
 """
 
 import contextlib
+import gc
 import pickle
+import queue
 import signal
 import sys
+import threading
+import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from app.ipc.messages import REAL_TIME, Done, Prepared, Run, Tried, Try, changed
+from app.ipc.messages import (
+    REAL_TIME,
+    Connect,
+    DeviceStatus,
+    Done,
+    HomeAt,
+    Homed,
+    Looked,
+    NotDone,
+    Prepared,
+    Reset,
+    Run,
+    TakeZero,
+    Tried,
+    Try,
+    Zeroed,
+)
+from app.ipc.process import spare_scipy
 from app.ipc.ring import CONTROL, Ring
 from app.ipc.scheduling import take_scheduling
-from app.loop.clock import new_timespec
-from app.loop.real_time import ROOM, run_idle, run_trial
+from app.loop.clock import NATIVE, new_timespec
+from app.loop.real_time import ROOM, end_early, put, run_idle, run_trial
 from core import tick_log
+from core.device import Device
+from core.device_interface import DeviceError, DeviceSample, RealDevice
+from core.errors import InputError
 from core.path_file import build_path
+from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.state import new_record
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
-from experiments.trial.trial import Arguments, Trial, new_simulation
+from experiments.trial.tick import RUN
+from experiments.trial.trial import Trial, load_kernels
+from hardware.serial_device import device_at
+
+NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
+TELL_S = 0.1  # between two reports of how a real device is
+AGAIN_S = 1.0  # between attempts to reach a board that was never reached
+LATCHED = "the board: "  # begins the cause of a brakes-off that the board latched
 
 
 class Loop:
-    """The process's own part: one ring, and the trials that come."""
+    """One ring, one trial at a time."""
 
-    def __init__(self, ring: Ring) -> None:
-        self.ring, self.timespec, self.spare = ring, new_timespec(), np.empty((1, tick_log.WIDTH))
+    def __init__(
+        self, ring: Ring, port: str, answers: Any,
+        clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep,
+    ) -> None:  # fmt: skip
+        """port: of a real device; "": the device is simulated. answers: the pipe to the server."""
+        self.ring, self.port, self._answers = ring, port, answers
+        self.device: RealDevice | None = None  # the real one, once it was reached
+        self.sample: DeviceSample | None = None  # its newest
+        self.jobs: queue.SimpleQueue = queue.SimpleQueue()  # None: there will be no more
+        self._clock, self._sleep = clock, sleep
+        # for calls of compiled kernels, which take 30 us longer with records
+        self._controls = ring.controls.view(np.ndarray) if NATIVE else ring.controls
+        self._timespec, self._row = new_timespec(), np.empty((1, tick_log.WIDTH))
+        self._devices: tuple[Device, ...] = ()
+        self._problem = "not connected yet"
+        self._homed_at = self._zeroed_at = 0.0
+        self._told_s = self._tried_s = 0.0
+        self._looking = False  # boards are to be looked for, and it has not been told what was found
         ring.rows.max()  # every page is in memory before the first tick
 
-    def prepare(self, real_time: bool) -> Prepared:
+    def prepare(self, real_time: bool) -> None:
         """Compile and touch everything that a trial needs, then take the best scheduling that is allowed."""
-        run_stopped_trial()
+        if self.port:
+            load_kernels()
+            row = np.zeros(tick_log.BENCH_WIDTH)
+            put(new_record(CONTROL), np.zeros((2 * ROOM, tick_log.BENCH_WIDTH)), row)
+            end_early(new_record(CONTROL), new_record(RUN), 0, 2 * ROOM)
+            run_idle(np.empty(20), self._timespec)
+        else:
+            run_stopped_trial()
         scheduling, core = take_scheduling(real_time)
         self.ring.control.core = core
-        return Prepared(scheduling, core)
+        self._answer(Prepared(scheduling, core))
 
-    def do(self, job: Try | Run) -> Tried | Done:
-        """One job; what to answer."""
-        match job:
-            case Try(ticks):
-                lateness = np.empty(ticks)
-                run_idle(lateness, self.timespec)
-                return Tried(lateness)
-            case Run(arguments):
-                run_trial(self.ring.controls, self.ring.rows, self.spare, self.timespec, *arguments)
-                return Done(changed(arguments))
+    def work(self, jobs: Any) -> None:
+        """Jobs from a pipe, until it ends."""
+        threading.Thread(target=self._listen, args=(jobs,), name="jobs", daemon=True).start()
+        try:
+            while True:
+                try:
+                    job = self.jobs.get(block=not self.port)
+                except queue.Empty:
+                    self.idle()
+                    continue
+                if job is None:
+                    return
+                self.do(job)
+        finally:
+            if self.device is not None:
+                self.device.close()
+
+    def _listen(self, jobs: Any) -> None:
+        """Reading a job may wait, so it has a thread of its own. At the end of the pipe a running trial ends."""
+        try:
+            with contextlib.suppress(EOFError, pickle.UnpicklingError, OSError):
+                while True:
+                    self.jobs.put(pickle.load(jobs))
+        finally:
+            self.ring.control.conductor_beat = 0
+            self.jobs.put(None)
+
+    def _answer(self, answer: Any) -> None:
+        pickle.dump(answer, self._answers)
+        self._answers.flush()
+
+    def do(self, job: Any) -> None:
+        """One job, and the answer to it."""
+        try:
+            match job:
+                case Try(ticks):
+                    lateness = np.empty(ticks)
+                    run_idle(lateness, self._timespec)
+                    self._answer(Tried(lateness))
+                case Run(trial):
+                    self.run(trial)
+                    self._answer(Done(trial.changed()))
+                    gc.collect()
+                case Connect(devices):
+                    self._devices, self._tried_s, self._looking = devices, 0.0, True
+                    self._leave()
+                case HomeAt(tip):
+                    self._there().home(tip)
+                    self._homed_at = time.time()
+                    self._answer(Homed(tip))
+                case TakeZero():
+                    record = self._there().zero()
+                    self._zeroed_at = time.time()
+                    self._answer(Zeroed(record))
+                case Reset(presses):
+                    self._reset(presses)
+        except (DeviceError, InputError) as error:
+            self._answer(NotDone(str(error)))
+        self._told_s = 0.0
+
+    # ------------------------------------------------------------------------------------------------ a trial
+
+    def run(self, trial: Trial) -> None:
+        """From its first tick to its last; every tick goes into the ring."""
+        if not trial.real:
+            run_trial(self.ring.controls, self.ring.rows, self._row, self._timespec, *trial.arguments())
+        elif self.device is None:
+            trial.give_up(f"the board cannot be reached: {self._problem}")
+        elif not self.device.zeroed:
+            trial.give_up("the zero of the device does not hold any more")
+        else:
+            self._run_on(self.device, trial)
+
+    def _run_on(self, device: RealDevice, trial: Trial) -> None:
+        trial.connect(device)
+        run = trial.arguments().run
+        run = run.view(np.ndarray) if NATIVE else run
+        try:
+            while not trial.finished:
+                end_early(self._controls, run, self._now_ns(), len(self.ring.rows))
+                for row in trial.exchange():
+                    put(self._controls, self.ring.rows, row)
+                self.ring.control.loop_beat = self._now_ns()
+        finally:
+            trial.leave()
+            self.sample = None
+
+    def _now_ns(self) -> int:
+        return round(1e9 * self._clock())
+
+    # ------------------------------------------------------------------------------- between trials, a real device
+
+    def idle(self) -> None:
+        """One exchange with zero currents; now and then the server is told how the device is."""
+        device = self.device
+        if device is None:
+            self._connect()
+        else:
+            self.sample = device.exchange(NO_CURRENT) or self.sample
+            device.samples()
+            if device.problem:
+                self.sample = None
+            elif self.sample is not None:
+                self._latch(device, self.sample)
+        self.ring.control.loop_beat = self._now_ns()
+        known = device is None or device.problem or self.sample is not None
+        if known and self._clock() - self._told_s >= TELL_S:
+            self.tell()
+
+    def tell(self) -> None:
+        """How the device is, to the server."""
+        self._told_s = self._clock()
+        self._answer(self._status())
+        if self._looking:
+            self._looking = False
+            self._answer(Looked())
+
+    def _latch(self, device: RealDevice, sample: DeviceSample) -> None:
+        """Brakes-off here is brakes-off on the board, and the other way round."""
+        if sample.fault:
+            self.ring.switch_off(LATCHED + sample.fault)
+        elif self.ring.control.brakes_off:
+            device.stop()
+
+    def _connect(self) -> None:
+        """Try the devices there are; a board that is not there yet is looked for again."""
+        if not self._devices or self._clock() - self._tried_s < AGAIN_S:
+            self._sleep(0.01)
+            return
+        problem = ""
+        for file in self._devices:
+            device = device_at(file, self.port)
+            self.ring.control.loop_beat = self._now_ns()  # one that does not answer takes more than a second
+            try:
+                device.open()
+            except InputError as error:
+                problem = problem or str(error)
+                continue
+            self.device, self.sample = device, None
+            self._homed_at = self._zeroed_at = 0.0
+            break
+        self._problem, self._tried_s = problem, self._clock()
+
+    def _leave(self) -> None:
+        if self.device is not None:
+            self.device.close()
+        self.device, self.sample, self._problem = None, None, "not connected yet"
+
+    def _there(self) -> RealDevice:
+        if self.device is None:
+            raise DeviceError(f"the board cannot be reached: {self._problem}")
+        return self.device
+
+    def _reset(self, presses: int) -> None:
+        """A board that is not there has no faults to forget; the brakes-off is past all the same.
+
+        Allowed first: a brakes-off that comes while the board answers stands, as does one that came since the asking.
+        """
+        if self.ring.presses != presses:
+            return
+        cause = self.ring.why_off
+        self.ring.allow()
+        if self.sample is not None and self.sample.fault:
+            try:
+                self._there().reset()
+            except (DeviceError, InputError):
+                self.ring.switch_off(cause)
+                raise
+            self.sample = None
+
+    def _status(self) -> DeviceStatus:
+        device, sample = self.device, self.sample
+        if device is None:
+            return DeviceStatus(problem=self._problem, port=self.port)
+        report = device.report()
+        status = DeviceStatus(
+            device.device.name, report.get("board", ""), device.problem, zeroed=device.zeroed, encoders=device.encoders,
+            force_channels=device.force_channels, report=report, port=device.port, homed_at=self._homed_at,
+            zeroed_at=self._zeroed_at if device.zeroed else 0.0, told_s=self._clock(),
+        )  # fmt: skip
+        if sample is None:
+            return status
+        return status._replace(
+            fault=sample.fault, homed=sample.homed, tip=sample.tip, hand_force=sample.hand_force, counts=sample.counts,
+            theta=sample.theta,
+        )  # fmt: skip
 
 
 def run_stopped_trial() -> None:
     """Run a trial that ends at once, on a ring of its own, and the clock: every kernel of the loop is compiled then."""
-    controls, ring = new_record(CONTROL), np.zeros((2 * ROOM, tick_log.WIDTH))
-    spare, timespec = np.empty((1, tick_log.WIDTH)), new_timespec()
-    run_trial(controls, ring, spare, timespec, *stopped_trial())
+    controls, ring, timespec = new_record(CONTROL), np.zeros((2 * ROOM, tick_log.WIDTH)), new_timespec()
+    run_trial(controls, ring, np.empty((1, tick_log.WIDTH)), timespec, *stopped_trial().arguments())
     run_idle(np.empty(20), timespec)
 
 
-def stopped_trial() -> Arguments:
-    """A trial like any other that ends after a few ticks."""
+def stopped_trial() -> Trial:
+    """A simulated trial like any other that ends after a few ticks."""
     protocol = load_protocol()
     segment, preset = next(iter(protocol.paths)), next(iter(protocol.controllers))
-    device, path_file = protocol.devices[0], protocol.paths[segment]
+    file, path_file = protocol.devices[0], protocol.paths[segment]
     path = build_path(path_file, "path")
-    simulation = new_simulation(device, (path.x0, path.y0), protocol.mouse.hand())
-    planned = PlannedTrial(0, 0, device.name, preset, segment, 1)
-    trial = Trial(simulation, planned, path_file, protocol.controllers[preset], protocol.rules, protocol.trial)
-    arguments = trial.arguments()
-    arguments.run["stop"][0], arguments.run["end_ticks"][0] = 1, 20
-    return arguments
+    device = SimulatedDevice(file, (path.x0, path.y0), protocol.mouse.hand())
+    planned = PlannedTrial(0, 0, file.name, preset, segment, 1)
+    trial = Trial(device, planned, path_file, protocol.controllers[preset], protocol.rules, protocol.trial)
+    run = trial.arguments().run
+    run["stop"][0], run["end_ticks"][0] = 1, 20
+    return trial
 
 
 def main() -> None:
     """The process: jobs from the standard input, answers on the standard output, until the input ends."""
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)  # the conductor ends what runs, and then us
+        signal.signal(number, signal.SIG_IGN)  # the server ends what runs, and then us
     jobs, answers = sys.stdin.buffer, sys.stdout.buffer
     sys.stdout = sys.stderr
-    sys.modules["scipy"] = None  # type: ignore[assignment]  # numba would import it to see whether there is a BLAS
-    loop = Loop(Ring(sys.argv[1]))
+    spare_scipy()
+    ring, real_time, port = Ring(sys.argv[1]), sys.argv[2] == REAL_TIME, sys.argv[3]
     with contextlib.suppress(BrokenPipeError):
-        _send(answers, loop.prepare(real_time=sys.argv[2] == REAL_TIME))
-        while (job := _next(jobs)) is not None:
-            _send(answers, loop.do(job))
-
-
-def _send(answers: Any, answer: Prepared | Tried | Done) -> None:
-    pickle.dump(answer, answers)
-    answers.flush()
-
-
-def _next(jobs: Any) -> Any:
-    """The next job; None at the end of the input, also in the middle of one."""
-    try:
-        return pickle.load(jobs)
-    except (EOFError, pickle.UnpicklingError):
-        return None
+        loop = Loop(ring, port, answers)
+        loop.prepare(real_time)
+        loop.work(jobs)

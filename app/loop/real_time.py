@@ -1,10 +1,10 @@
 """The ticks of a live trial: what runs at 1 kHz, compiled, without the interpreter and without allocating.
 
-where a tick comes from   the simulated device: `run_ticks` writes one row (a board would exchange one frame)
-what is done with it      `due`: the deadline and the beat; `why_end`; `keep`: lateness, and into the ring
+A simulated trial is one call, `run_trial`: the tick kernel at the deadlines of the clock. A real device's samples come
+by way of Python, which calls `end_early` and `put` for each.
 """
 
-from app.ipc.ring import AIMS, BRAKES_OFF, CONDUCTOR_SILENT, NO_CAUSE, RING_FULL, STOPPED
+from app.ipc.ring import AIMS, BRAKES_OFF, CONDUCTOR_SILENT, RING_FULL, STOPPED
 from app.loop.clock import fence, native, now_ns, sleep_until
 from core.kernel import kernel
 from core.tick_log import END, LATENESS_US
@@ -44,17 +44,22 @@ def take_aim(control, grip, tip):
 
 
 @kernel
-def why_end(control, now, size):
-    """NO_CAUSE, or why the trial must end now (ns), with a ring of `size` ticks."""
+def end_early(controls, runs, now, size):
+    """End a trial that must end now (ns) at its next tick; one that has ended stays so. size: of the ring, ticks."""
+    control, run = controls[0], runs[0]
+    if run.stop != 0 or run.phase == END:
+        return
     if control.brakes_off != 0:
-        return BRAKES_OFF
-    if control.stop != 0:
-        return STOPPED
-    if now - control.conductor_beat > SILENT_NS:
-        return CONDUCTOR_SILENT
-    if control.head - control.tail > size - ROOM:
-        return RING_FULL
-    return NO_CAUSE
+        control.cause = BRAKES_OFF
+    elif control.stop != 0:
+        control.cause = STOPPED
+    elif now - control.conductor_beat > SILENT_NS:
+        control.cause = CONDUCTOR_SILENT
+    elif control.head - control.tail > size - ROOM:
+        control.cause = RING_FULL
+    else:
+        return
+    run.stop = 1
 
 
 @native
@@ -67,41 +72,38 @@ def due(control, deadline, timespec):
 
 
 @native
-def keep(control, written, late):
-    """Let the others see the tick that has been written into its place, or count it where there was none."""
-    written[0, LATENESS_US] = 1e-3 * late
+def put(controls, ring, row):
+    """Let the others see a tick, or count it where there is no room."""
+    control, size = controls[0], ring.shape[0]
+    if control.head - control.tail >= size:
+        control.dropped += 1
+        return
+    place = control.head % size
+    for i in range(ring.shape[1]):
+        ring[place, i] = row[i]
     fence()
     control.head += 1
 
 
 @native
 def run_trial(
-    controls, ring, spare, timespec,
-    path, controller, mechanism, brakes, hand, state, trial, runs, operator, noise, memory,
+    controls, ring, row, timespec,
+    path, controller, mechanism, brakes, hand, state, scratch, runs, operator, noise, memory,
 ):  # fmt: skip
-    """One trial in real time on the simulated device, from its first tick to its last. spare: a row for lost ticks."""
+    """One trial in real time on the simulated device, from its first tick to its last. row: room for a tick."""
     control, run = controls[0], runs[0]
-    size = ring.shape[0]
     deadline = now_ns(timespec)
     while run.finished == 0:
         late, deadline = due(control, deadline, timespec)
-        cause = why_end(control, control.loop_beat, size)
-        if cause != NO_CAUSE and run.stop == 0 and run.phase != END:  # one that has ended is what it is
-            control.cause = cause
-            run.stop = 1
+        end_early(controls, runs, control.loop_beat, ring.shape[0])
         if run.simulated_hand == 0:
             take_aim(control, hand.grips[0], state[0].tip)
             run.held = 1 if control.push_count != 0 else control.taken
-        full = control.head - control.tail >= size
-        place = control.head % size
-        written = spare if full else ring[place : place + 1]
         run_ticks(
-            path, controller, mechanism, brakes, hand, state, trial, runs, operator, noise, memory, written
+            path, controller, mechanism, brakes, hand, state, scratch, runs, operator, noise, memory, row
         )  # fmt: skip
-        if full:
-            control.dropped += 1
-        else:
-            keep(control, written, late)
+        row[0, LATENESS_US] = 1e-3 * late
+        put(controls, ring, row[0])
 
 
 @native

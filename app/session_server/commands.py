@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 from app.ipc import messages as m
 from app.ipc.messages import HID, MOUSE, OPERATOR
-from app.session_server.device_setup import DeviceSetup
 from app.session_server.practice import done_without, person_at
 from app.session_server.session_progress import SessionProgress
 from app.session_server.state import State
@@ -24,6 +23,7 @@ HANDS = {
     OPERATOR: "the simulated device and a simulated operator",
     SENSOR: "a device on the bench",
 }
+
 
 def do(state: State, command: object) -> None:
     """Do it, or say why not."""
@@ -198,7 +198,7 @@ def _confirm(state: State, _: m.Confirm) -> None:
 
 
 def _rig(state: State, command: m.Rig) -> None:
-    if not isinstance(state.device, DeviceSetup):
+    if not state.device.real:
         raise InputError("The device is simulated: there is nothing to make ready.")
     progress = _between(state)  # whose journal keeps what was done
     if progress.coming is None:

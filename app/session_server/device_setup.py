@@ -1,58 +1,78 @@
-"""A device on the bench, made ready step by step before a configuration's trials: connected, homed, zeroed."""
+"""The device of the session server, made ready before a configuration's trials, and the hand that moves it.
 
+A simulated device is always ready; the mouse, a six-axis device or a simulated operator moves it. A real one is made
+ready step by step, connected, homed, zeroed, by the loop, which tells how it is; a person's hand moves it.
+"""
+
+import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from app.ipc import messages as m
 from app.ipc.messages import (
+    BAD,
     CONNECT,
     DONE,
+    GOOD,
+    HID,
     HOME,
     ZERO,
+    Check,
     Connect,
+    DeviceStatus,
     HomeAt,
     Homed,
-    Linked,
     Looked,
     NotDone,
     Reset,
     TakeZero,
     Zeroed,
 )
-from app.session_server.preflight import check_linked, check_sensor
+from app.ipc.ring import Ring
+from app.session_server.preflight import check_device, check_hand, check_linked, check_sensor
 from app.session_server.session_progress import SessionProgress
 from core.device import Device
 from core.errors import InputError
-from core.simulator.simulation import Simulation
+from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol, home_of
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter
-from experiments.session.journal import HOMED, ZEROED
+from experiments.session.journal import HOMED, RERIGGED, ZEROED
 from experiments.session.session import SENSOR, Session
-from experiments.trial.linked_trial import LinkedTrial
+from experiments.trial.trial import Trial
+from hardware.hid import HidHand
 
 if TYPE_CHECKING:
     from app.session_server.trial_runner import TrialRunner
 
+HID_S = 0.004  # between two looks at a six-axis device: twice as often as one reports
+
 
 class DeviceSetup:
-    """How the bench is, as its loop tells it, and what has to be done to it next."""
+    """What the device is, and what has to be done to it next."""
 
-    real, hand = True, SENSOR
+    def __init__(
+        self, protocol: Protocol, ring: Ring, send: Callable[[object], None], hand: str, real: bool,
+        hid: Callable[[], HidHand] = HidHand,
+    ) -> None:  # fmt: skip
+        """protocol: whose devices are looked for at first. send: a job to the loop. hand: of a simulated device.
 
-    def __init__(self, send: Callable[[object], None], protocol: Protocol) -> None:
-        """send: a job to the loop. protocol: whose devices are looked for at first."""
-        self.linked: Linked | None = None  # None: not told yet
-        self._send, self._connect = send, Connect(tuple(protocol.devices))
+        InputError: the hand is a six-axis device, and none is attached.
+        """
+        self.real, self.hand = real, SENSOR if real else hand
+        self.status: DeviceStatus | None = None  # of a real device; None: not told yet
+        self._ring, self._send, self._connect = ring, send, Connect(tuple(protocol.devices))
         self._home = home_of(protocol.devices[0], protocol.paths)
         self._busy = False  # a step has been asked for and not been answered
-        send(self._connect)
+        self._hid = HidInput(ring, hid()) if self.hand == HID else None
+        if real:
+            send(self._connect)
 
     def stage(self, progress: SessionProgress) -> str:
-        """As the session's; but a device has to be made ready, and again after its board has lost its power."""
+        """As the session's; but a real device has to be made ready, and again after its board has lost its power."""
         stage = progress.stage
-        if stage not in (m.READY, m.RERIG) or progress.coming is None:
+        if not self.real or stage not in (m.READY, m.RERIG) or progress.coming is None:
             return stage
         if self.step(self._device(progress)):
             return m.RERIG
@@ -60,22 +80,22 @@ class DeviceSetup:
         return progress.stage
 
     def step(self, device: Device) -> str:
-        """What is next before this device can be used. A board that is lost is no step: it comes back itself.
+        """What is next before this real device can be used. A board that is lost is no step: it comes back itself.
 
         The loop must have the device as the session has it: the file may be another one by now.
         """
-        linked = self.linked or Linked()
-        if linked.device != device.name or not any(same(device, one) for one in self._connect.devices):
+        status = self.status or DeviceStatus()
+        if status.device != device.name or not any(same(device, one) for one in self._connect.devices):
             return CONNECT
-        if linked.problem or linked.fault:
+        if status.problem or status.fault:
             return DONE
-        if not linked.homed:
+        if not status.homed:
             return HOME
-        return DONE if linked.zeroed else ZERO
+        return DONE if status.zeroed else ZERO
 
     def wait_for(self, progress: SessionProgress) -> str:
-        """The step in one sentence."""
-        if self.stage(progress) != m.RERIG or progress.coming is None:
+        """What the person is to do, in one sentence."""
+        if not self.real or self.stage(progress) != m.RERIG or progress.coming is None:
             return progress.wait_for()
         device = self._device(progress)
         if self._busy:
@@ -92,11 +112,16 @@ class DeviceSetup:
         return ""
 
     def confirm(self, progress: SessionProgress, write: Callable[..., None]) -> None:
-        """The person has done it: now the loop does its part."""
-        self.do(progress, self.step(self._device(progress)))
+        """The person has done it. write: into the journal. With a real device the loop now does its part."""
+        if self.real:
+            self.do(progress, self.step(self._device(progress)))
+            return
+        assert progress.coming is not None
+        write(RERIGGED, configuration=progress.coming.configuration)
+        progress.rigged = progress.coming.configuration
 
     def do(self, progress: SessionProgress, step: str) -> None:
-        """Let the loop do a step, or do it again; while one is being done, nothing."""
+        """Let the loop do a step on the real device, or do it again; while one is being done, nothing."""
         device = self._device(progress)
         if step and not self._busy:
             home = HomeAt(home_of(device, progress.session.protocol.paths))
@@ -112,20 +137,20 @@ class DeviceSetup:
         return progress.session.protocol.device(progress.coming.configuration)
 
     def hear(self, runner: "TrialRunner", write: Callable[..., None], say: Callable[..., None]) -> None:
-        """What the loop says. write: into the journal; say: to the experimenter."""
-        if runner.replaced:  # the new loop knows of no device
-            runner.replaced, self._busy, self.linked = False, False, None
+        """What the loop says of a real device. write: into the journal; say: to the experimenter."""
+        if runner.replaced and self.real:  # the new loop knows of no device
+            runner.replaced, self._busy, self.status = False, False, None
             self._send(self._connect)
         told, runner.told = runner.told, []
         for answer in told:
             match answer:
-                case Linked():
-                    self.linked = answer
+                case DeviceStatus():
+                    self.status = answer
                 case Looked():
                     self._busy = False
                 case Homed(tip):
                     self._busy = False
-                    write(HOMED, tip_m=tip, board=self.linked.board if self.linked else "")
+                    write(HOMED, tip_m=tip, board=self.status.board if self.status else "")
                 case Zeroed(record):
                     self._busy = False
                     write(ZEROED, **record._asdict())
@@ -133,35 +158,53 @@ class DeviceSetup:
                     self._busy = False
                     say(f"{why[0].upper()}{why[1:]}.", bad=True)
 
-    def checks(self, why_off: str) -> tuple[m.Check, m.Check]:
+    def checks(self, why_off: str) -> tuple[Check, Check]:
         """For the pre-flight row: device and hand."""
-        return check_linked(self.linked, why_off), check_sensor(self.linked)
+        if self.real:
+            return check_linked(self.status, why_off), check_sensor(self.status)
+        return check_device(True, why_off), self._hid.check if self._hid else check_hand(self.hand)
 
     def allow(self, presses: int) -> None:
-        """Currents may flow again, if nobody has pressed since those presses of the brakes-off.
+        """Currents may flow again, if the brakes-off was not pressed again after those presses.
 
-        The board has latched it, too, and what it latches is a brakes-off.
+        A board has latched it, too, and what it latches is a brakes-off: there the loop does it.
         """
-        self._send(Reset(presses))
+        if self.real:
+            self._send(Reset(presses))
+        elif self._ring.presses == presses:
+            self._ring.allow()
 
-    def tip(self, progress: SessionProgress | None, practice: Simulation | None) -> m.Point:
-        """Where the handle is, m; rounded, so that a hand that rests tells the window nothing new. Nobody knows it
-        before the encoders are homed: then where the jig will hold it.
+    def tip(self, progress: SessionProgress | None, practice: SimulatedDevice | None) -> m.Point:
+        """Where the handle is, m. practice: the device of trials without a session.
+
+        Of a real device rounded, so that a hand that rests tells the window nothing new; before its encoders are homed,
+        where the jig will hold it.
         """
-        x, y = self.linked.tip if self.linked and self.linked.homed else self._home
-        return round(x, 3), round(y, 3)
+        if self.real:
+            x, y = self.status.tip if self.status and self.status.homed else self._home
+            return round(x, 3), round(y, 3)
+        if progress is not None:
+            return progress.tip
+        return practice.tip if practice is not None else (0.0, 0.0)
 
-    def begin(self, session: Session, planned: PlannedTrial) -> tuple[LinkedTrial, RecordingWriter]:
-        """Open a trial of the session on the board that is connected. InputError: a step is being done."""
-        self._need_rest()
-        assert self.linked is not None
-        trial, writer = session.begin(planned, Sensors(self.linked.encoders, self.linked.force_channels))
-        return trial, writer
+    def begin(self, session: Session, planned: PlannedTrial) -> tuple[Trial, RecordingWriter]:
+        """Open a trial of the session. InputError: a step is being done on the real device."""
+        if self.real:
+            self._need_rest()
+            assert self.status is not None
+            return session.begin(planned, Sensors(self.status.encoders, self.status.force_channels))
+        self.take_handle(session.simulation(planned.configuration))
+        return session.begin(planned)
 
     def ready_device(self, protocol: Protocol) -> Device | None:
-        """The device on the bench, to practise on without a session. InputError: it is not ready, or a step is done."""
+        """The real device, to practise on without a session; None: it is simulated.
+
+        InputError: it is not ready, or a step is being done.
+        """
+        if not self.real:
+            return None
         self._need_rest()
-        device = next((one for one in protocol.devices if self.linked and one.name == self.linked.device), None)
+        device = next((one for one in protocol.devices if self.status and one.name == self.status.device), None)
         if device is None or self.step(device) != DONE:
             raise InputError(
                 "The device on the bench is not ready. Open a session: it leads through homing and zero; "
@@ -173,11 +216,52 @@ class DeviceSetup:
         if self._busy:
             raise InputError("A step on the device is being done: a moment.")
 
-    def take_handle(self, simulation: Simulation) -> None:
-        """A person has it already."""
+    def take_handle(self, device: SimulatedDevice) -> None:
+        """Before a trial on a simulated device: a six-axis device's force alone moves it, no spring."""
+        if self._hid is not None:
+            feel_force_alone(device)
 
     def close(self) -> None:
-        """The loop lets the board go."""
+        """Let the hand's device go; the loop lets the board go."""
+        if self._hid is not None:
+            self._hid.close()
+
+
+class HidInput:
+    """Brings the newest force of a six-axis device to the control loop, until `close`; it is no force sensor."""
+
+    def __init__(self, ring: Ring, hand: HidHand) -> None:
+        """hand: an attached device, which is this object's from now on."""
+        self._ring, self._hand, self._ended = ring, hand, threading.Event()
+        self._thread = threading.Thread(target=self._work, name="hand force", daemon=True)
+        self._thread.start()
+
+    def _work(self) -> None:
+        while not self._ended.wait(HID_S):
+            reading = self._hand.read()
+            self._ring.push(reading.fx_N, reading.fy_N)
+
+    @property
+    def check(self) -> Check:
+        """For the pre-flight row: which device, and that it is no force sensor."""
+        reading = self._hand.read()
+        if reading.connected:
+            return Check("Hand", GOOD, reading.text)
+        return Check("Hand", BAD, "unplugged", f"{reading.text[0].upper()}{reading.text[1:]}.")
+
+    def close(self) -> None:
+        """No force from now on."""
+        self._ended.set()
+        self._thread.join()
+        self._ring.push(0.0, 0.0)
+        self._hand.close()
+
+
+def feel_force_alone(device: SimulatedDevice) -> None:
+    """No spring between pointer and handle: the hand is the force that is pushed."""
+    grip = device.hand.grips
+    grip["spring"][0] = 1
+    grip["stiffness"][0] = grip["damping"][0] = 0.0
 
 
 def same(one: Device, other: Device) -> bool:

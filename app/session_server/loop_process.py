@@ -1,32 +1,31 @@
-"""The conductor's end of the control loop: start it, give it trials, see whether it lives, end it."""
+"""The session server's end of the control loop: start it, give it trials, see whether it lives, end it."""
 
 import subprocess
 
-from app.ipc.messages import DEFAULT, REAL_TIME, Done, Linked, LinkedDone, Prepared, Run, RunLinked, Tried, Try
+from app.ipc.messages import DEFAULT, REAL_TIME, DeviceStatus, Done, Run
 from app.ipc.pipe import Pipe
 from app.ipc.process import start_python
 from app.ipc.ring import Ring
 
 #: Seconds without a tick after which a running loop counts as hung. Our choice: a stall below it is in the lateness.
 HUNG_S = 2.0
-#: The same for a loop on the bench between trials, which says ten times a second how its board is; a handshake takes a
+#: The same for a loop with a real device between trials, which says ten times a second how it is; a handshake takes a
 #: few seconds at most.
 BENCH_HUNG_S = 10.0
 END_S = 3.0  # longest wait for it to end by itself
 
 
 class LoopProcess:
-    """A control loop in a process of its own, on the conductor's ring."""
+    """A control loop in a process of its own, on the server's ring."""
 
     def __init__(self, ring: Ring, real_time: bool = True, port: str = "") -> None:
         """Start it; its first answer is Prepared. real_time: it tries scheduling that needs a privilege.
 
-        port: of a device on the bench; "": the device is simulated.
+        port: of a real device; "": the device is simulated.
         """
         self._ring = ring
         self._process = start_python(
-            "app.loop.board_loop" if port else "app.loop.loop",
-            ring.handle, REAL_TIME if real_time else DEFAULT, port,
+            "app.loop.loop", ring.handle, REAL_TIME if real_time else DEFAULT, port,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, **ring.inherited,
         )  # fmt: skip
         assert self._process.stdin is not None and self._process.stdout is not None
@@ -51,17 +50,17 @@ class LoopProcess:
         silent_s = self._ring.loop_silent_s
         return (self.running and silent_s > HUNG_S) or (self._beats and silent_s > BENCH_HUNG_S)
 
-    def send(self, job: Try | Run) -> None:
+    def send(self, job: object) -> None:
         """Give it something to do; one that is dead is seen by `dead`. Does not wait for it."""
-        self.running = isinstance(job, Run | RunLinked)
+        self.running = isinstance(job, Run)
         self._pipe.send(job)
 
-    def receive(self) -> list[Prepared | Tried | Done]:
+    def receive(self) -> list[object]:
         """What it has answered since the last time."""
         answers = self._pipe.receive()
         for answer in answers:
-            self.running &= not isinstance(answer, Done | LinkedDone)
-            self._beats |= isinstance(answer, Linked)
+            self.running &= not isinstance(answer, Done)
+            self._beats |= isinstance(answer, DeviceStatus)
         self.dead |= self._pipe.closed
         return answers
 

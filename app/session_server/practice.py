@@ -5,16 +5,14 @@ import threading
 import numpy as np
 
 from app.ipc.messages import OPERATOR, Setup
-from core.control.controllers import NO_CONTROL
 from core.device import Device
 from core.path_file import build_path
-from core.simulator.simulation import Simulation
+from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol
-from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.person import Person
 from experiments.trial.population import load_population
-from experiments.trial.trial import Trial, new_simulation
+from experiments.trial.trial import Trial
 
 
 class Practice:
@@ -23,7 +21,7 @@ class Practice:
     def __init__(self, setup: Setup, protocol: Protocol) -> None:
         """Build the simulated device, whose kernels may have to be compiled, beside everything else."""
         self._setup, self._protocol = setup, protocol
-        self.simulation: Simulation | None = None  # None: not built yet
+        self.simulation: SimulatedDevice | None = None  # None: not built yet
         self.tried = 0
         self.failure: BaseException | None = None
         self.loop_ready = threading.Event()  # set once it is: the loop needs the processors more
@@ -34,27 +32,27 @@ class Practice:
         try:
             path = build_path(next(iter(protocol.paths.values())), "path")
             hand = None if self._setup.hand == OPERATOR else protocol.mouse.hand()
-            self.simulation = new_simulation(protocol.devices[0], (path.x1, path.y1), hand)  # there is a way to go
+            self.simulation = SimulatedDevice(protocol.devices[0], (path.x1, path.y1), hand)  # there is a way to go
             self.loop_ready.wait()
             import scipy.fft
             import scipy.signal  # noqa: F401  (the measures need them: seconds, but not after the first trial)
         except BaseException as error:
             self.failure = error  # raised again in `State.watch`, where it ends the server
 
-    def trial(self, linked: Device | None) -> Trial | LinkedTrial:
+    def trial(self, linked: Device | None) -> Trial:
         """The next one; linked: on this device, which stands on the bench.
 
         Our choice: it goes through the controllers, those that brake first, and through the paths.
         """
         p, turn = self._protocol, self.tried
         self.tried += 1
-        controllers = sorted(p.controllers, key=lambda number: p.controllers[number].algorithm == NO_CONTROL)
+        controllers = sorted(p.controllers, key=lambda number: p.controllers[number].kind == "none")
         controller, segment = controllers[turn % len(controllers)], list(p.paths)[turn % len(p.paths)]
         device = linked or p.devices[0]
         planned = PlannedTrial(0, 0, device.name, controller, segment, self.tried)
         path, preset = p.paths[segment], p.controllers[controller]
         if linked:
-            return LinkedTrial(linked, planned, path, preset, p.rules, p.trial)
+            return Trial(linked, planned, path, preset, p.rules, p.trial)
         assert self.simulation is not None
         person = person_at(self._setup, p, "0")
         return Trial(self.simulation, planned, path, preset, p.rules, p.trial, person, np.random.default_rng(turn))

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import IO
 
-from app.ipc.messages import BAD, CAUTION, GOOD, WAITING, Check, Linked, Timing
+from app.ipc.messages import BAD, CAUTION, GOOD, WAITING, Check, DeviceStatus, Timing
 from app.ipc.scheduling import ADVICE
 from app.session_server.remedies import remedy
 
@@ -27,7 +27,7 @@ def check_device(simulated: bool, why_off: str) -> Check:
     return Check("Device", GOOD, "simulated" if simulated else "connected")
 
 
-def check_linked(linked: Linked | None, why_off: str) -> Check:
+def check_linked(linked: DeviceStatus | None, why_off: str) -> Check:
     """Whether the device on the bench is there and fit, and currents may flow."""
     if linked is None:
         return Check("Device", WAITING, "connecting", "The board on the bench is being reached.")
@@ -41,7 +41,7 @@ def check_linked(linked: Linked | None, why_off: str) -> Check:
     return Check("Device", GOOD, f"{linked.device}, board {linked.board}")
 
 
-def check_sensor(linked: Linked | None) -> Check:
+def check_sensor(linked: DeviceStatus | None) -> Check:
     """Whether the hand force is measured."""
     if linked is None or not linked.device or linked.problem:
         return Check("Hand", WAITING, "force sensor", "The board on the bench is being reached.")

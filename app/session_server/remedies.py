@@ -1,7 +1,7 @@
 """What the experimenter can do about whatever ended a trial or keeps the brakes off: a sentence for each cause."""
 
 ALLOW = "then allow the brakes"
-#: part of a cause, as `linked_trial`, `linked_tick`, `sensing`, `trial_run` and `port` word it -> what to do about it.
+#: part of a cause, as `trial`, `tick`, `samples`, `trial_runner` and `serial_port` word it -> what to do about it.
 #: The first that fits counts.
 REMEDIES = {
     "no command for 50 ms": f"Look at the board's cable; if it is well, close other programs, {ALLOW}.",

@@ -15,17 +15,14 @@ from app.session_server.practice import Practice
 from app.session_server.preflight import check_disk, check_recording
 from app.session_server.remedies import with_advice
 from app.session_server.session_progress import SessionProgress
-from app.session_server.simulated_device import SimulatedDevice
 from app.session_server.steps import BY_NAME
 from app.session_server.storage import Storage
-from app.session_server.trial_run import TrialRun
-from app.session_server.trial_runner import TrialRunner
+from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.errors import InputError
 from experiments.protocol import Protocol
 from experiments.session.files import free_participant, kept_sessions, protocols_otherwise
 from experiments.session.journal import BRAKES_ALLOWED, BRAKES_OFF, WINDOW_LOST
 from experiments.session.session import Session
-from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.trial import Trial
 
 DISK_S = 5.0  # between two looks at the disk, while nothing runs
@@ -40,7 +37,7 @@ class State:
         """protocol: of new sessions. loop: already started."""
         self.setup, self.protocol, self.ring = setup, protocol, ring
         self.runner = TrialRunner(ring, loop, setup.real_time, setup.link)
-        self.device = DeviceSetup(self.runner.send, protocol) if setup.link else SimulatedDevice(ring, setup.hand)
+        self.device = DeviceSetup(protocol, ring, self.runner.send, setup.hand, real=bool(setup.link))
         self.why_off = ""  # cause of the brakes-off, as the journal has it
         self.presses = 0  # of the brakes-off, as the window has seen them
         self.broken = ""  # why no more trials can be run
@@ -67,7 +64,7 @@ class State:
         except InputError:
             self._next_participant = next(iter(self._resumable), "")
 
-    def try_out(self) -> Trial | LinkedTrial:
+    def try_out(self) -> Trial:
         """A practice trial outside of any session. InputError: the device on the bench is not ready."""
         linked = self.device.ready_device(self.protocol)
         if linked is None and self.practice.simulation is not None:
@@ -158,7 +155,7 @@ class State:
         """Proof of recording, and timing."""
         proof = self.runner.run.recorder.proof() if self.runner.run else None
         verified = sum(bool(row.recording) for row in self.session.rows) if self.session else 0
-        return m.Pulse(proof, self.runner.timing, verified, self._free, self.device.linked)
+        return m.Pulse(proof, self.runner.timing, verified, self._free, self.device.status)
 
     def _tip(self) -> m.Point:
         """Where the handle stands; during a trial: where it stood before, m."""

@@ -12,8 +12,7 @@ from typing import Any
 
 from app.session_server.remedies import with_advice
 from app.session_server.session_progress import SessionProgress
-from app.session_server.trial_run import TrialRun
-from app.session_server.trial_runner import TrialRunner
+from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.errors import InputError
 from experiments.analysis.trials_table import SETTLED
 from experiments.recording.reader import STREAM_SUFFIX

@@ -1,22 +1,103 @@
-"""Keeps a control loop at hand: starts it, tries it, gives it trials, and starts a new one when it dies."""
+"""Gives trials to the control loop and follows each until its row is in the table; starts a new loop when one dies."""
 
-from app.ipc.messages import Check, Done, LinkedDone, Prepared, Timing, Tried, Try
-from app.ipc.ring import Ring
+import contextlib
+
+from app.ipc.messages import Check, Done, Prepared, Run, Timing, Tried, Try
+from app.ipc.ring import BRAKES_OFF, CONDUCTOR_SILENT, RING_FULL, STOPPED, Ring
 from app.ipc.scheduling import leave_core
 from app.session_server.loop_process import LoopProcess
 from app.session_server.preflight import check_loop
-from app.session_server.recorder import timing_of
-from app.session_server.trial_run import LinkedRun, TrialRun
+from app.session_server.recorder import Recorder, timing_of
+from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
 from experiments.recording.writer import RecordingWriter
-from experiments.trial.linked_trial import LinkedTrial
+from experiments.session.session import Session
 from experiments.trial.trial import Trial
 
 TRY_TICKS = 250  # a quarter of a second of deadlines, before the first trial
 MOST_STARTS = 3  # loops in a row that die before they are ready
 DIED = "the control loop ended unexpectedly"
 HUNG = "the control loop hung and was ended"
+SILENT = "the process that records did not answer for two seconds"
 NEVER = f"the control loop cannot be started: it died {MOST_STARTS} times while it was being prepared"
+
+
+class TrialRun:
+    """A trial that the loop runs now."""
+
+    def __init__(
+        self, ring: Ring, loop: LoopProcess, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None
+    ) -> None:
+        """Start it. writer: None for a trial that is not kept."""
+        self.planned, self.trial = planned, trial
+        self.tip = trial.tip  # where it begins
+        self._ring, self._reason, self._decided = ring, "", False
+        ring.begin_trial()
+        self.recorder = Recorder(ring, writer)
+        trial.aim(*self.tip)  # nothing pulls until the pointer has touched the handle
+        loop.send(Run(trial))
+
+    @property
+    def name(self) -> str:
+        """For the experimenter: "Run 12"."""
+        return f"Run {self.planned.run}" if self.planned.block else "Practice"
+
+    def stop(self, reason: str, decided: bool = False) -> None:
+        """End it at its next tick, brakes off; the first reason stands. decided: the experimenter asked for it."""
+        if not self._reason:
+            self._reason, self._decided = reason, decided
+        self._ring.control.stop = 1
+
+    def watch(self) -> None:
+        """End it if its recording takes no more."""
+        if self.recorder.error:
+            self.stop(self.recorder.error)
+
+    def ended(self, answer: Done, scheduling: str) -> None:
+        """The loop has run its last tick: the trial is as the loop left it, and every tick is with the writer."""
+        self.recorder.close()
+        self.trial.take_back(answer.changed)
+        if reason := self._why():
+            self.trial.abort(reason)
+        timing = self.recorder.timing(scheduling)
+        if timing is not None:
+            lost = int(self._ring.control.dropped)
+            self.trial.timing = {**timing._asdict(), "ticks": len(self.recorder.lateness_us), "lost": lost}
+
+    def keep(self, session: Session) -> TrialRow:
+        """Close and verify the recording and make its row. OSError or InputError if it is not whole."""
+        assert self.recorder.writer is not None
+        if self.recorder.error:
+            raise OSError(self.recorder.error)
+        decided = self._decided and int(self._ring.control.cause) == STOPPED
+        return session.finish(self.trial, self.recorder.writer, cut_short=not decided, raw_will_do=True)
+
+    def let_go(self) -> None:
+        """The recording gets no more: its stream stays as it is."""
+        self.recorder.close()
+        if self.recorder.writer is not None:
+            with contextlib.suppress(OSError, ValueError):  # what the disk does not take is said already
+                self.recorder.writer.abandon()
+
+    def rescue(self, session: Session) -> None:
+        """The loop is gone: every tick that it has run becomes a recovered recording; the cell is open again."""
+        self.let_go()
+        if self.recorder.writer is not None:
+            session.put_in_order()
+
+    def timing(self, scheduling: str) -> Timing | None:
+        """How late its ticks have been so far."""
+        return self.recorder.timing(scheduling)
+
+    def _why(self) -> str:
+        """Why the loop ended it early; "": it did not."""
+        reasons = {
+            STOPPED: self._reason,
+            BRAKES_OFF: f"brakes off: {self._ring.why_off}",
+            CONDUCTOR_SILENT: SILENT,
+            RING_FULL: f"the disk could not keep up: it took nothing for {len(self._ring.rows) // 1000} s",
+        }
+        return reasons.get(int(self._ring.control.cause), "")
 
 
 class TrialRunner:
@@ -31,7 +112,7 @@ class TrialRunner:
         self._last: Timing | None = None  # of the last trial
         self.run: TrialRun | None = None
         self.broken = ""  # why no loop can be had
-        self.told: list[object] = []  # what the loop of a board has answered besides, until somebody takes it
+        self.told: list[object] = []  # what the loop has answered besides, for `device_setup`
         self.replaced = False  # the loop is a new one, which knows of no device yet
 
     @property
@@ -39,10 +120,9 @@ class TrialRunner:
         """Whether a trial may start."""
         return self._tried is not None and self.run is None
 
-    def start(self, planned: PlannedTrial, trial: Trial | LinkedTrial, writer: RecordingWriter | None) -> None:
+    def start(self, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None) -> None:
         """Run a trial; the writer is the runner's until the run has ended or is lost."""
-        kind = LinkedRun if isinstance(trial, LinkedTrial) else TrialRun
-        self.run = kind(self._ring, self._loop, planned, trial, writer)
+        self.run = TrialRun(self._ring, self._loop, planned, trial, writer)
 
     def send(self, job: object) -> None:
         """A job for the loop of a board."""
@@ -61,7 +141,7 @@ class TrialRunner:
                     self._loop.send(Try(TRY_TICKS))
                 case Tried(lateness_us):
                     self._tried = timing_of(lateness_us, self._scheduling)
-                case Done() | LinkedDone():
+                case Done():
                     assert self.run is not None
                     ended, self.run = self.run, None
                     ended.ended(answer, self._scheduling)

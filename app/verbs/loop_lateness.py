@@ -19,12 +19,13 @@ from app.ipc.ring import Ring
 from app.ipc.scheduling import leave_core, program_cores, stolen_ms
 from app.session_server.loop_process import LoopProcess
 from app.session_server.recorder import timing_of
-from app.session_server.trial_run import TrialRun
+from app.session_server.trial_runner import TrialRun
 from core.path_file import build_path
+from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
 from experiments.trial.population import load_population
-from experiments.trial.trial import Trial, new_simulation
+from experiments.trial.trial import Trial
 
 LOOK_S = 0.02
 WAIT_S = 600.0  # longest wait for the loop to compile its kernels, or for a trial to end
@@ -121,7 +122,7 @@ def _trials() -> Iterator[Trial]:
     person = load_population().draw(generator)
     device = protocol.devices[0]
     start = build_path(next(iter(protocol.paths.values())), "path")
-    simulation = new_simulation(device, (start.x0, start.y0))
+    simulation = SimulatedDevice(device, (start.x0, start.y0))
     while True:
         for segment, path in protocol.paths.items():
             for number, preset in protocol.controllers.items():

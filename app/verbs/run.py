@@ -116,7 +116,7 @@ def link_of(args: argparse.Namespace) -> str:
         return port
     if not port:
         raise InputError("--force: goes with --link serial:PORT (the simulated device needs no force sensor)")
-    from hardware.sensing.net_force_link import check_force
+    from hardware.sensing.net_ft import check_force
 
     check_force(args.force)
     return f"{port} {args.force}"

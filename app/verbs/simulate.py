@@ -28,7 +28,7 @@ def simulate_verb(args: argparse.Namespace) -> int:
     from experiments.simulate.scene import read_scene
 
     scene = read_scene(args.scene)
-    from experiments.simulate.simulate import open_scene, simulate
+    from experiments.simulate.simulate import SceneRun, simulate
 
     compiling_s = 0.0
 
@@ -36,9 +36,9 @@ def simulate_verb(args: argparse.Namespace) -> int:
         nonlocal compiling_s
         if announce_first_use():
             began = time.perf_counter()
-            open_scene(scene).run_chunk(1)  # compiles what the scene needs
+            SceneRun(scene).run_chunk(1)  # compiles what the scene needs
             compiling_s = time.perf_counter() - began
-        return open_scene(scene)
+        return SceneRun(scene)
 
     with Progress("simulating") as progress:
         summary = asdict(simulate(scene, args.out, announced, progress))

@@ -72,7 +72,9 @@ def add(verbs) -> None:
         "population and rule set that the file names, on all cores, into one table DIR/sweep.csv",
     )
     verb.add_argument(
-        "--cluster", metavar="ADDRESS", help="of --sweep: run it on the workers of this Dask scheduler (tcp://HOST:8786)"
+        "--cluster",
+        metavar="ADDRESS",
+        help="of --sweep: run it on the workers of this Dask scheduler (tcp://HOST:8786)",
     )
     verb.add_argument("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
     verb.add_argument("--json", action="store_true", help="print the summary as JSON")

@@ -383,7 +383,7 @@ class ConsoleWindow(QWidget):
         """Proof of recording, and timing."""
         self.proof.show_pulse(pulse)
         self.timing.show_timing(pulse.timing)
-        self.device.show_linked(pulse.linked)
+        self.device.show_linked(pulse.device)
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
         """Ticks (n, row.WIDTH) of the running trial; taken: the pointer has hold of the handle."""

@@ -27,7 +27,7 @@ from core.mechanism import JOINTS
 from experiments.protocol import home_of
 
 if TYPE_CHECKING:
-    from app.ipc.messages import Linked
+    from app.ipc.messages import DeviceStatus
 
 SIMULATED = (
     "The device is simulated: it is computed on this computer, with no board and no sensors, and is always ready. "
@@ -73,7 +73,7 @@ class DevicePage(QWidget):
         super().__init__(parent)
         self._opened: m.Opened | None = None
         self._snapshot = m.Snapshot(m.PREPARING)
-        self._linked: Linked | None = None
+        self._linked: DeviceStatus | None = None
         self._rates, self._recent = Rates(), Recent()
         self._card: Notice | None = None
         self.title = word("Device", size=theme.HEAD, bold=True)
@@ -163,7 +163,7 @@ class DevicePage(QWidget):
         self._opened, self._snapshot = opened, snapshot
         self._refresh()
 
-    def show_linked(self, linked: "Linked | None") -> None:
+    def show_linked(self, linked: "DeviceStatus | None") -> None:
         """How the device is, about ten times a second."""
         if linked is None or linked != self._linked:
             before, self._linked = self._linked, linked
@@ -211,7 +211,7 @@ class DevicePage(QWidget):
                 mark.setStyleSheet(f"color: {COLOURS[words[at].state]}")
                 sentence.setText(breakable(" ".join(filter(None, words[at][1:]))))
 
-    def _quantised(self, linked: "Linked") -> str:
+    def _quantised(self, linked: "DeviceStatus") -> str:
         device, opened = self._device(linked.device), self._opened
         found = quantisation(device, linked, opened.controllers) if device and opened else None
         if found is None:
@@ -238,7 +238,7 @@ class DevicePage(QWidget):
             return "The plan is done."
         return "" if snapshot.stage in (m.READY, m.RERIG, m.BREAK, m.QUESTIONS) else "Not now."
 
-    def _allow(self, linked: "Linked") -> None:
+    def _allow(self, linked: "DeviceStatus") -> None:
         why = self._why_not()
         self.why.setText(why)
         self.why.setVisible(bool(why))

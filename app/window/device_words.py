@@ -9,12 +9,11 @@ from app.ipc import messages as m
 from app.window.words import grouped
 from core.control.controllers import Preset
 from core.device import Device
-from core.device_interface import VELOCITY_NOISE_HZ
-from core.encoder_step import encoder_step
+from core.device_interface import VELOCITY_NOISE_HZ, encoder_step
 from core.mechanism import JOINTS
 
 if TYPE_CHECKING:
-    from app.ipc.messages import Linked
+    from app.ipc.messages import DeviceStatus
 
 RECENT_S = 10.0  # what is counted as happening now
 SAMPLE_HZ = 1000.0
@@ -82,13 +81,13 @@ class Recent:
 
 
 def counters_of(report: dict) -> dict:
-    """The whole numbers of a report of hardware.link_health, those of frames among them."""
+    """The whole numbers of a report of hardware.serial_device.Health, those of frames among them."""
     frames = {f"frames_{name}": value for name, value in report.get("frames", {}).items()}
     counted = ("samples", "lost", "repeated", "late_commands", "refused", "not_closed", "lost_links")
     return {**{name: report.get(name, 0) for name in counted}, **frames}
 
 
-def not_well(linked: "Linked | None", rates: Rates) -> list[Word]:
+def not_well(linked: "DeviceStatus | None", rates: Rates) -> list[Word]:
     """What keeps trials from starting, then what is worth a look; empty: all is well."""
     if linked is None:
         return [Word(m.WAITING, "The board is being reached.")]
@@ -108,7 +107,7 @@ def not_well(linked: "Linked | None", rates: Rates) -> list[Word]:
     return words + _lately(linked, rates)
 
 
-def _lately(linked: "Linked", rates: Rates) -> list[Word]:
+def _lately(linked: "DeviceStatus", rates: Rates) -> list[Word]:
     words, counts = [], rates.counts
 
     def say(when: bool, what: str, advice: str) -> None:
@@ -182,11 +181,11 @@ class Quantisation(NamedTuple):
         return self.force_N > FELT_SHARE * self.range_N
 
 
-def quantisation(device: Device, linked: "Linked", controllers: dict[int, Preset]) -> Quantisation | None:
+def quantisation(device: Device, linked: "DeviceStatus", controllers: dict[int, Preset]) -> Quantisation | None:
     """From the counts a revolution and the Jacobians; None where the board has not told enough to say."""
     counts = linked.report.get("counts_per_rev", ())
     joints = [JOINTS.index(letter) for letter in linked.encoders]
-    gain = max((preset.gain for preset in controllers.values()), default=0.0)
+    gain = max((preset.value("gain_N_s_m") for preset in controllers.values()), default=0.0)
     if gain <= 0.0 or not linked.homed or len(counts) != len(joints) or not all(counts):
         return None
     per_joint = dict(zip(joints, counts, strict=True))
@@ -198,10 +197,10 @@ def quantisation(device: Device, linked: "Linked", controllers: dict[int, Preset
 
 
 if TYPE_CHECKING:
-    from app.ipc.messages import Linked
+    from app.ipc.messages import DeviceStatus
 
 
-def board_values(linked: "Linked") -> dict[str, str]:
+def board_values(linked: "DeviceStatus") -> dict[str, str]:
     """Who the board is, and whether it is ready."""
     report = linked.report
     state = report.get("state", "")
@@ -227,7 +226,7 @@ def at(when: float, else_: str) -> str:
     return f" at {datetime.fromtimestamp(when):%H:%M}" if when else else_
 
 
-def sensor_values(linked: "Linked", rates: Rates) -> dict[str, str]:
+def sensor_values(linked: "DeviceStatus", rates: Rates) -> dict[str, str]:
     """What the sensors say now."""
     if linked.problem or not linked.counts:
         return {}

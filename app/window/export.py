@@ -51,7 +51,7 @@ def export_results(job: Job, progress: Callable[[float], None] = lambda share: N
     progress: called with the share done.
     """
     from experiments.analysis.boxplots import draw_boxplots  # matplotlib takes its time
-    from experiments.export.trial import said_in, write_said
+    from experiments.export.trial import answers_and_notes, write_answers_and_notes
 
     rows, data_dir, folder, note, devices, labels, protocol = job
     if folder.exists():
@@ -63,7 +63,8 @@ def export_results(job: Job, progress: Callable[[float], None] = lambda share: N
         figures = draw_boxplots(rows, partial, note, devices, labels=labels, progress=progress, protocol=protocol)
         write_table(partial / "trials.csv", [row.seen_from(here) for row in rows])
         people = sorted({row.participant for row in rows})
-        said = write_said(partial, said_in(home for who in people for home in data_dir.glob(f"sub-{who}/ses-*")))
+        sessions = (session for who in people for session in data_dir.glob(f"sub-{who}/ses-*"))
+        said = write_answers_and_notes(partial, answers_and_notes(sessions))
         partial.rename(folder)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({(error.strerror or str(error)).lower()})") from None

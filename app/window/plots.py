@@ -20,7 +20,8 @@ from core import tick_log
 from core.device import Device
 from core.mechanism import JOINTS
 from core.path_file import PathFile, build_path
-from experiments.analysis.boxplots import Box, Measure, boxes
+from experiments.analysis.boxplots import Box, boxes
+from experiments.analysis.metrics import Metric
 from experiments.analysis.trials_table import COUNTED, TrialRow
 
 WINDOW_S = 6.0  # what a live plot shows while it follows
@@ -352,9 +353,9 @@ class BoxPlot(Plot):
 
     chosen = Signal(object)  # a TrialRow
 
-    def __init__(self, measure: Measure, configurations: Sequence[str], controllers: Mapping[int, str]) -> None:
-        super().__init__(measure.title)
-        self._measure, self._configurations = measure, tuple(configurations)
+    def __init__(self, metric: Metric, configurations: Sequence[str], controllers: Mapping[int, str]) -> None:
+        super().__init__(metric.title)
+        self._metric, self._configurations = metric, tuple(configurations)
         self._names = {number: SHORT.get(name, name) for number, name in controllers.items()}
         self.found: dict[tuple[int | str, str], Box] = {}
         self.controllers: tuple[int | str, ...] = tuple(self._names)
@@ -362,12 +363,12 @@ class BoxPlot(Plot):
         self.rows.addWidget(self.caption)
         self.points = pg.ScatterPlotItem(size=5, hoverable=True, hoverSize=9, tip=self._tip)
         self.points.sigClicked.connect(self._clicked)
-        self.figures.show_parts((measure.unit, theme.QUIET))
+        self.figures.show_parts((metric.shown_unit, theme.QUIET))
         self.setMinimumSize(240, 170)
 
     def show_rows(self, rows: Sequence[TrialRow]) -> None:
         """The trials of these rows; codes of a blind session stand in place of controllers."""
-        self.found = boxes(rows, self._measure.column, self._configurations, self._measure.scale)
+        self.found = boxes(rows, self._metric.name, self._configurations, self._metric.scale)
         there = tuple(dict.fromkeys(controller for controller, _ in self.found))
         coded = tuple(controller for controller in there if controller not in self._names)
         self.controllers = coded if there and coded == there else (*self._names, *coded)
@@ -425,14 +426,14 @@ class BoxPlot(Plot):
     def _add_points(self, rows: Sequence[TrialRow]) -> None:
         spots = []
         for row in rows:
-            value = getattr(row, self._measure.column)
+            value = getattr(row, self._metric.name)
             if value is None or row.status not in COUNTED or (row.controller, row.configuration) not in self.found:
                 continue
             jitter = (row.run * GOLDEN % 1.0 - 0.5) * 0.6 * self._width
             colour = colour_of(row.controller)
             filled = row.configuration == self._configurations[0]
             spots.append({
-                "pos": (self._place(row.controller, row.configuration) + jitter, self._measure.scale * value),
+                "pos": (self._place(row.controller, row.configuration) + jitter, self._metric.scale * value),
                 "symbol": "x" if row.status == "timeout" else "o", "data": row, "pen": pg.mkPen(colour, width=1),
                 "brush": pg.mkBrush(colour if filled else theme.PANEL),
             })  # fmt: skip
@@ -441,7 +442,7 @@ class BoxPlot(Plot):
 
     def _tip(self, x: float, y: float, data: TrialRow) -> str:
         timed_out = " · timed out" if data.status == "timeout" else ""
-        return f"Participant {data.participant} · run {data.run} · {y:.3g} {self._measure.unit}{timed_out}"
+        return f"Participant {data.participant} · run {data.run} · {y:.3g} {self._metric.shown_unit}{timed_out}"
 
     def _clicked(self, _points: object, found: Sequence, _event: object) -> None:
         if len(found):

@@ -13,10 +13,9 @@ from app.window.painting import theme
 from app.window.painting.labels import Choice, OneLine, word
 from app.window.plots import BoxPlot
 from core.errors import InputError
-from experiments.analysis.boxplots import MEASURES
-from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings
+from experiments.analysis.boxplots import DRAWN
+from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings, why_no_findings
 from experiments.analysis.participants import people_of, too_few
-from experiments.analysis.statements import why_no_findings
 from experiments.analysis.trials_table import COUNTED, TrialRow
 from experiments.protocol import label
 from experiments.session.files import pooled_rows
@@ -76,7 +75,7 @@ class ResultsWindow(QWidget):
         self.whose.addItem(POOLED)
         self.whose.setMinimumWidth(170)
         self.whose.currentTextChanged.connect(self._show)
-        self.boxes = [BoxPlot(measure, self._devices, controllers) for measure in MEASURES]
+        self.boxes = [BoxPlot(metric, self._devices, controllers) for metric in DRAWN]
         self.verdicts = Verdicts()
         self.said = OneLine("", "caution")
         self.bar = QProgressBar()

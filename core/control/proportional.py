@@ -7,10 +7,34 @@ import math
 
 import numpy as np
 
+from core.control.algorithm import (
+    GAP_M,
+    LOCK_BACK,
+    LOCK_BACK_NONE_SELECTED,
+    LOCK_NONE_SELECTED,
+    OWN,
+    RELEASE_NONE_SELECTED,
+    Algorithm,
+    Controller,
+    Parameter,
+    actuate,
+    lock,
+    pushes_away,
+)
 from core.control.rule_sets import Rules
 from core.control.velocity_field import Field
 from core.kernel import kernel
 from core.mechanism import Brakes
+
+GAIN_N_S_M = Parameter("gain_N_s_m", "gain", "N s/m", 1.0, None)  # K_y
+ALGORITHM = Algorithm(
+    "proportional",
+    (GAP_M, GAIN_N_S_M),
+    # the last: selected, but the brake does more than asked without current
+    ("prop {J}", "prop {J}, at normalised force", "prop {J}, below off-state drag"),
+)
+GAIN = 1  # its place among the values
+USE, CAPPED, BELOW_DRAG = OWN, OWN + 4, OWN + 8
 
 
 @kernel
@@ -139,3 +163,39 @@ def best_brake(
             highest = rank
             nearest = f_along
     return chosen
+
+
+@kernel
+def decide(
+    controller: Controller,
+    brakes: Brakes,
+    field: Field,
+    vx: float,
+    vy: float,
+    fx: float,
+    fy: float,
+    g: np.ndarray,
+    mass: np.ndarray,
+    current: np.ndarray,
+) -> int:
+    """Proportional velocity control (Section IV-C): K_y |v_beta_y| on the best brake, locks included."""
+    rules = controller.rules
+    felt = fx * fx + fy * fy > rules.felt_force * rules.felt_force
+    push_x, push_y = impending_direction(fx, fy, mass)
+    vx, vy = decision_velocity(vx, vy, push_x, push_y, felt, rules.rest_speed)
+    v_beta_x, v_beta_y = in_beta(vx, vy, field)
+    i = best_brake(brakes, g, field, vx, vy, push_x, push_y, felt, rules)
+
+    if i < 0 and pushes_away(fx, fy, field, rules):
+        lock(brakes, current)
+        return LOCK_NONE_SELECTED
+    if v_beta_x < -rules.back_speed:
+        lock(brakes, current)
+        return LOCK_BACK_NONE_SELECTED if i < 0 else LOCK_BACK
+    if i < 0:
+        return RELEASE_NONE_SELECTED
+    force = commanded_force(controller.values[GAIN], v_beta_y, controller.force_normalised)
+    actuate(brakes, i, force, g, current)
+    if current[i] == 0.0:
+        return BELOW_DRAG + i
+    return CAPPED + i if force == controller.force_normalised else USE + i

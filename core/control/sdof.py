@@ -7,10 +7,23 @@ import math
 
 import numpy as np
 
+from core.control.algorithm import (
+    GAP_M,
+    LOCK_NO_VALID,
+    OWN,
+    RELEASE_NO_VALID,
+    Algorithm,
+    Controller,
+    actuate,
+    lock,
+    pushes_away,
+)
 from core.control.rule_sets import Rules
 from core.control.velocity_field import Field
 from core.kernel import kernel
 from core.mechanism import Brakes
+
+ALGORITHM = Algorithm("sdof", (GAP_M,), ("sdof {J}",))
 
 
 @kernel
@@ -52,3 +65,18 @@ def nearest_valid_brake(brakes: Brakes, g: np.ndarray, field: Field, rules: Rule
             chosen = i
             nearest = cosine
     return chosen
+
+
+@kernel
+def decide(
+    controller: Controller, brakes: Brakes, field: Field, fx: float, fy: float, g: np.ndarray, current: np.ndarray
+) -> int:
+    """SDOF velocity control (Section IV-B): the normalised force on the brake with the nearest valid path."""
+    i = nearest_valid_brake(brakes, g, field, controller.rules)
+    if i < 0:
+        if pushes_away(fx, fy, field, controller.rules):
+            lock(brakes, current)
+            return LOCK_NO_VALID
+        return RELEASE_NO_VALID
+    actuate(brakes, i, controller.force_normalised, g, current)
+    return OWN + i

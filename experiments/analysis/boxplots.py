@@ -2,7 +2,6 @@
 
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,8 +24,9 @@ from experiments.analysis.figures import (
     figure_bytes,
     new_figure,
 )
+from experiments.analysis.metrics import METRICS, Metric
 from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller
-from experiments.recording.atomic_files import is_wrong_path
+from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
 WHISKER = 1.5  # box lengths
 QUARTILE_METHOD = "linear"  # NumPy's name; MATLAB's is "hazen" and differs
@@ -62,28 +62,13 @@ def box_statistics(values: Iterable[float]) -> Box:
     return Box(len(data), median, q1, q3, low, high, tuple(float(value) for value in outliers))
 
 
-@dataclass(frozen=True)
-class Measure:
-    """One figure: which column of the table, in which unit."""
-
-    column: str
-    file_name: str
-    title: str
-    unit: str
-    scale: float  # value in `unit` / value in the table
-
-
 #: Figs. 16, 17 and 18.
-MEASURES = (
-    Measure("path_error_m", "fig16_path_error", "Path error", "mm", 1e3),
-    Measure("mean_tip_force_N", "fig17_tip_force", "Mean tip force", "N", 1.0),
-    Measure("acceleration_dft_sum", "fig18_acceleration_dft_sum", "Acceleration, weighted DFT sum", "m/s²", 1.0),
-)
+DRAWN = tuple(metric for metric in METRICS if metric.figure)
 
 
-def file_name(measure: Measure, protocol: str) -> str:
+def file_name(metric: Metric, protocol: str) -> str:
     """Our choice: "fig16_path_error" for the paper's protocol, whose figure it repeats, "path_error" for any other."""
-    return measure.file_name if protocol == PAPER else measure.file_name.partition("_")[2]
+    return metric.figure if protocol == PAPER else metric.figure.partition("_")[2]
 
 
 def boxes(
@@ -111,12 +96,12 @@ def draw_boxplots(
     out_folder: str | Path,
     note: str,
     configurations: Sequence[str] | None = None,
-    measures: Sequence[Measure] = MEASURES,
+    metrics: Sequence[Metric] = DRAWN,
     labels: Mapping[int, str] = CONTROLLER_LABELS,
     progress: Callable[[float], None] = lambda share: None,
     protocol: str = PAPER,
 ) -> list[Path]:
-    """Draw every measure as PNG, SVG and PDF and all in one wide PNG into `out_folder`; returns the paths.
+    """Draw every metric as PNG, SVG and PDF and all in one wide PNG into `out_folder`; returns the paths.
 
     note: what was used, as "settled rules, low gain 5 N s/m, parameters assumed"; it stands on every figure.
     configurations: the first is drawn filled, the second open; by default as the table first names them.
@@ -129,36 +114,26 @@ def draw_boxplots(
     configurations = tuple(configurations or dict.fromkeys(row.configuration for row in rows))
     if not configurations:
         raise InputError(f"{folder}: there are no trials, no box plots to draw")
-    paths = [folder / f"{file_name(measure, protocol)}.{form}" for measure in measures for form in FORMATS]
+    paths = [folder / f"{file_name(metric, protocol)}.{form}" for metric in metrics for form in FORMATS]
     paths.append(folder / COMBINED_NAME)
-    for path in paths:
-        if path.exists():
-            raise InputError(f"{path}: exists already, no figure was written")
+    refuse_existing_files(paths)
 
     shown = controllers_shown(rows, labels)
     wider = max(1.0, len(shown) / 5.0)
     with matplotlib.rc_context(STYLE):
         drawn: list[bytes] = []
-        for measure in measures:
+        for metric in metrics:
             figure = new_figure(6.4 * wider, 4.5 + _label_room(shown))
-            _draw(figure, rows, [measure], configurations, note, shown)
+            _draw(figure, rows, [metric], configurations, note, shown)
             for form in FORMATS:
                 progress(len(drawn) / len(paths))
                 drawn.append(figure_bytes(figure, form))
         progress(len(drawn) / len(paths))
-        figure = new_figure(5.0 * wider * len(measures), 4.5 + _label_room(shown))
-        _draw(figure, rows, measures, configurations, note, shown)
+        figure = new_figure(5.0 * wider * len(metrics), 4.5 + _label_room(shown))
+        _draw(figure, rows, metrics, configurations, note, shown)
         drawn.append(figure_bytes(figure, "png"))
     progress(1.0)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for path, data in zip(paths, drawn, strict=True):
-            with path.open("xb") as file:
-                file.write(data)
-    except OSError as error:
-        if not is_wrong_path(error):
-            raise
-        raise InputError(f"{folder}: the figures cannot be written: {error.strerror}") from None
+    write_new_files(dict(zip(paths, drawn, strict=True)))
     return paths
 
 
@@ -179,23 +154,23 @@ def _label_room(shown: Mapping[int | str, str]) -> float:
 def _draw(
     figure: Figure,
     rows: Sequence[TrialRow],
-    measures: Sequence[Measure],
+    metrics: Sequence[Metric],
     configurations: Sequence[str],
     note: str,
     shown: Mapping[int | str, str],
 ) -> None:
     width, height = figure.get_size_inches()
     left, right, between, top = 0.6, 0.15, 0.7, 0.72  # inches
-    found = [boxes(rows, measure.column, configurations, measure.scale) for measure in measures]
+    found = [boxes(rows, metric.name, configurations, metric.scale) for metric in metrics]
     counts = {box.count for panel in found for box in panel.values()}
     lines = _caption(counts, note, int((width - left - right) * CHARACTERS_PER_INCH))
     bottom = 0.66 + LINE_IN * len(lines) + _label_room(shown)
 
-    each = (width - left - right - between * (len(measures) - 1)) / len(measures)
-    for i, measure in enumerate(measures):
+    each = (width - left - right - between * (len(metrics) - 1)) / len(metrics)
+    for i, metric in enumerate(metrics):
         place = (left + i * (each + between), bottom, each, height - top - bottom)
         axes = figure.add_axes(tuple(np.divide(place, (width, height, width, height))))
-        draw_panel(axes, found[i], measure, configurations, shown, show_counts=len(counts) > 1)
+        draw_panel(axes, found[i], metric, configurations, shown, show_counts=len(counts) > 1)
     if len(configurations) > 1:
         handles = [
             Patch(facecolor=QUIET if i == 0 else "white", edgecolor=QUIET, label=name, linewidth=1.2)
@@ -234,12 +209,12 @@ def _caption(counts: set[int], note: str, characters: int) -> list[str]:
 def draw_panel(
     axes: Axes,
     found: dict[tuple[int | str, str], Box],
-    measure: Measure,
+    metric: Metric,
     configurations: Sequence[str],
     shown: Mapping[int | str, str],
     show_counts: bool = False,
 ) -> None:
-    """One measure's boxes on `axes`: a group for each controller, a box for each configuration."""
+    """One metric's boxes on `axes`: a group for each controller, a box for each configuration."""
     controllers = list(shown)
     width = 0.62 / len(configurations)
     for (controller, configuration), box in found.items():
@@ -266,7 +241,7 @@ def draw_panel(
     axes.grid(axis="y", color=LINE, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.set_title(f"{measure.title} ({measure.unit})", loc="left", fontsize=10.5, pad=9)
+    axes.set_title(f"{metric.title} ({metric.shown_unit})", loc="left", fontsize=10.5, pad=9)
 
 
 def colour_of(controller: int | str) -> str:

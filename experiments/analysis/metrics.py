@@ -1,18 +1,22 @@
 """The performance measures of a trial (Section V-B of the paper, and those that we put beside them).
 
 Pure functions on arrays sampled at 1 kHz: positions (n, 2) in m, forces (n, 2) in N, n ticks of the phase `move`.
-`trial_metrics` applies them to a recording. A measure that has nothing to measure is None, never 0.
+`METRICS` declares each measure once, with the function of a `Movement` that gives it: columns of trials.csv, the data
+dictionary, figures, statistics, sensitivity and replays derive from it. To add one, add its line there. A measure that
+has nothing to measure is None, never 0.
 
-scipy.signal and scipy.fft are imported where they are used: they take seconds, and whoever begins a session has none.
+scipy.signal and scipy.fft are imported where they are used: they take seconds, which a session that begins lacks.
 """
 
 import math
-from functools import cache
+from collections.abc import Callable
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from core.control import controllers as control
+from core.control.algorithm import GAP, NONE, UNREACHABLE
+from core.control.controllers import DECISIONS
 from core.errors import InputError
 from core.path import Path, measure
 from experiments.recording.schema import Recording
@@ -27,31 +31,11 @@ FELT_FORCE_N = 0.5  # a weaker force does not count as a hand that wants to go s
 SPARC_CUTOFF_HZ, SPARC_THRESHOLD, SPARC_PAD_LEVEL = 10.0, 0.05, 4
 
 
-class Metrics(NamedTuple):
-    """The measures of one trial, named as in trials.csv; None where there is nothing to measure."""
-
-    path_error_m: float | None  # |d| over path progress
-    path_error_time_m: float | None  # |d| over time
-    mean_tip_force_N: float | None  # |hand force| over time
-    acceleration_dft_sum: float | None  # m/s2
-    acceleration_weighted_rms_m_s2: float | None
-    force_over_progress_N: float | None  # |hand force| over path progress
-    duration_s: float | None
-    peak_error_m: float | None
-    path_length_ratio: float | None  # tip travel / path length
-    sparc: float | None  # nearer 0 is smoother
-    switches_per_s: float | None
-    unreachable_share: float | None  # None without a controller
-
-
-NO_METRICS = Metrics(*[None] * len(Metrics._fields))
-
-
 def along_path(tip: np.ndarray, path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Furthest way along the path so far (n,), clipped to its ends, and distance |d| from it (n,), m; tip (n, 2).
 
-    Both of the nearest point, tick by tick: distance beyond an end is that from the straight line on, and whoever cuts
-    a corner leaps ahead in progress; the leap counts with its own length.
+    Both of the nearest point, tick by tick: beyond an end it is the distance from the straight line on. A tip
+    that cuts a corner leaps ahead in progress; the leap counts with its own length.
     """
     progress, distance = np.empty(len(tip)), np.empty(len(tip))
     measure(path, np.ascontiguousarray(tip), progress, distance)
@@ -68,13 +52,13 @@ def mean_over_progress(values: np.ndarray, progress: np.ndarray) -> float | None
 
 
 @cache
-def _position_filter() -> np.ndarray:
+def _position_filter(cutoff_hz: float) -> np.ndarray:
     from scipy.signal import butter
 
-    return butter(POSITION_FILTER_ORDER, POSITION_CUTOFF_HZ, fs=SAMPLE_RATE_HZ, output="sos")
+    return butter(POSITION_FILTER_ORDER, cutoff_hz, fs=SAMPLE_RATE_HZ, output="sos")
 
 
-def tip_acceleration(tip: np.ndarray) -> np.ndarray | None:
+def tip_acceleration(tip: np.ndarray, cutoff_hz: float = POSITION_CUTOFF_HZ) -> np.ndarray | None:
     """Acceleration (m, 2) of the tip (m, 2) over a whole recording, m/s2; None for fewer than 20 ticks.
 
     The one definition for simulated and real devices: position under a 4th-order Butterworth low-pass of 20 Hz,
@@ -84,25 +68,27 @@ def tip_acceleration(tip: np.ndarray) -> np.ndarray | None:
         return None
     from scipy.signal import sosfiltfilt
 
-    smooth = sosfiltfilt(_position_filter(), np.ascontiguousarray(tip.T), axis=1)
+    smooth = sosfiltfilt(_position_filter(cutoff_hz), np.ascontiguousarray(tip.T), axis=1)
     velocity = np.gradient(smooth, 1.0 / SAMPLE_RATE_HZ, axis=1)
     return np.gradient(velocity, 1.0 / SAMPLE_RATE_HZ, axis=1).T
 
 
-def weighted_amplitudes(acceleration: np.ndarray) -> np.ndarray:
-    """(f / 1 Hz) times the amplitude at each f from 1/T to 100 Hz, m/s2; acceleration (n, 2).
+def weighted_amplitudes(
+    acceleration: np.ndarray, highest_hz: float = DFT_HIGHEST_HZ, power: float = 1.0
+) -> np.ndarray:
+    """(f / 1 Hz)^power times the amplitude at each f from 1/T to the highest, m/s2; acceleration (n, 2).
 
     Single-sided amplitudes 2/N of both components together, sqrt(|Ax|^2 + |Ay|^2); mean removed (our choice).
     """
     n = len(acceleration)
-    last = math.floor(n * DFT_HIGHEST_HZ / SAMPLE_RATE_HZ * (1.0 + 1e-12))
+    last = math.floor(n * highest_hz / SAMPLE_RATE_HZ * (1.0 + 1e-12))
     if last < 1:
         return np.empty(0)
     from scipy.fft import rfft
 
     spectrum = rfft((acceleration - acceleration.mean(axis=0)).T, axis=1)[:, 1 : last + 1]
     amplitude = 2.0 / n * np.sqrt(np.sum(spectrum.real**2 + spectrum.imag**2, axis=0))
-    return np.arange(1, last + 1) * (SAMPLE_RATE_HZ / n) * amplitude
+    return (np.arange(1, last + 1) * (SAMPLE_RATE_HZ / n)) ** power * amplitude
 
 
 def acceleration_dft_sum(acceleration: np.ndarray) -> float | None:
@@ -173,65 +159,172 @@ def check_samples(recording: Recording) -> None:
                 raise InputError(f"{recording.path}: {name}: the sample of tick {bad[0]} is missing or not finite")
 
 
-def _columns(recording: Recording, *names: str) -> np.ndarray:
-    return np.column_stack([recording.column(name) for name in names])
+class Movement:
+    """The phase `move` of a recording: n ticks, 1 ms apart."""
+
+    def __init__(self, recording: Recording, path: Path) -> None:
+        """A recording that `check_samples` has passed and that came to `move`; InputError if it was interrupted."""
+        ticks = np.flatnonzero(recording.in_phase("move"))
+        if ticks[-1] - ticks[0] != len(ticks) - 1:
+            raise InputError(f"{recording.path}: phase: `move` is interrupted, there is no single movement to measure")
+        self.path = path
+        self._recording, self._rows = recording, slice(ticks[0], ticks[-1] + 1)
+        self.duration_s = (len(ticks) - 1) / SAMPLE_RATE_HZ  # from the first tick of `move` to the last
+        self.tip = self._columns("tip_x_m", "tip_y_m")[self._rows]  # (n, 2) m
+        self.progress, self.deviation = along_path(self.tip, path)  # (n,) m
+
+    @property
+    def made_progress(self) -> bool:
+        """Whether the tip came any way along the path."""
+        return float(self.progress[-1] - self.progress[0]) >= LEAST_PROGRESS_M
+
+    @cached_property
+    def force(self) -> np.ndarray:
+        """Magnitude of the hand force (n,), N."""
+        return np.hypot(*self._columns("hand_fx_N", "hand_fy_N")[self._rows].T)
+
+    @cached_property
+    def speed(self) -> np.ndarray:
+        """Speed of the tip (n,), m/s."""
+        return np.hypot(*self._columns("tip_vx_m_s", "tip_vy_m_s")[self._rows].T)
+
+    @cached_property
+    def acceleration(self) -> np.ndarray:
+        """Acceleration of the tip (n, 2), m/s2; (0, 2) of a recording that is too short to filter."""
+        whole = tip_acceleration(self._columns("tip_x_m", "tip_y_m"))
+        return np.empty((0, 2)) if whole is None else whole[self._rows]
+
+    @property
+    def currents(self) -> np.ndarray:
+        """Currents of the brakes (n, brakes), A."""
+        return self._columns(*(f"current_{joint}_A" for joint in self._recording.braked))[self._rows]
+
+    def decided(self, codes: frozenset[int]) -> np.ndarray:
+        """True (n,) at the ticks whose decision is one of `codes` of this version, found by its words."""
+        wanted = {DECISIONS[code] for code in codes}
+        table = np.array([word in wanted for word in self._recording.words["decision"]])
+        return table[self._recording.column("decision")][self._rows]
+
+    def _columns(self, *names: str) -> np.ndarray:
+        return np.column_stack([self._recording.column(name) for name in names])
 
 
-def _said(recording: Recording, codes: frozenset[int]) -> np.ndarray:
-    """True (rows,) at the ticks whose decision is one of `codes` of this program, found by its words."""
-    wanted = {control.DECISIONS[code] for code in codes}
-    table = np.array([word in wanted for word in recording.words["decision"]])
-    return table[recording.column("decision")]
+def _unreachable(m: Movement) -> float | None:
+    if m.decided(frozenset({NONE})).all():
+        return None  # without a controller
+    return unreachable_share(m.force, m.decided(UNREACHABLE), m.decided(GAP))
+
+
+class Metric(NamedTuple):
+    """One measure of a trial."""
+
+    name: str  # its column in trials.csv
+    unit: str  # of that column; "" for a number without one
+    title: str
+    short: str  # in a sentence
+    meaning: str
+    of: Callable[[Movement], float | None]
+    shown_unit: str = ""  # in figures and reports
+    scale: float = 1.0  # value in `shown_unit` / value in `unit`
+    decimals: int = 2  # in reports
+    figure: str = ""  # drawn as box plots, in this file: the number is that of the paper's figure
+    stands_for: str = ""  # accuracy, force or smoothness; the first that stands for one of them is its definition
+    compared: bool = False  # statistics compare the controllers by it
+    better: str = "lower"
+    needs_progress: bool = True  # None where the tip came no way along the path: there was no movement to judge
+    tells_controller: bool = False  # hidden while a session is blind
+
+
+METRICS = (
+    Metric(
+        "path_error_m", "m", "Path error", "path error",
+        "distance to the path, averaged over progress along the path",
+        lambda m: mean_over_progress(m.deviation, m.progress),
+        shown_unit="mm", scale=1e3, figure="fig16_path_error", stands_for="accuracy", compared=True,
+    ),
+    Metric(
+        "path_error_time_m", "m", "Path error over time", "path error over time",
+        "distance to the path, averaged over time",
+        lambda m: float(np.mean(m.deviation)),
+        shown_unit="mm", scale=1e3, stands_for="accuracy",
+    ),
+    Metric(
+        "mean_tip_force_N", "N", "Mean tip force", "force over time", "magnitude of the hand force, averaged over time",
+        lambda m: float(np.mean(m.force)),
+        shown_unit="N", figure="fig17_tip_force", stands_for="force", compared=True, needs_progress=False,
+    ),
+    Metric(
+        "acceleration_dft_sum", "m/s^2", "Acceleration, weighted DFT sum", "acceleration DFT sum",
+        "sum over the frequencies up to 100 Hz of (f / 1 Hz) times the amplitude of the acceleration",
+        lambda m: acceleration_dft_sum(m.acceleration),
+        shown_unit="m/s²", decimals=1, figure="fig18_acceleration_dft_sum", stands_for="smoothness", compared=True,
+    ),
+    Metric(
+        "acceleration_weighted_rms_m_s2", "m/s^2", "Acceleration, weighted rms", "acceleration rms",
+        "the same spectrum as a root mean square: free of duration",
+        lambda m: acceleration_weighted_rms(m.acceleration),
+        shown_unit="m/s²", decimals=1, stands_for="smoothness", compared=True,
+    ),
+    Metric(
+        "force_over_progress_N", "N", "Tip force over progress", "force over progress",
+        "magnitude of the hand force, averaged over progress along the path",
+        lambda m: mean_over_progress(m.force, m.progress),
+        shown_unit="N", stands_for="force", compared=True,
+    ),
+    Metric(
+        "duration_s", "s", "Duration", "duration", "from the first tick of the movement to its last",
+        lambda m: m.duration_s,
+        shown_unit="s", compared=True, needs_progress=False,
+    ),
+    Metric(
+        "peak_error_m", "m", "Peak error", "peak error", "largest distance to the path",
+        lambda m: float(np.max(m.deviation)),
+        shown_unit="mm", scale=1e3, stands_for="accuracy",
+    ),
+    Metric(
+        "path_length_ratio", "", "Path length ratio", "path length ratio", "travel of the handle / length of the path",
+        lambda m: float(np.sum(np.hypot(*np.diff(m.tip, axis=0).T))) / m.path.length,
+    ),
+    Metric(
+        "sparc", "", "SPARC", "SPARC", "spectral arc length of the speed; nearer 0 is smoother",
+        lambda m: sparc(m.speed),
+        stands_for="smoothness", better="higher",
+    ),
+    Metric(
+        "switches_per_s", "1/s", "Switches", "switches",
+        "ticks at which the set of brakes with current changes, per second",
+        lambda m: switches_per_second(m.currents, m.duration_s),
+        shown_unit="1/s", needs_progress=False, tells_controller=True,
+    ),
+    Metric(
+        "unreachable_share", "", "Unreachable share", "unreachable share",
+        "share of the ticks with a felt hand in which no brake was valid or selected; none for controller 1",
+        _unreachable,
+        needs_progress=False, tells_controller=True,
+    ),
+)  # fmt: skip
+BY_NAME = {metric.name: metric for metric in METRICS}
+
+
+def compared_for(thing: str) -> tuple[str, ...]:
+    """The measures that stand for accuracy, force or smoothness ("": for themselves) and are compared."""
+    return tuple(metric.name for metric in METRICS if metric.stands_for == thing and metric.compared)
+
+
+#: The measures of one trial, by name.
+Metrics = NamedTuple("Metrics", [(metric.name, float | None) for metric in METRICS])
+NO_METRICS = Metrics(*[None] * len(METRICS))
 
 
 def trial_metrics(recording: Recording, path: Path) -> Metrics:
-    """Every measure of one trial, over its phase `move`; for a trial timed out, over the progress made.
+    """Every measure of one trial, over its phase `move`; of a trial timed out, over the progress made.
 
     Our choice: without any progress there was no movement to judge, and its measures (errors, smoothness, travel,
     everything over progress) are None; duration, mean force, switches and unreachable share remain. A trial that
     never came to `move` has none. InputError for uneven or missing samples.
     """
     check_samples(recording)
-    move = recording.in_phase("move")
-    ticks = np.flatnonzero(move)
-    if not len(ticks):
+    if not recording.in_phase("move").any():
         return NO_METRICS
-    if ticks[-1] - ticks[0] != len(ticks) - 1:
-        raise InputError(f"{recording.path}: phase: `move` is interrupted, there is no single movement to measure")
-    rows = slice(ticks[0], ticks[-1] + 1)
-
-    duration = (len(ticks) - 1) / SAMPLE_RATE_HZ  # from the first tick of `move` to the last
-    force = np.hypot(recording.column("hand_fx_N")[rows], recording.column("hand_fy_N")[rows])
-    currents = _columns(recording, *(f"current_{joint}_A" for joint in recording.braked))[rows]
-    unreachable = None
-    if not _said(recording, frozenset({control.NONE}))[rows].all():
-        unreachable = unreachable_share(
-            force, _said(recording, control.UNREACHABLE)[rows], _said(recording, control.GAP)[rows]
-        )
-    metrics = NO_METRICS._replace(
-        mean_tip_force_N=float(np.mean(force)),
-        duration_s=duration,
-        switches_per_s=switches_per_second(currents, duration),
-        unreachable_share=unreachable,
-    )
-
-    whole_tip = _columns(recording, "tip_x_m", "tip_y_m")
-    tip = whole_tip[rows]
-    progress, deviation = along_path(tip, path)
-    path_error = mean_over_progress(deviation, progress)
-    if path_error is None:
-        return metrics
-    speed = np.hypot(recording.column("tip_vx_m_s")[rows], recording.column("tip_vy_m_s")[rows])
-    travel = float(np.sum(np.hypot(*np.diff(tip, axis=0).T)))
-    whole_acceleration = tip_acceleration(whole_tip)
-    acceleration = whole_acceleration[rows] if whole_acceleration is not None else np.empty((0, 2))
-    return metrics._replace(
-        path_error_m=path_error,
-        path_error_time_m=float(np.mean(deviation)),
-        acceleration_dft_sum=acceleration_dft_sum(acceleration),
-        acceleration_weighted_rms_m_s2=acceleration_weighted_rms(acceleration),
-        force_over_progress_N=mean_over_progress(force, progress),
-        peak_error_m=float(np.max(deviation)),
-        path_length_ratio=travel / path.length,
-        sparc=sparc(speed),
-    )
+    m = Movement(recording, path)
+    return Metrics(*(one.of(m) if m.made_progress or not one.needs_progress else None for one in METRICS))

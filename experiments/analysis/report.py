@@ -8,22 +8,18 @@ import io
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from core.control.controllers import NO_CONTROL, Preset
+from core.control.controllers import Preset
 from core.errors import InputError
-from experiments.analysis.findings import Finding, description_only, findings
+from experiments.analysis.findings import CONTROLLER, Finding, description_only, findings, why_no_findings
+from experiments.analysis.metrics import BY_NAME, METRICS
 from experiments.analysis.participants import configurations_of, finished_share, people_of, scores, too_few
 from experiments.analysis.sensitivity import Variants, sensitivity, swapped
-from experiments.analysis.statements import CONTROLLER, why_no_findings
 from experiments.analysis.statistics import MEASURES, POOLED, Result, least_p_holm, statistics
 from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller
-from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
+from experiments.recording.atomic_files import write_new_files
 
-#: Column -> its name, unit, value in the unit / value in the table, decimals.
-SHOWN = {
-    "path_error_m": ("path error", "mm", 1e3, 2),
-    "mean_tip_force_N": ("mean tip force", "N", 1.0, 2),
-    "acceleration_dft_sum": ("acceleration DFT sum", "m/s²", 1.0, 1),
-}
+#: The measures that the report leads with, those of the figures.
+SHOWN = {metric.name: metric for metric in METRICS if metric.figure}
 SIMULATED = "The operators are simulated: read it as what this model says, not as people."
 READ = (
     "A difference is taken within each participant; then stands the mean participant's, in brackets its 95 % interval "
@@ -56,7 +52,7 @@ def write_report(
     coded = any(isinstance(row.controller, str) for row in rows)
     refusal = why_no_findings(controllers or {}, coded)
     names = CONTROLLER if controllers is None or not refusal else {k: one.name for k, one in controllers.items()}
-    none = 1 if controllers is None else next((k for k, one in controllers.items() if one.algorithm == NO_CONTROL), 0)
+    none = 1 if controllers is None else next((k for k, one in controllers.items() if one.kind == "none"), 0)
     texts = {"participant_means.csv": means_csv(rows)}
     if coded:
         texts["report.md"] = report(rows, refusal, [], [], note, names, none, simulated)
@@ -67,18 +63,7 @@ def write_report(
             texts["findings.csv"] = findings_csv(found)
         texts["statistics.csv"] = _csv(Result._fields, results)
         texts["report.md"] = report(rows, refusal, found, results, note, names, none, simulated)
-    for name in texts:
-        if (folder / name).exists():
-            raise InputError(f"{folder / name}: exists already, no report was written")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, text in texts.items():
-            with written_beside(folder / name, text.encode(), sync=False) as partial:
-                give_new_name(partial, folder / name)
-    except OSError as error:
-        if not is_wrong_path(error):
-            raise
-        raise InputError(f"{folder}: the report cannot be written: {error.strerror}") from None
+    write_new_files({folder / name: text.encode() for name, text in texts.items()})
     return [folder / name for name in texts]
 
 
@@ -181,7 +166,7 @@ def _against_none(results: Sequence[Result], names: Mapping[int, str], none: int
             chosen[r.configuration, r.first, r.measure] = reversed_pair(r)
     if not chosen:
         return "No participant tried a controller and no control on the same device."
-    heads = [f"{name} ({unit})" for name, unit, _, _ in SHOWN.values()]
+    heads = [f"{metric.title.lower()} ({metric.shown_unit})" for metric in SHOWN.values()]
     lines = [f"| device | controller | {' | '.join(heads)} |", "|---" * (2 + len(heads)) + "|"]
     for configuration, controller in dict.fromkeys(key[:2] for key in chosen):
         cells = [_change(chosen.get((configuration, controller, measure)), measure) for measure in SHOWN]
@@ -220,7 +205,7 @@ def reversed_pair(result: Result) -> Result:
 def _change(result: Result | None, measure: str) -> str:
     if result is None or result.value is None:
         return ""
-    _, _, scale, digits = SHOWN[measure]
+    scale, digits = SHOWN[measure].scale, SHOWN[measure].decimals
     text = f"{-scale * result.value:+.{digits}f}"  # the pair is none minus controller
     if result.low is not None and result.high is not None:
         text += f" ({-scale * result.high:+.{digits}f} to {-scale * result.low:+.{digits}f})"
@@ -234,12 +219,12 @@ def sentences(results: Sequence[Result], names: Mapping[int, str] = CONTROLLER) 
 
 
 def _differ(results: Sequence[Result]) -> Iterable[str]:
-    for measure, (name, _, _, _) in SHOWN.items():
+    for measure, metric in SHOWN.items():
         of_it = [r for r in results if r.measure == measure and r.statistic == "chi_square" and r.p is not None]
         if of_it:
             listed = ", ".join(f"{r.configuration} {_p(r.p)}" for r in of_it)
             differs = "differs" if all((r.p or 0.0) < 0.05 for r in of_it) else "does not everywhere differ"
-            yield f"{name[0].upper()}{name[1:]} {differs} between controllers (Friedman: {listed})."
+            yield f"{metric.title} {differs} between controllers (Friedman: {listed})."
 
 
 def _p(p: float | None) -> str:
@@ -250,9 +235,9 @@ def _trend(results: Sequence[Result]) -> Iterable[str]:
     found = {r.measure: r for r in results if r.test == "trend" and r.value is not None}
     shown = [found[measure] for measure in (*SHOWN, "duration_s") if measure in found]
     if shown:
-        names = {measure: name for measure, (name, _, _, _) in SHOWN.items()} | {"duration_s": "duration"}
         listed = "; ".join(
-            f"{names[r.measure]} {r.value:+.1f} %" + (f" ({r.low:+.1f} to {r.high:+.1f})" if r.low is not None else "")
+            f"{BY_NAME[r.measure].title.lower()} {r.value:+.1f} %"
+            + (f" ({r.low:+.1f} to {r.high:+.1f})" if r.low is not None else "")
             for r in shown
         )
         yield f"Over ten trials, in the same task, the median participant changed (learning or fatigue): {listed}."

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy import fft, signal, stats
+from scipy import stats
 
-from experiments.analysis.metrics import POSITION_FILTER_ORDER, SAMPLE_RATE_HZ
+from experiments.analysis.metrics import BY_NAME, METRICS, tip_acceleration, weighted_amplitudes
 from experiments.analysis.participants import configurations_of
 from experiments.analysis.statistics import Result
 from experiments.analysis.trials_table import COUNTED, TrialRow
@@ -20,11 +20,9 @@ from experiments.recording.reader import read_recording
 
 #: What stands for one thing; the first is the definition that the figures use.
 DEFINITIONS = {
-    "accuracy": ("path_error_m", "path_error_time_m", "peak_error_m"),
-    "force": ("mean_tip_force_N", "force_over_progress_N"),
-    "smoothness": ("acceleration_dft_sum", "acceleration_weighted_rms_m_s2", "sparc"),
+    thing: tuple(metric.name for metric in METRICS if metric.stands_for == thing)
+    for thing in dict.fromkeys(metric.stands_for for metric in METRICS if metric.stands_for)
 }
-HIGHER_IS_BETTER = ("sparc",)  # nearer 0, from below
 Variants = Callable[[TrialRow], Mapping[str, float | None]]
 
 
@@ -53,31 +51,18 @@ def of_recording(folder: str | Path) -> Variants:
         recording = read_recording(Path(folder) / row.recording)
         tip = np.column_stack([recording.column("tip_x_m"), recording.column("tip_y_m")])
         move = recording.in_phase("move")
-        smooth = {cutoff: acceleration(tip, cutoff)[move] for cutoff in {how.cutoff_hz for how in SMOOTHNESS.values()}}
-        return {name: dft_sum(smooth[how.cutoff_hz], how) for name, how in SMOOTHNESS.items()}
+        return {name: dft_sum(tip, move, how) for name, how in SMOOTHNESS.items()}
 
     return variants
 
 
-def acceleration(tip: np.ndarray, cutoff_hz: float) -> np.ndarray:
-    """`metrics.tip_acceleration` (n, 2), m/s2, with another cut-off; tip (n, 2) m of a whole recording."""
-    if len(tip) < 20:
-        return np.empty_like(tip)
-    low_pass = signal.butter(POSITION_FILTER_ORDER, cutoff_hz, fs=SAMPLE_RATE_HZ, output="sos")
-    smooth = signal.sosfiltfilt(low_pass, tip, axis=0)
-    return np.gradient(np.gradient(smooth, 1.0 / SAMPLE_RATE_HZ, axis=0), 1.0 / SAMPLE_RATE_HZ, axis=0)
-
-
-def dft_sum(moved: np.ndarray, how: Smoothness) -> float | None:
-    """`metrics.acceleration_dft_sum` by another definition; moved (n, 2) the acceleration in `move`, m/s2."""
-    n = len(moved)
-    if n < max(20.0, SAMPLE_RATE_HZ / how.highest_hz):
+def dft_sum(tip: np.ndarray, move: np.ndarray, how: Smoothness) -> float | None:
+    """`metrics.acceleration_dft_sum` by another definition; tip (n, 2) m of a whole recording, move (n,) bool."""
+    acceleration = tip_acceleration(tip, how.cutoff_hz)
+    if acceleration is None:
         return None
-    spectrum = fft.rfft(moved - moved.mean(axis=0), axis=0)
-    frequency = fft.rfftfreq(n, 1.0 / SAMPLE_RATE_HZ)
-    counted = (frequency > 0.0) & (frequency <= how.highest_hz * (1.0 + 1e-12))
-    amplitude = 2.0 / n * np.sqrt(np.sum(np.abs(spectrum[counted]) ** 2, axis=1))
-    return float(np.sum(frequency[counted] ** how.power * amplitude))
+    weighted = weighted_amplitudes(acceleration[move], how.highest_hz, how.power)
+    return float(np.sum(weighted)) if len(weighted) else None
 
 
 def sensitivity(rows: Sequence[TrialRow], variants: Variants | None = None) -> list[Result]:
@@ -118,7 +103,7 @@ def _means(
         value = of_row.get(definition)
         if value is not None and row.status in COUNTED and row.configuration == configuration:
             cells.setdefault((row.controller, row.participant), []).append(value)
-    sign = -1.0 if definition in HIGHER_IS_BETTER else 1.0
+    sign = -1.0 if definition in BY_NAME and BY_NAME[definition].better == "higher" else 1.0
     controllers = sorted({controller for controller, _ in cells})
     return {k: sign * float(np.mean([np.mean(v) for (j, _), v in cells.items() if j == k])) for k in controllers}
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
+from experiments.analysis.metrics import compared_for
 from experiments.analysis.participants import (
     LEAST_PEOPLE,
     LEVEL,
@@ -27,14 +28,7 @@ from experiments.analysis.participants import (
 )
 from experiments.analysis.trials_table import COUNTED, TrialRow
 
-MEASURES = (
-    "path_error_m",
-    "mean_tip_force_N",
-    "force_over_progress_N",
-    "acceleration_dft_sum",
-    "acceleration_weighted_rms_m_s2",
-    "duration_s",
-)
+MEASURES = tuple(name for thing in ("accuracy", "force", "smoothness", "") for name in compared_for(thing))
 POOLED = "pooled"
 TREND_TRIALS = 10  # a trend is the change over so many trials
 SEED, RESAMPLES = 1, 2000  # of the bootstrap

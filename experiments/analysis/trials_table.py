@@ -9,28 +9,28 @@ import io
 import os
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, make_dataclass, replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from core.errors import InputError
 from core.path_file import build_path, path_from
-from experiments.analysis.metrics import NO_METRICS, Metrics, trial_metrics
-from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
+from experiments.analysis.metrics import BY_NAME, METRICS, NO_METRICS, Metric, Metrics, trial_metrics
+from experiments.recording.atomic_files import give_new_name, refuse_existing_files, refusing, written_beside
 from experiments.recording.schema import Recording
 
 STATUSES = ("done", "timeout", "aborted", "redone", "recovered", "skipped", "stopped")
 #: Trials whose measures count in tables of results and box plots: a time-out keeps its measures (and is marked).
 COUNTED = ("done", "timeout")
-#: Trials that settle their cell of the plan: after any other the cell is run again. Aborted: somebody decided so, and
-#: said why; stopped: the brakes-off, a fault or the end of the app cut it short, which is nobody's decision.
+#: Trials that settle their cell of the plan: after any other the cell is run again. Aborted: the experimenter
+#: ended it and gave a reason; stopped: the brakes-off, a fault or the end of the app cut it short.
 SETTLED = ("done", "timeout", "aborted", "skipped")
 
 
 @dataclass(frozen=True)
-class TrialRow:
-    """One row; the fields are the columns, in order. Later columns are appended at the end, with a default."""
+class _Planned:
+    """Which trial of the plan it was, and how it ended."""
 
     participant: str  # label, "01"
     run: int
@@ -40,21 +40,31 @@ class TrialRow:
     segment: int
     repetition: int
     status: str  # one of STATUSES
-    path_error_m: float | None = None
-    path_error_time_m: float | None = None
-    mean_tip_force_N: float | None = None
-    acceleration_dft_sum: float | None = None
-    acceleration_weighted_rms_m_s2: float | None = None
-    force_over_progress_N: float | None = None
-    duration_s: float | None = None
-    peak_error_m: float | None = None
-    path_length_ratio: float | None = None
-    sparc: float | None = None
-    switches_per_s: float | None = None
-    unreachable_share: float | None = None
+
+
+def _measured(name: str, metrics: Sequence[Metric], base: type) -> type:
+    columns = [(metric.name, float | None, None) for metric in metrics]
+    return make_dataclass(name, columns, bases=(base,), frozen=True)
+
+
+_FIRST = METRICS[: METRICS.index(BY_NAME["unreachable_share"]) + 1]  # of the first version
+
+
+@dataclass(frozen=True)
+class _Recorded(_measured("_Measured", _FIRST, _Planned)):
+    """What came of it."""
+
     recording: str = ""  # path relative to the file that the row stands in, with "/"; empty: nothing could be kept
     energy_residual_J: float | None = None  # what the ledger leaves unexplained
     energy_added_max_J: float | None = None  # the most that any brake added in a step: must be none
+
+
+@dataclass(frozen=True)
+class TrialRow(_measured("_MeasuredSince", METRICS[len(_FIRST) :], _Recorded)):
+    """One row; the fields are the columns, in order: the trial's place in the plan, its measures, its recording.
+
+    Measures that came later stand at the end: a table of an earlier version lacks them, and is read all the same.
+    """
 
     def with_metrics(self, metrics: Metrics) -> "TrialRow":
         """The same row with the measures of its trial."""
@@ -109,26 +119,19 @@ def table_bytes(rows: Iterable[TrialRow], header: bool = True) -> bytes:
 
 
 def write_table(path: str | Path, rows: Iterable[TrialRow], replacing: bool = False) -> None:
-    """Write a whole table in one step: whoever looks sees the old one or the new one, and so after a crash.
+    """Write a whole table in one step: a reader finds the old one or the new one, after a crash too.
 
     InputError if the file exists, unless `replacing`, or cannot be there; OSError if the disk takes no more.
     """
     path = Path(path)
     data = table_bytes(rows)
-    try:
-        if path.exists() and not replacing:
-            raise FileExistsError(path)
-        with written_beside(path, data) as partial:
-            if replacing:
-                partial.replace(path)
-            else:
-                give_new_name(partial, path)
-    except FileExistsError:
-        raise InputError(f"{path}: exists already, nothing was written") from None
-    except OSError as error:
-        if not is_wrong_path(error):
-            raise
-        raise InputError(f"{path}: the table cannot be written: {error.strerror}") from None
+    if not replacing:
+        refuse_existing_files([path])
+    with refusing(path, "the table cannot be written"), written_beside(path, data) as partial:
+        if replacing:
+            partial.replace(path)
+        else:
+            give_new_name(partial, path)
 
 
 def append_row(path: str | Path, row: TrialRow) -> None:
@@ -200,7 +203,7 @@ def row_of(recording: Recording, folder: Path) -> TrialRow:
     if recording.in_phase("move").any():
         try:
             metrics = trial_metrics(recording, path)
-        except InputError:  # ticks are missing, or a sample is no number: then there is nothing to say of it
+        except InputError:  # ticks are missing, or a sample is no number: then nothing can be measured
             if outcome["status"] in COUNTED:
                 raise
     place = os.path.relpath(recording.path, folder).replace(os.sep, "/")

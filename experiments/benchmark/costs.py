@@ -10,6 +10,7 @@ import numpy as np
 
 from core import tick_log
 from core.simulator.hand import spring_hand
+from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
 from experiments.benchmark.kernels import (
     acceptances,
@@ -23,7 +24,7 @@ from experiments.benchmark.scenes import START, bench_devices, bench_scenes
 from experiments.plan import make_plan
 from experiments.protocol import load_protocol
 from experiments.trial.population import load_population
-from experiments.trial.trial import Trial, new_simulation
+from experiments.trial.trial import Trial
 
 _COUNT = 5000
 
@@ -62,7 +63,7 @@ def tick_cost(quick: bool) -> dict:
     trials, last = 0, None
     for operator in range(1, operators + 1):
         person = load_population().draw(np.random.default_rng(operator))
-        simulations = {name: new_simulation(device, (0.0, 0.40)) for name, device in devices.items()}
+        simulations = {name: SimulatedDevice(device, (0.0, 0.40)) for name, device in devices.items()}
         for planned in make_plan(protocol, operator):
             generator = np.random.default_rng([operator, planned.segment, planned.repetition])
             trial = Trial(simulations[planned.configuration], planned, protocol.paths[planned.segment],
@@ -90,7 +91,7 @@ def tick_cost(quick: bool) -> dict:
 
 def _tick_parts(trial: Trial, rows: np.ndarray) -> dict:
     """Least time (ns) of the parts of a tick that are not the device's: the rest of a tick is brakes, step, pattern."""
-    s, run = trial.simulation, trial._run.copy()
+    s, run = trial.model, trial._run.copy()
     operator, memory, hand = trial._operator.copy(), trial._memory.copy(), s.hand
     run["phase"][0] = tick_log.MOVE
     return {

@@ -59,7 +59,7 @@ def bench_devices() -> tuple[Device, Device]:
 
 @dataclass(frozen=True)
 class BenchScene:
-    """One scene on one device: what the hand does and what the brakes are told."""
+    """One scene on one device: what the hand does and the commands to the brakes."""
 
     name: str
     device: Device
@@ -78,7 +78,7 @@ class BenchScene:
         return self.constant + self.wave[:, 0] * np.sin(self.wave[:, 1] * t + self.wave[:, 2])
 
     def commands(self, fidelity: str) -> np.ndarray:
-        """What the brakes are told (n, 4): the yields (ideal), or currents that hold them in steady state (A)."""
+        """The commands (n, 4): the yields (ideal), or currents that hold them in steady state (A)."""
         if fidelity == "ideal":
             return self.torques
         return np.array([[self._current(i, torque) for i, torque in enumerate(row)] for row in self.torques])

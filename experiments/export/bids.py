@@ -11,7 +11,6 @@ a number, its words are in _motion.json. The file names say device and run, neve
 """
 
 import csv
-import importlib.metadata
 import re
 from datetime import UTC, datetime
 from pathlib import Path
@@ -25,20 +24,20 @@ from experiments.export.columns import PHASE_LEVELS, STATUS_LEVELS, recording_co
 from experiments.export.trial import (
     Exported,
     ExportedTrial,
-    said_in,
+    answers_and_notes,
     write_columns,
     write_json,
     write_phenotype,
     write_rows,
 )
 from experiments.recording.schema import Recording
-from experiments.session.session import SENSOR
+from experiments.session.session import SENSOR, version_of
 
 BIDS_VERSION = "1.11.1"
 TASK, TRACKSYS = "pathfollow", "fivebar"
 MISSING = "n/a"
 _LATENCY_DECIMALS = 6  # at most, by the specification
-#: Columns of trials.csv that a scans table says by the name of the file.
+#: Columns of trials.csv that stand in the name of the file in a scans table.
 _IN_FILE_NAME = ("participant", "recording")
 
 _HANDS = {
@@ -102,7 +101,7 @@ class BidsDataset:
         header = ("name", "component", "type", "tracked_point", "units", "placement", "reference_frame", "description")
         write_rows(motion / f"{stem}_channels.tsv", [header, *channels])
         write_rows(motion / f"{stem}_events.tsv", [("onset", "duration", "trial_type"), *_phases(trial.recording)])
-        self._hands.setdefault(trial.subject, str(trial.told.get("hand", MISSING)))
+        self._hands.setdefault(trial.subject, str(trial.about.get("hand", MISSING)))
         self._scans.setdefault((trial.subject, trial.session), []).append(
             [f"motion/{stem}_motion.tsv", _day_time(trial.begun), *_cells(trial.row)]
         )
@@ -122,11 +121,12 @@ class BidsDataset:
         levels = {hand: _HANDS[hand] for hand in _HANDS if hand in self._hands.values()}
         hand = {"Description": "where the force of the hand came from", **({"Levels": levels} if levels else {})}
         write_json(self.folder / "participants.json", {"hand": hand})
-        write_phenotype(self.folder, [a for a in said_in(exported.sessions).answers if a.subject in self._hands])
+        answers = answers_and_notes(exported.sessions).answers
+        write_phenotype(self.folder, [a for a in answers if a.subject in self._hands])
         write_json(self.folder / f"task-{TASK}_events.json", _events_json())
         write_json(self.folder / f"task-{TASK}_tracksys-{TRACKSYS}_channels.json", _channels_json())
         about = {"Name": exported.name or "phd", "BIDSVersion": BIDS_VERSION, "DatasetType": "raw"}
-        generators = [{"Name": "phd", "Version": _version()}]
+        generators = [{"Name": "phd", "Version": version_of("phd")}]
         write_json(self.folder / "dataset_description.json", {**about, "GeneratedBy": generators})
         (self.folder / "README.md").write_text(
             (_README.format(name=exported.name) + exported.remarks()).rstrip() + "\n", encoding="utf-8"
@@ -147,14 +147,14 @@ def _channels(trial: ExportedTrial) -> tuple[list[_Channel], dict[str, np.ndarra
             for joint in recording.braked:
                 stuck = np.array([joint in word for word in letters])[recording.column("stuck")]
                 columns[f"stuck_{joint}"] = stuck.astype(np.int8)
-                says = f"1: the brake at joint {joint} is stuck, 0: it is not"
-                channels.append(_Channel(f"stuck_{joint}", MISSING, "MISC", MISSING, MISSING, MISSING, MISSING, says))
+                meaning = f"1: the brake at joint {joint} is stuck, 0: it is not"
+                channels.append(_Channel(f"stuck_{joint}", MISSING, "MISC", *[MISSING] * 4, meaning))
             continue
         values = recording.column(name)
         columns[name] = np.round(values, _LATENCY_DECIMALS) if name == "t_s" else values
         kind = _kind(name)
         at_handle = name.startswith(("tip_", "hand_", "target_", "sensed_"))
-        says = described.description + (": the code of a word in Decisions of _motion.json" * (name == "decision"))
+        meaning = described.description + (": the code of a word in Decisions of _motion.json" * (name == "decision"))
         channels.append(
             _Channel(
                 name,
@@ -164,7 +164,7 @@ def _channels(trial: ExportedTrial) -> tuple[list[_Channel], dict[str, np.ndarra
                 described.unit or MISSING,
                 "handle" if at_handle and not name.startswith("target_") else MISSING,
                 "workspace" if at_handle else MISSING,
-                says,
+                meaning,
             )
         )
     return channels, columns
@@ -215,8 +215,8 @@ def _about(trial: ExportedTrial, channels: list[_Channel]) -> dict[str, Any]:
         "InstitutionAddress": MISSING,
         "InstitutionalDepartmentName": MISSING,
         "SimulatedDevice": not board or board.startswith(_EMULATED),
-        "SimulatedOperator": trial.told.get("hand") == "operator" or board.startswith(_EMULATED),
-        "Trial": trial.told,
+        "SimulatedOperator": trial.about.get("hand") == "operator" or board.startswith(_EMULATED),
+        "Trial": trial.about,
         "Outcome": trial.outcome,
     }
     if any(channel.name == "decision" for channel in channels):
@@ -225,8 +225,8 @@ def _about(trial: ExportedTrial, channels: list[_Channel]) -> dict[str, Any]:
 
 
 def _board(trial: ExportedTrial) -> str:
-    """The number of the board on the bench; "": the device is simulated, as in a recording that says nothing."""
-    if trial.told.get("link", "sim") == "sim":
+    """The number of the board on the bench; "": the device is simulated, also where a recording does not name one."""
+    if trial.about.get("link", "sim") == "sim":
         return ""
     return str(trial.outcome.get("link", {}).get("board") or "unknown")
 
@@ -275,7 +275,7 @@ def _scan_column(name: str) -> dict[str, Any]:
 def _events_json() -> dict[str, Any]:
     return {
         "trial_type": {"Description": "phase of the trial", "Levels": PHASE_LEVELS},
-        "StimulusPresentation": {"SoftwareName": "phd", "SoftwareVersion": _version()},
+        "StimulusPresentation": {"SoftwareName": "phd", "SoftwareVersion": version_of("phd")},
     }
 
 
@@ -294,10 +294,3 @@ def _channels_json() -> dict[str, Any]:
             },
         }
     }
-
-
-def _version() -> str:
-    try:
-        return importlib.metadata.version("phd")
-    except importlib.metadata.PackageNotFoundError:
-        return "not installed"

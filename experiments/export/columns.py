@@ -1,11 +1,11 @@
 """What every column of a recording and of trials.csv means, and its unit: for the readers of an export."""
 
-import re
 from typing import NamedTuple
 
 from core import tick_log
 from core.control.controllers import DECISIONS
 from core.errors import InputError
+from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import STATUSES
 
 
@@ -16,7 +16,6 @@ class Column(NamedTuple):
     description: str
 
 
-_JOINT = re.compile(r"_([AEBC])_")
 _PHASES = (
     "brakes off, the hand moves to the start",
     "the hand waits at the start, brakes off",
@@ -24,57 +23,9 @@ _PHASES = (
     "after the movement, brakes off",
 )
 
-#: What the ticks of a device on the bench hold besides: raw signals, n/a in a tick whose sample was lost. There the
-#: torques, `stuck` and the energies are estimates from sensed force and velocity and the brake model.
-_BENCH = {
-    "board_us": Column("us", "time of the sample by the board's clock"),
-    "host_s": Column("s", "time of the sample by the host's steady clock, by the clock model of the link"),
-    "filled": Column("", "1 where the sample was lost and position, velocity, acceleration and force are interpolated"),
-    "encoder_J_counts": Column("", "counts of the encoder at joint J"),
-    **{f"force_{n}_counts": Column("", f"counts of force channel {n}") for n in range(1, 7)},
-    "measured_J_A": Column("A", "current measured in the brake at joint J"),
-    "decided": Column("", "1 where the controller decided at this tick, 0 where it did not (a newer sample was there)"),
-}
-
-#: The arm at the handle of a simulated device, beside its target: force = held + spring-damper up to its cap.
-_ARM = {
-    "target_vx_m_s": Column("m/s", "velocity of the target, x"),
-    "target_vy_m_s": Column("m/s", "velocity of the target, y"),
-    "arm_held_x_N": Column("N", "force of the arm beside its spring-damper, held over the tick, x"),
-    "arm_held_y_N": Column("N", "force of the arm beside its spring-damper, held over the tick, y"),
-    "arm_force_max_N": Column("N", "cap of the force of the arm's spring-damper"),
-    "arm_stiffness_xx_N_per_m": Column("N/m", "stiffness of the arm, xx"),
-    "arm_stiffness_xy_N_per_m": Column("N/m", "stiffness of the arm, xy"),
-    "arm_stiffness_yy_N_per_m": Column("N/m", "stiffness of the arm, yy"),
-}
-
-#: What the ticks of a recording hold. Frame: x to the participant's right, y away from the participant.
+#: What the ticks of a recording hold.
 RECORDING: dict[str, Column] = {
-    "t_s": Column("s", "time since the first tick of the recording"),
-    "phase": Column("", "part of the trial"),
-    "tip_x_m": Column("m", "position of the handle (the tip of the linkage), x"),
-    "tip_y_m": Column("m", "position of the handle, y"),
-    "tip_vx_m_s": Column("m/s", "velocity of the handle, x"),
-    "tip_vy_m_s": Column("m/s", "velocity of the handle, y"),
-    "tip_ax_m_s2": Column("m/s^2", "acceleration of the handle as the simulator or the device gives it, x"),
-    "tip_ay_m_s2": Column("m/s^2", "acceleration of the handle as the simulator or the device gives it, y"),
-    "hand_fx_N": Column("N", "force of the hand on the handle, x"),
-    "hand_fy_N": Column("N", "force of the hand on the handle, y"),
-    "current_J_A": Column("A", "current commanded to the brake at joint J"),
-    "torque_J_N_m": Column("N m", "torque of the brake at joint J on that joint, signed"),
-    "stuck": Column("", "letters of the joints whose brakes are stuck"),
-    "decision": Column("", "what the controller decided at this tick"),
-    "lateness_us": Column("us", "how late the tick began; 0 where the simulated device does not run in real time"),
-    "energy_hand_J": Column("J", "work of the hand on the device so far"),
-    "energy_brakes_J": Column("J", "heat in the brakes so far"),
-    "energy_kinetic_J": Column("J", "kinetic energy of the device now"),
-    "energy_stops_J": Column("J", "energy lost in the hard stops so far"),
-    "target_x_m": Column("m", "where the hand (the pointer, or a simulated operator's virtual hand) wants to be, x"),
-    "target_y_m": Column("m", "where the hand wants to be, y"),
-    **_BENCH,
-    "sensed_fx_N": Column("N", "force of the hand that the controller decided with at this tick, x"),
-    "sensed_fy_N": Column("N", "force of the hand that the controller decided with at this tick, y"),
-    **_ARM,
+    one.name: Column(one.unit, one.meaning) for column in tick_log.COLUMNS for one in column.spread()
 }
 
 #: What trials.csv holds, one row a trial. Measures are over the phase `move`; an empty cell: nothing to measure.
@@ -87,22 +38,7 @@ TRIALS: dict[str, Column] = {
     "segment": Column("", "number of the path"),
     "repetition": Column("", "how often this cell of the plan has come, from 1"),
     "status": Column("", "how the trial ended"),
-    "path_error_m": Column("m", "distance to the path, averaged over progress along the path"),
-    "path_error_time_m": Column("m", "distance to the path, averaged over time"),
-    "mean_tip_force_N": Column("N", "magnitude of the hand force, averaged over time"),
-    "acceleration_dft_sum": Column(
-        "m/s^2", "sum over the frequencies up to 100 Hz of (f / 1 Hz) times the amplitude of the acceleration"
-    ),
-    "acceleration_weighted_rms_m_s2": Column("m/s^2", "the same spectrum as a root mean square: free of duration"),
-    "force_over_progress_N": Column("N", "magnitude of the hand force, averaged over progress along the path"),
-    "duration_s": Column("s", "from the first tick of the movement to its last"),
-    "peak_error_m": Column("m", "largest distance to the path"),
-    "path_length_ratio": Column("", "travel of the handle / length of the path"),
-    "sparc": Column("", "spectral arc length of the speed; nearer 0 is smoother"),
-    "switches_per_s": Column("1/s", "ticks at which the set of brakes with current changes, per second"),
-    "unreachable_share": Column(
-        "", "share of the ticks with a felt hand in which no brake was valid or selected; none for controller 1"
-    ),
+    **{metric.name: Column(metric.unit, metric.meaning) for metric in METRICS},
     "recording": Column("", "file of the recording, relative to this file"),
     "energy_residual_J": Column("J", "what the energy ledger of the trial leaves unexplained"),
     "energy_added_max_J": Column("J", "the most energy that any brake added in a step: must be none"),
@@ -159,11 +95,9 @@ DECISION_READING = (
 
 def recording_column(name: str) -> Column:
     """What a column of a recording means. InputError if it is not described."""
-    joint = _JOINT.search(name)
-    column = RECORDING.get(_JOINT.sub("_J_", name))
-    if column is None:
+    if name not in RECORDING:
         raise InputError(f"recording: column {name} is not described, it cannot be exported")
-    return column._replace(description=column.description.replace("joint J", f"joint {joint[1]}")) if joint else column
+    return RECORDING[name]
 
 
 def trials_column(name: str) -> Column:

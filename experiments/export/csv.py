@@ -23,7 +23,14 @@ from experiments.export.columns import (
     recording_column,
     trials_column,
 )
-from experiments.export.trial import Exported, ExportedTrial, said_in, write_columns, write_json, write_said
+from experiments.export.trial import (
+    Exported,
+    ExportedTrial,
+    answers_and_notes,
+    write_answers_and_notes,
+    write_columns,
+    write_json,
+)
 from experiments.recording.schema import TEXT_COLUMNS
 
 _LEVELS = {"phase": PHASE_LEVELS, "status": STATUS_LEVELS}
@@ -63,7 +70,7 @@ class CsvTables:
             for name in trial.names
         }
         write_columns(path, columns, ",", header=True, missing="")
-        about = {"trial": trial.told, "outcome": trial.outcome, "begun": trial.begun, "phd": trial.software}
+        about = {"trial": trial.about, "outcome": trial.outcome, "begun": trial.begun, "phd": trial.software}
         write_json(path.with_suffix(".json"), about)
         self._rows.append(replace(trial.row, recording=str(place)))
         self._names |= dict.fromkeys(trial.names)
@@ -76,7 +83,7 @@ class CsvTables:
             "trials.csv": {name: _entry(name, trials_column(name)) for name in COLUMNS},
             "sub-*/ses-*/run-*.csv": {name: _entry(name, recording_column(name)) for name in self._names},
         }
-        for name, columns in write_said(self.folder, said_in(exported.sessions)).items():
+        for name, columns in write_answers_and_notes(self.folder, answers_and_notes(exported.sessions)).items():
             described[name] = {column: _entry(column, entry) for column, entry in columns.items()}
         write_json(self.folder / "columns.json", described)
         text = _README.format(name=exported.name) + exported.remarks()

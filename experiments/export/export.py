@@ -20,13 +20,15 @@ from experiments.analysis.trials_table import TrialRow, row_of
 from experiments.export.bids import BidsDataset
 from experiments.export.csv import CsvTables
 from experiments.export.trial import Exported, ExportedTrial
+from experiments.recording.atomic_files import refusing
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
-from experiments.session.files import STORED, TABLE, rows_of, runs_on_disk
+from experiments.session.blind import TELLING
+from experiments.session.files import STORED, TABLE, recordings_in, rows_of
 from experiments.session.journal import BEGUN, read_events
 
 FORMS: dict[str, Callable[[Path], "Form"]] = {"bids": BidsDataset, "csv": CsvTables}
-#: What may be told of a trial while it is blind.
-_TOLD_WHILE_BLIND = (
+#: What an export shows of a trial while its session is blind.
+_SHOWN_WHILE_BLIND = (
     "participant", "run", "block", "configuration", "controller", "segment", "repetition", "start_m", "end_m", "path",
     "protocol", "rules", "hand", "link", "assumed", "status", "reason", "energy_residual_J", "energy_added_max_J",
     "warnings",
@@ -50,9 +52,7 @@ def export(folder: Path, outs: dict[str, Path], progress: Callable[[float], None
     """
     folder = Path(folder)
     homes = sorted(folder.glob("sub-*/ses-*"))
-    paths = [
-        files.get(PARQUET_SUFFIX) or files[STREAM_SUFFIX] for home in homes for files in runs_on_disk(home).values()
-    ]
+    paths = [path for home in homes for path in recordings_in(home)]
     if not paths:
         raise InputError(f"{folder}: holds no recordings (sub-*/ses-*/trials/run-*)")
     sessions = {home: _Session.of(home) for home in homes}
@@ -107,21 +107,16 @@ class _Session:
     def of(cls, folder: Path) -> "_Session":
         rows = rows_of(folder)
         version = "n/a"
-        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # `phd verify` tells what is wrong with it
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # damaged: `phd verify` names what is wrong
             version = str(json.loads((folder / STORED).read_text(encoding="utf-8"))["versions"]["phd"])
         return cls(
             (folder / TABLE).exists(),
             {Path(row.recording).stem: row for row in rows if row.recording},
             tuple(row for row in rows if not row.recording),
-            any(_is_code(row.controller) for row in rows),
+            any(isinstance(row.controller, str) for row in rows),
             {entry.about["run"]: entry.time for entry in read_events(folder) if entry.event is BEGUN},
             version,
         )
-
-
-def _is_code(controller: int | str) -> bool:
-    """Whether a controller stands in the table by its code in a blind session ("K3"), not by its number."""
-    return not str(controller).isdecimal()
 
 
 def _look_at(path: Path, session: _Session) -> ExportedTrial | str:
@@ -135,15 +130,15 @@ def _look_at(path: Path, session: _Session) -> ExportedTrial | str:
         row = session.recorded[path.stem]
     else:
         return f"has no row in {TABLE}: the trial is not over, or phd recover has to look at it"
-    told: dict[str, Any] = {**recording.metadata, "controller": row.controller}
+    about: dict[str, Any] = {**recording.metadata, "controller": row.controller}
     outcome = {**recording.outcome, "status": row.status}  # a trial that was done may have been redone since
-    blind = session.blind or _is_code(row.controller)
+    blind = session.blind or isinstance(row.controller, str)  # a code
     if blind:
-        told = {name: value for name, value in told.items() if name in _TOLD_WHILE_BLIND}
-        outcome = {name: value for name, value in outcome.items() if name in _TOLD_WHILE_BLIND}
-        row = replace(row, switches_per_s=None, unreachable_share=None)
+        about = {name: value for name, value in about.items() if name in _SHOWN_WHILE_BLIND}
+        outcome = {name: value for name, value in outcome.items() if name in _SHOWN_WHILE_BLIND}
+        row = replace(row, **dict.fromkeys(TELLING))
     return ExportedTrial(
-        home.parent.name, home.name, recording, row, told, outcome,
+        home.parent.name, home.name, recording, row, about, outcome,
         session.begun.get(row.run, ""), session.software, blind,
     )  # fmt: skip
 
@@ -173,13 +168,11 @@ def _new_folders(outs: dict[str, Path]) -> Iterator[dict[str, Path]]:
 def _begin(out: Path) -> Path:
     """A new folder beside `out`, which must be new or empty; InputError otherwise."""
     partial = out.with_name(f".{out.name}.partial")
-    try:
+    with refusing(out, "cannot be created"):
         if out.exists() and any(out.iterdir()):
             raise InputError(f"{out}: is not empty, an export needs a new or empty folder")
         shutil.rmtree(partial, ignore_errors=True)  # left by a kill
         partial.mkdir(parents=True)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be created ({(error.strerror or str(error)).lower()})") from None
     return partial
 
 

@@ -27,9 +27,9 @@ class ExportedTrial(NamedTuple):
     session: str  # "ses-01"
     recording: Recording
     row: TrialRow
-    told: dict[str, Any]  # of the recording's metadata; the controller as the table has it
+    about: dict[str, Any]  # of the recording's metadata; the controller as the table has it
     outcome: dict[str, Any]
-    begun: str  # time of day, ISO; empty where nothing says so
+    begun: str  # time of day, ISO; empty where it is not known
     software: str  # version of phd that recorded it
     blind: bool
 
@@ -126,14 +126,14 @@ class Note(NamedTuple):
     text: str
 
 
-class Said(NamedTuple):
+class AnswersAndNotes(NamedTuple):
     """All of it, in the order of the sessions."""
 
     answers: tuple[Answers, ...] = ()
     notes: tuple[Note, ...] = ()
 
 
-def said_in(sessions: Iterable[Path]) -> Said:
+def answers_and_notes(sessions: Iterable[Path]) -> AnswersAndNotes:
     """What the journals of these session folders (.../sub-01/ses-01) hold, as far as they can be read."""
     answers: list[Answers] = []
     notes: list[Note] = []
@@ -144,20 +144,20 @@ def said_in(sessions: Iterable[Path]) -> Said:
                 answers.append(Answers(participant, about["configuration"], about["block"], about["values"], at))
             elif event is NOTE:
                 notes.append(Note(at, participant, about["text"]))
-    return Said(tuple(answers), tuple(notes))
+    return AnswersAndNotes(tuple(answers), tuple(notes))
 
 
-def write_said(folder: Path, said: Said) -> dict[str, dict[str, Column]]:
+def write_answers_and_notes(folder: Path, found: AnswersAndNotes) -> dict[str, dict[str, Column]]:
     """questionnaire.csv and notes.csv into a folder; file -> its columns, of those written."""
     written = {}
-    if said.answers:
-        scales = scales_of(said.answers)
+    if found.answers:
+        scales = scales_of(found.answers)
         names = ["participant", "configuration", "block", *scales, "time"]
-        lines = [[a.participant, a.configuration, f"{a.block}", *_cells(a, scales, ""), a.time] for a in said.answers]
+        lines = [[a.participant, a.configuration, f"{a.block}", *_cells(a, scales, ""), a.time] for a in found.answers]
         write_rows(folder / QUESTIONNAIRE_CSV, [names, *lines], ",")
         written[QUESTIONNAIRE_CSV] = {name: questionnaire_column(name) for name in names}
-    if said.notes:
-        write_rows(folder / NOTES_CSV, [Note._fields, *said.notes], ",")
+    if found.notes:
+        write_rows(folder / NOTES_CSV, [Note._fields, *found.notes], ",")
         written[NOTES_CSV] = {name: NOTES[name] for name in Note._fields}
     return written
 

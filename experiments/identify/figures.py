@@ -9,11 +9,11 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from core.errors import InputError
 from experiments.analysis.figures import LINE, QUIET, STYLE, TEXT, figure_bytes, new_figure
 from experiments.identify.fit import gain_row, surface_row, torque_change
-from experiments.identify.identify import Identification
+from experiments.identify.identification import Identification
 from experiments.identify.step_response import Measured
+from experiments.recording.atomic_files import refuse_existing_files
 
 FORMS = ("png", "pdf")
 FITTED, MEASURED = "#2f7fc4", "#d98200"
@@ -24,19 +24,17 @@ DIRECTION_WORDS = {"rise": "rising", "fall": "falling"}
 CLEAR_CHANGE = 0.25
 
 
-def draw_identification(found: Identification, folder: Path, note: str = "") -> dict[Path, bytes]:
-    """The figures as files of a folder, not yet written; InputError if one exists. `note` stands on each of them."""
+def draw_identification(found: Identification, folder: Path) -> dict[Path, bytes]:
+    """The figures as files of a folder, not yet written; InputError if one exists."""
     drawn: dict[str, Figure] = {}
     with matplotlib.rc_context(STYLE):
-        drawn["fig06_torque_gain"] = draw_torque_gain(found, note)
+        drawn["fig06_torque_gain"] = draw_torque_gain(found)
         for direction in found.constants:
             words = DIRECTION_WORDS[direction]
-            drawn[f"fig07_{words}_time_constant"] = draw_time_constants(found, direction, note)
-            drawn[f"fig08_{words}_time_constant_fit"] = draw_surface(found, direction, note)
+            drawn[f"fig07_{words}_time_constant"] = draw_time_constants(found, direction)
+            drawn[f"fig08_{words}_time_constant_fit"] = draw_surface(found, direction)
     paths = {name: [folder / f"{name}.{form}" for form in FORMS] for name in drawn}
-    for path in (path for group in paths.values() for path in group):
-        if path.exists():
-            raise InputError(f"{path}: exists already and is never overwritten")
+    refuse_existing_files(path for group in paths.values() for path in group)
     return {
         path: figure_bytes(figure, form)
         for name, figure in drawn.items()
@@ -44,7 +42,7 @@ def draw_identification(found: Identification, folder: Path, note: str = "") -> 
     }
 
 
-def draw_torque_gain(found: Identification, note: str = "") -> Figure:
+def draw_torque_gain(found: Identification) -> Figure:
     """Fig. 6: steady torque of each averaged step, its mean at each current, and Eq. (2); residuals below."""
     figure = new_figure(5.4, 5.0)
     top = figure.add_axes((0.14, 0.45, 0.82, 0.47))
@@ -78,14 +76,14 @@ def draw_torque_gain(found: Identification, note: str = "") -> Figure:
     lines = [
         "   ".join(words[:3]),
         "   ".join(words[3:]) + " (half-widths of 95 % intervals)",
-        _origin(found, note),
+        _origin(found),
     ]
     _title(figure, "Torque gain", 0.14)
     _caption(figure, lines, 0.14)
     return figure
 
 
-def draw_time_constants(found: Identification, direction: str, note: str = "") -> Figure:
+def draw_time_constants(found: Identification, direction: str) -> Figure:
     """Fig. 7: time constants of one direction over current stepped to and speed, as measured."""
     figure, axes = _room(found, direction, f"Time constant, {DIRECTION_WORDS[direction]} current, measured")
     points = _grid_means(_with_constant(found, direction))
@@ -99,11 +97,11 @@ def draw_time_constants(found: Identification, direction: str, note: str = "") -
     axes.scatter(x, y, z, s=12, color=TEXT, depthshade=False, zorder=2)
     aside = [one for one in found.set_aside if one.direction == direction]
     more = f" Not drawn: {len(aside)} without a clear transient." if aside else ""
-    _caption(figure, [f"Dots: time constants of averaged steps, Eq. (3).{more}", _origin(found, note)], 0.06)
+    _caption(figure, [f"Dots: time constants of averaged steps, Eq. (3).{more}", _origin(found)], 0.06)
     return figure
 
 
-def draw_surface(found: Identification, direction: str, note: str = "") -> Figure:
+def draw_surface(found: Identification, direction: str) -> Figure:
     """Fig. 8: Eq. (4) as fitted to one direction, with the measured time constants."""
     figure, axes = _room(found, direction, f"Time constant, {DIRECTION_WORDS[direction]} current, Eq. (4)")
     fits = found.constants[direction]
@@ -136,7 +134,7 @@ def draw_surface(found: Identification, direction: str, note: str = "") -> Figur
         f"$a_{{avg}}$ {average} (95 %) from $ω_0$ = {found.omega_0_rpm:g} rpm on. Dots: measured, with their distance "
         f"from the fit, small where the torque changes little; rms residual {rms:.2g} ms."
     )
-    _caption(figure, [*textwrap.wrap(text, 88), _origin(found, note)], 0.06)
+    _caption(figure, [*textwrap.wrap(text, 88), _origin(found)], 0.06)
     return figure
 
 
@@ -184,9 +182,8 @@ def _speed_shades(measured: Sequence[Measured]) -> np.ndarray:
     return np.log2([one.step.speed_rpm for one in measured])
 
 
-def _origin(found: Identification, note: str) -> str:
-    parts = [f"{found.source}: {found.steps} steps averaged to {len(found.measured)}.", note]
-    return " ".join(part for part in parts if part)
+def _origin(found: Identification) -> str:
+    return f"{found.source}: {found.steps} steps averaged to {len(found.measured)}."
 
 
 def _title(figure: Figure, text: str, left: float) -> None:

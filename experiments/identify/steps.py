@@ -56,9 +56,7 @@ def read_steps(path: Path) -> list[Step]:
     missing = [column for column in COLUMNS if column not in columns]
     if missing:
         raise InputError(f"{path}: line 1: the header lacks {', '.join(missing)}")
-    t, current_from, current_to, speed, torque, index = (
-        table.values[:, columns.index(column)] for column in COLUMNS
-    )
+    t, current_from, current_to, speed, torque, index = (table.values[:, columns.index(column)] for column in COLUMNS)
     _refuse(table, current_from < 0.0, "current_from_A must be at least 0")
     _refuse(table, current_to < 0.0, "current_to_A must be at least 0")
     _refuse(table, current_from == current_to, "current_from_A and current_to_A are equal: no step")

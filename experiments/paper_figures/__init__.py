@@ -1,10 +1,8 @@
 """The paper's Figs. 1 and 4 to 14, remade from our models: no data of the paper are drawn, only what the models say.
 
-Each module draws a group of figures; `draw_all` says which files they become and writes them, all or none.
+Each module draws a group of figures; `draw_all` names their files and writes them, all or none.
 """
 
-import contextlib
-import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -14,7 +12,6 @@ from typing import NamedTuple
 import matplotlib
 
 from core.device import Device
-from core.errors import InputError
 from experiments.analysis.figures import STYLE, figure_bytes
 from experiments.paper_figures.brake import brakes_of, draw_time_constants, draw_torque_gain
 from experiments.paper_figures.brake_motion import draw_current_steps, draw_sinusoidal_motion
@@ -24,6 +21,7 @@ from experiments.paper_figures.selection import draw_five_forces, draw_sdof_choi
 from experiments.paper_figures.sheet import Picture
 from experiments.paper_figures.velocity import draw_velocity_field
 from experiments.paper_figures.workspace import draw_sdof_paths
+from experiments.recording.atomic_files import refuse_existing_files, refusing, write_new_files
 
 FORMS = ("png", "pdf")
 #: The paper's number of a device's SDOF paths; another device's are of both.
@@ -51,8 +49,8 @@ def pictures(devices: Sequence[Device]) -> list[Picture]:
     ]
     for device, slug in zip(devices, _slugs(device.name for device in devices), strict=True):
         number = SDOF_FIGURE.get(device.name, "fig04-05")
-        says = f"paths with one brake locked: {device.name}"
-        found.append(Picture(f"{number}_sdof_paths_{slug}", says, partial(draw_sdof_paths, device)))
+        shows = f"paths with one brake locked: {device.name}"
+        found.append(Picture(f"{number}_sdof_paths_{slug}", shows, partial(draw_sdof_paths, device)))
     brakes = brakes_of(devices)
     endings = [f"_{slug}" for slug in _slugs(brake.name for brake in brakes)] if len(brakes) > 1 else [""]
     for name, shows, draw in (
@@ -64,8 +62,8 @@ def pictures(devices: Sequence[Device]) -> list[Picture]:
         for brake, ending in zip(brakes, endings, strict=True):
             found.append(Picture(name + ending, f"{shows}: {brake.name}", partial(draw, brake)))
     for device, slug in zip(devices, _slugs(device.name for device in devices), strict=True):
-        says = f"spring release from rest, each brake locked in turn and none: {device.name}"
-        found.append(Picture(f"fig11_spring_release_{slug}", says, partial(draw_releases, device)))
+        shows = f"spring release from rest, each brake locked in turn and none: {device.name}"
+        found.append(Picture(f"fig11_spring_release_{slug}", shows, partial(draw_releases, device)))
     return [
         *found,
         Picture("fig12_velocity_field", "desired directions around the path y = 40 cm", draw_velocity_field),
@@ -97,12 +95,15 @@ def draw_all(
     """Draw every figure as PNG and PDF into a folder; the same devices give the same bytes.
 
     InputError, and no file left behind, if one of the files exists already or the folder cannot be written.
-    `progress` is told the share done (0 to 1).
+    `progress` gets the share done (0 to 1).
     """
     folder = Path(out_folder)
     wanted = pictures(devices)
     drawn = [Drawn(p.name, p.shows, [folder / f"{p.name}.{form}" for form in FORMS]) for p in wanted]
-    _refuse_unwritable(folder, [file for figure in drawn for file in figure.files])
+    files = [file for figure in drawn for file in figure.files]
+    refuse_existing_files(files)
+    with refusing(folder, "the figures cannot be written"):
+        folder.mkdir(parents=True, exist_ok=True)  # before the drawing: what would be refused after it
     contents: list[bytes] = []
     for k, picture in enumerate(wanted):
         with matplotlib.rc_context(STYLE):
@@ -110,42 +111,5 @@ def draw_all(
         contents += [figure_bytes(figure, form) for form in FORMS]
         if progress:
             progress((k + 1) / len(wanted))
-    _write(folder, dict(zip((file for figure in drawn for file in figure.files), contents, strict=True)))
+    write_new_files(dict(zip(files, contents, strict=True)))
     return drawn
-
-
-def _refuse_unwritable(folder: Path, files: Sequence[Path]) -> None:
-    """Before the drawing: what would be refused after it."""
-    try:
-        for file in files:
-            if os.path.lexists(file):
-                raise InputError(f"{file}: exists already, no figure was written")
-        there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "the path is not valid"
-        raise InputError(f"{folder}: the figures cannot be written: {reason}") from None
-    if not there.is_dir():
-        raise InputError(f"{folder}: the figures cannot be written: {there} is not a folder")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise InputError(f"{folder}: the figures cannot be written: no permission to write in {there}")
-
-
-def _write(folder: Path, contents: dict[Path, bytes]) -> None:
-    """All files, or none of them and no new folder."""
-    new_folders = [place for place in (folder, *folder.parents) if not place.exists()]
-    written: list[Path] = []
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for path, content in contents.items():
-            with path.open("xb") as file:
-                written.append(path)
-                file.write(content)
-    except BaseException as error:
-        for path in written:
-            path.unlink(missing_ok=True)
-        for place in new_folders:
-            with contextlib.suppress(OSError):
-                place.rmdir()
-        if isinstance(error, OSError):
-            raise InputError(f"{folder}: the figures cannot be written: {error.strerror}") from None
-        raise

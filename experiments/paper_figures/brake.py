@@ -122,7 +122,7 @@ def draw_time_constants(brake: Brake) -> Figure:
         for rising in (True, False)
     ]  # fmt: skip
     top = max(surface.max() for surface in surfaces)
-    for k, (surface, says) in enumerate(zip(surfaces, ("rising", "falling"), strict=True)):
+    for k, (surface, way) in enumerate(zip(surfaces, ("rising", "falling"), strict=True)):
         left = 0.35 + 3.45 * k
         axes = figure.add_axes(
             (left / width, (foot - 0.05) / height, 3.45 / width, (height - foot - 0.25) / height),
@@ -133,10 +133,10 @@ def draw_time_constants(brake: Brake) -> Figure:
             zorder=1,
         )  # fmt: skip
         for i in current:
-            line = [1e3 * brake.time_constant(i, speed, says == "rising") for speed in fine_rpm]
+            line = [1e3 * brake.time_constant(i, speed, way == "rising") for speed in fine_rpm]
             axes.plot(np.full_like(fine_rpm, i), np.log2(fine_rpm), line, color=TEXT, linewidth=0.7, zorder=2)
         for speed in TESTED_RPM:
-            line = [1e3 * brake.time_constant(i, speed, says == "rising") for i in current]
+            line = [1e3 * brake.time_constant(i, speed, way == "rising") for i in current]
             axes.plot(current, np.full_like(current, np.log2(speed)), line, color=TEXT, linewidth=0.7, zorder=2)
         axes.set_zlim(0.0, 1.05 * top)
         axes.set_yticks(np.log2(TESTED_RPM), [f"{speed:g}" for speed in TESTED_RPM])
@@ -150,7 +150,7 @@ def draw_time_constants(brake: Brake) -> Figure:
             axis.set_pane_color("white")
             axis._axinfo["grid"].update(color=LINE, linewidth=0.6)
         figure.text(
-            left / width, 1.0 - 0.3 / height, f"{says.capitalize()} time constant, Eq. (4), {brake.name}",
+            left / width, 1.0 - 0.3 / height, f"{way.capitalize()} time constant, Eq. (4), {brake.name}",
             fontsize=TITLE, parse_math=False,
         )  # fmt: skip
     return figure

@@ -64,8 +64,8 @@ def draw_current_steps(brake: Brake) -> Figure:
     times = np.linspace(0.0, STEPS_END_S, 881)
     for speed, colour, line in zip(STEP_SPEEDS_RPM, SPEED_COLOURS, SPEED_LINES, strict=True):
         torque = step_response(brake, steps, times, speed)
-        said = f"{speed:g} rpm" + (" (a_avg)" if speed >= brake.file.omega_0_rpm else "")
-        lower.plot(times, torque, color=colour, linestyle=line, linewidth=1.6, label=said)
+        label = f"{speed:g} rpm" + (" (a_avg)" if speed >= brake.file.omega_0_rpm else "")
+        lower.plot(times, torque, color=colour, linestyle=line, linewidth=1.6, label=label)
     for _, current in steps:
         lower.axhline(brake.torque_gain([current])[0], color=QUIET, linewidth=0.7, linestyle=(0, (1, 3)), zorder=1)
     lower.set_ylim(0.0, 1.1 * brake.torque_gain([largest])[0])

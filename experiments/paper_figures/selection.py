@@ -160,8 +160,8 @@ def _draw_sdof_line(axes: Axes, joint: str, p: tuple[float, float], sense: float
     x, y = sense * p[0], sense * p[1]
     axes.plot([-x, 0], [-y, 0], **dashed)
     arrow(axes, (0, 0), (x, y), colour, 2.6 if selected else 1.6)
-    said = "selected" if selected else "valid"
-    _beside(axes, f"$p_{joint}$\n{said}", (1.14 * x, 1.12 * y), colour, linespacing=1.1)
+    word = "selected" if selected else "valid"
+    _beside(axes, f"$p_{joint}$\n{word}", (1.14 * x, 1.12 * y), colour, linespacing=1.1)
 
 
 class Forces(NamedTuple):
@@ -245,9 +245,9 @@ def draw_five_forces() -> Figure:
         colour = "#d55e00" if chosen else TEXT if example.ranks[i] else QUIET
         arrow(axes, (0, 0), (0.8 * force[0], 0.8 * force[1]), colour, 2.6 if chosen else 1.6)
         h_x, h_y = example.influence[:, i]
-        said = {3: "selected" if chosen else "first", 2: "second", 1: "third", 0: "never"}[example.ranks[i]]
+        word = {3: "selected" if chosen else "first", 2: "second", 1: "third", 0: "never"}[example.ranks[i]]
         place = (1.08 * force[0], 1.02 * force[1] - (0.06 if force[1] < -0.5 else 0.0))
-        _beside(axes, f"$F_{i + 1}$  $[{h_x}\\ {h_y}]^T$\n{said}", place, colour, linespacing=1.3)
+        _beside(axes, f"$F_{i + 1}$  $[{h_x}\\ {h_y}]^T$\n{word}", place, colour, linespacing=1.3)
     axes.plot(0, 0, "o", color=TEXT, markersize=7, zorder=8)
     axes.set_xlim(-1.42, 1.32)
     axes.set_ylim(-1.25, 1.25)

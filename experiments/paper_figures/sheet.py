@@ -41,8 +41,8 @@ def parameters_of(*sources: Parameters) -> str:
     """A sentence or two: whose numbers these are, and whether they are assumed."""
     assumed = [source.name for source in sources if source.assumed]
     others = [source.name for source in sources if not source.assumed]
-    said = f"Assumed parameters: {', '.join(assumed)}." if assumed else ""
-    return said + (" " if said and others else "") + (f"Parameters of {', '.join(others)}." if others else "")
+    words = f"Assumed parameters: {', '.join(assumed)}." if assumed else ""
+    return words + (" " if words and others else "") + (f"Parameters of {', '.join(others)}." if others else "")
 
 
 def small_print(figure: Figure, text: str) -> float:

@@ -130,28 +130,24 @@ def sdof_family(workspace: Workspace, joint: str, spacing: float) -> list[Array]
     return [path for path in paths if np.any(np.isfinite(path))]
 
 
-def draw_outline(axes: Axes, workspace: Workspace, colour: str = QUIET, width: float = 1.0) -> None:
+def draw_outline(axes: Axes, workspace: Workspace) -> None:
     """The hard stops' limit of the workspace, in cm."""
-    axes.contour(CM * workspace.x, CM * workspace.y, workspace.room, levels=[0.0], colors=[colour], linewidths=[width])
+    axes.contour(CM * workspace.x, CM * workspace.y, workspace.room, levels=[0.0], colors=[QUIET], linewidths=[1.0])
 
 
-def draw_linkage(axes: Axes, mechanism: Mechanism, tip: tuple[float, float], letters: bool = True) -> None:
+def draw_linkage(axes: Axes, mechanism: Mechanism, tip: tuple[float, float]) -> None:
     """The links with the tip somewhere (m), in cm."""
     for arm, base, elbow in ((mechanism.arm_1, "A", "E"), (mechanism.arm_2, "B", "C")):
         pose = arm_pose(arm, np.array(tip[0]), np.array(tip[1]))
         at = np.array([[arm.base_x, arm.base_y], [arm.base_x + pose.e1[0], arm.base_y + pose.e1[1]], tip]) * CM
         axes.plot(at[:, 0], at[:, 1], "-", color=TEXT, linewidth=2.2, alpha=0.75, zorder=5, solid_capstyle="round")
         axes.plot(at[:, 0], at[:, 1], "o", color=TEXT, markersize=5, markerfacecolor="white", zorder=6)
-        if letters:
-            out = -1.0 if arm is mechanism.arm_1 else 1.0
-            if mechanism.coaxial:
-                base = "A, B"
-            if not (mechanism.coaxial and arm is mechanism.arm_2):
-                place = (0, -11) if mechanism.coaxial else (12 * out, -2)
-                _letter(axes, base, at[0], place)
-            _letter(axes, elbow, at[1], (-11 * arm.side, 2))
-    if letters:
-        _letter(axes, "D", CM * np.array(tip), (0, 12))
+        if not mechanism.coaxial:
+            _letter(axes, base, at[0], (-12 if arm is mechanism.arm_1 else 12, -2))
+        elif arm is mechanism.arm_1:
+            _letter(axes, "A, B", at[0], (0, -11))
+        _letter(axes, elbow, at[1], (-11 * arm.side, 2))
+    _letter(axes, "D", CM * np.array(tip), (0, 12))
 
 
 def _letter(axes: Axes, letter: str, at: Array, offset: tuple[float, float]) -> None:

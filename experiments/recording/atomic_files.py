@@ -3,8 +3,10 @@
 import contextlib
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
+
+from core.errors import InputError
 
 PARTIAL_FILES = ".*.partial"  # what a crash in the middle of writing leaves
 
@@ -14,6 +16,65 @@ def is_wrong_path(error: OSError) -> bool:
     return isinstance(
         error, FileNotFoundError | FileExistsError | NotADirectoryError | IsADirectoryError | PermissionError
     ) or error.errno in (errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL, errno.ELOOP)
+
+
+def reason_of(error: OSError) -> str:
+    """Why the system refused, in lower case."""
+    return (error.strerror or str(error)).lower()
+
+
+@contextlib.contextmanager
+def refusing(path: Path, what: str) -> Iterator[None]:
+    """Turns an OSError that is the path's fault into the InputError "PATH: WHAT (reason)"; a full disk stays one."""
+    try:
+        yield
+    except OSError as error:
+        if not is_wrong_path(error):
+            raise
+        raise InputError(f"{path}: {what} ({reason_of(error)})") from None
+
+
+def refuse_existing_files(files: Iterable[Path]) -> None:
+    """InputError if one of them is there."""
+    for file in files:
+        if os.path.lexists(file):
+            raise InputError(f"{file}: exists already and is never overwritten")
+
+
+def make_empty_folder(folder: Path, needs: str, besides: Collection[str] = ()) -> None:
+    """Make a folder, or take one that is empty but for files of these names; InputError for any other."""
+    with refusing(folder, "cannot be used"):
+        folder.mkdir(parents=True, exist_ok=True)
+        if {path.name for path in folder.iterdir()} - set(besides):
+            raise InputError(f"{folder}: is not empty, {needs}")
+
+
+def write_new_file(file: Path, content: bytes, sync: bool = False) -> None:
+    """Write a file, whole or not at all. InputError if it is there already or cannot be there."""
+    refuse_existing_files([file])
+    with refusing(file, "cannot be written"), written_beside(file, content, sync) as partial:
+        give_new_name(partial, file)
+
+
+def write_new_files(contents: Mapping[Path, bytes]) -> None:
+    """Write new files and the folders that they need, all or none. InputError if one cannot be there."""
+    refuse_existing_files(contents)
+    folders = dict.fromkeys(place for file in contents for place in (file.parent, *file.parent.parents))
+    new_folders = [place for place in folders if not place.exists()]
+    written: list[Path] = []
+    try:
+        for file, content in contents.items():
+            with refusing(file, "cannot be written"):
+                file.parent.mkdir(parents=True, exist_ok=True)
+            write_new_file(file, content)
+            written.append(file)
+    except BaseException:
+        for file in written:
+            file.unlink(missing_ok=True)
+        for folder in new_folders:
+            with contextlib.suppress(OSError):  # not made yet
+                folder.rmdir()
+        raise
 
 
 @contextlib.contextmanager

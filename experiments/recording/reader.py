@@ -170,7 +170,7 @@ def _next_whole_batch(header: bytes, data: bytes, at: int) -> int | None:
 
 
 def _is_cut(data: bytes, at: int) -> bool:
-    """Whether the message at byte `at` says that it is longer than what is left: cut off, rather than damaged."""
+    """Whether the message at byte `at` is by its own length longer than what is left: cut off, rather than damaged."""
     try:
         pa.ipc.read_message(pa.BufferReader(data[at:]))
     except (pa.ArrowException, OSError, EOFError):

@@ -26,6 +26,7 @@ import pyarrow as pa
 from fastcrc.crc32 import iso_hdlc as crc32
 
 from core import tick_log
+from core.control.controllers import DECISIONS
 from core.errors import InputError
 from core.mechanism import JOINTS
 
@@ -37,19 +38,6 @@ STREAM_END = MARKER + bytes(4)  # Arrow's own end of a stream
 
 #: Text columns -> the integer that stores a word's place.
 TEXT_COLUMNS = {"phase": pa.int8(), "stuck": pa.int8(), "decision": pa.int16()}
-
-
-#: The rest of a simulated device's hand, beside its target: with these a trial can be replayed to the last bit.
-ARM_COLUMNS = (
-    ("target_vx_m_s", tick_log.TARGET_VX),
-    ("target_vy_m_s", tick_log.TARGET_VY),
-    ("arm_held_x_N", tick_log.ARM_HELD_X),
-    ("arm_held_y_N", tick_log.ARM_HELD_Y),
-    ("arm_force_max_N", tick_log.ARM_FORCE_MAX),
-    ("arm_stiffness_xx_N_per_m", tick_log.ARM_STIFFNESS),
-    ("arm_stiffness_xy_N_per_m", tick_log.ARM_STIFFNESS + 1),
-    ("arm_stiffness_yy_N_per_m", tick_log.ARM_STIFFNESS + 2),
-)
 
 
 class Sensors(NamedTuple):
@@ -64,48 +52,15 @@ def recording_columns(braked: str, sensors: Sensors | None = None) -> tuple[tupl
 
     sensors: of a device on the bench; None: it is simulated, and there are no raw signals.
     """
-    joints = [i for i, joint in enumerate(JOINTS) if joint in braked]
-    if "".join(JOINTS[i] for i in joints) != braked:
+    if "".join(joint for joint in JOINTS if joint in braked) != braked:
         raise InputError(f"recording: braked joints {braked!r} must be letters out of {JOINTS}, in that order")
-    return (
-        ("t_s", tick_log.T),
-        ("phase", tick_log.PHASE),
-        ("tip_x_m", tick_log.TIP_X),
-        ("tip_y_m", tick_log.TIP_Y),
-        ("tip_vx_m_s", tick_log.TIP_VX),
-        ("tip_vy_m_s", tick_log.TIP_VY),
-        ("tip_ax_m_s2", tick_log.TIP_AX),
-        ("tip_ay_m_s2", tick_log.TIP_AY),
-        ("hand_fx_N", tick_log.HAND_FX),
-        ("hand_fy_N", tick_log.HAND_FY),
-        *((f"current_{JOINTS[i]}_A", tick_log.CURRENT + i) for i in joints),
-        *((f"torque_{JOINTS[i]}_N_m", tick_log.TORQUE + i) for i in joints),
-        ("stuck", tick_log.STUCK),
-        ("decision", tick_log.DECISION),
-        ("lateness_us", tick_log.LATENESS_US),
-        ("energy_hand_J", tick_log.ENERGY_HAND),
-        ("energy_brakes_J", tick_log.ENERGY_BRAKES),
-        ("energy_kinetic_J", tick_log.ENERGY_KINETIC),
-        ("energy_stops_J", tick_log.ENERGY_STOPS),
-        ("target_x_m", tick_log.TARGET_X),
-        ("target_y_m", tick_log.TARGET_Y),
-        *(bench_columns(joints, sensors) if sensors else ()),
-        ("sensed_fx_N", tick_log.SENSED_FX),
-        ("sensed_fy_N", tick_log.SENSED_FY),
-        *((("decided", tick_log.DECIDED),) if sensors else ARM_COLUMNS),
-    )
-
-
-def bench_columns(joints: list[int], sensors: Sensors) -> list[tuple[str, int]]:
-    """(name, column of the tick log) of what the bench alone has; joints: indices of the braked ones."""
-    return [
-        ("board_us", tick_log.BOARD_US),
-        ("host_s", tick_log.HOST_S),
-        ("filled", tick_log.FILLED),
-        *((f"encoder_{joint}_counts", tick_log.COUNT + JOINTS.index(joint)) for joint in sensors.encoders),
-        *((f"force_{n + 1}_counts", tick_log.FORCE_COUNT + n) for n in range(sensors.force_channels)),
-        *((f"measured_{JOINTS[i]}_A", tick_log.MEASURED + i) for i in joints),
-    ]
+    here = (tick_log.BOTH, tick_log.BENCH if sensors else tick_log.SIMULATED)
+    found: list[tick_log.Column] = []
+    for column in tick_log.COLUMNS:
+        if column.of in here:
+            joints = sensors.encoders if sensors and column.place == tick_log.COUNT else braked
+            found += column.spread(joints, range(1, 1 + sensors.force_channels) if sensors else ())
+    return tuple((column.name, column.place) for column in found)
 
 
 def column_words(decisions: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
@@ -202,6 +157,15 @@ class Recording:
         return self.column("phase") == self.words["phase"].index(phase)
 
 
+def recording_of(rows: np.ndarray, braked: str, path: Path = Path()) -> Recording:
+    """Ticks (n, tick_log.WIDTH) of a simulated device as a recording that was never on a disk."""
+    columns = {
+        name: rows[:, place].astype(TEXT_COLUMNS[name].to_pandas_dtype()) if name in TEXT_COLUMNS else rows[:, place]
+        for name, place in recording_columns(braked)
+    }
+    return Recording(path, braked=braked, columns=columns, words=column_words(DECISIONS), complete=True)
+
+
 def same_content(a: Recording, b: Recording) -> bool:
     """Whether two recordings hold the same, bit by bit (a NaN equals itself, -0 is not 0), wherever they lie."""
     if (a.metadata, a.outcome, a.braked, a.sensors, a.words) != (b.metadata, b.outcome, b.braked, b.sensors, b.words):
@@ -217,7 +181,7 @@ def same_content(a: Recording, b: Recording) -> bool:
 
 
 def describe(schema_metadata: dict[bytes, bytes] | None) -> dict[str, Any]:
-    """What the schema says about the recording (the JSON under `phd`), as keyword arguments of `Recording`.
+    """The description in the schema (the JSON under `phd`), as keyword arguments of `Recording`.
 
     ValueError if this is no recording or one of a later form.
     """

@@ -49,14 +49,13 @@ class RecordingWriter:
         path: str | Path,
         braked: str,
         metadata: dict[str, Any],
-        decisions: tuple[str, ...] = DECISIONS,
         sync: bool = True,
         sensors: Sensors | None = None,
     ) -> None:
         """Create `path`; InputError if it exists or cannot be there, OSError if the disk takes no more.
 
         braked: letters of the braked joints, "AEB". metadata: anything JSON holds, known before the trial.
-        decisions: code -> text. sync = False leaves the time of writing to the system: for simulated trials, whose
+        sync = False leaves the time of writing to the system: for simulated trials, whose
         Parquet file reaches the disk before their stream is removed. sensors: of a device on the bench, whose ticks are
         tick_log.BENCH_WIDTH wide.
         """
@@ -66,9 +65,9 @@ class RecordingWriter:
         self.bytes_written = 0
         self._names, self._places = zip(*recording_columns(braked, sensors), strict=True)
         self._width = tick_log.BENCH_WIDTH if sensors else tick_log.WIDTH
-        self._words = column_words(decisions)
+        self._words = column_words(DECISIONS)
         self._dictionaries = {name: pa.array(words, pa.string()) for name, words in self._words.items()}
-        schema = make_schema(braked, metadata, decisions, sensors)
+        schema = make_schema(braked, metadata, DECISIONS, sensors)
         self._schema = schema.with_metadata({**schema.metadata, "crc32": SEAL})
         self._sink = io.BytesIO()
         self._stream = pa.ipc.new_stream(self._sink, self._schema)
@@ -80,9 +79,7 @@ class RecordingWriter:
         self._stream.write_batch(self._batch(np.empty((0, self._width))))
         header = seal(_before_first_batch(self._taken()))
         try:
-            self._file = os.open(
-                self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644
-            )
+            self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
         except FileExistsError:
             raise InputError(f"{self.path}: exists already, a recording is never overwritten") from None
         except OSError as error:
@@ -273,9 +270,7 @@ def save_as_parquet(recording: Recording, target: Path, sync: bool = True) -> No
     else:
         there = read_parquet(target)
         if not there.whole or not same_content(there, recording):
-            raise InputError(
-                f"{target}: exists already and differs from {recording.path.name}, neither was touched"
-            )
+            raise InputError(f"{target}: exists already and differs from {recording.path.name}, neither was touched")
 
 
 def _parquet_bytes(recording: Recording) -> bytes:

@@ -3,7 +3,7 @@
 The key is drawn from the system's randomness, so neither seed nor plan tells it, and lies in a file of its own beside
 session.json, which holds only its SHA-256 (with a salt in the file: the key cannot be found by trying all). While a
 session is blind its plan, journal, table and the metadata of its recordings hold codes, and the table leaves out what
-tells a controller by itself. The ticks of a recording hold currents and decisions: whoever looks there can tell.
+reveals a controller by itself. The ticks of a recording hold currents and decisions: they reveal it to a reader.
 """
 
 import hashlib
@@ -15,13 +15,14 @@ from pathlib import Path
 from typing import TypeVar
 
 from core.errors import InputError
+from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, codes
-from experiments.recording.atomic_files import written_beside
+from experiments.recording.atomic_files import reason_of, written_beside
 
 KEY = "key.json"
-#: What tells a controller by itself: how often brakes were switched, how often none could help.
-TELLING = ("switches_per_s", "unreachable_share")
+#: Measures that tell a controller by themselves.
+TELLING = tuple(metric.name for metric in METRICS if metric.tells_controller)
 
 Coded = TypeVar("Coded", PlannedTrial, TrialRow)
 
@@ -50,7 +51,7 @@ def read_key(session: Path, sha256: str) -> dict[str, int]:
             raise InputError(f"{path}: does not match key_sha256 of session.json, it was changed")
         return {str(code): int(number) for code, number in json.loads(data)["controllers"].items()}
     except OSError as error:
-        raise InputError(f"{path}: the key cannot be read ({(error.strerror or str(error)).lower()})") from None
+        raise InputError(f"{path}: the key cannot be read ({reason_of(error)})") from None
 
 
 def opened(thing: Coded, key: Mapping[str, int]) -> Coded:

@@ -26,6 +26,7 @@ from core.errors import InputError
 from experiments.analysis.trials_table import SETTLED, TrialRow, read_table, write_table
 from experiments.plan import PlannedTrial, plan_from_json, plan_hash
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
+from experiments.recording.atomic_files import reason_of
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX
 
 LOCK = ".lock"
@@ -52,6 +53,11 @@ def runs_on_disk(session: Path, folder: str = TRIALS) -> dict[int, dict[str, Pat
         if path.suffix in (STREAM_SUFFIX, PARQUET_SUFFIX) and (match := re.fullmatch(r"run-(\d+)", path.stem)):
             found.setdefault(int(match[1]), {})[path.suffix] = path
     return dict(sorted(found.items()))
+
+
+def recordings_in(session: Path) -> list[Path]:
+    """The recordings of a session, by run; a stream counts where it has no Parquet file yet."""
+    return [files.get(PARQUET_SUFFIX) or files[STREAM_SUFFIX] for files in runs_on_disk(session).values()]
 
 
 def runs_used(session: Path, folder: str = TRIALS) -> set[int]:
@@ -111,6 +117,11 @@ def sessions_in(folder: Path) -> list[Path]:
     return sessions
 
 
+def seen_from(folder: Path, sentence: str) -> str:
+    """The sentence with paths as seen from the folder."""
+    return sentence.replace(f"{folder}/", "")
+
+
 def hold_lock(folder: Path, wait_s: float = 0.0) -> filelock.BaseFileLock:
     """The folder's lock, held until it is released or the process ends.
 
@@ -132,14 +143,14 @@ def is_in_use(folder: Path) -> bool:
         hold_lock(folder).release()
     except InputError:
         return True
-    except OSError:  # not ours to open, as on a read-only disk: nobody writes there
+    except OSError:  # not ours to open, as on a read-only disk: no process writes there
         return False
     return False
 
 
 @dataclass(frozen=True)
 class StoredSession:
-    """What session.json says."""
+    """The content of session.json."""
 
     participant: str
     protocol: Protocol
@@ -157,7 +168,7 @@ def read_stored(session: Path) -> StoredSession:
             raise InputError(f"{path}: plan: does not match plan_sha256, it was changed")
         return StoredSession(about["participant"], protocol_from_json(about["protocol"], str(path)), plan, about)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({(error.strerror or str(error)).lower()})") from None
+        raise InputError(f"{path}: cannot be read ({reason_of(error)})") from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: is damaged ({type(error).__name__}: {error})") from None
 
@@ -190,7 +201,7 @@ def rows_of(session: Path) -> list[TrialRow]:
     return read_table(table) if table.exists() else []
 
 
-def row_place(about: Mapping[str, Any]) -> tuple:
+def planned_fields(about: Mapping[str, Any]) -> tuple:
     """The fields of a row that say which trial it was, from an event of the journal."""
     return tuple(about[name] for name in PlannedTrial._fields)
 

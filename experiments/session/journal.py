@@ -21,7 +21,7 @@ from experiments.plan import PlannedTrial
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Recording
 from experiments.session.blind import opened, veiled
-from experiments.session.files import CRASHED, row_place
+from experiments.session.files import CRASHED, planned_fields
 
 NAME = "journal.jsonl"
 
@@ -159,7 +159,7 @@ class JournalSummary:
 
 
 def journal_summary(session: Path) -> JournalSummary:
-    """What the journal says, as far as it can be read."""
+    """The summary of a session's journal, as far as it can be read."""
     found = JournalSummary()
     key = None
     for event, _, about in read_events(session):
@@ -181,7 +181,7 @@ def recorded_row(recording: Recording, folder: Path, journal: JournalSummary) ->
     return journal.row(row_of(recording, folder))
 
 
-def put_right(session: Path, rows: Sequence[TrialRow], journal: JournalSummary) -> list[TrialRow]:
+def rows_as_journalled(session: Path, rows: Sequence[TrialRow], journal: JournalSummary) -> list[TrialRow]:
     """A table's rows as the journal wants them; what a coded row left out comes from its recording.
 
     A stream that has become Parquet since is named as that.
@@ -201,15 +201,15 @@ def put_right(session: Path, rows: Sequence[TrialRow], journal: JournalSummary) 
 
 def rows_without_recording(session: Path, journal: JournalSummary) -> list[TrialRow]:
     """Rows of trials that have no recording: skipped ones, and those of which a crash left not one tick to read."""
-    rows = [journal.row(bare_row(session, event, "skipped")) for event in journal.skipped.values()]
+    rows = [journal.row(unmeasured_row(session, event, "skipped")) for event in journal.skipped.values()]
     for run, event in journal.begun.items():
         lost = any(session.glob(f"trials/run-{run:03d}{STREAM_SUFFIX}.{CRASHED}*"))
         if lost and not any(session.glob(f"trials/run-{run:03d}.parquet")):
-            rows.append(journal.row(bare_row(session, event, "recovered")))
+            rows.append(journal.row(unmeasured_row(session, event, "recovered")))
     return sorted(rows, key=lambda row: row.run)
 
 
-def bare_row(session: Path, event: Mapping[str, Any], status: str) -> TrialRow:
+def unmeasured_row(session: Path, event: Mapping[str, Any], status: str) -> TrialRow:
     """The row of a trial of which nothing was measured, from its place in the plan as the journal has it."""
     participant = session.parent.name.removeprefix("sub-")
-    return TrialRow(participant, *row_place(event), status).with_metrics(NO_METRICS)
+    return TrialRow(participant, *planned_fields(event), status).with_metrics(NO_METRICS)

@@ -28,6 +28,7 @@ from experiments.session.files import (
     pooled_rows,
     rows_of,
     runs_on_disk,
+    seen_from,
     sessions_in,
     write_pooled_table,
 )
@@ -35,8 +36,8 @@ from experiments.session.journal import (
     PUT_IN_ORDER,
     JournalSummary,
     journal_summary,
-    put_right,
     recorded_row,
+    rows_as_journalled,
     rows_without_recording,
     write_event,
 )
@@ -120,11 +121,11 @@ def recover_session(session: Path, sync: bool = True) -> Rescue:
             try:
                 _settle_stream(session, files[STREAM_SUFFIX], done, sync)
             except InputError as error:
-                done.not_rescued.append(_after(str(error), session))
+                done.not_rescued.append(seen_from(session, str(error)))
     try:
         _add_rows(session, done)
     except InputError as error:
-        done.not_rescued.append(_after(str(error), session))
+        done.not_rescued.append(seen_from(session, str(error)))
     if done.did_something:
         write_event(session, PUT_IN_ORDER, sync, **vars(done))
     return done
@@ -179,7 +180,7 @@ def _add_rows(session: Path, done: Rescue) -> None:
         append_row(session / TABLE, row)
         done.rows_added.append(f"{TABLE}: run {run}, {row.status}")
     rows = rows_of(session)
-    right = put_right(session, rows, journal)
+    right = rows_as_journalled(session, rows, journal)
     if right != rows:
         write_table(session / TABLE, right, replacing=True)
         changed = [str(new.run) for old, new in zip(rows, right, strict=True) if new != old]
@@ -187,17 +188,12 @@ def _add_rows(session: Path, done: Rescue) -> None:
 
 
 def _measured(path: Path, session: Path, journal: JournalSummary, done: Rescue) -> TrialRow | None:
-    """The row of a recording; None where it can give none, which is said and keeps no other trial from its row."""
+    """The row of a recording; None where it can give none, which is reported; other trials get theirs."""
     try:
         recording = read_recording(path)
         if recording.whole:
             return recorded_row(recording, session, journal)
         done.not_rescued.append(f"{path.relative_to(session).as_posix()}: {'; '.join(recording.damaged)}")
     except InputError as error:
-        done.not_rescued.append(_after(str(error), session))
+        done.not_rescued.append(seen_from(session, str(error)))
     return None
-
-
-def _after(sentence: str, session: Path) -> str:
-    """The sentence with paths as seen from the session."""
-    return sentence.replace(f"{session}/", "")

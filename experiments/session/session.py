@@ -16,11 +16,11 @@ from typing import Any, Self
 import msgspec
 import numpy as np
 
-from core.control.controllers import KINDS, Preset
+from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
 from core.errors import InputError
 from core.path import point_at
 from core.path_file import build_path
-from core.simulator.simulation import Simulation
+from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow, append_row, write_table
 from experiments.plan import (
     PRACTICE_BLOCK,
@@ -69,20 +69,19 @@ from experiments.session.journal import (
     UNBLINDED,
     Event,
     JournalSummary,
-    bare_row,
     journal_summary,
-    put_right,
     recorded_row,
+    rows_as_journalled,
+    unmeasured_row,
     write_event,
 )
 from experiments.session.journal import NAME as JOURNAL
 from experiments.session.recover import recover_session
-from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.operator import Person
 from experiments.trial.population import Operators
-from experiments.trial.trial import Trial, new_simulation
+from experiments.trial.trial import Trial
 
-SENSOR = "force sensor"  # of a device on the bench: whoever moves the handle
+SENSOR = "force sensor"  # of a device on the bench, in place of a kind of hand
 LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 
 
@@ -253,31 +252,26 @@ class Session:
         """The controller of a trial, in a blind session too: not to be shown then."""
         return self.protocol.controllers[self._number(planned)]
 
-    def simulation(self, configuration: str) -> Simulation:
+    def simulation(self, configuration: str) -> SimulatedDevice:
         """The simulated device of a configuration; it stays as the last trial left it."""
         if configuration not in self._simulations:
             number, path_file = next(iter(self.protocol.paths.items()))
             path = build_path(path_file, f"path {number}")
             x, y, _, _ = point_at(path, 0.5 * path.length)
             hand = None if self.person else self.protocol.mouse.hand()
-            self._simulations[configuration] = new_simulation(self.devices[configuration], (x, y), hand)
+            self._simulations[configuration] = SimulatedDevice(self.devices[configuration], (x, y), hand)
             self._simulations[configuration].hand.grips["target"][0, :2] = (x, y)
         return self._simulations[configuration]
 
-    def _simulated_trial(self, planned: PlannedTrial) -> Trial:
+    def _trial(self, planned: PlannedTrial, real: bool) -> Trial:
         generator = None
         if self.person:  # the same noise for every controller and configuration
             key = [self.protocol.seed, participant_index(self.participant), planned.segment, planned.repetition]
             generator = np.random.default_rng(np.random.SeedSequence(key))
+        device = self.devices[planned.configuration] if real else self.simulation(planned.configuration)
         return Trial(
-            self.simulation(planned.configuration), planned, self.protocol.paths[planned.segment],
-            self.preset(planned), self.protocol.rules, self.protocol.trial, self.person, generator,
-        )  # fmt: skip
-
-    def _linked_trial(self, planned: PlannedTrial) -> LinkedTrial:
-        return LinkedTrial(
-            self.devices[planned.configuration], planned, self.protocol.paths[planned.segment],
-            self.preset(planned), self.protocol.rules, self.protocol.trial,
+            device, planned, self.protocol.paths[planned.segment], self.preset(planned), self.protocol.rules,
+            self.protocol.trial, None if real else self.person, generator,
         )  # fmt: skip
 
     def close(self) -> None:
@@ -292,14 +286,12 @@ class Session:
         """Keep a remark of the experimenter, with the time."""
         self.journal(NOTE, text=text)
 
-    def begin(
-        self, planned: PlannedTrial, sensors: Sensors | None = None
-    ) -> tuple[Trial | LinkedTrial, RecordingWriter]:
+    def begin(self, planned: PlannedTrial, sensors: Sensors | None = None) -> tuple[Trial, RecordingWriter]:
         """Open a trial, or a practice trial (block 0), and its recording.
 
         sensors: of the device on the bench, on which it is to be run; None: on the simulated device.
         """
-        trial = self._linked_trial(planned) if sensors else self._simulated_trial(planned)
+        trial = self._trial(planned, real=sensors is not None)
         practice = planned.block == PRACTICE_BLOCK
         if practice:
             (self.folder / PRACTICE).mkdir(exist_ok=True)
@@ -317,11 +309,11 @@ class Session:
         return trial, writer
 
     def finish(
-        self, trial: Trial | LinkedTrial, writer: RecordingWriter, cut_short: bool = False, raw_will_do: bool = False
+        self, trial: Trial, writer: RecordingWriter, cut_short: bool = False, raw_will_do: bool = False
     ) -> TrialRow:
         """Close the recording, verify it, take the measures from what was recorded, add the row to the table.
 
-        cut_short: if it was ended, nobody decided so: it is "stopped", and its cell comes again.
+        cut_short: a trial that was ended was not ended by the experimenter: it is "stopped", and its cell comes again.
         raw_will_do: where the disk does not take the Parquet file, the stream is the recording until `put_in_order`.
         OSError if the disk does not take what is needed; `put_in_order` then makes up for it.
         """
@@ -366,7 +358,7 @@ class Session:
         if planned is None:
             raise InputError("all trials of the plan are done, there is none to skip")
         self.journal(SKIPPED, **planned._asdict(), reason=reason)
-        row = bare_row(self.folder, planned._asdict(), "skipped")
+        row = unmeasured_row(self.folder, planned._asdict(), "skipped")
         if planned.block == PRACTICE_BLOCK:
             self._practise(planned.configuration)
             return row
@@ -390,7 +382,7 @@ class Session:
     def unblind(self, who: str) -> None:
         """Open the key: codes become controllers in the tables, from now on; who did it is journalled first.
 
-        InputError if the session is not blind, or nobody is named.
+        InputError if the session is not blind, or no name is given.
         """
         if not self.blind:
             raise InputError(f"{self.folder}: is not blind, there is no key to open")
@@ -399,7 +391,7 @@ class Session:
         self.journal(UNBLINDED, who=who, key=self._key)
         self._summary, self.blind = journal_summary(self.folder), False
         self.plan = self._summary.plan(self.plan)
-        self._replace_rows(put_right(self.folder, self.rows, self._summary))
+        self._replace_rows(rows_as_journalled(self.folder, self.rows, self._summary))
         if (self.data_dir / TABLE).exists():
             write_pooled_table(self.data_dir)
 
@@ -430,17 +422,16 @@ def session_about(
         "key_sha256": key_sha256,
         "plan": plan_to_json(plan),
         "plan_sha256": plan_hash(plan),
-        "versions": {"phd": _version("phd"), "python": platform.python_version()}
-        | {name: _version(name) for name in LIBRARIES},
+        "versions": {"phd": version_of("phd"), "python": platform.python_version()}
+        | {name: version_of(name) for name in LIBRARIES},
     }
 
 
 def recording_metadata(
-    participant: str, protocol: Protocol, operators: Operators | None, hand: str, trial: Trial | LinkedTrial,
-    preset: Preset | None,
-) -> dict[str, Any]:  # fmt: skip
-    """What a recording says of its trial. preset: its controller; None: nothing may tell it, the session is blind."""
-    planned, path, linked = trial.planned, trial.path, isinstance(trial, LinkedTrial)
+    participant: str, protocol: Protocol, operators: Operators | None, hand: str, trial: Trial, preset: Preset | None
+) -> dict[str, Any]:
+    """The metadata of a recording. preset: its controller; None: hidden, the session is blind."""
+    planned, path = trial.planned, trial.path
     about = {
         "participant": participant,
         **planned._asdict(),
@@ -451,9 +442,9 @@ def recording_metadata(
         "rules": protocol.rules,
         "seed": protocol.seed,
         "note": protocol.note(),
-        "hand": SENSOR if linked else hand,
+        "hand": SENSOR if trial.real else hand,
         "operators": operators._asdict() if operators else None,
-        "link": "serial" if linked else "sim",
+        "link": "serial" if trial.real else "sim",
         "assumed": trial.device.assumed,
     }
     if isinstance(trial, Trial):
@@ -465,13 +456,13 @@ def recording_metadata(
 
 def preset_to_json(preset: Preset) -> dict[str, Any]:
     """A controller as plain words and numbers."""
-    kind = next(word for word, algorithm in KINDS.items() if algorithm == preset.algorithm)
-    return {"name": preset.name, "kind": kind, "gap_m": preset.gap_m, "gain_N_s_m": preset.gain}
+    return {"name": preset.name, "kind": preset.kind, **{name: preset.value(name) for name in PARAMETERS}}
 
 
 def preset_from_json(about: dict[str, Any]) -> Preset:
     """A controller as a recording has it. KeyError if something is missing."""
-    return Preset(about["name"], KINDS[about["kind"]], float(about["gap_m"]), float(about["gain_N_s_m"]))
+    own = [parameter.name for parameter in ALGORITHMS[about["kind"]].parameters]
+    return Preset(about["name"], about["kind"], tuple(float(about[name]) for name in own))
 
 
 def operators_from_json(about: dict[str, Any]) -> Operators | None:
@@ -480,7 +471,8 @@ def operators_from_json(about: dict[str, Any]) -> Operators | None:
     return Operators(str(stored["population"]), tuple(stored["changed_after_findings"])) if stored else None
 
 
-def _version(package: str) -> str:
+def version_of(package: str) -> str:
+    """The version of an installed package."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

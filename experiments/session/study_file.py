@@ -11,7 +11,7 @@ from pathlib import Path
 
 from core.errors import InputError
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
-from experiments.recording.atomic_files import give_new_name, written_beside
+from experiments.recording.atomic_files import reason_of, write_new_file
 from experiments.trial.population import Population, population_of
 
 STUDY = "study.json"
@@ -33,8 +33,7 @@ def write_study(folder: Path, study: StudyPlan) -> None:
         "population": {"name": study.population.name, "text": study.population.text},
         "protocol": protocol_to_json(study.protocol),
     }
-    with written_beside(folder / STUDY, json.dumps(about, indent=1, sort_keys=True).encode() + b"\n") as partial:
-        give_new_name(partial, folder / STUDY)
+    write_new_file(folder / STUDY, json.dumps(about, indent=1, sort_keys=True).encode() + b"\n", sync=True)
 
 
 def read_study(folder: Path) -> StudyPlan:
@@ -47,7 +46,7 @@ def read_study(folder: Path) -> StudyPlan:
     except FileNotFoundError:
         raise InputError(f"{folder}: holds no study to resume (no {STUDY})") from None
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({(error.strerror or str(error)).lower()})") from None
+        raise InputError(f"{path}: cannot be read ({reason_of(error)})") from None
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: is damaged ({type(error).__name__}: {error})") from None
 

@@ -27,6 +27,7 @@ from experiments.session.files import (
     read_stored,
     rows_of,
     runs_on_disk,
+    seen_from,
     sessions_in,
 )
 from experiments.session.journal import JournalSummary, journal_summary, recorded_row, rows_without_recording
@@ -63,7 +64,7 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
         try:
             read_study(folder)
         except InputError as error:
-            total.faults.append((STUDY, _after(str(error), folder)))
+            total.faults.append((STUDY, seen_from(folder, str(error))))
     for number, session in enumerate(sessions, start=1):
         found = verify_session(session, session in live)
         place = session.relative_to(folder).as_posix()
@@ -99,11 +100,11 @@ def verify_session(session: Path, live: bool = False) -> Findings:
         if about.get("blind") and journal.key is None:
             _check_key(session, about, found)
     except InputError as error:
-        found.faults.append((STORED, _after(str(error), session)))
+        found.faults.append((STORED, seen_from(session, str(error))))
     try:
         rows = {row.run: row for row in rows_of(session)}
     except InputError as error:
-        found.faults.append((TABLE, _after(str(error), session)))
+        found.faults.append((TABLE, seen_from(session, str(error))))
         rows = None
 
     on_disk = runs_on_disk(session)
@@ -130,7 +131,7 @@ def _check_key(session: Path, about: dict, found: Findings) -> None:
     try:
         read_key(session, str(about.get("key_sha256")))
     except InputError as error:
-        found.faults.append((KEY, _after(str(error), session)))
+        found.faults.append((KEY, seen_from(session, str(error))))
 
 
 def _check_bare_rows(
@@ -160,7 +161,7 @@ def _check_files(session: Path, files: dict[str, Path], live: bool, found: Findi
             recording = read_recording(path)
         except InputError as error:
             if not (live and not path.exists()):  # else: closed and converted while we looked
-                found.faults.append((name, _after(str(error), session)))
+                found.faults.append((name, seen_from(session, str(error))))
             continue
         if recording.whole:
             if result is None:  # a stream beside its Parquet file counts once
@@ -174,9 +175,7 @@ def _check_files(session: Path, files: dict[str, Path], live: bool, found: Findi
         else:
             found.faults += [(name, fault) for fault in recording.damaged]
             if not recording.complete and suffix == STREAM_SUFFIX:
-                found.faults.append(
-                    (name, f"cut off before its end, {recording.rows} ticks are whole: recover it")
-                )
+                found.faults.append((name, f"cut off before its end, {recording.rows} ticks are whole: recover it"))
     return result
 
 
@@ -186,14 +185,18 @@ def _faults_but_header(recording: Recording) -> list[str]:
 
 
 def _check_row(
-    session: Path, recording: Recording, rows: dict[int, TrialRow], journal: JournalSummary, live: bool,
+    session: Path,
+    recording: Recording,
+    rows: dict[int, TrialRow],
+    journal: JournalSummary,
+    live: bool,
     found: Findings,
 ) -> None:
     name = recording.path.relative_to(session).as_posix()
     try:
         right = recorded_row(recording, session, journal)
     except InputError as error:
-        found.faults.append((name, _after(str(error), session)))
+        found.faults.append((name, seen_from(session, str(error))))
         return
     if f"run-{right.run:03d}" != recording.path.stem:
         found.faults.append((name, f"says that it is run {right.run}"))
@@ -205,7 +208,7 @@ def _check_row(
 
 
 def differences(row: TrialRow, right: TrialRow, source: str = "its recording") -> Iterator[str]:
-    """What a row says and its recording, with what the journal adds, does not."""
+    """Where a row differs from what its recording, with the journal's additions, gives."""
     for column in fields(TrialRow):
         there, true = getattr(row, column.name), getattr(right, column.name)
         if column.name == "recording":
@@ -214,10 +217,10 @@ def differences(row: TrialRow, right: TrialRow, source: str = "its recording") -
         if isinstance(there, float) and isinstance(true, float):
             same = math.isclose(there, true, rel_tol=TOLERANCE, abs_tol=1e-12)
         if not same:
-            yield f"run {row.run}: {column.name} is {_said(there)}, {source} gives {_said(true)}"
+            yield f"run {row.run}: {column.name} is {_shown(there)}, {source} gives {_shown(true)}"
 
 
-def _said(value: object) -> str:
+def _shown(value: object) -> str:
     return "empty" if value in (None, "") else str(value)
 
 
@@ -226,7 +229,7 @@ def _pooled_faults(folder: Path) -> Iterator[str]:
     try:
         pooled = {(row.participant, row.run): row for row in read_table(folder / TABLE)}
     except InputError as error:
-        yield _after(str(error), folder)
+        yield seen_from(folder, str(error))
         return
     try:
         rows = {(row.participant, row.run): row for row in pooled_rows(folder)}
@@ -240,8 +243,3 @@ def _pooled_faults(folder: Path) -> Iterator[str]:
             yield f"{trial}: is missing, the session's {TABLE} has it: recover it"
         elif pooled[key] != rows[key]:
             yield f"{trial}: differs from the session's {TABLE}"
-
-
-def _after(sentence: str, folder: Path) -> str:
-    """The sentence with paths as seen from the folder."""
-    return sentence.replace(f"{folder}/", "")

@@ -38,9 +38,7 @@ class NumberTable:
         """Refuse a first column that does not rise strictly, or starts after 0."""
         t = self.values[:, 0]
         if t[0] > 0.0:
-            raise InputError(
-                f"{self.path}: line {self.line(0)}: the first time must be 0 or earlier, not {t[0]:g} s"
-            )
+            raise InputError(f"{self.path}: line {self.line(0)}: the first time must be 0 or earlier, not {t[0]:g} s")
         bad = np.flatnonzero(np.diff(t) <= 0.0)
         if len(bad):
             row = int(bad[0]) + 1
@@ -122,7 +120,7 @@ class JointValues(Table, frozen=True):
 
 
 class BrakeTable(Table, frozen=True):
-    """What the brakes are told: constants, or a schedule file that overrides them."""
+    """The commands to the brakes: constants, or a schedule file that overrides them."""
 
     torque_N_m: JointValues | None = None
     current_amperes: JointValues | None = None
@@ -141,7 +139,7 @@ class ForceTable(Table, frozen=True):
 
 
 class SceneFile(Table, frozen=True):
-    """A scene as its file says it."""
+    """A scene as it stands in its file."""
 
     device: str
     duration_s: Positive
@@ -208,9 +206,7 @@ class Scene:
         k = np.arange(first, first + count, dtype=float)
         per_second = round(1.0 / self.output_interval_s)
         return (
-            k / per_second
-            if per_second and 1.0 / per_second == self.output_interval_s
-            else k * self.output_interval_s
+            k / per_second if per_second and 1.0 / per_second == self.output_interval_s else k * self.output_interval_s
         )
 
 
@@ -263,7 +259,7 @@ def _whole(total: float, part: float, where: str, of: str) -> int:
 
 
 def _schedule(file: SceneFile, device: Device, path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Times (n,) and values (n, 4) of what the brakes are told."""
+    """Times (n,) and values (n, 4) of the commands to the brakes."""
     key = "torque_N_m" if file.fidelity == "ideal" else "current_amperes"
     constants = (getattr(file.brakes, key) or JointValues()).array()
     _check_commands(constants[None], device, file.fidelity, lambda row, joint: f"{path}: brakes.{key}.{joint}")

@@ -1,8 +1,8 @@
 """`phd simulate`: run a scene and stream its motion to a CSV file.
 
-The rows come from a `RowSource` chunk by chunk, so memory stays flat however long the scene is. The file is
-created exclusively, and removed again if the run does not reach its end. Beside the run goes the same scene at half
-the step: where the two come apart, or the energy ledger contradicts the motion, the summary warns.
+The rows come chunk by chunk, so memory stays flat however long the scene is. The file is created exclusively, and
+removed again if the run does not reach its end. Beside the run goes the same scene at half the step: where the two come
+apart, or the energy ledger contradicts the motion, the summary warns.
 """
 
 import math
@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -35,28 +35,6 @@ SURE_WITHIN_M = 3e-4
 T, X, Y, VX, VY, TORQUE, STUCK, WIDTH = 0, 1, 2, 3, 4, 5, 9, 10
 
 
-class RowSource(Protocol):
-    """A scene being simulated."""
-
-    @property
-    def events(self) -> int:
-        """Stick-slip events so far."""
-        ...
-
-    @property
-    def fallbacks(self) -> int:
-        """Steps so far that the event integrator handed to the implicit one."""
-        ...
-
-    def run_chunk(self, rows: int) -> npt.NDArray[np.float64]:
-        """The next output rows (rows, WIDTH); the first call begins at t = 0."""
-        ...
-
-    def warnings(self) -> tuple[str, ...]:
-        """Why the rows so far may be wrong, a sentence each."""
-        ...
-
-
 @dataclass(frozen=True)
 class Summary:
     """What a run did."""
@@ -72,16 +50,11 @@ class Summary:
     warnings: tuple[str, ...]
 
 
-def open_scene(scene: Scene) -> RowSource:
-    """The simulator, at the start of a scene."""
-    return _Run(scene)
-
-
-class _Run:
-    """The simulator behind `RowSource`; imported here, where the kernels are first needed."""
+class SceneRun:
+    """A scene being simulated, chunk by chunk."""
 
     def __init__(self, scene: Scene) -> None:
-        from core.simulator.hand import new_hand
+        from core.simulator.hand import new_hand  # here: the kernels are first needed now
         from core.simulator.simulation import Simulation
 
         self.scene, self.row = scene, 0
@@ -96,6 +69,7 @@ class _Run:
         )
 
     def run_chunk(self, rows: int) -> npt.NDArray[np.float64]:
+        """The next output rows (rows, WIDTH); the first call begins at t = 0."""
         scene, first = self.scene, self.row
         self.row += rows
         return self.simulation.rows(
@@ -103,24 +77,27 @@ class _Run:
         )
 
     def warnings(self) -> tuple[str, ...]:
+        """Why the rows so far may be wrong, a sentence each."""
         return self.simulation.ledger().warnings()
 
     @property
     def events(self) -> int:
+        """Stick-slip events so far."""
         return self.simulation.ledger().events
 
     @property
     def fallbacks(self) -> int:
+        """Steps so far that the event integrator handed to the implicit one."""
         return self.simulation.ledger().fallbacks
 
 
 def simulate(
     scene: Scene,
     out_path: str | Path,
-    source: Callable[[Scene], RowSource] = open_scene,
+    source: Callable[[Scene], SceneRun] = SceneRun,
     progress: Callable[[float], None] | None = None,
 ) -> Summary:
-    """Run a scene into a new CSV file. `progress` is told the share done (0 to 1) after each chunk.
+    """Run a scene into a new CSV file. `progress` gets the share done (0 to 1) after each chunk.
 
     InputError if the file exists or cannot be created; OSError if writing fails; FloatingPointError if the motion
     diverges. In all these cases, and on any other exception, no half-written file is left behind.
@@ -157,7 +134,7 @@ def simulate(
 class _Check:
     """The same scene at half the step, compared row by row."""
 
-    def __init__(self, rows: RowSource) -> None:
+    def __init__(self, rows: SceneRun) -> None:
         self.rows, self.done, self.apart_m, self.first = rows, 0, 0.0, -1
 
     def compare(self, chunk: np.ndarray) -> None:

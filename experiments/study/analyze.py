@@ -7,21 +7,21 @@ the table in DIR.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import count
 from pathlib import Path
 
 from core.control.controllers import Preset
 from core.errors import InputError
-from experiments.analysis.boxplots import MEASURES, boxes, draw_boxplots, in_order
-from experiments.analysis.findings import findings
+from experiments.analysis.boxplots import DRAWN, boxes, draw_boxplots, in_order
+from experiments.analysis.findings import findings, why_no_findings
 from experiments.analysis.report import side_by_side, warnings, write_report
 from experiments.analysis.sensitivity import of_recording
-from experiments.analysis.statements import why_no_findings
 from experiments.analysis.trials_table import COUNTED, TrialRow, read_table, write_table
 from experiments.protocol import label
-from experiments.recording.atomic_files import give_new_name, written_beside
-from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
+from experiments.recording.atomic_files import make_empty_folder, write_new_file
+from experiments.recording.reader import read_recording
 from experiments.session.blind import opened, read_key
-from experiments.session.files import TABLE, hold_lock, read_stored, runs_on_disk
+from experiments.session.files import TABLE, hold_lock, read_stored, recordings_in
 from experiments.session.journal import (
     KEY_OPENED,
     JournalSummary,
@@ -31,11 +31,6 @@ from experiments.session.journal import (
     write_event,
 )
 from experiments.session.session import operators_from_json, preset_from_json
-
-
-def find_recordings(session: Path) -> list[Path]:
-    """The recordings of a session, by run; a stream counts where it has no Parquet file yet."""
-    return [files.get(PARQUET_SUFFIX) or files[STREAM_SUFFIX] for files in runs_on_disk(session).values()]
 
 
 @dataclass
@@ -60,12 +55,12 @@ def analyze(
 ) -> dict:
     """Write trials.csv, the figures and the report into a new folder (default DIR/analysis-N); the summary.
 
-    A recording that is damaged or was cut off is left out and named, here and on the figures, and `changed` says what
+    A recording that is damaged or was cut off is left out and named, here and on the figures, and `changed` gives what
     that does to each box. unblind: who opens the keys of blind sessions, for this analysis alone: it is written into
     their journals, and their own tables stay coded. InputError if there is nothing to analyze.
     """
     folder = Path(folder)
-    sessions = {session: find_recordings(session) for session in sorted(folder.glob("sub-*/ses-*"))}
+    sessions = {session: recordings_in(session) for session in sorted(folder.glob("sub-*/ses-*"))}
     count = sum(map(len, sessions.values()))
     if not count:
         raise InputError(f"{folder}: holds no recordings (sub-*/ses-*/trials/run-*)")
@@ -184,27 +179,27 @@ def changed_boxes(
     except InputError as error:
         return [f"{error}, so the figures cannot be compared with it"]
     configurations = tuple(dict.fromkeys(row.configuration for row in (*before_rows, *rows)))
-    said = []
-    for measure in MEASURES:
+    changes = []
+    for metric in DRAWN:
         before, after = (
-            boxes(told_apart(r), measure.column, configurations, measure.scale) for r in (before_rows, rows)
+            boxes(told_apart(r), metric.name, configurations, metric.scale) for r in (before_rows, rows)
         )
         for key in sorted({*before, *after}, key=in_order):
             old, new = before.get(key), after.get(key)
             if old and new and (old.count, old.median) == (new.count, new.median):
                 continue
             controller = key[0] if isinstance(key[0], str) else labels.get(key[0], f"controller {key[0]}")
-            box = f"{measure.title}, {' '.join(controller.split())}, {key[1]}"
+            box = f"{metric.title}, {' '.join(controller.split())}, {key[1]}"
             if old is None or new is None:
                 counts = f"{old.count if old else 0} -> {new.count if new else 0} trials"
-                said.append(f"{box}: {counts}, {'the box is gone' if old else 'a new box'}")
+                changes.append(f"{box}: {counts}, {'the box is gone' if old else 'a new box'}")
                 continue
             share = f" ({(new.median - old.median) / old.median:+.1%})" if old.median else ""
-            said.append(
+            changes.append(
                 f"{box}: {old.count} -> {new.count} trials, "
-                f"median {old.median:.4g} -> {new.median:.4g} {measure.unit}{share}"
+                f"median {old.median:.4g} -> {new.median:.4g} {metric.shown_unit}{share}"
             )
-    return said
+    return changes
 
 
 def read_studies(folders: Sequence[Path]) -> dict[str, list[TrialRow]]:
@@ -231,8 +226,7 @@ def read_studies(folders: Sequence[Path]) -> dict[str, list[TrialRow]]:
 def write_side_by_side(studies: Mapping[str, Sequence[TrialRow]], out: Path) -> Path:
     """The findings of several studies in one table; where it stands."""
     path = out / "side-by-side.md"
-    with written_beside(path, side_by_side(studies).encode()) as partial:
-        give_new_name(partial, path)
+    write_new_file(path, side_by_side(studies).encode())
     return path
 
 
@@ -243,16 +237,7 @@ def count_of(things: Sequence, word: str) -> str:
 
 def new_folder(folder: Path, out: Path | None) -> Path:
     """The folder for the results: `out`, which must be new or empty, or the first free DIR/analysis-N."""
-    try:
-        if out is None:
-            number = 1
-            while (folder / f"analysis-{number}").exists():
-                number += 1
-            out = folder / f"analysis-{number}"
-        out = Path(out)
-        out.mkdir(parents=True, exist_ok=True)
-        if any(out.iterdir()):
-            raise InputError(f"{out}: is not empty, results are never overwritten")
-    except OSError as error:
-        raise InputError(f"{out}: cannot be created ({(error.strerror or str(error)).lower()})") from None
+    if out is None:
+        out = next(place for n in count(1) if not (place := folder / f"analysis-{n}").exists())
+    make_empty_folder(out, "results are never overwritten")
     return out

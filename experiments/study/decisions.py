@@ -7,13 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.control.controllers import DECISIONS, Preset, make_controller, new_memory
+from core.control.controllers import DECISIONS, Preset, make_controller
+from core.control.velocity_field import new_memory
 from core.device import Device
+from core.device_interface import velocity_noise
 from core.mechanism import JOINTS
-from core.path import Path
+from core.path import Path, point_at
 from core.simulator.state import new_state, pack_brakes, pack_mechanism
 from experiments.recording.schema import Recording
-from experiments.trial.linked_trial import encoder_noise
 from experiments.trial.tick import decide_again
 
 #: What a decision is taken from, in the order in which `decide_again` reads it.
@@ -35,7 +36,7 @@ def check_decisions(recording: Recording, path: Path, device: Device, preset: Pr
     if recording.sensors:
         taken &= recording.column("decided") == 1.0
     given = np.column_stack([recording.column(name)[taken] for name in GIVEN])
-    noise = encoder_noise(device, path) if recording.sensors else 0.0
+    noise = velocity_noise(device, point_at(path, 0.5 * path.length)[:2]) if recording.sensors else 0.0
     controller = make_controller(preset, device.force_normalised_N, rules, velocity_noise=noise)
     codes, currents = np.zeros(len(given), dtype=np.int64), np.zeros((len(given), 4))
     decide_again(

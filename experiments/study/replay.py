@@ -3,8 +3,7 @@
 Which controller, device and hand that is, what came of it, metric by metric, and the replayed ticks as a file.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,8 @@ from core.path import Path as PathAhead
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import along_path, trial_metrics
 from experiments.protocol import Protocol, check_reach, load_protocol
-from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
-from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns
+from experiments.recording.atomic_files import refuse_existing_files, write_new_file
+from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns, recording_of
 from experiments.session.files import STORED
 from experiments.study.decisions import Checked, check_decisions
 from experiments.study.replay_hand import (
@@ -67,8 +66,8 @@ def replay(
     own = trial.stored.protocol.device(trial.row.configuration)
     onto = own if device is None else _choose_device(trial, device)
     kind, moved = _choose_hand(trial, hand)
-    if out is not None and out.exists():
-        raise InputError(f"{out}: exists already and is never overwritten")
+    if out is not None:
+        refuse_existing_files([out])
     same_device = (onto.text, onto.brake_texts) == (own.text, own.brake_texts)
     lead = recorded_arm(trial.recording, 0) if same_device and has_start(trial.recording) else None
     preset = chosen.controllers[number]
@@ -225,12 +224,7 @@ def as_recording(trial: Recorded, rows: np.ndarray, device: Device) -> Recording
             ticks[:, place] = trial.recording.column(name)[: trial.first]
     ticks = np.concatenate((ticks, rows))
     ticks[:, tick_log.T] = trial.recording.column("t_s")[: len(ticks)]
-    columns = {
-        name: ticks[:, place].astype(TEXT_COLUMNS[name].to_pandas_dtype()) if name in TEXT_COLUMNS else ticks[:, place]
-        for name, place in recording_columns(device.braked)
-    }
-    words = column_words(DECISIONS)
-    return Recording(trial.recording.path, braked=device.braked, columns=columns, words=words, complete=True)
+    return recording_of(ticks, device.braked, trial.recording.path)
 
 
 def compared(trial: Recorded, replayed: Recording) -> dict[str, dict[str, float | None]]:
@@ -279,15 +273,4 @@ def _write(replayed: Recording, first: int, out: Path) -> None:
     sink.write(header.encode())
     table = pa.table(arrays, names=list(replayed.columns))
     pa_csv.write_csv(table, sink, pa_csv.WriteOptions(include_header=False, quoting_style="needed"))
-    with _wrong_path_named(out), written_beside(out, sink.getvalue().to_pybytes()) as partial:
-        give_new_name(partial, out)
-
-
-@contextmanager
-def _wrong_path_named(out: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        if not is_wrong_path(error):
-            raise
-        raise InputError(f"{out}: cannot be written ({(error.strerror or str(error)).lower()})") from None
+    write_new_file(out, sink.getvalue().to_pybytes())

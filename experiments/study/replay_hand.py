@@ -14,11 +14,12 @@ import numpy as np
 from core.errors import InputError
 from core.path import CURVATURE, Path, nearest
 from core.simulator.hand import Hand, new_hand
+from core.simulator.simulated_device import is_start
+from core.tick_log import ARM_COLUMNS
 from experiments.protocol import MouseHand
-from experiments.recording.schema import ARM_COLUMNS, Recording
+from experiments.recording.schema import Recording
 from experiments.trial.operator import TICK_S, take_handle, turn_arm
 from experiments.trial.person import Person
-from experiments.trial.trial import is_start
 
 HANDS = ("target", "force")
 #: Hands, as a recording calls them, whose target stands in it.
@@ -53,7 +54,7 @@ def force_hand(recording: Recording, first: int) -> RecordedHand:
 
 def has_arm(recording: Recording) -> bool:
     """Whether everything is recorded that makes a simulated device's hand."""
-    return "start" in recording.metadata and all(name in recording.columns for name, _ in ARM_COLUMNS)
+    return "start" in recording.metadata and all(name in recording.columns for name in ARM_COLUMNS)
 
 
 def has_start(recording: Recording) -> bool:

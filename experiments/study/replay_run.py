@@ -21,11 +21,13 @@ from typing import Any
 import numpy as np
 
 from core import tick_log
-from core.control.controllers import Preset, make_controller, new_memory
+from core.control.controllers import Preset, make_controller
+from core.control.velocity_field import new_memory
 from core.device import Device
 from core.errors import InputError
 from core.path import Path as PathAhead
 from core.path_file import build_path, path_from
+from core.simulator.simulated_device import SimulatedDevice, ledger_warnings, start_again
 from core.simulator.simulation import Simulation
 from core.simulator.solver_numbers import RATE_ROUNDING
 from core.simulator.state import new_record
@@ -37,10 +39,9 @@ from experiments.recording.schema import Recording
 from experiments.session.files import STORED, StoredSession, read_stored
 from experiments.session.journal import journal_summary, recorded_row
 from experiments.study.replay_hand import RecordedHand
-from experiments.trial.linked_trial import plain
 from experiments.trial.operator import OPERATOR
 from experiments.trial.tick import STATUSES, new_run, run_ticks
-from experiments.trial.trial import ledger_warnings, new_simulation, run_fields, start_again
+from experiments.trial.trial import plain, run_fields
 
 HAND_ENDED = "hand ended"  # the recorded hand is over and the end of the path was not reached
 PROGRESS_EVERY = 500  # ticks
@@ -140,7 +141,7 @@ def from_the_start(trial: Recorded, device: Device, arm: RecordedHand) -> Simula
     """The recorded device as the trial before had left it."""
     recording = trial.recording
     x, y = (float(recording.column(name)[0]) for name in ("tip_x_m", "tip_y_m"))
-    s = new_simulation(device, (x, y), arm.hand)
+    s = SimulatedDevice(device, (x, y), arm.hand)
     start_again(s, recording.metadata["start"])
     return s
 

@@ -9,15 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from core import tick_log
-from core.errors import InputError
 from experiments.analysis.boxplots import draw_boxplots
-from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings
+from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings, why_no_findings
 from experiments.analysis.report import warnings, write_report
-from experiments.analysis.statements import why_no_findings
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol
-from experiments.recording.atomic_files import is_wrong_path
+from experiments.recording.atomic_files import is_wrong_path, make_empty_folder
 from experiments.session.files import LOCK, STORED, hold_lock, session_folder, write_pooled_table
 from experiments.session.journal import TRIAL_CUT_OFF
 from experiments.session.session import Session
@@ -40,7 +38,7 @@ def run_study(
 ) -> dict:
     """Run every operator's session into `out`, a new or empty folder; the summary. InputError for wrong input."""
     out = Path(out)
-    make_empty(out)
+    make_empty_folder(out, "a study needs a new or empty folder (or --resume)", (LOCK, f".{STUDY}.partial"))
     with hold_lock(out):
         study = StudyPlan(operators, protocol, population)
         write_study(out, study)
@@ -155,8 +153,8 @@ class _Run:
             if name == FIGURES:
                 draw_boxplots(table, folder, note, labels=protocol.labels(), protocol=protocol.name)
             else:
-                said = f"{protocol.note()}, {operators.note}"
-                write_report(table, folder, said, controllers=protocol.controllers, simulated=True)
+                about = f"{protocol.note()}, {operators.note}"
+                write_report(table, folder, about, controllers=protocol.controllers, simulated=True)
             shutil.rmtree(self.out / name, ignore_errors=True)
             folder.rename(self.out / name)
 
@@ -172,17 +170,3 @@ def share_done(rows: Sequence[TrialRow], controller: int) -> float:
     """Share of a controller's trials that reached the end."""
     of_it = [r.status == "done" for r in rows if r.controller == controller]
     return float(np.mean(of_it)) if of_it else 0.0
-
-
-def make_empty(folder: Path) -> None:
-    """A new or empty folder, or one in which a study was killed before it was stored; InputError otherwise."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if {path.name for path in folder.iterdir()} - {".writable", LOCK, f".{STUDY}.partial"}:
-            raise InputError(f"{folder}: is not empty, a study needs a new or empty folder (or --resume)")
-        (folder / ".writable").touch()
-        (folder / ".writable").unlink()
-    except OSError as error:
-        if not is_wrong_path(error):
-            raise
-        raise InputError(f"{folder}: cannot be used ({(error.strerror or str(error)).lower()})") from None

@@ -28,50 +28,56 @@ import msgspec
 import numpy as np
 
 from core import tick_log
-from core.control.controllers import DECISIONS, KINDS, Preset
+from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.control.rule_sets import RULE_SETS
 from core.device import Device
 from core.errors import InputError
-from core.files import NotNegative, Positive, Table, one_of, parse_toml, read_text
+from core.files import Table, one_of, parse_toml, read_text
 from core.kernel import first_use
 from core.path import point_at
 from core.path_file import PathFile, build_path
+from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import NO_METRICS, Metrics, trial_metrics
 from experiments.plan import PlannedTrial
-from experiments.protocol import Count, Text, TrialRules, load_protocol, plain_text
-from experiments.recording.atomic_files import give_new_name, is_wrong_path, written_beside
-from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns
+from experiments.protocol import PARAMETER_TYPES, Count, Text, TrialRules, load_protocol, plain_text
+from experiments.recording.atomic_files import give_new_name, make_empty_folder, written_beside
+from experiments.recording.schema import recording_of
 from experiments.session.files import LOCK, hold_lock
 from experiments.trial.population import Population, load_population
 from experiments.trial.tick import TICK_S
-from experiments.trial.trial import Trial, new_simulation
+from experiments.trial.trial import Trial
 
 Names = Annotated[tuple[Text, ...], msgspec.Meta(min_length=1)]
 MOST_JOBS = 1_000_000
 
 
-class SweptController(Table, frozen=True):
-    """One algorithm, each parameter with every value that it is to have."""
+class _SweptKind(Table, frozen=True):
+    """What every swept controller has."""
 
     kind: str
-    gap_m: Annotated[tuple[NotNegative, ...], msgspec.Meta(min_length=1)] = (0.0,)
-    gain_N_s_m: tuple[Positive, ...] = ()  # of "proportional" alone
 
     def __post_init__(self) -> None:
-        one_of(self.kind, tuple(KINDS), "kind")
-        if (self.kind == "proportional") != bool(self.gain_N_s_m):
-            raise ValueError(f"gain_N_s_m is {'not for' if self.gain_N_s_m else 'required for'} {self.kind!r}")
-        if self.kind == "none" and self.gap_m != (0.0,):
-            raise ValueError("gap_m is not for 'none', which never controls")
+        one_of(self.kind, tuple(ALGORITHMS), "kind")
+        self.presets()
 
     def presets(self) -> list[Preset]:
-        """Every combination of its values."""
-        combinations = itertools.product(self.gap_m, self.gain_N_s_m or (0.0,))
-        return [Preset(self.kind, KINDS[self.kind], float(gap), float(gain)) for gap, gain in combinations]
+        """Every combination of its values. ValueError if its parameters are not those of its algorithm."""
+        combinations = itertools.product(*(getattr(self, name) or (None,) for name in PARAMETERS))
+        given = [dict(zip(PARAMETERS, values, strict=True)) for values in combinations]
+        return [make_preset(self.kind, self.kind, one) for one in given]
+
+
+#: One algorithm, each parameter with every value that it is to have.
+SweptController = msgspec.defstruct(
+    "SweptController",
+    [(name, Annotated[tuple[kind, ...], msgspec.Meta(min_length=1)] | None, None)
+     for name, kind in PARAMETER_TYPES.items()],
+    bases=(_SweptKind,), frozen=True, kw_only=True, forbid_unknown_fields=True,
+)  # fmt: skip
 
 
 class SweepFile(Table, frozen=True):
-    """One sweep as its file says it."""
+    """One sweep as it stands in its file."""
 
     name: Text
     controller: Annotated[tuple[SweptController, ...], msgspec.Meta(min_length=1)]
@@ -161,8 +167,7 @@ STORED, TABLE, PARTS = "sweep.json", "sweep.csv", "parts"
 CHUNK_TICKS = 65_536
 LOOK_S = 0.5  # how often a worker looks whether its parent lives
 PLACE = (
-    "population", "configuration", "rules", "kind", "gap_m", "gain_N_s_m", "operator", "segment", "repetition",
-    "status",
+    "population", "configuration", "rules", "kind", *PARAMETERS, "operator", "segment", "repetition", "status",
 )  # fmt: skip
 COLUMNS = (*PLACE, *Metrics._fields, "energy_residual_J", "energy_added_max_J")
 
@@ -181,7 +186,7 @@ def run_sweep(
     began = time.perf_counter()
     out = Path(out)
     if not resume:
-        _make_empty(out)
+        make_empty_folder(out, "a sweep needs a new or empty folder (or --resume)", (LOCK, f".{STORED}.partial"))
     with hold_lock(out) if out.is_dir() else _refuse(f"{out}: holds no sweep to resume"):
         (_compare if resume else _store)(out, sweep)
         waiting = [] if (out / TABLE).exists() else [job for job in sweep.jobs if not _part(out, job).exists()]
@@ -214,7 +219,7 @@ def run_job(job: Job) -> tuple[int, bytes, int]:
     person = job.population.draw(np.random.default_rng(np.random.SeedSequence([job.seed, job.operator])))
     first = build_path(next(iter(job.paths.values())), "path")
     x, y, _, _ = point_at(first, 0.5 * first.length)
-    simulation = new_simulation(job.device, (x, y))
+    simulation = SimulatedDevice(job.device, (x, y))
     text, ticks = io.StringIO(), 0
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     for repetition in range(1, job.repetitions + 1):
@@ -243,26 +248,16 @@ def _all_rows(trial: Trial) -> np.ndarray:
 
 def _row(job: Job, segment: int, repetition: int, trial: Trial, rows: np.ndarray) -> dict[str, object]:
     outcome = trial.outcome()
-    recording = in_memory(rows, job.device.braked)
+    recording = recording_of(rows, job.device.braked)
     metrics = trial_metrics(recording, trial.path) if recording.in_phase("move").any() else NO_METRICS
-    kind = next(word for word, algorithm in KINDS.items() if algorithm == job.preset.algorithm)
     place = (
-        job.population.name, job.device.name, job.rules, kind, job.preset.gap_m, job.preset.gain, job.operator, segment,
-        repetition, outcome["status"],
+        job.population.name, job.device.name, job.rules, job.preset.kind, *map(job.preset.value, PARAMETERS),
+        job.operator, segment, repetition, outcome["status"],
     )  # fmt: skip
     measured = {**metrics._asdict(), **{key: outcome[key] for key in COLUMNS[-2:]}}
     return dict(zip(PLACE, place, strict=True)) | {
         key: "" if value is None or not math.isfinite(value) else repr(float(value)) for key, value in measured.items()
     }
-
-
-def in_memory(rows: np.ndarray, braked: str) -> Recording:
-    """Ticks (n, tick_log.WIDTH) as a recording that was never on a disk."""
-    columns = {
-        name: rows[:, place].astype(TEXT_COLUMNS[name].to_pandas_dtype()) if name in TEXT_COLUMNS else rows[:, place]
-        for name, place in recording_columns(braked)
-    }
-    return Recording(Path(), braked=braked, columns=columns, words=column_words(DECISIONS), complete=True)
 
 
 def _results(jobs: Sequence[Job], cluster: str | None):
@@ -326,17 +321,6 @@ def _end_with(parent: int) -> None:
 
 def _part(out: Path, job: Job) -> Path:
     return out / PARTS / f"{job.number:06d}.csv"
-
-
-def _make_empty(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        if {path.name for path in out.iterdir()} - {LOCK, f".{STORED}.partial"}:
-            raise InputError(f"{out}: is not empty, a sweep needs a new or empty folder (or --resume)")
-    except OSError as error:
-        if not is_wrong_path(error):
-            raise
-        raise InputError(f"{out}: cannot be used ({(error.strerror or str(error)).lower()})") from None
 
 
 def _refuse(sentence: str):

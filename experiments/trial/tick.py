@@ -1,22 +1,36 @@
-"""One tick of a trial (1 kHz), for every kind of hand: simulated operator, mouse, later the force sensor of a bench.
+"""One tick of a trial (1 kHz): the same list of stages for every kind of hand and of device.
 
-    phase    approach -> hold -> move -> end
-    hand     the operator moves its virtual hand (the mouse's target is set from outside)
-    decide   the controller, during `move` only: brakes are off in every other phase
-    device   currents to the brakes, the pattern of stick and slip, one row of the log, one step of the simulator
+    SENSE    a real device's sample, which stands in the row, becomes the state; its ledger is an estimate
+    PHASE    approach -> hold -> move -> end
+    GUARD    a real device that does not obey, stands where it cannot be, moves too fast or traps a hand ends the trial
+    HAND     the simulated operator moves its virtual hand (a person's pointer or force is set from outside)
+    DECIDE   the controller, during `move` only: brakes are off in every other phase
+    SETTLE   the simulated device: currents to the brakes, which of them stick and which slip
+    LOG      one row
+    STEP     the simulated device moves on by a tick
+
+A simulated device passes SENSE and GUARD unchanged: its state is the truth. A real one passes SETTLE and STEP: its
+wires get the currents after the tick, and its next sample says what came of them.
+
+The brakes' torques of a real device cannot be sensed. The column is an estimate: what the brake model (Eqs. 1, 2 and 4,
+without backlash) says that a brake does at the measured current while its joint turns; 0 while the joint rests, for the
+torque of a resting brake is not known.
 """
 
 import math
 
 import numpy as np
 
-from core.control.controllers import OFF, decide, release
-from core.kernel import kernel
+from core.brake import begin_lag, lagged_yield
+from core.control.algorithm import OFF, release
+from core.control.controllers import decide
+from core.kernel import inlined, kernel
 from core.path import nearest
 from core.simulator.event import advance_event
 from core.simulator.simulation import MR, apply, kinetic, stuck_bits
 from core.simulator.state import new_record
 from core.simulator.stick_slip_mode import look, resolve
+from core.stops import stop_gap
 from core.tick_log import (
     APPROACH,
     ARM_FORCE_MAX,
@@ -24,6 +38,7 @@ from core.tick_log import (
     ARM_HELD_Y,
     ARM_STIFFNESS,
     CURRENT,
+    DECIDED,
     DECISION,
     END,
     ENERGY_BRAKES,
@@ -34,6 +49,7 @@ from core.tick_log import (
     HAND_FY,
     HOLD,
     LATENESS_US,
+    MEASURED,
     MOVE,
     PHASE,
     SENSED_FX,
@@ -57,9 +73,30 @@ from experiments.trial.operator import TICK_S, begin_approach, operate
 RUNNING, DONE, TIMEOUT, ABORTED = range(4)
 STATUSES = ("running", "done", "timeout", "aborted")
 
-#: why a trial was aborted
-NO_REASON, APPROACH_TOO_LONG, FORCE_NOT_FINITE, BY_EXPERIMENTER = range(4)
-REASONS = ("", "the start was not reached in time", "the hand force was not finite", "stopped by the experimenter")
+#: why a trial was aborted; those from OUT_OF_PLACE on come from a real device
+NO_REASON, APPROACH_TOO_LONG, FORCE_NOT_FINITE, BY_EXPERIMENTER, OUT_OF_PLACE, TOO_FAST, DISOBEYED, TRAPPED = range(8)
+REASONS = (
+    "",
+    "the start was not reached in time",
+    "the hand force was not finite",
+    "stopped by the experimenter",
+    "the handle was where the device file says it cannot be: check the homing",
+    "the handle moved faster than {speed_max:g} m/s",
+    "the brakes did not get the currents that were asked for",
+    "a hand pushed with more than {force:g} N for {time:g} s against a full lock: the brakes let go",
+)
+
+#: rad or sine, beyond a hard stop. Our choice: a stop gives and an encoder has steps; further out the pose is wrong.
+PLACE_SLACK = 0.03
+#: m/s. Assumed: three times what a person does on the path; the board has a limit of its own for each joint.
+SPEED_MAX_M_S = 1.5
+#: rad/s. A joint of a real device that turns more slowly counts as resting, in the columns `stuck` and `torque`. Our
+#: choice: `settled` has the same number, six times the noise of 20 um encoder steps.
+RESTING_RAD_S = 0.02
+#: A brake whose mean current over about DISOBEYED_MEAN ticks differs from the current that it was asked to have by more
+#: than DISOBEYED_A + DISOBEYED_SHARE of its largest, for DISOBEYED_TICKS on end, does not obey. Assumed: ten times the
+#: noise.
+DISOBEYED_A, DISOBEYED_SHARE, DISOBEYED_TICKS, DISOBEYED_MEAN = 0.1, 0.1, 200, 50
 
 ROUNDING_M = 1e-9  # of progress at the end
 
@@ -73,6 +110,10 @@ RUN = np.dtype(
         ("end_ticks", "i8"),  # recorded after the end, brakes off
         ("simulated_hand", "i8"),  # 1: the operator drives; 0: the target is set from outside
         ("fidelity", "i8"),
+        ("real", "i8"),  # 1: a real device; its rows hold what was sensed
+        ("speed_max", "f8"),  # m/s, of a real device
+        ("release_force", "f8"),  # N; infinite: a trapped hand is not released
+        ("release_ticks", "i8"),
         # what changes
         ("tick", "i8"),
         ("phase", "i8"),
@@ -85,11 +126,20 @@ RUN = np.dtype(
         ("decision", "i8"),
         ("current", "f8", (4,)),  # A
         ("energy_zero", "f8", (3,)),  # J, ledger at the start of the trial: hand, brakes, stops
+        # of a real device
+        ("newest", "i8"),  # 0: another sample has come already, so that this tick is recorded and decides nothing
+        ("trapped_ticks", "i8"),  # pushed for, against a full lock; falls as fast as it rose
+        ("power", "f8"),  # W, of the hand at the last tick
+        ("excess", "f8", (4,)),  # A, mean of what is measured beyond what was asked for
+        ("disobeyed_ticks", "i8"),
+        ("theta", "f8", (4,)),  # work space
+        ("gap", "f8", (5,)),
+        ("side", "f8", (5,)),
     ]
 )
 
 
-def new_run(fidelity: int, simulated_hand: bool) -> np.recarray:
+def new_run(fidelity: int, simulated_hand: bool, real: bool = False) -> np.recarray:
     """A trial before its first tick. Radii and times as in DESIGN's trial; the end radius is assumed."""
     run = new_record(RUN)
     fields = dict(
@@ -101,8 +151,12 @@ def new_run(fidelity: int, simulated_hand: bool) -> np.recarray:
         end_ticks=300,
         simulated_hand=int(simulated_hand),
         fidelity=fidelity,
+        real=int(real),
+        speed_max=SPEED_MAX_M_S,
+        release_force=math.inf,
         phase=APPROACH,
         held=1,
+        newest=1,
         decision=OFF,
     )
     for name, value in fields.items():
@@ -111,33 +165,37 @@ def new_run(fidelity: int, simulated_hand: bool) -> np.recarray:
 
 
 @kernel
-def run_ticks(path, controller, mechanisms, brake_records, hand, states, trials, runs, operators, noise, memory, rows):
-    """Run ticks until rows (n, row.WIDTH) are full or the trial is finished; returns how many were run."""
-    mechanism, brakes, state, trial = mechanisms[0], brake_records[0], states[0], trials[0]
+def run_ticks(
+    path, controller, mechanisms, brake_records, hand, states, scratches, runs, operators, noise, memory, rows
+):
+    """Run ticks until rows are full or the trial is finished; returns how many were run.
+
+    rows: (n, WIDTH), or (n, BENCH_WIDTH) of a real device, one for each sample, with what was sensed in them.
+    """
+    mechanism, brakes, state, step_scratch = mechanisms[0], brake_records[0], states[0], scratches[0]
     run, operator, grip = runs[0], operators[0], hand.grips[0]
     for n in range(rows.shape[0]):
         if run.finished != 0:
             return n
-        tip = state.tip
+        row, t = rows[n], run.tick * TICK_S
         if run.tick == 0:
             begin(run, state, operator, path)
+        if run.real != 0:
+            sense(mechanism, brakes, state, grip, run, row)
         next_phase(run, path, state, grip)
+        if run.real != 0:
+            guard(mechanism, brakes, state, run, row)
         if run.simulated_hand != 0:
-            operate(operator, grip, path, run.phase, run.tick, run.phase_tick, tip[0], tip[1], noise)
-        if run.phase == MOVE:
-            run.decision = decide(
-                controller, brakes, path, memory, tip[0], tip[1], tip[2], tip[3],
-                state.hand_force[0], state.hand_force[1], state.g, state.mass, run.current,
-            )  # fmt: skip
-        else:
-            release(run.current)
-            run.decision = OFF
-        rows[n, SENSED_FX], rows[n, SENSED_FY] = state.hand_force[0], state.hand_force[1]
-        t = run.tick * TICK_S
-        apply(brakes, state, run.current, run.fidelity)
-        resolve(mechanism, brakes, hand, state, t)
-        log_row(mechanism, brakes, state, grip, run, t, rows[n])
-        advance_event(mechanism, brakes, hand, state, trial, run.current, t, TICK_S, 1 if run.fidelity == MR else 0)
+            operate(operator, grip, path, run.phase, run.tick, run.phase_tick, state.tip[0], state.tip[1], noise)
+        choose_currents(controller, brakes, path, memory, state, run, row)
+        row[SENSED_FX], row[SENSED_FY] = state.hand_force[0], state.hand_force[1]
+        if run.real == 0:
+            apply(brakes, state, run.current, run.fidelity)
+            resolve(mechanism, brakes, hand, state, t)
+        log_row(mechanism, brakes, state, grip, run, t, row)
+        if run.real == 0:
+            lagged = 1 if run.fidelity == MR else 0
+            advance_event(mechanism, brakes, hand, state, step_scratch, run.current, t, TICK_S, lagged)
         run.tick += 1
         run.phase_tick += 1
         if run.phase == END and run.phase_tick >= run.end_ticks:
@@ -153,6 +211,37 @@ def begin(run, state, operator, path):
     run.energy_zero[2] = state.lost_at_stops
     if run.simulated_hand != 0:
         begin_approach(operator, state.tip[0], state.tip[1], path)
+
+
+@kernel
+def sense(mechanism, brakes, state, grip, run, row):
+    """Stage: a real device's sample becomes the state, with what follows from it by linkage and brake model."""
+    state.tip[0], state.tip[1], state.tip[2], state.tip[3] = row[TIP_X], row[TIP_Y], row[TIP_VX], row[TIP_VY]
+    state.acceleration[0], state.acceleration[1] = row[TIP_AX], row[TIP_AY]
+    state.hand_force[0], state.hand_force[1] = row[HAND_FX], row[HAND_FY]
+    grip.held[0], grip.held[1] = row[HAND_FX], row[HAND_FY]
+    grip.target[0], grip.target[1] = row[TIP_X], row[TIP_Y]
+    look(mechanism, state)
+    estimate_energies(brakes, state, run, row)
+
+
+@kernel
+def estimate_energies(brakes, state, run, row):
+    """A real device's ledger over the last tick and its torques, as well as sensors and brake model tell them."""
+    power = state.hand_force[0] * state.tip[2] + state.hand_force[1] * state.tip[3]
+    state.work_hand += 0.5 * (power + run.power) * TICK_S
+    run.power = power
+    for i in range(4):
+        state.torque[i] = 0.0
+        if brakes.present[i] == 0.0:
+            continue
+        current = row[MEASURED + i]
+        current = min(max(current, 0.0), brakes.current_max[i]) if math.isfinite(current) else 0.0
+        begin_lag(brakes, i, current, state.torque_yield[i], state.rate[i], 0.0, TICK_S, state.lag)
+        state.torque_yield[i] = lagged_yield(state.lag, i, TICK_S)
+        if abs(state.rate[i]) >= RESTING_RAD_S:
+            state.torque[i] = -math.copysign(state.torque_yield[i], state.rate[i])
+        state.heat[i] += state.torque_yield[i] * abs(state.rate[i]) * TICK_S
 
 
 @kernel
@@ -205,6 +294,75 @@ def enter(run, phase, status, reason):
 
 
 @kernel
+def guard(mechanism, brakes, state, run, row):
+    """Stage: the trial ends, brakes off, where a real device does not obey, or it or the hand must be spared."""
+    if run.phase == END:
+        return
+    if disobeys(brakes, run, row):
+        enter(run, END, ABORTED, DISOBEYED)
+        return
+    if run.phase != MOVE:  # no currents flow
+        return
+    x, y, vx, vy = state.tip[0], state.tip[1], state.tip[2], state.tip[3]
+    stop_gap(mechanism, state.distal_side, x, y, run.theta, run.gap, run.side)
+    for j in range(5):
+        if not run.gap[j] >= -PLACE_SLACK:
+            enter(run, END, ABORTED, OUT_OF_PLACE)
+            return
+    if not math.sqrt(vx * vx + vy * vy) <= run.speed_max:
+        enter(run, END, ABORTED, TOO_FAST)
+        return
+    pushed = math.sqrt(state.hand_force[0] ** 2 + state.hand_force[1] ** 2) >= run.release_force
+    if pushed and full_lock(brakes, run.current):
+        run.trapped_ticks += 1
+        if run.trapped_ticks >= run.release_ticks:
+            enter(run, END, ABORTED, TRAPPED)
+    elif run.trapped_ticks > 0:
+        run.trapped_ticks -= 1
+
+
+@kernel
+def disobeys(brakes, run, row):
+    """Whether a brake has not had the current of the last decision for a while.
+
+    A driver that stays on, one that is dead, and a board that takes no commands are seen by nothing else.
+    """
+    wrong = False
+    for i in range(4):
+        if brakes.present[i] == 0.0 or not math.isfinite(row[MEASURED + i]):
+            continue
+        run.excess[i] += (row[MEASURED + i] - run.current[i] - run.excess[i]) / DISOBEYED_MEAN
+        wrong = wrong or not abs(run.excess[i]) <= DISOBEYED_A + DISOBEYED_SHARE * brakes.current_max[i]
+    run.disobeyed_ticks = run.disobeyed_ticks + 1 if wrong else 0
+    return run.disobeyed_ticks >= DISOBEYED_TICKS
+
+
+@kernel
+def full_lock(brakes, current):
+    """Whether every brake has all its current."""
+    for i in range(4):
+        if current[i] < brakes.current_max[i]:
+            return False
+    return True
+
+
+@inlined
+def choose_currents(controller, brakes, path, memory, state, run, row):
+    """Stage: the controller decides on the newest sample; outside the movement the brakes are off."""
+    if run.real != 0:
+        row[DECIDED] = 1.0 if run.phase == MOVE and run.newest != 0 else 0.0
+    if run.phase != MOVE:
+        release(run.current)
+        run.decision = OFF
+    elif run.newest != 0:
+        tip = state.tip
+        run.decision = decide(
+            controller, brakes, path, memory, tip[0], tip[1], tip[2], tip[3],
+            state.hand_force[0], state.hand_force[1], state.g, state.mass, run.current,
+        )  # fmt: skip
+
+
+@kernel
 def log_row(mechanism, brakes, state, grip, run, t, row):
     """Stage: one row of the log, after what happens at t; what was sensed stands in it already."""
     row[T], row[PHASE], row[DECISION] = t, run.phase, run.decision
@@ -213,18 +371,28 @@ def log_row(mechanism, brakes, state, grip, run, t, row):
     row[HAND_FX], row[HAND_FY] = state.hand_force[0], state.hand_force[1]
     for i in range(4):
         row[CURRENT + i], row[TORQUE + i] = run.current[i], state.torque[i]
-    row[STUCK] = stuck_bits(mechanism, brakes, state)
-    row[LATENESS_US] = 0.0
+    row[STUCK] = stuck_bits(mechanism, brakes, state) if run.real == 0 else resting_bits(brakes, state)
     row[ENERGY_HAND] = state.work_hand - run.energy_zero[0]
     row[ENERGY_BRAKES] = state.heat[0] + state.heat[1] + state.heat[2] + state.heat[3] - run.energy_zero[1]
     row[ENERGY_KINETIC] = kinetic(state)
     row[ENERGY_STOPS] = state.lost_at_stops - run.energy_zero[2]
-    row[TARGET_X], row[TARGET_Y], row[TARGET_VX], row[TARGET_VY] = (
-        grip.target[0], grip.target[1], grip.target[2], grip.target[3],
-    )  # fmt: skip
-    row[ARM_HELD_X], row[ARM_HELD_Y], row[ARM_FORCE_MAX] = grip.held[0], grip.held[1], grip.force_max
-    for i in range(3):
-        row[ARM_STIFFNESS + i] = grip.stiffness[i]
+    row[TARGET_X], row[TARGET_Y] = grip.target[0], grip.target[1]
+    if run.real == 0:  # else it is how late the sample came, and the hand is a person's
+        row[LATENESS_US] = 0.0
+        row[TARGET_VX], row[TARGET_VY] = grip.target[2], grip.target[3]
+        row[ARM_HELD_X], row[ARM_HELD_Y], row[ARM_FORCE_MAX] = grip.held[0], grip.held[1], grip.force_max
+        for i in range(3):
+            row[ARM_STIFFNESS + i] = grip.stiffness[i]
+
+
+@kernel
+def resting_bits(brakes, state):
+    """Which brakes of a real device rest (bit i for joint i): whether they hold is not known."""
+    bits = 0
+    for i in range(4):
+        if brakes.present[i] != 0.0 and abs(state.rate[i]) < RESTING_RAD_S:
+            bits |= 1 << i
+    return bits
 
 
 @kernel

@@ -1,37 +1,76 @@
-"""One trial on a simulated device, tick by tick: the same for a simulated operator and for a hand at the mouse."""
+"""One trial, tick by tick, on a simulated device or on a real one, for every kind of hand.
 
-from dataclasses import replace
+A simulated device's ticks are made by the tick kernel, as many as there is room for (`run`). A real device's come from
+its samples (`exchange`): a row of the log belongs to one tick of the board, whose sequence numbers are the 1 ms grid.
+The samples that came while the host was late are all recorded, and only the newest decides. A lost one is interpolated
+between its neighbours and marked (`filled`), so that measures on the grid survive it. When the samples stop, the
+recording ends with the last one.
+"""
+
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from core import tick_log
-from core.control.controllers import Controller, Preset, make_controller, new_memory
+from core.control.algorithm import Controller
+from core.control.controllers import Preset, make_controller
+from core.control.velocity_field import new_memory
 from core.device import Device
-from core.path import Path
+from core.device_interface import DeviceSample, RealDevice, velocity_noise
+from core.mechanism import JOINTS
+from core.path import Path, point_at
 from core.path_file import PathFile, build_path
 from core.simulator.hand import Hand
-from core.simulator.simulation import Ledger, Simulation
-from core.simulator.state import CARRIED, STATE, new_record
-from core.simulator.stick_slip import STILL
-from core.simulator.stick_slip_mode import look
+from core.simulator.simulated_device import SimulatedDevice
+from core.simulator.simulation import Simulation
+from core.simulator.state import new_record
+from core.stops import distal_sine
 from experiments.plan import PlannedTrial
-from experiments.protocol import TrialRules
+from experiments.protocol import TrialRules, load_protocol
 from experiments.trial.operator import OPERATOR, Person, new_operator, take_handle
-from experiments.trial.tick import REASONS, RUNNING, STATUSES, TICK_S, new_run, run_ticks
+from experiments.trial.tick import (
+    ABORTED,
+    BY_EXPERIMENTER,
+    NO_REASON,
+    REASONS,
+    RUNNING,
+    SPEED_MAX_M_S,
+    STATUSES,
+    TICK_S,
+    enter,
+    new_run,
+    run_ticks,
+)
 
 #: Draws of noise per axis for one trial; a longer trial goes round.
 NOISE_DRAWS = 1 << 16
-
-
 #: Our choice: a person's approach, which may take its time, ends a forgotten trial after 10 minutes.
 PERSON_APPROACH_S = 600.0
 #: What a protocol that says nothing else has.
 DEFAULT_RULES = TrialRules()
 
+#: s. Without a sample for so long the currents are zero and the trial ends; the board's watchdog has the same number.
+SILENT_S = 0.05
+MOST_FILLED = 250  # ticks; a longer gap ends the recording. Our choice: a board counts as lost before
+NOT_CLOSED = 10  # samples on end whose encoders are of no pose. Our choice: one may be a damaged count
+LONGEST_END_S = 0.5  # beyond `end_s`, in which the recorded end may still come after a fault
+WRAP = 1 << 32
+#: columns that a lost sample leaves between its neighbours
+_SENSED = slice(tick_log.TIP_X, tick_log.HAND_FY + 1)
+
+NOT_HOMED = "the encoders have not been homed"
+CONTRADICT = "the encoders contradict each other: one of them may be stuck"
+SILENT = f"no sample came from the board for {1e3 * SILENT_S:.0f} ms"
+NO_POSE = "the encoders are of no pose of the linkage: check the homing"
+
+
+#: what running a trial changes: arrays, and what is known of its end
+Changed = tuple[tuple[np.ndarray, ...], dict[str, Any]]
+
 
 class Arguments(NamedTuple):
-    """What `run_ticks` takes before the rows, in its order: a trial as the control loop gets it."""
+    """What `run_ticks` takes before the rows, in its order: a trial as the kernels see it."""
 
     path: Path
     controller: Controller
@@ -39,7 +78,7 @@ class Arguments(NamedTuple):
     brakes: np.recarray
     hand: Hand
     state: np.recarray
-    trial: np.recarray
+    step_scratch: np.recarray
     run: np.recarray
     operator: np.recarray
     noise: np.ndarray
@@ -47,11 +86,11 @@ class Arguments(NamedTuple):
 
 
 class Trial:
-    """One trial of the plan on a simulated device that stays as the last trial left it."""
+    """One trial of the plan. It can be sent to the process of the control loop and its outcome taken back."""
 
     def __init__(
         self,
-        simulation: Simulation,
+        device: SimulatedDevice | Device,
         planned: PlannedTrial,
         path: PathFile,
         preset: Preset,
@@ -60,31 +99,67 @@ class Trial:
         person: Person | None = None,
         generator: np.random.Generator | None = None,
     ) -> None:
-        """preset: its controller, whatever `planned` calls it. how: durations and radii of the protocol.
+        """preset: its controller, whatever `planned` calls it. how: durations, radii and release of the protocol.
 
-        person and generator: a simulated operator; None: the hand's target is set from outside (`aim`).
+        device: a simulated one; or the file of a real one, to which the trial is brought later (`connect`).
+        person and generator: a simulated operator; None: the hand is a person's.
         """
-        self.simulation, self.planned = simulation, planned
+        self.planned, self.how = planned, how
         self.path: Path = build_path(path, f"path {planned.segment}")
-        self.controller: Controller = make_controller(preset, simulation.device.force_normalised_N, rules)
+        middle = point_at(self.path, 0.5 * self.path.length)[:2]
+        if isinstance(device, SimulatedDevice):
+            self.device, noise = device.device, 0.0
+            self.model: Simulation = device
+            device.begin()
+        else:  # what is known of it: sensed motion, and the brake model
+            self.device, noise = device, velocity_noise(device, middle)
+            self.model = Simulation(device, middle, fidelity="mr", integrator="event", backlash=False)
+        self.controller: Controller = make_controller(
+            preset, self.device.force_normalised_N, rules, velocity_noise=noise
+        )
         self._memory = new_memory()
-        self._run = new_run(simulation.fidelity, person is not None)
+        self._run = new_run(self.model.fidelity, person is not None, self.real)
         for name, value in run_fields(how, person is not None).items():
             self._run[name][0] = value
         self._operator, self._noise = new_record(OPERATOR), np.zeros((1, 2))
         if person is not None and generator is not None:
             self._operator = new_operator(person, generator)
             self._noise = generator.standard_normal((NOISE_DRAWS, 2))
-            take_handle(person, self.path, simulation.hand.grips)
-        self._abort_reason = ""
+            take_handle(person, self.path, self.model.hand.grips)
+        self._reason = ""  # of an abort from outside
+        # of a real device
+        self._connected: RealDevice | None = None
+        self._last: tuple[int, np.ndarray] | None = None  # sequence and row of the last sample
+        self._heard_s = self._ended_s = math.nan
+        self._not_closed = self.filled = 0
+        self._says: dict[str, Any] = {}  # what the device had to say, once the trial has left it
         self.timing: dict[str, Any] | None = None  # of a live trial, for the end record: how late its ticks were
-        come_to_rest(simulation)
-        self.start = recorded_start(simulation)
-        self._before = simulation.ledger()
+        self.start = device.recorded_start() if isinstance(device, SimulatedDevice) else None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """To another process: a real device stays where it is."""
+        return {**self.__dict__, "_connected": None}
+
+    @property
+    def real(self) -> bool:
+        """Whether it is for a real device."""
+        return not isinstance(self.model, SimulatedDevice)
+
+    def connect(self, device: RealDevice) -> None:
+        """Bring it to its real device."""
+        self._connected = device
+
+    def leave(self) -> None:
+        """Leave the real device; what that had to say goes with the trial."""
+        self._says, self._connected = self._there().end_record(), None
+
+    def _there(self) -> RealDevice:
+        assert self._connected is not None
+        return self._connected
 
     def aim(self, x: float, y: float) -> None:
         """Where the hand wants the handle to be (m), from now on; its velocity counts as zero."""
-        self.simulation.hand.grips["target"][0] = (x, y, 0.0, 0.0)
+        self.model.hand.grips["target"][0] = (x, y, 0.0, 0.0)
 
     def run(self, rows: np.ndarray) -> int:
         """Run ticks into rows (n, tick_log.WIDTH) until they are full or the trial is finished; how many were run."""
@@ -92,16 +167,34 @@ class Trial:
 
     def arguments(self) -> Arguments:
         """The trial as the kernels see it; what they change is changed here."""
-        s = self.simulation
+        m = self.model
         return Arguments(
-            self.path, self.controller, s.mechanism, s.brakes, s.hand, s.state, s.trial,
+            self.path, self.controller, m.mechanism, m.brakes, m.hand, m.state, m.trial,
             self._run, self._operator, self._noise, self._memory,
         )  # fmt: skip
 
+    def changed(self) -> Changed:
+        """What running it has changed, to be sent to the process that has the device and the session."""
+        a = self.arguments()
+        arrays = a.hand.grips, a.state, a.step_scratch, a.run, a.operator, a.memory
+        return arrays, {name: getattr(self, name) for name in ("_reason", "filled", "_says")}
+
+    def take_back(self, changed: Changed) -> None:
+        """It was run in another process, which sends what it changed."""
+        arrays, end = changed
+        for ours, theirs in zip(self.changed()[0], arrays, strict=True):
+            ours[...] = theirs
+        self.__dict__.update(end)
+
     def abort(self, reason: str) -> None:
-        """Stop at the next tick, brakes off; the trial ends as aborted with this reason."""
-        self._abort_reason = reason
+        """Stop at the next tick, brakes off; the trial ends as aborted with this reason (the first one)."""
+        self._reason = self._reason or reason
         self._run["stop"][0] = 1
+
+    def give_up(self, reason: str) -> None:
+        """There is no device to run it on: it ends as aborted, without a tick."""
+        self.abort(reason)
+        self._run["finished"][0] = 1
 
     @property
     def finished(self) -> bool:
@@ -114,48 +207,168 @@ class Trial:
         return tick_log.PHASES[int(self._run["phase"][0])]
 
     @property
-    def device(self) -> Device:
-        """The device behind it."""
-        return self.simulation.device
-
-    @property
     def tip(self) -> tuple[float, float]:
-        """Where the handle is, m."""
-        tip = self.simulation.state["tip"][0]
-        return float(tip[0]), float(tip[1])
+        """Where the handle is, or was last, m."""
+        x, y = self.model.state["tip"][0, :2].tolist()
+        return x, y
 
     @property
     def ticks(self) -> int:
         """Ticks run so far."""
         return int(self._run["tick"][0])
 
-    def outcome(self) -> dict:
-        """How the trial ended, for the end record: status, reason, and what the simulator counted."""
-        status = int(self._run["status"][0])
-        reason = REASONS[int(self._run["reason"][0])]
-        now, before = self.simulation.ledger(), self._before
-        return {
-            "status": STATUSES[status] if status != RUNNING else "aborted",
-            "reason": (self._abort_reason or reason) if STATUSES[status] == "aborted" else reason,
-            "events": now.events - before.events,
-            "fallbacks": now.fallbacks - before.fallbacks,
-            "energy_residual_J": now.residual - before.residual,
-            "energy_added_max_J": now.added_by_brakes,
-            "warnings": ledger_warnings(before, now),
-            **({"timing": self.timing} if self.timing else {}),
-        }
+    def outcome(self) -> dict[str, Any]:
+        """How the trial ended, for the end record: status, reason, and what the device has to say."""
+        status, code, reason = int(self._run["status"][0]), int(self._run["reason"][0]), self._reason
+        if status in (RUNNING, ABORTED):
+            status = ABORTED
+            if code not in (NO_REASON, BY_EXPERIMENTER) or not reason:
+                reason = self._words(code)
+        elif reason:
+            reason = f"after its end: {reason}"
+        about: dict[str, Any] = {"status": STATUSES[status], "reason": reason}
+        if isinstance(self.model, SimulatedDevice):
+            about |= self.model.end_record()
+        else:
+            about["ledger"] = "estimated from sensed force and velocity and the brake model"
+            about |= {"filled": self.filled} | (self._connected.end_record() if self._connected else self._says)
+        return about | ({"timing": self.timing} if self.timing else {})
+
+    def _words(self, code: int) -> str:
+        release = self.how.release
+        force, time_s = (release.force_N, release.time_s) if release else (math.inf, math.inf)
+        return REASONS[code].format(speed_max=SPEED_MAX_M_S, force=force, time=time_s)
+
+    # ---------------------------------------------------------------------------------------- on a real device
+
+    @property
+    def currents(self) -> tuple[float, float, float, float]:
+        """What the brakes of a real device are to have now, A; zero in doubt, and once the trial is over."""
+        device = self._connected
+        if device is None or self.finished or self._run["stop"][0] or not device.clock() - self._heard_s < SILENT_S:
+            return (0.0, 0.0, 0.0, 0.0)
+        a, e, b, c = self._run["current"][0].tolist()
+        return a, e, b, c
+
+    def exchange(self) -> list[np.ndarray]:
+        """One exchange with a real device; the rows (BENCH_WIDTH,) of the ticks that it brought, oldest first."""
+        device = self._there()
+        if math.isnan(self._heard_s):
+            self._heard_s = device.clock()
+            device.begin()
+        newest = device.exchange(self.currents)
+        samples, now = device.samples(), device.clock()
+        rows: list[np.ndarray] = []
+        if newest is None:
+            self._without_sample(now)
+            return rows
+        self._heard_s = now
+        for sample in samples if self._last else samples[-1:]:
+            rows += self._ticks_of(sample, sample is samples[-1], now)
+        if self._over(now):
+            self._finish()
+        return rows
+
+    def _without_sample(self, now: float) -> None:
+        """Nothing came: after `SILENT_S` the trial is over, whether or not its end can still be recorded."""
+        if problem := self._there().problem:
+            self.abort(problem)
+            self._finish()
+        elif now - self._heard_s >= SILENT_S:
+            self.abort(SILENT)
+            self._end(now)
+            if self._over(now):
+                self._finish()
+
+    def _over(self, now: float) -> bool:
+        """Whether the last tick has been run, or is not worth waiting for."""
+        return self.finished or now - self._ended_s > self.how.end_s + LONGEST_END_S
+
+    def _finish(self) -> None:
+        """No more ticks: what was recorded is all there is."""
+        self._end(self._there().clock())
+        self._run["finished"][0] = 1
+
+    def _end(self, now: float) -> None:
+        """The trial is over, without a sample that says so."""
+        run = self._run[0]
+        run.current[:] = 0.0
+        if run.phase != tick_log.END:
+            enter(run, tick_log.END, ABORTED, BY_EXPERIMENTER)
+        if math.isnan(self._ended_s):
+            self._ended_s = now
+
+    def _ticks_of(self, sample: DeviceSample, newest: bool, now: float) -> list[np.ndarray]:
+        """The row of a sample, behind those of samples that were lost before it; none after the last tick."""
+        self._look_at(sample)
+        if self._last is None:
+            self.model.state["distal_side"][0] = math.copysign(1.0, distal_sine(self.model.mechanism[0], *sample.tip))
+        sensed = sensed_row(sample, self._there().encoders, 1e6 * (now - sample.t_s))
+        rows = []
+        for row in [*self._lost_before(sample.sequence, sensed), sensed]:
+            if self.finished:
+                break
+            self._run["newest"][0] = newest and row is sensed
+            run_ticks(*map(plain, self.arguments()), row[np.newaxis])
+            rows.append(row)
+        self._last = sample.sequence, sensed
+        if self.phase == "end" and math.isnan(self._ended_s):
+            self._ended_s = now
+        return rows
+
+    def _look_at(self, sample: DeviceSample) -> None:
+        """What must not be while a hand is at the device ends the trial, with this sample or without it."""
+        self._not_closed = 0 if sample.closed else self._not_closed + 1
+        if sample.fault:
+            self.abort(f"the board: {sample.fault}")
+        elif not sample.homed:
+            self.abort(NOT_HOMED)
+        elif self._not_closed >= NOT_CLOSED:
+            self.abort(CONTRADICT)
+        lost = (sample.sequence - self._last[0]) % WRAP - 1 if self._last else 0
+        if lost >= SILENT_S / TICK_S:
+            self.abort(SILENT)
+        if not all(map(math.isfinite, sample.tip)):
+            self.abort(NO_POSE)
+            self._finish()
+        elif lost > MOST_FILLED:
+            self._finish()
+
+    def _lost_before(self, sequence: int, sensed: np.ndarray) -> list[np.ndarray]:
+        """Rows for the samples that were lost since the last one."""
+        if self._last is None or self.finished:
+            return []
+        before, steps = self._last[1], (sequence - self._last[0]) % WRAP
+        rows = []
+        for n in range(1, steps):
+            lost = np.full(tick_log.BENCH_WIDTH, math.nan)
+            lost[_SENSED] = before[_SENSED] + (sensed[_SENSED] - before[_SENSED]) * (n / steps)
+            lost[tick_log.FILLED], lost[tick_log.LATENESS_US] = 1.0, sensed[tick_log.LATENESS_US] + 1e3 * (steps - n)
+            rows.append(lost)
+        self.filled += len(rows)
+        return rows
 
 
-def ledger_warnings(before: Ledger, after: Ledger) -> list[str]:
-    """What the simulator's ledger says against its motion between two of its states; none where it agrees."""
-    between = replace(
-        after,
-        work_hand=after.work_hand - before.work_hand,
-        heat=(sum(after.heat) - sum(before.heat),),
-        lost_at_stops=after.lost_at_stops - before.lost_at_stops,
-        residual=after.residual - before.residual,
-    )
-    return list(between.warnings())
+def plain(argument: Any) -> Any:
+    """The same for a call from Python: records as plain arrays, with which it takes 30 us less each."""
+    if isinstance(argument, Hand):
+        return argument._replace(grips=argument.grips.view(np.ndarray))
+    return argument.view(np.ndarray) if isinstance(argument, np.recarray) else argument
+
+
+def sensed_row(sample: DeviceSample, encoders: str, late_us: float) -> np.ndarray:
+    """A row (BENCH_WIDTH,) with what a sample says; encoders: letters of their joints; late_us: how late it came."""
+    row = np.full(tick_log.BENCH_WIDTH, math.nan)
+    row[tick_log.TIP_X : tick_log.TIP_Y + 1] = sample.tip
+    row[tick_log.TIP_VX : tick_log.TIP_VY + 1] = sample.velocity
+    row[tick_log.TIP_AX : tick_log.TIP_AY + 1] = sample.acceleration
+    row[tick_log.HAND_FX : tick_log.HAND_FY + 1] = sample.hand_force
+    row[tick_log.LATENESS_US] = late_us
+    row[tick_log.BOARD_US], row[tick_log.HOST_S], row[tick_log.FILLED] = sample.board_us, sample.t_s, 0.0
+    row[[tick_log.COUNT + JOINTS.index(joint) for joint in encoders]] = sample.counts
+    row[tick_log.FORCE_COUNT : tick_log.FORCE_COUNT + len(sample.force_counts)] = sample.force_counts
+    row[tick_log.MEASURED : tick_log.MEASURED + 4] = sample.current
+    return row
 
 
 def run_fields(how: TrialRules, simulated_hand: bool) -> dict[str, float]:
@@ -166,48 +379,20 @@ def run_fields(how: TrialRules, simulated_hand: bool) -> dict[str, float]:
         "hold_ticks": round(how.hold_s / TICK_S),
         "move_ticks": round(how.time_out_s / TICK_S),
         "end_ticks": round(how.end_s / TICK_S),
+        "release_force": how.release.force_N if how.release else math.inf,
+        "release_ticks": round(how.release.time_s / TICK_S) if how.release else 0,
     }
     approach_s = how.approach_time_out_s if simulated_hand else PERSON_APPROACH_S
     return {**fields, "approach_ticks": round(approach_s / TICK_S)}
 
 
-def new_simulation(device: Device, tip: tuple[float, float], hand: Hand | None = None) -> Simulation:
-    """The device as a session uses it: full brake model, at rest at `tip`, brakes off."""
-    return Simulation(device, tip, fidelity="mr", integrator="event", hand=hand)
-
-
-def come_to_rest(simulation: Simulation) -> None:
-    """Our choice: between trials the handle comes to rest where it is; yields and backlash stay as they were."""
-    state = simulation.state
-    state["tip"][0, 2:] = 0.0
-    state["carry"][0] = 0.0
-    state["held"][0] = STILL
-    state["added_by_brakes"][0] = 0.0
-    look(simulation.mechanism[0], state[0])
-
-
-def recorded_start(simulation: Simulation) -> dict[str, Any]:
-    """What a trial that begins now depends on and its ticks do not tell, as JSON holds it without rounding.
-
-    state: the device as the trial before left it (yields, backlash, stops, ledger); arm: what of the hand stays.
-    """
-    grip = simulation.hand.grips
-    return {
-        "state": {name: simulation.state[name][0].tolist() for name in CARRIED},
-        "arm": {name: grip[name][0].tolist() for name in ("spring", "damping", "mass")},
-    }
-
-
-def start_again(simulation: Simulation, start: dict[str, Any]) -> None:
-    """Bring a device and its hand to a recorded start of this version."""
-    for name in CARRIED:
-        simulation.state[name][0] = start["state"][name]
-    for name in ("spring", "damping", "mass"):
-        simulation.hand.grips[name][0] = start["arm"][name]
-
-
-def is_start(start: dict[str, Any]) -> bool:
-    """Whether a recorded start is of this version: it holds every field of the device's state, and no other."""
-    return {name: np.shape(value) for name, value in start["state"].items()} == {
-        name: STATE[name].shape for name in CARRIED
-    }
+def load_kernels() -> None:
+    """Compile, or load, what a trial on a real device needs: seconds that no board waits for."""
+    protocol = load_protocol()
+    device, path = protocol.devices[0], protocol.paths[1]
+    trial = Trial(device, PlannedTrial(0, 0, device.name, 1, 1, 1), path, protocol.controllers[1], protocol.rules)
+    row = np.zeros(tick_log.BENCH_WIDTH)
+    row[tick_log.TIP_X : tick_log.TIP_Y + 1] = path.start_m
+    distal_sine(trial.model.mechanism[0], *path.start_m)
+    run_ticks(*map(plain, trial.arguments()), row[np.newaxis])
+    trial._end(0.0)

@@ -8,6 +8,7 @@ from typing import Any
 
 from core.errors import InputError
 
+NET_FT = "netft:"  # begins the name of one
 RDT_PORT, HTTP_PORT = 49152, 80  # that every Net F/T has
 #: s. A sensor streams at 1 kHz or faster; if it is silent for longer, it counts as gone.
 SILENT_S = 0.05
@@ -76,3 +77,10 @@ class NetFT:
     def close(self) -> None:
         """Stop the stream and let the sensor go."""
         self._client.stop()
+
+
+def check_force(text: str) -> None:
+    """InputError, in one sentence, where `text` (netft:HOST) is no sensor that answers."""
+    if not text.startswith(NET_FT) or text == NET_FT:
+        raise InputError(f"--force: must be netft:HOST, not {text!r}")
+    NetFT(text.removeprefix(NET_FT)).close()

@@ -3,7 +3,7 @@
 import numpy as np
 
 from core.device import Device
-from core.device_interface import LinkSample, ZeroRecord
+from core.device_interface import DeviceSample, ZeroRecord
 from hardware.sensing.board_clock import ClockModel
 from hardware.sensing.encoders import PoseSensing
 from hardware.sensing.force_sensor import ForceSensing
@@ -51,7 +51,7 @@ class BoardSensing:
         self.pose.forget()
         self.motion = MotionFilter()
 
-    def take(self, sample: Sample, came_s: float) -> LinkSample:
+    def take(self, sample: Sample, came_s: float) -> DeviceSample:
         """A sample that came at host time `came_s` (s)."""
         self.state = sample.state
         self.clock.add(sample.board_us, came_s)
@@ -61,7 +61,7 @@ class BoardSensing:
         for i, milliamperes in zip(self._brakes, sample.current_mA, strict=True):
             current[i] = 1e-3 * milliamperes - self.zero.current[i]
         encoders = self.hello.encoders
-        return LinkSample(
+        return DeviceSample(
             t_s=self.clock.host_s(sample.board_us),
             board_us=sample.board_us,
             sequence=sample.sequence,

@@ -9,6 +9,7 @@ from protocols import PAPER, short
 from sessions import crash_in_trial, files, new_session, run_trials
 
 from app.cli import main
+from core.control.controllers import ALGORITHMS
 from core.errors import InputError
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
@@ -81,7 +82,7 @@ def test_a_trial_runs_with_the_controller_that_its_code_stands_for(data):
     planned = session.next_planned()
     assert session.blind and session.preset(planned) == PAPER.controllers[key[planned.controller]]
     trial, writer = session.begin(planned)
-    assert trial.controller.algorithm == session.preset(planned).algorithm
+    assert list(ALGORITHMS)[trial.controller.algorithm] == session.preset(planned).kind
     writer.abandon()
     session.close()
 

@@ -164,7 +164,7 @@ def fail_with(monkeypatch, error: BaseException) -> None:
     def broken(scene):
         raise error
 
-    monkeypatch.setattr("experiments.simulate.simulate.open_scene", broken)
+    monkeypatch.setattr("experiments.simulate.simulate.SceneRun", broken)
 
 
 FAILURES = {

@@ -214,9 +214,12 @@ def test_a_gain_feels_the_encoders_as_far_as_their_steps_are_coarse() -> None:
     coarse = quantisation(DEVICE, linked({"counts_per_rev": [48_000, 48_000]}), PRESETS)
     assert fine is not None and coarse is not None
     assert coarse.step_m == pytest.approx(2.0 * fine.step_m) and coarse.force_N == pytest.approx(2.0 * fine.force_N)
-    assert fine.gain == max(preset.gain for preset in PRESETS.values())
+    assert fine.gain == max(preset.value("gain_N_s_m") for preset in PRESETS.values())
     assert fine.force_N == pytest.approx(fine.gain * fine.noise_m_s)
-    gentle = {number: preset._replace(gain=0.001 * preset.gain) for number, preset in PRESETS.items()}
+    gentle = {
+        number: preset._replace(values=tuple(0.001 * value for value in preset.values))
+        for number, preset in PRESETS.items()
+    }
     few = quantisation(DEVICE, linked(), gentle)
     assert few is not None and fine.felt and not few.felt
     assert quantisation(DEVICE, linked(homed=False), PRESETS) is None

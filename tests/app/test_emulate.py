@@ -12,15 +12,15 @@ from pathlib import Path
 
 import pytest
 from emulated import Emulated, when
-from linked import LinkedBench
+from real_bench import RealBench
 
 from core.device import load_device
-from core.device_interface import LinkError
+from core.device_interface import DeviceError
 from core.errors import InputError
 from hardware.emulated_board.device import HeldHand
 from hardware.emulated_board.emulator import Emulator
 from hardware.emulated_board.line_faults import AT_JOINT, KINDS, read_fault
-from hardware.serial_device import SerialLink
+from hardware.serial_device import SerialDevice
 
 DEVICE = load_device("four-brake")
 NO = (0.0,) * 4
@@ -39,9 +39,9 @@ def emulated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulated]:
 
 
 @pytest.fixture
-def link(emulated: Emulated) -> Iterator[SerialLink]:
+def link(emulated: Emulated) -> Iterator[SerialDevice]:
     emulated.order(clear=True)
-    link = SerialLink(DEVICE, str(emulated.port))
+    link = SerialDevice(DEVICE, str(emulated.port))
     patiently(link.open)
     forget(link)
     yield link
@@ -56,18 +56,18 @@ def patiently(ask: Callable[[], object]) -> None:
         try:
             ask()
             return
-        except (LinkError, InputError):
+        except (DeviceError, InputError):
             if time.monotonic() > end:
                 raise
 
 
-def forget(link: SerialLink) -> None:
+def forget(link: SerialDevice) -> None:
     """No fault is left on the board."""
     while run(link, 5)[-1].fault:
         patiently(link.reset)
 
 
-def run(link: SerialLink, n: int, currents=NO) -> list:
+def run(link: SerialDevice, n: int, currents=NO) -> list:
     """Exchange until n samples came."""
     samples, end = [], time.monotonic() + PATIENT_S
     while len(samples) < n:
@@ -77,7 +77,7 @@ def run(link: SerialLink, n: int, currents=NO) -> list:
     return samples
 
 
-def until(link: SerialLink, done: Callable[[], bool], currents=NO) -> float:
+def until(link: SerialDevice, done: Callable[[], bool], currents=NO) -> float:
     """Exchange until something is so; how long that took, s."""
     start = time.monotonic()
     while not done():
@@ -90,7 +90,7 @@ def test_the_port_is_a_terminal_that_a_host_can_open(emulated: Emulated) -> None
     assert stat.S_ISCHR(os.stat(emulated.port).st_mode)
 
 
-def test_samples_come_at_1_khz_with_nothing_lost_or_damaged(emulated: Emulated, link: SerialLink) -> None:
+def test_samples_come_at_1_khz_with_nothing_lost_or_damaged(emulated: Emulated, link: SerialDevice) -> None:
     listened, end = False, time.monotonic() + PATIENT_S
     while not listened and time.monotonic() < end:
         came, held_up_s, health = run(link, 20), 0.0, link.health
@@ -109,7 +109,7 @@ def test_samples_come_at_1_khz_with_nothing_lost_or_damaged(emulated: Emulated, 
     assert truth["frames"]["bad_crc"] == 0
 
 
-def test_currents_reach_the_brakes_and_the_hand_feels_them(emulated: Emulated, link: SerialLink) -> None:
+def test_currents_reach_the_brakes_and_the_hand_feels_them(emulated: Emulated, link: SerialDevice) -> None:
     run(link, 20)
     start = emulated.order()["tip_m"]
     emulated.order(target=[-0.05, 0.40])
@@ -134,7 +134,7 @@ def test_currents_reach_the_brakes_and_the_hand_feels_them(emulated: Emulated, l
     emulated.order(target=[-0.10, 0.40])
 
 
-def test_an_unplugged_board_is_noticed_safe_and_back(emulated: Emulated, link: SerialLink) -> None:
+def test_an_unplugged_board_is_noticed_safe_and_back(emulated: Emulated, link: SerialDevice) -> None:
     run(link, 50, SOME)
     emulated.order(fault="unplug+0.5")
     until(link, lambda: bool(link.problem), SOME)
@@ -147,7 +147,7 @@ def test_an_unplugged_board_is_noticed_safe_and_back(emulated: Emulated, link: S
     assert link.health.lost_links >= 1
 
 
-def test_a_brown_out_makes_currents_zero_at_once_and_is_told(emulated: Emulated, link: SerialLink) -> None:
+def test_a_brown_out_makes_currents_zero_at_once_and_is_told(emulated: Emulated, link: SerialDevice) -> None:
     run(link, 50, SOME)
     emulated.order(fault="brown-out+0.1")
     until(link, lambda: bool(link.problem), SOME)
@@ -170,7 +170,7 @@ def test_a_brown_out_makes_currents_zero_at_once_and_is_told(emulated: Emulated,
     ],
 )
 def test_a_fault_on_the_board_is_told_with_its_cause(
-    emulated: Emulated, link: SerialLink, fault: str, says: str
+    emulated: Emulated, link: SerialDevice, fault: str, says: str
 ) -> None:
     kind, told = fault.split("=")[0].split("+")[0], LATE
     end = time.monotonic() + PATIENT_S
@@ -195,7 +195,7 @@ def over(truth: dict, kind: str) -> bool:
     return bool(events) and events[-1] == f"{kind} is over"
 
 
-def test_a_stuck_encoder_stands_still_while_the_handle_moves(emulated: Emulated, link: SerialLink) -> None:
+def test_a_stuck_encoder_stands_still_while_the_handle_moves(emulated: Emulated, link: SerialDevice) -> None:
     emulated.order(fault="stuck-encoder=A")
     before = run(link, 50)[-1]
     emulated.order(target=[-0.06, 0.42])
@@ -266,7 +266,7 @@ def test_every_kind_of_fault_can_be_asked_for() -> None:
 
 def test_a_port_that_is_not_there_is_one_sentence() -> None:
     with pytest.raises(InputError, match=r"^serial port /dev/none: no such file or directory$"):
-        SerialLink(DEVICE, "/dev/none").open()
+        SerialDevice(DEVICE, "/dev/none").open()
 
 
 def test_it_says_first_which_scheduling_it_got_and_leaves_a_core_to_the_control_loop(emulated: Emulated) -> None:
@@ -278,7 +278,7 @@ def test_it_says_first_which_scheduling_it_got_and_leaves_a_core_to_the_control_
 
 def test_a_tick_leaves_nothing_that_only_a_search_for_garbage_would_free() -> None:
     """The emulator, and the loop at its other end, run without one."""
-    bench = LinkedBench()
+    bench = RealBench()
     trial = bench.trial(2)
     bench.run(trial, lambda trial: trial.ticks > 100)
     gc.collect()

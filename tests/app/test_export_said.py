@@ -13,7 +13,7 @@ from app.ipc import messages as m
 from app.window.export import Job, export_results
 from app.window.questionnaire import ITEMS
 from experiments.export.export import export
-from experiments.export.trial import NOTES_CSV, QUESTIONNAIRE_CSV, Answers, said_in, write_phenotype
+from experiments.export.trial import NOTES_CSV, QUESTIONNAIRE_CSV, Answers, answers_and_notes, write_phenotype
 from experiments.session.files import pooled_rows
 
 SCALES = [item for item, *_ in ITEMS]
@@ -115,7 +115,7 @@ def test_where_nothing_was_said_nothing_is_written(silent, tmp_path):
     export_results(Job(tuple(pooled_rows(silent)), silent, tmp_path / "results", "note", ("three-brake",), LABELS))
     assert not [name for name in files(tmp_path) if any(w in name for w in ("questionnaire", "notes", "phenotype"))]
     described = json.loads((tmp_path / "csv" / "columns.json").read_text())
-    assert QUESTIONNAIRE_CSV not in described and said_in(silent.glob("sub-*/ses-*")) == ((), ())
+    assert QUESTIONNAIRE_CSV not in described and answers_and_notes(silent.glob("sub-*/ses-*")) == ((), ())
 
 
 def test_the_live_bench_writes_what_the_export_reads(tmp_path):
@@ -126,5 +126,5 @@ def test_the_live_bench_writes_what_the_export_reads(tmp_path):
     values = m.Answers(FIRST).values
     write_event(home, ANSWERS, False, configuration="four-brake", block=3, values=values)
     write_event(home, NOTE, False, text="x")
-    said = said_in([home])
+    said = answers_and_notes([home])
     assert said.answers[0][:4] == ("07", "four-brake", 3, FIRST) and said.notes[0][1:] == ("07", "x")

@@ -15,11 +15,11 @@ from fault_cases import Case, Place
 from fault_kinds import BETWEEN, HARD, PHASES, SOFT, Fault
 
 from app.session_server.remedies import REMEDIES, remedy
-from app.session_server.trial_run import SILENT as RECORDER_SILENT
 from app.session_server.trial_runner import DIED, HUNG, NEVER
+from app.session_server.trial_runner import SILENT as RECORDER_SILENT
 from core import tick_log
 from experiments.session.verify import verify
-from experiments.trial import linked_tick, linked_trial, tick
+from experiments.trial import tick, trial
 from hardware.emulated_board.line_faults import KINDS
 from hardware.sensing.samples import FAULT_WORDS
 
@@ -60,10 +60,8 @@ def check_told(case: Case) -> None:
 
 
 @pytest.mark.parametrize(("fault", "phase"), EVERY)
-def test_a_fault_is_told_makes_the_currents_zero_and_loses_nothing(
-    fault: Fault, phase: str, place: Place, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    case = Case(place, fault, phase, monkeypatch)
+def test_a_fault_is_told_makes_the_currents_zero_and_loses_nothing(fault: Fault, phase: str, place: Place) -> None:
+    case = Case(place, fault, phase)
     assert case.flowing == (phase == "move")
     if phase in fault.goes_on:
         assert phase == BETWEEN or case.row.status in ("done", "timeout")
@@ -85,23 +83,23 @@ def test_a_fault_is_told_makes_the_currents_zero_and_loses_nothing(
 
 
 @pytest.mark.parametrize("fault", SOFT, ids=lambda fault: fault.name)
-def test_a_bad_wire_is_survived_through_all_phases(fault: Fault, place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
-    case = Case(place, fault, "approach", monkeypatch)
+def test_a_bad_wire_is_survived_through_all_phases(fault: Fault, place: Place) -> None:
+    case = Case(place, fault, "approach")
     assert case.row.status == "done" and case.words == ""
     check_kept(case)
     assert all(case.recording.in_phase(phase).any() for phase in tick_log.PHASES)
     assert bool(case.running.filled) == fault.text.startswith(("drop", "corrupt"))
     case.use_again()
     case.close()
-    between = Case(place, fault, BETWEEN, monkeypatch)
+    between = Case(place, fault, BETWEEN)
     assert between.words == ""
     between.close()
 
 
-def test_practice_keeps_its_recording_too(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_practice_keeps_its_recording_too(place: Place) -> None:
     unplug = next(fault for fault in HARD if fault.name == "unplug")
     place.plan[unplug.device].insert(0, place.session.next_practice())
-    case = Case(place, unplug, "move", monkeypatch)
+    case = Case(place, unplug, "move")
     assert case.words.startswith("Practice: ") and case.zero_ms <= BOARD_MS
     check_told(case)
     case.use_again()
@@ -109,18 +107,16 @@ def test_practice_keeps_its_recording_too(place: Place, monkeypatch: pytest.Monk
     assert list((place.session.folder / "practice").glob("run-*.parquet"))
 
 
-def test_every_recording_of_a_day_full_of_faults_is_whole_or_recovered(
-    place: Place, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    Case(place, HARD[0], "move", monkeypatch).close()
+def test_every_recording_of_a_day_full_of_faults_is_whole_or_recovered(place: Place) -> None:
+    Case(place, HARD[0], "move").close()
     found = verify(place.folder / "data")
     assert found["faults"] == [] and found["whole"] + found["recovered"] >= 1
 
 
 def test_every_cause_that_the_program_knows_has_words_that_say_what_to_do() -> None:
     causes = [
-        *FAULT_WORDS.values(), "unknown fault 4096", *linked_tick.REASONS.values(), *tick.REASONS[1:3],
-        linked_trial.SILENT, linked_trial.NOT_HOMED, linked_trial.CONTRADICT, linked_trial.NO_POSE, DIED, HUNG, NEVER,
+        *FAULT_WORDS.values(), "unknown fault 4096", *tick.REASONS[1:3], *tick.REASONS[4:],
+        trial.SILENT, trial.NOT_HOMED, trial.CONTRADICT, trial.NO_POSE, DIED, HUNG, NEVER,
         RECORDER_SILENT, "brakes off: Esc", "the disk could not keep up: it took nothing for 16 s",
         "the recording failed: no space left on device", "no sample for 200 ms", "serial port /dev/x: it is gone",
         "/dev/x: no board answers there", "the board had left: nobody talked to it for a second",
@@ -162,13 +158,13 @@ output. A recorder that hangs counts as gone after two seconds, in which the tri
 """
 
 
-def table(folder: Path, patch: pytest.MonkeyPatch) -> str:
+def table(folder: Path) -> str:
     """The table's rows, from a run of all cases."""
     place = Place.make(folder)
     lines = []
     for fault in (*HARD, *SOFT):
         for phase in PHASES if fault in HARD else (BETWEEN, "approach"):
-            case = Case(place, fault, phase, patch)
+            case = Case(place, fault, phase)
             case.use_again()
             case.close()
             goes_on = phase in fault.goes_on or fault in SOFT
@@ -192,5 +188,5 @@ def table(folder: Path, patch: pytest.MonkeyPatch) -> str:
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as name, pytest.MonkeyPatch.context() as patch:
-        Path(sys.argv[1]).write_text(HEAD + table(Path(name), patch) + FOOT)
+    with tempfile.TemporaryDirectory() as name:
+        Path(sys.argv[1]).write_text(HEAD + table(Path(name)) + FOOT)

@@ -10,11 +10,10 @@ from app.ipc import messages as m
 from app.ipc.messages import HID
 from app.ipc.ring import Ring
 from app.loop.real_time import take_aim
-from app.session_server.hid_input import HidInput, feel_force_alone
-from app.session_server.simulated_device import SimulatedDevice
+from app.session_server.device_setup import DeviceSetup, HidInput, feel_force_alone
 from core.errors import InputError
 from core.simulator.hand import grip_force
-from experiments.trial.trial import new_simulation
+from core.simulator.simulated_device import SimulatedDevice
 from hardware.hid import WORD, HidHand, Reading
 
 
@@ -56,7 +55,7 @@ def test_the_deflection_is_the_force_at_the_handle_and_the_pointer_has_no_say(pl
     ring, hand, _ = played
     hand.reading = hand.reading._replace(fx_N=3.0, fy_N=-4.0)
     until(lambda: ring.control.push_count and newest(ring) == (3.0, -4.0))
-    simulation = new_simulation(PAPER.devices[0], (0.0, 0.35), PAPER.mouse.hand())
+    simulation = SimulatedDevice(PAPER.devices[0], (0.0, 0.35), PAPER.mouse.hand())
     feel_force_alone(simulation)
     ring.aim(0.0, 0.35)
     grip = simulation.hand.grips[0]
@@ -83,7 +82,6 @@ def test_closing_leaves_no_force_behind() -> None:
     assert newest(ring) == (0.0, 0.0)
 
 
-def test_without_such_a_device_it_is_refused_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.session_server.simulated_device.HidHand", lambda: HidHand(listing=lambda: []))
+def test_without_such_a_device_it_is_refused_in_one_sentence() -> None:
     with pytest.raises(InputError, match="no six-axis device is attached"):
-        SimulatedDevice(Ring(ticks=64), HID)
+        DeviceSetup(PAPER, Ring(ticks=64), print, HID, real=False, hid=lambda: HidHand(listing=lambda: []))

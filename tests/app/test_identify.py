@@ -8,15 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from synthetic_steps import BENCH, FALLING, RISING, SPEEDS, synthetic_steps, write_steps
 
 from app.cli import main
 from core.brake_file import SHIPPED_FOLDER, BrakeFile, TimeConstant, parse_brake
 from core.errors import InputError
-from experiments.identify.identify import brake_text, identify_steps, summary
-from experiments.identify.least_squares import fit_linear, undetermined
+from experiments.identify.fit import fit_linear, undetermined
+from experiments.identify.identification import identify_steps
+from experiments.identify.identify import brake_text, summary
 from experiments.identify.step_response import steady_torque, time_constant_of_step
 from experiments.identify.steps import Step, mean_step, read_steps
-from experiments.identify.synthetic_steps import BENCH, FALLING, RISING, SPEEDS, synthetic_steps, write_steps
 
 BRAKE = parse_brake((SHIPPED_FOLDER / "mrb-2107-3.toml").read_text(), "brake")
 QUIET = BENCH._replace(noise_N_m=0.0, ripple_N_m=0.0)

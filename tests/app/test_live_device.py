@@ -30,7 +30,7 @@ def test_the_page_is_told_how_the_device_is_and_its_steps_are_done(tmp_path: Pat
 
             def device():
                 seen.look()
-                return seen.pulse.linked if seen.pulse else None
+                return seen.pulse.device if seen.pulse else None
 
             seen.until_stage(m.NO_SESSION)
             wait_until(lambda: device() and device().report)
@@ -70,4 +70,4 @@ def test_a_simulated_device_has_no_steps(tmp_path: Path) -> None:
         seen.bench.send(m.Rig(m.ZERO))
         seen.until(lambda s: s.said_bad and "simulated" in s.said)
         wait_until(lambda: seen.look() or seen.pulse)
-        assert seen.pulse.linked is None
+        assert seen.pulse.device is None

@@ -31,7 +31,7 @@ class OnBench:
     @property
     def linked(self):
         self.seen.look()
-        return self.seen.pulse.linked if self.seen.pulse else None
+        return self.seen.pulse.device if self.seen.pulse else None
 
     def zero(self) -> None:
         """Until it is taken: a machine that is held up loses samples, and the person is asked again."""

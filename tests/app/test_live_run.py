@@ -16,13 +16,14 @@ from app.loop.loop import stopped_trial
 from app.loop.real_time import ROOM
 from app.session_server.loop_process import LoopProcess
 from app.session_server.recorder import Recorder
-from app.session_server.trial_run import TrialRun
+from app.session_server.trial_runner import TrialRun
 from core import tick_log
+from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
 from experiments.trial.person import Person
 from experiments.trial.population import load_population
-from experiments.trial.trial import Trial, new_simulation
+from experiments.trial.trial import Trial
 
 SMALL = ROOM + 200  # ticks
 SOMEBODY = load_population().draw(np.random.default_rng(1))
@@ -88,7 +89,7 @@ def new_one(person: Person | None = None) -> Trial:
     protocol = load_protocol()
     rules = protocol.trial._replace(end_radius_m=1e-9, time_out_s=500.0)
     path, preset = protocol.paths[1], protocol.controllers[1]
-    simulation = new_simulation(protocol.devices[0], (0.0, 0.35), None if person else protocol.mouse.hand())
+    simulation = SimulatedDevice(protocol.devices[0], (0.0, 0.35), None if person else protocol.mouse.hand())
     planned = PlannedTrial(0, 0, "three-brake", 1, 1, 1)
     generator = np.random.default_rng(2)
     return Trial(simulation, planned, path, preset, protocol.rules, rules, person, generator)
@@ -131,7 +132,7 @@ def test_the_start_is_held_by_a_hand_and_not_by_a_handle_that_lies_there(loop) -
     ring, process = loop
     protocol = load_protocol()
     path, preset = protocol.paths[1], protocol.controllers[1]
-    at_start = new_simulation(protocol.devices[0], path.start_m, protocol.mouse.hand())
+    at_start = SimulatedDevice(protocol.devices[0], path.start_m, protocol.mouse.hand())
     rules = protocol.trial._replace(time_out_s=500.0)
     planned = PlannedTrial(0, 0, "three-brake", 1, 1, 1)
     for touched, later in ((False, set()), (True, {tick_log.HOLD, tick_log.MOVE})):
@@ -197,6 +198,5 @@ def test_a_loop_that_has_nothing_to_do_keeps_its_deadlines(loop) -> None:
 
 
 def test_a_trial_that_comes_out_of_the_pipe_needs_no_new_kernel(loop) -> None:
-    arguments = new_one(SOMEBODY).arguments()
-    sent = pickle.loads(pickle.dumps(Run(arguments))).arguments
-    assert [typeof(a) for a in sent] == [typeof(a) for a in stopped_trial()]
+    sent = pickle.loads(pickle.dumps(Run(new_one(SOMEBODY)))).trial.arguments()
+    assert [typeof(a) for a in sent] == [typeof(a) for a in stopped_trial().arguments()]

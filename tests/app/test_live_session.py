@@ -16,7 +16,6 @@ from protocols import PAPER, changed
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup
-from core.control.controllers import NO_CONTROL
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
 from experiments.session.files import kept_sessions
@@ -84,7 +83,7 @@ def test_a_first_try_is_with_a_controller_that_brakes(bench: Window) -> None:
     assert bench.opened.next_participant == "07" and bench.opened.hand == "mouse"
     bench.bench.send(m.Practice())
     tried = bench.touch().running
-    assert bench.opened.controllers[tried.controller].algorithm != NO_CONTROL and tried.block == 0
+    assert bench.opened.controllers[tried.controller].kind != "none" and tried.block == 0
     bench.until_stage(m.NO_SESSION)
     bench.bench.send(m.Start())  # another one
     other = bench.touch().running

@@ -7,17 +7,17 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import pytest
-from linked import LinkedBench
 from played_net_ft import HOST, PlayedSensor
+from real_bench import RealBench
 from simulated_bench import BenchWire, reach
 
 from app.cli import main
 from core import tick_log
 from core.device_file import ForceSensor
-from core.device_interface import LinkError, LinkSample
+from core.device_interface import DeviceError, DeviceSample
 from core.errors import InputError
-from hardware.sensing.net_force_link import NetForceLink, link_to
 from hardware.sensing.net_ft import SILENT_S, NetFT
+from hardware.serial_device import SerialDevice, device_at
 
 pytest.importorskip("pynetft", reason="pynetft is not installed: ATI sensors cannot be read")
 
@@ -41,22 +41,22 @@ def reader(sensor: PlayedSensor) -> Iterator[NetFT]:
 
 
 @pytest.fixture
-def bench(sensor: PlayedSensor, monkeypatch: pytest.MonkeyPatch) -> Iterator[LinkedBench]:
+def bench(sensor: PlayedSensor, monkeypatch: pytest.MonkeyPatch) -> Iterator[RealBench]:
     """A board in simulated time, the sensor in real time beside it, which a busy machine may hold up."""
     monkeypatch.setattr("hardware.sensing.net_ft.SILENT_S", PATIENT_S)
-    bench = LinkedBench()
+    bench = RealBench()
     bench.link.close()
     yield bench
     bench.link.close()
 
 
-def connected(bench: LinkedBench, sensor: PlayedSensor, **mounting) -> NetForceLink:
+def connected(bench: RealBench, sensor: PlayedSensor, **mounting) -> SerialDevice:
     """The bench's own link, with the sensor."""
     device = bench.device
     if mounting:
         device = replace(device, sensing=device.sensing and type(device.sensing)(
             encoders=device.sensing.encoders, force=ForceSensor(**mounting)))  # fmt: skip
-    link = NetForceLink(
+    link = SerialDevice(
         device, "bench", sensor.where, clock=bench.now, open_port=lambda name: BenchWire(bench.board, name)
     )
     reach(link)
@@ -73,9 +73,9 @@ def once(told: Callable[[], bool], within_s: float = PATIENT_S) -> None:
         time.sleep(0.002)
 
 
-def sample_of(link: NetForceLink, counts: int) -> LinkSample:
+def sample_of(link: SerialDevice, counts: int) -> DeviceSample:
     """A sample, once the sensor says so many counts of force along x."""
-    found: list[LinkSample | None] = [None]
+    found: list[DeviceSample | None] = [None]
 
     def come() -> bool:
         found[0] = link.exchange((0.0,) * 4)
@@ -112,7 +112,7 @@ def test_other_units_become_newtons(unit: str, newtons: float, torque_unit: str,
 
 @pytest.mark.parametrize(("on", "turned"), [("handle", 0.5), ("ED", None)])
 def test_the_sensors_force_stands_in_for_the_boards_turned_as_it_is_mounted(
-    bench: LinkedBench, sensor: PlayedSensor, on: str, turned: float | None
+    bench: RealBench, sensor: PlayedSensor, on: str, turned: float | None
 ) -> None:
     link = connected(bench, sensor, on=on, rotation_rad=0.5)
     sensor.counts = (10_000, 0, 0, 0, 0, 0)
@@ -122,12 +122,12 @@ def test_the_sensors_force_stands_in_for_the_boards_turned_as_it_is_mounted(
     assert sample.hand_force == pytest.approx((10 * math.cos(turned), 10 * math.sin(turned)))
 
 
-def test_what_the_sensor_says_at_rest_is_taken_off(bench: LinkedBench, sensor: PlayedSensor) -> None:
+def test_what_the_sensor_says_at_rest_is_taken_off(bench: RealBench, sensor: PlayedSensor) -> None:
     sensor.counts = (4000, -2000, 0, 0, 0, 0)
     link = connected(bench, sensor)
     while not link.zeroed:
         sample_of(link, 40_000)
-        with contextlib.suppress(LinkError):  # this machine held up who plays the sensor
+        with contextlib.suppress(DeviceError):  # this machine held up who plays the sensor
             link.zero()
     assert link.sensing.zero.force_counts == (40_000.0, -20_000.0, 0.0, 0.0, 0.0, 0.0)
     sample = sample_of(link, 40_000)
@@ -135,7 +135,7 @@ def test_what_the_sensor_says_at_rest_is_taken_off(bench: LinkedBench, sensor: P
 
 
 def test_a_sensor_that_falls_silent_ends_the_trial_with_brakes_off_and_serves_again_when_it_is_back(
-    bench: LinkedBench, sensor: PlayedSensor, monkeypatch: pytest.MonkeyPatch
+    bench: RealBench, sensor: PlayedSensor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     link, trial = connected(bench, sensor), bench.trial(2)
     while not any(trial.currents):
@@ -205,10 +205,12 @@ def test_a_host_without_a_name_is_refused() -> None:
         NetFT("")
 
 
-def test_a_link_is_of_a_board_alone_or_with_a_sensor(bench: LinkedBench) -> None:
-    assert type(link_to(bench.device, "/dev/a port")).__name__ == "SerialLink"
-    both = link_to(bench.device, "/dev/a port netft:10.0.0.1")
-    assert isinstance(both, NetForceLink) and both.port == "/dev/a port"
+def test_a_device_is_a_board_alone_or_with_a_sensor(bench: RealBench) -> None:
+    assert "force_sensor" not in device_at(bench.device, "/dev/a port").report()
+    both = device_at(bench.device, "/dev/a port netft::1")
+    assert both.port == "/dev/a port"
+    with pytest.raises(InputError, match="the force sensor at :1 cannot be read"):
+        both.open()
 
 
 def test_closing_stops_the_stream(sensor: PlayedSensor) -> None:

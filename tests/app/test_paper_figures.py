@@ -34,6 +34,7 @@ from experiments.paper_figures.directions import (
 from experiments.paper_figures.release import RELEASE_S, places, release
 from experiments.paper_figures.selection import clearest_choice, five_forces
 from experiments.paper_figures.workspace import sdof_family, workspace_of
+from experiments.recording.atomic_files import write_new_files
 
 DEVICES = {bar.name: bar for bar in (THREE, FOUR)}
 devices = pytest.mark.parametrize("bar", DEVICES.values(), ids=DEVICES)
@@ -285,7 +286,7 @@ def test_the_same_device_gives_the_same_bytes(figures, coarse):
 def test_a_failure_while_writing_leaves_no_file_and_no_folder(tmp_path: Path):
     folder = tmp_path / "a" / "b"
     with pytest.raises(InputError, match="cannot be written"):
-        paper_figures._write(folder, {folder / "one.png": b"1", folder / "missing" / "two.png": b"2"})
+        write_new_files({folder / "one.png": b"1", folder / f"{'two' * 100}.png": b"2"})
     assert not list(tmp_path.iterdir())
 
 
@@ -293,8 +294,8 @@ def test_wrong_input_ends_with_2_and_one_sentence_before_anything_is_drawn(tmp_p
     monkeypatch.setattr(paper_figures, "figure_bytes", lambda *_: pytest.fail("drawn"))
     (tmp_path / "file").write_text("")
     for arguments, says in (
-        (["--out", str(tmp_path / "file")], "is not a folder"),
-        (["--out", str(tmp_path / "file" / "below")], "is not a folder"),
+        (["--out", str(tmp_path / "file")], "cannot be written (file exists)"),
+        (["--out", str(tmp_path / "file" / "below")], "cannot be written (not a directory)"),
         (["--out", str(tmp_path / "new"), "--device", "six-brake"], "unknown device 'six-brake'"),
         ([], "--out"),
     ):

@@ -12,7 +12,7 @@ from screens import Screens, cut_texts, opened_screens, settle
 
 from app.cli import main
 from app.ipc import messages as m
-from app.ipc.messages import Linked
+from app.ipc.messages import DeviceStatus
 from app.session_server.preflight import check_linked, check_loop, check_sensor
 from app.session_server.storage import Storage
 from app.verbs.common import in_words, print_summary
@@ -20,7 +20,7 @@ from app.window import words
 from app.window.painting import theme
 from app.window.plots import BoxPlot, small_energy
 from app.window.results_window import ResultsWindow
-from experiments.analysis.boxplots import MEASURES
+from experiments.analysis.boxplots import DRAWN
 from experiments.analysis.report import sentences
 from experiments.analysis.statistics import Result
 from hardware.serial_port import _reason
@@ -68,7 +68,7 @@ def test_the_loop_is_judged_by_its_last_trial_once_there_is_one() -> None:
 
 
 def test_without_its_board_a_force_sensor_is_not_ready() -> None:
-    there = Linked("four-brake", "B1", homed=True, zeroed=True, force_channels=6)
+    there = DeviceStatus("four-brake", "B1", homed=True, zeroed=True, force_channels=6)
     assert check_sensor(there).state == m.GOOD == check_linked(there, "").state
     gone = there._replace(problem="no sample for 200 ms")
     assert check_sensor(gone).state == m.WAITING and check_linked(gone, "").state == m.BAD
@@ -99,7 +99,7 @@ def test_one_trial_alone_is_a_point_filled_or_open_in_the_results(screens: Scree
     first, second = opened().devices
     alone = [result(next(t for t in PLAN if t.configuration == one.name)) for one in (first, second)]
     alone = [replace(row, controller=2, path_error_m=0.002) for row in alone]
-    plot = BoxPlot(MEASURES[0], [first.name, second.name], {2: "wall"})
+    plot = BoxPlot(DRAWN[0], [first.name, second.name], {2: "wall"})
     plot.show_rows(alone)
     filled, hollow = plot.points.points()
     assert filled.brush().color().name() == theme.CONTROLLER[2].lower() == hollow.pen().color().name()

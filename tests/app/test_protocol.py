@@ -10,7 +10,6 @@ from protocols import PAPER, changed, protocol_of, short
 
 from app.cli import main
 from app.session_server.steps import planned_steps
-from core.control.controllers import NO_CONTROL, PROPORTIONAL, SDOF
 from core.device import SHIPPED_FOLDER
 from core.errors import InputError
 from core.path_file import Arc, Polyline, Segment
@@ -43,7 +42,7 @@ def test_a_file_of_ones_own_needs_little_and_the_rest_has_its_default(tmp_path):
     )
     protocol = load_protocol(tmp_path / "mine.toml")
     assert isinstance(protocol.paths[1], Arc) and isinstance(protocol.paths[7], Polyline)
-    assert [preset[1:] for preset in protocol.controllers.values()] == [(NO_CONTROL, 0, 0), (PROPORTIONAL, 0, 300)]
+    assert [preset[1:] for preset in protocol.controllers.values()] == [("none", ()), ("proportional", (0, 300))]
     assert (protocol.rules, protocol.seed, protocol.blocks, protocol.practice_trials) == ("settled", 1, 1, 0)
     assert protocol.breaks is protocol.cues is None and not protocol.blind and not protocol.paths_assumed
     assert protocol.trial == PAPER.trial and protocol.mouse == PAPER.mouse and protocol.participants == ()
@@ -53,7 +52,7 @@ def test_what_is_asked_for_stands_in_place_of_what_the_file_says():
     protocol = load_protocol(devices=["four-brake"], rules="literal", low_gain=500.0, seed=9)
     assert [device.name for device in protocol.devices] == ["four-brake"]
     assert (protocol.rules, protocol.seed) == ("literal", 9)
-    gains = {number: preset.gain for number, preset in protocol.controllers.items()}
+    gains = {number: preset.value("gain_N_s_m") for number, preset in protocol.controllers.items()}
     assert gains == {1: 0, 2: 0, 3: 0, 4: 10_000, 5: 500}  # the lowest gain alone
     assert "literal rules, low gain 500 N s/m" in protocol.note()
 
@@ -166,7 +165,7 @@ def test_what_is_asked_for_and_cannot_be_is_refused(options):
 
 def test_without_a_proportional_controller_there_is_no_low_gain_to_set():
     text = re.sub(r"\[\[controller\]\].*\s*number = [45]\n(.+\n)+", "", PAPER.text)
-    assert {preset.algorithm for preset in protocol_of(text).controllers.values()} == {NO_CONTROL, SDOF}
+    assert {preset.kind for preset in protocol_of(text).controllers.values()} == {"none", "sdof"}
     with pytest.raises(InputError, match="no low gain"):
         protocol_from_json({**protocol_to_json(PAPER), "text": text, "overrides": {"low_gain": 5.0}}, "mine.toml")
 

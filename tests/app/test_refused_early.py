@@ -18,7 +18,7 @@ from app.session_server.session_progress import SessionProgress
 from core.errors import InputError
 from core.kernel import keep_in_use, remove_unused
 from experiments.protocol import MOST_TRIALS
-from experiments.session.journal import bare_row
+from experiments.session.journal import unmeasured_row
 from experiments.session.session import Session
 from experiments.trial.population import load_population
 
@@ -83,7 +83,7 @@ def test_no_questionnaire_is_put_to_a_simulated_operator(tmp_path):
         session = Session(tmp_path, name, asking, who, sync=False)
         for _ in range(len(session.plan) // len(asking.devices)):
             trial = session.plan[len(session.rows)]
-            session.rows.append(bare_row(session.folder, trial._asdict(), "done"))
+            session.rows.append(unmeasured_row(session.folder, trial._asdict(), "done"))
         asked[name] = SessionProgress(session).asked_block
         session.close()
     assert asked["01"] is None and asked["02"] is not None

@@ -33,7 +33,7 @@ def data(tmp_path_factory):
     session = Session(folder, "02", short(paths=1), sync=False)
     for _ in range(2):
         trial, writer = session.begin(session.next_planned())
-        rows, at = np.empty((20, tick_log.WIDTH)), trial.simulation.state["tip"][0]
+        rows, at = np.empty((20, tick_log.WIDTH)), trial.model.state["tip"][0]
         hand = SyntheticHand(trial.planned.segment, (at[0], at[1]))
         while not trial.finished:
             trial.aim(*hand((at[0], at[1]), tick_log.PHASES.index(trial.phase), 0.02))
@@ -127,16 +127,16 @@ def test_the_play_of_the_backlash_is_where_the_simulated_device_had_it(data):
         rows = np.empty((1, tick_log.WIDTH))
         while trial.phase != "move":
             writer.write(rows[: trial.run(rows)])
-        play = np.array(trial.simulation.state["play"][0])
+        play = np.array(trial.model.state["play"][0])
         while not trial.finished:
             writer.write(rows[: trial.run(rows)])
         session.finish(trial, writer)
         recorded = read_recorded(recordings(data, "77")[0])
-        found, edge = play_after(recorded.recording, recorded.first, trial.simulation.device)
+        found, edge = play_after(recorded.recording, recorded.first, trial.model.device)
     finally:
         session.close()
         shutil.rmtree(data / "sub-77")
-    width = trial.simulation.device.brakes.play
+    width = trial.model.device.brakes.play
     assert np.allclose(found, play, rtol=0.0, atol=1e-6)
     assert np.array_equal(edge[width > 0.0] != 0.0, ((found == 0.0) | (found == width))[width > 0.0])
 

@@ -13,13 +13,13 @@ from fault_cases import Case, Place
 from fault_kinds import START, Fault
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from linked import LinkedBench
 from live import gone, kill, wait_until
 from live_board import board_session
+from real_bench import RealBench
 
-from app.ipc.messages import NotDone, Reset, RunLinked
+from app.ipc.messages import NotDone, Reset, Run
 from app.ipc.ring import Ring
-from app.loop.board_loop import BoardLoop
+from app.loop.loop import Loop
 from core import tick_log
 from hardware.emulated_board.board_watch import Capability
 from hardware.emulated_board.device import HeldHand
@@ -49,9 +49,9 @@ class Told(io.BytesIO):
 class Exit(Case):
     """A loop that lives until an error in the middle of a movement, while currents flow."""
 
-    def __init__(self, place: Place, monkeypatch: pytest.MonkeyPatch, error: type[BaseException]) -> None:
+    def __init__(self, place: Place, error: type[BaseException]) -> None:
         self.error = error
-        super().__init__(place, Fault("error", acts=self.fail), "move", monkeypatch)
+        super().__init__(place, Fault("error", acts=self.fail), "move")
 
     def fail(self, case: Case) -> None:
         assert all(self.board.board.currents)
@@ -67,10 +67,10 @@ class Exit(Case):
         self.bench.pass_time(2)
 
 
-def work(loop: BoardLoop, trial) -> None:
+def work(loop: Loop, trial) -> None:
     """The loop's whole life: this trial, and then the end of its input."""
-    jobs = [RunLinked(trial)]
-    loop._next = lambda: jobs.pop() if jobs else None
+    loop.jobs.put(Run(trial))
+    loop.jobs.put(None)
     read, write = os.pipe()  # a conductor that lives
     try:
         loop.work(open(read, "rb"))  # noqa: SIM115  (it goes with the thread that reads it)
@@ -79,40 +79,35 @@ def work(loop: BoardLoop, trial) -> None:
 
 
 @pytest.mark.parametrize("error", [RuntimeError, MemoryError, KeyboardInterrupt, SystemExit])
-def test_an_exception_in_the_middle_of_a_trial_ends_in_zero_current(
-    error: type[BaseException], place: Place, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    case = Exit(place, monkeypatch, error)
+def test_an_exception_in_the_middle_of_a_trial_ends_in_zero_current(error: type[BaseException], place: Place) -> None:
+    case = Exit(place, error)
     assert case.board.board.currents == (0, 0, 0, 0)
     assert case.board.board.state == State.IDLE, "it said good-bye: no watchdog was needed"
     case.bench.link.close()
 
 
-def test_a_conductor_that_is_gone_when_the_loop_reports_leaves_no_current(
-    place: Place, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bench = LinkedBench(hand=HeldHand(START), device=place.session.devices["four-brake"])
+def test_a_conductor_that_is_gone_when_the_loop_reports_leaves_no_current(place: Place) -> None:
+    bench = RealBench(hand=HeldHand(START), device=place.session.devices["four-brake"])
     answers = Told()
-    loop = BoardLoop(Ring(width=tick_log.BENCH_WIDTH), "bench", answers)
-    loop._link, answers.broken = bench.link, True
-    loop._next = lambda: ...
+    loop = Loop(Ring(width=tick_log.BENCH_WIDTH), "bench", answers)
+    loop.device, answers.broken = bench.link, True
+    read, write = os.pipe()  # a server that sends nothing
     with pytest.raises(BrokenPipeError):
-        loop.work(io.BytesIO())
+        loop.work(open(read, "rb"))  # noqa: SIM115  (it goes with the thread that reads it)
+    os.close(write)
     bench.pass_time(2)
     assert bench.board.board.state == State.IDLE and bench.board.board.currents == (0, 0, 0, 0)
 
 
-def test_a_reset_that_finds_another_board_is_told_and_ends_nothing(
-    place: Place, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_reset_that_finds_another_board_is_told_and_ends_nothing(place: Place) -> None:
     """Its sentence is for the experimenter; the loop goes on, without currents."""
     esc = Fault("Esc", acts=lambda case: case.ring.switch_off("Esc"))
-    case = Case(place, esc, "approach", monkeypatch)
-    case.idle(lambda: bool(case.loop._sample and case.loop._sample.fault))
+    case = Case(place, esc, "approach")
+    case.idle(lambda: bool(case.loop.sample and case.loop.sample.fault))
     case.board.board.capability = Capability(device=b"three-brake")
     case.answers.seek(0)
     case.answers.truncate()
-    case.loop._do(Reset(case.ring.presses))
+    case.loop.do(Reset(case.ring.presses))
     case.answers.seek(0)
     told = case._answer()
     assert isinstance(told, NotDone) and "three-brake" in told.why
@@ -150,7 +145,7 @@ _LINKS: list = []
 def bench_link():
     """One link for many examples."""
     if not _LINKS:
-        _LINKS.append(LinkedBench(hand=HeldHand(START)))
+        _LINKS.append(RealBench(hand=HeldHand(START)))
     return _LINKS[0].link
 
 

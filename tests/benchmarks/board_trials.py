@@ -1,12 +1,11 @@
 """Trials on the simulated device and, tick for tick alike, behind the board's protocol in simulated time.
 
-The chain is the real one: device, sensors, board, frames, link, filter, `LinkedTrial`. What a real board cannot do
+The chain is the real one: device, sensors, board, frames, link, filter, `Trial`. What a real board cannot do
 without (encoder steps, a velocity from positions, a tick on the wire, noise) is switched on one by one, so that a
 difference can be told apart by its cause. No wall clock: a trial takes as long as the machine needs.
 """
 
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -14,22 +13,22 @@ from msgspec.structs import asdict
 
 from app.emulated_operator import EmulatedOperator
 from core import tick_log
-from core.control.controllers import DECISIONS, Preset
+from core.control.controllers import Preset
 from core.device import Device
 from core.device_file import Encoders, Sensing
 from core.path_file import build_path
+from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import Metrics, trial_metrics
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
-from experiments.recording.schema import Recording, column_words, recording_columns
-from experiments.trial.linked_trial import LinkedTrial
+from experiments.recording.schema import recording_of
 from experiments.trial.person import Person
-from experiments.trial.trial import Trial, new_simulation
+from experiments.trial.trial import Trial
 from hardware.emulated_board.board import TICK_US, Board
 from hardware.emulated_board.device import EmulatedDevice
 from hardware.emulated_board.sensors import capability_of, sensing_of
 from hardware.sensing.tip_motion import WINDOW, MotionFilter, Vector
-from hardware.serial_device import SerialLink
+from hardware.serial_device import SerialDevice
 
 LONGEST_TICKS = 120_000
 FINE = 1000  # encoders without steps have so many times the counts
@@ -169,7 +168,7 @@ def on_the_simulated_device(setting: Setting) -> tuple[str, Metrics]:
     """How the trial ends there, and its measures."""
     protocol, planned = setting.protocol, setting.planned
     trial = Trial(
-        new_simulation(setting.device, setting.start), planned, protocol.paths[planned.segment],
+        SimulatedDevice(setting.device, setting.start), planned, protocol.paths[planned.segment],
         setting.preset, protocol.rules, protocol.trial, setting.person, setting.generator(),
     )  # fmt: skip
     rows = np.empty((LONGEST_TICKS, tick_log.WIDTH))
@@ -181,16 +180,16 @@ def on_the_board(setting: Setting, how: Effects) -> tuple[str, Metrics]:
     protocol, planned = setting.protocol, setting.planned
     device = with_counts(setting.device, how.counts)
     path_file = protocol.paths[planned.segment]
-    trial = LinkedTrial(device, planned, path_file, setting.preset, protocol.rules, protocol.trial)
+    trial = Trial(device, planned, path_file, setting.preset, protocol.rules, protocol.trial)
     operator = EmulatedOperator(setting.person, trial.path, setting.start, setting.generator())
     bench = BoardInStep(device, operator, setting.start, how)
-    link = SerialLink(device, bench.name, clock=bench.now, open_port=lambda name: bench)
+    link = SerialDevice(device, bench.name, clock=bench.now, open_port=lambda name: bench)
     link.open()
     link.home(setting.start)
     assert link.sensing is not None
     if how.window != WINDOW:
         link.sensing.motion = QuickMotion(how.window) if how.window else TrueMotion(bench.device)
-    trial.link, trial.clock = link, bench.now
+    trial.connect(link)
     bench.begin()
     rows: list[np.ndarray] = []
     while not trial.finished and bench.ticks < LONGEST_TICKS:
@@ -207,12 +206,6 @@ def with_counts(device: Device, times: float) -> Device:
     return replace(device, sensing=Sensing(encoders=Encoders(**counts), force=force))
 
 
-def measured(trial: Trial | LinkedTrial, rows: np.ndarray) -> tuple[str, Metrics]:
+def measured(trial: Trial, rows: np.ndarray) -> tuple[str, Metrics]:
     """How a trial has ended, and the measures of its rows as a recording of them has."""
-    words = column_words(DECISIONS)
-    columns = {
-        name: rows[:, at].astype(int) if name in words else np.ascontiguousarray(rows[:, at])
-        for name, at in recording_columns(trial.device.braked)
-    }
-    recording = Recording(Path("simulated"), braked=trial.device.braked, columns=columns, words=words)
-    return trial.outcome()["status"], trial_metrics(recording, trial.path)
+    return trial.outcome()["status"], trial_metrics(recording_of(rows, trial.device.braked), trial.path)

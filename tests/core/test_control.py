@@ -9,13 +9,21 @@ from hypothesis import strategies as st
 from protocols import PAPER
 from synthetic_device import CURRENT_MAX, DEVICES, K, brakes_on, gain, random_mass, random_rows, rows
 
+from core.control import algorithm
 from core.control import controllers as control
-from core.control.controllers import DECISIONS, LOCKED, UNREACHABLE, Preset, decide, make_controller, new_memory
+from core.control.algorithm import LOCKED, UNREACHABLE
+from core.control.controllers import ALGORITHMS, DECISIONS, Preset, decide, make_controller
+from core.control.velocity_field import new_memory
 from core.errors import InputError
 from core.path import Path, line, point_at
 
 PRESETS = PAPER.controllers
 law = settings(deadline=None)  # the first call compiles
+USE_SDOF = control.DECISIONS.index("sdof A")
+USE_PROPORTIONAL = control.DECISIONS.index("prop A")
+USE_CAPPED = control.DECISIONS.index("prop A, at normalised force")
+USE_BELOW_DRAG = control.DECISIONS.index("prop A, below off-state drag")
+
 nojit = pytest.mark.nojit
 
 SEGMENT_1 = line((-0.10, 0.40), (0.10, 0.40))
@@ -47,17 +55,18 @@ def random_state(rng: np.random.Generator) -> list[float]:
 @nojit
 def test_the_presets_of_the_papers_protocol_are_table_i():
     assert list(PRESETS) == [1, 2, 3, 4, 5]
-    assert [preset.gap_m for preset in PRESETS.values()] == [0, 0, 0.005, 0, 0]
-    assert [preset.gain for preset in PRESETS.values()] == [0, 0, 0, 10_000, 5]
-    none, sdof, proportional = control.NO_CONTROL, control.SDOF, control.PROPORTIONAL
-    assert [preset.algorithm for preset in PRESETS.values()] == [none, sdof, sdof, proportional, proportional]
+    assert [preset.value("gap_m") for preset in PRESETS.values()] == [0, 0, 0.005, 0, 0]
+    assert [preset.value("gain_N_s_m") for preset in PRESETS.values()] == [0, 0, 0, 10_000, 5]
+    assert [preset.kind for preset in PRESETS.values()] == ["none", "sdof", "sdof", "proportional", "proportional"]
 
 
 @nojit
 @pytest.mark.parametrize("preset", PRESETS.values(), ids=lambda preset: preset.name)
 def test_a_controller_is_its_preset_made_ready_for_a_device_and_a_rule_set(preset):
     made = make_controller(preset, FORCE, "literal")
-    assert made[:4] == (preset.algorithm, preset.gap_m, preset.gain, FORCE)
+    assert list(ALGORITHMS)[made.algorithm] == preset.kind
+    assert made.values[: len(preset.values)] == preset.values and made.force_normalised == FORCE
+    assert made.gap_m == preset.value("gap_m")
     assert made.rules.rest_speed == 0.0 < make_controller(preset, FORCE).rules.rest_speed
 
 
@@ -65,11 +74,11 @@ def test_a_controller_is_its_preset_made_ready_for_a_device_and_a_rule_set(prese
 @pytest.mark.parametrize(
     ("change", "force", "options"),
     [
-        ({"algorithm": 3}, FORCE, {}),
-        ({"gap_m": -0.001}, FORCE, {}),
-        ({"gap_m": math.nan}, FORCE, {}),
-        ({"gain": math.inf}, FORCE, {}),
-        ({"gain": -5.0}, FORCE, {}),
+        ({"kind": "adaptive"}, FORCE, {}),
+        ({"values": (-0.001, 5.0)}, FORCE, {}),
+        ({"values": (math.nan, 5.0)}, FORCE, {}),
+        ({"values": (0.0, math.inf)}, FORCE, {}),
+        ({"values": (0.0, -5.0)}, FORCE, {}),
         ({}, 0.0, {}),
         ({}, math.nan, {}),
         ({}, FORCE, {"rules": "loose"}),
@@ -78,22 +87,22 @@ def test_a_controller_is_its_preset_made_ready_for_a_device_and_a_rule_set(prese
     ],
 )
 def test_a_controller_that_cannot_be_is_refused_in_a_sentence(change, force, options):
-    preset = Preset("mine", control.PROPORTIONAL, 0.0, 5.0)._replace(**change)
+    preset = Preset("mine", "proportional", (0.0, 5.0))._replace(**change)
     with pytest.raises(InputError, match="controller|rules"):
         make_controller(preset, force, **options)
 
 
 @nojit
 def test_each_decision_code_has_one_text_and_the_brake_codes_name_their_brake():
-    assert len(set(DECISIONS)) == len(DECISIONS) == control.USE_BELOW_DRAG + 4
+    assert len(set(DECISIONS)) == len(DECISIONS) == USE_BELOW_DRAG + 4
     assert DECISIONS[0] == "none"
-    for first in (control.USE_SDOF, control.USE_PROPORTIONAL, control.USE_CAPPED, control.USE_BELOW_DRAG):
+    for first in (USE_SDOF, USE_PROPORTIONAL, USE_CAPPED, USE_BELOW_DRAG):
         assert [DECISIONS[first + i].split(",")[0][-1] for i in range(4)] == list("AEBC")
     assert all(DECISIONS[code].startswith("lock") for code in LOCKED)
     assert {text for code, text in enumerate(DECISIONS) if "none selected" in text or "no valid" in text} == {
         DECISIONS[code] for code in UNREACHABLE
     }
-    assert {DECISIONS[code] for code in control.GAP} == {"gap"}
+    assert {DECISIONS[code] for code in algorithm.GAP} == {"gap"}
 
 
 @nojit
@@ -107,16 +116,16 @@ def test_currents_are_those_that_the_decision_names_and_never_beyond_the_brake(s
     assert np.all((current >= 0.0) & (current <= CURRENT_MAX))
     if code in LOCKED:
         assert np.array_equal(current, brakes.current_max)
-    elif code < control.USE_SDOF:
+    elif code < USE_SDOF:
         assert not current.any()
     else:
-        i = (code - control.USE_SDOF) % 4
+        i = (code - USE_SDOF) % 4
         assert "AEBC"[i] in joints
         assert not np.delete(current, i).any(), "one brake at a time"
-        assert (current[i] == 0.0) == (code >= control.USE_BELOW_DRAG or gain(0.0) * np.hypot(*g[i]) >= FORCE)
+        assert (current[i] == 0.0) == (code >= USE_BELOW_DRAG or gain(0.0) * np.hypot(*g[i]) >= FORCE)
         force = gain(current[i]) * np.hypot(*g[i])
         assert force <= max(FORCE, gain(0.0) * np.hypot(*g[i])) * (1 + 1e-9), "the off-state drag is not commanded"
-        if code < control.USE_PROPORTIONAL or code >= control.USE_CAPPED and current[i] > 0.0:
+        if code < USE_PROPORTIONAL or code >= USE_CAPPED and current[i] > 0.0:
             assert force == pytest.approx(min(FORCE, gain(CURRENT_MAX) * np.hypot(*g[i])))
 
 
@@ -126,7 +135,7 @@ def test_currents_are_those_that_the_decision_names_and_never_beyond_the_brake(s
 def test_controller_1_never_asks_for_current(seed):
     rng = np.random.default_rng(seed)
     code, current = decision(make_controller(PRESETS[1], FORCE), SEGMENT_1, *random_state(rng), random_rows(rng))
-    assert (code, current.any()) == (control.NONE, False)
+    assert (code, current.any()) == (algorithm.NONE, False)
 
 
 @nojit
@@ -137,7 +146,7 @@ def test_inside_the_gap_nothing_is_controlled_and_outside_the_gap_changes_nothin
     g, (x, _, *state) = random_rows(rng), random_state(rng)
     code, current = decision(make_controller(PRESETS[3], FORCE), SEGMENT_1, x, 0.4 + distance, *state, g)
     if abs(0.4 + distance - 0.4) < 0.005:
-        assert (code, current.any()) == (control.IN_GAP, False)
+        assert (code, current.any()) == (algorithm.IN_GAP, False)
     else:
         without = decision(make_controller(PRESETS[2], FORCE), SEGMENT_1, x, 0.4 + distance, *state, g)
         assert code == without[0] and np.array_equal(current, without[1])
@@ -149,9 +158,9 @@ def test_without_a_valid_sdof_path_an_outward_push_is_locked_and_any_other_relea
     g = np.tile([3.0, -3.0], (4, 1))  # left of a path along +x all SDOF paths lead up to the right: none valid
     controller, three = make_controller(PRESETS[2], FORCE, rules), brakes_on("AEB")
     code, current = decision(controller, SEGMENT_1, 0, 0.42, 0, 0, 4, 6, g, brakes=three)
-    assert (code, current.tolist()) == (control.LOCK_NO_VALID, [1, 1, 1, 0])
+    assert (code, current.tolist()) == (algorithm.LOCK_NO_VALID, [1, 1, 1, 0])
     code, current = decision(controller, SEGMENT_1, 0, 0.42, 0, 0, 4, -6, g, brakes=three)
-    assert (code, current.tolist()) == (control.RELEASE_NO_VALID, [0, 0, 0, 0])
+    assert (code, current.tolist()) == (algorithm.RELEASE_NO_VALID, [0, 0, 0, 0])
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -167,21 +176,21 @@ def test_on_the_segments_some_brake_always_has_a_valid_sdof_path(device, path):
                 push = (5 * sense * tx, 5 * sense * ty)
                 code, _ = decision(controller, path, x, y, 0, 0, *push, rows(device, x, y), brakes=brakes)
                 used.add(code)
-    assert min(used) >= control.USE_SDOF and len(used) >= 2
+    assert min(used) >= USE_SDOF and len(used) >= 2
 
 
 def test_5_newton_seconds_per_metre_ask_for_less_than_the_drag_and_so_for_no_current():
     selected = {5.0: [], 500.0: []}
     for low_gain, currents in selected.items():
-        controller = make_controller(PRESETS[5]._replace(gain=low_gain), FORCE)
+        controller = make_controller(PRESETS[5].replaced("gain_N_s_m", low_gain), FORCE)
         for turn in np.linspace(-1.2, 1.2, 25):
             for speed in (0.05, 0.1, 0.2):
                 v = speed * math.cos(turn), speed * math.sin(turn)
                 g = rows("three-brake", 0.02, 0.41)
                 code, current = decision(controller, SEGMENT_1, 0.02, 0.41, *v, 5, 0, g, brakes=brakes_on("AEB"))
-                if code >= control.USE_PROPORTIONAL:
+                if code >= USE_PROPORTIONAL:
                     currents.append(current.max())
-                    assert (code >= control.USE_BELOW_DRAG) == (current.max() == 0.0)
+                    assert (code >= USE_BELOW_DRAG) == (current.max() == 0.0)
     assert len(selected[5.0]) > 20 and max(selected[5.0]) == 0.0
     assert max(selected[500.0]) > 0.1
     assert 5.0 * 0.2 / math.hypot(*g[0]) < K[1], "the reason: the torque asked for is below k_2"
@@ -204,7 +213,7 @@ def test_the_mirror_image_of_device_path_and_hand_gets_the_mirrored_decision(see
         (g * [-1.0, 1.0] * rng.choice([-1.0, 1.0], (4, 1)))[swap],  # the sense in which a joint counts is free
         mass * [1.0, -1.0, 1.0],
     )
-    expected = code if code < control.USE_SDOF else code - (code - 10) % 4 + swap[(code - 10) % 4]
+    expected = code if code < USE_SDOF else code - (code - 10) % 4 + swap[(code - 10) % 4]
     assert mirrored[0] == expected
     assert mirrored[1][swap] == pytest.approx(current, abs=1e-12)
 
@@ -235,7 +244,7 @@ def test_input_that_is_not_finite_releases_all_brakes_and_is_forgotten(number, w
         state, memory = [0.0, 0.42, 0.1, 0.0, 5.0, 5.0], np.array([-1.0, 1.0])
         state[place] = wrong
         code, current = decision(controller, SEGMENT_1, *state, g, memory=memory)
-        assert (code, current.any(), memory.tolist()) == (control.NOT_FINITE, False, [-1.0, 1.0])
+        assert (code, current.any(), memory.tolist()) == (algorithm.NOT_FINITE, False, [-1.0, 1.0])
 
 
 @nojit
@@ -247,5 +256,5 @@ def test_high_gain_means_the_normalised_force_from_2_mm_s_of_undesired_velocity_
     v_across = factor * FORCE / 10_000.0
     assume(abs(factor - 1.0) > 1e-6)
     code, _ = decision(make_controller(PRESETS[4], FORCE, "literal"), SEGMENT_1, 0, 0.4, 0.1, v_across, 5, 0, g)
-    if code >= control.USE_PROPORTIONAL and code < control.USE_BELOW_DRAG:
-        assert (code >= control.USE_CAPPED) == (factor > 1.0)
+    if code >= USE_PROPORTIONAL and code < USE_BELOW_DRAG:
+        assert (code >= USE_CAPPED) == (factor > 1.0)

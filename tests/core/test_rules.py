@@ -12,12 +12,17 @@ from hypothesis import strategies as st
 from protocols import PAPER
 from synthetic_device import DEVICES, brakes_on, random_mass, random_rows, rows
 
+from core.control import algorithm
 from core.control import controllers as control
-from core.control.controllers import LOCKED, decide, make_controller, new_memory, pushes_away
+from core.control.algorithm import LOCKED, pushes_away
+from core.control.controllers import decide, make_controller
 from core.control.rule_sets import LITERAL, RULE_SETS, SETTLED, rule_set
-from core.control.velocity_field import Field
+from core.control.velocity_field import Field, new_memory
 from core.errors import InputError
 from core.path import line
+
+USE_PROPORTIONAL = control.DECISIONS.index("prop A")
+USE_CAPPED = control.DECISIONS.index("prop A, at normalised force")
 
 pytestmark = pytest.mark.nojit
 PRESETS = PAPER.controllers
@@ -52,7 +57,7 @@ def test_literally_a_tip_at_rest_has_no_candidate_and_the_slightest_outward_push
     f = (force * math.cos(push), force * math.sin(push))
     assume(f[1] != 0.0)
     code, _ = decision(make_controller(PRESETS[4], FORCE, "literal"), 0.0, 0.4 + distance, (0, 0), f)
-    assert code == (control.LOCK_NONE_SELECTED if f[1] > 0.0 else control.RELEASE_NONE_SELECTED)
+    assert code == (algorithm.LOCK_NONE_SELECTED if f[1] > 0.0 else algorithm.RELEASE_NONE_SELECTED)
 
 
 @law
@@ -63,7 +68,7 @@ def test_settled_1_at_rest_the_impending_motion_decides_whatever_the_velocity_no
     f = force * np.array([math.cos(push), math.sin(push)])
     start = np.linalg.solve([[mass[0], mass[1]], [mass[1], mass[2]]], f)
     begun = (0.002 + 1e-12) * start / np.linalg.norm(start)
-    for preset in (PRESETS[4], PRESETS[5]._replace(gain=500.0)):
+    for preset in (PRESETS[4], PRESETS[5].replaced("gain_N_s_m", 500.0)):
         controller = make_controller(preset, FORCE)
         at_rest = decision(controller, 0.0, 0.42, (0, 0), f, g, mass)
         noisy = decision(controller, 0.0, 0.42, (noise * math.cos(way), noise * math.sin(way)), f, g, mass)
@@ -76,7 +81,7 @@ def test_settled_1_at_rest_the_impending_motion_decides_whatever_the_velocity_no
 @pytest.mark.parametrize(("force", "felt"), [(0.49, False), (0.51, True)])
 def test_settled_1_a_hand_is_felt_above_half_a_newton(force, felt):
     code, _ = decision(make_controller(PRESETS[4], FORCE), 0.0, 0.42, (0.0, 0.0), (force, 0.0))
-    assert (code >= control.USE_PROPORTIONAL) == felt
+    assert (code >= USE_PROPORTIONAL) == felt
 
 
 def test_settled_1_a_hand_along_the_path_starts_where_literally_it_stays_locked():
@@ -84,7 +89,7 @@ def test_settled_1_a_hand_along_the_path_starts_where_literally_it_stays_locked(
     code, current = decision(make_controller(PRESETS[4], FORCE, "literal"), 0.0, 0.402, (0, 0), f)
     assert code in LOCKED and current[[0, 1, 2]].tolist() == [1, 1, 1]
     code, current = decision(make_controller(PRESETS[4], FORCE), 0.0, 0.402, (0, 0), f)
-    assert code >= control.USE_PROPORTIONAL and np.count_nonzero(current) <= 1
+    assert code >= USE_PROPORTIONAL and np.count_nonzero(current) <= 1
 
 
 @law
@@ -111,8 +116,8 @@ def test_settled_2_without_a_felt_hand_a_stuck_joint_is_no_candidate_and_literal
         for noise in (1e-9, -1e-9):
             controller = make_controller(PRESETS[4], FORCE, rules)
             seen.add(decision(controller, 0.01, 0.42, v + noise * g[0], (0.3, 0), only_a)[0])
-    assert codes["settled"] == {control.RELEASE_NONE_SELECTED}
-    assert codes["literal"] > {control.RELEASE_NONE_SELECTED}, "one of the two senses of noise picks brake A"
+    assert codes["settled"] == {algorithm.RELEASE_NONE_SELECTED}
+    assert codes["literal"] > {algorithm.RELEASE_NONE_SELECTED}, "one of the two senses of noise picks brake A"
 
 
 @law
@@ -147,13 +152,13 @@ def test_the_proportional_controller_locks_if_no_brake_helps_an_outward_push_or_
     none = np.zeros((4, 2))
     for rules in RULE_SETS:
         for v, f, g, expected in [
-            (out_ahead, (1, 5), helps, control.USE_CAPPED),  # a brake that helps is used, not the lock
-            (out_ahead, (1, 5), none, control.LOCK_NONE_SELECTED),
-            (out_ahead, (1, -5), none, control.RELEASE_NONE_SELECTED),
-            (out_back, (1, 5), helps, control.LOCK_BACK),
-            (out_back, (1, 5), none, control.LOCK_NONE_SELECTED),
-            (in_back, (1, -5), none, control.LOCK_BACK_NONE_SELECTED),
-            (in_ahead, (1, -5), none, control.RELEASE_NONE_SELECTED),
+            (out_ahead, (1, 5), helps, USE_CAPPED),  # a brake that helps is used, not the lock
+            (out_ahead, (1, 5), none, algorithm.LOCK_NONE_SELECTED),
+            (out_ahead, (1, -5), none, algorithm.RELEASE_NONE_SELECTED),
+            (out_back, (1, 5), helps, algorithm.LOCK_BACK),
+            (out_back, (1, 5), none, algorithm.LOCK_NONE_SELECTED),
+            (in_back, (1, -5), none, algorithm.LOCK_BACK_NONE_SELECTED),
+            (in_ahead, (1, -5), none, algorithm.RELEASE_NONE_SELECTED),
         ]:
             code, _ = decision(make_controller(PRESETS[4], FORCE, rules), 0.0, 0.4001, v, f, g)
             assert control.DECISIONS[code] == control.DECISIONS[expected], (rules, v, f)
@@ -163,7 +168,7 @@ def test_settled_5_moving_back_locks_only_beyond_5_mm_s_and_four_times_the_veloc
     def locked(speed, rules="settled", noise=0.0):
         controller = make_controller(PRESETS[4], FORCE, rules, velocity_noise=noise)
         code, current = decision(controller, 0.0, 0.4, (-speed, 0.0), (3.0, 0.0))
-        assert (code in {control.LOCK_BACK, control.LOCK_BACK_NONE_SELECTED}) == (current[[0, 1, 2]].min() == 1.0)
+        assert (code in {algorithm.LOCK_BACK, algorithm.LOCK_BACK_NONE_SELECTED}) == (current[[0, 1, 2]].min() == 1.0)
         return code in LOCKED
 
     assert [locked(s) for s in (0.0049, 0.0051)] == [False, True]
@@ -192,8 +197,8 @@ def test_settled_6_on_the_path_outward_is_the_side_the_tip_came_from(rules):
         g_invalid = np.tile([3.0, -outward * 3.0], (4, 1))  # all paths lead outward or back: none is valid
         decision(controller, 0.0, y_before, (0, 0), (5, 0), g_invalid, memory=memory)
         away = decision(controller, 0.0, 0.4, (0, 0), (2, 5 * outward), g_invalid, memory=memory)
-        assert away[0] == control.LOCK_NO_VALID
+        assert away[0] == algorithm.LOCK_NO_VALID
         towards = decision(controller, 0.0, 0.4, (0, 0), (2, -5 * outward), g_invalid, memory=memory)
-        assert towards[0] == control.RELEASE_NO_VALID
+        assert towards[0] == algorithm.RELEASE_NO_VALID
     fresh = decision(controller, 0.0, 0.4, (0, 0), (2, 5), np.tile([3.0, -3.0], (4, 1)))
-    assert fresh[0] == control.LOCK_NO_VALID, "at first the tip counts as left of t"
+    assert fresh[0] == algorithm.LOCK_NO_VALID, "at first the tip counts as left of t"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from matplotlib.cbook import boxplot_stats
 
 from core.errors import InputError
-from experiments.analysis.boxplots import MEASURES, Box, box_statistics, boxes, draw_boxplots
+from experiments.analysis.boxplots import DRAWN, Box, box_statistics, boxes, draw_boxplots
 from experiments.analysis.trials_table import TrialRow
 
 NOTE = "Settled rules, low gain 5 N s/m, parameters assumed."
@@ -109,8 +109,8 @@ def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_ti
 def test_every_figure_says_what_it_shows_and_with_what_it_was_made(tmp_path):
     """matplotlib leaves each text beside its outlines in the SVG, as a comment."""
     rows = study()
-    draw_boxplots(rows, tmp_path / "even", NOTE, measures=MEASURES[:1])
-    draw_boxplots(rows[1:], tmp_path / "uneven", NOTE, measures=MEASURES[:1])
+    draw_boxplots(rows, tmp_path / "even", NOTE, metrics=DRAWN[:1])
+    draw_boxplots(rows[1:], tmp_path / "uneven", NOTE, metrics=DRAWN[:1])
     for folder, trials in (("even", "18 trials a box"), ("uneven", "Under each box")):
         text = " ".join(re.findall(r"<!-- (.*?) -->", (tmp_path / folder / "fig16_path_error.svg").read_text()))
         for words in (trials, "'linear'", "1.5 box lengths", "Path error (mm)", NOTE, "three-brake", "four-brake"):
@@ -125,4 +125,4 @@ def test_nothing_to_draw_is_said_before_a_file_is_written(tmp_path):
 
 def test_a_measure_without_a_single_value_is_drawn_empty(tmp_path):
     rows = [replace(row, mean_tip_force_N=None) for row in study(participants=1)]
-    assert len(draw_boxplots(rows, tmp_path, NOTE, measures=MEASURES[1:2])) == 4
+    assert len(draw_boxplots(rows, tmp_path, NOTE, metrics=DRAWN[1:2])) == 4

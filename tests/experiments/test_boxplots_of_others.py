@@ -5,7 +5,7 @@ import re
 import pytest
 from matplotlib.figure import Figure
 
-from experiments.analysis.boxplots import MEASURES, _draw, draw_boxplots
+from experiments.analysis.boxplots import DRAWN, _draw, draw_boxplots
 from experiments.analysis.figures import CONTROLLER_LABELS
 from experiments.analysis.trials_table import TrialRow
 from experiments.protocol import label
@@ -37,7 +37,7 @@ def drawn(rows: list[TrialRow], labels: dict) -> Figure:
         import tempfile
 
         with tempfile.TemporaryDirectory() as folder:
-            draw_boxplots(rows, folder, "a note", BOTH, MEASURES[:1], labels)
+            draw_boxplots(rows, folder, "a note", BOTH, DRAWN[:1], labels)
     return figures[0]
 
 
@@ -63,7 +63,7 @@ def test_one_trial_is_a_square_filled_or_open_as_the_legend_says() -> None:
 @pytest.mark.parametrize(("protocol", "first"), [("paper", "fig16_path_error"), ("mine", "path_error")])
 def test_only_the_papers_own_figures_have_its_figures_numbers(tmp_path, protocol: str, first: str) -> None:
     written = draw_boxplots(
-        trials(1), tmp_path / "out", "a note", BOTH, MEASURES[:1], CONTROLLER_LABELS, protocol=protocol
+        trials(1), tmp_path / "out", "a note", BOTH, DRAWN[:1], CONTROLLER_LABELS, protocol=protocol
     )
     assert {path.stem for path in written} == {first, "boxplots"}
     assert bool(re.match("fig", first)) == (protocol == "paper")

@@ -10,10 +10,19 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from core.errors import InputError
-from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, answer, findings
+from experiments.analysis.findings import (
+    AT_MOST,
+    BELOW,
+    CANNOT_TELL,
+    FAILS,
+    HOLDS,
+    SIMILAR,
+    STATEMENTS,
+    answer,
+    findings,
+)
 from experiments.analysis.participants import LEAST_PEOPLE, Interval, mean_interval, median_interval, spreads
 from experiments.analysis.report import side_by_side, write_report
-from experiments.analysis.statements import AT_MOST, BELOW, SIMILAR, STATEMENTS
 from experiments.analysis.trials_table import TrialRow
 
 DEVICES = ("three-brake", "four-brake")

@@ -8,15 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core import tick_log
+from core.control import algorithm
 from core.control import controllers as control
 from core.errors import InputError
 from core.path import line, point_at
 from core.path_file import Arc, Polyline, build_path
 from experiments.analysis import metrics as m
+from experiments.analysis.sensitivity import DEFINITIONS
 from experiments.analysis.trials_table import COLUMNS
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording, column_words, recording_columns
 from experiments.recording.writer import RecordingWriter
+
+USE_SDOF = control.DECISIONS.index("sdof A")
 
 START, END = (-0.1, 0.4), (0.1, 0.4)
 PATH = line(START, END)
@@ -50,10 +54,16 @@ def measured(recording, path=PATH):
     return m.trial_metrics(recording, path)
 
 
-def test_names_are_those_of_the_trials_table():
-    first = COLUMNS.index("path_error_m")
-    assert m.Metrics._fields == COLUMNS[first : first + len(m.Metrics._fields)]
-    assert COLUMNS[first + len(m.Metrics._fields)] == "recording"
+def test_what_each_figure_shows_is_the_definition_of_one_thing():
+    drawn = [metric for metric in m.METRICS if metric.figure]
+    assert [metric.stands_for for metric in drawn] == ["accuracy", "force", "smoothness"]
+    assert [metric.name for metric in drawn] == [names[0] for names in DEFINITIONS.values()]
+    assert all(metric.compared for metric in drawn)
+
+
+def test_each_measure_has_its_column_of_the_trials_table_later_ones_at_the_end():
+    first, recorded = COLUMNS.index("path_error_m"), COLUMNS.index("recording")
+    assert (*COLUMNS[first:recorded], *COLUMNS[recorded + 3 :]) == m.Metrics._fields
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -188,17 +198,17 @@ def test_switches_are_changes_of_the_set_of_actuated_brakes_per_second():
 
 
 def test_unreachable_share_counts_felt_ticks_without_a_brake_and_leaves_the_gap_out():
-    decision = np.full(5200, control.USE_SDOF)
-    decision[1100:2100] = control.IN_GAP  # 1000 of 4000 ticks of move: not counted
-    decision[2100:2400] = control.RELEASE_NO_VALID
-    decision[2400:2700] = control.LOCK_NO_VALID
+    decision = np.full(5200, USE_SDOF)
+    decision[1100:2100] = algorithm.IN_GAP  # 1000 of 4000 ticks of move: not counted
+    decision[2100:2400] = algorithm.RELEASE_NO_VALID
+    decision[2400:2700] = algorithm.LOCK_NO_VALID
     force = np.full(5200, 5.0)
     force[2100:2200] = 0.4  # a hand that is not felt
     recording = hand_made(DECISION=decision, HAND_FX=force)
     assert measured(recording).unreachable_share == 500 / 3000
-    uncontrolled = hand_made(DECISION=control.NONE, HAND_FX=5.0)
+    uncontrolled = hand_made(DECISION=algorithm.NONE, HAND_FX=5.0)
     assert measured(uncontrolled).unreachable_share is None
-    all_gap = hand_made(DECISION=control.IN_GAP, HAND_FX=5.0)
+    all_gap = hand_made(DECISION=algorithm.IN_GAP, HAND_FX=5.0)
     assert measured(all_gap).unreachable_share is None
 
 
@@ -222,7 +232,7 @@ def test_without_progress_the_measures_of_the_movement_are_empty_and_never_zero(
 def test_a_trial_that_never_came_to_move_has_no_measures():
     recording = hand_made()
     recording.columns["phase"][:] = tick_log.HOLD
-    assert measured(recording) == m.NO_METRICS == (None,) * 12
+    assert measured(recording) == m.NO_METRICS == (None,) * len(m.METRICS)
 
 
 @pytest.mark.parametrize("name", ["tip_x_m", "hand_fy_N", "current_E_A", "tip_vx_m_s"])

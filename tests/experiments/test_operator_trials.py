@@ -9,10 +9,11 @@ from core.device import load_device
 from core.path import measure
 from core.path_file import Arc, Polyline, Segment, build_path
 from core.simulator.hand import grip_force
+from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
 from experiments.trial.person import Person, noiseless
 from experiments.trial.population import load_population
-from experiments.trial.trial import Trial, new_simulation
+from experiments.trial.trial import Trial
 
 DEVICES = {name: load_device(name) for name in ("three-brake", "four-brake")}
 AVERAGE = load_population()
@@ -26,7 +27,7 @@ def somebody(seed: int, **changes: float) -> Person:
 
 
 def new_trial(person, number=1, path=FLAT, seed=3, device="three-brake", simulation=None):
-    simulation = simulation or new_simulation(DEVICES[device], (0.0, 0.38))
+    simulation = simulation or SimulatedDevice(DEVICES[device], (0.0, 0.38))
     return Trial(
         simulation, PlannedTrial(1, 1, device, number, 1, 1), path, PAPER.controllers[number], "settled",
         person=person, generator=np.random.default_rng(seed),
@@ -105,7 +106,7 @@ def test_unaided_people_err_push_and_move_within_the_ranges_they_are_set_to():
 def test_steady_people_reach_the_end_whatever_the_controller(name):
     steady = load_population("steady")
     for seed in range(3):
-        person, simulation = steady.draw(np.random.default_rng(seed)), new_simulation(DEVICES[name], (0.0, 0.38))
+        person, simulation = steady.draw(np.random.default_rng(seed)), SimulatedDevice(DEVICES[name], (0.0, 0.38))
         for path in PAPER.paths.values():
             for number in PAPER.controllers:
                 trial, _ = one_trial(person, number, path, seed=seed, device=name, simulation=simulation)
@@ -131,7 +132,7 @@ def test_the_mass_of_the_arm_is_on_the_hands_side_of_the_force_sensor():
     person = somebody(8)
     trial = new_trial(person)
     tick, taken, seen = np.zeros((1, tick_log.WIDTH)), 0.0, 0
-    grip = trial.simulation.hand.grips[0]
+    grip = trial.model.hand.grips[0]
     while not trial.finished and trial.ticks < 3000:
         trial.run(tick)
         at = tick[0]
@@ -165,7 +166,7 @@ def test_an_operator_whose_trial_is_stopped_leaves_the_virtual_hand_where_it_is(
 
 
 def test_a_hand_force_that_is_not_finite_ends_the_trial_with_brakes_off():
-    simulation = new_simulation(DEVICES["three-brake"], (0.0, 0.38))
+    simulation = SimulatedDevice(DEVICES["three-brake"], (0.0, 0.38))
     trial = Trial(simulation, PlannedTrial(1, 1, "three-brake", 2, 1, 1), FLAT, PAPER.controllers[2], "settled")
     trial.aim(float("nan"), 0.4)
     rows = np.zeros((1000, tick_log.WIDTH))

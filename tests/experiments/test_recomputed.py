@@ -12,7 +12,7 @@ import pytest
 from scipy import signal
 from sessions import session_of
 
-from experiments.analysis.boxplots import MEASURES, boxes
+from experiments.analysis.boxplots import DRAWN, boxes
 from experiments.export.export import export
 from experiments.session.files import write_pooled_table
 
@@ -120,15 +120,15 @@ def test_every_trial_of_a_box_has_the_measure_that_its_ticks_give(tables, column
         assert again(*movement(out, trial)) == pytest.approx(float(trial[column]), rel=rounding), trial["recording"]
 
 
-@pytest.mark.parametrize("measure", MEASURES, ids=lambda measure: measure.column)
+@pytest.mark.parametrize("measure", DRAWN, ids=lambda measure: measure.name)
 def test_every_box_is_what_the_table_gives(tables, measure):
     rows, out = tables
-    drawn = boxes(rows, measure.column, ("three-brake", "four-brake"), measure.scale)
+    drawn = boxes(rows, measure.name, ("three-brake", "four-brake"), measure.scale)
     groups = {}
     for trial in read_csv(out / "trials.csv"):
-        if trial["status"] in ("done", "timeout") and trial[measure.column]:
+        if trial["status"] in ("done", "timeout") and trial[measure.name]:
             key = int(trial["controller"]), trial["configuration"]
-            groups.setdefault(key, []).append(measure.scale * float(trial[measure.column]))
+            groups.setdefault(key, []).append(measure.scale * float(trial[measure.name]))
     assert set(drawn) == set(groups) and len(groups) == 10
     for key, values in groups.items():
         median, q1, q3, low, high, outliers = box(values)

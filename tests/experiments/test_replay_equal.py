@@ -15,12 +15,12 @@ from synthetic_hand import SyntheticHand
 
 from app.cli import main
 from core import tick_log
+from core.simulator.simulated_device import SimulatedDevice, ledger_warnings
+from core.tick_log import ARM_COLUMNS
 from experiments.recording.reader import read_recording
-from experiments.recording.schema import ARM_COLUMNS
 from experiments.recording.writer import save_as_parquet
 from experiments.session.session import Session
 from experiments.study.replay import OTHER_VERSION, replay
-from experiments.trial.trial import ledger_warnings, new_simulation
 
 NEAR_M = 1e-5  # a replay that has to do without the trial's start: yields of the trial before had not quite gone
 BENT = 'kind = "polyline"\npoints_m = [[-0.10, 0.40], [0.0, 0.43], [0.10, 0.40]]'
@@ -50,7 +50,7 @@ def by_hand(tmp_path_factory):
     session = Session(folder, "02", short(paths=1, practice_trials="1"), sync=False)
     for _ in range(2):
         trial, writer = session.begin(session.next_planned())
-        rows, at = np.empty((20, tick_log.WIDTH)), trial.simulation.state["tip"][0]
+        rows, at = np.empty((20, tick_log.WIDTH)), trial.model.state["tip"][0]
         hand = SyntheticHand(1, (at[0], at[1]))
         while not trial.finished:
             trial.aim(*hand((at[0], at[1]), tick_log.PHASES.index(trial.phase), 0.02))
@@ -80,7 +80,7 @@ def push_through_a_trial(session):
     grip = session.simulation(planned.configuration).hand.grips
     grip["spring"][0], grip["stiffness"][0], grip["damping"][0] = 1, 0.0, 0.0
     trial, writer = session.begin(planned)
-    tip, rows = trial.simulation.state["tip"][0], np.empty((1, tick_log.WIDTH))
+    tip, rows = trial.model.state["tip"][0], np.empty((1, tick_log.WIDTH))
     while not trial.finished:
         x, y = (trial.path.x0, trial.path.y0) if trial.phase in ("approach", "hold") else (trial.path.x1, trial.path.y1)
         grip["held"][0] = np.clip(3000.0 * (np.array((x, y)) - tip[:2]) - 80.0 * tip[2:], -15.0, 15.0)
@@ -178,7 +178,7 @@ def test_a_decision_that_does_not_follow_from_what_is_recorded_is_counted(sessio
 
 
 def as_an_earlier_version_had_it(recording):
-    later = {"sensed_fx_N", "sensed_fy_N", *(name for name, _ in ARM_COLUMNS)}
+    later = {"sensed_fx_N", "sensed_fy_N", *ARM_COLUMNS}
     columns = {name: column for name, column in recording.columns.items() if name not in later}
     metadata = {name: value for name, value in recording.metadata.items() if name != "start"}
     return replace(recording, columns=columns, metadata=metadata)
@@ -206,7 +206,7 @@ def test_a_ledger_that_contradicts_the_motion_is_said_by_recording_verify_and_re
     session = new_session(tmp_path, protocol=short(paths=1))
     trial, writer = session.begin(session.next_planned())
     run(trial, writer)
-    trial.simulation.state["work_hand"][0] += 1.0
+    trial.model.state["work_hand"][0] += 1.0
     session.finish(trial, writer)
     session.close()
     [path] = recordings(tmp_path)
@@ -221,7 +221,7 @@ def test_a_ledger_that_contradicts_the_motion_is_said_by_recording_verify_and_re
 
 
 def test_energy_from_a_brake_is_a_doubt_whatever_else_the_ledger_says():
-    before = new_simulation(PAPER.devices[0], (0.05, 0.40)).ledger()
+    before = SimulatedDevice(PAPER.devices[0], (0.05, 0.40)).ledger()
     assert ledger_warnings(before, before) == []
     [doubt] = ledger_warnings(before, replace(before, added_by_brakes=2e-9))
     assert "a brake added 2e-09 J" in doubt

@@ -5,11 +5,14 @@ import pytest
 from protocols import PAPER
 
 from core import tick_log
-from core.control.controllers import LOCKED, make_controller, new_memory
+from core.control.algorithm import LOCKED
+from core.control.controllers import make_controller
+from core.control.velocity_field import new_memory
 from core.device import load_device
 from core.path import nearest, point_at
 from core.path_file import build_path
 from core.simulator.hand import new_hand
+from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
 from core.simulator.state import new_record
 from experiments.plan import PlannedTrial
@@ -18,7 +21,7 @@ from experiments.trial.operator import OPERATOR
 from experiments.trial.person import noiseless
 from experiments.trial.population import load_population
 from experiments.trial.tick import new_run, run_ticks
-from experiments.trial.trial import Trial, new_simulation
+from experiments.trial.trial import Trial
 
 DEVICES = {name: load_device(name) for name in ("three-brake", "four-brake")}
 SPEED_AT_REST = 0.005  # m/s
@@ -100,7 +103,7 @@ def test_the_noiseless_operator_finishes_every_trial_under_the_settled_rules(nam
     rows = np.zeros((80_000, tick_log.WIDTH))
     for seed in range(4):
         person = noiseless(load_population().draw(np.random.default_rng(seed)))
-        simulation = new_simulation(device, (0.0, 0.38))
+        simulation = SimulatedDevice(device, (0.0, 0.38))
         for number, path in enumerate(path for place, path in PLACES if place == name):
             for controller, preset in PAPER.controllers.items():
                 planned = PlannedTrial(1, 1, name, controller, number, 1)

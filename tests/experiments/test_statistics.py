@@ -18,7 +18,6 @@ from experiments.analysis.report import sentences, write_report
 from experiments.analysis.sensitivity import (
     SMOOTHNESS,
     Smoothness,
-    acceleration,
     dft_sum,
     of_recording,
     sensitivity,
@@ -290,7 +289,7 @@ def test_smoothness_by_other_definitions_starts_from_the_metrics_own(tmp_path):
     tip = rows[:, [tick_log.TIP_X, tick_log.TIP_Y]]
     move = (t > 0.1) & (t < 1.1)
     own = acceleration_dft_sum(tip_acceleration(tip)[move])
-    assert dft_sum(acceleration(tip, 20.0)[move], Smoothness()) == pytest.approx(own, rel=1e-9)
+    assert dft_sum(tip, move, Smoothness()) == pytest.approx(own, rel=1e-9)
     trial = replace(study(people=1)[0], controller=1, recording=path.name, acceleration_dft_sum=own)
     found = of_recording(tmp_path)(trial)
     assert list(found) == list(SMOOTHNESS)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from linked import LinkedBench
+from real_bench import RealBench
 
 from core import tick_log
+from hardware.connection import FreshnessWatch
 from hardware.emulated_board.line_faults import read_fault
-from hardware.freshness_watch import FreshnessWatch
 from hardware.wire.messages import Sample, State
 
 WRAP_US = 1 << 32
@@ -15,9 +15,9 @@ WRAP_US = 1 << 32
 class Stopping:
     """The host's clock of a bench, which can stand still while the board goes on."""
 
-    def __init__(self, bench: LinkedBench) -> None:
+    def __init__(self, bench: RealBench) -> None:
         self.bench, self.stood_s = bench, 0.0
-        bench.link._clock = bench.now = self
+        bench.link.clock = bench.now = self
 
     def __call__(self) -> float:
         return self.bench.board.now_s - self.stood_s
@@ -33,7 +33,7 @@ def sample(sequence: int, board_us: int, flags: int = 0, echo: int = 0) -> Sampl
 
 @pytest.mark.parametrize("steps", [[400], [60], [30, 30]])
 def test_after_the_hosts_clock_stood_still_the_next_trial_has_its_currents(steps: list[int]) -> None:
-    bench = LinkedBench()
+    bench = RealBench()
     clock = Stopping(bench)
     bench.idle(1200)
     for ticks in steps:
@@ -55,7 +55,7 @@ def test_after_the_hosts_clock_stood_still_the_next_trial_has_its_currents(steps
 
 
 def test_a_clock_that_stood_still_in_the_first_second_shows_by_commands_that_are_all_late() -> None:
-    bench = LinkedBench()
+    bench = RealBench()
     clock = Stopping(bench)
     bench.idle(300)
     clock.stand_still(400)
@@ -73,7 +73,7 @@ def test_a_clock_that_stood_still_in_the_first_second_shows_by_commands_that_are
 
 @pytest.mark.parametrize("fault", ["delay=0.1@0+1.5", "jitter=0.04", "stall@0+0.15"])
 def test_a_slow_way_is_no_clock_that_stood_still(fault: str) -> None:
-    bench = LinkedBench()
+    bench = RealBench()
     bench.idle(1500)
     bench.board.faults.append(read_fault(fault, bench.board.now_s))
     bench.idle(4000)
@@ -95,7 +95,7 @@ def test_one_command_that_is_taken_in_now_and_then_is_no_reason_to_begin_anew() 
 
 
 def test_board_time_that_goes_back_is_counted_and_the_clock_model_begins_anew() -> None:
-    bench = LinkedBench()
+    bench = RealBench()
     bench.idle(10)
     off = WRAP_US - 1000 * (bench.board.ticks + 2500)  # goes round in 2.5 s, as 32 bits of microseconds do
     real = bench.link._sample
@@ -116,7 +116,7 @@ def test_board_time_that_goes_back_is_counted_and_the_clock_model_begins_anew() 
 
 
 def test_currents_are_zero_in_doubt_before_anything_has_been_exchanged_again() -> None:
-    bench = LinkedBench()
+    bench = RealBench()
     bench.idle(50)
     trial = bench.trial(2)
     bench.run(trial, until=lambda trial: trial.phase == "move" and any(trial.currents))
@@ -128,7 +128,7 @@ def test_currents_are_zero_in_doubt_before_anything_has_been_exchanged_again() -
 
 
 def test_nobody_who_listens_anew_after_a_while_takes_that_for_silence() -> None:
-    bench = LinkedBench()
+    bench = RealBench()
     bench.idle(100)
     for _ in range(400):
         bench.board.tick()  # nobody asks, and nobody keeps what comes

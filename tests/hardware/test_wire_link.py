@@ -3,26 +3,18 @@
 import math
 import time
 from collections.abc import Iterator
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from simulated_bench import NO, TIP, Bench, homed_link, linked, run
 
-from core.device_interface import LinkError
+from core.device_interface import DeviceError
 from core.errors import InputError
 from hardware.connection import Connection
 from hardware.emulated_board.line_faults import read_fault
-from hardware.serial_device import SerialLink
+from hardware.serial_device import SerialDevice
 from hardware.serial_port import find_port, usb_ports
 from hardware.wire.messages import Limits, State
-
-
-@pytest.fixture(autouse=True)
-def no_long_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without a connection an exchange lets a sample's time pass; the board's time is not the machine's here."""
-    ours = SimpleNamespace(monotonic=time.monotonic, sleep=lambda seconds: time.sleep(0.1 * seconds))
-    monkeypatch.setattr("hardware.serial_device.time", ours)
 
 
 @pytest.fixture
@@ -31,11 +23,11 @@ def bench() -> Bench:
 
 
 @pytest.fixture
-def link(bench: Bench) -> Iterator[SerialLink]:
+def link(bench: Bench) -> Iterator[SerialDevice]:
     yield from homed_link(bench)
 
 
-def until(link: SerialLink, done, patience_s: float = 60.0) -> None:
+def until(link: SerialDevice, done, patience_s: float = 60.0) -> None:
     """Exchange until something is so."""
     end = time.monotonic() + patience_s
     while not done():
@@ -43,7 +35,7 @@ def until(link: SerialLink, done, patience_s: float = 60.0) -> None:
         link.exchange(NO)
 
 
-def test_samples_say_where_the_tip_is_and_what_the_hand_does(bench: Bench, link: SerialLink) -> None:
+def test_samples_say_where_the_tip_is_and_what_the_hand_does(bench: Bench, link: SerialDevice) -> None:
     bench.hand.obey({"target": [0.05, 0.38], "force": [2.0, 0.0]})
     for _ in range(200):
         (sample,) = run(link, 1)
@@ -56,7 +48,7 @@ def test_samples_say_where_the_tip_is_and_what_the_hand_does(bench: Bench, link:
     assert np.allclose(force, bench.device.hand_force, atol=0.05)
 
 
-def test_every_sample_is_taken_once_and_every_command_is_echoed(bench: Bench, link: SerialLink) -> None:
+def test_every_sample_is_taken_once_and_every_command_is_echoed(bench: Bench, link: SerialDevice) -> None:
     taken = run(link, 500)
     assert [b.sequence - a.sequence for a, b in zip(taken, taken[1:], strict=False)] == [1] * 499
     assert [b.echo - a.echo for a, b in zip(taken, taken[1:], strict=False)] == [1] * 499
@@ -64,14 +56,14 @@ def test_every_sample_is_taken_once_and_every_command_is_echoed(bench: Bench, li
 
 
 @pytest.mark.parametrize("current", [-1.0, math.nan, -math.inf, math.inf, 0.0])
-def test_a_current_that_makes_no_sense_is_zero_on_the_wire(bench: Bench, link: SerialLink, current: float) -> None:
+def test_a_current_that_makes_no_sense_is_zero_on_the_wire(bench: Bench, link: SerialDevice, current: float) -> None:
     run(link, 5, (current,) * 4)
     assert bench.board.currents == (0, 0, 0, 0) and bench.board.state == State.READY
 
 
 @pytest.mark.parametrize("current", [1.0004, 5.0, 1e300])
 def test_no_current_above_the_brake_files_limit_reaches_the_wire(
-    bench: Bench, link: SerialLink, current: float, monkeypatch: pytest.MonkeyPatch
+    bench: Bench, link: SerialDevice, current: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sent = []
     monkeypatch.setattr(link._connection, "send", lambda message: sent.append(message))
@@ -106,7 +98,7 @@ def test_a_port_where_nothing_answers_is_one_sentence(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize("kind", ["drop=0.1", "corrupt=0.1", "duplicate=0.1", "jitter=0.003"])
-def test_a_bad_wire_is_counted_and_survived(bench: Bench, link: SerialLink, kind: str) -> None:
+def test_a_bad_wire_is_counted_and_survived(bench: Bench, link: SerialDevice, kind: str) -> None:
     run(link, 20, (0.2,) * 4)
     bench.fault(kind)
     came = run(link, 1500, (0.2,) * 4)
@@ -127,7 +119,7 @@ def test_a_bad_wire_is_counted_and_survived(bench: Bench, link: SerialLink, kind
 
 
 def test_silence_is_noticed_in_200_ms_and_the_board_is_safe_within_50(
-    bench: Bench, link: SerialLink, monkeypatch: pytest.MonkeyPatch
+    bench: Bench, link: SerialDevice, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run(link, 50, (0.5,) * 4)
     began, lose, noticed = bench.ticks, link._lose, []
@@ -146,7 +138,7 @@ def test_silence_is_noticed_in_200_ms_and_the_board_is_safe_within_50(
     assert bench.board.currents == (500,) * 4 and link.health.lost_links == 1
 
 
-def test_an_unplugged_board_comes_back_without_a_restart_and_still_homed(bench: Bench, link: SerialLink) -> None:
+def test_an_unplugged_board_comes_back_without_a_restart_and_still_homed(bench: Bench, link: SerialDevice) -> None:
     before = run(link, 10)[-1]
     bench.plugged = False
     assert link.exchange((0.5,) * 4) is None and "it is gone" in link.problem
@@ -158,7 +150,7 @@ def test_an_unplugged_board_comes_back_without_a_restart_and_still_homed(bench: 
     assert abs(after.t_s - bench.now_s) < 0.01, "the board's clock went on, and so does its model"
 
 
-def test_a_board_that_lost_power_says_so_and_must_be_homed_again(bench: Bench, link: SerialLink) -> None:
+def test_a_board_that_lost_power_says_so_and_must_be_homed_again(bench: Bench, link: SerialDevice) -> None:
     run(link, 10, (0.5,) * 4)
     bench.board.lose_power(1000 * bench.ticks)
     assert bench.board.currents == (0, 0, 0, 0)
@@ -172,7 +164,7 @@ def test_a_board_that_lost_power_says_so_and_must_be_homed_again(bench: Bench, l
     assert run(link, 3)[-1].homed
 
 
-def test_a_board_that_nobody_talked_to_is_taken_up_again(bench: Bench, link: SerialLink) -> None:
+def test_a_board_that_nobody_talked_to_is_taken_up_again(bench: Bench, link: SerialDevice) -> None:
     for _ in range(1200):
         bench.tick()
     assert bench.board.state == State.IDLE
@@ -180,7 +172,7 @@ def test_a_board_that_nobody_talked_to_is_taken_up_again(bench: Bench, link: Ser
     assert bench.board.state == State.READY
 
 
-def test_stop_latches_until_reset(bench: Bench, link: SerialLink) -> None:
+def test_stop_latches_until_reset(bench: Bench, link: SerialDevice) -> None:
     run(link, 10, (0.5,) * 4)
     link.stop()
     sample = run(link, 3, (0.5,) * 4)[-1]
@@ -189,12 +181,12 @@ def test_stop_latches_until_reset(bench: Bench, link: SerialLink) -> None:
     assert not run(link, 2)[-1].fault
 
 
-def test_a_fault_that_still_stands_is_not_reset(bench: Bench, link: SerialLink) -> None:
+def test_a_fault_that_still_stands_is_not_reset(bench: Bench, link: SerialDevice) -> None:
     sense = bench.device.sense
     bad = read_fault("bad-encoder=B")
     bench.device.sense = lambda currents, _: sense(currents, (bad,))
     assert run(link, 3)[-1].fault == "an encoder's signal is bad"
-    with pytest.raises(LinkError, match="would not forget its fault: what caused its fault is still there"):
+    with pytest.raises(DeviceError, match="would not forget its fault: what caused its fault is still there"):
         link.reset()
 
 

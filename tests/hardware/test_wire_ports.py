@@ -6,7 +6,7 @@ import pytest
 from simulated_bench import DEVICE, Bench, BenchWire
 
 from core.errors import InputError
-from hardware.serial_device import SerialLink
+from hardware.serial_device import SerialDevice
 from hardware.serial_port import find_port, usb_ports
 
 
@@ -40,7 +40,7 @@ def test_the_port_that_was_asked_for_is_opened_where_two_look_alike(listed: List
     listed(usb("/dev/ttyACM0", location=places[0]), usb("/dev/ttyACM1", location=places[1]))
     bench, opened = Bench(), []
     for name in ("/dev/ttyACM1", "/dev/ttyACM0"):
-        link = SerialLink(DEVICE, name, open_port=lambda n: (opened.append(n), BenchWire(bench, n))[1])
+        link = SerialDevice(DEVICE, name, open_port=lambda n: (opened.append(n), BenchWire(bench, n))[1])
         link.open()
         link.close()
     assert opened == ["/dev/ttyACM1", "/dev/ttyACM0"]
@@ -82,7 +82,7 @@ def test_an_adapter_without_number_is_never_taken_for_its_twin_in_another_socket
 def test_of_two_that_look_alike_the_other_is_not_opened_while_the_one_is_away(listed: Listed) -> None:
     listed(usb("/dev/ttyACM0"), usb("/dev/ttyACM1"))
     bench, opened = Bench(), []
-    link = SerialLink(DEVICE, "/dev/ttyACM0", open_port=lambda n: (opened.append(n), BenchWire(bench, n))[1])
+    link = SerialDevice(DEVICE, "/dev/ttyACM0", open_port=lambda n: (opened.append(n), BenchWire(bench, n))[1])
     link.open()
     listed(usb("/dev/ttyACM1"))
     bench.plugged = False

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from simulated_bench import NO, Bench, homed_link, linked, run
 
-from core.device_interface import LinkError
+from core.device_interface import DeviceError
 from hardware.sensing.zero import ZERO_SAMPLES
-from hardware.serial_device import SerialLink
+from hardware.serial_device import SerialDevice
 
 
 @pytest.fixture
@@ -18,11 +18,11 @@ def bench() -> Bench:
 
 
 @pytest.fixture
-def link(bench: Bench) -> Iterator[SerialLink]:
+def link(bench: Bench) -> Iterator[SerialDevice]:
     yield from homed_link(bench)
 
 
-def test_zero_takes_what_is_read_with_no_hand_and_no_current(bench: Bench, link: SerialLink) -> None:
+def test_zero_takes_what_is_read_with_no_hand_and_no_current(bench: Bench, link: SerialDevice) -> None:
     bench.hand.hand.grips["spring"][0] = 0
     sense = bench.device.sense
 
@@ -42,13 +42,13 @@ def test_zero_takes_what_is_read_with_no_hand_and_no_current(bench: Bench, link:
     assert np.allclose(np.mean([s.current for s in after], axis=0), 0.0, atol=5e-4)
 
 
-def test_zero_refuses_a_handle_that_moves(bench: Bench, link: SerialLink) -> None:
+def test_zero_refuses_a_handle_that_moves(bench: Bench, link: SerialDevice) -> None:
     bench.hand.obey({"target": [0.08, 0.35]})
-    with pytest.raises(LinkError, match="the handle moved"):
+    with pytest.raises(DeviceError, match="the handle moved"):
         link.zero()
 
 
-def once_back(bench: Bench, link: SerialLink) -> None:
+def once_back(bench: Bench, link: SerialDevice) -> None:
     run(link, 300)
     while link.problem:
         link.exchange(NO)
@@ -58,7 +58,7 @@ def once_back(bench: Bench, link: SerialLink) -> None:
 
 @pytest.mark.parametrize(("fault", "keeps"), [("unplug@0+0.3", True), ("brown-out@0+0.3", False)])
 def test_a_zero_holds_for_the_board_it_was_taken_on_until_it_starts_again(
-    bench: Bench, link: SerialLink, fault: str, keeps: bool
+    bench: Bench, link: SerialDevice, fault: str, keeps: bool
 ) -> None:
     assert not link.zeroed and link.report()["zero"] is None
     record = link.zero()
@@ -69,16 +69,16 @@ def test_a_zero_holds_for_the_board_it_was_taken_on_until_it_starts_again(
     assert link.sensing.force.zero == pytest.approx(record.force_counts if keeps else np.zeros(6))
 
 
-def test_a_board_that_was_away_while_its_zero_was_taken_has_none(bench: Bench, link: SerialLink) -> None:
+def test_a_board_that_was_away_while_its_zero_was_taken_has_none(bench: Bench, link: SerialDevice) -> None:
     bench.fault("unplug@0.1+0.1")
-    with pytest.raises(LinkError, match="zero: "):
+    with pytest.raises(DeviceError, match="zero: "):
         link.zero()
     once_back(bench, link)
     assert not link.zeroed and not link.sensing.force.zero.any()
 
 
 def test_a_board_that_was_away_for_a_moment_while_its_zero_was_taken_has_none(
-    bench: Bench, link: SerialLink, monkeypatch: pytest.MonkeyPatch
+    bench: Bench, link: SerialDevice, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     exchange, calls = link.exchange, []
 
@@ -91,17 +91,17 @@ def test_a_board_that_was_away_for_a_moment_while_its_zero_was_taken_has_none(
             until(link, lambda: link._back is not None)
         return exchange(currents)
 
-    def until(link: SerialLink, done) -> None:
+    def until(link: SerialDevice, done) -> None:
         while not done():
             time.sleep(0.001)
 
     monkeypatch.setattr(link, "exchange", away_at_the_hundredth)
-    with pytest.raises(LinkError, match="the board was away meanwhile"):
+    with pytest.raises(DeviceError, match="the board was away meanwhile"):
         link.zero()
     assert len(calls) < 2 * ZERO_SAMPLES and not link.zeroed
 
 
-def test_a_zero_that_could_not_be_taken_leaves_the_one_before(bench: Bench, link: SerialLink) -> None:
+def test_a_zero_that_could_not_be_taken_leaves_the_one_before(bench: Bench, link: SerialDevice) -> None:
     sense = bench.device.sense
 
     def offset(currents, faults):
@@ -111,7 +111,7 @@ def test_a_zero_that_could_not_be_taken_leaves_the_one_before(bench: Bench, link
     bench.device.sense = offset
     before = link.zero()
     bench.fault("drop=1@0.1+5")
-    with pytest.raises(LinkError, match="zero: "):
+    with pytest.raises(DeviceError, match="zero: "):
         link.zero()
     bench.faults.clear()
     once_back(bench, link)
@@ -124,7 +124,7 @@ def test_a_zero_that_could_not_be_taken_leaves_the_one_before(bench: Bench, link
 def test_without_homing_nobody_can_tell_whether_the_handle_is_still(bench: Bench) -> None:
     bench.device.sensors.power_up()
     link = linked(bench)
-    with pytest.raises(LinkError, match="home the encoders first"):
+    with pytest.raises(DeviceError, match="home the encoders first"):
         link.zero()
     assert not link.zeroed
     link.close()

@@ -10,17 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 from fault_kinds import AWAY, BETWEEN, END, LOCKED_TICKS, PULL, START, Fault, Killed
-from linked import LinkedBench
+from real_bench import RealBench
 from simulated_bench import reach
 
-from app.ipc.messages import GOOD, HomeAt, Linked, LinkedDone, Reset
+from app.ipc.messages import GOOD, DeviceStatus, Done, HomeAt, Reset
 from app.ipc.ring import Ring
-from app.loop import board_loop
-from app.loop.board_loop import BoardLoop
+from app.loop.loop import Loop
 from app.session_server.preflight import check_linked
 from app.session_server.remedies import remedy, with_advice
-from app.session_server.trial_run import LinkedRun
-from app.session_server.trial_runner import DIED
+from app.session_server.trial_runner import DIED, TrialRun
 from core import tick_log
 from core.device import load_device
 from core.device_interface import ZeroRecord
@@ -28,9 +26,9 @@ from experiments.protocol import Protocol, load_protocol
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Sensors
 from experiments.session.session import Session
-from experiments.trial.linked_trial import LinkedTrial
+from experiments.trial.trial import Trial
 from hardware.emulated_board.device import HeldHand
-from hardware.serial_device import SerialLink
+from hardware.serial_device import SerialDevice
 from hardware.wire.messages import State
 
 PROTOCOL = """
@@ -88,21 +86,16 @@ def lost(name: str = "") -> str:
 class Case:
     """One trial, or the time between two, with one fault in one phase."""
 
-    def __init__(self, place: Place, fault: Fault, phase: str, monkeypatch) -> None:
+    def __init__(self, place: Place, fault: Fault, phase: str) -> None:
         self.place, self.fault, self.phase = place, fault, phase
         session = place.session
         device = session.devices[fault.device]
-        self.bench = LinkedBench(hand=HeldHand(AWAY if phase == "approach" else START), device=device)
+        self.bench = RealBench(hand=HeldHand(AWAY if phase == "approach" else START), device=device)
         self.board = self.bench.board
-        now = self.bench.now
-        ours = SimpleNamespace(
-            monotonic=now, monotonic_ns=lambda: round(1e9 * now()), time=now, sleep=lambda seconds: None
-        )  # fmt: skip
-        monkeypatch.setattr(board_loop, "time", ours)
         self.ring = Ring(width=tick_log.BENCH_WIDTH)
         self.answers = io.BytesIO()
-        self.loop = BoardLoop(self.ring, "bench", self.answers)
-        self.loop._link = self.bench.link
+        self.loop = Loop(self.ring, "bench", self.answers, self.bench.now, lambda seconds: None)
+        self.loop.device = self.bench.link
         self.bench.link.sensing.set_zero(ZeroRecord(1, (0.0,) * 6, (0.0,) * 6, (0.0,) * 4))
         self.conductor_lives = True
         self.at = self.seen_ms = self.zero_ms = self.ago_ms = self.ticks = 0
@@ -119,13 +112,13 @@ class Case:
         self.answers.seek(0)
         told_last = None
         while (answer := self._answer()) is not None:
-            told_last = answer if isinstance(answer, Linked) else told_last
+            told_last = answer if isinstance(answer, DeviceStatus) else told_last
         return check_linked(told_last, self.ring.why_off) if told_last else None
 
     def look_now(self):
         """The same, without the 100 ms after which it is told anew."""
-        self.loop._told_s = 0.0
         self.idle(lambda: False, 2)
+        self.loop.tell()
         return self.look()
 
     def _answer(self):
@@ -139,7 +132,7 @@ class Case:
         began = self.board.ticks
         while not until() and self.board.ticks - began < most:
             before = self.board.ticks
-            self.loop._idle()
+            self.loop.idle()
             if self.board.ticks == before:
                 self.bench.pass_time(4)
         return self.board.ticks - began
@@ -169,9 +162,8 @@ class Case:
         sensors = Sensors(self.bench.link.encoders, self.bench.link.force_channels)
         trial, writer = session.begin(planned, sensors)
         sent: list = []
-        self.run = LinkedRun(self.ring, SimpleNamespace(send=sent.append), planned, trial, writer)
-        self.running: LinkedTrial = pickle.loads(pickle.dumps(sent[0].trial))  # as it comes through the pipe
-        self.running.clock = self.bench.now
+        self.run = TrialRun(self.ring, SimpleNamespace(send=sent.append), planned, trial, writer)
+        self.running: Trial = pickle.loads(pickle.dumps(sent[0].trial))  # as it comes through the pipe
         self.course = self.steps()
         self.running.exchange = self.exchange
         try:
@@ -185,14 +177,14 @@ class Case:
         self.keep()
 
     def live(self) -> None:
-        self.loop._run(self.running, self.bench.link)
+        self.loop.run(self.running)
 
     def exchange(self) -> list[np.ndarray]:
         """What the trial does each time, and what we do to it."""
         before = self.board.ticks
         if self.conductor_lives:
             self.ring.control.conductor_beat = round(1e9 * self.bench.now())
-        made = LinkedTrial.exchange(self.running)
+        made = Trial.exchange(self.running)
         if self.board.ticks == before:
             self.bench.pass_time(4)
         self.ticks += len(made)
@@ -254,8 +246,8 @@ class Case:
             self.row = next(r for r in session.rows if r.run == self.run.planned.run)
             self.words = lost(self.run.name)
             return
-        self.run.ended(LinkedDone(self.running), "")
-        self.words = with_advice(self.run.name, self.running.outcome()["reason"])
+        self.run.ended(Done(self.running.changed()), "")
+        self.words = with_advice(self.run.name, self.run.trial.outcome()["reason"])
         self.row = self.run.keep(session)
 
     @property
@@ -274,21 +266,23 @@ class Case:
         self.board.faults.clear()
         self.bench.pass_time(20)
         if self.killed:  # the next loop
-            self.loop._link = SerialLink(self.bench.device, "bench", self.bench.now, self.bench.link._open_port)
-            reach(self.loop._link)
-            self.bench.link = self.loop._link
+            self.loop.device = SerialDevice(
+                self.bench.device, "bench", clock=self.bench.now, open_port=self.bench.open_port
+            )
+            reach(self.loop.device)
+            self.bench.link = self.loop.device
         began, link = self.board.ticks, self.bench.link
         while True:
-            assert self.board.ticks - began < 5000, (self.loop._sample, self.ring.why_off, link.problem)
-            self.idle(lambda: self.loop._sample is not None and not link.problem)
+            assert self.board.ticks - began < 5000, (self.loop.sample, self.ring.why_off, link.problem)
+            self.idle(lambda: self.loop.sample is not None and not link.problem)
             self.afterwards = self.afterwards or self.look_now().advice
-            sample = self.loop._sample
+            sample = self.loop.sample
             if sample.fault or self.ring.why_off:
-                self.idle(lambda: bool(self.loop._sample and self.loop._sample.fault and self.ring.why_off), 50)
-                self.loop._do(Reset(self.ring.presses))
+                self.idle(lambda: bool(self.loop.sample and self.loop.sample.fault and self.ring.why_off), 50)
+                self.loop.do(Reset(self.ring.presses))
             elif not sample.homed or not np.allclose(sample.tip, self.board.device.tip, atol=1e-3):
-                self.loop._do(HomeAt(self.board.device.tip))
-                self.loop._sample = None
+                self.loop.do(HomeAt(self.board.device.tip))
+                self.loop.sample = None
             else:
                 break
         assert self.look_now().state == GOOD

@@ -91,6 +91,7 @@ def serve() -> None:
     import experiments.session.recover  # noqa: F401
     import experiments.study.study  # noqa: F401
     from core import tick_log  # noqa: F401
+
     with tempfile.TemporaryDirectory() as folder:  # compiles, or loads, the kernels
         session = new_session(Path(folder))
         trial, writer = session.begin(session.next_planned())

@@ -5,7 +5,7 @@ import time
 from fake_bench import GREEN, pulse
 
 from app.ipc import messages as m
-from app.ipc.messages import Linked
+from app.ipc.messages import DeviceStatus
 
 ON_BENCH = {"real_device": True, "hand": "force sensor"}
 WELL = (m.Check("Device", m.GOOD, "four-brake, board B-7"), m.Check("Hand", m.GOOD, "force sensor"), *GREEN[2:])
@@ -24,16 +24,16 @@ REPORT = {
 }  # fmt: skip
 
 
-def linked(report: dict | None = None, **changes) -> Linked:
+def linked(report: dict | None = None, **changes) -> DeviceStatus:
     """A four-brake device that is well, but for these changes (of its report, of itself)."""
     now = time.time()
-    well = Linked(
+    well = DeviceStatus(
         "four-brake", "B-7", "", "", True, True, (0.02, 0.38), (3.0, -4.0), "AB", 6, {**REPORT, **(report or {})},
         "/dev/ttyACM0", (34_512, -1_208), (2.1, -1.3, 1.0, 1.3), now - 600.0, now - 500.0,
     )  # fmt: skip
     return well._replace(**changes)
 
 
-def told(device: Linked | None, told_s: float = 0.0) -> m.Pulse:
+def told(device: DeviceStatus | None, told_s: float = 0.0) -> m.Pulse:
     """A pulse that brings it."""
-    return pulse("")._replace(linked=device and device._replace(told_s=told_s))
+    return pulse("")._replace(device=device and device._replace(told_s=told_s))

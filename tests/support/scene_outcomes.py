@@ -14,7 +14,7 @@ from scene_reference import Reference, solve_scene
 
 from core.brake_file import SHIPPED_FOLDER
 from experiments.simulate.scene import read_scene
-from experiments.simulate.simulate import open_scene, simulate
+from experiments.simulate.simulate import SceneRun, simulate
 
 #: m; the reference may be as wrong as this by its own estimate. Worse: the scene is not judged.
 SURE_M = 5e-5
@@ -82,7 +82,7 @@ def _outcome(name, device, scene, tips, step, integrator, folder: Path) -> Outco
     sources = []
 
     def source(asked):
-        sources.append(open_scene(asked))
+        sources.append(SceneRun(asked))
         return sources[-1]
 
     out = folder / f"{step!r}.csv"

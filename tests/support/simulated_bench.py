@@ -1,17 +1,18 @@
 """A board in simulated time with the simulated device behind it, and wires that a link can be plugged into."""
 
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 
 from core.device import Device, load_device
-from core.device_interface import LinkError
+from core.device_interface import DeviceError
 from core.errors import InputError
 from hardware.emulated_board.board import Board
 from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, HeldHand
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault
 from hardware.emulated_board.sensors import capability_of
-from hardware.serial_device import SerialLink
+from hardware.serial_device import SerialDevice
 
 DEVICE = load_device("four-brake")
 TIP = (0.02, 0.40)
@@ -77,7 +78,7 @@ class Bench:
         self.faults.append(read_fault(text, self.now_s))
 
 
-def reach(link: SerialLink) -> None:
+def reach(link: SerialDevice) -> None:
     """Open a link; again where this machine held us up for longer than a board may take to answer."""
     for left in (3, 2, 1, 0):
         try:
@@ -98,7 +99,7 @@ class BenchWire:
 
     def check(self) -> None:
         if not self.bench.plugged or self.closed:
-            raise LinkError(f"serial port {self.name}: it is gone")
+            raise DeviceError(f"serial port {self.name}: it is gone")
 
     def read(self) -> bytes:
         self.check()
@@ -115,14 +116,17 @@ class BenchWire:
         self.closed = True
 
 
-def linked(bench: Bench) -> SerialLink:
+def linked(bench: Bench) -> SerialDevice:
     """The link of a bench, reached."""
-    link = SerialLink(DEVICE, "bench", clock=lambda: bench.now_s, open_port=lambda name: BenchWire(bench, name))
+    link = SerialDevice(
+        DEVICE, "bench", clock=lambda: bench.now_s, open_port=lambda name: BenchWire(bench, name),
+        sleep=lambda seconds: time.sleep(0.1 * seconds),
+    )  # fmt: skip
     reach(link)
     return link
 
 
-def homed_link(bench: Bench) -> Iterator[SerialLink]:
+def homed_link(bench: Bench) -> Iterator[SerialDevice]:
     """A link whose handle is homed, closed at the end, with nothing left that looks for the board."""
     link = linked(bench)
     link.home(TIP)
@@ -131,6 +135,6 @@ def homed_link(bench: Bench) -> Iterator[SerialLink]:
     assert not any(thread.name == "bring the board back" for thread in threading.enumerate())
 
 
-def run(link: SerialLink, n: int, currents=NO) -> list:
+def run(link: SerialDevice, n: int, currents=NO) -> list:
     """The samples of n exchanges."""
     return [sample for _ in range(n) if (sample := link.exchange(currents)) is not None]

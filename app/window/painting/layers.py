@@ -8,10 +8,9 @@ import numpy as np
 from PySide6.QtCore import QRectF
 
 from core import tick_log
-from core.control.controllers import BLEND_WIDTH
 from core.control.rule_sets import SETTLED, Rules
 from core.control.sdof import nearest_valid_brake, sdof_direction, valid_sense
-from core.control.velocity_field import PIECE, SIDE, TRAVEL, Field, field_at, new_memory
+from core.control.velocity_field import BLEND_WIDTH, PIECE, SIDE, TRAVEL, Field, field_at, new_memory
 from core.device import Device
 from core.kernel import kernel
 from core.linkage import links, tip_force_map

@@ -15,10 +15,10 @@ from core.path_file import build_path
 from core.simulator.hand import Hand
 from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules
-from experiments.trial.linked_trial import LinkedTrial
 from experiments.trial.person import Person
+from experiments.trial.trial import Trial
 from hardware.emulated_board.device import EmulatedHand
-from hardware.serial_device import SerialLink
+from hardware.serial_device import SerialDevice
 
 PATH = PAPER.paths[1]
 LONGEST_TICKS = 60_000
@@ -44,7 +44,7 @@ def drawn(seed: int) -> tuple[Person, np.random.Generator]:
     return PEOPLE.draw(np.random.default_rng(seed)), np.random.default_rng([seed, 7])
 
 
-class LinkedBench:
+class RealBench:
     """A board with an operator at the handle, or another hand, and the link to it."""
 
     def __init__(self, device: str | Device = "four-brake", seed: int = 3, hand: EmulatedHand | None = None) -> None:
@@ -56,25 +56,28 @@ class LinkedBench:
             hand = Late(self.operator)
         self.board = Bench(self.device, hand)
         self.hand = hand
-        self.link = SerialLink(
-            self.device, "bench", clock=self.now, open_port=lambda name: BenchWire(self.board, name)
-        )  # fmt: skip
+        self.link = SerialDevice(self.device, "bench", clock=self.now, open_port=self.open_port)
         reach(self.link)
         self.link.home(self.board.device.tip)
+
+    def open_port(self, name: str) -> BenchWire:
+        return BenchWire(self.board, name)
 
     def now(self) -> float:
         return self.board.now_s
 
     def trial(
         self, controller: int = 2, how: TrialRules = PAPER.trial, preset: Preset | None = None, rules: str = PAPER.rules
-    ) -> LinkedTrial:
+    ) -> Trial:
         planned = PlannedTrial(1, 1, self.device.name, controller, 1, 1)
         if isinstance(self.hand, Late):
             self.hand.begun = True
         preset = preset or PAPER.controllers[controller]
-        return LinkedTrial(self.device, planned, PATH, preset, rules, how, self.link, self.now)
+        trial = Trial(self.device, planned, PATH, preset, rules, how)
+        trial.connect(self.link)
+        return trial
 
-    def exchange(self, trial: LinkedTrial) -> list[np.ndarray]:
+    def exchange(self, trial: Trial) -> list[np.ndarray]:
         """One exchange of a trial; time goes on where there is no link, too."""
         before = self.board.ticks
         if self.operator is not None:
@@ -90,9 +93,7 @@ class LinkedBench:
             for _ in range(ticks):
                 self.board.backlog += self.board.tick()
 
-    def run(
-        self, trial: LinkedTrial, until: Callable[[LinkedTrial], bool] = lambda trial: trial.finished
-    ) -> np.ndarray:
+    def run(self, trial: Trial, until: Callable[[Trial], bool] = lambda trial: trial.finished) -> np.ndarray:
         """Exchange until something is so; the rows (n, BENCH_WIDTH)."""
         rows: list[np.ndarray] = []
         while not until(trial):

@@ -7,18 +7,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from linked import PATH, LinkedBench, drawn
 from protocols import PAPER
+from real_bench import PATH, RealBench, drawn
 from simulated_bench import TIP
 
 from core import tick_log
+from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import trial_metrics
 from experiments.plan import PlannedTrial
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
 from experiments.study.decisions import check_decisions
-from experiments.trial.trial import Trial, new_simulation
+from experiments.trial.trial import Trial
 
 #: Share by which a measure may differ from the simulated device's, with the same person and noise. Velocity is 7 ms
 #: old (filter) and currents come a tick later (wire); encoder steps make the smoothness measures a little larger.
@@ -31,8 +32,8 @@ CURRENTS = slice(tick_log.CURRENT, tick_log.CURRENT + 4)
 
 
 @pytest.fixture
-def bench() -> Iterator[LinkedBench]:
-    bench = LinkedBench()
+def bench() -> Iterator[RealBench]:
+    bench = RealBench()
     yield bench
     bench.link.close()
 
@@ -41,7 +42,7 @@ def simulated(device, controller: int, seed: int) -> np.ndarray:
     """The same trial on the simulated device, (n, WIDTH)."""
     person, generator = drawn(seed)
     trial = Trial(
-        new_simulation(device, TIP), PlannedTrial(1, 1, device.name, controller, 1, 1), PATH,
+        SimulatedDevice(device, TIP), PlannedTrial(1, 1, device.name, controller, 1, 1), PATH,
         PAPER.controllers[controller], PAPER.rules, PAPER.trial, person, generator,
     )  # fmt: skip
     rows = np.empty((60_000, tick_log.WIDTH))
@@ -62,7 +63,7 @@ def recorded(rows: np.ndarray, device, outcome: dict, path: Path, sensors: Senso
 def test_a_trial_on_the_board_has_the_simulated_devices_measures(
     device: str, controller: int, seed: int, tmp_path: Path
 ) -> None:
-    bench = LinkedBench(device, seed)
+    bench = RealBench(device, seed)
     trial = bench.trial(controller)
     rows = bench.run(trial)
     bench.link.close()
@@ -79,7 +80,7 @@ def test_a_trial_on_the_board_has_the_simulated_devices_measures(
     assert 0.0 < max(off.values()), "the sensors of a board leave no mark"
 
 
-def test_brakes_have_no_current_outside_the_movement_and_none_after_the_last_tick(bench: LinkedBench) -> None:
+def test_brakes_have_no_current_outside_the_movement_and_none_after_the_last_tick(bench: RealBench) -> None:
     trial = bench.trial(2)
     rows = bench.run(trial)
     moving = rows[:, tick_log.PHASE] == tick_log.MOVE
@@ -87,7 +88,7 @@ def test_brakes_have_no_current_outside_the_movement_and_none_after_the_last_tic
     assert not any(trial.currents) and not any(bench.board.board.currents)
 
 
-def test_every_sample_is_a_row_on_the_boards_clock_with_its_raw_counts(bench: LinkedBench, tmp_path: Path) -> None:
+def test_every_sample_is_a_row_on_the_boards_clock_with_its_raw_counts(bench: RealBench, tmp_path: Path) -> None:
     trial = bench.trial(2)
     rows = bench.run(trial, lambda trial: trial.phase == "hold")
     assert np.array_equal(np.diff(rows[:, tick_log.BOARD_US]), np.full(len(rows) - 1, 1000.0))
@@ -102,7 +103,7 @@ def test_every_sample_is_a_row_on_the_boards_clock_with_its_raw_counts(bench: Li
 
 
 def test_samples_that_came_while_the_host_was_late_are_all_recorded_and_only_the_newest_decides(
-    bench: LinkedBench,
+    bench: RealBench,
 ) -> None:
     trial = bench.trial(2)
     bench.run(trial, lambda trial: trial.phase == "move" and any(trial.currents))
@@ -118,7 +119,7 @@ def test_samples_that_came_while_the_host_was_late_are_all_recorded_and_only_the
 
 @pytest.mark.parametrize("kind", ["", "drop=0.05"])
 def test_every_decision_on_the_bench_follows_from_the_recording_alone(
-    bench: LinkedBench, kind: str, tmp_path: Path
+    bench: RealBench, kind: str, tmp_path: Path
 ) -> None:
     trial = bench.trial(4)
     if kind:
@@ -131,13 +132,13 @@ def test_every_decision_on_the_bench_follows_from_the_recording_alone(
     assert 100 < decided < np.count_nonzero(found.in_phase("move"))
     preset, rules = PAPER.controllers[4], PAPER.rules
     assert check_decisions(found, trial.path, bench.device, preset, rules) == (decided, 0)
-    other = preset._replace(gain=0.9 * preset.gain)
+    other = preset.replaced("gain_N_s_m", 0.9 * preset.value("gain_N_s_m"))
     assert check_decisions(found, trial.path, bench.device, other, rules).different > 10
 
 
 @pytest.mark.parametrize("kind", ["drop=0.05", "corrupt=0.05", "duplicate=0.1", "jitter=0.003"])
 def test_a_bad_wire_leaves_a_whole_grid_and_says_what_was_filled_in(
-    bench: LinkedBench, kind: str, tmp_path: Path
+    bench: RealBench, kind: str, tmp_path: Path
 ) -> None:
     trial = bench.trial(2)
     bench.board.fault(kind)
@@ -157,7 +158,7 @@ def test_a_bad_wire_leaves_a_whole_grid_and_says_what_was_filled_in(
     assert bench.link.health.lost == pytest.approx(outcome["filled"], abs=5)
 
 
-def test_a_stopped_trial_ends_at_once_for_its_reason_with_its_recorded_end(bench: LinkedBench) -> None:
+def test_a_stopped_trial_ends_at_once_for_its_reason_with_its_recorded_end(bench: RealBench) -> None:
     trial = bench.trial(2)
     bench.run(trial, lambda trial: trial.phase == "move" and any(trial.currents))
     trial.abort("the participant sneezed")
@@ -169,7 +170,7 @@ def test_a_stopped_trial_ends_at_once_for_its_reason_with_its_recorded_end(bench
     assert len(rows) == round(PAPER.trial.end_s * 1000) and not rows[:, CURRENTS].any()
 
 
-def test_the_ledger_of_sensed_energies_comes_near_the_simulated_ones(bench: LinkedBench) -> None:
+def test_the_ledger_of_sensed_energies_comes_near_the_simulated_ones(bench: RealBench) -> None:
     trial = bench.trial(2)
     rows = bench.run(trial)
     there = simulated(bench.device, 2, 3)
@@ -178,7 +179,7 @@ def test_the_ledger_of_sensed_energies_comes_near_the_simulated_ones(bench: Link
     assert "estimated" in trial.outcome()["ledger"]
 
 
-def test_a_fault_after_the_end_leaves_the_trial_done_and_is_told(bench: LinkedBench) -> None:
+def test_a_fault_after_the_end_leaves_the_trial_done_and_is_told(bench: RealBench) -> None:
     trial = bench.trial(2)
     bench.run(trial, lambda trial: trial.phase == "end")
     bench.link.stop()
@@ -187,10 +188,10 @@ def test_a_fault_after_the_end_leaves_the_trial_done_and_is_told(bench: LinkedBe
     assert outcome["status"] == "done" and outcome["reason"] == "after its end: the board: stopped by the host"
 
 
-def test_a_trial_goes_to_another_process_and_comes_back_as_it_was(bench: LinkedBench) -> None:
+def test_a_trial_goes_to_another_process_and_comes_back_as_it_was(bench: RealBench) -> None:
     trial = pickle.loads(pickle.dumps(bench.trial(2)))
-    assert trial.link is None
-    trial.link, trial.clock = bench.link, bench.now
+    trial.connect(bench.link)
     bench.run(trial, lambda trial: trial.phase == "hold")
-    back = pickle.loads(pickle.dumps(trial))
+    back = bench.trial(2)
+    back.take_back(pickle.loads(pickle.dumps(trial.changed())))
     assert (back.ticks, back.phase, back.tip) == (trial.ticks, trial.phase, trial.tip)

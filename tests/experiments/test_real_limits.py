@@ -5,45 +5,43 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from linked import PATH, LinkedBench
 from protocols import PAPER
+from real_bench import PATH, RealBench
 from simulated_bench import TIP
 
 from core import tick_log
-from core.control import controllers as control
-from core.control.controllers import PROPORTIONAL, Preset
+from core.control import algorithm
+from core.control.controllers import Preset
 from core.device import load_device
-from core.device_interface import LinkSample
+from core.device_interface import DeviceSample
 from core.simulator.state import new_record, pack_brakes
 from experiments.protocol import Release
-from experiments.trial.linked_tick import ASTRAY_TICKS, SPEED_MAX_M_S, WATCH, astray
-from experiments.trial.linked_trial import plain
-from experiments.trial.tick import RUN, RUNNING
+from experiments.trial.tick import DISOBEYED_TICKS, RUN, SPEED_MAX_M_S, disobeys
 from hardware.emulated_board.device import HeldHand
 
 CURRENTS = slice(tick_log.CURRENT, tick_log.CURRENT + 4)
 
 
 @pytest.fixture
-def held() -> Iterator[LinkedBench]:
+def held() -> Iterator[RealBench]:
     """A hand on a spring at the handle, which is held at the start of the path."""
-    bench = LinkedBench(hand=HeldHand(TIP))
+    bench = RealBench(hand=HeldHand(TIP))
     bench.hand.obey({"target": list(PATH.start_m)})
     yield bench
     bench.link.close()
 
 
-def locked(bench: LinkedBench, **release) -> tuple:
+def locked(bench: RealBench, **release) -> tuple:
     """A trial in `move` whose controller locks everything when pushed back; and the rules that it has."""
     how = PAPER.trial._replace(hold_s=0.05, start_radius_m=0.02, release=Release(**release))
-    trial = bench.trial(5, how, Preset("locks", PROPORTIONAL, 0.0, 5.0), "literal")
+    trial = bench.trial(5, how, Preset("locks", "proportional", (0.0, 5.0)), "literal")
     bench.run(trial, lambda trial: trial.phase == "move")
     bench.hand.obey({"target": [PATH.start_m[0] - 0.3, PATH.start_m[1] + 0.3]})
     return trial, how
 
 
 @pytest.mark.parametrize(("force", "seconds"), [(15.0, 0.5), (30.0, 1.0)])
-def test_a_hand_that_pushes_hard_against_a_full_lock_is_let_go(held: LinkedBench, force: float, seconds: float) -> None:
+def test_a_hand_that_pushes_hard_against_a_full_lock_is_let_go(held: RealBench, force: float, seconds: float) -> None:
     trial, _ = locked(held, force_N=force, time_s=seconds)
     rows = held.run(trial)
     outcome = trial.outcome()
@@ -56,11 +54,11 @@ def test_a_hand_that_pushes_hard_against_a_full_lock_is_let_go(held: LinkedBench
     assert not any(held.board.board.currents)
 
 
-def test_without_a_release_or_below_its_force_a_lock_holds(held: LinkedBench) -> None:
+def test_without_a_release_or_below_its_force_a_lock_holds(held: RealBench) -> None:
     trial, _ = locked(held, force_N=60.0, time_s=0.2)
     rows = held.run(trial, lambda trial: trial.finished or trial.ticks > 3000)
     assert not trial.finished and (rows[-500:, CURRENTS] >= 1.0).all()
-    assert np.isin(rows[-500:, tick_log.DECISION], list(control.LOCKED)).all()
+    assert np.isin(rows[-500:, tick_log.DECISION], list(algorithm.LOCKED)).all()
 
 
 class Told:
@@ -79,24 +77,30 @@ class Told:
     def samples(self):
         return [self.next] if self.next else []
 
-    def report(self):
+    def clock(self):
+        return self.now
+
+    def begin(self):
+        pass
+
+    def end_record(self):
         return {}
 
 
 def sample(
     n: int, tip=PATH.start_m, velocity=(0.0, 0.0), force=(0.0, 0.0), current=(0.0,) * 4, **other
-) -> LinkSample:
-    return LinkSample(
+) -> DeviceSample:
+    return DeviceSample(
         1e-3 * n, 1000 * n, n, 0, (0, 0), (0,) * 6, (0.0,) * 4, tip, velocity, (0.0, 0.0), force, current,
         **{"closed": True, "homed": True, "fault": ""} | other,
     )  # fmt: skip
 
 
-def told_trial(held: LinkedBench) -> tuple:
+def told_trial(held: RealBench) -> tuple:
     """A trial in `move` on a link that says what the test wants."""
     link = Told(held.device)
     trial = held.trial(2, PAPER.trial._replace(hold_s=0.01))
-    trial.link, trial.clock = link, lambda: link.now
+    trial.connect(link)
     n = 0
     while trial.phase != "move":
         n += 1
@@ -117,7 +121,7 @@ def told_trial(held: LinkedBench) -> tuple:
     ],
 )
 def test_what_must_not_be_ends_the_trial_and_the_currents_at_that_sample(
-    held: LinkedBench, says: dict, reason: str
+    held: RealBench, says: dict, reason: str
 ) -> None:
     trial, link, n = told_trial(held)
     link.next = sample(n + 1, tip=(-0.08, 0.41), velocity=(0.1, 0.0), force=(4.0, 1.0))
@@ -133,7 +137,7 @@ def test_what_must_not_be_ends_the_trial_and_the_currents_at_that_sample(
     assert outcome["status"] == "aborted" and reason in outcome["reason"]
 
 
-def test_encoders_of_no_pose_are_borne_for_some_samples_and_then_end_the_trial(held: LinkedBench) -> None:
+def test_encoders_of_no_pose_are_borne_for_some_samples_and_then_end_the_trial(held: RealBench) -> None:
     trial, link, n = told_trial(held)
     for k in range(1, 10):
         link.next = sample(n + k, closed=False)
@@ -144,7 +148,7 @@ def test_encoders_of_no_pose_are_borne_for_some_samples_and_then_end_the_trial(h
     assert trial.phase == "end" and "contradict each other" in trial.outcome()["reason"]
 
 
-def test_a_silent_board_gets_no_current_after_50_ms_and_the_trial_ends(held: LinkedBench) -> None:
+def test_a_silent_board_gets_no_current_after_50_ms_and_the_trial_ends(held: RealBench) -> None:
     trial, link, n = told_trial(held)
     link.next = sample(n + 1, tip=(-0.08, 0.41), velocity=(0.1, 0.0), force=(4.0, 1.0))
     trial.exchange()
@@ -157,7 +161,7 @@ def test_a_silent_board_gets_no_current_after_50_ms_and_the_trial_ends(held: Lin
     assert trial.ticks == n + 1, "what was not sensed is not recorded"
 
 
-def test_a_long_gap_ends_the_recording_and_is_not_made_up(held: LinkedBench) -> None:
+def test_a_long_gap_ends_the_recording_and_is_not_made_up(held: RealBench) -> None:
     trial, link, n = told_trial(held)
     link.next = sample(n + 10_000)
     assert trial.exchange() == [] and trial.finished and trial.filled == 0
@@ -165,10 +169,10 @@ def test_a_long_gap_ends_the_recording_and_is_not_made_up(held: LinkedBench) -> 
 
 
 @pytest.mark.parametrize("on", range(4))
-def test_a_driver_that_stays_on_ends_the_trial_in_any_phase(held: LinkedBench, on: int) -> None:
+def test_a_driver_that_stays_on_ends_the_trial_in_any_phase(held: RealBench, on: int) -> None:
     link = Told(held.device)
     trial = held.trial(2)
-    trial.link, trial.clock = link, lambda: link.now
+    trial.connect(link)
     current = tuple(0.6 * (i == on) for i in range(4))
     n = 0
     while not trial.finished and n < 5000:
@@ -177,27 +181,26 @@ def test_a_driver_that_stays_on_ends_the_trial_in_any_phase(held: LinkedBench, o
         trial.exchange()
     outcome = trial.outcome()
     assert outcome["status"] == "aborted" and "did not get the currents" in outcome["reason"]
-    assert ASTRAY_TICKS < n - round(1e3 * PAPER.trial.end_s) < 2 * ASTRAY_TICKS
+    assert DISOBEYED_TICKS < n - round(1e3 * PAPER.trial.end_s) < 2 * DISOBEYED_TICKS
 
 
-def test_a_board_that_lets_no_current_flow_ends_the_trial(held: LinkedBench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_board_that_lets_no_current_flow_ends_the_trial(held: RealBench, monkeypatch: pytest.MonkeyPatch) -> None:
     trial, _ = locked(held, force_N=60.0, time_s=0.2)
     held.run(trial, lambda trial: trial._run["current"][0].min() >= 1.0)
     before = trial.ticks
     monkeypatch.setattr(held.link, "_clamped", lambda currents: (0, 0, 0, 0))
     held.run(trial)
     assert "did not get the currents" in trial.outcome()["reason"]
-    assert trial.ticks - before < 10 * ASTRAY_TICKS
+    assert trial.ticks - before < 10 * DISOBEYED_TICKS
 
 
 @pytest.mark.nojit
-def test_currents_that_chatter_and_come_late_are_not_astray() -> None:
-    watch, run, made = new_record(WATCH), new_record(RUN), np.zeros(tick_log.BENCH_WIDTH)
-    brakes = plain(pack_brakes(load_device("four-brake").brakes, backlash=False))
+def test_currents_that_chatter_and_come_late_are_no_disobedience() -> None:
+    run, row = new_record(RUN), np.zeros(tick_log.BENCH_WIDTH)
+    brakes = pack_brakes(load_device("four-brake").brakes, backlash=False)
     asked = np.random.default_rng(1).integers(0, 2, (3000, 4)).astype(float)
     noise = np.random.default_rng(2).normal(0.0, 0.01, (3000, 4))
     for n in range(3000):
         run["current"][0] = asked[n]
-        made[tick_log.MEASURED : tick_log.MEASURED + 4] = asked[max(n - 20, 0)] + noise[n]
-        astray(brakes[0], plain(watch)[0], plain(run)[0], made)
-        assert plain(run)["status"][0] == RUNNING
+        row[tick_log.MEASURED : tick_log.MEASURED + 4] = asked[max(n - 20, 0)] + noise[n]
+        assert not disobeys(brakes[0], run[0], row)

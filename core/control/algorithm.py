@@ -1,0 +1,117 @@
+"""What the algorithms of control share: how one is declared, the decisions open to all, and how brakes are told them.
+
+An algorithm stands in a file of its own: an `Algorithm` (its word in protocols, its parameters, the decisions that are
+its own) and a kernel `decide`. It takes one line in `controllers.ALGORITHMS` and one in `controllers.decide`.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from core.brake import current_for_torque
+from core.control.rule_sets import Rules
+from core.control.velocity_field import Field
+from core.kernel import kernel
+from core.mechanism import Brakes
+
+
+class Parameter(NamedTuple):
+    """One number of an algorithm."""
+
+    name: str  # in protocols, sweeps and recordings
+    word: str  # in a sentence
+    unit: str  # shown
+    scale: float  # value in `unit` / value in SI
+    default: float | None  # None: it must be given, and be positive
+
+
+class Algorithm(NamedTuple):
+    """A way to control, as protocols name it."""
+
+    kind: str  # its word
+    parameters: tuple[Parameter, ...] = ()
+    own: tuple[str, ...] = ()  # decisions of its own, each for every joint J: codes OWN + 4 n + joint index
+
+
+class Controller(NamedTuple):
+    """A controller made ready for a device, as the kernels read it."""
+
+    algorithm: int  # its place in `controllers.ALGORITHMS`
+    gap_m: float  # half-width (our reading) of the band around the path without control
+    values: tuple[float, ...]  # of its parameters, in their order
+    force_normalised: float  # N, the most that is commanded of any brake
+    blend_width: float  # m
+    rules: Rules
+
+
+GAP_M = Parameter("gap_m", "gap", "mm", 1e3, 0.0)
+
+# Decisions that are open to every algorithm: one code a tick.
+NONE = 0  # no control
+OFF = 1  # brakes off outside the movement; `decide` itself never says so
+NOT_FINITE = 2
+IN_GAP = 3
+RELEASE_NO_VALID = 4
+RELEASE_NONE_SELECTED = 5
+LOCK_NO_VALID = 6
+LOCK_NONE_SELECTED = 7
+LOCK_BACK = 8
+LOCK_BACK_NONE_SELECTED = 9
+OWN = 10  # from here on: an algorithm's own decisions
+
+SHARED: tuple[str, ...] = (
+    "none",
+    "off",
+    "off: input not finite",
+    "gap",
+    "release: no valid brake",
+    "release: none selected",
+    "lock: no valid brake, pushed away",
+    "lock: none selected, pushed away",
+    "lock: moving back",
+    "lock: moving back, none selected",
+)
+
+#: ticks without control on purpose, near the path
+GAP = frozenset({IN_GAP})
+#: ticks in which no brake was valid (SDOF) or selected (proportional), whatever was then done
+UNREACHABLE = frozenset(
+    {RELEASE_NO_VALID, RELEASE_NONE_SELECTED, LOCK_NO_VALID, LOCK_NONE_SELECTED, LOCK_BACK_NONE_SELECTED}
+)
+#: ticks with full current on all brakes
+LOCKED = frozenset({LOCK_NO_VALID, LOCK_NONE_SELECTED, LOCK_BACK, LOCK_BACK_NONE_SELECTED})
+
+
+@kernel
+def release(current: np.ndarray) -> None:
+    """No current on any brake; current (4,) A."""
+    for i in range(4):
+        current[i] = 0.0
+
+
+@kernel
+def lock(brakes: Brakes, current: np.ndarray) -> None:
+    """Full current on every brake; current (4,) A."""
+    for i in range(4):
+        current[i] = brakes.current_max[i] if brakes.present[i] != 0.0 else 0.0
+
+
+@kernel
+def torque_for_force(force: float, g_x: float, g_y: float) -> float:
+    """Joint torque (N m) whose tip force has the magnitude `force` (N), Eq. (11): |tau_i| = |F_i| / |J_i|."""
+    length = math.sqrt(g_x * g_x + g_y * g_y)
+    return force / length if length > 0.0 else 0.0
+
+
+@kernel
+def actuate(brakes: Brakes, i: int, force: float, g: np.ndarray, current: np.ndarray) -> None:
+    """Current on brake i for a tip force (N); the others stay as they are. g (4, 2), current (4,) A."""
+    current[i] = current_for_torque(brakes, i, torque_for_force(force, g[i, 0], g[i, 1]))
+
+
+@kernel
+def pushes_away(fx: float, fy: float, field: Field, rules: Rules) -> bool:
+    """Whether the hand force points away from the path, by both thresholds of the rule set."""
+    outward = -(fx * field.n_x + fy * field.n_y)
+    return outward > rules.away_force and outward > rules.away_share * math.sqrt(fx * fx + fy * fy)

@@ -1,0 +1,88 @@
+"""The simulated device that trials run on: full brake model, and it stays as the last trial left it."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from core.device import Device
+from core.simulator.hand import Hand
+from core.simulator.simulation import Ledger, Simulation
+from core.simulator.state import CARRIED, STATE
+from core.simulator.stick_slip import STILL
+from core.simulator.stick_slip_mode import look
+
+
+class SimulatedDevice(Simulation):
+    """Implements `core.device_interface.AnyDevice`; its ticks are made by the tick kernel itself."""
+
+    def __init__(self, device: Device, tip: tuple[float, float], hand: Hand | None = None) -> None:
+        """At rest at `tip` (m), brakes off. hand: whose spring or force moves it; None: a hand without force."""
+        super().__init__(device, tip, fidelity="mr", integrator="event", hand=hand)
+        self._before = self.ledger()
+
+    @property
+    def tip(self) -> tuple[float, float]:
+        """Where the handle is, m."""
+        x, y = self.state["tip"][0, :2].tolist()
+        return x, y
+
+    def begin(self) -> None:
+        """Our choice: between trials the handle comes to rest where it is; yields and backlash stay as they were."""
+        state = self.state
+        state["tip"][0, 2:] = 0.0
+        state["carry"][0] = 0.0
+        state["held"][0] = STILL
+        state["added_by_brakes"][0] = 0.0
+        look(self.mechanism[0], state[0])
+        self._before = self.ledger()
+
+    def recorded_start(self) -> dict[str, Any]:
+        """What a trial that begins now depends on and its ticks do not tell, as JSON holds it without rounding.
+
+        state: the device as the trial before left it (yields, backlash, stops, ledger); arm: what of the hand stays.
+        """
+        grip = self.hand.grips
+        return {
+            "state": {name: self.state[name][0].tolist() for name in CARRIED},
+            "arm": {name: grip[name][0].tolist() for name in ("spring", "damping", "mass")},
+        }
+
+    def end_record(self) -> dict[str, Any]:
+        """What the simulator counted since `begin`."""
+        now, before = self.ledger(), self._before
+        return {
+            "events": now.events - before.events,
+            "fallbacks": now.fallbacks - before.fallbacks,
+            "energy_residual_J": now.residual - before.residual,
+            "energy_added_max_J": now.added_by_brakes,
+            "warnings": ledger_warnings(before, now),
+        }
+
+
+def ledger_warnings(before: Ledger, after: Ledger) -> list[str]:
+    """What the simulator's ledger says against its motion between two of its states; none where it agrees."""
+    between = replace(
+        after,
+        work_hand=after.work_hand - before.work_hand,
+        heat=(sum(after.heat) - sum(before.heat),),
+        lost_at_stops=after.lost_at_stops - before.lost_at_stops,
+        residual=after.residual - before.residual,
+        steps=after.steps - before.steps,
+    )
+    return list(between.warnings())
+
+
+def start_again(simulation: Simulation, start: dict[str, Any]) -> None:
+    """Bring a device and its hand to a recorded start of this version."""
+    for name in CARRIED:
+        simulation.state[name][0] = start["state"][name]
+    for name in ("spring", "damping", "mass"):
+        simulation.hand.grips[name][0] = start["arm"][name]
+
+
+def is_start(start: dict[str, Any]) -> bool:
+    """Whether a recorded start is of this version: it holds every field of the device's state, and no other."""
+    return {name: np.shape(value) for name, value in start["state"].items()} == {
+        name: STATE[name].shape for name in CARRIED
+    }

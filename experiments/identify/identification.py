@@ -1,0 +1,137 @@
+"""A brake as its measured steps show it: Eqs. (2), (3) and (4) fitted, with intervals, residuals and warnings."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from core.errors import InputError
+from experiments.identify.fit import (
+    A_NAMES,
+    K_NAMES,
+    LinearFit,
+    TimeConstants,
+    choose_omega_0,
+    fit_time_constants,
+    fit_torque_gain,
+    scatter_by_omega_0,
+)
+from experiments.identify.step_response import FALL, RISE, Measured, measure
+from experiments.identify.steps import Step
+from experiments.identify.units import doubtful_units
+
+
+class Parameter(NamedTuple):
+    """One number with its 95 % interval, value -+ half_width."""
+
+    name: str
+    value: float
+    half_width: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A brake as its steps tell it."""
+
+    source: str  # the file's name
+    steps: int
+    measured: list[Measured]  # averaged steps
+    gain: LinearFit
+    constants: dict[str, TimeConstants]  # by direction
+    omega_0_rpm: float
+    scatter: dict[float, float]  # omega_0 (rpm) -> scatter relative to the least; empty where it was given
+
+    @property
+    def flat_part_seen(self) -> bool:
+        """Whether two measured speeds at least lie at omega_0 and above: else nothing shows that Eq. (4) is flat."""
+        return len({one.step.speed_rpm for one in self.measured if one.step.speed_rpm >= self.omega_0_rpm}) > 1
+
+    @property
+    def omega_0_by(self) -> str:
+        """Where omega_0 comes from."""
+        if not self.scatter:
+            return "given"
+        if self.flat_part_seen:
+            return "least squares over the measured speeds"
+        return "assumed: the highest measured speed, no faster step shows where the time constants level off"
+
+    @property
+    def doubtful(self) -> dict[str, str]:
+        """Column of the steps -> why its numbers are hardly in its unit."""
+        return doubtful_units(self.measured, self.omega_0_rpm if self.scatter and self.flat_part_seen else None)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What whoever reads the numbers must know."""
+        unseen = [f"omega_0_rpm = {self.omega_0_rpm:g} is {self.omega_0_by}"]
+        return [*self.doubtful.values(), *([] if self.flat_part_seen or not self.scatter else unseen)]
+
+    def assumed(self, backlash_deg: float | None) -> dict[str, str]:
+        """Key of the brake file -> why, for each number that the steps do not show. backlash_deg: None: not given."""
+        assumed = {
+            "current_max_A": "the largest that was measured",
+            "knee_A": "as in the paper",
+            "floor_rpm": "Eq. (4) is held below",
+        }
+        if self.scatter and not self.flat_part_seen:
+            assumed["omega_0_rpm"] = "the highest measured speed, no faster step shows where time constants level off"
+        if backlash_deg is None:
+            assumed["backlash_deg"] = "steps do not show it"
+        return assumed
+
+    @property
+    def set_aside(self) -> list[Measured]:
+        """The averaged steps without a transient that stands out."""
+        return [one for one in self.measured if math.isnan(one.time_constant)]
+
+    @property
+    def current_max(self) -> float:
+        """The largest current measured (A)."""
+        return max(max(one.step.current_from, one.step.current_to) for one in self.measured)
+
+    def parameters(self) -> list[Parameter]:
+        """k_1 .. k_5, and for rise and fall a_avg and a_1 .. a_6."""
+        k_units = ("N m/A", "N m", "N m/A^2", "N m/A", "N m")
+        a_units = ("s/A", "s", "s/A", "s", "s/A", "s")
+        rows = [_rows(K_NAMES, self.gain, k_units)]
+        for direction, fits in self.constants.items():
+            rows.append(_rows([f"{direction}.a_avg"], fits.average, ["s"]))
+            rows.append(_rows([f"{direction}.{name}" for name in A_NAMES], fits.surface, a_units))
+        return [row for part in rows for row in part]
+
+    def residuals(self) -> dict[tuple[float, float, float], tuple[float, float | None]]:
+        """Step -> residual of its steady torque (N m), and of its time constant (s), None where there is none."""
+        torque = {one.step.key: float(r) for one, r in zip(self.measured, self.gain.residuals, strict=True)}
+        constant: dict[tuple[float, float, float], float] = {}
+        for fits in self.constants.values():
+            for part, fit in ((fits.at_average, fits.average), (fits.at_surface, fits.surface)):
+                constant |= {one.step.key: float(r) for one, r in zip(part, fit.residuals, strict=True)}
+        return {key: (torque[key], constant.get(key)) for key in torque}
+
+
+def identify_steps(steps: Iterable[Step], source: str, omega_0_rpm: float | None = None) -> Identification:
+    """Fit Eqs. (2), (3) and (4); omega_0 by least squares over the measured speeds unless it is given.
+
+    InputError where the steps cannot tell a number, with which and why.
+    """
+    steps = list(steps)
+    for direction, rising in ((RISE, True), (FALL, False)):
+        if not any(step.rising == rising for step in steps):
+            raise InputError(
+                f"{source}: a_avg and a_1 to a_6 of Eq. (4), {direction}, cannot be identified: there is no step "
+                f"to a {'higher' if rising else 'lower'} current"
+            )
+    measured = measure(steps, source)
+    gain = fit_torque_gain(measured, source)
+    scatter = {} if omega_0_rpm is not None else scatter_by_omega_0(measured, gain, source)
+    omega_0 = choose_omega_0(scatter) if omega_0_rpm is None else omega_0_rpm
+    constants = fit_time_constants(measured, gain, omega_0, source)
+    return Identification(source, len(steps), measured, gain, constants, omega_0, scatter)
+
+
+def _rows(names: Iterable[str], fit: LinearFit, units: Iterable[str]) -> list[Parameter]:
+    return [
+        Parameter(name, float(value), float(half), unit)
+        for name, value, half, unit in zip(names, fit.values, fit.half_widths, units, strict=True)
+    ]
