@@ -6,6 +6,7 @@ from typing import Protocol, TypeVar
 from core.device import Device
 from core.device_interface import DeviceError
 from core.errors import InputError
+from core.faults import cause
 from core.mechanism import JOINTS
 from hardware.emulated_board.sensors import sensing_of
 from hardware.wire.frames import FrameCounts, FrameDecoder, encode_frame
@@ -123,7 +124,7 @@ class Connection:
                     return message
                 if isinstance(message, Refused) and message.message == pack(question)[0]:
                     raise DeviceError(refusal(question, message.reason))
-        raise DeviceError(f"{self.wire.name}: no board answers there")
+        raise DeviceError(cause("no-board", name=self.wire.name))
 
     def hello(self, device: Device) -> Hello:
         """Who is there, checked against the device file; ends what connection there was. InputError: another board."""

@@ -19,6 +19,7 @@ from typing import Any
 from core.device import Device
 from core.device_interface import DeviceError, DeviceSample, RealDevice, ZeroRecord
 from core.errors import InputError
+from core.faults import after, cause, cause_of
 from core.mechanism import JOINTS
 from hardware.connection import Connection, FreshnessWatch, Wire
 from hardware.sensing.encoders import load_kernels
@@ -151,7 +152,7 @@ class SerialDevice:
         try:
             self._begin(*self._reach())
         except DeviceError as error:
-            raise InputError(str(error)) from None
+            raise InputError(cause_of(error)) from None
 
     def exchange(self, currents: Sequence[float]) -> DeviceSample | None:
         """Currents (4,), A, to the brakes; the newest sample, or None: nothing came, see `problem`."""
@@ -178,7 +179,7 @@ class SerialDevice:
                 self._send_heartbeat(connection, now)
             return self._listen(connection, sensing, now + SAMPLE_S)
         except DeviceError as error:
-            self._lose(str(error))
+            self._lose(cause_of(error))
             return None
 
     def samples(self) -> list[DeviceSample]:
@@ -240,14 +241,14 @@ class SerialDevice:
             try:
                 self._connection.send(Stop())
             except DeviceError as error:
-                self._lose(str(error))
+                self._lose(cause_of(error))
 
     def reset(self) -> None:
         """Forget the board's faults. DeviceError: a condition still stands, or the board is not there."""
         connection = self._there()[0]
         report = connection.ask(ResetFault(), FaultReport)
         if report.faults:
-            raise DeviceError(f"the board keeps its fault: {fault_words(report.cause)}")
+            raise DeviceError(after("the board keeps its fault: ", fault_words(report.cause)))
         self._begin(*self._shake_hands(connection))
 
     def close(self) -> None:
@@ -279,7 +280,7 @@ class SerialDevice:
 
     def _there(self) -> tuple[Connection, BoardSensing]:
         if self._connection is None or self.sensing is None:
-            raise DeviceError(f"the board cannot be reached: {self.problem}")
+            raise DeviceError(after("the board cannot be reached: ", self.problem))
         return self._connection, self.sensing
 
     def _shake_hands(self, connection: Connection) -> Reached:
@@ -331,7 +332,7 @@ class SerialDevice:
                 self._back = self._reach()
                 return
             except (DeviceError, InputError) as error:
-                self._problem = str(error)
+                self._problem = cause_of(error)
             self._closing.wait(AGAIN_S)
 
     def _send_heartbeat(self, connection: Connection, now: float) -> None:
@@ -354,9 +355,9 @@ class SerialDevice:
                 elif isinstance(message, Refused):
                     self.health.refused += 1
                     if message == NOT_CONNECTED:
-                        raise DeviceError("the board had left: nobody talked to it for a second")
+                        raise DeviceError(cause("board-left"))
             if now - self._heard > SILENCE_S:
-                raise DeviceError(f"no sample for {1e3 * SILENCE_S:.0f} ms")
+                raise DeviceError(cause("no-sample", ms=1e3 * SILENCE_S))
             if now >= until:
                 break
         return newest

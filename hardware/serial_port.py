@@ -15,6 +15,7 @@ from serial.tools import list_ports
 
 from core.device_interface import DeviceError
 from core.errors import InputError
+from core.faults import cause
 
 try:
     from termios import error as TerminalError
@@ -53,9 +54,9 @@ class Port:
             self._serial = serial.Serial(name, BAUD, timeout=READ_S, write_timeout=WRITE_S, exclusive=True)
             self._serial.reset_input_buffer()
         except _DEAD as error:
-            raise DeviceError(f"serial port {name}: {_reason(error)}") from None
+            raise DeviceError(cause("port", name=name, what=_reason(error))) from None
         except ValueError as error:
-            raise DeviceError(f"serial port {name}: {error}") from None
+            raise DeviceError(cause("port", name=name, what=error)) from None
 
     def read(self) -> bytes:
         """What has come; waits READ_S for the first byte."""
@@ -63,7 +64,7 @@ class Port:
             first = self._serial.read(1)
             return first + self._serial.read(self._serial.in_waiting) if first else first
         except _DEAD as error:
-            raise DeviceError(f"serial port {self.name}: {_reason(error)}") from None
+            raise DeviceError(cause("port", name=self.name, what=_reason(error))) from None
 
     def write(self, data: bytes) -> None:
         """Send; what is not taken in time is lost, as on any wire, and if that lasts the board falls silent."""
@@ -72,7 +73,7 @@ class Port:
         except serial.SerialTimeoutException:
             self.not_taken += 1  # the other end does not read, or this program was held up for longer
         except _DEAD as error:
-            raise DeviceError(f"serial port {self.name}: {_reason(error)}") from None
+            raise DeviceError(cause("port", name=self.name, what=_reason(error))) from None
 
     def close(self) -> None:
         """Close in a thread of its own, and do not wait for one that hangs."""
@@ -123,9 +124,10 @@ def find_port(wanted: str, identity: Identity | None = None) -> str:
         if there == identity or (not names and (there is None or identity.made_as(there))):
             return wanted
         if not names:
-            raise InputError(f"serial port {wanted}: another device has this name now")
+            raise InputError(cause("port", name=wanted, what="another device has this name now"))
         if len(names) > 1:
-            raise InputError(f"serial port {wanted}: it is gone, and {' and '.join(names)} both look like it")
+            both = f"it is gone, and {' and '.join(names)} both look like it"
+            raise InputError(cause("port", name=wanted, what=both))
         return names[0]
     if wanted != "auto":
         return wanted

@@ -16,13 +16,14 @@ from typing import IO, Any
 import numpy as np
 
 from core import tick_log
+from core.faults import Cause
 
 TICKS = 1 << 14  # 16 s: the longest that a disk may make the recorder wait
 AIMS = 16  # places of the pointer: the newest one is not overwritten while it is read
-TEXT = 240  # bytes of a cause
+TEXT, CODE = 240, 24  # bytes of a cause, of the code of a fault
 
 #: why the loop ended a trial before its end
-NO_CAUSE, STOPPED, BRAKES_OFF, CONDUCTOR_SILENT, RING_FULL = range(5)
+NO_CAUSE, STOPPED, BRAKES_OFF, SERVER_SILENT, RING_FULL = range(5)
 
 CONTROL = np.dtype(
     [
@@ -30,12 +31,13 @@ CONTROL = np.dtype(
         ("aim_count", "i8"),  # how often the pointer was pointed; the newest place is aims[(aim_count - 1) % AIMS]
         ("aims", "f8", (AIMS, 2)),  # m
         ("brakes_off", "i8"),  # 1: no currents until the session server allows them again
-        ("why_off", "u1", (TEXT,)),  # its cause, UTF-8
+        ("why_off", "u1", (TEXT,)),  # its cause, UTF-8 ..
+        ("off_code", "u1", (CODE,)),  # .. and the code of its fault, if it is one
         ("presses", "i8"),  # of the brakes-off, so far
         # by the session server
         ("push_count", "i8"),  # how often a force was pushed; 0: the pointer is the hand
         ("pushes", "f8", (AIMS, 2)),  # N, likewise
-        ("conductor_beat", "i8"),  # ns
+        ("server_beat", "i8"),  # ns
         ("stop", "i8"),  # 1: end the trial
         ("tail", "i8"),  # ticks that the recorder has taken
         # by the loop
@@ -114,8 +116,9 @@ class Ring:
     def switch_off(self, cause: str) -> None:
         """No currents from the next tick on, for this cause (the first one stands)."""
         if not self.control.brakes_off:
-            text = cause.encode()[:TEXT]
-            self.control.why_off = np.frombuffer(text.ljust(TEXT, b"\0"), np.uint8)
+            code = cause.code if isinstance(cause, Cause) else ""
+            for field, text, size in (("why_off", cause, TEXT), ("off_code", code, CODE)):
+                self.control[field] = np.frombuffer(text.encode()[:size].ljust(size, b"\0"), np.uint8)
             self.control.brakes_off = 1
 
     @property
@@ -123,7 +126,9 @@ class Ring:
         """Why no currents may flow; "": they may."""
         if not self.control.brakes_off:
             return ""
-        return self.control.why_off.tobytes().rstrip(b"\0").decode(errors="ignore") or "no cause given"
+        fields = (self.control.why_off, self.control.off_code)
+        why, code = (field.tobytes().rstrip(b"\0").decode(errors="ignore") for field in fields)
+        return Cause(why, code) if code else why or "no cause given"
 
     def newest(self) -> np.ndarray:
         """The ticks since the last call, copied: (n, width). The oldest are left out if there were too many."""
@@ -154,7 +159,7 @@ class Ring:
 
     def beat(self) -> None:
         """The session server lives."""
-        self.control.conductor_beat = time.monotonic_ns()
+        self.control.server_beat = time.monotonic_ns()
 
     @property
     def loop_silent_s(self) -> float:

@@ -47,6 +47,7 @@ from core import tick_log
 from core.device import Device
 from core.device_interface import DeviceError, DeviceSample, RealDevice
 from core.errors import InputError
+from core.faults import after, cause_of
 from core.path_file import build_path
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.state import new_record
@@ -59,7 +60,6 @@ from hardware.serial_device import device_at
 NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
 TELL_S = 0.1  # between two reports of how a real device is
 AGAIN_S = 1.0  # between attempts to reach a board that was never reached
-LATCHED = "the board: "  # begins the cause of a brakes-off that the board latched
 
 
 class Loop:
@@ -123,7 +123,7 @@ class Loop:
                 while True:
                     self.jobs.put(pickle.load(jobs))
         finally:
-            self.ring.control.conductor_beat = 0
+            self.ring.control.server_beat = 0
             self.jobs.put(None)
 
     def _answer(self, answer: Any) -> None:
@@ -166,7 +166,7 @@ class Loop:
         if not trial.real:
             run_trial(self.ring.controls, self.ring.rows, self._row, self._timespec, *trial.arguments())
         elif self.device is None:
-            trial.give_up(f"the board cannot be reached: {self._problem}")
+            trial.give_up(after("the board cannot be reached: ", self._problem))
         elif not self.device.zeroed:
             trial.give_up("the zero of the device does not hold any more")
         else:
@@ -219,7 +219,7 @@ class Loop:
     def _latch(self, device: RealDevice, sample: DeviceSample) -> None:
         """Brakes-off here is brakes-off on the board, and the other way round."""
         if sample.fault:
-            self.ring.switch_off(LATCHED + sample.fault)
+            self.ring.switch_off(after("the board: ", sample.fault))
         elif self.ring.control.brakes_off:
             device.stop()
 
@@ -235,7 +235,7 @@ class Loop:
             try:
                 device.open()
             except InputError as error:
-                problem = problem or str(error)
+                problem = problem or cause_of(error)
                 continue
             self.device, self.sample = device, None
             self._homed_at = self._zeroed_at = 0.0
@@ -249,7 +249,7 @@ class Loop:
 
     def _there(self) -> RealDevice:
         if self.device is None:
-            raise DeviceError(f"the board cannot be reached: {self._problem}")
+            raise DeviceError(after("the board cannot be reached: ", self._problem))
         return self.device
 
     def _reset(self, presses: int) -> None:

@@ -4,7 +4,7 @@ A simulated trial is one call, `run_trial`: the tick kernel at the deadlines of 
 by way of Python, which calls `end_early` and `put` for each.
 """
 
-from app.ipc.ring import AIMS, BRAKES_OFF, CONDUCTOR_SILENT, RING_FULL, STOPPED
+from app.ipc.ring import AIMS, BRAKES_OFF, RING_FULL, SERVER_SILENT, STOPPED
 from app.loop.clock import fence, native, now_ns, sleep_until
 from core.kernel import kernel
 from core.tick_log import END, LATENESS_US
@@ -14,7 +14,7 @@ TICK_NS = 1_000_000
 #: Ticks run at once after a stall. Our choice: after a longer one (a machine that slept) the trial's time waits, so
 #: that the handle does not race through seconds on a target that nobody aimed at; the lateness of the tick says so.
 MOST_BEHIND_NS = 100 * TICK_NS
-SILENT_NS = 2_000_000_000  # a conductor that has not beaten for so long is gone, not only short of processors
+SILENT_NS = 2_000_000_000  # a session server that has not beaten for so long is gone, not only short of processors
 ROOM = 1024  # ticks of the ring that are kept free: an aborted trial still ends in recorded ticks
 
 #: Our choice: the pointer takes the handle when it comes this near (m), and keeps it until the trial ends. So the
@@ -53,8 +53,8 @@ def end_early(controls, runs, now, size):
         control.cause = BRAKES_OFF
     elif control.stop != 0:
         control.cause = STOPPED
-    elif now - control.conductor_beat > SILENT_NS:
-        control.cause = CONDUCTOR_SILENT
+    elif now - control.server_beat > SILENT_NS:
+        control.cause = SERVER_SILENT
     elif control.head - control.tail > size - ROOM:
         control.cause = RING_FULL
     else:

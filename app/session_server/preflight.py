@@ -10,7 +10,7 @@ from typing import IO
 
 from app.ipc.messages import BAD, CAUTION, GOOD, WAITING, Check, DeviceStatus, Timing
 from app.ipc.scheduling import ADVICE
-from app.session_server.remedies import remedy
+from core.faults import FAULTS, advice, after
 
 #: bytes. Our choice: a trial takes 7 MB at most, a session of 60 well under the lower one
 LOW, TOO_LOW = 2_000_000_000, 200_000_000
@@ -22,8 +22,8 @@ LATE_US = 200.0
 def check_device(simulated: bool, why_off: str) -> Check:
     """Whether currents may flow. why_off: the cause of a brakes-off, or ""."""
     if why_off:
-        cause = f"Brakes off: {why_off}"
-        return Check("Device", BAD, "brakes off", f"{cause}. {remedy(cause)}")
+        what = advice(why_off) or FAULTS["brakes-off"].advice
+        return Check("Device", BAD, "brakes off", f"Brakes off: {why_off}. {what}")
     return Check("Device", GOOD, "simulated" if simulated else "connected")
 
 
@@ -32,10 +32,10 @@ def check_linked(linked: DeviceStatus | None, why_off: str) -> Check:
     if linked is None:
         return Check("Device", WAITING, "connecting", "The board on the bench is being reached.")
     if linked.problem:
-        problem = f"{linked.problem[0].upper()}{linked.problem[1:]}. {remedy(linked.problem)}"
+        problem = f"{linked.problem[0].upper()}{linked.problem[1:]}. {advice(linked.problem)}"
         return Check("Device", BAD, "not connected", problem.strip())
     if why_off or linked.fault:
-        return check_device(False, why_off or f"the board: {linked.fault}")
+        return check_device(False, why_off or after("the board: ", linked.fault))
     if not linked.homed:
         return Check("Device", BAD, "not homed", "Home the encoders: until then the place of the handle is unknown.")
     return Check("Device", GOOD, f"{linked.device}, board {linked.board}")
@@ -123,3 +123,11 @@ def check_recording(broken: str, undone: str, last: str, streams: int) -> Check:
         advice = "What was recorded is whole, as a stream; it becomes a Parquet file when the disk takes it."
         return Check("Recording", CAUTION, f"{streams} not converted", advice)
     return Check("Recording", GOOD, f"{last} verified" if last else "ready")
+
+
+def with_advice(name: str, reason: str) -> str:
+    """What the experimenter reads of a trial (or, without a name, of the device) and a reason ("": there is none)."""
+    if not reason:
+        return ""
+    what = f"{name}: {reason}" if name else f"{reason[0].upper()}{reason[1:]}"
+    return f"{what}. {advice(reason)}".strip()

@@ -12,6 +12,7 @@ from app.ipc.messages import Proof, Timing
 from app.ipc.ring import Ring
 from app.ipc.scheduling import stolen_ms
 from core import tick_log
+from core.faults import cause
 from experiments.recording.writer import RecordingWriter
 
 DRAIN_S = 0.02
@@ -99,7 +100,7 @@ class Recorder:
         try:
             write()
         except (OSError, ValueError) as error:
-            self.error = f"the recording failed: {getattr(error, 'strerror', None) or error}"
+            self.error = cause("recording-failed", why=getattr(error, "strerror", None) or error)
 
 
 def timing_of(lateness_us: np.ndarray, scheduling: str, stolen_ms: float = 0.0) -> Timing:

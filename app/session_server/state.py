@@ -12,8 +12,7 @@ from app.ipc.ring import Ring
 from app.session_server.device_setup import DeviceSetup
 from app.session_server.loop_process import LoopProcess
 from app.session_server.practice import Practice
-from app.session_server.preflight import check_disk, check_recording
-from app.session_server.remedies import with_advice
+from app.session_server.preflight import check_disk, check_recording, with_advice
 from app.session_server.session_progress import SessionProgress
 from app.session_server.steps import BY_NAME
 from app.session_server.storage import Storage

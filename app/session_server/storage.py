@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from app.session_server.remedies import with_advice
+from app.session_server.preflight import with_advice
 from app.session_server.session_progress import SessionProgress
 from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.errors import InputError

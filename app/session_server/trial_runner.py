@@ -3,11 +3,12 @@
 import contextlib
 
 from app.ipc.messages import Check, Done, Prepared, Run, Timing, Tried, Try
-from app.ipc.ring import BRAKES_OFF, CONDUCTOR_SILENT, RING_FULL, STOPPED, Ring
+from app.ipc.ring import BRAKES_OFF, RING_FULL, SERVER_SILENT, STOPPED, Ring
 from app.ipc.scheduling import leave_core
 from app.session_server.loop_process import LoopProcess
 from app.session_server.preflight import check_loop
 from app.session_server.recorder import Recorder, timing_of
+from core.faults import Cause, after, cause
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
 from experiments.recording.writer import RecordingWriter
@@ -16,10 +17,6 @@ from experiments.trial.trial import Trial
 
 TRY_TICKS = 250  # a quarter of a second of deadlines, before the first trial
 MOST_STARTS = 3  # loops in a row that die before they are ready
-DIED = "the control loop ended unexpectedly"
-HUNG = "the control loop hung and was ended"
-SILENT = "the process that records did not answer for two seconds"
-NEVER = f"the control loop cannot be started: it died {MOST_STARTS} times while it was being prepared"
 
 
 class TrialRun:
@@ -93,11 +90,15 @@ class TrialRun:
         """Why the loop ended it early; "": it did not."""
         reasons = {
             STOPPED: self._reason,
-            BRAKES_OFF: f"brakes off: {self._ring.why_off}",
-            CONDUCTOR_SILENT: SILENT,
-            RING_FULL: f"the disk could not keep up: it took nothing for {len(self._ring.rows) // 1000} s",
+            BRAKES_OFF: self._brakes_off(),
+            SERVER_SILENT: cause("server-silent"),
+            RING_FULL: cause("disk-too-slow", seconds=len(self._ring.rows) // 1000),
         }
         return reasons.get(int(self._ring.control.cause), "")
+
+    def _brakes_off(self) -> str:
+        why = self._ring.why_off
+        return after("brakes off: ", why) if isinstance(why, Cause) else cause("brakes-off", why=why)
 
 
 class TrialRunner:
@@ -153,12 +154,12 @@ class TrialRunner:
         return ended, ""
 
     def _replace(self) -> tuple[TrialRun | None, str]:
-        why = DIED if self._loop.dead else HUNG
+        why = cause("loop-died" if self._loop.dead else "loop-hung")
         self._loop.kill()
         run, self.run, self._tried = self.run, None, None
         if self._starts >= MOST_STARTS:
-            self.broken = NEVER
-            return run, NEVER
+            self.broken = cause("no-loop", times=MOST_STARTS)
+            return run, self.broken
         self._starts += 1
         self._loop = LoopProcess(self._ring, self._real_time, self._port)
         self.replaced = True

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from app.ipc import messages as m
 from app.window.words import grouped
+from core import faults
 from core.control.controllers import Preset
 from core.device import Device
 from core.device_interface import VELOCITY_NOISE_HZ, encoder_step
@@ -29,16 +30,7 @@ STATES = {
     "ACTIVE": "active: currents may flow",
     "FAULT": "fault: no current until it is reset",
 }
-#: by a word of the fault: what to do
-CURES = (
-    ("no command", "The board heard nothing for 50 ms: close other programs, see phd doctor."),
-    ("current", "Look for a short circuit at the brake before you reset it."),
-    ("joint turned", "Move the handle more slowly."),
-    ("encoder", "Look at the encoder's plug and cable; home the encoders again after it."),
-    ("force sensor", "Take the load off the handle; take the zero again if it stays there."),
-    ("supply voltage", "Look at the board's supply. The encoders have to be homed again."),
-    ("stopped by the host", "Brakes off was pressed here, or the last program ended so."),
-)
+NO_CONNECTION = "Look at cable and supply: as soon as the board answers, the connection is there again by itself."
 
 
 class Word(NamedTuple):
@@ -92,14 +84,14 @@ def not_well(linked: "DeviceStatus | None", rates: Rates) -> list[Word]:
     if linked is None:
         return [Word(m.WAITING, "The board is being reached.")]
     if linked.problem:
-        advice = "Look at cable and supply: as soon as the board answers, the connection is there again by itself."
-        return [Word(m.BAD, f"No connection: {linked.problem}.", advice)]
+        return [Word(m.BAD, f"No connection: {linked.problem}.", faults.advice(linked.problem) or NO_CONNECTION)]
     words = []
     if linked.fault:
-        cure = next((cure for key, cure in CURES if key in linked.fault), "Find out why before you reset it.")
-        words.append(Word(m.BAD, f"Fault latched on the board: {linked.fault}. No current flows.", cure))
+        what = f"Fault latched on the board: {linked.fault}. No current flows."
+        words.append(Word(m.BAD, what, faults.advice(linked.fault)))
     if not linked.homed:
-        words.append(Word(m.BAD, "The encoders are not homed: nobody knows where the handle is.", "Home the encoders."))
+        what = "The encoders are not homed: the place of the handle is unknown."
+        words.append(Word(m.BAD, what, "Home the encoders."))
     if linked.force_channels == 0:
         words.append(Word(m.CAUTION, "There is no force sensor: the controllers see motion alone."))
     elif not linked.zeroed:

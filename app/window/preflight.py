@@ -12,7 +12,6 @@ from app.window.words import where
 COLOURS = {m.GOOD: theme.GOOD, m.CAUTION: theme.CAUTION, m.BAD: theme.BAD, m.WAITING: theme.BRAKE_OFF}
 #: Said by shape too, not by colour alone.
 MARKS = {m.GOOD: "●", m.CAUTION: "▲", m.BAD: "✕", m.WAITING: "○"}
-BOARD = "the board: "  # begins the cause of a brakes-off that the board latched
 DEVICE = "Device"  # the check that leads to the device page
 
 
@@ -130,9 +129,7 @@ def advice(snapshot: m.Snapshot) -> list[str]:
     said = []
     if snapshot.brakes_off:
         cause = sentence(snapshot.brakes_off)
-        by_board = cause.startswith(BOARD)
-        why = f"The board took all current off: {cause.removeprefix(BOARD)}" if by_board else f"Brakes are off: {cause}"
-        said.append(f"{why} B or the button lets them act again.")
+        said.append(f"Brakes are off: {cause} B or the button lets them act again.")
     for check in snapshot.checks:
         if check.state == m.BAD and not (snapshot.brakes_off and check.name == "Device"):
             said.append(" ".join(filter(None, (f"{check.name}: {sentence(check.text)}", check.advice))))

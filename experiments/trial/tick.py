@@ -73,17 +73,17 @@ from experiments.trial.operator import TICK_S, begin_approach, operate
 RUNNING, DONE, TIMEOUT, ABORTED = range(4)
 STATUSES = ("running", "done", "timeout", "aborted")
 
-#: why a trial was aborted; those from OUT_OF_PLACE on come from a real device
+#: why a trial was aborted, as codes of `core.faults`; those from OUT_OF_PLACE on come from a real device
 NO_REASON, APPROACH_TOO_LONG, FORCE_NOT_FINITE, BY_EXPERIMENTER, OUT_OF_PLACE, TOO_FAST, DISOBEYED, TRAPPED = range(8)
 REASONS = (
     "",
-    "the start was not reached in time",
-    "the hand force was not finite",
-    "stopped by the experimenter",
-    "the handle was where the device file says it cannot be: check the homing",
-    "the handle moved faster than {speed_max:g} m/s",
-    "the brakes did not get the currents that were asked for",
-    "a hand pushed with more than {force:g} N for {time:g} s against a full lock: the brakes let go",
+    "start-not-reached",
+    "force-not-finite",
+    "",  # the reason was given with the abort
+    "out-of-place",
+    "too-fast",
+    "disobeyed",
+    "trapped",
 )
 
 #: rad or sine, beyond a hard stop. Our choice: a stop gives and an encoder has steps; further out the pose is wrong.

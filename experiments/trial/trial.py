@@ -18,6 +18,7 @@ from core.control.controllers import Preset, make_controller
 from core.control.velocity_field import new_memory
 from core.device import Device
 from core.device_interface import DeviceSample, RealDevice, velocity_noise
+from core.faults import after, cause
 from core.mechanism import JOINTS
 from core.path import Path, point_at
 from core.path_file import PathFile, build_path
@@ -58,11 +59,6 @@ LONGEST_END_S = 0.5  # beyond `end_s`, in which the recorded end may still come 
 WRAP = 1 << 32
 #: columns that a lost sample leaves between its neighbours
 _SENSED = slice(tick_log.TIP_X, tick_log.HAND_FY + 1)
-
-NOT_HOMED = "the encoders have not been homed"
-CONTRADICT = "the encoders contradict each other: one of them may be stuck"
-SILENT = f"no sample came from the board for {1e3 * SILENT_S:.0f} ms"
-NO_POSE = "the encoders are of no pose of the linkage: check the homing"
 
 
 #: what running a trial changes: arrays, and what is known of its end
@@ -225,7 +221,7 @@ class Trial:
             if code not in (NO_REASON, BY_EXPERIMENTER) or not reason:
                 reason = self._words(code)
         elif reason:
-            reason = f"after its end: {reason}"
+            reason = after("after its end: ", reason)
         about: dict[str, Any] = {"status": STATUSES[status], "reason": reason}
         if isinstance(self.model, SimulatedDevice):
             about |= self.model.end_record()
@@ -237,7 +233,9 @@ class Trial:
     def _words(self, code: int) -> str:
         release = self.how.release
         force, time_s = (release.force_N, release.time_s) if release else (math.inf, math.inf)
-        return REASONS[code].format(speed_max=SPEED_MAX_M_S, force=force, time=time_s)
+        if not REASONS[code]:
+            return "stopped by the experimenter"
+        return cause(REASONS[code], speed_max=SPEED_MAX_M_S, force=force, time=time_s)
 
     # ---------------------------------------------------------------------------------------- on a real device
 
@@ -275,7 +273,7 @@ class Trial:
             self.abort(problem)
             self._finish()
         elif now - self._heard_s >= SILENT_S:
-            self.abort(SILENT)
+            self.abort(cause("silent-in-trial", ms=1e3 * SILENT_S))
             self._end(now)
             if self._over(now):
                 self._finish()
@@ -320,16 +318,16 @@ class Trial:
         """What must not be while a hand is at the device ends the trial, with this sample or without it."""
         self._not_closed = 0 if sample.closed else self._not_closed + 1
         if sample.fault:
-            self.abort(f"the board: {sample.fault}")
+            self.abort(after("the board: ", sample.fault))
         elif not sample.homed:
-            self.abort(NOT_HOMED)
+            self.abort(cause("not-homed"))
         elif self._not_closed >= NOT_CLOSED:
-            self.abort(CONTRADICT)
+            self.abort(cause("contradict"))
         lost = (sample.sequence - self._last[0]) % WRAP - 1 if self._last else 0
         if lost >= SILENT_S / TICK_S:
-            self.abort(SILENT)
+            self.abort(cause("silent-in-trial", ms=1e3 * SILENT_S))
         if not all(map(math.isfinite, sample.tip)):
-            self.abort(NO_POSE)
+            self.abort(cause("no-pose"))
             self._finish()
         elif lost > MOST_FILLED:
             self._finish()

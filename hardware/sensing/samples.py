@@ -4,20 +4,21 @@ import numpy as np
 
 from core.device import Device
 from core.device_interface import DeviceSample, ZeroRecord
+from core.faults import cause
 from hardware.sensing.board_clock import ClockModel
 from hardware.sensing.encoders import PoseSensing
 from hardware.sensing.force_sensor import ForceSensing
 from hardware.sensing.tip_motion import Motion, MotionFilter
 from hardware.wire.messages import Fault, Hello, Sample, joints_of
 
-FAULT_WORDS = {
-    Fault.WATCHDOG: "no command for 50 ms",
-    Fault.OVER_CURRENT: "a brake drew more current than its limit",
-    Fault.OVER_SPEED: "a joint turned faster than its limit",
-    Fault.ENCODER: "an encoder's signal is bad",
-    Fault.FORCE_SATURATED: "the force sensor is at the end of its range",
-    Fault.BROWN_OUT: "the supply voltage was too low and the board started anew",
-    Fault.HOST_REQUEST: "stopped by the host",
+FAULT_CODES = {
+    Fault.WATCHDOG: "watchdog",
+    Fault.OVER_CURRENT: "over-current",
+    Fault.OVER_SPEED: "over-speed",
+    Fault.ENCODER: "bad-encoder",
+    Fault.FORCE_SATURATED: "force-saturated",
+    Fault.BROWN_OUT: "brown-out",
+    Fault.HOST_REQUEST: "host-request",
 }
 
 
@@ -80,6 +81,9 @@ class BoardSensing:
         )
 
 
-def fault_words(cause: int) -> str:
-    """The cause of a fault in words; "" for none."""
-    return FAULT_WORDS.get(Fault(cause), f"unknown fault {cause}") if cause else ""
+def fault_words(number: int) -> str:
+    """The fault that a board has latched, by its number; "" for none."""
+    if not number:
+        return ""
+    code = FAULT_CODES.get(Fault(number))
+    return cause(code) if code else cause("unknown", number=number)

@@ -12,6 +12,8 @@ from screens import Screens, cut_texts, opened_screens, settle, visible_texts
 from app.ipc import messages as m
 from app.window.device_page import SIMULATED
 from app.window.device_words import RECENT_S, Rates, Recent, counters_of, not_well, quantisation
+from core.faults import FAULTS, cause
+from hardware.sensing.samples import FAULT_CODES
 
 KEY, LEFT = Qt.Key, Qt.MouseButton.LeftButton
 DEVICE = next(device for device in DEVICES if device.name == "four-brake")
@@ -76,9 +78,9 @@ def test_what_is_not_known_is_a_dash_and_never_an_old_value(screens: Screens) ->
 @pytest.mark.parametrize(
     ("device", "says", "advises"),
     [
-        (linked(problem="no sample for 200 ms"), "no sample for 200 ms", "cable"),
-        (linked(fault="an encoder's signal is bad"), "an encoder's signal is bad", "plug"),
-        (linked(fault="no command for 50 ms"), "no command for 50 ms", "close other programs"),
+        (linked(problem=cause("no-sample", ms=200)), "no sample for 200 ms", "cable"),
+        (linked(fault=cause("bad-encoder")), "an encoder's signal is bad", "plug"),
+        (linked(fault=cause("watchdog")), "no command for 50 ms", "close other programs"),
         (linked(homed=False), "not homed", "Home the encoders"),
         (linked(zeroed=False), "no zero", "Take the zero"),
     ],
@@ -89,10 +91,8 @@ def test_what_keeps_trials_from_starting_is_said_with_what_to_do(device, says: s
 
 
 def test_every_fault_of_the_board_has_its_advice() -> None:
-    from hardware.sensing.samples import FAULT_WORDS
-
-    unknown = not_well(linked(fault="unknown fault 4096"), Rates())[0].advice
-    assert all(not_well(linked(fault=words), Rates())[0].advice != unknown for words in FAULT_WORDS.values())
+    for code in FAULT_CODES.values():
+        assert not_well(linked(fault=cause(code)), Rates())[0].advice == FAULTS[code].advice
 
 
 @pytest.mark.parametrize(
@@ -234,7 +234,7 @@ def test_no_text_is_cut(screens: Screens, size: tuple[int, int], bad: bool) -> N
     if bad:
         frames = {"good": 9, "bad_cobs": 0, "bad_crc": 9, "too_long": 0, "resyncs": 3, "bytes": 10**9, "bad": 9}
         counts = {"lost": 10**6, "late_commands": 10**5, "not_closed": 10**5, "refused": 10**5, "frames": frames}
-        device = linked(counts, fault="an encoder's signal is bad", homed=False, zeroed=False)
+        device = linked(counts, fault=cause("bad-encoder"), homed=False, zeroed=False)
         screens.hear(ready(3, checks=LOST, brakes_off="the board: an encoder's signal is bad"), told(device))
     settle(console)
     assert cut_texts(console) == []

@@ -4,6 +4,7 @@ nothing recorded is lost, and that the device is of use again. In simulated time
 As a script it writes the table of docs/fault-matrix.md: `python tests/app/test_fault_matrix.py docs/fault-matrix.md`.
 """
 
+import pickle
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -14,16 +15,15 @@ import pytest
 from fault_cases import Case, Place
 from fault_kinds import BETWEEN, HARD, PHASES, SOFT, Fault
 
-from app.session_server.remedies import REMEDIES, remedy
-from app.session_server.trial_runner import DIED, HUNG, NEVER
-from app.session_server.trial_runner import SILENT as RECORDER_SILENT
+from app.ipc.ring import CODE, Ring
 from core import tick_log
+from core.faults import FAULTS, advice, after, cause
 from experiments.session.verify import verify
-from experiments.trial import tick, trial
 from hardware.emulated_board.line_faults import KINDS
-from hardware.sensing.samples import FAULT_WORDS
 
 BOARD_MS, AGAIN_S = 50, 2.0
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = [file for part in ("hardware", "experiments", "app") for file in (ROOT / part).rglob("*.py")]
 WIRE_MS = 3  # from the app's decision to the board
 EVERY = [pytest.param(fault, phase, id=f"{fault.name}-{phase}") for fault in HARD for phase in PHASES]
 
@@ -55,8 +55,8 @@ def check_kept(case: Case) -> None:
 def check_told(case: Case) -> None:
     """The words name the cause and say what to do."""
     assert any(cause.lower() in case.words.lower() for cause in case.fault.causes), case.words
-    assert remedy(case.words) and remedy(case.words) in case.words
-    assert not case.afterwards or remedy(case.afterwards) in case.afterwards
+    found = [fault.advice for fault in FAULTS.values() if fault.advice in case.words]
+    assert found and (not case.afterwards or any(fault.advice in case.afterwards for fault in FAULTS.values()))
 
 
 @pytest.mark.parametrize(("fault", "phase"), EVERY)
@@ -113,17 +113,23 @@ def test_every_recording_of_a_day_full_of_faults_is_whole_or_recovered(place: Pl
     assert found["faults"] == [] and found["whole"] + found["recovered"] >= 1
 
 
-def test_every_cause_that_the_program_knows_has_words_that_say_what_to_do() -> None:
-    causes = [
-        *FAULT_WORDS.values(), "unknown fault 4096", *tick.REASONS[1:3], *tick.REASONS[4:],
-        trial.SILENT, trial.NOT_HOMED, trial.CONTRADICT, trial.NO_POSE, DIED, HUNG, NEVER,
-        RECORDER_SILENT, "brakes off: Esc", "the disk could not keep up: it took nothing for 16 s",
-        "the recording failed: no space left on device", "no sample for 200 ms", "serial port /dev/x: it is gone",
-        "/dev/x: no board answers there", "the board had left: nobody talked to it for a second",
-    ]  # fmt: skip
-    used = {remedy(cause) for cause in causes}
-    assert "" not in used and used == set(REMEDIES.values()), "and none is left that nothing leads to"
-    assert remedy("participant had to sneeze") == ""
+def test_every_fault_has_words_and_says_what_to_do_and_is_told_somewhere() -> None:
+    used = {code for file in SOURCES for code in FAULTS if f'"{code}"' in file.read_text()}
+    assert used == set(FAULTS), "and none is left that nothing leads to"
+    for code, fault in FAULTS.items():
+        assert fault.words and fault.advice.endswith("."), code
+        assert len(code) <= CODE
+    assert advice("participant had to sneeze") == ""
+
+
+def test_a_fault_stays_what_it_is_on_its_way_to_the_experimenter() -> None:
+    why = after("the board: ", cause("watchdog"))
+    assert why == "the board: no command for 50 ms" and advice(why) == FAULTS["watchdog"].advice
+    there = pickle.loads(pickle.dumps(why))
+    assert there == why and there.code == "watchdog"
+    ring = Ring(ticks=8)
+    ring.switch_off(why)
+    assert Ring(ring.handle).why_off == why and advice(Ring(ring.handle).why_off) == advice(why)
 
 
 def test_no_fault_is_left_out() -> None:

@@ -72,7 +72,7 @@ def run_trial(loop: tuple[Ring, LoopProcess], disk: Disk, trial: Trial, ticks: i
     ring, process = loop
     run = TrialRun(ring, process, trial.planned, trial, disk)
     end = time.monotonic() + LONG_S
-    ring.control.conductor_beat = 1 << 62  # however long this machine holds us up: that is not what is tested
+    ring.control.server_beat = 1 << 62  # however long this machine holds us up: that is not what is tested
     while not (answers := process.receive()):
         run.watch()
         if len(run.recorder.lateness_us) >= ticks:

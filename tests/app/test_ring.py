@@ -9,7 +9,7 @@ import pytest
 
 from app.ipc.client import Client
 from app.ipc.messages import Setup
-from app.ipc.ring import BRAKES_OFF, CONDUCTOR_SILENT, NO_CAUSE, RING_FULL, STOPPED, Ring
+from app.ipc.ring import BRAKES_OFF, NO_CAUSE, RING_FULL, SERVER_SILENT, STOPPED, Ring
 from app.loop.clock import new_timespec, now_ns
 from app.loop.loop import stopped_trial
 from app.loop.real_time import GRASP_RADIUS_M, MOST_BEHIND_NS, ROOM, TICK_NS, due, put, run_trial, take_aim
@@ -19,7 +19,7 @@ from core.simulator.hand import GRIP
 from core.simulator.state import new_record
 
 SMALL = 64
-FOR_EVER_NS = 1 << 62  # a beat of a conductor that never falls silent
+FOR_EVER_NS = 1 << 62  # a beat of a session server that never falls silent
 
 
 @pytest.fixture
@@ -121,14 +121,14 @@ def test_the_spring_pulls_nowhere_until_the_pointer_has_touched_the_handle(ring:
 
 
 class Running:
-    """A trial of the mouse that the kernel runs in a thread; the recorder's and the conductor's part is the test's."""
+    """A trial of the mouse that the kernel runs in a thread; the recorder's and the server's part is the test's."""
 
     def __init__(self, ring: Ring, behind: int = 0) -> None:
         """behind: ticks in the ring that the recorder has not taken yet."""
         self.ring, self.arguments = ring, stopped_trial().arguments()
         self.arguments.run["stop"][0] = 0
         ring.begin_trial()
-        ring.control.conductor_beat = FOR_EVER_NS
+        ring.control.server_beat = FOR_EVER_NS
         ring.control.tail -= behind
         spare = np.zeros((1, tick_log.WIDTH))
         self.thread = threading.Thread(
@@ -159,7 +159,7 @@ def large() -> Ring:
     return Ring()
 
 
-@pytest.mark.parametrize("cause", [STOPPED, BRAKES_OFF, CONDUCTOR_SILENT, RING_FULL])
+@pytest.mark.parametrize("cause", [STOPPED, BRAKES_OFF, SERVER_SILENT, RING_FULL])
 def test_whatever_ends_a_trial_from_outside_it_ends_without_current_and_says_why(large: Ring, cause: int) -> None:
     running = Running(large)
     running.until(50)
@@ -168,7 +168,7 @@ def test_whatever_ends_a_trial_from_outside_it_ends_without_current_and_says_why
         large.control.stop = 1
     elif cause == BRAKES_OFF:
         large.switch_off("Esc")
-    elif cause == CONDUCTOR_SILENT:
+    elif cause == SERVER_SILENT:
         large.beat()  # the last one
     elif cause == RING_FULL:
         large.control.tail -= len(large.rows) - ROOM  # a recorder that has taken nothing for long

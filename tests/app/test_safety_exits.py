@@ -36,7 +36,7 @@ def place(tmp_path_factory: pytest.TempPathFactory):
 
 
 class Told(io.BytesIO):
-    """The pipe to a conductor, which breaks when `broken` is set."""
+    """The pipe to a session server, which breaks when `broken` is set."""
 
     broken = False
 
@@ -71,7 +71,7 @@ def work(loop: Loop, trial) -> None:
     """The loop's whole life: this trial, and then the end of its input."""
     loop.jobs.put(Run(trial))
     loop.jobs.put(None)
-    read, write = os.pipe()  # a conductor that lives
+    read, write = os.pipe()  # a session server that lives
     try:
         loop.work(open(read, "rb"))  # noqa: SIM115  (it goes with the thread that reads it)
     finally:
@@ -86,7 +86,7 @@ def test_an_exception_in_the_middle_of_a_trial_ends_in_zero_current(error: type[
     case.bench.link.close()
 
 
-def test_a_conductor_that_is_gone_when_the_loop_reports_leaves_no_current(place: Place) -> None:
+def test_a_session_server_that_is_gone_when_the_loop_reports_leaves_no_current(place: Place) -> None:
     bench = RealBench(hand=HeldHand(START), device=place.session.devices["four-brake"])
     answers = Told()
     loop = Loop(Ring(width=tick_log.BENCH_WIDTH), "bench", answers)
@@ -149,7 +149,7 @@ def bench_link():
     return _LINKS[0].link
 
 
-def test_a_conductor_that_is_killed_leaves_zero_currents_on_the_board_and_no_process(tmp_path: Path) -> None:
+def test_a_session_server_that_is_killed_leaves_zero_currents_on_the_board_and_no_process(tmp_path: Path) -> None:
     """With real processes over a pseudo-terminal: the loop is alone, sees it, ends its trial and says good-bye."""
     with board_session(tmp_path) as session:
         session.open()

@@ -146,7 +146,7 @@ def test_on_the_bench_a_step_is_named_for_what_it_is_and_waits_while_it_is_done(
 
 def test_brakes_that_the_board_took_off_are_said_so_and_others_with_who_did(screens: Screens) -> None:
     banner = screens.hear(opened(), ready(9, brakes_off="the board: no command for 50 ms")).preflight.advice
-    assert banner.text().startswith("The board took all current off: no command for 50 ms.")
+    assert banner.text().startswith("Brakes are off: the board: no command for 50 ms.")
     screens.hear(ready(9, brakes_off="Esc on the console"))
     assert banner.text().startswith("Brakes are off: Esc on the console.")
 

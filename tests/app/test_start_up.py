@@ -13,7 +13,7 @@ def run_python(code: str) -> str:
 
 @pytest.mark.parametrize("module", ["app.ipc.client", "app.session_server.loop_process"])
 def test_a_process_is_started_before_the_compiler_is_imported(module: str) -> None:
-    """The window starts the conductor with the one, the conductor starts the loop with the other."""
+    """The window starts the session server with the one, the session server starts the loop with the other."""
     assert run_python(f"import sys, {module}; print('numba' in sys.modules)") == "False"
 
 

@@ -16,12 +16,12 @@ from simulated_bench import reach
 from app.ipc.messages import GOOD, DeviceStatus, Done, HomeAt, Reset
 from app.ipc.ring import Ring
 from app.loop.loop import Loop
-from app.session_server.preflight import check_linked
-from app.session_server.remedies import remedy, with_advice
-from app.session_server.trial_runner import DIED, TrialRun
+from app.session_server.preflight import check_linked, with_advice
+from app.session_server.trial_runner import TrialRun
 from core import tick_log
 from core.device import load_device
 from core.device_interface import ZeroRecord
+from core.faults import cause
 from experiments.protocol import Protocol, load_protocol
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Sensors
@@ -78,8 +78,8 @@ class Place(NamedTuple):
 
 
 def lost(name: str = "") -> str:
-    """What `Desk` says when the loop is gone."""
-    said = f"{DIED[0].upper()}{DIED[1:]}. {remedy(DIED)}"
+    """What `State` says when the loop is gone."""
+    said = with_advice("", cause("loop-died"))
     return f"{said} {name} is recovered and its trial comes again." if name else said
 
 
@@ -97,7 +97,7 @@ class Case:
         self.loop = Loop(self.ring, "bench", self.answers, self.bench.now, lambda seconds: None)
         self.loop.device = self.bench.link
         self.bench.link.sensing.set_zero(ZeroRecord(1, (0.0,) * 6, (0.0,) * 6, (0.0,) * 4))
-        self.conductor_lives = True
+        self.server_lives = True
         self.at = self.seen_ms = self.zero_ms = self.ago_ms = self.ticks = 0
         self.flowing = self.killed = self.past = False
         self.words, self.afterwards, self.again_s = "", "", 0.0
@@ -182,8 +182,8 @@ class Case:
     def exchange(self) -> list[np.ndarray]:
         """What the trial does each time, and what we do to it."""
         before = self.board.ticks
-        if self.conductor_lives:
-            self.ring.control.conductor_beat = round(1e9 * self.bench.now())
+        if self.server_lives:
+            self.ring.control.server_beat = round(1e9 * self.bench.now())
         made = Trial.exchange(self.running)
         if self.board.ticks == before:
             self.bench.pass_time(4)
@@ -235,7 +235,7 @@ class Case:
             self.fault.acts(self)
 
     def keep(self) -> None:
-        """What the conductor does with it."""
+        """What the session server does with it."""
         self.bench.pass_time(60)
         if self.board.last_current >= self.at:
             self.zero_ms = self.board.last_current + 1 - self.at + self.ago_ms

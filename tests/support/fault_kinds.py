@@ -17,7 +17,7 @@ AWAY, START, END = (0.02, 0.36), TIP, (0.032, 0.40)
 PULL = (START[0] - 0.04, START[1] + 0.04)  # away from the path with 23 N: the controller locks everything
 HARD_PULL = (START[0] - 0.3, START[1] + 0.3)  # with 40 N: more than the release bears
 LOCKED_TICKS = 12  # on end, before a fault comes upon the move
-SILENT_S = 2.0  # after which a conductor counts as gone
+SILENT_S = 2.0  # after which a session server counts as gone
 
 
 class Killed(Exception):
@@ -58,9 +58,9 @@ def turn(rad: float) -> Callable[["Case"], None]:
 
 
 def fall_silent(case: "Case") -> None:
-    """The conductor hangs since almost as long as the loop bears."""
-    case.conductor_lives, case.ago_ms = False, round(1e3 * SILENT_S) - 20
-    case.ring.control.conductor_beat = round(1e9 * (case.bench.now() - SILENT_S + 0.02))
+    """The session server hangs since almost as long as the loop bears."""
+    case.server_lives, case.ago_ms = False, round(1e3 * SILENT_S) - 20
+    case.ring.control.server_beat = round(1e9 * (case.bench.now() - SILENT_S + 0.02))
 
 
 def die(case: "Case") -> None:

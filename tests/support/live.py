@@ -50,9 +50,9 @@ class Window:
         self.ticks: list[np.ndarray] = []
         self.join(setup)
 
-    def join(self, setup: Setup) -> None:
+    def join(self, setup: Setup, client: Callable = Client) -> None:
         """A session server of its own, in place of the one there was."""
-        self.bench = Client(setup)
+        self.bench = client(setup)
         self.snapshot: m.Snapshot | None = None
         self.pulse: m.Pulse | None = None
         self._told: deque = deque()

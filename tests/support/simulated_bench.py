@@ -8,6 +8,7 @@ from dataclasses import replace
 from core.device import Device, load_device
 from core.device_interface import DeviceError
 from core.errors import InputError
+from core.faults import cause
 from hardware.emulated_board.board import Board
 from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, HeldHand
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault
@@ -99,7 +100,7 @@ class BenchWire:
 
     def check(self) -> None:
         if not self.bench.plugged or self.closed:
-            raise DeviceError(f"serial port {self.name}: it is gone")
+            raise DeviceError(cause("port", name=self.name, what="it is gone"))
 
     def read(self) -> bytes:
         self.check()

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import pytest
-from live import window
 from protocols import PAPER, changed, protocol_of, short
 from sessions import new_session
+from simulated_loop import local_window
 
 from app.ipc.messages import OPERATOR, Setup
 from experiments.session.files import protocols_otherwise
@@ -24,7 +24,7 @@ def test_before_a_session_it_is_known_whose_runs_otherwise_and_whether_the_next_
     data, file = tmp_path / "data", tmp_path / "pilot.toml"
     file.write_text(changed(PAPER.text, blind="true"), encoding="utf-8")
     new_session(data, "01").close()
-    with window(Setup(data, str(file), hand=hand, real_time=False)) as bench:
+    with local_window(Setup(data, str(file), hand=hand, real_time=False)) as bench:
         snapshot = bench.until(lambda s: s.resumable)
         assert snapshot.resumable == ("01",) and snapshot.otherwise == (("01", PAPER.name),)
         assert bench.opened is not None and bench.opened.blind == (hand != OPERATOR)

@@ -1,4 +1,4 @@
-"""A whole session on the live bench, as short as a protocol can make it: practice, redo, skip, questions, break,
+"""A whole session in simulated time, as short as a protocol can make it: practice, redo, skip, questions, break,
 re-rig, an interruption, the key of a blind session, the next participant. One bench: each test goes on where the last
 one ended.
 """
@@ -11,8 +11,9 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
-from live import Window, gone, kill, wait_until, window
+from live import Window, wait_until
 from protocols import PAPER, changed
+from simulated_loop import local_window
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup
@@ -44,7 +45,7 @@ def setup(tmp_path_factory: pytest.TempPathFactory) -> Setup:
 
 @pytest.fixture(scope="module")
 def bench(setup: Setup):
-    with window(setup) as opened:
+    with local_window(setup) as opened:
         yield opened
 
 
@@ -161,9 +162,7 @@ def test_redoing_a_trial_of_the_other_configuration_needs_that_one_on_the_bench(
 
 def test_an_interrupted_session_goes_on_where_it_was(bench: Window, setup: Setup) -> None:
     run_one(bench)
-    before, opened, pids = bench.snapshot, bench.opened, bench.processes()
-    kill(bench.bench.pid)
-    wait_until(lambda: all(map(gone, pids)))
+    before, opened = bench.snapshot, bench.opened
     bench.bench.leave()
     bench.join(setup._replace(participant=""))
     snapshot = bench.until_stage(m.NO_SESSION)

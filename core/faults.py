@@ -1,0 +1,129 @@
+"""What can go wrong with a device, its board, its loop or its recording: a code, words, and what to do about it.
+
+A fault is carried as a `Cause`: its words, which know the code of the fault. No text is searched to find out what
+happened.
+"""
+
+from typing import NamedTuple, Self
+
+ALLOW = "then allow the brakes"
+FOUND = "it is found again by itself"
+TO_THE_JIG = "Look at the encoders' couplings, put the handle into its jig and home them."
+
+
+class Fault(NamedTuple):
+    """One row of the table."""
+
+    words: str  # in braces: what is filled in where it happens
+    advice: str  # one sentence
+
+
+FAULTS = {
+    # latched on the board
+    "watchdog": Fault(
+        "no command for 50 ms", f"Look at the board's cable; if it is well, close other programs, {ALLOW}."
+    ),
+    "over-current": Fault(
+        "a brake drew more current than its limit",
+        f"Switch off the brakes' supply, look at that amplifier and its wires, {ALLOW}.",
+    ),
+    "over-speed": Fault(
+        "a joint turned faster than its limit", f"Let go of the handle, look at the encoders' couplings, {ALLOW}."
+    ),
+    "bad-encoder": Fault("an encoder's signal is bad", f"Look at the encoder's head and plug, {ALLOW}."),
+    "force-saturated": Fault(
+        "the force sensor is at the end of its range",
+        f"Nobody may push so hard; if nobody did, look at the sensor's cable, {ALLOW}.",
+    ),
+    "brown-out": Fault(
+        "the supply voltage was too low and the board started anew",
+        f"Look at the board's supply, {ALLOW} and home the encoders.",
+    ),
+    "host-request": Fault("stopped by the host", "Allow the brakes when its cause is past."),
+    "unknown": Fault("unknown fault {number}", "Look at the board: it knows faults that this program does not."),
+    # of the line to the board
+    "no-sample": Fault("no sample for {ms:.0f} ms", f"Look at the board's cable and supply; {FOUND}."),
+    "silent-in-trial": Fault(
+        "no sample came from the board for {ms:.0f} ms", f"Look at the board's cable and supply; {FOUND}."
+    ),
+    "port": Fault("serial port {name}: {what}", "Plug the board in again: it is found by itself."),
+    "no-board": Fault("{name}: no board answers there", f"Look at the board's cable and supply; {FOUND}."),
+    "board-left": Fault("the board had left: nobody talked to it for a second", f"Nothing has to be done: {FOUND}."),
+    # of what the sensors say
+    "not-homed": Fault("the encoders have not been homed", "Put the handle into its jig and home the encoders."),
+    "contradict": Fault("the encoders contradict each other: one of them may be stuck", TO_THE_JIG),
+    "no-pose": Fault("the encoders are of no pose of the linkage: check the homing", TO_THE_JIG),
+    "out-of-place": Fault(
+        "the handle was where the device file says it cannot be: check the homing",
+        "Look at the encoders' couplings and take up the session anew to home them.",
+    ),
+    "force-not-finite": Fault("the hand force was not finite", "Look at the force sensor's cable."),
+    # of a trial
+    "start-not-reached": Fault("the start was not reached in time", "Show the way to the start."),
+    "too-fast": Fault("the handle moved faster than {speed_max:g} m/s", "Ask for slower movements."),
+    "disobeyed": Fault(
+        "the brakes did not get the currents that were asked for",
+        "Look at the board, the brakes' supply and the amplifiers.",
+    ),
+    "trapped": Fault(
+        "a hand pushed with more than {force:g} N for {time:g} s against a full lock: the brakes let go",
+        "See that the hand is free and well.",
+    ),
+    "brakes-off": Fault("brakes off: {why}", "Allow the brakes when its cause is past."),
+    # of this computer
+    "server-silent": Fault(
+        "the process that records did not answer for two seconds", "This computer was held up: close other programs."
+    ),
+    "disk-too-slow": Fault(
+        "the disk could not keep up: it took nothing for {seconds} s", "Free the disk of other work."
+    ),
+    "recording-failed": Fault(
+        "the recording failed: {why}", "Make room on the disk or choose another one, and resume the session."
+    ),
+    "loop-died": Fault("the control loop ended unexpectedly", "Nothing has to be done: it is started again."),
+    "loop-hung": Fault("the control loop hung and was ended", "Nothing has to be done: it is started again."),
+    "no-loop": Fault(
+        "the control loop cannot be started: it died {times} times while it was being prepared",
+        "Close this window, start again and resume the session.",
+    ),
+}
+
+
+class Cause(str):
+    """Why something ended or does not work, in words that know the code of their fault."""
+
+    code: str  # of FAULTS
+
+    def __new__(cls, words: str, code: str) -> Self:
+        """code: of FAULTS."""
+        made = super().__new__(cls, words)
+        made.code = code
+        return made
+
+    def __getnewargs__(self) -> tuple[str, str]:  # type: ignore[override]
+        """To another process with its code."""
+        return str(self), self.code
+
+    def after(self, words: str) -> "Cause":
+        """The same fault, with these words before its own."""
+        return Cause(f"{words}{self}", self.code)
+
+
+def cause(code: str, **about: object) -> Cause:
+    """A fault that has happened. about: what its words leave open."""
+    return Cause(FAULTS[code].words.format(**about), code)
+
+
+def after(words: str, why: str) -> str:
+    """A reason with these words before it; a fault stays the fault that it is."""
+    return why.after(words) if isinstance(why, Cause) else f"{words}{why}"
+
+
+def advice(why: str) -> str:
+    """What to do about a fault; "" where somebody decided so."""
+    return FAULTS[why.code].advice if isinstance(why, Cause) else ""
+
+
+def cause_of(error: Exception) -> str:
+    """Why an error came, which may be a fault."""
+    return error.args[0] if error.args and isinstance(error.args[0], str) else str(error)
