@@ -93,6 +93,7 @@ class PartLibrary(JITCodeLibrary):
     """The intermediate code of one kernel, and the libraries of the kernels that it calls."""
 
     def add_llvm_module(self, ll_module: Any) -> None:
+        self._optimize_functions(ll_module)  # function by function: what is linked later is inlined better
         self._final_module.link_in(ll_module)
 
     def add_linking_library(self, library: Any) -> None:
@@ -100,6 +101,7 @@ class PartLibrary(JITCodeLibrary):
 
     def finalize(self) -> None:
         self._finalize_dynamic_globals()
+        self._optimize_final_module()
         self._finalized = True
 
     def _get_module_for_linking(self) -> Any:

@@ -13,7 +13,8 @@ from core.errors import InputError
 from experiments.plan import PlannedTrial
 from experiments.session.files import other_protocol
 from experiments.session.journal import ANSWERS, BREAK_ENDED, NOTE, PAUSED, RESUMED_AFTER_PAUSE
-from experiments.session.session import SENSOR, Session
+from experiments.session.session import Session
+from experiments.trial.inputs import SENSOR
 from experiments.trial.population import load_population
 
 #: hand -> in words

@@ -39,7 +39,8 @@ from experiments.protocol import Protocol, home_of
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter
 from experiments.session.journal import HOMED, RERIGGED, ZEROED
-from experiments.session.session import SENSOR, Session
+from experiments.session.session import Session
+from experiments.trial.inputs import SENSOR
 from experiments.trial.trial import Trial
 from hardware.hid import HidHand
 

@@ -34,7 +34,6 @@ LOCK_S = 1.5  # longest wait for a server whose window is gone, and which is abo
 LOG = ".session_server.log"  # in the data folder; only where something failed that should not
 TERMINATED = "the session server was told to end"
 WINDOW_GONE = "the window was lost"
-FAILED = "the session server failed"
 
 
 class SessionServer:
@@ -53,6 +52,7 @@ class SessionServer:
 
     def serve(self) -> None:
         """Until the end; every trial is then closed, the loop gone."""
+        failed = False
         try:
             while not self.end:
                 self._ring.beat()
@@ -64,11 +64,11 @@ class SessionServer:
                     self._tell()
         except Exception as error:
             traceback.print_exc()  # into the log
-            self.end = f"{FAILED}: {type(error).__name__}: {error}"
+            self.end, failed = f"the session server failed: {type(error).__name__}: {error}", True
         finally:
             self._state.end(self.end)
             last = self._state.snapshot()
-            if self.end.startswith(FAILED):
+            if failed:
                 last = last._replace(stage=m.FAILED, said=self.end, said_bad=True)
             self._window.send(last)
             self._window.flush(CLOSE_S)

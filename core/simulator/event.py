@@ -84,22 +84,18 @@ def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged)
         error = trial.error
         if lagged != 0:
             error = max(error, yield_error(brakes, state, trial, step) * (STEP_ERROR / YIELD_ERROR))
-        if not error <= state.tolerance * STEP_ERROR:
-            if step > FINEST:
-                state.refined += 1
-                longest = step * max(0.2, 0.9 * (state.tolerance * STEP_ERROR / error) ** (1.0 / 3.0))
-                continue
-            state.doubtful += 1
+        if not error <= state.tolerance * STEP_ERROR and step > FINEST:
+            state.refined += 1
+            longest = step * max(0.2, 0.9 * (state.tolerance * STEP_ERROR / error) ** (1.0 / 3.0))
+            continue
         trial.seen = 0
         kind, guess = first_event(mechanism, brakes, state, trial, step, lagged)
         if kind != NONE:
             kind, step = locate(mechanism, brakes, hand, state, trial, now, step, kind, guess, lagged)
-        if min(min(trial.heat[0], trial.heat[1]), min(trial.heat[2], trial.heat[3])) < -GIVEN:
-            if step > FINEST:
-                state.refined += 1
-                longest = 0.5 * step
-                continue
-            state.doubtful += 1
+        if gives_energy(trial) and step > FINEST:
+            state.refined += 1
+            longest = 0.5 * step
+            continue
         if longest < h and 16.0 * error < state.tolerance * STEP_ERROR:
             longest *= 2.0
         accept(mechanism, brakes, state, trial, step, lagged)
@@ -115,6 +111,13 @@ def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged)
     if lagged != 0:
         set_costs(brakes, state)
     state.settled = 0 if state.held == STILL else 1
+
+
+@kernel
+def gives_energy(trial):
+    """Whether a brake would give energy in the trial: its joint reversed unseen."""
+    heat = trial.heat
+    return min(min(heat[0], heat[1]), min(heat[2], heat[3])) < -GIVEN
 
 
 @kernel

@@ -68,8 +68,6 @@ def ledger_warnings(before: Ledger, after: Ledger) -> list[str]:
         heat=(sum(after.heat) - sum(before.heat),),
         lost_at_stops=after.lost_at_stops - before.lost_at_stops,
         residual=after.residual - before.residual,
-        steps=after.steps - before.steps,
-        doubtful=after.doubtful - before.doubtful,
     )
     return list(between.warnings())
 

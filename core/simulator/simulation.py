@@ -135,7 +135,8 @@ def run_rows(
                 until = end
                 if cursor + 1 < times.shape[0] and times[cursor + 1] < end - EDGE_S:
                     until = times[cursor + 1]
-                until = split_at_knots(hand, t, until)
+                if hand.times.shape[0] > 1:
+                    until = split_at_knots(hand, t, until)
                 h = step if until == end and t == k * step else until - t
                 advance(mechanism, brakes, hand, state, trial, values[cursor], t, h, fidelity, integrator)
                 t = until
@@ -171,18 +172,11 @@ class Ledger:
     fallbacks: int
     shortened: int
     refined: int
-    doubtful: int
 
     def warnings(self) -> tuple[str, ...]:
         """Why the motion so far may be wrong, a sentence each; none where nothing speaks against it."""
-        found = energy_warnings(self.work_hand, sum(self.heat), self.lost_at_stops, self.kinetic, self.residual,
-                                self.added_by_brakes)  # fmt: skip
-        if self.doubtful:
-            found += (
-                f"{self.doubtful} of {self.steps} steps were too coarse and could not be cut further: "
-                "the motion may be wrong from there on",
-            )
-        return found
+        return energy_warnings(self.work_hand, sum(self.heat), self.lost_at_stops, self.kinetic, self.residual,
+                               self.added_by_brakes)  # fmt: skip
 
 
 class Simulation:
@@ -232,7 +226,7 @@ class Simulation:
             float(s["work_hand"][0]), tuple(map(float, s["heat"][0])), float(s["lost_at_stops"][0]),
             float(kinetic(s[0])), float(energy_residual(s[0])), float(s["added_by_brakes"][0]),
             int(s["steps"][0]), int(s["events"][0]), int(s["fallbacks"][0]), int(s["shortened"][0]),
-            int(s["refined"][0]), int(s["doubtful"][0]),
+            int(s["refined"][0]),
         )  # fmt: skip
 
 

@@ -40,7 +40,6 @@ STATE = np.dtype(
         ("fallbacks", "i8"),  # steps (or rests of steps) that `event` gave to `stepping`
         ("shortened", "i8"),  # steps cut because a stage left the region where the linkage closes
         ("refined", "i8"),  # steps cut because their error estimate was too large
-        ("doubtful", "i8"),  # steps taken although their error estimate was too large: they could be cut no further
         # work space of a step
         ("cost_plus", "f8", (5,)),  # N m, what a joint holds against + motion now
         ("cost_minus", "f8", (5,)),  # N m, against - motion

@@ -31,7 +31,8 @@ from experiments.export.trial import (
     write_rows,
 )
 from experiments.recording.schema import Recording
-from experiments.session.session import SENSOR, version_of
+from experiments.session.session import version_of
+from experiments.trial.inputs import INPUTS, OPERATOR
 
 BIDS_VERSION = "1.11.1"
 TASK, TRACKSYS = "pathfollow", "fivebar"
@@ -39,13 +40,6 @@ MISSING = "n/a"
 _LATENCY_DECIMALS = 6  # at most, by the specification
 #: Columns of trials.csv that stand in the name of the file in a scans table.
 _IN_FILE_NAME = ("participant", "recording")
-
-_HANDS = {
-    "operator": "simulated operator: no person took part",
-    "mouse": "a person who pulled the simulated handle with the mouse",
-    "hid": "a person who pushed a six-axis device: its deflection, not a force sensor, moved the simulated handle",
-    SENSOR: "a hand at the device on the bench, its force measured by the device's sensor",
-}
 
 _EMULATED = "EMULATED"  # begins the number of a board that `phd emulate` stands for, whose hand is simulated too
 
@@ -118,7 +112,7 @@ class BidsDataset:
             [("participant_id", "species", "age", "sex", "handedness", "hand")]
             + [(subject, *[MISSING] * 4, hand) for subject, hand in self._hands.items()],
         )
-        levels = {hand: _HANDS[hand] for hand in _HANDS if hand in self._hands.values()}
+        levels = {name: one.meaning for name, one in INPUTS.items() if name in self._hands.values()}
         hand = {"Description": "where the force of the hand came from", **({"Levels": levels} if levels else {})}
         write_json(self.folder / "participants.json", {"hand": hand})
         answers = answers_and_notes(exported.sessions).answers
@@ -215,7 +209,7 @@ def _about(trial: ExportedTrial, channels: list[_Channel]) -> dict[str, Any]:
         "InstitutionAddress": MISSING,
         "InstitutionalDepartmentName": MISSING,
         "SimulatedDevice": not board or board.startswith(_EMULATED),
-        "SimulatedOperator": trial.about.get("hand") == "operator" or board.startswith(_EMULATED),
+        "SimulatedOperator": trial.about.get("hand") == OPERATOR or board.startswith(_EMULATED),
         "Trial": trial.about,
         "Outcome": trial.outcome,
     }

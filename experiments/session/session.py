@@ -77,11 +77,11 @@ from experiments.session.journal import (
 )
 from experiments.session.journal import NAME as JOURNAL
 from experiments.session.recover import recover_session
+from experiments.trial.inputs import OPERATOR, SENSOR
 from experiments.trial.operator import Person
 from experiments.trial.population import Operators
 from experiments.trial.trial import Trial
 
-SENSOR = "force sensor"  # of a device on the bench, in place of a kind of hand
 LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 
 
@@ -113,7 +113,7 @@ class Session:
         refuse_existing(data_dir, participant)
         self._take_up(data_dir, participant, protocol, person, sync)
         self.operators = operators
-        self.hand = "operator" if person else hand
+        self.hand = OPERATOR if person else hand
         self.blind = (protocol.blind and person is None) if blind is None else blind
         self._plan_as(make_plan(protocol, participant, self.blind))
         try:

@@ -31,6 +31,7 @@ from experiments.session.journal import (
     write_event,
 )
 from experiments.session.session import operators_from_json, preset_from_json
+from experiments.trial.inputs import OPERATOR
 
 
 @dataclass
@@ -127,7 +128,7 @@ def _read_one(folder: Path, path: Path, out: Path, journal: JournalSummary, rows
     protocol, hand = about.get("note", "protocol not recorded"), f"hand: {about.get('hand', 'not recorded')}"
     read.labels.add(f"{protocol}, {operators.label if operators else hand}")
     read.notes.add(f"{protocol}, {operators.note if operators else hand}")
-    read.simulated |= about.get("hand") == "operator"
+    read.simulated |= about.get("hand") == OPERATOR
     read.protocols.add(str(about.get("protocol", "")))
     if isinstance(row.controller, int) and "preset" in about:
         read.presets[row.controller] = preset_from_json(about["preset"])

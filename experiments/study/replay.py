@@ -35,6 +35,7 @@ from experiments.study.replay_hand import (
     target_hand,
 )
 from experiments.study.replay_run import Recorded, read_recorded, run_replay
+from experiments.trial.inputs import OPERATOR
 from experiments.trial.person import Person
 
 A_PERSON_WOULD_REACT = (
@@ -159,7 +160,7 @@ def _choose_hand(trial: Recorded, hand: str | None) -> tuple[str, RecordedHand]:
         return kind, recorded_arm(trial.recording, trial.first)
     stored = trial.stored
     try:
-        person = Person(**stored.about["person"]) if about["hand"] == "operator" else None
+        person = Person(**stored.about["person"]) if about["hand"] == OPERATOR else None
     except (KeyError, TypeError) as error:
         raise InputError(f"{trial.recording.path}: {STORED} of its session: person: {error}") from None
     return kind, target_hand(trial.recording, trial.first, trial.path, person, stored.protocol.mouse)

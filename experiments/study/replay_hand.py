@@ -18,12 +18,13 @@ from core.simulator.simulated_device import is_start
 from core.tick_log import ARM_COLUMNS
 from experiments.protocol import MouseHand
 from experiments.recording.schema import Recording
+from experiments.trial.inputs import INPUTS
 from experiments.trial.operator import TICK_S, take_handle, turn_arm
 from experiments.trial.person import Person
 
 HANDS = ("target", "force")
 #: Hands, as a recording calls them, whose target stands in it.
-WITH_TARGET = ("operator", "mouse")
+WITH_TARGET = tuple(one.name for one in INPUTS.values() if one.has_target)
 
 
 class RecordedHand(NamedTuple):

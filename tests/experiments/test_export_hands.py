@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ def on_the_bench(session: Session, board: str) -> None:
     rows[:, [tick_log.PHASE, tick_log.STUCK, tick_log.DECISION, tick_log.FILLED]] = 0.0
     rows[:, tick_log.COUNT : tick_log.COUNT + 4] = 1234.0
     writer.write(rows)
-    trial.report = {"board": board} if board else {}
+    trial.connect(SimpleNamespace(end_record=lambda: {"link": {"board": board} if board else {}}))
     session.finish(trial, writer)
 
 

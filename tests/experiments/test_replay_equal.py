@@ -229,5 +229,3 @@ def test_energy_from_a_brake_is_a_doubt_whatever_else_the_ledger_says():
     moved = replace(before, work_hand=1.0, heat=(0.9, 0.0, 0.1, 0.0))
     assert ledger_warnings(before, replace(moved, residual=0.01)) == []
     assert len(ledger_warnings(before, replace(moved, residual=0.03))) == 1
-    [doubt] = ledger_warnings(replace(before, doubtful=3, steps=5), replace(before, doubtful=4, steps=9))
-    assert "1 of 4 steps were too coarse" in doubt
