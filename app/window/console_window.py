@@ -16,11 +16,12 @@ from app.window import words
 from app.window.cards import Cards
 from app.window.commands import Commands
 from app.window.device_page import DevicePage
+from app.window.energy_panel import EnergyPanel
 from app.window.keys import bind
 from app.window.painting import theme
 from app.window.painting.labels import OneLine, breakable, line, word
 from app.window.painting.linkage_view import Workspace
-from app.window.plots import EnergyPanel, TimingStrip, Traces
+from app.window.plots import TimingStrip, Traces
 from app.window.preflight import Preflight
 from app.window.questionnaire import Questionnaire
 from app.window.session_panel import SessionPanel

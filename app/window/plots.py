@@ -1,28 +1,25 @@
-"""Every plot on screen, by pyqtgraph: live traces, the loop's lateness, box plots with each trial as a point.
+"""Every plot on screen, by pyqtgraph; here the live ones: traces of the running trial and the loop's lateness.
 
 All of them can be zoomed with the wheel, moved with the mouse and read under the pointer. A live plot follows the
 newest tick until it is zoomed or moved; a double click, or the next trial, lets it follow again.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QPointF, Qt, Signal
+from PySide6.QtCore import QPointF, Qt
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QVBoxLayout, QWidget
 
 from app.ipc.messages import Timing
 from app.window.painting import theme
-from app.window.painting.labels import Figures, OneLine, word
+from app.window.painting.labels import Figures, word
 from app.window.painting.layers import errors
 from core import tick_log
 from core.device import Device
 from core.mechanism import JOINTS
 from core.path_file import PathFile, build_path
-from experiments.analysis.boxplots import Box, boxes
-from experiments.analysis.metrics import Metric
-from experiments.analysis.trials_table import COUNTED, TrialRow
 
 WINDOW_S = 6.0  # what a live plot shows while it follows
 WORDS_EVERY_S = 0.1  # numbers that change faster cannot be read
@@ -326,235 +323,3 @@ class TimingStrip(Trace):
     def _scale(self) -> None:
         self.item.setYRange(0.0, self.DECADES, padding=0.04)
         self.item.getAxis("left").setTicks([[(0.0, "1 µs"), (2.0, "100 µs"), (4.0, "10 ms")]])
-
-
-# ------------------------------------------------------------------------------------------------------- box plots
-
-#: short names of Table I's controllers; others stand under their boxes as the protocol names them
-SHORT = {
-    "SDOF with gap": "SDOF gap", "Proportional, high gain": "Prop. high", "Proportional, low gain": "Prop. low"
-}  # fmt: skip
-LEAST_IN_A_BOX = 5  # Our choice: fewer values are points without a box
-GOLDEN = 0.6180339887  # run * GOLDEN modulo 1: a jitter that is fixed and even
-
-
-def colour_of(controller: int | str) -> str:
-    """Table I's five colours, which begin again for further controllers; a code has none of its own."""
-    if isinstance(controller, str):
-        return theme.QUIET
-    return theme.CONTROLLER[(controller - 1) % len(theme.CONTROLLER) + 1]
-
-
-class BoxPlot(Plot):
-    """One measure: a group for each controller, a box for each configuration (the first filled, the second open).
-
-    controllers: number -> the protocol's name of it. Each trial is a point; a click on it emits `chosen`.
-    """
-
-    chosen = Signal(object)  # a TrialRow
-
-    def __init__(self, metric: Metric, configurations: Sequence[str], controllers: Mapping[int, str]) -> None:
-        super().__init__(metric.title)
-        self._metric, self._configurations = metric, tuple(configurations)
-        self._names = {number: SHORT.get(name, name) for number, name in controllers.items()}
-        self.found: dict[tuple[int | str, str], Box] = {}
-        self.controllers: tuple[int | str, ...] = tuple(self._names)
-        self.caption = OneLine("", "quiet", theme.SMALL)
-        self.rows.addWidget(self.caption)
-        self.points = pg.ScatterPlotItem(size=5, hoverable=True, hoverSize=9, tip=self._tip)
-        self.points.sigClicked.connect(self._clicked)
-        self.figures.show_parts((metric.shown_unit, theme.QUIET))
-        self.setMinimumSize(240, 170)
-
-    def show_rows(self, rows: Sequence[TrialRow]) -> None:
-        """The trials of these rows; codes of a blind session stand in place of controllers."""
-        self.found = boxes(rows, self._metric.name, self._configurations, self._metric.scale)
-        there = tuple(dict.fromkeys(controller for controller, _ in self.found))
-        coded = tuple(controller for controller in there if controller not in self._names)
-        self.controllers = coded if there and coded == there else (*self._names, *coded)
-        self.item.clear()
-        for (controller, configuration), box in self.found.items():
-            if box.count >= LEAST_IN_A_BOX:
-                self._add_box(box, self._place(controller, configuration), self._width, controller, configuration)
-        self._add_points(rows)
-        highest = max((max(box.high, *box.outliers, box.q3) for box in self.found.values()), default=0.0)
-        self.item.setYRange(0.0, range_for(1.02 * highest, 1.0), padding=0.02)
-        self.item.setXRange(-0.5, max(len(self.controllers), 1) - 0.5, padding=0.0)
-        self.item.getAxis("bottom").setTicks(
-            [[(i, self._names.get(controller, f"{controller}")) for i, controller in enumerate(self.controllers)]]  # type: ignore[call-overload]
-        )
-        self.caption.setText(self.said)
-
-    @property
-    def said(self) -> str:
-        """What the boxes are, under them."""
-        drawn = zip(("filled", "open", "third", "fourth"), self._configurations, strict=False)
-        parts = [f"{how} {name}" for how, name in drawn]
-        counts = {box.count for box in self.found.values()}
-        if len(counts) == 1:
-            parts.append(f"{min(counts)} trial{'s' if counts != {1} else ''} a box")
-        elif counts:
-            parts.append(f"{min(counts)} to {max(counts)} trials a box")
-        if counts and min(counts) < LEAST_IN_A_BOX:
-            parts.append(f"no box below {LEAST_IN_A_BOX} trials")
-        return " · ".join(parts)
-
-    @property
-    def _width(self) -> float:
-        return 0.76 / len(self._configurations)
-
-    def _place(self, controller: int | str, configuration: str) -> float:
-        j = self._configurations.index(configuration)
-        return self.controllers.index(controller) + (j - 0.5 * (len(self._configurations) - 1)) * self._width
-
-    def _add_box(self, box: Box, x: float, width: float, controller: int | str, configuration: str) -> None:
-        colour = colour_of(controller)
-        filled = configuration == self._configurations[0]
-        line, half = pg.mkPen(colour, width=1), 0.42 * width
-        brush = pg.mkBrush(theme.colour(colour, 0.45 if filled else 0.08))
-        self.item.addItem(
-            pg.BarGraphItem(x0=[x - half], x1=[x + half], y0=[box.q1], y1=[box.q3], pen=line, brush=brush)
-        )
-        ends_x, ends_y = [], []
-        for inner, outer in ((box.q1, box.low), (box.q3, box.high)):
-            ends_x += [x, x, x - 0.5 * half, x + 0.5 * half]
-            ends_y += [inner, outer, outer, outer]
-        self.item.addItem(pg.PlotCurveItem(np.array(ends_x), np.array(ends_y), pen=line, connect="pairs"))
-        median = pg.mkPen(theme.HANDLE if filled else colour, width=2)
-        self.item.addItem(pg.PlotCurveItem(np.array([x - half, x + half]), np.full(2, box.median), pen=median))
-
-    def _add_points(self, rows: Sequence[TrialRow]) -> None:
-        spots = []
-        for row in rows:
-            value = getattr(row, self._metric.name)
-            if value is None or row.status not in COUNTED or (row.controller, row.configuration) not in self.found:
-                continue
-            jitter = (row.run * GOLDEN % 1.0 - 0.5) * 0.6 * self._width
-            colour = colour_of(row.controller)
-            filled = row.configuration == self._configurations[0]
-            spots.append({
-                "pos": (self._place(row.controller, row.configuration) + jitter, self._metric.scale * value),
-                "symbol": "x" if row.status == "timeout" else "o", "data": row, "pen": pg.mkPen(colour, width=1),
-                "brush": pg.mkBrush(colour if filled else theme.PANEL),
-            })  # fmt: skip
-        self.points.setData(spots)
-        self.item.addItem(self.points)
-
-    def _tip(self, x: float, y: float, data: TrialRow) -> str:
-        timed_out = " · timed out" if data.status == "timeout" else ""
-        return f"Participant {data.participant} · run {data.run} · {y:.3g} {self._metric.shown_unit}{timed_out}"
-
-    def _clicked(self, _points: object, found: Sequence, _event: object) -> None:
-        if len(found):
-            self.chosen.emit(found[0].data())
-
-
-# --------------------------------------------------------------------------------------------------- energy ledger
-
-BRAKES, KINETIC, STOPS = theme.BRAKE_SLIPPING, theme.TRACE, theme.BAD
-COLUMNS = [tick_log.ENERGY_HAND, tick_log.ENERGY_BRAKES, tick_log.ENERGY_KINETIC, tick_log.ENERGY_STOPS]
-ROUNDING_J = 1e-9  # heat that falls by less in a tick is rounding
-
-
-def small_energy(energy_J: float) -> str:
-    """-3 nJ, 20 µJ, 4 mJ, 1.5 J."""
-    units = (("J", 1.0), ("mJ", 1e-3), ("µJ", 1e-6), ("nJ", 1e-9))
-    unit, least = next(((unit, least) for unit, least in units if abs(energy_J) >= least), units[-1])
-    return f"{float(f'{energy_J / least:.2g}'):g} {unit}"
-
-
-class Ledger:
-    """Energies (J) since the trial's first tick."""
-
-    def __init__(self) -> None:
-        self.hand = self.brakes = self.kinetic = self.stops = 0.0
-        self.added = 0.0  # the most that the brakes together gave in a tick
-        self._first: np.ndarray | None = None
-        self._heat = 0.0
-
-    def add(self, rows: np.ndarray) -> None:
-        """Ticks (n, WIDTH), n > 0, of one trial, in order."""
-        columns = rows[:, COLUMNS]
-        if self._first is None:
-            self._first, self._heat = columns[0].copy(), float(columns[0, 1])
-        heat = columns[:, 1]
-        fall = float((heat[:-1] - heat[1:]).max(initial=-np.inf))
-        self.added = max(self.added, self._heat - float(heat[0]), fall)
-        self._heat = float(heat[-1])
-        self.hand, self.brakes, self.kinetic, self.stops = (columns[-1] - self._first).tolist()
-
-    @property
-    def began(self) -> bool:
-        """Whether it has had a tick."""
-        return self._first is not None
-
-    @property
-    def residual(self) -> float:
-        """What the ledger leaves unexplained, J: of an exact simulation, rounding."""
-        return self.hand - self.brakes - self.kinetic - self.stops
-
-
-class EnergyPanel(QFrame):
-    """What the hand gave is what the brakes took, what moves and what stops took; no brake adds energy."""
-
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent, objectName="panel")
-        self.ledger, self._worded_s = Ledger(), -np.inf
-        self._bar = QHBoxLayout()
-        self._bar.setSpacing(0)
-        for colour in (BRAKES, KINETIC, STOPS, theme.LINE):  # the last: what the hand gave and is nowhere yet
-            part = QFrame()
-            part.setFixedHeight(12)
-            part.setStyleSheet(f"background: {colour}; border: none")
-            self._bar.addWidget(part, 0 if colour != theme.LINE else 1)
-        self._balance, self._proof = Figures(), Figures()
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(12, 6, 12, 8)
-        layout.setSpacing(4)
-        layout.addWidget(word("Energy this trial", bold=True))
-        layout.addLayout(self._bar)
-        layout.addWidget(self._balance)
-        layout.addWidget(self._proof)
-        self._word()
-
-    def add(self, rows: np.ndarray) -> None:
-        """Ticks (n, WIDTH) of the running trial."""
-        if not len(rows):
-            return
-        self.ledger.add(rows)
-        now = float(rows[-1, tick_log.T])
-        if not self._worded_s <= now < self._worded_s + WORDS_EVERY_S:
-            self._worded_s = now
-            self._word()
-
-    def clear(self) -> None:
-        """A new trial."""
-        self.ledger, self._worded_s = Ledger(), -np.inf
-        self._word()
-
-    @property
-    def said(self) -> str:
-        """All words of the panel, without their colours."""
-        return f"{self._balance.text()} {self._proof.text()}"
-
-    def _word(self) -> None:
-        ledger = self.ledger
-        balance = [
-            (f"hand {ledger.hand:.2f} J =", theme.TEXT), (f"brakes {ledger.brakes:.2f}", BRAKES), ("+", theme.TEXT),
-            (f"kinetic {ledger.kinetic:.2f}", KINETIC),
-        ]  # fmt: skip
-        if ledger.stops > 0.005:
-            balance += [("+", theme.TEXT), (f"stops {ledger.stops:.2f}", STOPS)]
-        if ledger.added > ROUNDING_J:
-            verdict = (f"a brake added {small_energy(ledger.added)}", theme.BAD)
-        else:
-            verdict = ("no brake added energy", theme.GOOD)
-        residual = small_energy(ledger.residual) if abs(ledger.residual) > ROUNDING_J else "under 1 nJ"
-        proof = [(f"residual {residual} ·", theme.QUIET), verdict] if ledger.began else [(NO_TRIAL, theme.QUIET)]
-        self._balance.show_parts(*balance)
-        self._proof.show_parts(*proof)
-        parts_J = [max(part, 0.0) for part in (ledger.brakes, ledger.kinetic, ledger.stops)]
-        whole = max(ledger.hand, sum(parts_J), 1e-3)
-        for i, part in enumerate((*parts_J, whole - sum(parts_J))):
-            self._bar.setStretch(i, round(1000.0 * part / whole))
-            self._bar.itemAt(i).widget().setVisible(round(1000.0 * part / whole) > 0)

@@ -18,11 +18,12 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from app.window.energy_panel import EnergyPanel
 from app.window.painting import theme
 from app.window.painting.labels import Choice, OneLine, word
 from app.window.painting.linkage_view import Workspace
 from app.window.painting.theme import show_whole
-from app.window.plots import WINDOW_S, EnergyPanel, Traces
+from app.window.plots import WINDOW_S, Traces
 from core import tick_log
 from core.device import Device, load_device
 from core.errors import InputError

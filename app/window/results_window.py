@@ -8,10 +8,10 @@ from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QProgressBar, QPushButton, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
+from app.window.box_plot import BoxPlot
 from app.window.export import Export, Job, new_folder
 from app.window.painting import theme
 from app.window.painting.labels import Choice, OneLine, word
-from app.window.plots import BoxPlot
 from core.errors import InputError
 from experiments.analysis.boxplots import DRAWN
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings, why_no_findings

@@ -11,7 +11,7 @@ scipy.signal and scipy.fft are imported where they are used: they take seconds, 
 import math
 from collections.abc import Callable
 from functools import cache, cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,9 @@ from core.control.algorithm import GAP, NONE, UNREACHABLE
 from core.control.controllers import DECISIONS
 from core.errors import InputError
 from core.path import Path, measure
-from experiments.recording.schema import Recording
+
+if TYPE_CHECKING:  # the windows import the table, not what reads recordings
+    from experiments.recording.schema import Recording
 
 SAMPLE_RATE_HZ = 1000.0
 TIME_TOLERANCE_S = 1e-9  # of a tick's time from the uniform grid
@@ -143,7 +145,7 @@ def unreachable_share(hand_force: np.ndarray, unreachable: np.ndarray, in_gap: n
     return int(np.count_nonzero(unreachable & ~in_gap & (hand_force > FELT_FORCE_N))) / counted
 
 
-def check_samples(recording: Recording) -> None:
+def check_samples(recording: "Recording") -> None:
     """InputError unless the ticks lie 1 ms apart and every sample that a metric reads is a finite number."""
     if not recording.rows:
         raise InputError(f"{recording.path}: there are no ticks to measure")
@@ -162,7 +164,7 @@ def check_samples(recording: Recording) -> None:
 class Movement:
     """The phase `move` of a recording: n ticks, 1 ms apart."""
 
-    def __init__(self, recording: Recording, path: Path) -> None:
+    def __init__(self, recording: "Recording", path: Path) -> None:
         """A recording that `check_samples` has passed and that came to `move`; InputError if it was interrupted."""
         ticks = np.flatnonzero(recording.in_phase("move"))
         if ticks[-1] - ticks[0] != len(ticks) - 1:
@@ -316,7 +318,7 @@ Metrics = NamedTuple("Metrics", [(metric.name, float | None) for metric in METRI
 NO_METRICS = Metrics(*[None] * len(METRICS))
 
 
-def trial_metrics(recording: Recording, path: Path) -> Metrics:
+def trial_metrics(recording: "Recording", path: Path) -> Metrics:
     """Every measure of one trial, over its phase `move`; of a trial timed out, over the progress made.
 
     Our choice: without any progress there was no movement to judge, and its measures (errors, smoothness, travel,

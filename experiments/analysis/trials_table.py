@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, make_dataclass, replace
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +19,9 @@ from core.errors import InputError
 from core.path_file import build_path, path_from
 from experiments.analysis.metrics import BY_NAME, METRICS, NO_METRICS, Metric, Metrics, trial_metrics
 from experiments.recording.atomic_files import give_new_name, refuse_existing_files, refusing, written_beside
-from experiments.recording.schema import Recording
+
+if TYPE_CHECKING:  # the windows import the table, not what reads recordings
+    from experiments.recording.schema import Recording
 
 STATUSES = ("done", "timeout", "aborted", "redone", "recovered", "skipped", "stopped")
 #: Trials whose measures count in tables of results and box plots: a time-out keeps its measures (and is marked).
@@ -185,7 +188,7 @@ NEEDED = (
 )  # fmt: skip
 
 
-def row_of(recording: Recording, folder: Path) -> TrialRow:
+def row_of(recording: "Recording", folder: Path) -> TrialRow:
     """A trial's row, from its recording alone; `folder`: where the table that gets it stands.
 
     InputError: the recording does not say which trial it is of, or cannot be measured. A trial that does not count (it

@@ -17,8 +17,9 @@ from app.session_server.preflight import check_loop, check_real, check_sensor
 from app.session_server.storage import Storage
 from app.verbs.common import in_words, print_summary
 from app.window import words
+from app.window.box_plot import BoxPlot
+from app.window.energy_panel import small_energy
 from app.window.painting import theme
-from app.window.plots import BoxPlot, small_energy
 from app.window.results_window import ResultsWindow
 from experiments.analysis.boxplots import DRAWN
 from experiments.analysis.report import sentences

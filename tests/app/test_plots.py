@@ -11,8 +11,9 @@ from PySide6.QtCore import QPointF
 from PySide6.QtWidgets import QApplication
 
 from app.ipc.messages import Timing
+from app.window.energy_panel import EnergyPanel, Ledger
 from app.window.painting import theme
-from app.window.plots import HIDDEN, NOTHING, WINDOW_S, EnergyPanel, Ledger, TimingStrip, Trace, Traces, range_for
+from app.window.plots import HIDDEN, NOTHING, WINDOW_S, TimingStrip, Trace, Traces, range_for
 from core import tick_log
 from core.device import load_device
 

@@ -13,10 +13,10 @@ from screens import Screens, opened_screens, settle
 
 from app.ipc import messages as m
 from app.window.console_window import PANELS_EVERY
+from app.window.energy_panel import Ledger
 from app.window.painting import theme
 from app.window.painting.layers import elbows, joints_at
 from app.window.painting.linkage_view import Workspace
-from app.window.plots import Ledger
 from app.window.preflight import Pill
 from app.window.windows import FRAME_S
 from core import tick_log
