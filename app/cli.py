@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import NoReturn
 
 from app import __version__
-from core.errors import InputError
+from core.files import InputError
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 #: Each a module of app.verbs with `add`; in the order of `phd --help`.

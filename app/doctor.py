@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 from app.ipc.messages import BAD, CAUTION, GOOD, Check
 from app.ipc.scheduling import ADVICE
 from app.session_server.preflight import check_disk
-from core.errors import InputError
+from core.files import InputError
 from core.kernel import CACHE_FOLDER, first_use
 from hardware.discovery import BoardFound, HidDevice, SerialPort, ask_board, hid_devices, serial_ports
 

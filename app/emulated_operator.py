@@ -4,14 +4,12 @@ import math
 
 import numpy as np
 
-from core.errors import InputError
+from core.files import InputError
 from core.kernel import kernel
-from core.path import Path
-from core.path_file import build_path, path_from
+from core.path import Path, build_path, path_from
 from core.simulator.hand import new_hand
 from core.tick_log import APPROACH, END, MOVE
-from experiments.trial.operator import TICK_S, begin_approach, new_operator, operate, take_handle
-from experiments.trial.person import Person
+from experiments.trial.operator import TICK_S, Person, begin_approach, new_operator, operate, take_handle
 from experiments.trial.trial import NOISE_DRAWS
 
 START_RADIUS_M, HOLD_S = 0.003, 1.0  # longer at the start than a trial asks for: nobody tells this person to go

@@ -10,7 +10,7 @@ import time
 from importlib import import_module
 from types import ModuleType
 
-from core.errors import InputError
+from core.files import InputError
 
 #: On Linux one of these says where a window can be.
 PLACES = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")

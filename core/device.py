@@ -10,10 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from core.brake_file import BrakeFile, parse_brake, read_brake_text
-from core.device_file import ELBOWS, DeviceFile, Geometry, Link, Sensing
-from core.errors import InputError
-from core.files import Pair, parse_toml, read_text
+from core.device_file import ELBOWS, BrakeFile, DeviceFile, Geometry, Link, Sensing, parse_brake, read_brake_text
+from core.files import InputError, Pair, parse_toml, read_text
 from core.mechanism import JOINTS, Arm, Brakes, Mechanism
 from core.workspace import why_impossible
 

@@ -11,7 +11,10 @@ from typing import Annotated, Any, TypeVar
 
 import msgspec
 
-from core.errors import InputError
+
+class InputError(Exception):
+    """Wrong input of any kind. `str(error)` is one clear sentence for the person who gave it."""
+
 
 #: In SI units nothing here is larger than a million: such a number is a slip of the pen, and would overflow later.
 Positive = Annotated[float, msgspec.Meta(gt=0, le=1e6)]

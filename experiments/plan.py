@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from core.control.controllers import ALGORITHMS, Preset
-from core.errors import InputError
-from core.path_file import Arc, PathFile, Polyline, build_path
+from core.files import InputError
+from core.path import Arc, PathFile, Polyline, build_path
 from experiments.protocol import Protocol
 
 #: A random order is drawn anew until it fits: with the paper's cells 3 in 10 do. After so many draws it is built.

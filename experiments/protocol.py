@@ -16,10 +16,8 @@ import msgspec
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.control.rule_sets import RULE_SETS
 from core.device import Device, build_device, load_device
-from core.errors import InputError
-from core.files import NotNegative, Positive, Table, one_of, parse_toml, read_text
-from core.path import point_at
-from core.path_file import PathFile, build_path, outline, path_from
+from core.files import InputError, NotNegative, Positive, Table, one_of, parse_toml, read_text
+from core.path import PathFile, build_path, outline, path_from, point_at
 from core.simulator.hand import Hand, spring_hand
 from core.workspace import tip_is_free
 
@@ -132,7 +130,7 @@ class ProtocolFile(Table, frozen=True):
 
     name: Text
     devices: Annotated[tuple[Text, ...], msgspec.Meta(min_length=1)]  # shipped names, or paths from the file's folder
-    path: Annotated[tuple[dict[str, Any], ...], msgspec.Meta(min_length=1)]  # each a path of core.path_file
+    path: Annotated[tuple[dict[str, Any], ...], msgspec.Meta(min_length=1)]  # each a path of core.path
     controller: Annotated[tuple[ControllerFile, ...], msgspec.Meta(min_length=1)]
     rules: str = "settled"
     seed: Annotated[int, msgspec.Meta(ge=0)] = 1

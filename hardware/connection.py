@@ -5,8 +5,8 @@ from typing import Protocol, TypeVar
 
 from core.device import Device
 from core.device_interface import DeviceError
-from core.errors import InputError
 from core.faults import cause
+from core.files import InputError
 from core.mechanism import JOINTS
 from hardware.emulated_board.sensors import sensing_of
 from hardware.wire.frames import FrameCounts, FrameDecoder, encode_frame

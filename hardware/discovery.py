@@ -7,11 +7,10 @@ from typing import NamedTuple
 from serial.tools import list_ports
 
 from core.device_interface import DeviceError
-from core.errors import InputError
+from core.files import InputError
 from core.mechanism import JOINTS
 from hardware.connection import HELLO_S, Connection
-from hardware.hid import list_hid
-from hardware.hid_layouts import attached
+from hardware.hid import attached, list_hid
 from hardware.sensing.samples import fault_words
 from hardware.serial_port import Port
 from hardware.wire.messages import VERSION, AskHello, Hello, State, joints_of

@@ -18,14 +18,14 @@ from typing import Any
 
 from core.device import Device
 from core.device_interface import DeviceError, DeviceSample, RealDevice, ZeroRecord
-from core.errors import InputError
 from core.faults import after, cause, cause_of
+from core.files import InputError
 from core.mechanism import JOINTS
 from hardware.connection import Connection, FreshnessWatch, Wire
 from hardware.sensing.encoders import load_kernels
+from hardware.sensing.force_sensor import ZERO_SAMPLES, zero_of
 from hardware.sensing.net_ft import CHANNELS, COUNT_UN, NET_FT, NetFT
 from hardware.sensing.samples import BoardSensing, fault_words
-from hardware.sensing.zero import ZERO_SAMPLES, zero_of
 from hardware.serial_port import Identity, Port, find_port, identity_of
 from hardware.wire.frames import FrameCounts
 from hardware.wire.messages import (

@@ -14,8 +14,8 @@ import serial
 from serial.tools import list_ports
 
 from core.device_interface import DeviceError
-from core.errors import InputError
 from core.faults import cause
+from core.files import InputError
 
 try:
     from termios import error as TerminalError

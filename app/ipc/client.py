@@ -15,7 +15,7 @@ from app.ipc.process import start_python
 from app.ipc.ring import Ring
 from app.ipc.scheduling import leave_core
 from core import tick_log
-from core.errors import InputError
+from core.files import InputError
 
 START_S = 60.0  # longest wait for a session server to say whether it can serve
 END_S = 20.0  # longest wait for it to keep what it has

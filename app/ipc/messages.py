@@ -14,7 +14,7 @@ if TYPE_CHECKING:  # else each process imports all of this before it can start t
     from core.control.controllers import Preset
     from core.device import Device
     from core.device_interface import ZeroRecord
-    from core.path_file import PathFile
+    from core.path import PathFile
     from experiments.analysis.trials_table import TrialRow
     from experiments.plan import PlannedTrial
     from experiments.trial.trial import Changed, Trial

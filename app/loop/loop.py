@@ -46,9 +46,9 @@ from app.loop.real_time import ROOM, end_early, put, run_idle, run_trial
 from core import tick_log
 from core.device import Device
 from core.device_interface import DeviceError, DeviceSample, RealDevice
-from core.errors import InputError
 from core.faults import after, cause_of
-from core.path_file import build_path
+from core.files import InputError
+from core.path import build_path
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.state import new_record
 from experiments.plan import PlannedTrial

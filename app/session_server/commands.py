@@ -9,7 +9,7 @@ from app.session_server.practice import done_without, person_at
 from app.session_server.session_progress import SessionProgress
 from app.session_server.state import State
 from app.session_server.steps import ended_by
-from core.errors import InputError
+from core.files import InputError
 from experiments.plan import PlannedTrial
 from experiments.session.files import other_protocol
 from experiments.session.journal import ANSWERS, BREAK_ENDED, NOTE, PAUSED, RESUMED_AFTER_PAUSE

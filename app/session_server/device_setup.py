@@ -32,7 +32,7 @@ from app.ipc.ring import Ring
 from app.session_server.preflight import check_device, check_hand, check_real, check_sensor
 from app.session_server.session_progress import SessionProgress
 from core.device import Device
-from core.errors import InputError
+from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol, home_of

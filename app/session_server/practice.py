@@ -6,11 +6,11 @@ import numpy as np
 
 from app.ipc.messages import OPERATOR, Setup
 from core.device import Device
-from core.path_file import build_path
+from core.path import build_path
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol
-from experiments.trial.person import Person
+from experiments.trial.operator import Person
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial
 

@@ -22,7 +22,7 @@ from app.ipc.pipe import Pipe
 from app.ipc.ring import Ring
 from app.session_server.loop_process import LoopProcess
 from core import tick_log
-from core.errors import InputError
+from core.files import InputError
 
 if TYPE_CHECKING:
     from experiments.protocol import Protocol

@@ -17,7 +17,7 @@ from app.session_server.session_progress import SessionProgress
 from app.session_server.steps import BY_NAME
 from app.session_server.storage import Storage
 from app.session_server.trial_runner import TrialRun, TrialRunner
-from core.errors import InputError
+from core.files import InputError
 from experiments.protocol import Protocol
 from experiments.session.files import free_participant, kept_sessions, protocols_otherwise
 from experiments.session.journal import BRAKES_ALLOWED, BRAKES_OFF, WINDOW_LOST

@@ -13,7 +13,7 @@ from typing import Any
 from app.session_server.preflight import with_advice
 from app.session_server.session_progress import SessionProgress
 from app.session_server.trial_runner import TrialRun, TrialRunner
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.trials_table import SETTLED
 from experiments.recording.reader import STREAM_SUFFIX
 from experiments.session.files import write_pooled_table

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from app.progress import Display, Progress, announce_first_use
 from app.verbs.common import add_verb, whole_number_of
-from core.errors import InputError
+from core.files import InputError
 
 
 def add(verbs) -> None:

@@ -4,7 +4,7 @@ import argparse
 import json
 from collections.abc import Callable
 
-from core.errors import InputError
+from core.files import InputError
 
 #: How a key ends -> its unit; longer ends first: they hold shorter ones.
 UNITS = {"N_s_m": "N s/m", "N_m": "N m", "s": "s", "m": "m", "N": "N", "A": "A", "J": "J"}

@@ -56,7 +56,7 @@ def emulate(args: argparse.Namespace) -> int:
     faults = [read_fault(text) for text in args.fault]
     from app.progress import announce_first_use
     from core.device import load_device
-    from core.path_file import Segment, build_path
+    from core.path import Segment, build_path
     from experiments.protocol import load_protocol
 
     device = load_device(args.device)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from app.progress import Progress
 from app.verbs.common import add_verb, print_summary
-from core.errors import InputError
+from core.files import InputError
 
 FORMS = ("bids", "csv")
 

@@ -20,7 +20,7 @@ from app.ipc.scheduling import leave_core, program_cores, stolen_ms
 from app.session_server.loop_process import LoopProcess
 from app.session_server.recorder import timing_of
 from app.session_server.trial_runner import TrialRun
-from core.path_file import build_path
+from core.path import build_path
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol

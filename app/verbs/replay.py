@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.progress import Display, Progress, announce_first_use, import_screen
 from app.verbs.common import add_verb, print_summary, whole_number_of
-from core.errors import InputError
+from core.files import InputError
 
 #: Any of these: no window.
 HEADLESS = ("controller", "device", "protocol", "hand", "out", "json")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.progress import Progress, announce_first_use
 from app.verbs.common import add_devices, add_verb, print_summary, whole_number_of
-from core.errors import InputError
+from core.files import InputError
 
 #: A study that says nothing else; one that is resumed is what it was.
 OPERATORS = 3

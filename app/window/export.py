@@ -13,7 +13,7 @@ from typing import NamedTuple
 from PySide6.QtCore import QObject, Signal
 
 from app.ipc.process import start_python
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.trials_table import TrialRow, write_table
 
 PARTIAL = ".partial"  # ends the name of a folder that is not complete yet

@@ -19,7 +19,7 @@ from app.window.painting.layers import errors
 from core import tick_log
 from core.device import Device
 from core.mechanism import JOINTS
-from core.path_file import PathFile, build_path
+from core.path import PathFile, build_path
 
 WINDOW_S = 6.0  # what a live plot shows while it follows
 WORDS_EVERY_S = 0.1  # numbers that change faster cannot be read

@@ -26,8 +26,8 @@ from app.window.painting.theme import show_whole
 from app.window.plots import WINDOW_S, Traces
 from core import tick_log
 from core.device import Device, load_device
-from core.errors import InputError
-from core.path_file import PathFile, Segment, path_from
+from core.files import InputError
+from core.path import PathFile, Segment, path_from
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording, recording_columns
 from experiments.session.files import STORED, read_stored

@@ -25,7 +25,7 @@ from app.window.painting.theme import show_whole
 from app.window.participant_window import ParticipantWindow
 from core import tick_log
 from core.device import Device
-from core.path_file import Segment, build_path, outline
+from core.path import Segment, build_path, outline
 
 LOOK_MS = 100
 #: Where the session server takes longer than this its kernels are being compiled, and ours must be too. Our choice.

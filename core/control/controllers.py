@@ -18,7 +18,7 @@ from core.control import proportional, sdof
 from core.control.algorithm import GAP_M, IN_GAP, NONE, NOT_FINITE, OWN, SHARED, Algorithm, Controller, release
 from core.control.rule_sets import rule_set
 from core.control.velocity_field import BLEND_WIDTH, field_at
-from core.errors import InputError
+from core.files import InputError
 from core.kernel import kernel
 from core.mechanism import JOINTS, Brakes
 from core.path import Path

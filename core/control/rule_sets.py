@@ -7,7 +7,7 @@ A controller that decides otherwise is a new rule set, never a silent change of 
 
 from typing import NamedTuple
 
-from core.errors import InputError
+from core.files import InputError
 
 
 class Rules(NamedTuple):

@@ -33,8 +33,7 @@ from app.window.painting.linkage_view import DIRECTIONS
 from app.window.windows import Windows
 from core import tick_log
 from core.path import Path as Line
-from core.path import nearest, point_at
-from core.path_file import build_path
+from core.path import build_path, nearest, point_at
 from experiments.protocol import load_protocol
 
 HERE = Path(__file__).resolve().parent

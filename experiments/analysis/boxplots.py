@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.figures import (
     CONTROLLER_COLOURS,
     CONTROLLER_LABELS,

@@ -17,7 +17,7 @@ import numpy as np
 
 from core.control.algorithm import GAP, NONE, UNREACHABLE
 from core.control.controllers import DECISIONS
-from core.errors import InputError
+from core.files import InputError
 from core.path import Path, measure
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from core.control.controllers import Preset
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.findings import CONTROLLER, Finding, description_only, findings, why_no_findings
 from experiments.analysis.metrics import BY_NAME, METRICS
 from experiments.analysis.participants import configurations_of, finished_share, people_of, scores, too_few

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from core.errors import InputError
-from core.path_file import build_path, path_from
+from core.files import InputError
+from core.path import build_path, path_from
 from experiments.analysis.metrics import BY_NAME, METRICS, NO_METRICS, Metric, Metrics, trial_metrics
 from experiments.recording.atomic_files import give_new_name, refuse_existing_files, refusing, written_beside
 

@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 
 from core.brake import current_for_torque
-from core.brake_file import read_brake_text
 from core.device import SHIPPED_FOLDER, Device, build_device
+from core.device_file import read_brake_text
 from core.mechanism import JOINTS
 from core.simulator.hand import Hand, new_hand, wave_hand
 from core.simulator.state import pack_brakes

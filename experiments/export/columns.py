@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from core import tick_log
 from core.control.controllers import DECISIONS
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import STATUSES
 

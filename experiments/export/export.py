@@ -15,7 +15,7 @@ from itertools import permutations
 from pathlib import Path
 from typing import Any, Protocol
 
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.trials_table import TrialRow, row_of
 from experiments.export.bids import BidsDataset
 from experiments.export.csv import CsvTables

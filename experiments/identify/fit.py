@@ -12,7 +12,7 @@ import numpy.typing as npt
 from scipy import stats
 from scipy.optimize import minimize_scalar
 
-from core.errors import InputError
+from core.files import InputError
 from experiments.identify.step_response import FALL, REACH, RISE, Measured
 from experiments.identify.steps import Step
 

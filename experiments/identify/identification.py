@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from core.errors import InputError
+from core.files import InputError
 from experiments.identify.fit import (
     A_NAMES,
     K_NAMES,

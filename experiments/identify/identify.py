@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from core.brake_file import BrakeFile, parse_brake
-from core.errors import InputError
+from core.device_file import BrakeFile, parse_brake
+from core.files import InputError
 from experiments.identify.fit import (
     A_NAMES,
     K_NAMES,
@@ -32,7 +32,7 @@ BACKLASH_DEG = 0.75  # assumed where none is given
 
 
 def brake_text(found: Identification, name: str, backlash_deg: float | None = None) -> str:
-    """The brake file, which `core.brake_file` reads; InputError where the fit is no brake that can exist."""
+    """The brake file, which `core.device_file` reads; InputError where the fit is no brake that can exist."""
     lowest = min(one.step.speed_rpm for one in found.measured)
     text = _brake_text(found, name, backlash_deg, lowest * BELOW_MEASURED)
     with contextlib.suppress(InputError):

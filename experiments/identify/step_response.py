@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from core.errors import InputError
+from core.files import InputError
 from experiments.identify.steps import Step, mean_step, repeats_together
 
 RISE, FALL = "rise", "fall"

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from core.brake import time_constant, torque_gain
-from core.brake_file import BrakeFile, parse_brake
 from core.device import RAD_S_PER_RPM, Device, build_brakes
+from core.device_file import BrakeFile, parse_brake
 from core.mechanism import A
 from core.simulator.state import pack_brakes
 from core.workspace import Array

@@ -6,7 +6,7 @@ import os
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
-from core.errors import InputError
+from core.files import InputError
 
 PARTIAL_FILES = ".*.partial"  # what a crash in the middle of writing leaves
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from core.errors import InputError
+from core.files import InputError
 from experiments.recording.schema import (
     MARKER,
     STREAM_END,

@@ -27,7 +27,7 @@ from fastcrc.crc32 import iso_hdlc as crc32
 
 from core import tick_log
 from core.control.controllers import DECISIONS
-from core.errors import InputError
+from core.files import InputError
 from core.mechanism import JOINTS
 
 FORM = 1  # rises when a reader of today could no longer read the file

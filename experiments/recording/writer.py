@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 
 from core import tick_log
 from core.control.controllers import DECISIONS
-from core.errors import InputError
+from core.files import InputError
 from experiments.recording.atomic_files import give_new_name, is_wrong_path, sync_folder, written_beside
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_parquet, read_recording
 from experiments.recording.schema import (

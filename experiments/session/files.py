@@ -22,7 +22,7 @@ from typing import Any
 
 import filelock
 
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.trials_table import SETTLED, TrialRow, read_table, write_table
 from experiments.plan import PlannedTrial, plan_from_json, plan_hash
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json

@@ -12,7 +12,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.trials_table import TrialRow, append_row, read_table, table_bytes, write_table
 from experiments.recording.atomic_files import PARTIAL_FILES, set_aside
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording

@@ -17,9 +17,8 @@ import msgspec
 import numpy as np
 
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
-from core.errors import InputError
-from core.path import point_at
-from core.path_file import build_path
+from core.files import InputError
+from core.path import build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow, append_row, write_table
 from experiments.plan import (

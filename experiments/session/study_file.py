@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from core.errors import InputError
+from core.files import InputError
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.recording.atomic_files import reason_of, write_new_file
 from experiments.trial.population import Population, population_of

@@ -14,8 +14,7 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from core.device import Device, load_device
-from core.errors import InputError
-from core.files import NotNegative, Pair, Positive, Table, one_of, read_text, read_toml
+from core.files import InputError, NotNegative, Pair, Positive, Table, one_of, read_text, read_toml
 from core.mechanism import JOINTS
 from core.workspace import tip_is_free
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 
-from core.errors import InputError
+from core.files import InputError
 from core.mechanism import JOINTS
 from core.tick_log import STUCK_LETTERS
 from experiments.simulate.scene import Scene

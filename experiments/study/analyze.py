@@ -11,7 +11,7 @@ from itertools import count
 from pathlib import Path
 
 from core.control.controllers import Preset
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.boxplots import DRAWN, boxes, draw_boxplots, in_order
 from experiments.analysis.findings import findings, why_no_findings
 from experiments.analysis.report import side_by_side, warnings, write_report

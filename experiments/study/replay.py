@@ -15,7 +15,7 @@ from pyarrow import csv as pa_csv
 from core import tick_log
 from core.control.controllers import DECISIONS, Preset
 from core.device import Device, load_device
-from core.errors import InputError
+from core.files import InputError
 from core.path import Path as PathAhead
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import along_path, trial_metrics
@@ -36,7 +36,7 @@ from experiments.study.replay_hand import (
 )
 from experiments.study.replay_run import Recorded, read_recorded, run_replay
 from experiments.trial.inputs import OPERATOR
-from experiments.trial.person import Person
+from experiments.trial.operator import Person
 
 A_PERSON_WOULD_REACT = (
     "A person would feel the difference and react: this is what the recorded hand would have come to, not what a "

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.errors import InputError
+from core.files import InputError
 from core.path import CURVATURE, Path, nearest
 from core.simulator.hand import Hand, new_hand
 from core.simulator.simulated_device import is_start
@@ -19,8 +19,7 @@ from core.tick_log import ARM_COLUMNS
 from experiments.protocol import MouseHand
 from experiments.recording.schema import Recording
 from experiments.trial.inputs import INPUTS
-from experiments.trial.operator import TICK_S, take_handle, turn_arm
-from experiments.trial.person import Person
+from experiments.trial.operator import TICK_S, Person, take_handle, turn_arm
 
 HANDS = ("target", "force")
 #: Hands, as a recording calls them, whose target stands in it.

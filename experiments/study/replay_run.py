@@ -24,9 +24,9 @@ from core import tick_log
 from core.control.controllers import Preset, make_controller
 from core.control.velocity_field import new_memory
 from core.device import Device
-from core.errors import InputError
+from core.files import InputError
 from core.path import Path as PathAhead
-from core.path_file import build_path, path_from
+from core.path import build_path, path_from
 from core.simulator.simulated_device import SimulatedDevice, ledger_warnings, start_again
 from core.simulator.simulation import Simulation
 from core.simulator.solver_numbers import RATE_ROUNDING

@@ -31,11 +31,9 @@ from core import tick_log
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.control.rule_sets import RULE_SETS
 from core.device import Device
-from core.errors import InputError
-from core.files import Table, one_of, parse_toml, read_text
+from core.files import InputError, Table, one_of, parse_toml, read_text
 from core.kernel import first_use
-from core.path import point_at
-from core.path_file import PathFile, build_path
+from core.path import PathFile, build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import NO_METRICS, Metrics, trial_metrics
 from experiments.plan import PlannedTrial

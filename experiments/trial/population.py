@@ -12,10 +12,8 @@ from typing import Annotated, NamedTuple
 import msgspec
 import numpy as np
 
-from core.errors import InputError
-from core.files import Table, parse_toml, read_text
-from experiments.trial.operator import LONGEST_DELAY_S
-from experiments.trial.person import Person
+from core.files import InputError, Table, parse_toml, read_text
+from experiments.trial.operator import LONGEST_DELAY_S, Person
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "populations"
 ASSUMED = "assumed"  # a source that begins so: no data stand behind the number

@@ -20,8 +20,7 @@ from core.device import Device
 from core.device_interface import DeviceSample, RealDevice, velocity_noise
 from core.faults import after, cause
 from core.mechanism import JOINTS
-from core.path import Path, point_at
-from core.path_file import PathFile, build_path
+from core.path import Path, PathFile, build_path, point_at
 from core.simulator.hand import Hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation

@@ -4,12 +4,12 @@ It knows no port and no clock, so every state, limit and fault can be tested in 
 a simulated device behind it. docs/protocol.md says the same in words for who writes the firmware.
 """
 
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from enum import Enum
+from typing import NamedTuple
 
-from hardware.emulated_board.board_states import NEXT, REFUSED, Event
-from hardware.emulated_board.board_watch import ZERO, Capability, Readings, Watch
-from hardware.emulated_board.freshness import WRAP, Age, Freshness
 from hardware.wire.frames import FrameDecoder, encode_frame
 from hardware.wire.messages import (
     NO_DETAIL,
@@ -26,6 +26,7 @@ from hardware.wire.messages import (
     Four,
     Heartbeat,
     HeartbeatReply,
+    Hello,
     Home,
     Homed,
     Limits,
@@ -33,6 +34,7 @@ from hardware.wire.messages import (
     Refused,
     ResetFault,
     Sample,
+    SampleLayout,
     SetLimits,
     State,
     Stop,
@@ -40,6 +42,201 @@ from hardware.wire.messages import (
     pack,
     unpack,
 )
+
+OVER_CURRENT_mA = 100  # a brake may draw this and a tenth of its limit more than its limit
+OVER_CURRENT_TICKS = 10
+SATURATED_TICKS = 5
+SPEED_TICKS = 10  # a joint's speed is taken over this many ticks
+ZERO: Four = (0, 0, 0, 0)
+
+
+class Readings(NamedTuple):
+    """What the board's inputs read at a tick. For each joint, in the order A, E, B, C; 0 where there is nothing."""
+
+    counts: Four = ZERO
+    force: tuple[int, ...] = ()  # counts, one a channel
+    current_mA: Four = ZERO  # measured
+    encoder_good: tuple[bool, bool, bool, bool] = (True, True, True, True)
+
+
+@dataclass(frozen=True)
+class Capability:
+    """What a board is made of; its Hello says it."""
+
+    encoders: int = 0b0101  # bits of the joints A, E, B, C
+    brakes: int = 0b1111
+    force_channels: int = 6
+    counts_per_rev: Four = (96000, 0, 96000, 0)
+    current_max_mA: Four = (1000, 1000, 1000, 1000)
+    force_unit: int = 1000
+    force_full_scale: int = 66_700
+    device: bytes = b""
+    serial: bytes = b""
+    firmware: tuple[int, int, int] = (1, 0, 0)
+
+    def layout(self) -> SampleLayout:
+        """How its samples look."""
+        return SampleLayout(self.encoders.bit_count(), self.force_channels, self.brakes.bit_count())
+
+    def hello(self, state: State, faults: Fault, cause: Fault, starts: int) -> Hello:
+        """What it says of itself."""
+        return Hello(
+            VERSION, state, faults, cause, self.firmware, self.encoders, self.brakes, self.force_channels, SAMPLE_HZ,
+            WATCHDOG_US // 1000, self.counts_per_rev, self.current_max_mA, self.force_unit, self.force_full_scale,
+            starts, self.device, self.serial,
+        )  # fmt: skip
+
+
+class Watch:
+    """Looks at every tick's readings; remembers how long something has been wrong."""
+
+    def __init__(self, capability: Capability) -> None:
+        self._encoders = joints_of(capability.encoders)
+        self._brakes = joints_of(capability.brakes)
+        self._full_scale = capability.force_full_scale
+        self._past: deque[Four] = deque(maxlen=SPEED_TICKS + 1)  # counts as read
+        self._over_current = [0, 0, 0, 0]  # ticks on end
+        self._saturated = 0  # ticks on end
+
+    def conditions(self, readings: Readings, limits: Limits) -> Iterator[tuple[Fault, int]]:
+        """(fault, index of joint or channel) of all that is wrong at this tick."""
+        self._past.append(readings.counts)
+        for i in self._brakes:
+            most = limits.current_mA[i] + limits.current_mA[i] // 10 + OVER_CURRENT_mA
+            self._over_current[i] = self._over_current[i] + 1 if abs(readings.current_mA[i]) > most else 0
+            if self._over_current[i] >= OVER_CURRENT_TICKS:
+                yield Fault.OVER_CURRENT, i
+        for i in self._encoders:
+            if self._too_fast(i, limits.speed_counts_s[i]):
+                yield Fault.OVER_SPEED, i
+            if not readings.encoder_good[i]:
+                yield Fault.ENCODER, i
+        at_end = [k for k, f in enumerate(readings.force) if abs(f) >= self._full_scale]
+        self._saturated = self._saturated + 1 if at_end else 0
+        if self._saturated >= SATURATED_TICKS:
+            yield Fault.FORCE_SATURATED, at_end[0]
+
+    def _too_fast(self, i: int, most: int) -> bool:
+        if most == 0 or len(self._past) <= SPEED_TICKS:
+            return False
+        turned = (self._past[-1][i] - self._past[0][i] + (1 << 31)) % (1 << 32) - (1 << 31)  # counts go round
+        return abs(turned) * SAMPLE_HZ > most * SPEED_TICKS
+
+
+LATE_US = 50_000  # us; a command that took this much longer than the quickest of late is not obeyed
+LATE_FORGET = 1000  # us per s at which "the quickest of late" is forgotten: more than two clocks drift apart
+WRAP = 1 << 32
+
+
+class Age(Enum):
+    """What a command is, by its sequence number and its host time."""
+
+    FRESH = 0
+    OLD = 1  # it came before, or after a newer one
+    LATE = 2
+
+
+class Freshness:
+    """Judges the commands of one connection. The two clocks need not agree: only differences count."""
+
+    def __init__(self) -> None:
+        self.last = 0  # sequence number of the last command that was taken in
+        self._any = False
+        self._quickest: tuple[int, int] | None = None  # us: when it came, and board time less host time then
+
+    def judge(self, sequence: int, host_us: int, now_us: int) -> Age:
+        """What this command is; changes nothing but the memory of how long commands take."""
+        if self._any and not 0 < (sequence - self.last) % WRAP < WRAP // 2:
+            return Age.OLD
+        took = now_us - host_us
+        quickest = took
+        if self._quickest is not None:
+            then, least = self._quickest
+            quickest = least + (now_us - then) * LATE_FORGET // 1_000_000
+        if took <= quickest:
+            self._quickest = now_us, took
+        return Age.LATE if took - quickest > LATE_US else Age.FRESH
+
+    def take(self, sequence: int) -> None:
+        """This command was taken in."""
+        self.last, self._any = sequence, True
+
+
+class Event(Enum):
+    """What can happen to a board: a message from the host, or something of its own."""
+
+    HELLO = "AskHello"
+    LIMITS = "SetLimits"
+    ON = "Command on"
+    OFF = "Command off"
+    HOME = "Home"
+    RESET = "ResetFault"
+    HEARTBEAT = "Heartbeat"
+    STOP = "Stop"
+    BYE = "Bye"
+    STARTED = "started"  # the self-test is over
+    STARTED_LOW = "started after brown-out"
+    SILENCE = "silence"  # no good frame for SILENCE_US
+    WATCHDOG = "watchdog"  # no fresh command for WATCHDOG_US
+    BAD = "condition"  # over-current, over-speed, encoder, force saturated
+    BROWN_OUT = "brown-out"  # the supply falls: the board stops and starts anew
+
+
+BOOT, IDLE, READY, ACTIVE, FAULT = State
+
+#: (state, event) -> the state after it; a pair that is not here changes nothing, for the reason that `handling` gives.
+NEXT: dict[tuple[State, Event], State] = {
+    (BOOT, Event.STARTED): IDLE,
+    (BOOT, Event.STARTED_LOW): FAULT,
+    (IDLE, Event.LIMITS): READY,
+    (IDLE, Event.STOP): FAULT,
+    (READY, Event.HELLO): IDLE,
+    (READY, Event.ON): ACTIVE,
+    (READY, Event.STOP): FAULT,
+    (READY, Event.BYE): IDLE,
+    (READY, Event.SILENCE): IDLE,
+    (READY, Event.BAD): FAULT,
+    (ACTIVE, Event.HELLO): IDLE,
+    (ACTIVE, Event.OFF): READY,
+    (ACTIVE, Event.STOP): FAULT,
+    (ACTIVE, Event.BYE): IDLE,
+    (ACTIVE, Event.WATCHDOG): FAULT,
+    (ACTIVE, Event.BAD): FAULT,
+    (FAULT, Event.RESET): IDLE,
+    **{(state, Event.BROWN_OUT): BOOT for state in State},
+}
+
+#: Refused with WRONG_STATE.
+REFUSED = {
+    (IDLE, Event.ON),
+    (IDLE, Event.OFF),
+    (ACTIVE, Event.LIMITS),
+    (ACTIVE, Event.HOME),
+}
+
+#: What a board does not see in that state: it does not watch for it.
+UNSEEN = {
+    *((BOOT, event) for event in (Event.SILENCE, Event.WATCHDOG, Event.BAD)),
+    *((state, event) for state in State if state != BOOT for event in (Event.STARTED, Event.STARTED_LOW)),
+    *((state, Event.WATCHDOG) for state in (IDLE, READY, FAULT)),
+    (IDLE, Event.BAD),
+    (IDLE, Event.SILENCE),
+    (ACTIVE, Event.SILENCE),  # the watchdog was there long before
+}
+
+_MESSAGES = tuple(Event)[:9]
+
+
+def handling(state: State, event: Event) -> str:
+    """What the table of the specification says of a pair: the next state, "refused", "-" (not seen), or "same"."""
+    if (state, event) in NEXT:
+        return NEXT[state, event].name
+    if (state, event) in REFUSED:
+        return "refused"
+    if (state, event) in UNSEEN:
+        return "-"
+    return "ignored" if state == BOOT and event in _MESSAGES else "same"
+
 
 TICK_US = 1_000_000 // SAMPLE_HZ
 SILENCE_US = 1_000_000  # us without a good frame, after which no host is there

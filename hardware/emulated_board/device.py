@@ -6,14 +6,13 @@ from typing import Protocol
 import numpy as np
 
 from core.device import Device
-from core.errors import InputError
+from core.files import InputError
 from core.kernel import kernel
 from core.simulator.hand import Hand, new_hand, spring_hand
 from core.simulator.simulation import Simulation, advance, apply
 from core.simulator.stick_slip_mode import resolve
 from core.workspace import tip_is_free
-from hardware.emulated_board.board import TICK_US
-from hardware.emulated_board.board_watch import Capability, Readings
+from hardware.emulated_board.board import TICK_US, Capability, Readings
 from hardware.emulated_board.line_faults import SENSED, LineFault
 from hardware.emulated_board.sensors import EmulatedSensors
 from hardware.wire.messages import Four

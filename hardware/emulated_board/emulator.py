@@ -6,24 +6,63 @@ it up for long, its time stood still meanwhile (a board would not have been held
 
 import json
 import math
+import os
 import select
 import socket
 import tempfile
 import time
+import tty
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
 from core.device import Device
-from core.errors import InputError
-from hardware.emulated_board.board import Board
-from hardware.emulated_board.board_watch import ZERO
+from core.files import InputError
+from hardware.emulated_board.board import ZERO, Board
 from hardware.emulated_board.device import TICK_S, EmulatedDevice, EmulatedHand
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault
 from hardware.emulated_board.sensors import capability_of
-from hardware.emulated_board.terminal import Terminal
 from hardware.wire.frames import encode_frame
 from hardware.wire.messages import Home, State, pack
+
+PIECE = 4096  # bytes read at once
+
+
+class Terminal:
+    """The board's end of a pseudo-terminal; the host opens `port`, a link to the other end."""
+
+    def __init__(self, port: Path) -> None:
+        """InputError where this system has no pseudo-terminals."""
+        if not hasattr(os, "openpty"):
+            raise InputError("the emulated board needs pseudo-terminals, which this system does not have")
+        self.port = port
+        self.master, self._other = os.openpty()
+        tty.setraw(self._other)  # no echo, no line ends; held open, or reading would fail while no host is there
+        os.set_blocking(self.master, False)
+        port.symlink_to(os.ttyname(self._other))
+        self.lost_bytes = 0  # nobody read them, and the buffer was full
+
+    def read(self) -> bytes:
+        """What the host has sent; empty where it has sent nothing."""
+        try:
+            return os.read(self.master, PIECE)
+        except BlockingIOError:
+            return b""
+
+    def write(self, data: bytes) -> None:
+        """To the host; what does not fit into the buffer is lost, as on a wire that nobody reads."""
+        try:
+            written = os.write(self.master, data)
+        except BlockingIOError:
+            written = 0
+        self.lost_bytes += len(data) - written
+
+    def close(self) -> None:
+        """Unplug."""
+        self.port.unlink(missing_ok=True)
+        os.close(self.master)
+        os.close(self._other)
+
 
 MOST_AT_ONCE = 20  # ticks made up for after the machine held us up; beyond, the board's time waits
 ORDER_BYTES = 4096

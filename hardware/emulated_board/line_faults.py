@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.errors import InputError
+from core.files import InputError
 from core.mechanism import JOINTS
 
 SHARES = ("drop", "corrupt", "duplicate")

@@ -15,7 +15,7 @@ from core.kernel import kernel
 from core.linkage import joint_angles
 from core.mechanism import JOINTS
 from core.simulator.state import pack_mechanism
-from hardware.emulated_board.board_watch import Capability, Readings
+from hardware.emulated_board.board import Capability, Readings
 from hardware.sensing.force_sensor import sensor_angle
 from hardware.wire.messages import Four
 

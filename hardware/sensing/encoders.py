@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from core.device import Device
-from core.errors import InputError
+from core.files import InputError
 from core.linkage import joint_angles
 from core.mechanism import Arm
 from core.simulator.state import pack_mechanism

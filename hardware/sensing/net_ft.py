@@ -6,7 +6,7 @@ The sensor streams to one client at a time. Unplugged or failing it is looked fo
 import math
 from typing import Any
 
-from core.errors import InputError
+from core.files import InputError
 
 NET_FT = "netft:"  # begins the name of one
 RDT_PORT, HTTP_PORT = 49152, 80  # that every Net F/T has

@@ -10,7 +10,7 @@ from sessions import crash_in_trial, files, new_session, run_trials
 
 from app.cli import main
 from core.control.controllers import ALGORITHMS
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
 from experiments.session import session as sessions

@@ -15,7 +15,7 @@ from app import doctor
 from app.cli import main
 from app.doctor import UDEV_RULE, hid_checks, port_checks
 from app.ipc.messages import CAUTION, GOOD
-from core.errors import InputError
+from core.files import InputError
 from hardware import discovery
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -16,7 +16,7 @@ from app.window.painting import theme
 from app.window.replay_window import SPEEDS, ReplayWindow, device_of, ticks_of
 from core import tick_log
 from core.device import load_device
-from core.errors import InputError
+from core.files import InputError
 from experiments.recording.reader import read_recording
 from experiments.recording.writer import RecordingWriter
 

@@ -22,7 +22,7 @@ from app.window.export import DIED, Job, export_results
 from app.window.painting import theme
 from app.window.painting.labels import OneLine
 from app.window.results_window import POOLED, ResultsWindow
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.findings import FAILS
 from experiments.analysis.trials_table import TrialRow, read_table, write_table
 

@@ -35,7 +35,7 @@ from core import tick_log
 from core.control.rule_sets import SETTLED
 from core.device import Device, load_device
 from core.mechanism import JOINTS
-from core.path_file import Arc, Polyline, Segment, build_path
+from core.path import Arc, Polyline, Segment, build_path
 
 THREE, FOUR = load_device("three-brake"), load_device("four-brake")
 BOTH = pytest.mark.parametrize("device", (THREE, FOUR), ids=lambda device: device.name)

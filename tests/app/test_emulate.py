@@ -16,7 +16,7 @@ from real_bench import RealBench
 
 from core.device import load_device
 from core.device_interface import DeviceError
-from core.errors import InputError
+from core.files import InputError
 from hardware.emulated_board.device import HeldHand
 from hardware.emulated_board.emulator import Emulator
 from hardware.emulated_board.line_faults import AT_JOINT, KINDS, read_fault

@@ -11,7 +11,7 @@ from app.ipc.messages import HID
 from app.ipc.ring import Ring
 from app.loop.real_time import take_aim
 from app.session_server.device_setup import DeviceSetup, HidInput, feel_force_alone
-from core.errors import InputError
+from core.files import InputError
 from core.simulator.hand import grip_force
 from core.simulator.simulated_device import SimulatedDevice
 from hardware.hid import WORD, HidHand, Reading

@@ -11,8 +11,8 @@ import pytest
 from synthetic_steps import BENCH, FALLING, RISING, SPEEDS, synthetic_steps, write_steps
 
 from app.cli import main
-from core.brake_file import SHIPPED_FOLDER, BrakeFile, TimeConstant, parse_brake
-from core.errors import InputError
+from core.device_file import SHIPPED_FOLDER, BrakeFile, TimeConstant, parse_brake
+from core.files import InputError
 from experiments.identify.fit import fit_linear, undetermined
 from experiments.identify.identification import identify_steps
 from experiments.identify.identify import brake_text, summary

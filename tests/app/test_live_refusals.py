@@ -12,7 +12,7 @@ from sessions import files, new_session, run_trials
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
-from core.errors import InputError
+from core.files import InputError
 from experiments.session import session as session_module
 from experiments.session.files import other_protocol, refuse_existing
 from experiments.session.journal import NAME as JOURNAL

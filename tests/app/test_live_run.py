@@ -21,7 +21,7 @@ from core import tick_log
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
-from experiments.trial.person import Person
+from experiments.trial.operator import Person
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial
 

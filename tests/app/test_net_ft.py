@@ -15,7 +15,7 @@ from app.cli import main
 from core import tick_log
 from core.device_file import ForceSensor
 from core.device_interface import DeviceError, DeviceSample
-from core.errors import InputError
+from core.files import InputError
 from hardware.sensing.net_ft import SILENT_S, NetFT
 from hardware.serial_device import SerialDevice, device_at
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from app.cli import main
 from core.device import build_device
-from core.errors import InputError
+from core.files import InputError
 from core.linkage import tip_force_map
 from core.mechanism import JOINTS
 from core.workspace import tip_is_free

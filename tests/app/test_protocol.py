@@ -11,8 +11,8 @@ from protocols import PAPER, changed, protocol_of, short
 from app.cli import main
 from app.session_server.steps import planned_steps
 from core.device import SHIPPED_FOLDER
-from core.errors import InputError
-from core.path_file import Arc, Polyline, Segment
+from core.files import InputError
+from core.path import Arc, Polyline, Segment
 from experiments.plan import break_after, make_plan, print_plan
 from experiments.protocol import load_protocol, protocol_from_json, protocol_to_json, shipped_protocols
 

@@ -10,7 +10,7 @@ from recorded import NAMES, record, ticks
 
 from core import tick_log
 from core.control.controllers import DECISIONS
-from core.errors import InputError
+from core.files import InputError
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import same_content
 from experiments.recording.writer import convert_to_parquet

@@ -15,7 +15,7 @@ from app.ipc.messages import OPERATOR, Setup
 from app.session_server.practice import done_without
 from app.session_server.server import read_protocol
 from app.session_server.session_progress import SessionProgress
-from core.errors import InputError
+from core.files import InputError
 from core.kernel import keep_in_use, remove_unused
 from experiments.protocol import MOST_TRIALS
 from experiments.session.journal import unmeasured_row

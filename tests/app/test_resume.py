@@ -9,7 +9,7 @@ from protocols import PAPER, PEOPLE, short
 from sessions import crash_in_trial, files, new_session, run_trials, session_of
 
 from app.cli import main
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.trials_table import COUNTED, read_table
 from experiments.protocol import protocol_from_json, protocol_to_json
 from experiments.session.files import cell, hold_lock

@@ -14,7 +14,7 @@ from app.loop.clock import new_timespec, now_ns
 from app.loop.loop import stopped_trial
 from app.loop.real_time import GRASP_RADIUS_M, MOST_BEHIND_NS, ROOM, TICK_NS, due, put, run_trial, take_aim
 from core import tick_log
-from core.errors import InputError
+from core.files import InputError
 from core.simulator.hand import GRIP
 from core.simulator.state import new_record
 

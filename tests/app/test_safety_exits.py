@@ -21,7 +21,7 @@ from app.ipc.messages import NotDone, Reset, Run
 from app.ipc.ring import Ring
 from app.loop.loop import Loop
 from core import tick_log
-from hardware.emulated_board.board_watch import Capability
+from hardware.emulated_board.board import Capability
 from hardware.emulated_board.device import HeldHand
 from hardware.wire.messages import State
 

@@ -11,7 +11,7 @@ from synthetic_hand import SyntheticHand
 
 from app.cli import main
 from core import tick_log
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
 from experiments.session import session as sessions

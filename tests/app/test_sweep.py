@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from app.cli import main
-from core.errors import InputError
+from core.files import InputError
 from experiments.study.sweep import COLUMNS, load_sweep, run_job, run_sweep
 
 SMALL = """

@@ -16,13 +16,13 @@ from core import tick_log
 from core.control.controllers import Preset
 from core.device import Device
 from core.device_file import Encoders, Sensing
-from core.path_file import build_path
+from core.path import build_path
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import Metrics, trial_metrics
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
 from experiments.recording.schema import recording_of
-from experiments.trial.person import Person
+from experiments.trial.operator import Person
 from experiments.trial.trial import Trial
 from hardware.emulated_board.board import TICK_US, Board
 from hardware.emulated_board.device import EmulatedDevice

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from core.errors import InputError
+from core.files import InputError
 
 #: width, height (px), scale: a small screen, a usual one, the same at 200 %
 SIZES = ((1280, 720, 1), (1920, 1080, 1), (960, 540, 2))

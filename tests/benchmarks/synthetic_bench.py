@@ -9,7 +9,7 @@ from app.ipc import messages as m
 from app.window.painting.layers import force_map
 from core import tick_log
 from core.device import Device, load_device
-from core.path_file import PathFile, Segment, outline
+from core.path import PathFile, Segment, outline
 from experiments.plan import make_plan
 from experiments.protocol import load_protocol
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.brake_file import SHIPPED_FOLDER, parse_brake
-from core.errors import InputError
+from core.device_file import SHIPPED_FOLDER, parse_brake
+from core.files import InputError
 
 BRAKE = (SHIPPED_FOLDER / "mrb-2107-3.toml").read_text()
 

@@ -14,7 +14,7 @@ from core.control import controllers as control
 from core.control.algorithm import LOCKED, UNREACHABLE
 from core.control.controllers import ALGORITHMS, DECISIONS, Preset, decide, make_controller
 from core.control.velocity_field import new_memory
-from core.errors import InputError
+from core.files import InputError
 from core.path import Path, line, point_at
 
 PRESETS = PAPER.controllers

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.brake_file import SHIPPED_FOLDER as BRAKE_FOLDER
 from core.device import build_device, load_device, shipped_devices
-from core.errors import InputError
+from core.device_file import SHIPPED_FOLDER as BRAKE_FOLDER
+from core.files import InputError
 from core.mechanism import JOINTS, A, B, C, E
 from core.simulator.simulation import stops_of
 from core.workspace import free_tips, invertible_mass, tip_is_free

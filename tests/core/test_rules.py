@@ -18,7 +18,7 @@ from core.control.algorithm import LOCKED, pushes_away
 from core.control.controllers import decide, make_controller
 from core.control.rule_sets import LITERAL, RULE_SETS, SETTLED, rule_set
 from core.control.velocity_field import Field, new_memory
-from core.errors import InputError
+from core.files import InputError
 from core.path import line
 
 USE_PROPORTIONAL = control.DECISIONS.index("prop A")

@@ -20,9 +20,8 @@ from core.control.velocity_field import (
     side_of_path,
     travel_sense,
 )
-from core.errors import InputError
-from core.path import CORNER_M, line, nearest, point_at
-from core.path_file import Arc, Polyline, build_path
+from core.files import InputError
+from core.path import CORNER_M, Arc, Polyline, build_path, line, nearest, point_at
 
 pytestmark = pytest.mark.nojit
 law = settings(deadline=None)  # the first call compiles

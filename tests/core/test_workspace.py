@@ -9,8 +9,7 @@ from devices import FiveBar
 from core import workspace
 from core.device import build_mechanism, load_device, shipped_devices
 from core.device_file import DeviceFile
-from core.errors import InputError
-from core.files import parse_toml
+from core.files import InputError, parse_toml
 from core.mechanism import JOINTS, Mechanism
 from core.workspace import FINEST_M, free_tips, tip_is_free, why_impossible
 from experiments.paper_figures.workspace import joint_angles, sdof_family, workspace_of

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.cbook import boxplot_stats
 
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.boxplots import DRAWN, Box, box_statistics, boxes, draw_boxplots
 from experiments.analysis.trials_table import TrialRow
 

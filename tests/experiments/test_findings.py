@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.findings import (
     AT_MOST,
     BELOW,

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from core import tick_log
 from core.control import algorithm
 from core.control import controllers as control
-from core.errors import InputError
-from core.path import line, point_at
-from core.path_file import Arc, Polyline, build_path
+from core.files import InputError
+from core.path import Arc, Polyline, build_path, line, point_at
 from experiments.analysis import metrics as m
 from experiments.analysis.sensitivity import DEFINITIONS
 from experiments.analysis.trials_table import COLUMNS

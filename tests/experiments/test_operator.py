@@ -5,11 +5,17 @@ import pytest
 from scipy import signal
 
 from core import tick_log
-from core.path import line, point_at
-from core.path_file import Arc, build_path
+from core.path import Arc, build_path, line, point_at
 from core.simulator.hand import grip_force, new_hand
-from experiments.trial.operator import begin_approach, minimum_jerk, new_operator, operate, take_handle
-from experiments.trial.person import Person, noiseless
+from experiments.trial.operator import (
+    Person,
+    begin_approach,
+    minimum_jerk,
+    new_operator,
+    noiseless,
+    operate,
+    take_handle,
+)
 from experiments.trial.population import load_population
 
 AVERAGE = load_population()

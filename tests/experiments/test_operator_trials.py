@@ -6,12 +6,11 @@ from protocols import PAPER
 
 from core import tick_log
 from core.device import load_device
-from core.path import measure
-from core.path_file import Arc, Polyline, Segment, build_path
+from core.path import Arc, Polyline, Segment, build_path, measure
 from core.simulator.hand import grip_force
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
-from experiments.trial.person import Person, noiseless
+from experiments.trial.operator import Person, noiseless
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial
 

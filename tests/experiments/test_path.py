@@ -9,9 +9,23 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from paths import curves, point, segments, turtle
 
-from core.errors import InputError
-from core.path import CORNER_M, FROM, TURN, held_piece, nearest, on_piece, point_at
-from core.path_file import NEAR_RATIO, Arc, Polyline, Segment, build_path, outline, path_from
+from core.files import InputError
+from core.path import (
+    CORNER_M,
+    FROM,
+    NEAR_RATIO,
+    TURN,
+    Arc,
+    Polyline,
+    Segment,
+    build_path,
+    held_piece,
+    nearest,
+    on_piece,
+    outline,
+    path_from,
+    point_at,
+)
 from experiments.trial.tick import arrived
 
 pytestmark = pytest.mark.nojit

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from protocols import PAPER
 
-from core.errors import InputError
+from core.files import InputError
 from experiments.plan import (
     configuration_order,
     lay_out,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from core.errors import InputError
-from experiments.trial.person import Person, noiseless
+from core.files import InputError
+from experiments.trial.operator import Person, noiseless
 from experiments.trial.population import LIMITS, load_population, shipped_populations
 
 #: what a name may end in; the rest are pure numbers

@@ -10,7 +10,7 @@ from recorded import NAMES, assert_holds, batch_ends, record, ticks
 
 from core import tick_log
 from core.control.controllers import DECISIONS
-from core.errors import InputError
+from core.files import InputError
 from experiments.recording import writer as recording_writer
 from experiments.recording.reader import read_recording
 from experiments.recording.writer import RecordingWriter, convert_to_parquet

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from protocols import PAPER
 from sessions import new_session, run_trials
 
-from core.path_file import Polyline, build_path
+from core.path import Polyline, build_path
 from core.simulator.hand import hand_force
 from experiments.study.replay_hand import target_hand, what_is_held
 from experiments.study.replay_run import read_recorded

@@ -9,16 +9,14 @@ from core.control.algorithm import LOCKED
 from core.control.controllers import make_controller
 from core.control.velocity_field import new_memory
 from core.device import load_device
-from core.path import nearest, point_at
-from core.path_file import build_path
+from core.path import build_path, nearest, point_at
 from core.simulator.hand import new_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
 from core.simulator.state import new_record
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
-from experiments.trial.operator import OPERATOR
-from experiments.trial.person import noiseless
+from experiments.trial.operator import OPERATOR, noiseless
 from experiments.trial.population import load_population
 from experiments.trial.tick import new_run, run_ticks
 from experiments.trial.trial import Trial

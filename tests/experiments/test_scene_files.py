@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.errors import InputError
+from core.files import InputError
 from experiments.simulate.scene import read_number_table, read_scene
 
 SCENE = """\

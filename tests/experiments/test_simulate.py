@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.cli import main
-from core.errors import InputError
+from core.files import InputError
 from experiments.simulate import simulate as simulate_module
 from experiments.simulate.scene import Scene, read_scene
 from experiments.simulate.simulate import TORQUE, WIDTH, column_names, simulate, write_rows

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.errors import InputError
+from core.files import InputError
 from experiments.analysis.metrics import NO_METRICS, Metrics
 from experiments.analysis.trials_table import COLUMNS, TrialRow, append_row, read_table, table_bytes, write_table
 

@@ -5,9 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_board import FULL, SimulatedBoard, samples
 
-from hardware.emulated_board.board import TICK_US
-from hardware.emulated_board.board_watch import OVER_CURRENT_TICKS, SATURATED_TICKS, Capability
-from hardware.emulated_board.freshness import Age, Freshness
+from hardware.emulated_board.board import OVER_CURRENT_TICKS, SATURATED_TICKS, TICK_US, Age, Capability, Freshness
 from hardware.wire.messages import WATCHDOG_US, Command, Fault, FaultReport, Flag, Refusal, Refused, ResetFault, State
 
 ZERO = (0, 0, 0, 0)

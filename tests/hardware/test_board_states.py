@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 from simulated_board import FULL, NO_LIMIT, SimulatedBoard, samples
 
-from hardware.emulated_board.board import SILENCE_US, TICK_US
-from hardware.emulated_board.board_states import UNSEEN, Event, handling
+from hardware.emulated_board.board import SILENCE_US, TICK_US, UNSEEN, Event, handling
 from hardware.wire.messages import (
     AskHello,
     Bye,

@@ -6,9 +6,8 @@ from collections import deque
 
 import pytest
 
-from core.errors import InputError
-from hardware.hid import BIAS_S, FORCE_FULL_N, SILENT_S, HidHand
-from hardware.hid_layouts import AXES, attached, decode, layout_of, layouts
+from core.files import InputError
+from hardware.hid import AXES, BIAS_S, FORCE_FULL_N, SILENT_S, HidHand, attached, decode, layout_of, layouts
 
 NAVIGATOR = {"path": b"/dev/hidraw7", "vendor_id": 0x046D, "product_id": 0xC626, "usage_page": 1, "usage": 8,
              "product_string": "SpaceNavigator"}  # fmt: skip

@@ -9,7 +9,7 @@ import pytest
 from reference_board import compiled, needs_compiler
 from test_wire_messages import VECTORS
 
-from hardware.emulated_board.board_states import Event, handling
+from hardware.emulated_board.board import Event, handling
 from hardware.wire.messages import State
 
 pytestmark = needs_compiler

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 from reference_board import RecordedBoard, board_program, live_alike, needs_compiler
 
-from hardware.emulated_board.board import TICK_US, Board
-from hardware.emulated_board.board_watch import Capability, Readings
+from hardware.emulated_board.board import TICK_US, Board, Capability, Readings
 
 VECTORS = json.loads((Path(__file__).resolve().parents[2] / "docs" / "protocol-vectors.json").read_text())
 DIALOGUES = VECTORS["dialogues"]

@@ -12,8 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hardware.emulated_board.board import Board
-from hardware.emulated_board.board_watch import Readings
+from hardware.emulated_board.board import Board, Readings
 from hardware.wire.frames import MAX_ENCODED, MAX_PAYLOAD, FrameDecoder, checksum, encode_frame
 from hardware.wire.messages import (
     AskHello,

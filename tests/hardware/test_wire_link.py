@@ -9,7 +9,7 @@ import pytest
 from simulated_bench import NO, TIP, Bench, homed_link, reached, run
 
 from core.device_interface import DeviceError
-from core.errors import InputError
+from core.files import InputError
 from hardware.connection import Connection
 from hardware.emulated_board.line_faults import read_fault
 from hardware.serial_device import SerialDevice

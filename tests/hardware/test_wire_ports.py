@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 from simulated_bench import DEVICE, Bench, BenchWire
 
-from core.errors import InputError
+from core.files import InputError
 from hardware.serial_device import SerialDevice
 from hardware.serial_port import find_port, usb_ports
 

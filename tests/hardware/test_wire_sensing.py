@@ -10,7 +10,7 @@ from devices import FIXED, FOUR, THREE, FiveBar
 
 from core.device import load_device
 from core.device_file import Encoders, ForceSensor, Sensing
-from core.errors import InputError
+from core.files import InputError
 from hardware.emulated_board.sensors import EmulatedSensors, capability_of
 from hardware.sensing.board_clock import ClockModel, fit_line
 from hardware.sensing.encoders import PoseSensing

@@ -4,7 +4,7 @@ import numpy as np
 
 from core import tick_log
 from core.device import Device
-from core.path_file import Segment
+from core.path import Segment
 from tests.benchmarks.synthetic_bench import synthetic_trial
 
 ALONG = Segment((-0.10, 0.40), (0.10, 0.40))

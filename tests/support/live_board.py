@@ -15,7 +15,7 @@ from protocols import PAPER, changed
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
-from core.path_file import Segment
+from core.path import Segment
 from experiments.analysis.trials_table import TrialRow
 from experiments.session.files import cell
 

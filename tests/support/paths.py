@@ -4,9 +4,8 @@ import math
 
 from hypothesis import strategies as st
 
-from core.errors import InputError
-from core.path import line
-from core.path_file import Arc, Polyline, build_path
+from core.files import InputError
+from core.path import Arc, Polyline, build_path, line
 
 coordinate = st.floats(-0.5, 0.5)
 point = st.tuples(coordinate, coordinate)

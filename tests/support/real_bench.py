@@ -11,11 +11,11 @@ from app.emulated_operator import EmulatedOperator
 from core import tick_log
 from core.control.controllers import Preset
 from core.device import Device, load_device
-from core.path_file import build_path
+from core.path import build_path
 from core.simulator.hand import Hand
 from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules
-from experiments.trial.person import Person
+from experiments.trial.operator import Person
 from experiments.trial.trial import Trial
 from hardware.emulated_board.device import EmulatedHand
 from hardware.serial_device import SerialDevice

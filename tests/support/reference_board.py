@@ -10,8 +10,7 @@ from typing import NamedTuple
 import pytest
 from simulated_board import FULL, NO_LIMIT, SimulatedBoard
 
-from hardware.emulated_board.board import SILENCE_US, TICK_US, Board
-from hardware.emulated_board.board_watch import Capability, Readings
+from hardware.emulated_board.board import SILENCE_US, TICK_US, Board, Capability, Readings
 from hardware.wire import messages
 from hardware.wire.frames import encode_frame
 from hardware.wire.messages import Command, Fault, State, pack

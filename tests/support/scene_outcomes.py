@@ -12,7 +12,7 @@ import numpy as np
 from random_scenes import INTERVAL_S, STEPS, random_scene, write_scene
 from scene_reference import Reference, solve_scene
 
-from core.brake_file import SHIPPED_FOLDER
+from core.device_file import SHIPPED_FOLDER
 from experiments.simulate.scene import read_scene
 from experiments.simulate.simulate import SceneRun, simulate
 

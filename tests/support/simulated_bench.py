@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from core.device import Device, load_device
 from core.device_interface import DeviceError
-from core.errors import InputError
 from core.faults import cause
+from core.files import InputError
 from hardware.emulated_board.board import Board
 from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, HeldHand
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault

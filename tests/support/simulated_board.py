@@ -1,7 +1,6 @@
 """A board in simulated time, for tests: told messages, ticked, and what it says read back."""
 
-from hardware.emulated_board.board import TICK_US, Board
-from hardware.emulated_board.board_watch import Capability, Readings
+from hardware.emulated_board.board import TICK_US, Board, Capability, Readings
 from hardware.wire.frames import FrameDecoder, encode_frame
 from hardware.wire.messages import (
     AskHello,

@@ -17,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 
-from core.brake_file import BrakeFile
+from core.device_file import BrakeFile
 from experiments.identify.steps import COLUMNS, Step
 
 CURRENTS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # A

@@ -15,8 +15,7 @@ from core.device import Device
 from core.kernel import kernel
 from core.linkage import links, tip_force_map
 from core.mechanism import JOINTS, Brakes, Mechanism
-from core.path import Path, line, nearest
-from core.path_file import PathFile, outline
+from core.path import Path, PathFile, line, nearest, outline
 from core.tick_log import HAND_FX, HAND_FY, MOVE, PHASE, TIP_VX, TIP_VY, TIP_X, TIP_Y
 from core.workspace import tip_is_free
 

@@ -33,7 +33,7 @@ from core.control.rule_sets import rule_set
 from core.control.velocity_field import Field
 from core.device import Device
 from core.mechanism import JOINTS
-from core.path_file import PathFile, build_path
+from core.path import PathFile, build_path
 
 FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE = "field", "SDOF directions", "reachable force", "trail", "linkage"
 ARMS = ("AE", "ED", "BC", "CD")

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 from app.window.painting import theme
 from app.window.painting.layers import SPACING_M, Point
 from app.window.painting.theme import SHADES, font, pen, shade, spring_pen
-from core.path_file import PathFile, outline
+from core.path import PathFile, outline
 
 FORCE_RED_N = 20.0  # the spring is green when slack, red from here on
 TRAIL_MOST = 4000  # points; a longer trail is thinned out
