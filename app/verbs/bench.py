@@ -1,11 +1,10 @@
 """`phd bench`: how accurate the simulator is at which speed; how punctual the control loop is."""
 
 import argparse
-import contextlib
 import json
 from pathlib import Path
 
-from app.progress import Display, Progress, announce_first_use
+from app.progress import Progress, announce_first_use
 from app.verbs.common import add_verb, whole_number_of
 from core.files import InputError
 
@@ -20,20 +19,10 @@ def add(verbs) -> None:
         "installed (pip install '.[bench]'). The reference is checked against scipy DOP853 on Eq. (5) in the same\n"
         "run. Times are the least of several repeats: compare ratios, and let nothing else run beside it.\n"
         "--loop instead: how late the ticks of live trials of a simulated operator come on this machine, with and\n"
-        "without the real-time privilege, beside a window that draws, alone or with a busy process for each processor\n"
-        "core. Stolen: what the host of a virtual machine kept the loop's core from it; nothing here can help that.",
+        "without the real-time privilege, alone or with a busy process for each processor core. Stolen:\n"
+        "what the host of a virtual machine kept the loop's core from it; nothing here can help that.",
         "phd bench --out bench-1",
     )
-    verb.add_argument(
-        "--screens", nargs="?", type=seconds, const=5.0, metavar="SECONDS",
-        help="instead, what the windows cost at several sizes, and the way from pointer to picture, in seven cases of "
-        "so many seconds (default: 5, about a minute in all)",
-    )  # fmt: skip
-    verb.add_argument(
-        "--board", nargs="?", type=whole_number_of(1), const=60, metavar="TRIALS",
-        help="instead, so many trials of a session (default: 60) on the simulated device and over a board's protocol "
-        "in simulated time: by how much encoder steps, filter, delay and noise change the measures",
-    )  # fmt: skip
     verb.add_argument("--quick", action="store_true", help="one device, two steps, fewer repeats")
     verb.add_argument("--json", action="store_true", help="print the result as JSON instead of a table")
     verb.add_argument(
@@ -44,10 +33,6 @@ def add(verbs) -> None:
 
 
 def bench(args: argparse.Namespace) -> int:
-    if args.screens is not None:
-        return bench_screens(args)
-    if args.board is not None:
-        return bench_board(args)
     if args.loop is not None:
         return bench_loop(args)
     if args.out is not None:
@@ -72,19 +57,6 @@ def bench(args: argparse.Namespace) -> int:
     return 0
 
 
-def bench_board(args: argparse.Namespace) -> int:
-    """What a board makes of a session's measures."""
-    if args.out is not None or args.quick or args.loop is not None:
-        raise InputError("--board: stands alone, or with --json")
-    from tests.benchmarks.board_bench import run_board, table
-
-    announce_first_use()
-    with Progress("comparing") as progress:
-        found = run_board(args.board, progress)
-    print(json.dumps(found, allow_nan=False) if args.json else table(found))
-    return 0
-
-
 def bench_loop(args: argparse.Namespace) -> int:
     """How late the control loop's ticks are."""
     if args.out is not None or args.quick:
@@ -95,26 +67,4 @@ def bench_loop(args: argparse.Namespace) -> int:
     with Progress("measuring") as progress:
         found = measure_all(args.loop, progress)
     print(json.dumps(found) if args.json else table(found))
-    return 0
-
-
-def seconds(text: str) -> float:
-    """Type of an argument: 1 to 600 seconds."""
-    with contextlib.suppress(ValueError):
-        if 1.0 <= float(text) <= 600.0:
-            return float(text)
-    raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds from 1 to 600")
-
-
-def bench_screens(args: argparse.Namespace) -> int:
-    """The table of windows and the pointer's way; with --json as data."""
-    if args.quick or args.out is not None:
-        raise InputError("--screens: stands alone, or with --json")
-    Display("measure windows on").check()
-    from tests.benchmarks.screen_bench import run_screens, table
-
-    announce_first_use()
-    with Progress("drawing") as progress:
-        result = run_screens(args.screens, progress)
-    print(json.dumps(result, allow_nan=False) if args.json else table(result))
     return 0

@@ -36,8 +36,8 @@ def measure(
 ) -> dict:
     """Run the loop for so long: its lateness (us), missed ticks, and the scheduling that it got.
 
-    busy: processes beside it that do nothing but compute. real_time: try scheduling that needs a privilege. A window
-    draws beside it, as in the app. OSError if the loop dies or does not answer.
+    busy: processes beside it that do nothing but compute. real_time: try scheduling that needs a privilege.
+    OSError if the loop dies or does not answer.
     """
     most, ticks, pieces = round(1000 * seconds), 0, []
     ring = Ring()
@@ -47,7 +47,7 @@ def measure(
         assert isinstance(prepared, Prepared)
         leave_core(prepared.core)
         before_ms = stolen_ms(prepared.core)
-        with window(), hogs(busy):
+        with hogs(busy):
             for trial in _trials():
                 run = TrialRun(ring, loop, trial.planned, trial, None)
 
@@ -128,21 +128,6 @@ def _trials() -> Iterator[Trial]:
             for number, preset in protocol.controllers.items():
                 planned = PlannedTrial(0, 0, device.name, number, segment, 1)
                 yield Trial(simulation, planned, path, preset, protocol.rules, protocol.trial, person, generator)
-
-
-@contextlib.contextmanager
-def window() -> Iterator[None]:
-    """A console that draws made-up trials with everything on, in memory where there is no screen; it ends with us."""
-    platform = {} if sys.platform != "linux" or os.environ.get("DISPLAY") else {"QT_QPA_PLATFORM": "offscreen"}
-    process = start_python(
-        "tests.benchmarks.screen_cost", str(WAIT_S), "1280", "720", "0",
-        environment=platform, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    try:
-        yield
-    finally:
-        process.kill()
-        process.wait()
 
 
 @contextlib.contextmanager

@@ -1,10 +1,9 @@
-"""What a board makes of a trial's measures, by cause: the small version of `phd bench --board`."""
+"""What a board makes of a trial's measures, by cause: the small version of `tests.benchmarks.board_bench`."""
 
 import json
 
 import pytest
 
-from app.cli import main
 from experiments.protocol import load_protocol
 from hardware.sensing.tip_motion import WINDOW
 from tests.benchmarks.board_bench import AGAIN, compared, medians, settings, table
@@ -55,5 +54,3 @@ def test_every_case_and_measure_is_in_the_table_and_the_data_are_json(
     text = table([one])
     assert ALL.title() in text and "four-brake, 1" in text and "otherwise on the board: none" in text
     assert len({case.title() for case in CASES}) == len(CASES)
-    assert main(["bench", "--board", "1", "--quick"]) == 2
-    assert "stands alone" in capsys.readouterr().err

@@ -16,13 +16,13 @@ def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name, raising=False)
 
 
-@pytest.mark.parametrize("verb", ["run", "replay", "bench"])
+@pytest.mark.parametrize("verb", ["run", "replay"])
 def test_a_verb_that_needs_a_screen_says_so_where_there_is_none(no_screen, tmp_path: Path, capsys, verb: str) -> None:
     with session_of(tmp_path / "recorded", 1):
         pass
     before = sorted(tmp_path.rglob("*"))
     recording = next(tmp_path.glob("recorded/*/*/trials/*.parquet"))
-    arguments = {"run": ["--data-dir", str(tmp_path / "data")], "replay": [str(recording)], "bench": ["--screens"]}
+    arguments = {"run": ["--data-dir", str(tmp_path / "data")], "replay": [str(recording)]}
     assert main([verb, *arguments[verb]]) == 2
     said = capsys.readouterr()
     assert "there is no screen to" in said.err and said.err.count("\n") == 1 and said.out == ""

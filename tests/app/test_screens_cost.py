@@ -3,7 +3,6 @@
 import gc
 import threading
 import time
-from argparse import ArgumentTypeError
 
 import numpy as np
 import pytest
@@ -14,9 +13,7 @@ from PySide6.QtGui import QImage, QPaintEvent
 from PySide6.QtWidgets import QApplication
 from screens import Screens, opened_screens, settle
 
-from app.cli import main
 from app.ipc import messages as m
-from app.verbs.bench import seconds
 from app.window import windows as windows_of_app
 from app.window.painting import theme
 from app.window.painting.linkage_view import Workspace
@@ -214,17 +211,6 @@ def test_the_report_has_a_line_for_every_case_and_the_pointer() -> None:
     assert "1280x720" in said and "1920x1080 200%" in said and "20.0%" in said
     assert "p95 30.0 (1.8 frames)" in said and "99.0% of 252" in said
     assert "not measured, no mouse" in table({**result, "pointer": {"refused": "no mouse"}})
-
-
-@pytest.mark.parametrize("text", ["0", "601", "nan", "soon"])
-def test_a_length_that_is_none_is_refused(text: str) -> None:
-    with pytest.raises(ArgumentTypeError):
-        seconds(text)
-
-
-def test_screens_are_measured_alone(capsys) -> None:
-    assert main(["bench", "--screens", "1", "--quick"]) == 2
-    assert "--screens" in capsys.readouterr().err
 
 
 # ------------------------------------------------------------------------------------------------- room

@@ -1,9 +1,11 @@
-"""`phd bench --board`: the session of 60 trials on the simulated device and over the board, and why they differ.
+"""`python -m tests.benchmarks.board_bench [TRIALS]`: a session on the simulated device and over the board, and why the
+two differ.
 
 Every trial is run with the same person and the same noise: on the simulated device, and over the board with each of
 `board_trials.CASES`. A difference is that of a pair; shown is the median of a configuration's and controller's pairs.
 """
 
+import sys
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 
@@ -104,3 +106,7 @@ def name_of(key: tuple[str, int]) -> str:
 def shown(value: float | None) -> str:
     """A share in %."""
     return f"{'-':>14}" if value is None else f"{100.0 * value:>+14.1f}"
+
+
+if __name__ == "__main__":
+    print(table(run_board(int(sys.argv[1]) if len(sys.argv) > 1 else 60)))

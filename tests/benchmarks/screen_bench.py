@@ -1,4 +1,5 @@
-"""`phd bench --screens`: what the windows cost at several sizes, and how far the picture is behind the pointer.
+"""`python -m tests.benchmarks.screen_bench [SECONDS]`: what the windows cost at several sizes, and how far the picture
+is behind the pointer.
 
 Each case runs in a process of its own, as the app does: Qt takes its scale when it starts.
 """
@@ -112,3 +113,7 @@ def table(result: dict) -> str:
             f"({pointer['limit_ms']:.1f} ms); {pointer['lost']} overtaken by the next",
         ]
     )
+
+
+if __name__ == "__main__":
+    print(table(run_screens(float(sys.argv[1]) if len(sys.argv) > 1 else 5.0)))
