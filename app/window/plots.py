@@ -75,7 +75,7 @@ class Plot(QFrame):
         self.head.addWidget(self.title)
         self.head.addWidget(self.figures, 1)
         self.rows = QVBoxLayout(self)
-        self.rows.setContentsMargins(10, 5, 8, 5)
+        self.rows.setContentsMargins(10, 4, 8, 4)
         self.rows.setSpacing(2)
         self.rows.addLayout(self.head)
         self.rows.addWidget(self.graph, 1)
@@ -112,7 +112,7 @@ class Trace(Plot):
         self.item.setMouseEnabled(x=True, y=False)
         self.item.vb.sigRangeChangedManually.connect(self._stop_following)
         self.item.vb.sigXRangeChanged.connect(lambda: None if self._following else self._draw())
-        self.graph.setMinimumHeight(36)
+        self.graph.setMinimumHeight(28)
         self.clear()
 
     def add(self, t: np.ndarray, values: np.ndarray) -> None:

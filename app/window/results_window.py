@@ -32,8 +32,8 @@ class Verdicts(QFrame):
         super().__init__(parent, objectName="panel")
         self.found: list[Finding] = []
         self._grid = QGridLayout(self)
-        self._grid.setContentsMargins(12, 8, 12, 8)
-        self._grid.setVerticalSpacing(3)
+        self._grid.setContentsMargins(12, 6, 12, 6)
+        self._grid.setVerticalSpacing(2)
         self.show_found([])
 
     def show_found(self, found: Sequence[Finding]) -> None:

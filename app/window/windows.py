@@ -235,9 +235,8 @@ class Windows(QObject):
         rows = self.bench.ticks()
         if len(rows):
             taken = self.bench.taken
-            if self.participant.isVisible():  # first, and painted at once: it is what the hand looks at
+            if self.participant.isVisible():
                 self.participant.show_ticks(rows, taken)
-                QCoreApplication.sendPostedEvents(self.participant, QEvent.Type.UpdateRequest)
             self.console.show_ticks(rows, taken)
         self.participant.view.follow_pointer()
         self.console.show_time()
@@ -247,6 +246,7 @@ class Windows(QObject):
             self.console.show_dead(said.said if said.said_bad and said.said else words.SERVER_DIED)
             self.participant.show_dead()
         self.framed.emit(rows)
+        QCoreApplication.sendPostedEvents(self.participant, QEvent.Type.UpdateRequest)  # first: the hand looks at it
 
     # ------------------------------------------------------------------------------------------- the end
 

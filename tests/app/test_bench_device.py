@@ -45,7 +45,7 @@ def test_the_same_trial_comes_out_the_same_again() -> None:
 
 
 def test_every_case_and_measure_is_in_the_table_and_the_data_are_json(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tests.benchmarks.board_bench.CASES", (Effects(), ALL))
     one = compared(setting_of("four-brake", 1))

@@ -125,18 +125,3 @@ def test_a_session_is_left_and_opened_again_in_one_go(tmp_path: Path) -> None:
         for intent in (m.Leave(), m.Open("01", resume=True), m.Note("here again")):
             seen.bench.send(intent)
         assert seen.until(lambda s: s.notes).stage == m.READY
-
-
-def test_a_new_window_does_not_have_the_handle_of_the_one_before(tmp_path: Path) -> None:
-    setup = Setup(tmp_path / "data", sync=False)
-    with window(setup) as seen:
-        seen.open()
-        seen.bench.aim(*seen.snapshot.tip)
-        seen.start()
-        wait_until(lambda: seen.bench.taken)
-        other = Window(setup)
-        other.until_stage(m.RUNNING)
-        wait_until(lambda: not other.bench.taken)
-        other.bench.brakes_off("the end")
-        other.until(lambda s: s.rows)
-        other.bench.stop("the end")
