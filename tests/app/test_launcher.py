@@ -53,7 +53,7 @@ case "$*" in
     "-m pytest -n 2 --dist loadfile -m nojit"*) echo "pytest nojit $NUMBA_DISABLE_JIT" >>"$LOG"; exit "${NOJIT_CODE-0}" ;;
     "-m pytest -n 2 --dist loadfile --junitxml"*)
         echo "pytest whole" >>"$LOG"
-        echo '<a><testsuite tests="9" skipped="1" errors="1" failures="2"/></a>' >"${3#--junitxml=}"; exit 1 ;;
+        echo '<a><testsuite tests="9" skipped="1" errors="1" failures="2"/></a>' >"${7#--junitxml=}"; exit 1 ;;
     "-m pytest"*) echo "$*" >>"$LOG" ;;
     "- "*) exec "$REAL_PYTHON" "$@" ;;
 esac
