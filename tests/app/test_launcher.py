@@ -50,7 +50,8 @@ case "$*" in
         printf '#!/bin/sh\\necho "phd was given:" "$@"\\n' >"$here/phd"
         chmod +x "$here"/* ;;
     "-m app.compile_kernels") echo "compile" >>"$LOG"; [ -z "${COMPILING_FAILS-}" ] ;;
-    "-m pytest -n 2 --dist loadfile -m nojit"*) echo "pytest nojit $NUMBA_DISABLE_JIT" >>"$LOG"; exit "${NOJIT_CODE-0}" ;;
+    "-m pytest -n 2 --dist loadfile -m nojit"*)
+        echo "pytest nojit $NUMBA_DISABLE_JIT" >>"$LOG"; exit "${NOJIT_CODE-0}" ;;
     "-m pytest -n 2 --dist loadfile --junitxml"*)
         echo "pytest whole" >>"$LOG"
         echo '<a><testsuite tests="9" skipped="1" errors="1" failures="2"/></a>' >"${7#--junitxml=}"; exit 1 ;;
