@@ -9,6 +9,8 @@ from pathlib import Path
 from app.progress import Progress, announce_first_use
 from app.verbs.common import add_verb, print_summary
 
+KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and diverge; `event` cannot"
+
 
 def add(verbs) -> None:
     verb = add_verb(
@@ -30,6 +32,8 @@ def simulate_verb(args: argparse.Namespace) -> int:
     scene = read_scene(args.scene)
     from experiments.simulate.simulate import SceneRun, simulate
 
+    if scene.integrator == "karnopp":
+        print(f"note: {args.scene}: {KARNOPP}", file=sys.stderr)
     compiling_s = 0.0
 
     def announced(scene):

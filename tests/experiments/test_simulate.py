@@ -163,3 +163,9 @@ def test_a_result_that_half_the_step_contradicts_carries_a_warning(scene, tmp_pa
     said = capsys.readouterr()
     assert said.err.startswith("warning: ")
     assert len(json.loads(said.out)["warnings"]) >= 1
+
+
+def test_karnopp_says_that_it_is_for_comparison_before_it_runs(scene, tmp_path: Path, capsys):
+    scene("integrator = 'karnopp'\n", 0.1)
+    assert main(["simulate", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "verb.csv"), "--json"]) == 0
+    assert capsys.readouterr().err.startswith(f"note: {tmp_path / 'scene.toml'}: karnopp, Eq. (6), is for comparison")
