@@ -1,6 +1,7 @@
 """What tests of the mechanics share."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,16 @@ MANY = (*FIXED, *(random_five_bar(seed) for seed in range(6)))
 
 def _name(bar: FiveBar) -> str:
     return bar.name.replace(" ", "-")
+
+
+@pytest.fixture(autouse=True)
+def own_scale() -> Iterator[None]:
+    """A verb that looks at the screen may scale Qt for its process: not for the tests after it."""
+    before = os.environ.get("QT_SCALE_FACTOR")
+    yield
+    os.environ.pop("QT_SCALE_FACTOR", None)
+    if before is not None:
+        os.environ["QT_SCALE_FACTOR"] = before
 
 
 @pytest.fixture
