@@ -93,7 +93,7 @@ class PartLibrary(JITCodeLibrary):
     """The intermediate code of one kernel, and the libraries of the kernels that it calls."""
 
     def add_llvm_module(self, ll_module: Any) -> None:
-        self._optimize_functions(ll_module)  # function by function: what is linked later is inlined better
+        self._optimize_functions(ll_module)  # one by one, so that what is linked later is small enough to be inlined
         self._final_module.link_in(ll_module)
 
     def add_linking_library(self, library: Any) -> None:
@@ -101,7 +101,6 @@ class PartLibrary(JITCodeLibrary):
 
     def finalize(self) -> None:
         self._finalize_dynamic_globals()
-        self._optimize_final_module()
         self._finalized = True
 
     def _get_module_for_linking(self) -> Any:
@@ -119,6 +118,18 @@ class PartLibrary(JITCodeLibrary):
                 if isinstance(library, PartLibrary):  # what numba compiles for itself holds its callees
                     waiting += library._linking_libraries
         return list(found)
+
+
+class EntryLibrary(JITCodeLibrary):
+    """The machine code of an entry. The parts linked into it are its own, so LLVM may inline or drop each."""
+
+    called_from_outside: tuple[str, ...] = ()
+
+    def _optimize_final_module(self) -> None:
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.name not in self.called_from_outside:
+                function.linkage = "internal"
+        super()._optimize_final_module()
 
 
 class PartCompiler(compiler.Compiler):
@@ -182,7 +193,8 @@ class EntryCompiler:
     def link(self, part: Any) -> Any:
         """The entry: the part's compile result, with machine code that Python can call."""
         codegen = self.target.codegen()
-        library = codegen.create_library(part.fndesc.qualname)
+        library = EntryLibrary(codegen, part.fndesc.qualname)
+        library.called_from_outside = (part.fndesc.llvm_func_name, part.fndesc.llvm_cpython_wrapper_name)
         library.enable_object_caching()
         for callee in part.library.with_callees():
             library.add_linking_library(callee)
