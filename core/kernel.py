@@ -2,15 +2,14 @@
 
 numba's on-disk cache looks only at the file of the function itself: when a kernel that it calls, or a constant that it
 uses, lives in another file and changes, the cache serves stale code. So the cache folder is named by a hash of every
-file that holds a kernel and of all that these import from this project.
+file that holds a kernel and of all that these import from this project. Folders of other versions stay: about a
+megabyte each, in the user's cache.
 """
 
 import hashlib
 import os
 import re
-import shutil
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +17,6 @@ import numba
 
 from core.kernel_compiler import Kernel
 
-try:
-    import fcntl
-except ImportError:  # Windows has none: nothing is ever removed there
-    fcntl = None  # type: ignore[assignment]
-
-#: Our choice: kernels of other versions go when nobody has used them for so long, a few at a start, so that none waits.
-UNUSED_DAYS, MOST_REMOVED = 30.0, 8
-_IN_USE = ".in-use"
 _ROOT = Path(__file__).resolve().parent.parent
 _PACKAGES = ("core", "experiments", "hardware", "app")
 _OURS = rf"(?:{'|'.join(_PACKAGES)})[.\w]*"
@@ -71,46 +62,7 @@ def _cache_home() -> Path:
     return Path(tempfile.gettempdir()) / f"phd-kernels-{os.getuid()}"
 
 
-def keep_in_use(folder: Path) -> int | None:
-    """Make the folder and hold it, as long as this process lives; its time is when it was last used."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        held = os.open(folder / _IN_USE, os.O_RDWR | os.O_CREAT, 0o600)
-        os.utime(folder)
-        if fcntl:
-            fcntl.flock(held, fcntl.LOCK_SH)
-    except OSError:
-        return None  # it cannot be written or held: nothing is removed then
-    return held
-
-
-def remove_unused(home: Path, days: float = UNUSED_DAYS) -> list[Path]:
-    """Remove kernels of other versions that nobody has used for so long and no process holds; those removed."""
-    removed: list[Path] = []
-    for folder in sorted(home.iterdir()) if fcntl else ():
-        if len(removed) == MOST_REMOVED:
-            break
-        try:
-            if not folder.is_dir() or time.time() - folder.stat().st_mtime < 86400.0 * days:
-                continue
-            held = os.open(folder / _IN_USE, os.O_RDWR | os.O_CREAT, 0o600)
-        except OSError:
-            continue  # another process removes it, or it is not ours
-        try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            shutil.rmtree(folder, ignore_errors=True)
-            removed.append(folder)
-        except OSError:
-            pass  # in use
-        finally:
-            os.close(held)
-    return removed
-
-
 CACHE_FOLDER = _cache_home() / source_hash()
-_held = keep_in_use(CACHE_FOLDER)
-if _held is not None:
-    remove_unused(CACHE_FOLDER.parent)
 numba.config.CACHE_DIR = str(CACHE_FOLDER)
 
 

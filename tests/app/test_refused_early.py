@@ -1,8 +1,5 @@
 """What cannot be is refused before anything opens: strangers, endless plans; what an operator goes without is said."""
 
-import os
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -16,7 +13,6 @@ from app.session_server.practice import done_without
 from app.session_server.server import read_protocol
 from app.session_server.session_progress import SessionProgress
 from core.files import InputError
-from core.kernel import keep_in_use, remove_unused
 from experiments.protocol import MOST_TRIALS
 from experiments.session.journal import unmeasured_row
 from experiments.session.session import Session
@@ -87,33 +83,3 @@ def test_no_questionnaire_is_put_to_a_simulated_operator(tmp_path):
         asked[name] = SessionProgress(session).asked_block
         session.close()
     assert asked["01"] is None and asked["02"] is not None
-
-
-def old(folder: Path, days: float) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "kernel.nbi").write_text("x")
-    at = time.time() - 86400.0 * days
-    os.utime(folder, (at, at))
-    return folder
-
-
-def test_kernels_of_other_versions_go_after_30_days_without_use_unless_a_process_holds_them(tmp_path):
-    new, unused, used = old(tmp_path / "new", 29), old(tmp_path / "unused", 31), tmp_path / "used"
-    held = keep_in_use(used)
-    assert held is not None
-    old(used, 99)
-    assert remove_unused(tmp_path) == [unused]
-    assert not unused.exists() and (new / "kernel.nbi").exists() and (used / "kernel.nbi").exists()
-    os.close(held)
-    assert remove_unused(tmp_path) == [used] and not used.exists()
-
-
-def test_a_start_clears_the_cache_and_keeps_what_it_uses(tmp_path):
-    unused = old(tmp_path / "phd" / "kernels" / "0123456789abcdef", 40)
-    code = "from core.kernel import CACHE_FOLDER as used; print(used, used.exists())"
-    done = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, "XDG_CACHE_HOME": str(tmp_path)}, check=True,
-        capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
-    mine, there = done.stdout.split()
-    assert there == "True" and Path(mine).parent == unused.parent and not unused.exists()
