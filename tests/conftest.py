@@ -21,6 +21,14 @@ def _name(bar: FiveBar) -> str:
     return bar.name.replace(" ", "-")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def application() -> Iterator[object]:
+    """Qt takes its scale from the environment once: before any test changes it, whichever test comes first."""
+    from PySide6.QtWidgets import QApplication
+
+    yield QApplication.instance() or QApplication([])
+
+
 @pytest.fixture(autouse=True)
 def own_scale() -> Iterator[None]:
     """A verb that looks at the screen may scale Qt for its process: not for the tests after it."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from emulated import when
+from emulated import to_zero_s
 from live import kill, wait_until
 from live_board import DEVICE, LET_GO, BoardSession, board_session
 
@@ -40,7 +40,7 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession)
     assert lost.status == "stopped" and window.snapshot.said.startswith(f"Run {lost.run}: ")
     assert read_recording(session.folder / lost.recording).whole
     truth = emulated.order()
-    assert when(truth, "currents zero") - when(truth, "unplug begins") <= 0.051
+    assert to_zero_s(truth, "unplug begins") <= 0.051
     window.until(lambda s: session.device().text == "not connected")
     emulated.order(clear=True)
     window.until(lambda s: s.brakes_off or session.device().state == m.GOOD)  # latched, if there was current just then

@@ -39,6 +39,13 @@ class Emulated:
         return code
 
 
+def to_zero_s(truth: dict, text: str) -> float:
+    """How long (s) after this event the last current was gone; 0 where none flowed then. They must be zero now."""
+    assert not any(truth["currents_mA"]), truth["currents_mA"]
+    begun = when(truth, text)
+    return max((t - begun for t, event in truth["events"] if event == "currents zero" and t >= begun), default=0.0)
+
+
 def when(truth: dict, text: str) -> float:
     """When the last event of this text was, s of the board's time."""
     return max(t for t, event in truth["events"] if event == text)
