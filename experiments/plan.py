@@ -205,21 +205,36 @@ def _lines(protocol: Protocol, participant: str, trials: list[PlannedTrial], ste
     return lines
 
 
-def _estimated_s(protocol: Protocol, plan: Sequence[PlannedTrial]) -> float:
-    """How long a session takes (s): trials, practice and re-rigs at the assumed pace, breaks at their least."""
+def plan_summary(protocol: Protocol) -> str:
+    """What a participant's session is made of, how many trials that gives, and about how long it takes."""
+    plan = make_plan(protocol, "1")
+    parts = {"device": protocol.devices, "controller": protocol.controllers, "path": protocol.paths}
+    factors = [_counted(len(of), name) for name, of in parts.items()]
+    if (times := protocol.blocks * protocol.repetitions) > 1:
+        factors.append(str(times))
+    return f"{' × '.join(factors)} = {_length(protocol, plan)}"
+
+
+def _counted(number: int, name: str) -> str:
+    """ "1 trial", "2 trials"."""
+    return f"{number} {name}" if number == 1 else f"{number} {name}s"
+
+
+def _length(protocol: Protocol, plan: Sequence[PlannedTrial]) -> str:
+    """How many trials a session has, and how long it takes: breaks at their least, the rest at the assumed pace."""
     configurations = len(protocol.devices)
     each = len(plan) // configurations
     breaks = sum(break_after(protocol, done, each - done) for done in range(1, each)) * configurations
-    trials = len(plan) + configurations * protocol.practice_trials
+    practised = configurations * protocol.practice_trials
+    trials = len(plan) + practised
     rest_s = protocol.breaks.least_s if protocol.breaks else 0.0
-    return trials * TRIAL_S + breaks * rest_s + (configurations - 1) * RERIG_S
+    seconds = trials * TRIAL_S + breaks * rest_s + (configurations - 1) * RERIG_S
+    practice = f" and {practised} of practice" if practised else ""
+    return f"{_counted(len(plan), 'trial')}{practice}, about {math.ceil(seconds / 60.0)} min"
 
 
 def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) -> str:
-    minutes = math.ceil(_estimated_s(protocol, plan) / 60.0)
     rerig = f", {RERIG_S / 60:g} min a re-rig" if len(protocol.devices) > 1 else ""
-    practised = protocol.practice_trials * len(protocol.devices)
-    practice = f" and {practised} of practice" if practised else ""
     times = "once" if protocol.repetitions == 1 else f"{protocol.repetitions} times"
     breaks = protocol.breaks
     facts = {
@@ -238,7 +253,7 @@ def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) ->
         "questionnaire": ["after each block"] if protocol.questionnaire.on else [],
     }
     lines = [
-        f"{protocol.name} protocol, participant {participant}: {len(plan)} trials{practice}, about {minutes} min "
+        f"{protocol.name} protocol, participant {participant}: {_length(protocol, plan)} "
         f"(assumed: {TRIAL_S:g} s a trial{rerig})",
         "",
         *(f"{'' if i else name:18}{value}" for name, values in facts.items() for i, value in enumerate(values)),

@@ -16,12 +16,24 @@ import msgspec
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.control.rule_sets import RULE_SETS
 from core.device import Device, build_device, load_device
-from core.files import InputError, NotNegative, Positive, Table, choice, from_plain, parse_toml, read_text, text_of_form
+from core.files import (
+    InputError,
+    NotNegative,
+    Positive,
+    Table,
+    choice,
+    from_plain,
+    one_of,
+    parse_toml,
+    read_text,
+    text_of_form,
+)
 from core.path import PathFile, build_path, outline, path_from, point_at
 from core.simulator.hand import Hand, spring_hand
 from core.workspace import tip_is_free
 
 PROPORTIONAL, GAIN = "proportional", "gain_N_s_m"  # whose least gain `--low-gain` sets
+NUMBER, TEXT = "number", "text"  # what a field of the form takes where it lists no choices
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "protocols"
 PAPER = "paper"
 MOST_TRIALS = 10_000  # of a participant. Our choice: 40 hours and more; what is typed in error is more
@@ -119,11 +131,19 @@ class Settings(Table, frozen=True, kw_only=True):
     breaks: Breaks | None = None
     mouse: MouseHand = MouseHand()
     questionnaire: Questionnaire = Questionnaire()
+    form: dict[str, tuple[Text, ...] | str] = {}  # asked of each participant: choices, "number" or "text"
 
     def __post_init__(self) -> None:
         plain_text(self.name, "name")
         if len(set(self.participants)) < len(self.participants):
             raise ValueError("participants: the same label stands there twice")
+        for name, kind in self.form.items():
+            if not (name.isascii() and name.isidentifier()):
+                raise ValueError(f"form: {name!r} must be of letters, digits and _")
+            if isinstance(kind, str):
+                one_of(kind, (NUMBER, TEXT), f"form.{name}")
+            elif len(set(kind)) < 2:
+                raise ValueError(f"form.{name} must offer at least two different choices")
 
 
 class _NamedController(Table, frozen=True):
@@ -264,15 +284,21 @@ def load_protocol(
             f"unknown protocol {str(name_or_path)!r}: neither a shipped protocol ({', '.join(shipped_protocols())}) "
             "nor a file"
         )
-    text = read_text(path)
-    file = parse_toml(text, ProtocolFile, str(path))
+    return read_protocol(read_text(path), path.parent, str(path), devices, **asked)
+
+
+def read_protocol(
+    text: str, folder: Path, where: str, devices: Sequence[str | Path | Device] | None = None, **asked: Any
+) -> Protocol:
+    """A protocol from the text of its file, which stands in `folder`; `where` names it. Else as `load_protocol`."""
+    file = parse_toml(text, ProtocolFile, where)
     overrides = {name: value for name, value in asked.items() if value is not None}
     if devices is None:
-        found = [_device(reference, path.parent, f"{path}: devices") for reference in file.devices]
+        found = [_device(reference, folder, f"{where}: devices") for reference in file.devices]
     else:
         found = [_device(reference, Path(), "--device") for reference in devices]
         overrides["devices"] = [device.name for _, device in found]
-    return _checked(file, text, found, overrides, str(path))
+    return _checked(file, text, found, overrides, where)
 
 
 def _device(reference: str | Path | Device, folder: Path, where: str) -> tuple[str, Device]:

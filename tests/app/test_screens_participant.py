@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from fake_bench import PLAN, PRESETS, movement, opened, ready, result, running, ticks
+from fake_client import PLAN, PRESETS, movement, opened, ready, result, running, ticks
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
@@ -124,11 +124,11 @@ def test_the_pointer_is_the_hand_in_metres(screens: Screens) -> None:
     screens.hear(opened(), running())
     view = screens.participant.view
     point(view, view.to_screen((0.03, 0.35)))
-    assert screens.bench.aimed[-1] == pytest.approx((0.03, 0.35), abs=1e-6)
+    assert screens.client.aimed[-1] == pytest.approx((0.03, 0.35), abs=1e-6)
     screens.hear(opened(hand="sensor"))
-    count = len(screens.bench.aimed)
+    count = len(screens.client.aimed)
     point(view, view.to_screen((0.0, 0.3)))
-    assert len(screens.bench.aimed) == count
+    assert len(screens.client.aimed) == count
 
 
 def test_the_handle_and_its_way_follow_the_ticks(screens: Screens) -> None:
@@ -156,7 +156,7 @@ def test_keys_on_the_participants_window_do_what_they_do_on_the_console(screens:
 def test_closing_the_participants_window_is_closing_the_app_and_asks(screens: Screens) -> None:
     screens.hear(opened(), running())
     screens.participant.close()
-    assert screens.console.cards.question is not None and not screens.bench.stopped
+    assert screens.console.cards.question is not None and not screens.client.stopped
 
 
 def test_f11_shows_and_hides_the_participants_view(screens: Screens) -> None:
@@ -177,7 +177,7 @@ def test_the_questions_wait_for_all_answers_and_are_empty_the_next_time(screens:
         for _ in range(i):
             QTest.keyClick(scale, Qt.Key.Key_Right)
     QTest.mouseClick(questions.done, Qt.MouseButton.LeftButton)
-    (answers,) = screens.bench.sent
+    (answers,) = screens.client.sent
     assert answers == m.Answers({item: 50.0 + 5.0 * i for i, (item, *_) in enumerate(ITEMS)})
     screens.hear(ready(10))
     screens.hear(ready(20, stage=m.QUESTIONS))
