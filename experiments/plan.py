@@ -227,6 +227,29 @@ def print_plan(protocol: Protocol, participant: str, steps: Steps) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def plan_summary(protocol: Protocol) -> str:
+    """What a participant's session is made of, how many trials that gives, and about how long it takes."""
+    plan = make_plan(protocol, 1)
+    counts = [
+        counted(len(of), name)
+        for of, name in ((protocol.devices, "device"), (protocol.controllers, "controller"), (protocol.paths, "path"))
+    ]
+    times = protocol.blocks * protocol.repetitions
+    practised = protocol.practice_trials * len(protocol.devices)
+    practice = f" and {practised} of practice" if practised else ""
+    factors = " × ".join(counts + ([str(times)] if times > 1 else []))
+    return f"{factors} = {counted(len(plan), 'trial')}{practice}, about {_minutes(protocol, plan)} min"
+
+
+def counted(number: int, name: str) -> str:
+    """ "1 trial", "2 trials"."""
+    return f"{number} {name}" if number == 1 else f"{number} {name}s"
+
+
+def _minutes(protocol: Protocol, plan: tuple[PlannedTrial, ...]) -> int:
+    return math.ceil(estimated_s(protocol, plan) / 60.0)
+
+
 def estimated_s(protocol: Protocol, plan: tuple[PlannedTrial, ...]) -> float:
     """How long a session takes (s): trials, practice and re-rigs at the assumed pace, breaks at their least."""
     configurations = len(protocol.devices)
@@ -238,15 +261,14 @@ def estimated_s(protocol: Protocol, plan: tuple[PlannedTrial, ...]) -> float:
 
 
 def _head(protocol: Protocol, participant: str, plan: tuple[PlannedTrial, ...]) -> str:
-    minutes = math.ceil(estimated_s(protocol, plan) / 60.0)
     assumed = f"assumed: {TRIAL_S:g} s a trial"
     if len(protocol.devices) > 1:
         assumed += f", {RERIG_S / 60:g} min a re-rig"
     practised = protocol.practice_trials * len(protocol.devices)
     practice = f" and {practised} of practice" if practised else ""
     lines = [
-        f"{protocol.name} protocol, participant {participant}: {len(plan)} trials{practice}, about {minutes} min "
-        f"({assumed})",
+        f"{protocol.name} protocol, participant {participant}: {len(plan)} trials{practice}, "
+        f"about {_minutes(protocol, plan)} min ({assumed})",
         "",
         *_named("participants", [", ".join(protocol.participants) or "anybody"]),
         *_named("devices", [f"{d.name}{' (assumed)' if d.assumed else ''}" for d in protocol.devices]),

@@ -23,6 +23,7 @@ from core.workspace import tip_is_free
 
 PROPORTIONAL, GAIN = "proportional", "gain_N_s_m"  # whose least gain `--low-gain` sets
 FEEDBACKS = ("none", "time", "error")  # what the participant sees after a trial
+NUMBER, TEXT = "number", "text"  # what a field of the form takes where it lists no choices
 
 Count = Annotated[int, msgspec.Meta(ge=1, le=1000)]
 Text = Annotated[str, msgspec.Meta(min_length=1)]
@@ -148,6 +149,7 @@ class ProtocolFile(Table, frozen=True):
     mouse: MouseHand = MouseHand()
     release: Release = Release()
     questionnaire: Questionnaire = Questionnaire()
+    form: dict[str, tuple[Text, ...] | str] = {}  # asked of each participant: choices, "number" or "text"
 
     def __post_init__(self) -> None:
         plain_text(self.name, "name")
@@ -159,6 +161,13 @@ class ProtocolFile(Table, frozen=True):
                 raise ValueError(f"participants: {label!r} must be letters and digits only")
         if len(set(self.participants)) < len(self.participants):
             raise ValueError("participants: the same label stands there twice")
+        for name, kind in self.form.items():
+            if not (name.isascii() and name.isidentifier()):
+                raise ValueError(f"form: {name!r} must be of letters, digits and _")
+            if isinstance(kind, str):
+                one_of(kind, (NUMBER, TEXT), f"form.{name}")
+            elif len(set(kind)) < 2:
+                raise ValueError(f"form.{name} must offer at least two different choices")
 
     def trial_rules(self) -> TrialRules:
         """The tables `trial` and `release` together."""
@@ -202,6 +211,7 @@ class Protocol:
     questionnaire: bool
     cues: Cues | None = None
     breaks: Breaks | None = None
+    form: dict[str, tuple[str, ...] | str] = field(default_factory=dict)  # as in `ProtocolFile`
     device_files: dict[str, str] = field(default_factory=dict, compare=False)  # device -> how a refusal names it
 
     @property
@@ -277,17 +287,27 @@ def load_protocol(
             f"unknown protocol {str(name_or_path)!r}: neither a shipped protocol ({', '.join(shipped_protocols())}) "
             "nor a file"
         )
-    text = read_text(path)
-    file = parse_toml(text, ProtocolFile, str(path))
     given = {
         name: value for name, value in (("rules", rules), ("low_gain", low_gain), ("seed", seed)) if value is not None
     }
+    return read_protocol(read_text(path), path.parent, str(path), given, devices)
+
+
+def read_protocol(
+    text: str,
+    folder: Path,
+    where: str,
+    given: Mapping[str, Any] | None = None,
+    devices: Sequence[str | Path | Device] | None = None,
+) -> Protocol:
+    """A protocol from the text of its file, which stands in `folder`; `where` names it. Else as `load_protocol`."""
+    file, given = parse_toml(text, ProtocolFile, where), dict(given or {})
     if devices is None:
-        found = [_device(reference, path.parent, f"{path}: devices") for reference in file.devices]
+        found = [_device(reference, folder, f"{where}: devices") for reference in file.devices]
     else:
         found = [_device(reference, Path(), "--device") for reference in devices]
         given["devices"] = [device.name for device, _ in found]
-    return build_protocol(file, text, found, given, str(path))
+    return build_protocol(file, text, found, given, where)
 
 
 def _device(reference: str | Path | Device, folder: Path, where: str) -> tuple[Device, str]:
@@ -343,6 +363,7 @@ def build_protocol(
         questionnaire=file.questionnaire.on,
         cues=file.cues,
         breaks=file.breaks,
+        form=dict(file.form),
         device_files={device.name: named for device, named in devices},
     )
     refuse_endless(protocol, where)

@@ -28,6 +28,7 @@ class Client:
     def __init__(self, setup: Setup) -> None:
         """Start it; returns at once. InputError if there is no memory for what the processes share."""
         setup = setup._replace(data_dir=setup.data_dir.absolute())
+        self.setup = setup
         self._data_dir, self._refused, self._left_core = setup.data_dir, "", False
         self._received: list = []  # by `refused`, for `receive`
         try:

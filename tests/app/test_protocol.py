@@ -13,7 +13,7 @@ from app.session_server.steps import planned_steps
 from core.device import SHIPPED_FOLDER
 from core.files import InputError
 from core.path import Arc, Polyline, Segment
-from experiments.plan import break_after, make_plan, print_plan
+from experiments.plan import break_after, make_plan, plan_summary, print_plan
 from experiments.protocol import load_protocol, protocol_from_json, protocol_to_json, shipped_protocols
 
 
@@ -46,6 +46,19 @@ def test_a_file_of_ones_own_needs_little_and_the_rest_has_its_default(tmp_path):
     assert (protocol.rules, protocol.seed, protocol.blocks, protocol.practice_trials) == ("settled", 1, 1, 0)
     assert protocol.breaks is protocol.cues is None and not protocol.blind and not protocol.paths_assumed
     assert protocol.trial == PAPER.trial and protocol.mouse == PAPER.mouse and protocol.participants == ()
+
+
+def test_a_form_lists_what_each_participant_is_asked_for():
+    asked = protocol_of(PAPER.text + '\n[form]\nhandedness = ["right", "left"]\nage = "number"\n')
+    assert asked.form == {"handedness": ("right", "left"), "age": "number"} and PAPER.form == {}
+
+
+def test_a_summary_counts_trials_and_minutes_before_anyone_sits_down():
+    assert plan_summary(PAPER) == "2 devices × 5 controllers × 2 paths × 3 = 60 trials, about 20 min"
+    single = protocol_of(changed(PAPER.text, blocks="1", repetitions="1", practice_trials="2"))
+    assert plan_summary(replace(single, devices=single.devices[:1], paths={1: single.paths[1]})) == (
+        "1 device × 5 controllers × 1 path = 5 trials and 2 of practice, about 2 min"
+    )
 
 
 def test_what_is_asked_for_stands_in_place_of_what_the_file_says():
@@ -112,6 +125,9 @@ REFUSED = {
     "same device": (changed(PAPER.text, devices='["four-brake", "four-brake"]'), "two devices have the same name"),
     "cues": (PAPER.text + "\n[cues]\ntoo_fast_s = 5.0\ntoo_slow_s = 2.0\n", "cues: too_fast_s .* must be shorter"),
     "breaks": (PAPER.text + "\n[breaks]\nafter_trials = 0\nleast_s = 2.0\n", "breaks.after_trials must be at least 1"),
+    "form, no choice": (PAPER.text + '\n[form]\nhand = ["right"]\n', "form.hand must offer at least two"),
+    "form, unknown kind": (PAPER.text + '\n[form]\nage = "years"\n', "form.age must be one of number, text"),
+    "form, name": (PAPER.text + '\n[form]\n"a b" = "text"\n', "form: 'a b' must be of letters"),
     "not TOML": ("name = ", "is not valid TOML"),
 }
 

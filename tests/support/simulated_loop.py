@@ -134,4 +134,4 @@ def local_window(setup: Setup) -> Iterator[LocalWindow]:
     try:
         yield opened
     finally:
-        opened.bench.stop("the test is over")
+        opened.client.stop("the test is over")
