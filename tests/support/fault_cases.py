@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from fault_kinds import AWAY, BETWEEN, END, LOCKED_TICKS, PULL, START, Fault, Killed
 from real_bench import RealBench
-from simulated_bench import reach
 
 from app.ipc.messages import GOOD, DeviceStatus, Done, HomeAt, Reset
 from app.ipc.ring import Ring
@@ -269,7 +268,7 @@ class Case:
             self.loop.device = SerialDevice(
                 self.bench.device, "bench", clock=self.bench.now, open_port=self.bench.open_port
             )
-            reach(self.loop.device)
+            self.loop.device.open()
             self.bench.link = self.loop.device
         began, link = self.board.ticks, self.bench.link
         while True:
