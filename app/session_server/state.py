@@ -18,7 +18,7 @@ from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.files import InputError
 from experiments.protocol import Protocol
 from experiments.session.files import free_participant, kept_sessions, protocols_otherwise
-from experiments.session.journal import BRAKES_ALLOWED, BRAKES_OFF, WINDOW_LOST
+from experiments.session.journal import BRAKES_ALLOWED, BRAKES_OFF
 from experiments.session.session import Session
 
 DISK_S = 5.0  # between two looks at the disk, while nothing runs
@@ -39,10 +39,6 @@ class State:
         self.broken = ""  # why no more trials can be run
         self.storage = Storage(setup.data_dir, self.runner, self.say)
         self._said, self._said_bad = "", False
-        self._resumable: tuple[str, ...] = ()
-        self._finished: tuple[str, ...] = ()
-        self._otherwise: tuple[tuple[str, str], ...] = ()
-        self._next_participant = ""
         self.look_for_participants()
         self._next_participant = setup.participant or self._next_participant
         self._disk, self._free = check_disk(setup.data_dir)
@@ -161,10 +157,6 @@ class State:
                 self.storage.write(BRAKES_OFF, cause=why_off)
             else:
                 self.storage.write(BRAKES_ALLOWED)
-
-    def window_lost(self) -> None:
-        """The window is gone, whatever runs."""
-        self.storage.write(WINDOW_LOST)
 
     def watch(self) -> None:
         """Take in what has happened since the last time."""

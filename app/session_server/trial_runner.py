@@ -62,9 +62,19 @@ class TrialRun:
             lost = int(self._ring.control.dropped)
             self.trial.timing = {**timing._asdict(), "ticks": len(self.recorder.lateness_us), "lost": lost}
 
+    def _why(self) -> str:
+        """Why the loop ended it early; "": it did not."""
+        off = self._ring.why_off
+        reasons = {
+            STOPPED: self._reason,
+            BRAKES_OFF: after("brakes off: ", off) if isinstance(off, Cause) else cause("brakes-off", why=off),
+            SERVER_SILENT: cause("server-silent"),
+            RING_FULL: cause("disk-too-slow", seconds=len(self._ring.rows) // 1000),
+        }
+        return reasons.get(int(self._ring.control.cause), "")
+
     def keep(self, session: Session) -> TrialRow:
         """Close and verify the recording and make its row. OSError or InputError if it is not whole."""
-        assert self.recorder.writer is not None
         if self.recorder.error:
             raise OSError(self.recorder.error)
         decided = self._decided and int(self._ring.control.cause) == STOPPED
@@ -74,7 +84,7 @@ class TrialRun:
         """The recording gets no more: its stream stays as it is."""
         self.recorder.close()
         if self.recorder.writer is not None:
-            with contextlib.suppress(OSError, ValueError):  # what the disk does not take is said already
+            with contextlib.suppress(OSError, ValueError):  # the experimenter knows already that the disk is full
                 self.recorder.writer.abandon()
 
     def rescue(self, session: Session) -> None:
@@ -83,24 +93,6 @@ class TrialRun:
         if self.recorder.writer is not None:
             session.put_in_order()
 
-    def timing(self, scheduling: str) -> Timing | None:
-        """How late its ticks have been so far."""
-        return self.recorder.timing(scheduling)
-
-    def _why(self) -> str:
-        """Why the loop ended it early; "": it did not."""
-        reasons = {
-            STOPPED: self._reason,
-            BRAKES_OFF: self._brakes_off(),
-            SERVER_SILENT: cause("server-silent"),
-            RING_FULL: cause("disk-too-slow", seconds=len(self._ring.rows) // 1000),
-        }
-        return reasons.get(int(self._ring.control.cause), "")
-
-    def _brakes_off(self) -> str:
-        why = self._ring.why_off
-        return after("brakes off: ", why) if isinstance(why, Cause) else cause("brakes-off", why=why)
-
 
 class TrialRunner:
     """One trial at a time, on the loop that lives."""
@@ -108,8 +100,7 @@ class TrialRunner:
     def __init__(self, ring: Ring, loop: LoopProcess, real_time: bool, port: str = "") -> None:
         """loop: the first one, already started. real_time: try scheduling that needs a privilege. port: of a board."""
         self._ring, self._loop, self._real_time, self._port = ring, loop, real_time, port
-        self._starts = 1
-        self._scheduling = ""
+        self._starts, self._scheduling = 1, ""
         self._tried: Timing | None = None
         self._last: Timing | None = None  # of the last trial
         self.run: TrialRun | None = None
@@ -120,6 +111,17 @@ class TrialRunner:
     def ready(self) -> bool:
         """Whether a trial may start."""
         return self._tried is not None and self.run is None
+
+    @property
+    def timing(self) -> Timing | None:
+        """The loop's lateness over the running trial, or the last, or the time without one."""
+        now = self.run.recorder.timing(self._scheduling) if self.run else None
+        return now or self._last or self._tried
+
+    @property
+    def check(self) -> Check:
+        """For the pre-flight row."""
+        return check_loop(self._tried, self._loop.dead, self._last)
 
     def start(self, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None) -> None:
         """Run a trial; the writer is the runner's until the run has ended or is lost."""
@@ -148,10 +150,9 @@ class TrialRunner:
                 case Tried(lateness_us):
                     self._tried = timing_of(lateness_us, self._scheduling)
                 case Done():
-                    assert self.run is not None
                     ended, self.run = self.run, None
                     ended.ended(answer, self._scheduling)
-                    self._last = ended.timing(self._scheduling)
+                    self._last = ended.recorder.timing(self._scheduling)
                 case _:
                     self._told.append(answer)
         if ended is None and (self._loop.dead or self._loop.hung):
@@ -168,17 +169,6 @@ class TrialRunner:
         self._starts += 1
         self._loop = LoopProcess(self._ring, self._real_time, self._port)
         return run, why
-
-    @property
-    def timing(self) -> Timing | None:
-        """The loop's lateness over the running trial, or the last, or the time without one."""
-        now = self.run.timing(self._scheduling) if self.run else None
-        return now or self._last or self._tried
-
-    @property
-    def check(self) -> Check:
-        """For the pre-flight row."""
-        return check_loop(self._tried, self._loop.dead, self._last)
 
     def close(self) -> None:
         """End the loop."""

@@ -82,6 +82,9 @@ def lost(name: str = "") -> str:
     return f"{said} {name} is recovered and its trial comes again." if name else said
 
 
+SETTLED_TICKS = 700  # the handle has come to rest where the hand holds it
+
+
 class Case:
     """One trial, or the time between two, with one fault in one phase."""
 
@@ -101,7 +104,7 @@ class Case:
         self.flowing = self.killed = self.past = False
         self.words, self.afterwards, self.again_s = "", "", 0.0
         self.row = None  # of the table
-        self.idle(lambda: self.look() is not None and self.look().state == GOOD)
+        self.idle(lambda: self.board.ticks >= SETTLED_TICKS and self.look() is not None and self.look().state == GOOD)
         self.between() if phase == BETWEEN else self.trial()
 
     # between trials
