@@ -214,7 +214,16 @@ RERIG_S = 300.0  # assumed: taking a brake off or putting one on, and the checks
 Steps = Callable[[Protocol, PlannedTrial, PlannedTrial, int, int], list[str]]
 
 
-def print_plan(protocol: Protocol, participant: str, steps: Steps) -> str:
+def steps_between(protocol: Protocol, before: PlannedTrial, after: PlannedTrial, done: int, left: int) -> list[str]:
+    """What the printed plan says between two trials: a re-rig, a break."""
+    if after.configuration != before.configuration:
+        return [f"re-rig to {after.configuration}"]
+    if protocol.breaks is not None and break_after(protocol, done, left):
+        return [f"-- break of at least {protocol.breaks.least_s:g} s --"]
+    return []
+
+
+def print_plan(protocol: Protocol, participant: str, steps: Steps = steps_between) -> str:
     """The protocol's facts, the estimated duration, then every trial in order with practice and the steps between."""
     plan = make_plan(protocol, participant)
     parts, before = [_head(protocol, participant, plan)], plan[0]
