@@ -14,6 +14,8 @@ from core.files import InputError
 
 #: On Linux one of these says where a window can be.
 PLACES = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
+#: An environment variable: with it a bar is lines "PHD_PROGRESS 0.25" on stderr, for the program that asked for a verb.
+PROGRESS = "PHD_PROGRESS"
 LEAST_ROOM = (1240, 690)  # px, for the console with its frame
 _CODE = (
     "from PySide6.QtGui import QGuiApplication as A; a = A([]); room = a.primaryScreen().availableGeometry();"
@@ -59,7 +61,9 @@ class Progress:
 
     def __call__(self, share: float, where: str = "") -> None:
         """where: stands for the percentage."""
-        if not sys.stderr.isatty() or time.monotonic() - self.start < 1.0:
+        if PROGRESS in os.environ:
+            print(PROGRESS, f"{share:.3f}", file=sys.stderr, flush=True)
+        elif not sys.stderr.isatty() or time.monotonic() - self.start < 1.0:
             return
         full = round(share * self.CELLS)
         line = f"\r{self.says} [{'#' * full}{'.' * (self.CELLS - full)}] {where or f'{share:4.0%}'}"

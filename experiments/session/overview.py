@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from core.files import InputError
-from experiments.plan import plan_from_json
-from experiments.session.files import STORED, TABLE, open_trials, rows_of, sessions_in
+from experiments.analysis.trials_table import SETTLED
+from experiments.session.files import STORED, TABLE, cell, rows_of, sessions_in
 from experiments.session.study_file import STUDY
 
 
@@ -81,12 +81,10 @@ def _session(folder: Path, stored: int, table: int) -> SessionOverview | None:
     changed_s, participant = 1e-9 * max(stored, table), folder.parent.name.removeprefix("sub-")
     try:
         about = json.loads((folder / STORED).read_text(encoding="utf-8"))
-        plan = plan_from_json(about["plan"])
-        left = len(open_trials(plan, rows_of(folder)))
+        planned = len(about["plan"])
+        done = len({cell(row) for row in rows_of(folder) if row.status in SETTLED})
         protocol, hand = str(about["protocol"]["name"]), str(about.get("hand", ""))
-        return SessionOverview(
-            folder, str(about["participant"]), protocol, len(plan) - left, len(plan), changed_s, hand
-        )
+        return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s, hand)
     except InputError as error:
         problem = str(error)
     except (OSError, ValueError, KeyError, TypeError) as error:
