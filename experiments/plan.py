@@ -218,13 +218,13 @@ def plan_summary(protocol: Protocol) -> str:
     """What a participant's session is made of, how many trials that gives, and about how long it takes."""
     plan = make_plan(protocol, "1")
     parts = {"device": protocol.devices, "controller": protocol.controllers, "path": protocol.paths}
-    factors = [_counted(len(of), name) for name, of in parts.items()]
+    factors = [counted(len(of), name) for name, of in parts.items()]
     if (times := protocol.blocks * protocol.repetitions) > 1:
         factors.append(str(times))
     return f"{' × '.join(factors)} = {_length(protocol, plan)}"
 
 
-def _counted(number: int, name: str) -> str:
+def counted(number: int, name: str) -> str:
     """ "1 trial", "2 trials"."""
     return f"{number} {name}" if number == 1 else f"{number} {name}s"
 
@@ -239,7 +239,7 @@ def _length(protocol: Protocol, plan: Sequence[PlannedTrial]) -> str:
     rest_s = protocol.breaks.least_s if protocol.breaks else 0.0
     seconds = trials * TRIAL_S + breaks * rest_s + (configurations - 1) * RERIG_S
     practice = f" and {practised} of practice" if practised else ""
-    return f"{_counted(len(plan), 'trial')}{practice}, about {math.ceil(seconds / 60.0)} min"
+    return f"{counted(len(plan), 'trial')}{practice}, about {math.ceil(seconds / 60.0)} min"
 
 
 def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) -> str:

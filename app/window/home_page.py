@@ -11,19 +11,27 @@ from typing import NamedTuple
 from PySide6.QtCore import QPointF, QRectF, Qt, QTimer
 from PySide6.QtGui import QPainter, QPaintEvent, QPolygonF
 from PySide6.QtWidgets import (
-    QCheckBox, QFileDialog, QFrame, QGridLayout, QHBoxLayout, QLineEdit, QPlainTextEdit, QSizePolicy, QStackedWidget,
-    QVBoxLayout, QWidget,
+    QCheckBox,
+    QFileDialog,
+    QGridLayout,
+    QHBoxLayout,
+    QLineEdit,
+    QPlainTextEdit,
+    QSizePolicy,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
 )  # fmt: skip
 
 from app.ipc import messages as m
 from app.window.background import Background
+from app.window.bench_page import DevicePage
 from app.window.data_panel import DataPanel, Recent
-from app.window.device_page import DevicePage
 from app.window.page import RUN, TRY, Page
 from app.window.painting import theme
 from app.window.painting.labels import Choice, OneLine, breakable, line, word
 from app.window.painting.parts import Segments, button, clear, panel, row, scrolled
-from app.window.preflight import COLOURS, MARKS, sentence
+from app.window.preflight import Checklist
 from app.window.protocol_editor import ProtocolEditor
 from core.device import shipped_devices
 from core.files import InputError
@@ -63,7 +71,7 @@ def load(setup: m.Setup) -> Loaded:
             participant = free_participant(setup.data_dir, protocol.participants)
         except InputError:
             participant = ""
-    return Loaded(protocol, plan_summary(protocol), len(make_plan(protocol, 1)), participant)
+    return Loaded(protocol, plan_summary(protocol), len(make_plan(protocol, "1")), participant)
 
 
 class Picture(QWidget):
@@ -100,32 +108,6 @@ class Picture(QWidget):
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(theme.shade(theme.HANDLE))
         painter.drawEllipse(at(self.JOINTS["D"]), 8.0, 8.0)
-
-
-class Checklist(QWidget):
-    """The pre-flight checks as a list that can be read: mark, name, what was found, what to do about it."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._shown: tuple[m.Check, ...] = ()
-        self._grid = QGridLayout(self)
-        self._grid.setContentsMargins(0, 0, 0, 0)
-        self._grid.setVerticalSpacing(6)
-        self._grid.setColumnStretch(2, 1)
-
-    def show_checks(self, checks: tuple[m.Check, ...]) -> None:
-        """What was found."""
-        if checks == self._shown:
-            return
-        self._shown = checks
-        clear(self._grid)
-        for row, check in enumerate(checks):
-            mark = word(MARKS[check.state], size=theme.NORMAL)
-            mark.setStyleSheet(f"color: {COLOURS[check.state]}")
-            advice = check.advice if check.state != m.GOOD else ""
-            text = line(breakable(f"{sentence(check.text)} {advice}" if advice else check.text), "quiet")
-            for column, widget in enumerate((mark, word(check.name, bold=True), text)):
-                self._grid.addWidget(widget, row, column, Qt.AlignmentFlag.AlignTop)
 
 
 class HomePage(Page):
@@ -206,7 +188,8 @@ class HomePage(Page):
             ("Hand", self.hand, self.hand_words), ("Participant", self.participant, self.standing, 1),
             ("", self._form), ("Blind", self.blind), ("Ready?", self.checks),
         )):  # fmt: skip
-            grid.addWidget(word(name, "quiet"), at, 0, Qt.AlignmentFlag.AlignTop)
+            if name:
+                grid.addWidget(word(name, "quiet"), at, 0, Qt.AlignmentFlag.AlignTop)
             grid.addLayout(self._form if parts == [self._form] else row(*parts), at, 1)
         grid.setRowStretch(grid.rowCount(), 1)
         form = QWidget()
@@ -325,7 +308,7 @@ class HomePage(Page):
             self._refresh()
 
     def _show_loaded(self, loaded: Loaded | InputError) -> None:
-        before, self.loaded = self.loaded, loaded
+        self.loaded = loaded
         wrong = isinstance(loaded, InputError)
         theme.name_anew(self.summary, "bad" if wrong else "")
         self.summary.setText(breakable(str(loaded)) if isinstance(loaded, InputError) else loaded.summary)
@@ -422,7 +405,7 @@ class HomePage(Page):
             return "Connect to a board first."
         if not (label.isascii() and label.isalnum()):
             return "Name the participant, with letters a to z and digits." if label else "Name the participant."
-        there, loaded = self.data.session_of(label), self.loaded
+        there = self.data.session_of(label)
         if there is not None and there.problem:
             return there.problem
         if there is None and (why := self._why_no_new_session(label)):
@@ -471,7 +454,8 @@ class HomePage(Page):
         self.blind.setVisible(there is None)
         self._ports_box.setVisible(self.on_board)
         self.hand.setVisible(not self.on_board)
-        self.hand_words.setText("measured by the force sensor" if self.on_board else HAND_WORDS[self.hand.currentData()])
+        hand_words = HAND_WORDS[self.hand.currentData()]
+        self.hand_words.setText("measured by the force sensor" if self.on_board else hand_words)
         checked = self.snapshot.why_no_session(bool(self.setup and self.setup.link))
         self.data.show_session(is_open, "Preparing …" if self.snapshot.stage == m.PREPARING else checked)
 

@@ -3,7 +3,17 @@
 from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QButtonGroup, QFrame, QHBoxLayout, QLayout, QPushButton, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QButtonGroup,
+    QFrame,
+    QHBoxLayout,
+    QLayout,
+    QPushButton,
+    QScrollArea,
+    QSizePolicy,
+    QVBoxLayout,
+    QWidget,
+)
 
 from app.window.painting import theme
 from app.window.painting.labels import word
@@ -43,7 +53,7 @@ def row(*parts: QWidget | int, spacing: int = 8) -> QHBoxLayout:
     layout.setSpacing(spacing)
     for part in parts:
         if isinstance(part, QWidget):
-            layout.addWidget(part)
+            layout.addWidget(part, int(part.sizePolicy().horizontalPolicy() == QSizePolicy.Policy.Ignored))
         else:
             layout.addStretch(part)
     return layout
@@ -72,7 +82,7 @@ class Segments(QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(4)
         for choice in choices:
-            one = QPushButton(choice, objectName="key", checkable=True)
+            one = QPushButton(choice, objectName="segment", checkable=True)
             one.setChecked(choice == value)
             self._group.addButton(one)
             layout.addWidget(one, 1)

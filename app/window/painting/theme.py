@@ -95,6 +95,15 @@ QPushButton#key {{ text-align: left; }}
 QPushButton#key:checked {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
 QPushButton#toggle {{ background: transparent; color: {QUIET}; border-radius: 12px; padding: 3px 12px; }}
 QPushButton#toggle:checked {{ background: {FIELD}; color: {TEXT}; border-color: {EDGE}; }}
+QPushButton#segment:checked {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
+QPushButton::menu-indicator {{ image: none; width: 0; }}
+QProgressBar {{ background: {FIELD}; border: none; border-radius: 3px; min-height: 6px; max-height: 6px; }}
+QProgressBar::chunk {{ background: {ACCENT}; border-radius: 3px; }}
+QProgressBar#done::chunk {{ background: {GOOD}; }}
+QMenu {{ background: {PANEL}; border: 1px solid {EDGE}; padding: 4px; }}
+QMenu::item {{ padding: 6px 18px; }}
+QMenu::item:selected {{ background: {ACCENT_GROUND}; }}
+QMenu::item:disabled {{ color: {BRAKE_OFF}; }}
 QPushButton#small {{ padding: 3px 10px; color: {QUIET}; }}
 QPushButton#small:hover {{ color: {TEXT}; }}
 QLineEdit, QComboBox, QPlainTextEdit {{ background: {GROUND}; border: 1px solid {LINE}; border-radius: 5px;
