@@ -32,7 +32,7 @@ from app.window.painting import theme
 from app.window.painting.labels import Choice, OneLine, breakable, line, word
 from app.window.painting.parts import Segments, button, clear, panel, row, scrolled
 from app.window.preflight import Checklist
-from app.window.protocol_editor import ProtocolEditor
+from app.window.protocol_editor import TOML, ProtocolEditor
 from core.device import shipped_devices
 from core.files import InputError
 from experiments.plan import counted, make_plan, plan_summary, print_plan
@@ -43,7 +43,6 @@ from hardware.discovery import PortFound, look_at_ports
 DEVICE = "device"  # what `begin` takes to show the device page
 LOOK_MS = 2000  # between two looks at the ports
 SIMULATED, BOARD = "Simulated", "Board"
-TOML = "TOML files (*.toml)"
 FILE, AS_PROTOCOL = "A file …", "As the protocol says"
 HANDS = {m.MOUSE: "Mouse", m.HID: "Six-axis device", m.OPERATOR: "Simulated operator"}
 HAND_WORDS = {
@@ -120,6 +119,7 @@ class HomePage(Page):
         self.loaded: Loaded | InputError | None = None  # the chosen protocol; None: being read
         self.on_board = False  # whether the board's ports are shown, connected or not
         self._ports: tuple[PortFound, ...] = ()
+        self._ports_shown: tuple | None = None  # these, and the port that is connected
         self._typed = False  # the participant was typed, and is not proposed anew
         self._background, self._looking = Background(self), Background(self)
         self._recent = Recent("protocols")
@@ -149,17 +149,18 @@ class HomePage(Page):
         self.link.chosen.connect(self._link_chosen)
         self.port = QLineEdit(placeholderText="Another port", accessibleName="Port")
         self.port.returnPressed.connect(lambda: self._connect(self.port.text()))
-        self._port_rows, self._ports_box = QVBoxLayout(), QWidget()
+        self._port_rows, self._ports_box = QVBoxLayout(), QWidget(objectName="clear")
         self.participant = QLineEdit(maxLength=20, accessibleName="Participant")
         self.participant.textEdited.connect(self._participant_typed)
         self.participant.returnPressed.connect(self._start)
         self.standing = word("", "quiet")  # "new", "14 of 60 done"
         self.blind = QCheckBox("Show codes in place of controller names")
-        self._form = QGridLayout()
+        self._form = QGridLayout(spacing=8)
         self.fields: dict[str, QWidget] = {}  # of the form that the protocol asks for
         self.checks = Checklist()
         self.why, self.start = line("", "caution"), button("Start session", self._start, "main")
         self.plan_text = QPlainTextEdit(readOnly=True)
+        self.plan_text.setFont(theme.mono())
 
     def _lay_out(self) -> None:
         try_it, left = panel("Try it")
@@ -370,17 +371,19 @@ class HomePage(Page):
         self._show_ports(ports)
 
     def _show_ports(self, ports: tuple[PortFound, ...]) -> None:
-        self._ports = ports
+        self._ports, mine = ports, self.setup.link if self.setup else ""
+        if (ports, mine) == self._ports_shown:
+            return
+        self._ports_shown = ports, mine
         clear(self._port_rows)
-        if self.setup is not None and self.setup.link:
+        if mine:
             own = button("Device page  F3", lambda: self.begin(DEVICE))
-            self._port_rows.addLayout(row(word(self.setup.link), word("connected", "good"), 1, own))
+            self._port_rows.addLayout(row(OneLine(mine, size=theme.NORMAL), word("connected", "good"), own))
         for found in ports:
             connect = button("Connect", lambda port=found.port: self._connect(port))
             self._port_rows.addLayout(row(OneLine(found.port, size=theme.NORMAL), word(found.words, "quiet"), connect))
-        if not ports and not (self.setup and self.setup.link):
-            self._port_rows.addWidget(line("No board on USB yet. Plug one in, or type its port.", "quiet"))
-        self._refresh()
+        if not ports and not mine:
+            self._port_rows.addWidget(line("No board answers on USB. Plug one in, or type its port.", "quiet"))
 
     def _connect(self, port: str) -> None:
         if port and self.chosen is not None and not self._session_open:

@@ -7,6 +7,7 @@ from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QPushButton, QVB
 from app.ipc import messages as m
 from app.window.painting import theme
 from app.window.painting.labels import OneLine, breakable, line, word
+from app.window.painting.parts import clear
 from app.window.words import where
 
 COLOURS = {m.GOOD: theme.GOOD, m.CAUTION: theme.CAUTION, m.BAD: theme.BAD, m.WAITING: theme.BRAKE_OFF}
@@ -146,6 +147,7 @@ class Checklist(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
+        self.setObjectName("clear")
         self._shown: tuple[m.Check, ...] = ()
         self._grid = QGridLayout(self)
         self._grid.setContentsMargins(0, 0, 0, 0)
@@ -157,9 +159,7 @@ class Checklist(QWidget):
         if checks == self._shown:
             return
         self._shown = checks
-        while (item := self._grid.takeAt(0)) is not None:
-            if (widget := item.widget()) is not None:
-                widget.deleteLater()
+        clear(self._grid)
         for row, check in enumerate(checks):
             mark = word(MARKS[check.state], size=theme.NORMAL)
             mark.setStyleSheet(f"color: {COLOURS[check.state]}")

@@ -6,12 +6,11 @@ sentence stands where the mistake is.
 
 import re
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt, QTimer, Signal
+from PySide6.QtCore import QMarginsF, QPointF, QRectF, QTimer, Signal
 from PySide6.QtGui import QMouseEvent, QPainter, QPolygonF
 from PySide6.QtWidgets import (
     QCheckBox,
@@ -19,6 +18,7 @@ from PySide6.QtWidgets import (
     QFrame,
     QGridLayout,
     QHBoxLayout,
+    QLayout,
     QLineEdit,
     QPlainTextEdit,
     QVBoxLayout,
@@ -45,19 +45,20 @@ WAIT_MS = 200  # after the last change, before the content is read
 SNAP_M = 0.005  # points drawn with the mouse lie on such a grid
 GRAB_PX = 12.0  # how near the pointer must come to a point to move it
 VIEW = QRectF(-0.4, 0.0, 0.8, 0.62)  # m, of the plane
+TOML = "TOML files (*.toml)"
 WHERE = "protocol"  # begins the reader's sentences
 PAGE_BREAK = "\n---\n"  # between the pages of instructions
 
 #: key of the file -> what stands before its field, and its choices (none: a number or a text)
 FIELDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "name": ("Name", ()),
-    "blocks": ("Blocks of each device", ()),
-    "repetitions": ("Repetitions in a block", ()),
-    "practice_trials": ("Practice trials before each device", ()),
-    "breaks.after_trials": ("Break after so many trials", ()),
-    "breaks.least_s": ("Break lasts at least, s", ()),
+    "blocks": ("Blocks", ()),
+    "repetitions": ("Repetitions", ()),
+    "practice_trials": ("Practice trials", ()),
+    "breaks.after_trials": ("Break after trials", ()),
+    "breaks.least_s": ("Break, at least s", ()),
     "rules": ("Rules", ("settled", "literal")),
-    "feedback": ("Feedback to the participant", ("none", "time", "error")),
+    "feedback": ("Feedback", ("none", "time", "error")),
     "language": ("Language", tuple(shipped_languages())),
 }
 FLAGS = {
@@ -189,9 +190,10 @@ class ProtocolEditor(QFrame):
             )
         }
         self.drawing, self.summary, self.plan = Drawing(), line("", bold=True), QPlainTextEdit(readOnly=True)
+        self.plan.setFont(theme.mono())
         self.title = word("", size=theme.HEAD, bold=True)
         self.save, self.save_as = button("Save", self._save, "main"), button("Save as …", self._save_as)
-        self._controllers, self._paths, self._devices = QVBoxLayout(), QVBoxLayout(), QVBoxLayout()
+        self._controllers, self._paths, self._devices = QVBoxLayout(), QVBoxLayout(), QHBoxLayout()
         self._timer = QTimer(self, singleShot=True, interval=WAIT_MS)
         self._timer.timeout.connect(self._read)
         self.drawing.drawn.connect(self._drawn)
@@ -203,10 +205,13 @@ class ProtocolEditor(QFrame):
         grid.setContentsMargins(0, 0, 8, 0)
         grid.setColumnStretch(1, 1)
 
-        def add(name: str, what: QWidget | QVBoxLayout | QHBoxLayout, key: str) -> None:
-            at = grid.rowCount()
-            grid.addWidget(word(name, "quiet"), at, 0, Qt.AlignmentFlag.AlignTop)
-            grid.addWidget(what, at, 1) if isinstance(what, QWidget) else grid.addLayout(what, at, 1)
+        def add(name: str, key: str, *what: QWidget | QLayout) -> None:
+            """A line of the form, or several below their name; below them the sentence that is about them."""
+            grid.addWidget(word(name, "quiet"), at := grid.rowCount(), 0)
+            for one in what:
+                column = 1 if isinstance(one, QWidget) else 0
+                at += 1 - column
+                (grid.addWidget if column else grid.addLayout)(one, at, column, 1, 2 - column)
             grid.addWidget(self.sentences[key.partition(".")[0]], at + 1, 0, 1, 2)
 
         for key, (name, choices) in FIELDS.items():
@@ -217,25 +222,25 @@ class ProtocolEditor(QFrame):
             else:
                 plain = str if key == "name" else value_of
                 field.textEdited.connect(lambda text, key=key, plain=plain: self._put(key, plain(text)))
-            add(name, field, key)
+            add(name, key, field)
             if key == "name":
-                add("Devices", self._devices, "devices")
-                more = row(button("Add a controller", self._add_controller, "small"), 1)
-                self._add_box(add, "Controllers", self._controllers, more, "controller")
                 draw = [button(f"Draw {kind}", lambda kind=kind: self.drawing.begin(kind), "small") for kind in POINTS]
-                self._add_box(add, "Paths, in mm", self._paths, row(*draw, 1), "path")
+                add("Devices", "devices", self._devices, row(button("Add a file …", self._add_device, "small"), 1))
+                more = row(button("Add a controller", self._add_controller, "small"), 1)
+                add("Controllers", "controller", self._controllers, more)
+                add("Paths, in mm", "path", self._paths, row(*draw, 1))
         for key, name in FLAGS.items():
             self.fields[key] = flag = QCheckBox(name)
             flag.toggled.connect(lambda on, key=key: self._put(key, on))
-            add("", flag, "")
+            grid.addWidget(flag, grid.rowCount(), 0, 1, 2)
         self.form, self.instructions = QLineEdit(), QPlainTextEdit()
         self.form.setPlaceholderText("handedness: right, left; age: number")
         self.form.textEdited.connect(lambda text: self._put("form", form_of(text)))
         self.instructions.setPlaceholderText("What the participant reads first; a line of --- begins another page.")
         self.instructions.setFixedHeight(90)
         self.instructions.textChanged.connect(self._instructions_changed)
-        add("Form", self.form, "form")
-        add("Instructions", self.instructions, "instruction")
+        add("Form", "form", self.form)
+        add("Instructions", "instruction", self.instructions)
         inside = QWidget()
         inside.setLayout(grid)
 
@@ -248,21 +253,15 @@ class ProtocolEditor(QFrame):
         right.addWidget(self.plan, 2)
         both = QHBoxLayout()
         both.setSpacing(16)
-        both.addWidget(scrolled(inside), 1)
-        both.addLayout(right, 1)
+        self._area = scrolled(inside)
+        both.addWidget(self._area, 6)
+        both.addLayout(right, 5)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(16, 12, 16, 14)
         layout.addWidget(self.title)
         layout.addWidget(self.sentences[""])
         layout.addLayout(both, 1)
         layout.addLayout(row(1, button("Back  Esc", self.left.emit), self.save_as, self.save))
-
-    @staticmethod
-    def _add_box(add: Callable, name: str, rows: QVBoxLayout, more: QHBoxLayout, key: str) -> None:
-        box = QVBoxLayout()
-        box.addLayout(rows)
-        box.addLayout(more)
-        add(name, box, key)
 
     # ----------------------------------------------------------------------------------------- the content
 
@@ -335,11 +334,14 @@ class ProtocolEditor(QFrame):
             gone = button("×", lambda place=place: self._remove("path", place), "small", "Remove this path")
             self._paths.addLayout(row(word(f"{path.get('number', place + 1)}  {path.get('kind')}"), points, gone))
         self.drawing.show_paths(self.content["path"])
+        self._area.widget().layout().activate()
+        self._area.setMinimumWidth(self._area.widget().minimumSizeHint().width() + 12)
 
     def _controller_row(self, place: int, controller: dict[str, Any]) -> QHBoxLayout:
         name, kind = QLineEdit(str(controller.get("name", ""))), Choice()
         name.setAccessibleName(f"Controller {place + 1}")
         name.textEdited.connect(lambda text: self._change(controller, "name", text))
+        name.setMinimumWidth(100)
         kind.addItems(list(ALGORITHMS))
         kind.setCurrentText(str(controller.get("kind")))
         kind.textActivated.connect(lambda text: self._use_kind(controller, text))
@@ -348,7 +350,7 @@ class ProtocolEditor(QFrame):
             value = controller.get(one.name, one.default)
             field = QLineEdit("" if value is None else f"{one.scale * value:g}" if is_number(value) else str(value))
             field.setAccessibleName(f"{one.word} of controller {place + 1}")
-            field.setMaximumWidth(70)
+            field.setFixedWidth(64)
             field.textEdited.connect(
                 lambda text, one=one: self._change(controller, one.name, scaled(value_of(text), 1.0 / one.scale))
             )
@@ -370,6 +372,12 @@ class ProtocolEditor(QFrame):
     def _use_device(self, name: str, on: bool) -> None:
         others = [other for other in self.content["devices"] if other != name]
         self._put("devices", [*others, name] if on else others)
+
+    def _add_device(self) -> None:
+        path, _ = QFileDialog.getOpenFileName(self, "Device", "", TOML)
+        if path:
+            self._use_device(path, True)
+            self._show_lists()
 
     def _add_controller(self) -> None:
         controllers = self.content["controller"]
@@ -459,7 +467,7 @@ class ProtocolEditor(QFrame):
     def _save_as(self) -> None:
         options = QFileDialog.Option.DontConfirmOverwrite  # asked for below
         at = str(self._file or Path.home() / "protocol.toml")
-        path, _ = QFileDialog.getSaveFileName(self, "Save the protocol", at, "TOML files (*.toml)", options=options)
+        path, _ = QFileDialog.getSaveFileName(self, "Save the protocol", at, TOML, options=options)
         if path:
             self._save_to(Path(path).with_suffix(".toml"))
 

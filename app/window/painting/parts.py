@@ -41,8 +41,8 @@ def scrolled(inside: QWidget) -> QScrollArea:
     """What may be higher than its place."""
     area = QScrollArea(widgetResizable=True)
     area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-    inside.setObjectName("inside")
-    inside.setStyleSheet(f"QWidget#inside {{ background: {theme.PANEL}; }}")
+    inside.setObjectName("clear")
+    area.viewport().setObjectName("clear")
     area.setWidget(inside)
     return area
 
@@ -77,6 +77,7 @@ class Segments(QWidget):
     def __init__(self, choices: Sequence[str], value: str = "") -> None:
         """value: chosen at first; "": none."""
         super().__init__()
+        self.setObjectName("clear")
         self._group = QButtonGroup(self)
         layout = QHBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
