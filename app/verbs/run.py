@@ -77,19 +77,19 @@ def run(args: argparse.Namespace) -> int:
     )  # fmt: skip
     if setup.hand == OPERATOR:
         say_what_is_missing(args, setup)
-    bench = Client(setup)
+    client = Client(setup)
     try:  # all this takes its time, and so does the session server
         announce_first_use()
         palette.choose(args.theme)
         windows = import_screen("windows")
         display.check()
         windows.make_ready()
-        if refused := bench.refused():
+        if refused := client.refused():
             raise InputError(refused)
     except BaseException:
-        bench.stop("no window was opened")
+        client.stop("no window was opened")
         raise
-    return windows.run(bench)
+    return windows.run(client)
 
 
 def port_of(args: argparse.Namespace) -> str:

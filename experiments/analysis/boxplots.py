@@ -1,6 +1,7 @@
 """Box plots of a study, as Figs. 16 to 18 of the paper: each controller, or its code, in each configuration."""
 
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -25,7 +26,7 @@ from experiments.analysis.sheet import (
     legend_at,
     new_figure,
 )
-from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller
+from experiments.analysis.trials_table import TrialRow, by_controller, to_compare
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
 FORMATS = ("png", "svg", "pdf")
@@ -45,6 +46,7 @@ CONTROLLER_LABELS = {
 #: Table I's five, and again for further ones. The screen's palette, darker where it would fade on white paper; told
 #: apart without colour by place and label. A code has no colour of a controller.
 CONTROLLER_COLOURS = ("#6f7b87", "#d98200", "#c9a11a", "#2f7fc4", "#6cb0e6")
+TIMEOUT_COLOUR = "#c47400"
 
 
 class Box(NamedTuple):
@@ -74,15 +76,17 @@ def box_statistics(values: Iterable[float]) -> Box:
     return Box(len(data), median, q1, q3, low, high, tuple(data[(data < low) | (data > high)].tolist()))
 
 
-def boxes(rows: Iterable[TrialRow], column: str, configurations: Sequence[str], scale: float = 1.0) -> Boxes:
+def boxes(
+    rows: Iterable[TrialRow], column: str, configurations: Sequence[str], scale: float = 1.0, timeouts: bool = False
+) -> Boxes:
     """(controller, configuration) -> its box, over all participants and segments; none where there is no value.
 
-    Trials that are done or timed out count, each with the value that it has.
+    timeouts: trials whose time was up are in the boxes as well, each with the value that it has.
     """
     groups: dict[tuple[int | str, str], list[float]] = {}
-    for row in rows:
+    for row in to_compare(rows, timeouts):
         value = getattr(row, column)
-        if value is not None and row.status in COUNTED and row.configuration in configurations:
+        if value is not None and row.configuration in configurations:
             groups.setdefault((row.controller, row.configuration), []).append(scale * value)
     return {key: box_statistics(groups[key]) for key in sorted(groups, key=in_order)}
 
@@ -101,6 +105,7 @@ def draw_boxplots(
     labels: Mapping[int, str] = CONTROLLER_LABELS,
     progress: Callable[[float], None] = lambda share: None,
     protocol: str = PAPER,
+    timeouts: bool = False,
 ) -> list[Path]:
     """Draw every metric as PNG, SVG and PDF and all in one wide PNG into `out_folder`; returns the paths.
 
@@ -108,6 +113,7 @@ def draw_boxplots(
     configurations: the first is drawn filled, the second open; by default as the table first names them.
     labels: controller -> what stands under its box; codes of a blind session stand under theirs as they are.
     protocol: its name. Our choice: only the paper's figures bear the numbers of its figures ("fig16_path_error").
+    timeouts: trials whose time was up are in the boxes; else they are crosses above them, and the caption says so.
     progress: called with the share that is drawn; whatever it raises ends the work before anything is written.
     InputError before anything is written if a file exists already or there is nothing to draw.
     """
@@ -124,7 +130,7 @@ def draw_boxplots(
     refuse_existing_files(paths)
     drawn: dict[Path, bytes] = {}
     for shown, width, of_it in sheets:
-        figure = draw(rows, shown, width, note, configurations, labels)
+        figure = draw(rows, shown, width, note, configurations, labels, timeouts)
         for path in of_it:
             progress(len(drawn) / len(paths))
             drawn[path] = figure_bytes(figure, path.suffix[1:])
@@ -140,6 +146,7 @@ def draw(
     note: str,
     configurations: Sequence[str],
     labels: Mapping[int, str],
+    timeouts: bool = False,
 ) -> Figure:
     """One figure with a panel for each metric; more than five controllers make it wider."""
     shown = _controllers_shown(rows, labels)
@@ -147,10 +154,11 @@ def draw(
     room = LABEL_IN * max(0, names - 2)  # what names of more than two lines need besides
     width, height = width_in * max(1.0, len(shown) / 5.0), 4.5 + room
     inside = width - LEFT_IN - RIGHT_IN
-    found = [boxes(rows, metric.name, configurations, metric.scale) for metric in metrics]
+    found = [boxes(rows, metric.name, configurations, metric.scale, timeouts) for metric in metrics]
     counts = {box.count for panel in found for box in panel.values()}
-    characters = int(inside * CHARACTERS_PER_INCH)
-    lines = [line for text in (_method(counts), note) for line in textwrap.wrap(text, characters)]
+    late = Counter((row.controller, row.configuration) for row in rows if row.status == "timeout" and not timeouts)
+    texts = (_method(counts), left_out(rows, timeouts), *note.splitlines())
+    lines = [line for text in texts for line in textwrap.wrap(text, int(inside * CHARACTERS_PER_INCH))]
     bottom = 0.66 + LINE_IN * len(lines) + room
     each = (inside - BETWEEN_IN * (len(metrics) - 1)) / len(metrics)
     with matplotlib.rc_context(STYLE):
@@ -158,7 +166,7 @@ def draw(
         for i, metric in enumerate(metrics):
             place = (LEFT_IN + i * (each + BETWEEN_IN), bottom, each, height - TOP_IN - bottom)
             axes = figure.add_axes(tuple(np.divide(place, (width, height, width, height))))
-            _draw_panel(axes, found[i], metric, configurations, shown, show_counts=len(counts) > 1)
+            _draw_panel(axes, found[i], late, metric, configurations, shown, show_counts=len(counts) > 1)
         if len(configurations) > 1:
             handles = [
                 Patch(facecolor="white" if i else QUIET, edgecolor=QUIET, label=name, linewidth=1.2)
@@ -168,6 +176,16 @@ def draw(
         for i, line in enumerate(reversed(lines)):
             figure.text(LEFT_IN / width, (0.12 + LINE_IN * i) / height, line, fontsize=SMALL, color=QUIET)
     return figure
+
+
+def left_out(rows: Iterable[TrialRow], timeouts: bool = False) -> str:
+    """How many trials the boxes leave out, and why, as a caption has it; "": none."""
+    count = Counter(row.status for row in rows)
+    where = "in the boxes" if timeouts else "crosses above the scale, not in the boxes"
+    parts = (("timeout", f"timed out: {where}."), ("excluded", "excluded by the experimenter, not shown."))
+    return " ".join(
+        f"{count[status]} trial{'s' if count[status] != 1 else ''} {what}" for status, what in parts if count[status]
+    )
 
 
 def _controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> dict[int | str, str]:
@@ -193,26 +211,40 @@ def _method(counts: set[int]) -> str:
 def _draw_panel(
     axes: Axes,
     found: Boxes,
+    late: Mapping[tuple[int | str, str], int],
     metric: Metric,
     configurations: Sequence[str],
     shown: Mapping[int | str, str],
     show_counts: bool,
 ) -> None:
-    """One metric's boxes on `axes`: a group for each controller, a box for each configuration."""
+    """One metric's boxes on `axes`: a group for each controller, a box for each configuration.
+
+    late: how many trials timed out, each a cross above the scale, beside each other where there are several.
+    """
 
     def under(x: float, text: str, points: float, **look) -> None:
         axes.annotate(text, (x, 0.0), (0, -points), ("data", "axes fraction"), "offset points", ha="center", **look)
 
+    def place(controller: int | str, configuration: str) -> float:
+        """The middle of a box, along the axis of controllers."""
+        from_middle = configurations.index(configuration) - (len(configurations) - 1) / 2
+        return controllers.index(controller) + from_middle * (width + 0.08)
+
     controllers = list(shown)
     width = 0.62 / len(configurations)
     for (controller, configuration), box in found.items():
-        j = configurations.index(configuration)
-        x = controllers.index(controller) + (j - (len(configurations) - 1) / 2) * (width + 0.08)
+        x = place(controller, configuration)
         coded = isinstance(controller, str)
         colour = QUIET if coded else CONTROLLER_COLOURS[(controller - 1) % len(CONTROLLER_COLOURS)]
-        _draw_box(axes, box, x, width, colour, filled=j == 0)
+        _draw_box(axes, box, x, width, colour, filled=configuration == configurations[0])
         if show_counts:
             under(x, f"{box.count}", 4, va="top", fontsize=SMALL, color=QUIET)
+    for cell, count in late.items():
+        for n in range(count):
+            axes.plot(
+                [place(*cell) + 0.06 * ((n + 1) // 2) * (-1) ** n], [1.015], "x", clip_on=False, markersize=5.0,
+                markeredgewidth=1.3, markeredgecolor=TIMEOUT_COLOUR, transform=axes.get_xaxis_transform(),
+            )  # fmt: skip
     for i, name in enumerate(shown.values()):
         for j, line in enumerate(name.splitlines()):  # line by line: a tick label's lines shift with their letters
             under(i, line, (24 if show_counts else 15) + 72.0 * LABEL_IN * j, va="baseline", fontsize=8.0)

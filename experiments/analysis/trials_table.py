@@ -32,11 +32,12 @@ STATUSES = {
     "recovered": "cut off by a crash, rescued; does not count",
     "skipped": "not run, for a reason",
     "stopped": "cut short by a fault, by the brakes-off or with the app; does not count, its trial is run again",
+    "excluded": "taken out of every result by the experimenter, for a reason; kept, does not count",
 }
-#: Trials whose measures count in tables of results and box plots: a time-out keeps its measures (and is marked).
+#: Trials that ran until the end of the path or the end of their time: they have measures and are counted.
 COUNTED = ("done", "timeout")
 #: Trials that settle their cell of the plan: after any other the cell is run again.
-SETTLED = ("done", "timeout", "aborted", "skipped")
+SETTLED = ("done", "timeout", "aborted", "skipped", "excluded")
 
 Measure = float | None
 Controller = int | str  # a code, "K3", while the session is blind
@@ -71,6 +72,15 @@ class TrialRow(_Measured):
     def seen_from(self, folder: str) -> "TrialRow":
         """The row for a table further up: `folder` (as "sub-01/ses-01") is where this one's table stands."""
         return replace(self, recording=str(PurePosixPath(folder) / self.recording)) if self.recording else self
+
+
+def to_compare(rows: Iterable[TrialRow], timeouts: bool = False) -> list[TrialRow]:
+    """The trials that boxes and statistics are made of: those that reached the end of the path.
+
+    Our choice: what was measured until the time was up is not a measure of the whole path, so such a trial is counted
+    and shown, and stays out unless `timeouts` asks for it. The paper reports none.
+    """
+    return [row for row in rows if row.status == "done" or timeouts and row.status == "timeout"]
 
 
 class Column(NamedTuple):
