@@ -19,6 +19,7 @@ class Page(QWidget):
 
     page_asked = Signal(str, object)  # show this page (HOME ..) with this, e.g. a folder or a recording for ANALYSE
     aimed = Signal(float, float)  # m: the pointer, while it is over a workspace in which it is the hand
+    setup_asked = Signal(object, object)  # a Setup for a new session server, and a command for it then (or None)
     left = Signal()  # the pointer has left that workspace: the hand lets the handle go
 
     def __init__(self, send: Callable[[object], None]) -> None:
@@ -27,6 +28,9 @@ class Page(QWidget):
         self.send = send
         self.opened: m.Opened | None = None
         self.snapshot = m.Snapshot(m.PREPARING)
+
+    def show_setup(self, setup: m.Setup) -> None:
+        """With what the session server was started."""
 
     def show_opened(self, opened: m.Opened) -> None:
         """A session, or the protocol before one. Extend, and call this first."""
@@ -44,6 +48,16 @@ class Page(QWidget):
 
     def begin(self, what: object = None) -> None:
         """The page comes to the front, with what `page_asked` gave."""
+
+    def end(self) -> None:
+        """Another page comes to the front."""
+
+    def cancel(self) -> bool:
+        """Esc: close what is asked on this page; whether there was something."""
+        return False
+
+    def show_time(self, now_s: float) -> None:
+        """60 times a second while the page is at the front; now_s: monotonic clock."""
 
     def keys(self) -> dict[str, Callable[[], object]]:
         """Actions by their names in `keys.KEYS`, valid while this page is at the front."""

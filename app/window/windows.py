@@ -121,6 +121,7 @@ class Windows(QObject):
         console.participant_asked.connect(self.show_or_hide_participant)
         console.closed.connect(self.close)
         shown.aimed.connect(client.aim)
+        shown.left.connect(client.let_go)
         shown.answered.connect(console.commands.answer)
         shown.close_asked.connect(self._close_asked)
         bind(shown, self._keys_of_participant())
