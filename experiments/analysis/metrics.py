@@ -39,9 +39,9 @@ def along_path(tip: np.ndarray, path: Path) -> tuple[np.ndarray, np.ndarray]:
     Both of the nearest point, tick by tick: beyond an end it is the distance from the straight line on. A tip
     that cuts a corner leaps ahead in progress; the leap counts with its own length.
     """
-    progress, distance = np.empty(len(tip)), np.empty(len(tip))
-    measure(path, np.ascontiguousarray(tip), progress, distance)
-    return np.maximum.accumulate(np.clip(progress, 0.0, path.length)), np.abs(distance)
+    found = np.empty((len(tip), 4))
+    measure(path, np.ascontiguousarray(tip), found)
+    return np.maximum.accumulate(np.clip(found[:, 0], 0.0, path.length)), np.abs(found[:, 1])
 
 
 def mean_over_progress(values: np.ndarray, progress: np.ndarray) -> float | None:
