@@ -63,7 +63,8 @@ class Progress:
         """where: stands for the percentage."""
         if PROGRESS in os.environ:
             print(PROGRESS, f"{share:.3f}", file=sys.stderr, flush=True)
-        elif not sys.stderr.isatty() or time.monotonic() - self.start < 1.0:
+            return
+        if not sys.stderr.isatty() or time.monotonic() - self.start < 1.0:
             return
         full = round(share * self.CELLS)
         line = f"\r{self.says} [{'#' * full}{'.' * (self.CELLS - full)}] {where or f'{share:4.0%}'}"

@@ -65,6 +65,7 @@ class Verb(QObject):
     def __init__(self, parent: QObject) -> None:
         super().__init__(parent)
         self._process = QProcess(self)
+        self._process.setReadChannel(QProcess.ProcessChannel.StandardError)
         self._process.finished.connect(self._finished)
         self._process.readyReadStandardError.connect(self._listen)
         self._said = ""
@@ -88,7 +89,8 @@ class Verb(QObject):
         self._process.terminate()
 
     def _listen(self) -> None:
-        for said in bytes(self._process.readAllStandardError().data()).decode(errors="replace").splitlines():
+        while self._process.canReadLine():
+            said = bytes(self._process.readLine().data()).decode(errors="replace").strip()
             share = said.removeprefix(f"{PROGRESS} ")
             if share != said:
                 self.progressed.emit(float(share))

@@ -65,7 +65,11 @@ class DataPanel(QFrame):
         self.choose = QPushButton("Choose folder …")
         self.choose.setMenu(menu := QMenu(self.choose))
         menu.aboutToShow.connect(lambda: self._offer(menu))
-        self.whole = button("Results", lambda: self.page_asked.emit(ANALYSE, self._folder))
+        self.whole = button("Results of all", lambda: self.page_asked.emit(ANALYSE, self._folder))
+        self.export_as = QPushButton("Export …")
+        self.export_as.setMenu(forms := QMenu(self.export_as))
+        for form, name in FORMS.items():
+            self._entry(forms, f"{name}, into a new folder", lambda form=form: self._ask_export(form))
         self.exporting, self.bar = line("", "quiet"), QProgressBar(textVisible=False, maximum=1000)
         self.cancel = button("Cancel", self._export.cancel, "small")
         self.show_export = button("Show", lambda: show_folder(self._out), "small")
@@ -82,7 +86,8 @@ class DataPanel(QFrame):
         layout.setSpacing(8)
         layout.addLayout(row(word("Your data", size=theme.HEAD, bold=True), 1, self.choose))
         layout.addWidget(self.where)
-        layout.addLayout(row(self.count, 1, self.whole))
+        layout.addWidget(self.count)
+        layout.addLayout(row(self.whole, self.export_as, 1))
         layout.addWidget(rule())
         self._rows.setContentsMargins(0, 0, 6, 0)
         self._rows.setSpacing(8)
@@ -91,7 +96,7 @@ class DataPanel(QFrame):
         layout.addWidget(scrolled(inside), 1)
         layout.addWidget(self.exporting)
         layout.addLayout(row(self.bar, self.cancel, self.show_export))
-        for absent in (self.exporting, self.bar, self.cancel, self.show_export, self.whole):
+        for absent in (self.exporting, self.bar, self.cancel, self.show_export, self.whole, self.export_as):
             absent.hide()
 
     def showEvent(self, event) -> None:
@@ -150,7 +155,9 @@ class DataPanel(QFrame):
             kind = f"Study of {counted(overview.operators, 'simulated operator')}" if overview.operators else ""
             trials = f"{overview.done} of {counted(overview.planned, 'trial')}"
             self.count.setText(" · ".join(filter(None, (kind, counted(len(sessions), "session"), trials))))
-        self.whole.setVisible(len(sessions) > 1)
+        self.whole.setVisible(overview.done > 0)
+        self.export_as.setVisible(overview.done > 0)
+        self.export_as.setEnabled(not self._export.busy)
         for session in sessions:
             self._rows.addLayout(self._row(session))
             self._rows.addWidget(rule())
@@ -193,9 +200,6 @@ class DataPanel(QFrame):
         self._entry(menu, "Open the session", lambda: self.resume_asked.emit(session.participant), can_open)
         self._entry(menu, "Results", lambda: self.page_asked.emit(ANALYSE, session.folder), session.done > 0)
         self._entry(menu, "Replay trials", lambda: self._replay(session), session.done > 0)
-        for form, name in FORMS.items():
-            can = session.done > 0 and not self._export.busy
-            self._entry(menu, f"Export as {name} …", lambda form=form: self._ask_export(session, form), can)
         self._entry(menu, "Show the folder", lambda: show_folder(session.folder))
         return more
 
@@ -228,22 +232,23 @@ class DataPanel(QFrame):
 
     # export
 
-    def _ask_export(self, session: SessionOverview, form: str) -> None:
+    def _ask_export(self, form: str) -> None:
         into = QFileDialog.getExistingDirectory(self, f"Where to put the {FORMS[form]} files", str(Path.home()))
         if into:
-            self.export(session, form, Path(into))
+            self.export(form, Path(into))
 
-    def export(self, session: SessionOverview, form: str, into: Path) -> None:
-        """Write a session for other programs into a new folder of this one."""
-        number, self._out = 1, into / f"sub-{session.participant}-{form}"
+    def export(self, form: str, into: Path) -> None:
+        """Write all sessions for other programs into a new folder in this one."""
+        assert self._folder is not None
+        number, self._out = 1, into / f"{self._folder.name}-{form}"
         while self._out.exists():
             number += 1
-            self._out = into / f"sub-{session.participant}-{form}-{number}"
-        self.exporting.setText(f"Exporting participant {session.participant} as {FORMS[form]} …")
+            self._out = into / f"{self._folder.name}-{form}-{number}"
+        self.exporting.setText(f"Exporting as {FORMS[form]} …")
         self.bar.setValue(0)
         for widget, shown in ((self.exporting, True), (self.bar, True), (self.cancel, True), (self.show_export, False)):
             widget.setVisible(shown)
-        self._export.start("export", str(session.folder), f"--{form}", str(self._out))
+        self._export.start("export", str(self._folder), f"--{form}", str(self._out))
         self._fill()
 
     def _exported(self, why: str) -> None:

@@ -209,7 +209,7 @@ class HomePage(Page):
         columns = QHBoxLayout(self.columns)
         columns.setContentsMargins(0, 0, 0, 0)
         columns.setSpacing(theme.GAP)
-        for column, share in ((try_it, 5), (session, 10), (self.data, 8)):
+        for column, share in ((try_it, 5), (session, 10), (self.data, 9)):
             column.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
             columns.addWidget(column, share)
         for inner in (self.columns, self.plan, self.editor, self.device):

@@ -415,15 +415,11 @@ class ProtocolEditor(QFrame):
     def _type_points(self, place: int, text: str) -> None:
         path = self.content["path"][place]
         try:
-            points = [tuple(float(number) / 1e3 for number in pair.split()) for pair in text.split(",")]
-            if any(len(point) != 2 for point in points):
-                raise ValueError
-            path |= path_through(path["kind"], points)  # type: ignore[arg-type]
-        except (ValueError, InputError) as error:
+            path |= path_through(path["kind"], typed_points(text))
+        except InputError as error:
             self._timer.stop()
-            self._show_problem(
-                str(error) or f"path {place + 1}: each point is two numbers, in mm: -100 400, 100 400"
-            )
+            self._background.forget("edited")
+            self._show_problem(str(error))
             return
         self.drawing.show_paths(self.content["path"])
         self._changed()
@@ -520,6 +516,15 @@ def points_or_none(path: dict[str, Any]) -> list[Pair]:
         return points_of(path)
     except (KeyError, TypeError, ValueError):
         return []
+
+
+def typed_points(text: str) -> list[Pair]:
+    """Points (m) from "-100 400, 100 400", in mm. InputError where they are not pairs of numbers."""
+    try:
+        pairs = [[float(number) / 1e3 for number in pair.split()] for pair in text.split(",")]
+        return [(x, y) for x, y in pairs]
+    except ValueError:
+        raise InputError("path: each point is two numbers, in mm: -100 400, 100 400") from None
 
 
 def value_of(text: str) -> Any:

@@ -8,6 +8,7 @@ import contextlib
 import importlib.metadata
 import json
 import platform
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -31,7 +32,7 @@ from experiments.plan import (
     plan_to_json,
     practice_trial,
 )
-from experiments.protocol import Protocol, protocol_to_json
+from experiments.protocol import NUMBER, Protocol, protocol_to_json
 from experiments.recording.atomic_files import is_wrong_path, written_beside
 from experiments.recording.reader import STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Sensors
@@ -98,18 +99,21 @@ class Session:
         blind: bool | None = None,
         hand: str = "mouse",
         operators: Operators | None = None,
+        form: Mapping[str, str | float] | None = None,
     ) -> None:
         """Create the folder and store the plan. person: a simulated operator; None: a hand at the mouse or device.
 
         blind: whether the controllers stand as codes (None: as the protocol says; a simulated operator's never do).
         sync = False leaves it to the system when data reach the disk (simulated studies: they can be run again).
         hand: what moves the handle where it is no simulated operator. operators: the population of the person.
+        form: what the participant answered of what the protocol asks.
         InputError if the session exists, is none of the protocol's, or the folder cannot be made.
         """
         if not (participant.isascii() and participant.isalnum()):
             raise InputError(f"participant {participant!r}: must be letters and digits only")
         if person is None:
             protocol.refuse_stranger(participant)
+        check_form(protocol, form or {})
         refuse_existing(data_dir, participant)
         self._take_up(data_dir, participant, protocol, person, sync)
         self.operators = operators
@@ -135,6 +139,7 @@ class Session:
                 self._key = new_key(protocol.controllers)
                 key_sha256 = write_key(self.folder, self._key, sync)
             about = session_about(participant, protocol, person, operators, self.hand, self.plan, key_sha256)
+            about |= {"form": dict(form)} if form else {}
             text = json.dumps(about, indent=1, sort_keys=True).encode() + b"\n"
             with written_beside(self.folder / STORED, text, sync) as partial:
                 partial.rename(self.folder / STORED)
@@ -414,6 +419,17 @@ class Session:
         if (self.folder / TABLE).exists():
             write_table(self.folder / TABLE, rows, replacing=True)
         self.rows = rows
+
+
+def check_form(protocol: Protocol, form: Mapping[str, str | float]) -> None:
+    """InputError if an answer is none that the protocol asks for."""
+    for name, answer in form.items():
+        kind = protocol.form.get(name)
+        if kind is None:
+            raise InputError(f"form: the {protocol.name} protocol does not ask for {name!r}")
+        if isinstance(answer, str) != (kind != NUMBER) or (not isinstance(kind, str) and answer not in kind):
+            wanted = f"a {kind}" if isinstance(kind, str) else f"one of {', '.join(kind)}"
+            raise InputError(f"form: {name} must be {wanted}, not {answer!r}")
 
 
 def session_about(
