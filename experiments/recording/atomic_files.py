@@ -97,12 +97,14 @@ def written_beside(target: Path, data: bytes, sync: bool = True) -> Iterator[Pat
         partial.unlink(missing_ok=True)
 
 
-def append_whole(handle: int, data: bytes, end: int) -> None:
+def append_whole(handle: int, data: bytes, end: int, sync: bool = False) -> None:
     """Write `data` at the end, byte `end`, of a file that is open for writing: all of it; or nothing, and OSError."""
     written = 0
     try:
         while written < len(data):
             written += os.write(handle, data[written:] if written else data)
+        if sync:
+            os.fsync(handle)
     except OSError:
         with contextlib.suppress(OSError):
             os.ftruncate(handle, end)
