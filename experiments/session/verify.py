@@ -9,11 +9,10 @@ that was changed; a blind session without its key. Practice trials have recordin
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import fields
 from pathlib import Path
 
 from core.files import InputError
-from experiments.analysis.trials_table import TrialRow, read_table
+from experiments.analysis.trials_table import COLUMNS, TrialRow, read_table
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Recording
 from experiments.session.blind import KEY, read_key
@@ -187,16 +186,16 @@ class _SessionCheck:
 
     def _compare(self, row: TrialRow, right: TrialRow, source: str) -> None:
         """Where a row differs from the right one."""
-        for column in fields(TrialRow):
-            there, true = getattr(row, column.name), getattr(right, column.name)
-            if column.name == "recording":
+        for column in COLUMNS:
+            there, true = getattr(row, column), getattr(right, column)
+            if column == "recording":
                 there, true = Path(there).stem, Path(true).stem  # a stream that is still to become Parquet
             is_same = there == true
             if isinstance(there, float) and isinstance(true, float):
                 is_same = math.isclose(there, true, rel_tol=TOLERANCE, abs_tol=1e-12)
             if not is_same:
                 shown, right_shown = ("empty" if value in (None, "") else value for value in (there, true))
-                self._fault(TABLE, f"run {row.run}: {column.name} is {shown}, {source} gives {right_shown}")
+                self._fault(TABLE, f"run {row.run}: {column} is {shown}, {source} gives {right_shown}")
 
 
 def _pooled_faults(folder: Path) -> Iterator[str]:
