@@ -51,8 +51,8 @@ class _Read:
 def analyze(
     folder: Path,
     out: Path | None = None,
-    progress: Callable[[float], None] | None = None,
     unblind: str = "",
+    progress: Callable[[float], None] | None = None,
 ) -> dict:
     """Write trials.csv, the figures and the report into a new folder (default DIR/analysis-N); the summary.
 
