@@ -28,6 +28,7 @@ class Client:
     def __init__(self, setup: Setup) -> None:
         """Start it; returns at once. InputError if there is no memory for what the processes share."""
         setup = setup._replace(data_dir=setup.data_dir.absolute())
+        self.setup = setup
         self._data_dir, self._refused, self._left_core = setup.data_dir, "", False
         self._received: list = []  # by `refused`, for `receive`
         try:
@@ -94,6 +95,10 @@ class Client:
     def aim(self, x: float, y: float) -> None:
         """The pointer is here, m."""
         self._ring.aim(x, y)
+
+    def let_go(self) -> None:
+        """The pointer has left its workspace: the hand lets the handle go until the pointer touches it again."""
+        self._ring.let_go()
 
     def brakes_off(self, cause: str) -> None:
         """No currents from the next tick on: the trial ends, until AllowBrakes; also without a session server."""

@@ -36,6 +36,11 @@ def add(verbs) -> None:
         metavar="DIR",
         help="further studies: the findings of all, from their trials.csv, side by side in OUT/side-by-side.md",
     )
+    analyze.add_argument(
+        "--timeouts",
+        action="store_true",
+        help="put trials whose time was up into boxes and statistics, which leave them out otherwise",
+    )
     export = add_verb(
         verbs,
         "export",
@@ -82,7 +87,7 @@ def analyze_verb(args: argparse.Namespace) -> int:
 
     studies = read_studies([args.dir, *args.beside]) if args.beside else {}
     unblinded_by = getpass.getuser() if args.unblind else ""
-    summary = with_progress("analyzing", analyze, args.dir, args.out, unblinded_by)
+    summary = with_progress("analyzing", analyze, args.dir, args.out, unblinded_by, args.timeouts)
     if studies:
         summary["side_by_side"] = str(write_side_by_side(studies, Path(summary["out"])))
     answer(args, summary, as_text(summary))

@@ -93,19 +93,19 @@ def run(args: argparse.Namespace) -> int:
 
         if without := done_without(setup, protocol_of(args)):
             print(f"phd: {without}", file=sys.stderr)
-    bench = Client(setup)
+    client = Client(setup)
     try:  # all this takes its time, and so does the session server
         watch_compiling()
         palette.choose(args.theme)
         windows = import_screen("windows")
         display.check()
         windows.make_ready()
-        if refused := bench.refused():
+        if refused := client.refused():
             raise InputError(refused)
     except BaseException:
-        bench.stop("no window was opened")
+        client.stop("no window was opened")
         raise
-    return windows.run(bench)
+    return windows.run(client)
 
 
 def link_of(args: argparse.Namespace) -> str:

@@ -19,7 +19,7 @@ class Commands:
 
     def __init__(self, window: "ConsoleWindow") -> None:
         self._window = window
-        self._bench = window.bench
+        self._client = window.client
         self._results = None
 
     @property
@@ -39,7 +39,7 @@ class Commands:
         if window.trying:
             self.practice()
         elif window.panel.start.isEnabled() and window.panel.isVisible():
-            self._bench.send(m.Start())
+            self._client.send(m.Start())
             window.centre.setFocus()
 
     def practice(self) -> None:
@@ -47,7 +47,7 @@ class Commands:
         window = self._window
         if self._snapshot.stage == m.NO_SESSION and window.start_page.practice.isEnabled():
             window.trying = True
-            self._bench.send(m.Practice())
+            self._client.send(m.Practice())
             window.centre.setFocus()
 
     def back(self) -> None:
@@ -58,17 +58,17 @@ class Commands:
 
     def open_session(self, participant: str, resume: bool, blind: bool) -> None:
         """Take up a session."""
-        self._bench.send(m.Open(participant, resume, blind))
+        self._client.send(m.Open(participant, resume, blind))
 
     def leave(self) -> None:
         """Close the session: the next participant's may be opened."""
         self.close_results()
-        self._bench.send(m.Leave())
+        self._client.send(m.Leave())
 
     def pause(self) -> None:
         """No trial starts after this one; or trials may start again."""
         if self._window.panel.pause.isEnabled() and self._window.panel.isVisible():
-            self._bench.send(m.Pause(not self._snapshot.paused))
+            self._client.send(m.Pause(not self._snapshot.paused))
 
     def redo(self) -> None:
         """Ask why, then run the last trial's cell again."""
@@ -82,7 +82,7 @@ class Commands:
             "Its trial comes again next. What was recorded is kept and marked as redone.",
             REDO_REASONS,
             "Redo",
-            lambda reason: self._bench.send(m.Redo(last.run, reason)),
+            lambda reason: self._client.send(m.Redo(last.run, reason)),
         )
 
     def skip(self) -> None:
@@ -96,7 +96,7 @@ class Commands:
             f"{describe(coming, window.opened, self._snapshot.blind)}. It is marked and does not come again.",
             SKIP_REASONS,
             "Skip",
-            lambda reason: self._bench.send(m.Skip(reason)),
+            lambda reason: self._client.send(m.Skip(reason)),
         )
 
     def abort(self) -> None:
@@ -109,19 +109,19 @@ class Commands:
                 "itself. (Esc ends it at once, and it comes again.)",
                 ABORT_REASONS,
                 "Abort",
-                lambda reason: self._bench.send(m.Abort(reason)),
+                lambda reason: self._client.send(m.Abort(reason)),
             )
 
     # brakes
 
     def brakes_off(self, cause: str) -> None:
         """Zero current at once; it goes straight to the control loop, even when the session server is gone."""
-        self._bench.brakes_off(cause)
+        self._client.brakes_off(cause)
 
     def allow_brakes(self) -> None:
         """Currents may flow again."""
         if self._snapshot.brakes_off:
-            self._bench.send(m.AllowBrakes())
+            self._client.send(m.AllowBrakes())
 
     def escape(self, cause: str) -> None:
         """Brakes off while a trial runs; else leave what is open, and with nothing open brakes off."""
@@ -153,12 +153,12 @@ class Commands:
 
     def note(self, text: str) -> None:
         """Keep a note."""
-        self._bench.send(m.Note(text))
+        self._client.send(m.Note(text))
         self._window.cards.take_focus()
 
     def confirm(self) -> None:
         """The re-rig is done, the break is over."""
-        self._bench.send(m.Confirm())
+        self._client.send(m.Confirm())
 
     def device(self) -> None:
         """The device page, or away from it."""
@@ -166,15 +166,15 @@ class Commands:
 
     def rig(self, step: str) -> None:
         """A step that makes the device on the bench ready."""
-        self._bench.send(m.Rig(step))
+        self._client.send(m.Rig(step))
 
     def unblind(self, who: str) -> None:
         """Open the key of a blind session."""
-        self._bench.send(m.Unblind(who))
+        self._client.send(m.Unblind(who))
 
     def answer(self, values: dict[str, float]) -> None:
         """The participant's answers."""
-        self._bench.send(m.Answers(dict(values)))
+        self._client.send(m.Answers(dict(values)))
 
     def results(self) -> None:
         """The box plots so far, in a window of their own."""

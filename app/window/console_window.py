@@ -97,6 +97,7 @@ class Centre(QWidget):
     participant_asked = Signal()
     back_asked = Signal()
     aimed = Signal(float, float)  # m
+    left = Signal()  # the pointer has left the workspace: the hand lets the handle go
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -159,6 +160,8 @@ class Centre(QWidget):
         """The pointer over the workspace is the hand."""
         if event.type() == QEvent.Type.MouseMove and isinstance(event, QMouseEvent) and self.workspace is not None:
             self.aimed.emit(*self.workspace.view.to_plane(event.position()))
+        elif event.type() == QEvent.Type.Leave:
+            self.left.emit()
         return super().eventFilter(watched, event)
 
     def show_session(self, opened: m.Opened, snapshot: m.Snapshot, trying: bool) -> None:
@@ -220,11 +223,11 @@ class ConsoleWindow(QWidget):
     participant_asked = Signal()  # show or hide the participant's window
     closed = Signal()
 
-    def __init__(self, bench, parent: QWidget | None = None) -> None:
-        """bench: the window's end of the live bench."""
+    def __init__(self, client, parent: QWidget | None = None) -> None:
+        """client: this window's end of the session server."""
         super().__init__(parent)
         self.setWindowTitle("phd")
-        self.bench = bench
+        self.client = client
         self.opened: m.Opened | None = None
         self.snapshot = m.Snapshot(m.PREPARING)
         self.preflight, self.proof = Preflight(), ProofLine()
@@ -305,7 +308,8 @@ class ConsoleWindow(QWidget):
             (self.centre.results_asked, do.results),
             (self.centre.participant_asked, self.participant_asked),
             (self.centre.back_asked, do.back),
-            (self.centre.aimed, self.bench.aim),
+            (self.centre.aimed, self.client.aim),
+            (self.centre.left, self.client.let_go),
         ):
             signal.connect(command)
         bind(self, self.keys())
@@ -414,7 +418,7 @@ class ConsoleWindow(QWidget):
         self.cards.show_time(time.monotonic())
 
     def show_dead(self, sentence: str) -> None:
-        """There is no bench any more."""
+        """The session server has ended."""
         self.dead = True
         last = self.snapshot
         self.snapshot = m.Snapshot(

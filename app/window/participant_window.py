@@ -97,6 +97,7 @@ class ParticipantWindow(QWidget):
     """The picture and, after a block that asks for it, the questions."""
 
     aimed = Signal(float, float)  # m
+    left = Signal()  # the pointer has left the picture: the hand lets the handle go
     answered = Signal(dict)
     close_asked = Signal()
 
@@ -115,6 +116,7 @@ class ParticipantWindow(QWidget):
         self._stack.addWidget(self.view)
         self._stack.addWidget(self.questions)
         self.view.pointer_moved.connect(self.aimed)
+        self.view.pointer_left.connect(self.left)
         self.questions.answered.connect(self.answered)
 
     def show_opened(self, opened: m.Opened) -> None:

@@ -105,14 +105,14 @@ HAND_BACK_S = 2.0  # after the participant's window was shown beside the console
 
 
 class Windows(QObject):
-    """Console and participant's window on one bench."""
+    """Console and participant's window on one session server."""
 
     framed = Signal(object)  # a frame is there, with these ticks (n, row.WIDTH); it is painted next
 
-    def __init__(self, bench) -> None:
+    def __init__(self, client) -> None:
         super().__init__()
-        self.bench = bench
-        self.console = ConsoleWindow(bench)
+        self.client = client
+        self.console = ConsoleWindow(client)
         self.participant = ParticipantWindow()
         self._dead = self._over = False
         self._hand_back_until_s = 0.0
@@ -120,7 +120,8 @@ class Windows(QObject):
         console, shown = self.console, self.participant
         console.participant_asked.connect(self.show_or_hide_participant)
         console.closed.connect(self.close)
-        shown.aimed.connect(bench.aim)
+        shown.aimed.connect(client.aim)
+        shown.left.connect(client.let_go)
         shown.answered.connect(console.commands.answer)
         shown.close_asked.connect(self._close_asked)
         bind(shown, self._keys_of_participant())
@@ -221,8 +222,8 @@ class Windows(QObject):
 
     def frame(self) -> None:
         """Take in what has come, and see whether the session server lives."""
-        alive = self.bench.alive  # asked first: what it said before it died is still read
-        for message in self.bench.receive():
+        alive = self.client.alive  # asked first: what it said before it died is still read
+        for message in self.client.receive():
             match message:
                 case m.Opened():
                     self.console.show_opened(message)
@@ -232,9 +233,9 @@ class Windows(QObject):
                     self.participant.show_snapshot(message)
                 case m.Pulse():
                     self.console.show_pulse(message)
-        rows = self.bench.ticks()
+        rows = self.client.ticks()
         if len(rows):
-            taken = self.bench.taken
+            taken = self.client.taken
             if self.participant.isVisible():
                 self.participant.show_ticks(rows, taken)
             self.console.show_ticks(rows, taken)
@@ -265,7 +266,7 @@ class Windows(QObject):
         self.participant.leaving = True
         self.participant.close()
         self.console.close_anyway()
-        self.bench.stop(reason)
+        self.client.stop(reason)
 
 
 def make_ready() -> QApplication:
@@ -279,13 +280,13 @@ def make_ready() -> QApplication:
     return application
 
 
-def run(bench: Client) -> int:
-    """Open the app, which has been made ready, on a bench and stay until it closes; the exit code."""
+def run(client: Client) -> int:
+    """Open the app, which has been made ready, on a session server and stay until it closes; the exit code."""
     application = QApplication.instance()
     assert isinstance(application, QApplication)
     code = 0
     try:
-        windows = Windows(bench)
+        windows = Windows(client)
         windows.console.closed.connect(application.quit)
 
         def leave(number: int, _frame: object) -> None:
@@ -301,7 +302,7 @@ def run(bench: Client) -> int:
         warm_up = WarmUp(windows.console)
         application.exec()
     except BaseException:
-        bench.stop("the window failed")
+        client.stop("the window failed")
         raise
     windows.close()
     warm_up.close()

@@ -119,9 +119,9 @@ def main() -> None:
         windows = Windows(Client(Setup(Path(folder) / "data", str(protocol))))
         try:
             if sys.argv[1:] == [LIGHT]:
-                in_light(windows, MadeUpHand(windows, windows.bench))
+                in_light(windows, MadeUpHand(windows, windows.client))
                 return
-            trials(windows, MadeUpHand(windows, windows.bench))
+            trials(windows, MadeUpHand(windows, windows.client))
             study = Path(folder) / "study"
             command = [sys.executable, "-m", "app.cli", "study", "--operators", str(OPERATORS), "--out", str(study)]
             subprocess.run(command, check=True, cwd=HERE.parents[1], stdout=subprocess.DEVNULL)
@@ -134,7 +134,7 @@ def main() -> None:
 
 def trials(windows: Windows, hand: MadeUpHand) -> None:
     """Participant's view in each phase, the console with three brakes and with four, a pre-flight with red."""
-    console, participant, send = windows.console, windows.participant, windows.bench.send
+    console, participant, send = windows.console, windows.participant, windows.client.send
     begin(windows, "01")
     view = participant.view
     trial(windows, controller=2)
@@ -157,7 +157,7 @@ def trials(windows: Windows, hand: MadeUpHand) -> None:
     until(lambda: hand.progress > 0.5 and brakes(console) > 1.0)
     shoot(console, "console-three-brake")
     until(lambda: console.snapshot.stage == m.READY)
-    windows.bench.brakes_off("Esc on the console")
+    windows.client.brakes_off("Esc on the console")
     until(lambda: bool(console.snapshot.brakes_off))
     shoot(console, "preflight-red")
     send(m.AllowBrakes())
@@ -191,7 +191,7 @@ def begin(windows: Windows, participant: str) -> None:
     windows.participant.setGeometry(0, 0, *SMALL)
     windows.participant.show()
     until(lambda: console.snapshot.stage == m.NO_SESSION)
-    windows.bench.send(m.Open(participant))
+    windows.client.send(m.Open(participant))
     until(lambda: console.snapshot.stage == m.READY)
 
 
@@ -218,7 +218,7 @@ def on_the_bench(data: Path) -> None:
     try:
         windows.show()
         until(lambda: console.snapshot.stage == m.NO_SESSION)
-        windows.bench.send(m.Open("01"))
+        windows.client.send(m.Open("01"))
         until(lambda: console.snapshot.stage == m.RERIG)
         console.show_device(True)
         until(lambda: after(6.0))  # the clock model has its drift
@@ -235,7 +235,7 @@ def trial(windows: Windows, controller: int) -> None:
     while True:
         coming = console.snapshot.coming
         assert coming is not None
-        windows.bench.send(m.Start())
+        windows.client.send(m.Start())
         until(lambda: console.snapshot.stage == m.RUNNING)
         if coming.controller == controller:
             return

@@ -4,7 +4,6 @@ Which controller, device and hand that is, what came of it, metric by metric, an
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -143,8 +142,8 @@ def choose_device(trial: Recorded, device: str) -> Device:
     """A device, shipped or from a file, that can follow the path and be where the recorded movement begins."""
     protocol, segment = trial.stored.protocol, trial.row.segment
     onto = load_device(device)
-    paths, files = {segment: protocol.paths[segment]}, {onto.name: f"device {device}"}
-    check_reach(replace(protocol, devices=(onto,), paths=paths, device_files=files), f"the {protocol.name} protocol")
+    paths = {segment: protocol.paths[segment]}
+    check_reach([(f"device {device}", onto)], paths, f"the {protocol.name} protocol")
     x, y = trial.start
     if not tip_is_free(onto.mechanism, x, y):
         raise InputError(f"device {device}: cannot be at ({x:.3f}, {y:.3f}) m, where the recorded movement begins")

@@ -48,7 +48,7 @@ def windows(qtbot, tmp_path: Path):
     windows = Windows(Client(Setup(tmp_path / "data", str(protocol), sync=False)))
     windows.show()
     wait_until(windows.console.start_page.new.isEnabled)
-    pids = [windows.bench.pid, *children(windows.bench.pid)]
+    pids = [windows.client.pid, *children(windows.client.pid)]
     QTest.keyClick(windows.console.start_page.participant, Qt.Key.Key_Return)
     wait_until(lambda: windows.console.snapshot.stage == m.READY)
     windows.show_or_hide_participant()

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from fake_bench import DEVICES, GREEN, PRESETS, opened, ready, running
+from fake_client import DEVICES, GREEN, PRESETS, opened, ready, running
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from screens import Screens, cut_texts, opened_screens, settle, visible_texts
@@ -40,7 +40,7 @@ def test_the_page_comes_by_key_and_by_the_light_of_the_device_and_goes_again(scr
             assert console.device.isVisible() and not console.desk.isVisible()
             screens.press(leave)
             assert console.desk.isVisible()
-    assert screens.bench.off_causes == []
+    assert screens.client.off_causes == []
     QTest.mouseClick(console.preflight.pills[1], LEFT)
     assert console.desk.isVisible(), "only the light of the device leads there"
 
@@ -157,13 +157,13 @@ def test_a_step_is_asked_for_with_what_to_do_before_it_is_taken(screens: Screens
         (page.home, m.HOME, "mm"), (page.zero, m.ZERO, "Let go"), (page.reconnect, m.CONNECT, "closed and made again")
     ):  # fmt: skip
         QTest.mouseClick(button, LEFT)
-        assert screens.bench.sent == [] and says in page.card.text.text()
+        assert screens.client.sent == [] and says in page.card.text.text()
         screens.press(KEY.Key_Escape)
         assert page.card is None and page.isVisible()
         QTest.mouseClick(button, LEFT)
         QTest.mouseClick(page.card.buttons[0], LEFT)
-        assert screens.bench.sent == [m.Rig(step)] and page.card is None
-        screens.bench.sent.clear()
+        assert screens.client.sent == [m.Rig(step)] and page.card is None
+        screens.client.sent.clear()
 
 
 def test_faults_are_reset_as_the_brakes_are_allowed(screens: Screens) -> None:
@@ -171,7 +171,7 @@ def test_faults_are_reset_as_the_brakes_are_allowed(screens: Screens) -> None:
     assert not page.reset.isEnabled()
     screens.hear(ready(3, checks=WELL, brakes_off="the board: no command for 50 ms"))
     QTest.mouseClick(page.reset, LEFT)
-    assert screens.bench.sent == [m.AllowBrakes()]
+    assert screens.client.sent == [m.AllowBrakes()]
 
 
 def test_without_a_session_no_step_is_taken_and_the_page_says_why(screens: Screens) -> None:

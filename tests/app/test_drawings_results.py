@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import fake_bench
+import fake_client
 import numpy as np
 import pytest
 
@@ -32,12 +32,12 @@ def results_of(participant: str, seed: int) -> list[TrialRow]:
     generator = np.random.default_rng(seed)
     return [
         replace(
-            fake_bench.result(trial, error=1e-3 * trial.controller + 1e-4 * generator.random()),
+            fake_client.result(trial, error=1e-3 * trial.controller + 1e-4 * generator.random()),
             participant=participant,
             mean_tip_force_N=trial.controller + generator.random(),
             acceleration_dft_sum=30.0 * trial.controller + generator.random(),
         )
-        for trial in fake_bench.PLAN
+        for trial in fake_client.PLAN
     ]
 
 
@@ -52,8 +52,8 @@ def data(tmp_path: Path) -> Path:
 
 def window_on(qtbot, data: Path, snapshot: m.Snapshot | None = None) -> ResultsWindow:
     theme.dress(QApplication.instance())
-    opened = fake_bench.opened("01", folder=str(data / "sub-01" / "ses-01"))
-    window = ResultsWindow(opened, snapshot or fake_bench.ready(60))
+    opened = fake_client.opened("01", folder=str(data / "sub-01" / "ses-01"))
+    window = ResultsWindow(opened, snapshot or fake_client.ready(60))
     qtbot.addWidget(window)
     window.show()
     return window
@@ -76,12 +76,12 @@ def test_a_trial_more_is_a_trial_more_in_its_box(qtbot, data: Path) -> None:
     table = data / "sub-02" / "ses-01" / "trials.csv"
     rows = read_table(table)
     write_table(table, rows[:-1], replacing=True)
-    window = window_on(qtbot, data, fake_bench.ready(59))
+    window = window_on(qtbot, data, fake_client.ready(59))
     key = (rows[-1].controller, rows[-1].configuration)
     before = window.boxes[1].found[key].count
     picture = window.boxes[1].grab().toImage()
     write_table(table, rows, replacing=True)
-    window.show_snapshot(fake_bench.ready(60))
+    window.show_snapshot(fake_client.ready(60))
     assert window.boxes[1].found[key].count == before + 1 and len(window.boxes[1].points.points()) > 0
     assert window.boxes[1].grab().toImage() != picture
 
@@ -114,9 +114,9 @@ def test_codes_of_a_blind_session_stand_as_codes_and_nothing_is_claimed(qtbot, d
 
 def test_the_papers_statements_are_not_judged_on_other_controllers(qtbot, data: Path) -> None:
     theme.dress(QApplication.instance())
-    ours = fake_bench.opened("01", folder=str(data / "sub-01" / "ses-01"))
+    ours = fake_client.opened("01", folder=str(data / "sub-01" / "ses-01"))
     other = {1: ours.controllers[1], 2: ours.controllers[4]._replace(name="Softly")}
-    window = ResultsWindow(ours._replace(controllers=other), fake_bench.ready(60))
+    window = ResultsWindow(ours._replace(controllers=other), fake_client.ready(60))
     qtbot.addWidget(window)
     window.show()
     assert "Table I" in window.said.text() and not window.verdicts.isVisible()
@@ -124,7 +124,7 @@ def test_the_papers_statements_are_not_judged_on_other_controllers(qtbot, data: 
 
 def test_a_damaged_table_is_said_and_the_session_is_still_shown(qtbot, data: Path) -> None:
     (data / "sub-02" / "ses-01" / "trials.csv").write_text("nonsense")
-    window = window_on(qtbot, data, fake_bench.ready(20))
+    window = window_on(qtbot, data, fake_client.ready(20))
     assert sum(box.count for box in window.boxes[0].found.values()) == 20
     assert "trials.csv" in window.said.text()
 

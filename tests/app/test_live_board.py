@@ -24,7 +24,7 @@ def session(tmp_path: Path) -> Iterator[BoardSession]:
 def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession) -> None:
     window, emulated = session.window, session.emulated
     window.until_stage(m.NO_SESSION)
-    window.bench.send(m.Practice())
+    window.client.send(m.Practice())
     assert "Open a session" in window.until(lambda s: s.said_bad).said
     session.open()
     assert window.opened.real_device and window.opened.hand == "force sensor"
@@ -46,7 +46,7 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession)
     window.until(lambda s: s.brakes_off or session.device().state == m.GOOD)  # latched, if there was current just then
 
     # brakes-off from the window, latched on the board
-    off = session.cut_short(lambda: window.bench.brakes_off("Esc, participant's window"), says="Esc")
+    off = session.cut_short(lambda: window.client.brakes_off("Esc, participant's window"), says="Esc")
     assert off.status == "stopped"
     wait_until(lambda: emulated.order()["state"] == "FAULT")
     assert emulated.order()["currents_mA"] == [0] * 4
@@ -70,9 +70,9 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession)
     window.until(lambda s: s.brakes_off or LET_GO in s.wait_for)  # latched, if there was current just then
     session.make_ready()
     assert len(zeros(session)) == before + 1
-    window.bench.send(m.Leave())
+    window.client.send(m.Leave())
     window.until_stage(m.NO_SESSION)
-    window.bench.send(m.Practice())
+    window.client.send(m.Practice())
     practice = window.until_stage(m.RUNNING)
     assert practice.practice and practice.running.configuration == DEVICE
     window.ticks.clear()

@@ -16,7 +16,7 @@ if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parents[k] / place) for k, place in ((2, ""), (1, "support"))]
 
 import pytest
-from live import Window, children, gone, kill, wait_until, window
+from live import Window, children, gone, kill, live_window, wait_until
 from live_kills import VICTIMS, Killing
 from protocols import PAPER, changed
 
@@ -42,7 +42,7 @@ def setup(tmp_path_factory: pytest.TempPathFactory) -> Setup:
 @pytest.fixture(scope="module")
 def opened(setup: Setup):
     """One session after another kill: each test goes on where the last one ended."""
-    with window(setup) as opened:
+    with live_window(setup) as opened:
         opened.open()
         yield opened
 
@@ -58,10 +58,10 @@ def until_current(opened: Window) -> None:
 
 def resume(opened: Window, setup: Setup) -> m.Snapshot:
     """A new bench in place of one that is gone, and its session."""
-    opened.bench.leave()
+    opened.client.leave()
     opened.join(setup)
     assert opened.until_stage(m.NO_SESSION).resumable == ("01",)
-    opened.bench.send(m.Open("01", resume=True))
+    opened.client.send(m.Open("01", resume=True))
     return opened.until_stage(m.READY)
 
 
@@ -89,10 +89,10 @@ def test_a_session_server_that_is_killed_leaves_no_current_no_process_and_a_tria
     run = opened.start().running.run
     until_current(opened)
     pids = opened.processes()
-    kill(opened.bench.pid)
+    kill(opened.client.pid)
     wait_until(lambda: all(map(gone, pids)))
     opened.look()
-    assert not opened.bench.alive
+    assert not opened.client.alive
     assert opened.rows[-1, tick_log.PHASE] == tick_log.END and not opened.rows[-1, CURRENTS].any()
     snapshot = resume(opened, setup)
     assert (snapshot.rows[-1].run, snapshot.rows[-1].status) == (run, "recovered")
@@ -104,7 +104,7 @@ def test_a_session_server_that_is_killed_leaves_no_current_no_process_and_a_tria
 def test_a_session_server_that_is_told_to_end_keeps_its_trial_which_comes_again(opened: Window, setup: Setup) -> None:
     run = opened.start().running.run
     pids = opened.processes()
-    kill(opened.bench.pid, signal.SIGTERM)
+    kill(opened.client.pid, signal.SIGTERM)
     wait_until(lambda: all(map(gone, pids)))
     kept = read_recording(trial(setup, run))
     assert kept.whole and kept.outcome["status"] == "stopped"
@@ -125,7 +125,7 @@ window = Window(Setup.from_json(sys.argv[1]))
 window.open()
 window.start()
 window.until_tick(lambda rows: rows[-1, 1] == 2)
-print(window.bench.pid, window.snapshot.running.run, flush=True)
+print(window.client.pid, window.snapshot.running.run, flush=True)
 while True:
     window.look()
     time.sleep(0.005)
@@ -146,7 +146,7 @@ def test_a_window_that_is_killed_changes_nothing_in_its_trial_and_the_next_one_g
     assert kept.whole and kept.outcome["status"] in ("done", "timeout") and kept.outcome["timing"]["lost"] == 0
     entries = read_events(setup.data_dir / "sub-01" / "ses-01")
     assert [entry.event for entry in entries[-2:]] == [WINDOW_LOST, ENDED]
-    with window(setup) as opened:
+    with live_window(setup) as opened:
         began = time.monotonic()
         snapshot = opened.until(lambda s: s.resumable)
         print("the next window offers to go on after", time.monotonic() - began, "s")
@@ -159,12 +159,12 @@ def test_a_trial_that_waits_for_its_start_ends_with_the_window_of_its_person(tmp
     opened.open()
     run = opened.start().running.run
     pids = opened.processes()
-    opened.bench.leave()
+    opened.client.leave()
     wait_until(lambda: all(map(gone, pids)))
     assert read_recording(trial(setup, run)).outcome["status"] == "stopped"
     snapshot = resume(opened, setup)
     assert cell(snapshot.coming) == cell(snapshot.rows[-1])
-    opened.bench.stop("the test is over")
+    opened.client.stop("the test is over")
 
 
 def test_kills_at_random_moments_lose_nothing_that_was_acknowledged(tmp_path: Path) -> None:

@@ -1,11 +1,11 @@
 """What is refused before a session, and what a refusal leaves behind: nothing."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from live import window
+from live import live_window
+from msgspec.structs import replace
 from protocols import PAPER, changed, protocol_of, short
 from sessions import files, new_session, run_trials
 
@@ -98,7 +98,7 @@ def test_a_session_by_another_protocol_than_the_one_before_is_noticed(tmp_path):
 
 
 def test_a_second_window_is_refused_and_the_first_one_goes_on(tmp_path: Path) -> None:
-    with window(Setup(tmp_path / "data", hand="operator", real_time=False)) as first:
+    with live_window(Setup(tmp_path / "data", hand="operator", real_time=False)) as first:
         first.until_stage(m.NO_SESSION)
         other = Client(Setup(tmp_path / "data", real_time=False))
         assert "is in use by a running process" in other.refused()
@@ -106,7 +106,7 @@ def test_a_second_window_is_refused_and_the_first_one_goes_on(tmp_path: Path) ->
         assert said.stage == m.FAILED and not other.alive
         other.stop("")
         first.look()
-        assert first.bench.alive
+        assert first.client.alive
 
 
 def test_a_plan_of_one_trial_and_one_of_a_thousand_can_be_begun_and_resumed(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 import serial
-from fake_bench import PLAN, opened, ready, result
+from fake_client import PLAN, opened, ready, result
 from screens import Screens, cut_texts, opened_screens, settle
 
 from app.ipc import messages as m

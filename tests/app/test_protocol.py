@@ -2,10 +2,10 @@
 
 import json
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import asdict, replace
 from protocols import PAPER, changed, protocol_of, short
 
 from app.cli import main
@@ -13,7 +13,7 @@ from app.session_server.steps import planned_steps
 from core.device import SHIPPED_FOLDER
 from core.files import InputError
 from core.path import Arc, Polyline, Segment
-from experiments.plan import break_after, make_plan, print_plan
+from experiments.plan import break_after, make_plan, plan_summary, print_plan
 from experiments.protocol import load_protocol, protocol_from_json, protocol_to_json, shipped_protocols
 
 
@@ -48,6 +48,19 @@ def test_a_file_of_ones_own_needs_little_and_the_rest_has_its_default(tmp_path):
     assert protocol.trial == PAPER.trial and protocol.mouse == PAPER.mouse and protocol.participants == ()
 
 
+def test_a_form_lists_what_each_participant_is_asked_for():
+    asked = protocol_of(PAPER.text + '\n[form]\nhandedness = ["right", "left"]\nage = "number"\n')
+    assert asked.form == {"handedness": ("right", "left"), "age": "number"} and PAPER.form == {}
+
+
+def test_a_summary_counts_trials_and_minutes_before_anyone_sits_down():
+    assert plan_summary(PAPER) == "2 devices × 5 controllers × 2 paths × 3 = 60 trials, about 20 min"
+    single = protocol_of(changed(PAPER.text, blocks="1", repetitions="1", practice_trials="2"))
+    assert plan_summary(replace(single, devices=single.devices[:1], paths={1: single.paths[1]})) == (
+        "1 device × 5 controllers × 1 path = 5 trials and 2 of practice, about 2 min"
+    )
+
+
 def test_what_is_asked_for_stands_in_place_of_what_the_file_says():
     protocol = load_protocol(devices=["four-brake"], rules="literal", low_gain=500.0, seed=9)
     assert [device.name for device in protocol.devices] == ["four-brake"]
@@ -70,8 +83,7 @@ def test_a_protocol_comes_back_from_what_is_stored_of_it_without_its_files(tmp_p
     device.unlink()
     (tmp_path / "gauges.csv").unlink()
     back = protocol_from_json(stored, "session.json")
-    same = {name: value for name, value in vars(protocol).items() if name not in ("devices", "device_files")}
-    assert same == {name: value for name, value in vars(back).items() if name in same}
+    assert {**asdict(back), "devices": ()} == {**asdict(protocol), "devices": ()}
     assert [d.text for d in back.devices] == [text]
     assert np.array_equal(back.devices[0].calibration, gauges)
     without = json.loads(json.dumps(stored))
@@ -90,13 +102,17 @@ REFUSED = {
     "no paths": (re.sub(r"\[\[path\]\](.*\n)+?(?=\[\[controller)", "", PAPER.text), "path is missing"),
     "wrong type": (changed(PAPER.text, blocks='"3"'), "blocks must be a whole number"),
     "no blocks": (changed(PAPER.text, blocks="0"), "blocks must be at least 1"),
+    "no repetitions": (changed(PAPER.text, repetitions="0"), "repetitions must be at least 1"),
+    "too many": (changed(PAPER.text, blocks="1000"), "at most 10000 trials, not 20000"),
+    "name": (changed(PAPER.text, name='"a;b"'), "name must be plain text without ;"),
+    "no controllers": (PAPER.text[: PAPER.text.index("[[controller]]")], "key controller is missing"),
     "rules": (changed(PAPER.text, rules='"loose"'), "rules must be one of settled, literal"),
     "feedback": (changed(PAPER.text, feedback='"applause"'), "feedback must be one of none, time, error"),
     "seed": (changed(PAPER.text, seed="-1"), "seed must be at least 0"),
     "not finite": (PAPER.text.replace("force_N = 30.0", "force_N = nan"), "release.force_N must be finite"),
     "same number": (PAPER.text.replace("number = 2", "number = 1", 1), "path: number 1 stands there twice"),
-    "number zero": (PAPER.text.replace("number = 1", "number = 0", 1), "number must be a whole number from 1"),
-    "number a word": (PAPER.text.replace("number = 1", 'number = "one"', 1), "number must be a whole number"),
+    "number zero": (PAPER.text.replace("number = 1", "number = 0", 1), "path 1: number: must be at least 1, not 0"),
+    "number a word": (PAPER.text.replace("number = 1", 'number = "one"', 1), "path 1: number: must be a whole number"),
     "same controller": (PAPER.text.replace('"SDOF with gap"', '"SDOF"'), "two controllers have the same name"),
     "kind of controller": (PAPER.text.replace('kind = "none"', 'kind = "magic"'), "kind must be one of none, sdof"),
     "gain left out": (PAPER.text.replace("gain_N_s_m = 5.0", ""), r"controller\[4\]: gain_N_s_m is required"),
@@ -105,13 +121,16 @@ REFUSED = {
     "kind of path": (PAPER.text.replace('kind = "segment"', 'kind = "spiral"', 1), "path 1"),
     "no length": (PAPER.text.replace("end_m = [0.10, 0.40]", "end_m = [-0.10, 0.40]"), "path 1.*"),
     "out of reach": (PAPER.text.replace("end_m = [0.10, 0.40]", "end_m = [0.60, 0.40]"), "three-brake.* path 1 "),
-    "participant": (changed(PAPER.text, participants='["a b"]'), "participants: 'a b' must be letters and digits"),
+    "participant": (changed(PAPER.text, participants='["a b"]'), "participants.0. must be letters and digits"),
     "same participant": (changed(PAPER.text, participants='["01", "01"]'), "participants: .* twice"),
     "unknown device": (changed(PAPER.text, devices='["five-brake"]'), "devices: unknown device 'five-brake'"),
     "no device": (changed(PAPER.text, devices="[]"), "devices must hold 1"),
     "same device": (changed(PAPER.text, devices='["four-brake", "four-brake"]'), "two devices have the same name"),
     "cues": (PAPER.text + "\n[cues]\ntoo_fast_s = 5.0\ntoo_slow_s = 2.0\n", "cues: too_fast_s .* must be shorter"),
     "breaks": (PAPER.text + "\n[breaks]\nafter_trials = 0\nleast_s = 2.0\n", "breaks.after_trials must be at least 1"),
+    "form, no choice": (PAPER.text + '\n[form]\nhand = ["right"]\n', "form.hand must offer at least two"),
+    "form, unknown kind": (PAPER.text + '\n[form]\nage = "years"\n', "form.age must be one of number, text"),
+    "form, name": (PAPER.text + '\n[form]\n"a b" = "text"\n', "form: 'a b' must be of letters"),
     "not TOML": ("name = ", "is not valid TOML"),
 }
 
@@ -156,10 +175,17 @@ def test_a_protocol_that_is_not_there_is_refused_with_what_there_is(name):
 
 
 @pytest.mark.parametrize(
-    "options", [{"rules": "loose"}, {"low_gain": 0.0}, {"low_gain": float("nan")}, {"seed": -1}, {"devices": ["x"]}]
+    "options, refusal",
+    [
+        ({"rules": "loose"}, "options: rules must be one of settled, literal, not 'loose'"),
+        ({"low_gain": 0.0}, "options: low_gain must be greater than 0"),
+        ({"low_gain": float("nan")}, "options: low_gain must be finite"),
+        ({"seed": -1}, "options: seed must be at least 0"),
+        ({"devices": ["x"]}, "--device: unknown device 'x'"),
+    ],
 )
-def test_what_is_asked_for_and_cannot_be_is_refused(options):
-    with pytest.raises(InputError):
+def test_what_is_asked_for_and_cannot_be_is_refused(options, refusal):
+    with pytest.raises(InputError, match=refusal):
         load_protocol(**options)
 
 

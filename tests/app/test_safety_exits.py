@@ -155,7 +155,7 @@ def test_a_session_server_that_is_killed_leaves_zero_currents_on_the_board_and_n
         session.open()
         run = session.begin()
         processes = session.window.processes()
-        kill(session.window.bench.pid, signal.SIGKILL)
+        kill(session.window.client.pid, signal.SIGKILL)
         wait_until(lambda: all(map(gone, processes)))
         there = sorted(path.name for path in (session.folder / "trials").iterdir())
         assert f"run-{run:03}.arrows" in there, "what was recorded is there"

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fake_bench import PLAN, movement, opened, pulse, running
+from fake_client import PLAN, movement, opened, pulse, running
 from PySide6.QtGui import QImage
 from screens import Screens, opened_screens, settle
 

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from fake_bench import PLAN, TIP, opened, pulse, ready, running, ticks
+from fake_client import PLAN, TIP, opened, pulse, ready, running, ticks
 from fake_ticks import ALONG, trial
 from PySide6.QtCore import QEvent, QPoint
 from PySide6.QtGui import QImage, QPaintEvent

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fake_bench import PLAN, movement, opened, ready, running, ticks
+from fake_client import PLAN, movement, opened, ready, running, ticks
 from fake_ticks import ALONG
 from PySide6.QtCore import QRectF
 from PySide6.QtWidgets import QApplication
@@ -75,7 +75,7 @@ def test_the_panels_go_on_with_every_third_frame_and_end_with_the_last_tick(scre
     rows = movement(1, "AEB", 2.0)[: FRAME * (2 * PANELS_EVERY + 2)]
     view, seen = console.centre.workspace.view, []
     for begin in range(0, len(rows), FRAME):
-        screens.bench.rows = rows[begin : begin + FRAME]
+        screens.client.rows = rows[begin : begin + FRAME]
         screens.windows.frame()
         now = rows[begin + FRAME - 1]
         assert view.tip == (now[tick_log.TIP_X], now[tick_log.TIP_Y])  # what follows the hand never waits
@@ -84,7 +84,7 @@ def test_the_panels_go_on_with_every_third_frame_and_end_with_the_last_tick(scre
     if end == "result":
         screens.hear(ready(over + 1))
     else:
-        screens.bench.alive = False
+        screens.client.alive = False
         screens.windows.frame()
     ledger = Ledger()
     ledger.add(rows)
@@ -106,7 +106,7 @@ def test_what_the_hand_looks_at_is_painted_before_the_console(screens: Screens) 
 
 def test_ticks_that_still_waited_are_not_shown_in_the_next_trial(screens: Screens) -> None:
     console = screens.hear(opened(), running(0))
-    screens.bench.rows = movement(PLAN[0].segment, "AEB", 1.0)[:FRAME]
+    screens.client.rows = movement(PLAN[0].segment, "AEB", 1.0)[:FRAME]
     screens.windows.frame()
     screens.hear(running(1))
     console.show_panels()

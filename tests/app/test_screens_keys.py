@@ -1,7 +1,7 @@
 """Every key does what the screen says that it does: brakes off in any window, cards, questions, the start page."""
 
 import pytest
-from fake_bench import GREEN, PRACTICE, before, opened, ready, running
+from fake_client import GREEN, PRACTICE, before, opened, ready, running
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
@@ -47,7 +47,7 @@ def test_escape_on_the_results_is_brakes_off_while_a_trial_runs_and_else_closes_
         QTest.keyClick(results.whose.view(), KEY.Key_Escape)
     else:
         screens.press(KEY.Key_Escape, results)
-    (cause,) = screens.bench.off_causes
+    (cause,) = screens.client.off_causes
     assert "results" in cause and results.isVisible()
     screens.hear(ready(4, brakes_off=cause))
     if dropped_down:
@@ -55,7 +55,7 @@ def test_escape_on_the_results_is_brakes_off_while_a_trial_runs_and_else_closes_
         QTest.keyClick(results.whose.view(), KEY.Key_Escape)
         assert results.isVisible()
     screens.press(KEY.Key_Escape, results)
-    assert not results.isVisible() and len(screens.bench.off_causes) == 1
+    assert not results.isVisible() and len(screens.client.off_causes) == 1
 
 
 def test_escape_is_brakes_off_in_a_trial_that_began_while_the_device_page_was_open(screens: Screens) -> None:
@@ -63,7 +63,7 @@ def test_escape_is_brakes_off_in_a_trial_that_began_while_the_device_page_was_op
     screens.press(KEY.Key_F3)
     console.device_shown, console.snapshot = True, running(3)  # before the page has gone
     screens.press(KEY.Key_Escape)
-    assert len(screens.bench.off_causes) == 1
+    assert len(screens.client.off_causes) == 1
 
 
 @pytest.mark.parametrize("card", ["abort", "close"])
@@ -73,7 +73,7 @@ def test_no_card_of_a_running_trial_promises_escape_and_escape_is_brakes_off(scr
     question = console.cards.question
     assert not any("Esc" in button.text() for button in question.findChildren(type(console.preflight.brakes)))
     screens.press(KEY.Key_Escape, focus(screens))
-    assert len(screens.bench.off_causes) == 1
+    assert len(screens.client.off_causes) == 1
 
 
 def test_the_question_before_an_abort_can_be_left_by_its_key_and_the_trial_goes_on(screens: Screens) -> None:
@@ -81,7 +81,7 @@ def test_the_question_before_an_abort_can_be_left_by_its_key_and_the_trial_goes_
     screens.press(KEY.Key_A)
     assert "Alt+0" in console.cards.question.cancel.text()
     assert screens.press(KEY.Key_0, console.cards.question.own, ALT) == []
-    assert console.cards.question is None and screens.bench.off_causes == []
+    assert console.cards.question is None and screens.client.off_causes == []
 
 
 # ------------------------------------------------------------------------------------------------- cards
@@ -91,7 +91,7 @@ def test_a_reason_may_begin_with_any_digit(screens: Screens) -> None:
     console = screens.hear(opened(), running())
     screens.press(KEY.Key_A)
     QTest.keyClicks(console.cards.question.own, "3 s too late, as p. 2 says")
-    assert screens.bench.sent == [] and console.cards.question is not None
+    assert screens.client.sent == [] and console.cards.question is not None
     assert screens.press(KEY.Key_Return, console.cards.question.own) == [m.Abort("3 s too late, as p. 2 says")]
 
 
@@ -128,7 +128,7 @@ def test_closing_during_a_trial_has_a_key(screens: Screens) -> None:
     console.close()
     assert "Alt+C" in console.cards.question.buttons[1].text()
     screens.press(KEY.Key_C, focus(screens), ALT)
-    assert not console.isVisible() and screens.bench.stopped
+    assert not console.isVisible() and screens.client.stopped
 
 
 def test_enter_confirms_what_a_card_asks_after_a_note_was_written_and_after_a_click_beside_it(screens: Screens) -> None:
@@ -148,7 +148,7 @@ def test_a_notice_that_comes_while_a_note_is_written_takes_none_of_it_for_an_ans
     screens.hear(ready(30, stage=m.RERIG, wait_for="Mount the four-brake linkage."))
     for letter in " note":
         QTest.keyClicks(focus(screens), letter)
-    assert screens.bench.sent == []
+    assert screens.client.sent == []
     assert screens.press(KEY.Key_Return, focus(screens)) == [m.Note("a long note")]
     assert screens.press(KEY.Key_Return, focus(screens)) == [m.Confirm()]
 
@@ -298,7 +298,7 @@ def test_after_practice_on_one_screen_its_keys_are_said_and_do_it(screens: Scree
     assert screens.press(KEY.Key_Space, screens.participant) == [m.Practice()]
     screens.press(KEY.Key_Escape, screens.participant)
     assert not screens.participant.isVisible() and console.start_page.isVisible()
-    assert "Well done" not in view_of_participant(screens) and screens.bench.off_causes == []
+    assert "Well done" not in view_of_participant(screens) and screens.client.off_causes == []
 
 
 # ------------------------------------------------------------------------------------------------- windows

@@ -4,9 +4,10 @@ import re
 
 import numpy as np
 import pytest
-from fake_bench import PLAN, PRESETS, movement, opened, ready, result, running, ticks
-from PySide6.QtCore import Qt
+from fake_client import PLAN, PRESETS, movement, opened, ready, result, running, ticks
+from PySide6.QtCore import QEvent, Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
 from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
 
 from app.ipc import messages as m
@@ -124,11 +125,27 @@ def test_the_pointer_is_the_hand_in_metres(screens: Screens) -> None:
     screens.hear(opened(), running())
     view = screens.participant.view
     point(view, view.to_screen((0.03, 0.35)))
-    assert screens.bench.aimed[-1] == pytest.approx((0.03, 0.35), abs=1e-6)
+    assert screens.client.aimed[-1] == pytest.approx((0.03, 0.35), abs=1e-6)
     screens.hear(opened(hand="sensor"))
-    count = len(screens.bench.aimed)
+    count = len(screens.client.aimed)
     point(view, view.to_screen((0.0, 0.3)))
-    assert len(screens.bench.aimed) == count
+    assert len(screens.client.aimed) == count
+
+
+def test_a_pointer_that_leaves_the_picture_or_a_finger_that_is_lifted_lets_the_handle_go(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    view, aimed = screens.participant.view, screens.client.aimed
+    point(view, view.to_screen((0.03, 0.35)))
+    QApplication.sendEvent(view, QEvent(QEvent.Type.Leave))
+    assert np.isnan(aimed[-1]).all() and view.pointer is None
+    finger, at = QTest.createTouchDevice(), view.to_screen((0.02, 0.39)).toPoint()
+    QTest.touchEvent(view, finger).press(1, at, view)
+    assert aimed[-1] == pytest.approx((0.02, 0.39), abs=1e-3)
+    QTest.touchEvent(view, finger).release(1, at, view)
+    assert np.isnan(aimed[-1]).all()
+    point(view, view.to_screen((0.03, 0.35)))
+    QTest.mouseClick(view, Qt.MouseButton.LeftButton, pos=at)  # a mouse is seen without its button
+    assert not np.isnan(aimed[-1]).any()
 
 
 def test_the_handle_and_its_way_follow_the_ticks(screens: Screens) -> None:
@@ -156,7 +173,7 @@ def test_keys_on_the_participants_window_do_what_they_do_on_the_console(screens:
 def test_closing_the_participants_window_is_closing_the_app_and_asks(screens: Screens) -> None:
     screens.hear(opened(), running())
     screens.participant.close()
-    assert screens.console.cards.question is not None and not screens.bench.stopped
+    assert screens.console.cards.question is not None and not screens.client.stopped
 
 
 def test_f11_shows_and_hides_the_participants_view(screens: Screens) -> None:
@@ -177,7 +194,7 @@ def test_the_questions_wait_for_all_answers_and_are_empty_the_next_time(screens:
         for _ in range(i):
             QTest.keyClick(scale, Qt.Key.Key_Right)
     QTest.mouseClick(questions.done, Qt.MouseButton.LeftButton)
-    (answers,) = screens.bench.sent
+    (answers,) = screens.client.sent
     assert answers == m.Answers({item: 50.0 + 5.0 * i for i, (item, *_) in enumerate(ITEMS)})
     screens.hear(ready(10))
     screens.hear(ready(20, stage=m.QUESTIONS))

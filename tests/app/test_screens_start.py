@@ -1,7 +1,7 @@
 """Before a session: one click to a practice trial, a new session, an interrupted one."""
 
 import pytest
-from fake_bench import PRACTICE, RED, before, opened, ready, ticks
+from fake_client import PRACTICE, RED, before, opened, ready, ticks
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from screens import Screens, opened_screens, visible_texts
@@ -29,7 +29,7 @@ def test_nothing_can_be_started_while_it_is_being_prepared(screens: Screens) -> 
 def test_one_click_runs_a_practice_trial_and_escape_leads_back(screens: Screens) -> None:
     console = screens.hear(opened(""), before())
     QTest.mouseClick(console.start_page.practice, LEFT)
-    assert screens.bench.sent == [m.Practice()]
+    assert screens.client.sent == [m.Practice()]
     screens.hear(before(stage=m.RUNNING, running=PRACTICE))
     assert console.desk.isVisible() and "Practice · counts nowhere" in visible_texts(console)
     screens.tick(ticks(tick_log.MOVE))
@@ -38,15 +38,15 @@ def test_one_click_runs_a_practice_trial_and_escape_leads_back(screens: Screens)
     assert console.desk.isVisible() and console.centre.large.text() == "Well done"
     assert screens.press(Qt.Key.Key_Space) == [m.Practice()]
     screens.press(Qt.Key.Key_Escape)
-    assert console.start_page.isVisible() and screens.bench.off_causes == []
+    assert console.start_page.isVisible() and screens.client.off_causes == []
 
 
 def test_a_practice_trial_is_also_a_key_away(screens: Screens, qtbot) -> None:
     console = screens.hear(opened(""), before())
     console.start_page.participant.clearFocus()
     screens.press(Qt.Key.Key_F4, console.start_page.participant)
-    qtbot.waitUntil(lambda: bool(screens.bench.sent), timeout=60_000)  # a button pressed by its key shows that it is
-    assert screens.bench.sent == [m.Practice()]
+    qtbot.waitUntil(lambda: bool(screens.client.sent), timeout=60_000)  # a button pressed by its key shows that it is
+    assert screens.client.sent == [m.Practice()]
 
 
 def test_enter_opens_a_session_for_the_participant_that_is_typed(screens: Screens) -> None:
@@ -69,7 +69,7 @@ def test_interrupted_sessions_are_offered_to_go_on(screens: Screens) -> None:
     page = screens.hear(opened(""), before(resumable=("02", "05"))).start_page
     assert [button.text() for button in page.resumable] == ["Resume participant 02", "Resume participant 05"]
     QTest.mouseClick(page.resumable[1], LEFT)
-    assert screens.bench.sent == [m.Open("05", True, False)]
+    assert screens.client.sent == [m.Open("05", True, False)]
     page.participant.setText("02")
     assert screens.press(Qt.Key.Key_Return, page.participant) == [m.Open("02", True, False)]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fake_bench import GREEN, PLAN, RED, movement, opened, ready, running
+from fake_client import GREEN, PLAN, RED, movement, opened, ready, running
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel
 from screens import Screens, cut_texts, opened_screens, settle, visible_texts

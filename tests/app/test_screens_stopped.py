@@ -1,7 +1,7 @@
 """What the windows say of trials that were cut short, and of a plan that ends without a result for each trial."""
 
 import pytest
-from fake_bench import PLAN, opened, ready, result
+from fake_client import PLAN, opened, ready, result
 from screens import Screens, opened_screens, visible_texts
 
 from app.ipc import messages as m

@@ -1,5 +1,5 @@
 """A whole session in simulated time, as short as a protocol can make it: practice, redo, skip, questions, break,
-re-rig, an interruption, the key of a blind session, the next participant. One bench: each test goes on where the last
+re-rig, an interruption, the key of a blind session, the next participant. One window: each test goes on where the last
 one ended.
 """
 
@@ -44,34 +44,34 @@ def setup(tmp_path_factory: pytest.TempPathFactory) -> Setup:
 
 
 @pytest.fixture(scope="module")
-def bench(setup: Setup):
+def window(setup: Setup):
     with local_window(setup) as opened:
         yield opened
 
 
-def ask(bench: Window, intent: object, what: Callable[[m.Snapshot], object]) -> m.Snapshot:
-    bench.bench.send(intent)
-    return bench.until(what)
+def ask(window: Window, intent: object, what: Callable[[m.Snapshot], object]) -> m.Snapshot:
+    window.client.send(intent)
+    return window.until(what)
 
 
-def refused(bench: Window, intent: object, says: str) -> None:
-    assert says in ask(bench, intent, lambda s: s.said_bad and says in s.said).said
+def refused(window: Window, intent: object, says: str) -> None:
+    assert says in ask(window, intent, lambda s: s.said_bad and says in s.said).said
 
 
-def run_one(bench: Window) -> m.Snapshot:
+def run_one(window: Window) -> m.Snapshot:
     """One trial from its start to what comes after it."""
-    bench.start()
-    bench.touch()
-    return bench.until(lambda s: s.stage != m.RUNNING)
+    window.start()
+    window.touch()
+    return window.until(lambda s: s.stage != m.RUNNING)
 
 
-def answer(bench: Window) -> m.Snapshot:
-    assert bench.snapshot.stage == m.QUESTIONS
-    return ask(bench, m.Answers({"effort": 35.0}), lambda s: s.stage != m.QUESTIONS)
+def answer(window: Window) -> m.Snapshot:
+    assert window.snapshot.stage == m.QUESTIONS
+    return ask(window, m.Answers({"effort": 35.0}), lambda s: s.stage != m.QUESTIONS)
 
 
-def events(bench: Window, name: str) -> list[dict]:
-    lines = (Path(bench.opened.folder) / "journal.jsonl").read_text().splitlines()
+def events(window: Window, name: str) -> list[dict]:
+    lines = (Path(window.opened.folder) / "journal.jsonl").read_text().splitlines()
     return [event for event in map(json.loads, lines) if event["event"] == name]
 
 
@@ -79,163 +79,163 @@ def cell(trial) -> tuple:
     return trial.block, trial.configuration, trial.controller, trial.segment
 
 
-def test_a_first_try_is_with_a_controller_that_brakes(bench: Window) -> None:
-    bench.until_stage(m.NO_SESSION)
-    assert bench.opened.next_participant == "07" and bench.opened.hand == "mouse"
-    bench.bench.send(m.Practice())
-    tried = bench.touch().running
-    assert bench.opened.controllers[tried.controller].kind != "none" and tried.block == 0
-    bench.until_stage(m.NO_SESSION)
-    bench.bench.send(m.Start())  # another one
-    other = bench.touch().running
+def test_a_first_try_is_with_a_controller_that_brakes(window: Window) -> None:
+    window.until_stage(m.NO_SESSION)
+    assert window.opened.next_participant == "07" and window.opened.hand == "mouse"
+    window.client.send(m.Practice())
+    tried = window.touch().running
+    assert window.opened.controllers[tried.controller].kind != "none" and tried.block == 0
+    window.until_stage(m.NO_SESSION)
+    window.client.send(m.Start())  # another one
+    other = window.touch().running
     assert (other.controller, other.repetition) != (tried.controller, tried.repetition)
-    bench.until_stage(m.NO_SESSION)
+    window.until_stage(m.NO_SESSION)
 
 
-def test_practice_comes_first_and_counts_nowhere(bench: Window) -> None:
-    snapshot = bench.open("07")
+def test_practice_comes_first_and_counts_nowhere(window: Window) -> None:
+    snapshot = window.open("07")
     assert snapshot.blind and snapshot.practice and snapshot.coming.block == 0
-    assert {trial.controller for trial in bench.opened.plan} == {"K1", "K2"} and len(bench.opened.plan) == 8
-    snapshot = run_one(bench)
-    assert snapshot.rows == () and snapshot.coming == bench.opened.plan[0] and not snapshot.practice
-    practised = Path(bench.opened.folder) / "practice" / "run-001.parquet"
+    assert {trial.controller for trial in window.opened.plan} == {"K1", "K2"} and len(window.opened.plan) == 8
+    snapshot = run_one(window)
+    assert snapshot.rows == () and snapshot.coming == window.opened.plan[0] and not snapshot.practice
+    practised = Path(window.opened.folder) / "practice" / "run-001.parquet"
     assert read_recording(practised).metadata["block"] == 0
-    assert not (Path(bench.opened.folder) / "trials.csv").exists()
-    bench.bench.send(m.Practice())  # one more, though none is due
-    assert bench.touch().practice
-    assert bench.until_stage(m.READY).coming == bench.opened.plan[0]
+    assert not (Path(window.opened.folder) / "trials.csv").exists()
+    window.client.send(m.Practice())  # one more, though none is due
+    assert window.touch().practice
+    assert window.until_stage(m.READY).coming == window.opened.plan[0]
 
 
-def test_a_trial_that_is_redone_is_kept_and_its_cell_comes_again_under_a_new_number(bench: Window) -> None:
-    assert [row.status for row in run_one(bench).rows] == ["done"]
-    kept = Path(bench.opened.folder) / "trials" / "run-001.parquet"
+def test_a_trial_that_is_redone_is_kept_and_its_cell_comes_again_under_a_new_number(window: Window) -> None:
+    assert [row.status for row in run_one(window).rows] == ["done"]
+    kept = Path(window.opened.folder) / "trials" / "run-001.parquet"
     before = kept.read_bytes()
-    snapshot = ask(bench, m.Redo(1, "a door slammed"), lambda s: s.rows[0].status == "redone")
-    first = bench.opened.plan[0]
-    assert cell(snapshot.coming) == cell(first) and snapshot.coming.run not in {t.run for t in bench.opened.plan}
-    refused(bench, m.Redo(1, "again"), "run 1")
-    snapshot = run_one(bench)
+    snapshot = ask(window, m.Redo(1, "a door slammed"), lambda s: s.rows[0].status == "redone")
+    first = window.opened.plan[0]
+    assert cell(snapshot.coming) == cell(first) and snapshot.coming.run not in {t.run for t in window.opened.plan}
+    refused(window, m.Redo(1, "again"), "run 1")
+    snapshot = run_one(window)
     assert [(row.run, row.status) for row in snapshot.rows] == [(1, "redone"), (9, "done")]
-    assert kept.read_bytes() == before and snapshot.coming == bench.opened.plan[1]
-    assert [event["reason"] for event in events(bench, "redone")] == ["a door slammed"]
+    assert kept.read_bytes() == before and snapshot.coming == window.opened.plan[1]
+    assert [event["reason"] for event in events(window, "redone")] == ["a door slammed"]
 
 
-def test_after_a_block_come_the_questions_and_then_the_break_which_lasts_its_time(bench: Window) -> None:
-    ask(bench, m.Pause(True), lambda s: s.paused)
-    refused(bench, m.Start(), "paused")
-    ask(bench, m.Note("sits nearer now"), lambda s: s.notes)
-    ask(bench, m.Pause(False), lambda s: not s.paused)
-    run_one(bench)
-    snapshot = answer(bench)
+def test_after_a_block_come_the_questions_and_then_the_break_which_lasts_its_time(window: Window) -> None:
+    ask(window, m.Pause(True), lambda s: s.paused)
+    refused(window, m.Start(), "paused")
+    ask(window, m.Note("sits nearer now"), lambda s: s.notes)
+    ask(window, m.Pause(False), lambda s: not s.paused)
+    run_one(window)
+    snapshot = answer(window)
     assert snapshot.stage == m.BREAK and 0.0 <= snapshot.wait_s <= LEAST_S
-    refused(bench, m.Start(), "break")
-    wait_until(lambda: ask(bench, m.Confirm(), lambda s: s.stage == m.READY or "more" in s.said).stage == m.READY)
-    trial, rest = (events(bench, name)[-1]["time"] for name in ("trial ended", "break ended"))
+    refused(window, m.Start(), "break")
+    wait_until(lambda: ask(window, m.Confirm(), lambda s: s.stage == m.READY or "more" in s.said).stage == m.READY)
+    trial, rest = (events(window, name)[-1]["time"] for name in ("trial ended", "break ended"))
     assert (datetime.fromisoformat(rest) - datetime.fromisoformat(trial)).total_seconds() > LEAST_S - 0.01
-    (answers,) = events(bench, "answers")
+    (answers,) = events(window, "answers")
     assert (answers["configuration"], answers["block"], answers["values"]) == ("three-brake", 1, {"effort": 35.0})
 
 
-def test_a_skipped_trial_is_marked_and_a_re_rig_waits_to_be_confirmed(bench: Window) -> None:
-    skipped = bench.snapshot.coming
-    snapshot = ask(bench, m.Skip("short of time"), lambda s: s.rows[-1].status == "skipped")
+def test_a_skipped_trial_is_marked_and_a_re_rig_waits_to_be_confirmed(window: Window) -> None:
+    skipped = window.snapshot.coming
+    snapshot = ask(window, m.Skip("short of time"), lambda s: s.rows[-1].status == "skipped")
     assert snapshot.rows[-1].run == skipped.run and snapshot.rows[-1].recording == ""
-    run_one(bench)
-    snapshot = answer(bench)
+    run_one(window)
+    snapshot = answer(window)
     assert snapshot.stage == m.RERIG and "four-brake" in snapshot.wait_for
-    refused(bench, m.Start(), "re-rigged")
-    snapshot = ask(bench, m.Confirm(), lambda s: s.stage == m.READY)
+    refused(window, m.Start(), "re-rigged")
+    snapshot = ask(window, m.Confirm(), lambda s: s.stage == m.READY)
     assert snapshot.coming.configuration == "four-brake" and snapshot.coming.block == 0
-    snapshot = ask(bench, m.Skip("knows it already"), lambda s: s.coming.block)
-    assert len(snapshot.rows) == 5 and snapshot.coming == bench.opened.plan[4]
+    snapshot = ask(window, m.Skip("knows it already"), lambda s: s.coming.block)
+    assert len(snapshot.rows) == 5 and snapshot.coming == window.opened.plan[4]
 
 
-def test_redoing_a_trial_of_the_other_configuration_needs_that_one_on_the_bench(bench: Window) -> None:
-    run = bench.opened.plan[1].run
-    snapshot = ask(bench, m.Redo(run, "the arm was loose"), lambda s: s.stage == m.RERIG)
+def test_redoing_a_trial_of_the_other_configuration_needs_that_one_on_the_bench(window: Window) -> None:
+    run = window.opened.plan[1].run
+    snapshot = ask(window, m.Redo(run, "the arm was loose"), lambda s: s.stage == m.RERIG)
     assert snapshot.coming.configuration == "three-brake"
-    ask(bench, m.Confirm(), lambda s: s.stage == m.READY)
-    snapshot = run_one(bench)
+    ask(window, m.Confirm(), lambda s: s.stage == m.READY)
+    snapshot = run_one(window)
     assert snapshot.stage == m.RERIG and snapshot.coming.configuration == "four-brake"  # nothing is asked twice
-    assert ask(bench, m.Confirm(), lambda s: s.stage == m.READY).coming == bench.opened.plan[4]
+    assert ask(window, m.Confirm(), lambda s: s.stage == m.READY).coming == window.opened.plan[4]
 
 
-def test_an_interrupted_session_goes_on_where_it_was(bench: Window, setup: Setup) -> None:
-    run_one(bench)
-    before, opened = bench.snapshot, bench.opened
-    bench.bench.leave()
-    bench.join(setup._replace(participant=""))
-    snapshot = bench.until_stage(m.NO_SESSION)
-    assert snapshot.resumable == ("07",) and bench.opened.next_participant == "01"
-    snapshot = ask(bench, m.Open("07", resume=True), lambda s: s.stage == m.READY)
+def test_an_interrupted_session_goes_on_where_it_was(window: Window, setup: Setup) -> None:
+    run_one(window)
+    before, opened = window.snapshot, window.opened
+    window.client.leave()
+    window.join(setup._replace(participant=""))
+    snapshot = window.until_stage(m.NO_SESSION)
+    assert snapshot.resumable == ("07",) and window.opened.next_participant == "01"
+    snapshot = ask(window, m.Open("07", resume=True), lambda s: s.stage == m.READY)
     assert (snapshot.rows, snapshot.coming, snapshot.notes) == (before.rows, before.coming, before.notes)
-    assert snapshot.blind and bench.opened.plan == opened.plan and bench.opened.plan_sha256 == opened.plan_sha256
+    assert snapshot.blind and window.opened.plan == opened.plan and window.opened.plan_sha256 == opened.plan_sha256
 
 
-def test_the_key_of_a_finished_session_is_opened_by_somebody_with_a_name(bench: Window) -> None:
-    while bench.snapshot.stage != m.FINISHED:
-        if bench.snapshot.stage == m.READY:
-            run_one(bench)
-        elif bench.snapshot.stage == m.QUESTIONS:
-            answer(bench)
+def test_the_key_of_a_finished_session_is_opened_by_somebody_with_a_name(window: Window) -> None:
+    while window.snapshot.stage != m.FINISHED:
+        if window.snapshot.stage == m.READY:
+            run_one(window)
+        elif window.snapshot.stage == m.QUESTIONS:
+            answer(window)
         else:
-            ask(bench, m.Confirm(), lambda s: s.stage != m.BREAK or "more" in s.said)
-    bench.bench.send(m.Leave())  # the key may wait
-    assert bench.until_stage(m.NO_SESSION).resumable == ("07",)
-    bench.bench.send(m.Open("07", resume=True))
-    assert bench.until_stage(m.FINISHED).blind
-    refused(bench, m.Unblind(" "), "say who")
-    snapshot = ask(bench, m.Unblind("R. Book"), lambda s: not s.blind)
-    assert {trial.controller for trial in bench.opened.plan} == {1, 2}
+            ask(window, m.Confirm(), lambda s: s.stage != m.BREAK or "more" in s.said)
+    window.client.send(m.Leave())  # the key may wait
+    assert window.until_stage(m.NO_SESSION).resumable == ("07",)
+    window.client.send(m.Open("07", resume=True))
+    assert window.until_stage(m.FINISHED).blind
+    refused(window, m.Unblind(" "), "say who")
+    snapshot = ask(window, m.Unblind("R. Book"), lambda s: not s.blind)
+    assert {trial.controller for trial in window.opened.plan} == {1, 2}
     assert {row.controller for row in snapshot.rows} == {1, 2}
-    assert [event["who"] for event in events(bench, "unblinded")] == ["R. Book"]
-    pooled = read_table(Path(bench.opened.folder).parent.parent / "trials.csv")
+    assert [event["who"] for event in events(window, "unblinded")] == ["R. Book"]
+    pooled = read_table(Path(window.opened.folder).parent.parent / "trials.csv")
     assert {row.controller for row in pooled} == {1, 2} and len(pooled) == len(snapshot.rows)
     settled = [row for row in snapshot.rows if row.status not in ("redone", "recovered")]
-    assert sorted(map(cell, settled)) == sorted(map(cell, bench.opened.plan))
+    assert sorted(map(cell, settled)) == sorted(map(cell, window.opened.plan))
 
 
-def test_what_somebody_did_to_another_session_stops_nobody(bench: Window, setup: Setup) -> None:
+def test_what_somebody_did_to_another_session_stops_nobody(window: Window, setup: Setup) -> None:
     for number, text in enumerate(('{"plan": [', "[]", '{"plan": 1}', '{"plan": [{}], "plan_sha256": ""}', "\xff")):
         folder = setup.data_dir / f"sub-x{number}" / "ses-01"
         folder.mkdir(parents=True)
         (folder / "session.json").write_bytes(text.encode("latin-1"))
     (setup.data_dir / "sub-x0" / "ses-01" / "trials.csv").write_text("nothing of ours\n")
     assert kept_sessions(setup.data_dir) == {}
-    bench.bench.send(m.Redo(bench.snapshot.rows[-1].run, "see what the others do"))
-    snapshot = bench.until(lambda s: s.stage != m.FINISHED)
+    window.client.send(m.Redo(window.snapshot.rows[-1].run, "see what the others do"))
+    snapshot = window.until(lambda s: s.stage != m.FINISHED)
     assert snapshot.said_bad and "was not rewritten" in snapshot.said and "sub-x0" in snapshot.said
-    while bench.snapshot.stage == m.RERIG:
-        ask(bench, m.Confirm(), lambda s: s.stage != m.RERIG)
-    assert run_one(bench).stage == m.FINISHED
+    while window.snapshot.stage == m.RERIG:
+        ask(window, m.Confirm(), lambda s: s.stage != m.RERIG)
+    assert run_one(window).stage == m.FINISHED
     for folder in setup.data_dir.glob("sub-x*"):
         shutil.rmtree(folder)
 
 
-def test_the_next_participant_has_a_session_of_their_own(bench: Window, setup: Setup) -> None:
-    bench.bench.send(m.Leave())
-    snapshot = bench.until_stage(m.NO_SESSION)
-    assert snapshot.resumable == () and bench.opened.participant == "" and bench.opened.next_participant == "01"
-    refused(bench, m.Open("07"), "exists already")
-    snapshot = bench.open("01")
-    assert snapshot.rows == () and snapshot.notes == () and bench.opened.plan[0].configuration == "three-brake"
-    bench.bench.send(m.Leave())  # before its end: it can be gone on with
-    assert bench.until_stage(m.NO_SESSION).resumable == ("01",)
+def test_the_next_participant_has_a_session_of_their_own(window: Window, setup: Setup) -> None:
+    window.client.send(m.Leave())
+    snapshot = window.until_stage(m.NO_SESSION)
+    assert snapshot.resumable == () and window.opened.participant == "" and window.opened.next_participant == "01"
+    refused(window, m.Open("07"), "exists already")
+    snapshot = window.open("01")
+    assert snapshot.rows == () and snapshot.notes == () and window.opened.plan[0].configuration == "three-brake"
+    window.client.send(m.Leave())  # before its end: it can be gone on with
+    assert window.until_stage(m.NO_SESSION).resumable == ("01",)
     assert verify(setup.data_dir)["faults"] == []
 
 
-def test_a_session_that_is_done_can_be_opened_again_to_redo_a_trial(bench: Window, setup: Setup) -> None:
-    bench.bench.stop("the day is over")
-    bench.join(setup)
-    snapshot = bench.until_stage(m.NO_SESSION)
-    assert (snapshot.resumable, snapshot.finished) == (("01",), ("07",)) and bench.opened.next_participant == "07"
-    snapshot = ask(bench, m.Open("07", resume=True), lambda s: s.stage == m.FINISHED)
+def test_a_session_that_is_done_can_be_opened_again_to_redo_a_trial(window: Window, setup: Setup) -> None:
+    window.client.stop("the day is over")
+    window.join(setup)
+    snapshot = window.until_stage(m.NO_SESSION)
+    assert (snapshot.resumable, snapshot.finished) == (("01",), ("07",)) and window.opened.next_participant == "07"
+    snapshot = ask(window, m.Open("07", resume=True), lambda s: s.stage == m.FINISHED)
     last = snapshot.rows[-1]
     assert snapshot.coming is None and last.status == "done"
-    snapshot = ask(bench, m.Redo(last.run, "a word was said"), lambda s: s.coming is not None)
+    snapshot = ask(window, m.Redo(last.run, "a word was said"), lambda s: s.coming is not None)
     assert cell(snapshot.coming) == cell(last)
-    while bench.snapshot.stage != m.READY:
-        ask(bench, m.Confirm(), lambda s: s.stage != m.RERIG)
-    rows = run_one(bench).rows
+    while window.snapshot.stage != m.READY:
+        ask(window, m.Confirm(), lambda s: s.stage != m.RERIG)
+    rows = run_one(window).rows
     assert [row.status for row in rows if cell(row) == cell(last)][-2:] == ["redone", "done"]
-    assert bench.snapshot.stage == m.FINISHED and verify(setup.data_dir)["faults"] == []
+    assert window.snapshot.stage == m.FINISHED and verify(setup.data_dir)["faults"] == []

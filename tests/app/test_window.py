@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from fake_bench import DEVICES, GREEN, PLAN, PRESETS, RED, movement, opened, pulse, ready, result, running, ticks
+from fake_client import DEVICES, GREEN, PLAN, PRESETS, RED, movement, opened, pulse, ready, result, running, ticks
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
@@ -61,7 +61,7 @@ def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_show
     window = getattr(screens, where)
     window.show()
     screens.press(KEY.Key_Escape, window)
-    (cause,) = screens.bench.off_causes
+    (cause,) = screens.client.off_causes
     assert "Esc" in cause and where in cause
     console = screens.hear(ready(1, brakes_off=cause))
     assert cause in console.preflight.advice.text() and not console.panel.start.isEnabled()
@@ -72,7 +72,7 @@ def test_escape_while_a_reason_is_asked_for_during_a_trial_is_still_brakes_off(s
     console = screens.hear(opened(), running())
     screens.press(KEY.Key_A)
     screens.press(KEY.Key_Escape, console.cards.question.own)
-    assert len(screens.bench.off_causes) == 1 and console.cards.question is None
+    assert len(screens.client.off_causes) == 1 and console.cards.question is None
 
 
 # ------------------------------------------------------------------------------------------------- redo, skip, abort ..
@@ -128,7 +128,7 @@ def test_a_note_is_typed_without_setting_anything_off(screens: Screens) -> None:
     console = screens.hear(opened(), ready(3))
     screens.press(KEY.Key_N)
     QTest.keyClicks(console.panel.note, "prs nab t")
-    assert screens.bench.sent == []
+    assert screens.client.sent == []
     assert screens.press(KEY.Key_Return, console.panel.note) == [m.Note("prs nab t")]
     screens.hear(ready(3, notes=("13:02 prs nab t",)))
     assert "13:02 prs nab t" in console.panel.notes.toPlainText()
@@ -185,7 +185,7 @@ def test_the_pointer_over_the_workspace_is_sent_in_metres(screens: Screens) -> N
     console = screens.hear(opened(), running())
     view = console.centre.workspace.view
     point(view, view.to_screen((0.05, 0.3)))
-    assert screens.bench.aimed[-1] == pytest.approx((0.05, 0.3), abs=1e-6)
+    assert screens.client.aimed[-1] == pytest.approx((0.05, 0.3), abs=1e-6)
 
 
 def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
@@ -251,7 +251,7 @@ def test_a_blind_session_is_opened_by_somebody_with_a_name(screens: Screens) -> 
 def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Screens, death: str) -> None:
     console = screens.hear(opened(), running(3))
     if death == "silent":
-        screens.bench.alive = False
+        screens.client.alive = False
         screens.hear()
         assert console.banner.text() == words.SERVER_DIED
     else:
@@ -259,24 +259,24 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
         assert console.banner.text() == "The disk is full."
     assert console.banner.isVisible()
     screens.press(KEY.Key_Escape)
-    assert len(screens.bench.off_causes) == 1  # zero current can be asked for even then
+    assert len(screens.client.off_causes) == 1  # zero current can be asked for even then
     assert all(screens.press(key) == [] for key in (KEY.Key_Space, KEY.Key_R, KEY.Key_S, KEY.Key_P, KEY.Key_A))
 
 
 def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
     console = screens.hear(opened(), running())
-    assert not console.close() and console.isVisible() and not screens.bench.stopped
+    assert not console.close() and console.isVisible() and not screens.client.stopped
     go_on, close = console.cards.question.buttons
     go_on.click()
     assert console.isVisible() and console.cards.question is None
     console.close()
     console.cards.question.buttons[1].click()
-    assert not console.isVisible() and screens.bench.stopped == "the window was closed"
+    assert not console.isVisible() and screens.client.stopped == "the window was closed"
 
 
 def test_closing_between_trials_just_closes(screens: Screens) -> None:
     console = screens.hear(opened(), ready(3))
-    assert console.close() and screens.bench.stopped
+    assert console.close() and screens.client.stopped
 
 
 # ------------------------------------------------------------------------------------------------- drawing

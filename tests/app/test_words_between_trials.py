@@ -1,7 +1,7 @@
 """What stands on the screens between trials: feedback whatever comes next, whole, with what to do; other windows."""
 
 import pytest
-from fake_bench import PLAN, opened, ready, result, running
+from fake_client import PLAN, opened, ready, result, running
 from PySide6.QtWidgets import QLabel
 from screens import Screens, cut_texts, opened_screens, settle, visible_texts
 

@@ -52,7 +52,7 @@ class Window:
 
     def join(self, setup: Setup, client: Callable = Client) -> None:
         """A session server of its own, in place of the one there was."""
-        self.bench = client(setup)
+        self.client = client(setup)
         self.snapshot: m.Snapshot | None = None
         self.pulse: m.Pulse | None = None
         self._told: deque = deque()
@@ -64,7 +64,7 @@ class Window:
 
     def look(self) -> None:
         """Take in what has been told, up to the next snapshot: no state is passed over, however seldom we look."""
-        self._told += self.bench.receive()
+        self._told += self.client.receive()
         while self._told:
             match message := self._told.popleft():
                 case m.Snapshot():
@@ -74,14 +74,14 @@ class Window:
                     self.opened = message
                 case m.Pulse():
                     self.pulse = message
-        self.ticks.append(self.bench.ticks())
+        self.ticks.append(self.client.ticks())
 
     def until(self, what: Callable[[m.Snapshot], object], seconds: float = LONG_S) -> m.Snapshot:
         """Wait for a snapshot of which something is true."""
 
         def seen() -> object:
             self.look()
-            assert self.bench.alive or self.snapshot, "the bench is gone"
+            assert self.client.alive or self.snapshot, "the bench is gone"
             return self.snapshot is not None and what(self.snapshot)
 
         try:
@@ -106,14 +106,14 @@ class Window:
 
     def open(self, participant: str = "01", **how) -> m.Snapshot:
         self.until_stage(m.NO_SESSION)
-        self.bench.send(m.Open(participant, **how))
+        self.client.send(m.Open(participant, **how))
         return self.until_stage(m.READY)
 
     def start(self) -> m.Snapshot:
         """Start a trial; returns when its first ticks are there."""
         self.until_stage(m.READY, m.NO_SESSION)
         self.ticks.clear()
-        self.bench.send(m.Start())
+        self.client.send(m.Start())
         self.until_stage(m.RUNNING)
         wait_until(lambda: self.look() or len(self.rows))
         return self.snapshot
@@ -121,12 +121,12 @@ class Window:
     def touch(self) -> m.Snapshot:
         """The pointer takes hold of the handle of the running trial."""
         self.until_stage(m.RUNNING)
-        self.bench.aim(*self.snapshot.tip)
+        self.client.aim(*self.snapshot.tip)
         return self.snapshot
 
     def abort(self, reason: str) -> m.Snapshot:
         """End the running trial; returns when its row is there."""
-        self.bench.send(m.Abort(reason))
+        self.client.send(m.Abort(reason))
         return self.until(lambda s: s.stage != m.RUNNING)
 
     def until_tick(self, what: Callable[[np.ndarray], object]) -> None:
@@ -135,23 +135,23 @@ class Window:
 
     def processes(self) -> list[int]:
         """The session server and its loop."""
-        return [self.bench.pid, *children(self.bench.pid)]
+        return [self.client.pid, *children(self.client.pid)]
 
     def loop(self) -> int:
         """The control loop's process, once it is there."""
-        wait_until(lambda: len(children(self.bench.pid)) == 1)
-        return children(self.bench.pid)[0]
+        wait_until(lambda: len(children(self.client.pid)) == 1)
+        return children(self.client.pid)[0]
 
 
 @contextlib.contextmanager
-def window(setup: Setup) -> Iterator[Window]:
+def live_window(setup: Setup) -> Iterator[Window]:
     """A window with a session server; at the end nothing of it is left, whatever the test did to it."""
     opened = Window(setup)
     try:
         yield opened
     finally:
-        pids = opened.processes() if not gone(opened.bench.pid) else []
-        opened.bench.stop("the test is over")
+        pids = opened.processes() if not gone(opened.client.pid) else []
+        opened.client.stop("the test is over")
         wait_until(lambda: all(map(gone, pids)))
         log = setup.data_dir / ".session_server.log"
         assert not log.exists() or not log.read_text(), log.read_text()  # empty: the server was killed

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 from emulated import Emulated
-from live import LONG_S, Window, wait_until, window
+from live import LONG_S, Window, live_window, wait_until
 from protocols import PAPER, changed
 
 from app.ipc import messages as m
@@ -43,7 +43,7 @@ class BoardSession:
     def open(self) -> None:
         """A session; the device waits for its zero."""
         self.window.until_stage(m.NO_SESSION)
-        self.window.bench.send(m.Open("01"))
+        self.window.client.send(m.Open("01"))
         self.window.until(lambda s: s.stage == m.RERIG and LET_GO in s.wait_for)
 
     def make_ready(self) -> None:
@@ -55,12 +55,12 @@ class BoardSession:
             if snapshot is not None and now - asked > AGAIN_S:
                 if snapshot.brakes_off:
                     asked = now
-                    self.window.bench.send(m.AllowBrakes())
+                    self.window.client.send(m.AllowBrakes())
                 elif snapshot.stage == m.RERIG and LET_GO in snapshot.wait_for:
                     away = True
                     self.rest()
                     asked = time.monotonic()
-                    self.window.bench.send(m.Confirm())
+                    self.window.client.send(m.Confirm())
             time.sleep(0.005)
         if away:
             self.emulated.order(away=False)
@@ -90,12 +90,12 @@ class BoardSession:
             self.make_ready()
             while not whole and window.snapshot.coming.controller not in BRAKING:
                 coming = window.snapshot.coming
-                window.bench.send(m.Skip("the brakes may never act"))
+                window.client.send(m.Skip("the brakes may never act"))
                 window.until(lambda s, before=coming: s.coming != before)
             path = window.opened.paths[window.snapshot.coming.segment]
             self.emulated.order(path=msgspec.to_builtins(path if whole else half(path)))
             window.ticks.clear()
-            window.bench.send(m.Start())
+            window.client.send(m.Start())
             if window.within(AGAIN_S, lambda s: s.stage == m.RUNNING):
                 run = window.snapshot.running.run
                 if whole or self._in_movement():
@@ -148,7 +148,7 @@ def board_session(folder: Path, link: str = "{port}") -> Iterator[BoardSession]:
     try:
         where = link.format(port=emulated.port)
         setup = Setup(folder / "data", str(protocol), devices=(DEVICE,), link=where, sync=False)
-        with window(setup) as opened:
+        with live_window(setup) as opened:
             yield BoardSession(emulated, opened)
 
         def left() -> bool:

@@ -24,76 +24,76 @@ class Killing:
         self.setup, self.seen, self._random = setup, Counter(), np.random.default_rng(seed)
         self._longest_s = longest_s
         self._folder = session_folder(setup.data_dir, "01")
-        self.bench = Window(setup)
-        self.bench.open()
-        self._acknowledged: dict[int, int] = {}  # run -> rows that the bench has said are in the file
+        self.window = Window(setup)
+        self.window.open()
+        self._acknowledged: dict[int, int] = {}  # run -> rows that the window has said are in the file
         self._ticks: dict[int, int] = {}  # run -> ticks that the window has seen
 
     def kill(self, victim: str) -> None:
         """Start a trial, kill at a random moment, see that nothing is lost, and be ready for the next trial."""
         self._ready()
-        bench = self.bench
-        bench.start()
+        window = self.window
+        window.start()
         moment = time.monotonic() + self._random.uniform(0.0, self._longest_s)
         if victim == "window":
             self._lose_window(moment)
         else:
             while time.monotonic() < moment:
                 self._look()
-            running = bench.snapshot.running
-            pids = bench.processes()
-            kill(bench.bench.pid if victim == "server" else bench.loop())
+            running = window.snapshot.running
+            pids = window.processes()
+            kill(window.client.pid if victim == "server" else window.loop())
             self.seen["in a trial" if running else "between trials"] += 1
             if victim == "server":
                 self._again(pids)
             else:
-                bench.until(lambda s: "control loop" in s.said)
+                window.until(lambda s: "control loop" in s.said)
                 self._look()
-                bench.until_stage(m.READY, m.RERIG, m.FINISHED)
+                window.until_stage(m.READY, m.RERIG, m.FINISHED)
         self.seen[victim] += 1
         self._check()
 
     def _ready(self) -> None:
-        bench = self.bench
-        if bench.until_stage(m.READY, m.RERIG, m.FINISHED).stage == m.RERIG:
-            bench.bench.send(m.Confirm())
-            bench.until_stage(m.READY)
-        assert bench.snapshot.stage == m.READY, "the plan is done: fewer kills"
+        window = self.window
+        if window.until_stage(m.READY, m.RERIG, m.FINISHED).stage == m.RERIG:
+            window.client.send(m.Confirm())
+            window.until_stage(m.READY)
+        assert window.snapshot.stage == m.READY, "the plan is done: fewer kills"
 
     def _look(self) -> None:
-        """Take in what the bench says is safe."""
-        bench, before = self.bench, self.bench.snapshot.running
-        bench.look()
-        if bench.pulse and bench.pulse.proof:
-            run = int(bench.pulse.proof.name[4:7])
-            self._acknowledged[run] = max(self._acknowledged.get(run, 0), bench.pulse.proof.rows)
+        """Take in what the window says is safe."""
+        window, before = self.window, self.window.snapshot.running
+        window.look()
+        if window.pulse and window.pulse.proof:
+            run = int(window.pulse.proof.name[4:7])
+            self._acknowledged[run] = max(self._acknowledged.get(run, 0), window.pulse.proof.rows)
         if before is not None:
-            self._ticks[before.run] = len(bench.rows)
+            self._ticks[before.run] = len(window.rows)
         time.sleep(0.002)
 
     def _lose_window(self, moment: float) -> None:
         """The window's end of the pipes is closed, as the system does it when the window is killed."""
         while time.monotonic() < moment:
             self._look()
-        running, pids = self.bench.snapshot.running, self.bench.processes()
-        self.bench.bench.leave()
+        running, pids = self.window.snapshot.running, self.window.processes()
+        self.window.client.leave()
         self._again(pids)
         if running is not None:
-            done = next(one for one in self.bench.snapshot.rows if one.run == running.run)
+            done = next(one for one in self.window.snapshot.rows if one.run == running.run)
             assert done.status in ("done", "timeout"), f"a window's end changed a trial: {done}"
             self.seen["in a trial"] += 1
 
     def _again(self, pids: list[int]) -> None:
         """A new session server in place of the one that is gone; the session is gone on with."""
         wait_until(lambda: all(map(gone, pids)))
-        self.bench.look()
-        if len(self.bench.rows):
-            assert not self.bench.rows[-1, tick_log.CURRENT : tick_log.CURRENT + 4].any(), "currents at the end"
-        self.bench.bench.leave()
-        self.bench.join(self.setup)
-        self.bench.until_stage(m.NO_SESSION)
-        self.bench.bench.send(m.Open("01", resume=True))
-        self.bench.until_stage(m.READY, m.RERIG, m.FINISHED)
+        self.window.look()
+        if len(self.window.rows):
+            assert not self.window.rows[-1, tick_log.CURRENT : tick_log.CURRENT + 4].any(), "currents at the end"
+        self.window.client.leave()
+        self.window.join(self.setup)
+        self.window.until_stage(m.NO_SESSION)
+        self.window.client.send(m.Open("01", resume=True))
+        self.window.until_stage(m.READY, m.RERIG, m.FINISHED)
 
     def _check(self) -> None:
         """Every trial that was begun has its row and a whole recording with all that was acknowledged."""
@@ -114,8 +114,8 @@ class Killing:
             self.seen[f"rows {status}"] = sum(one.status == status for one in rows.values())
 
     def close(self) -> None:
-        """End the bench; nothing of it is left."""
+        """End the window; nothing of it is left."""
         with contextlib.suppress(FileNotFoundError):
-            pids = self.bench.processes() if not gone(self.bench.bench.pid) else []
-            self.bench.bench.stop("the test is over")
+            pids = self.window.processes() if not gone(self.window.client.pid) else []
+            self.window.client.stop("the test is over")
             wait_until(lambda: all(map(gone, pids)))

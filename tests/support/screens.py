@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 import numpy as np
-from fake_bench import FakeBench
+from fake_client import FakeClient
 from PySide6.QtCore import QEvent, QPointF, Qt
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtTest import QTest
@@ -24,8 +24,8 @@ class Screens:
     def __init__(self, width: int = 1280, height: int = 720) -> None:
         theme.dress(QApplication.instance())  # type: ignore[arg-type]
         QApplication.setCursorFlashTime(0)  # pictures are compared, whenever they are taken
-        self.bench = FakeBench()
-        self.windows = Windows(self.bench)
+        self.client = FakeClient()
+        self.windows = Windows(self.client)
         self.console: ConsoleWindow = self.windows.console
         self.participant: ParticipantWindow = self.windows.participant
         self.console.resize(width, height)
@@ -33,24 +33,24 @@ class Screens:
 
     def hear(self, *messages: object) -> ConsoleWindow:
         """One frame in which the bench has said this."""
-        self.bench.inbox += messages
+        self.client.inbox += messages
         self.windows.frame()
         return self.console
 
     def tick(self, rows: np.ndarray, taken: bool = True) -> None:
         """One frame with these ticks (n, row.WIDTH), which the panels need not wait for."""
-        self.bench.rows, self.bench.taken = rows, taken
+        self.client.rows, self.client.taken = rows, taken
         self.windows.frame()
         self.console.show_panels()
 
     def press(self, key: Qt.Key, window: QWidget | None = None, modifier=Qt.KeyboardModifier.NoModifier) -> list:
         """Press a key; what was sent because of it."""
-        before = len(self.bench.sent)
+        before = len(self.client.sent)
         top = (window or self.console).window()
         top.activateWindow()
         QTest.qWaitForWindowActive(top)
         QTest.keyClick(window or self.console, key, modifier)
-        return self.bench.sent[before:]
+        return self.client.sent[before:]
 
     def close(self) -> None:
         """The end, whatever is open."""
@@ -65,7 +65,7 @@ def opened_screens() -> Iterator[Screens]:
     screens = Screens()
     yield screens
     screens.close()
-    assert screens.bench.stopped and not [top for top in QApplication.topLevelWidgets() if top.isVisible()]
+    assert screens.client.stopped and not [top for top in QApplication.topLevelWidgets() if top.isVisible()]
 
 
 def visible_texts(window: QWidget) -> list[str]:

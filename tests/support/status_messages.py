@@ -2,7 +2,7 @@
 
 import time
 
-from fake_bench import GREEN, pulse
+from fake_client import GREEN, pulse
 
 from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus

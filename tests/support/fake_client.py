@@ -1,4 +1,4 @@
-"""A bench without processes: it says what the test wants and remembers what it was sent. Also what it may say."""
+"""A session server without processes: says what a test wants, remembers what it was sent; and what it may say."""
 
 import math
 
@@ -32,8 +32,8 @@ RED = (
 )
 
 
-class FakeBench:
-    """The window's end of a bench, same API as `app.ipc.client.Bench`."""
+class FakeClient:
+    """A session server without processes: the same API as `app.ipc.client.Client`."""
 
     def __init__(self) -> None:
         self.alive, self.stopped, self.taken = True, "", False
@@ -56,6 +56,9 @@ class FakeBench:
 
     def aim(self, x: float, y: float) -> None:
         self.aimed.append((x, y))
+
+    def let_go(self) -> None:
+        self.aimed.append((math.nan, math.nan))
 
     def brakes_off(self, cause: str) -> None:
         self.off_causes.append(cause)

@@ -1,0 +1,64 @@
+"""What a page of the main window is: the main window hands it everything that the session server sends."""
+
+from collections.abc import Callable
+
+import numpy as np
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QWidget
+
+from app.ipc import messages as m
+
+HOME, TRY, RUN, ANALYSE = "Home", "Try", "Run", "Analyse"
+
+
+class Page(QWidget):
+    """A page shows `opened`, `snapshot` and ticks, and sends commands; it keeps no state of the experiment.
+
+    To add one: a file with its class, and its line in `main_window.PAGES`.
+    """
+
+    page_asked = Signal(str, object)  # show this page (HOME ..) with this, e.g. a folder or a recording for ANALYSE
+    aimed = Signal(float, float)  # m: the pointer, while it is over a workspace in which it is the hand
+    setup_asked = Signal(object, object)  # a Setup for a new session server, and a command for it then (or None)
+    left = Signal()  # the pointer has left that workspace: the hand lets the handle go
+
+    def __init__(self, send: Callable[[object], None]) -> None:
+        """send: brings a command (`app.ipc.messages`) to the session server; returns at once."""
+        super().__init__()
+        self.send = send
+        self.opened: m.Opened | None = None
+        self.snapshot = m.Snapshot(m.PREPARING)
+
+    def show_setup(self, setup: m.Setup) -> None:
+        """With what the session server was started."""
+
+    def show_opened(self, opened: m.Opened) -> None:
+        """A session, or the protocol before one. Extend, and call this first."""
+        self.opened = opened
+
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
+        """Where the session is now. Extend, and call this first."""
+        self.snapshot = snapshot
+
+    def show_pulse(self, pulse: m.Pulse) -> None:
+        """Proof of recording, and timing: about ten times a second."""
+
+    def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
+        """New ticks (n, tick_log.WIDTH), n > 0, up to 60 times a second; taken: the pointer holds the handle."""
+
+    def begin(self, what: object = None) -> None:
+        """The page comes to the front, with what `page_asked` gave."""
+
+    def end(self) -> None:
+        """Another page comes to the front."""
+
+    def cancel(self) -> bool:
+        """Esc: close what is asked on this page; whether there was something."""
+        return False
+
+    def show_time(self, now_s: float) -> None:
+        """60 times a second while the page is at the front; now_s: monotonic clock."""
+
+    def keys(self) -> dict[str, Callable[[], object]]:
+        """Actions by their names in `keys.KEYS`, valid while this page is at the front."""
+        return {}

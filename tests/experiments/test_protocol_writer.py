@@ -1,0 +1,53 @@
+"""What is written as a protocol reads back as the same protocol; what cannot be run is not written."""
+
+import tomllib
+
+import pytest
+
+from core.files import InputError
+from experiments.protocol import SHIPPED_FOLDER, load_protocol, read_protocol, shipped_protocols
+from experiments.protocol_writer import protocol_text, save_protocol
+
+
+def shipped(name: str) -> dict:
+    return tomllib.loads((SHIPPED_FOLDER / f"{name}.toml").read_text())
+
+
+@pytest.mark.parametrize("name", shipped_protocols())
+def test_a_shipped_protocol_reads_back_the_same(name: str) -> None:
+    text = protocol_text(shipped(name))
+    assert tomllib.loads(text) == shipped(name)
+    again, before = read_protocol(text, SHIPPED_FOLDER, "it"), load_protocol(name)
+    assert (again.paths, again.controllers, again.trial, again.mouse) == (
+        before.paths, before.controllers, before.trial, before.mouse,
+    )  # fmt: skip
+
+
+def test_any_text_number_and_key_comes_back() -> None:
+    content = {
+        "name": 'a "b" \\ c\x7f\n\tü', "tiny": 1e-300, "large": 1e22, "whole": -3, "yes": True,
+        "none": [], "left": None, "pairs": [[0.1, 0.2], [3, 4.0]],
+        "form": {"a key": ["x", "y"], "deep": {"x": [{"y": 1}, {"y": {"z": 2}}]}},
+    }  # fmt: skip
+    back = tomllib.loads(protocol_text(content))
+    assert back == {key: value for key, value in content.items() if value is not None}
+    assert isinstance(back["whole"], int) and isinstance(back["large"], float)
+
+
+def test_a_file_is_replaced_only_where_that_is_asked_for(tmp_path) -> None:
+    file = tmp_path / "mine.toml"
+    save_protocol(file, shipped("paper"))
+    first = file.read_bytes()
+    with pytest.raises(InputError, match=r"mine\.toml: exists already"):
+        save_protocol(file, shipped("curves"))
+    assert file.read_bytes() == first
+    save_protocol(file, shipped("curves"), replacing=True)
+    assert load_protocol(file).name == "curves" and [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+
+
+def test_what_cannot_be_run_or_written_leaves_nothing(tmp_path) -> None:
+    with pytest.raises(InputError, match=r"mine\.toml: blocks must be at least 1, not 0"):
+        save_protocol(tmp_path / "mine.toml", {**shipped("paper"), "blocks": 0})
+    with pytest.raises(InputError, match="cannot be written"):
+        save_protocol(tmp_path / "no" / "mine.toml", shipped("paper"))
+    assert not list(tmp_path.iterdir())
