@@ -3,6 +3,7 @@
 The screen is tried before Qt is loaded, for Qt ends the process where there is none.
 """
 
+import json
 import os
 import subprocess
 import sys
@@ -15,10 +16,14 @@ from core.files import InputError
 #: On Linux one of these names where a window can be.
 PLACES = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
 LEAST_ROOM = (1240, 690)  # px, for the console with its frame
-_CODE = (
-    "from PySide6.QtGui import QGuiApplication as A; a = A([]); room = a.primaryScreen().availableGeometry();"
-    "print(room.width(), room.height())"
-)
+#: Prints each screen, the primary one first: name, size in points, scale, Hz, and the room for windows on it.
+SCREENS_CODE = """
+import json
+from PySide6.QtGui import QGuiApplication
+application = QGuiApplication([])
+print(json.dumps([[s.name(), s.size().width(), s.size().height(), s.devicePixelRatio(), s.refreshRate(),
+                   s.availableGeometry().width(), s.availableGeometry().height()] for s in application.screens()]))
+"""
 
 
 class Progress:
@@ -89,7 +94,7 @@ class Display:
             more = f" ({without})" if without else ""
             raise InputError(f"there is no screen to {purpose}: none of DISPLAY, WAYLAND_DISPLAY is set{more}")
         self._tried = subprocess.Popen(
-            [sys.executable, "-c", _CODE],
+            [sys.executable, "-c", SCREENS_CODE],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )  # fmt: skip
 
@@ -99,11 +104,11 @@ class Display:
         On one with little room (a small one at 200 %) all is drawn smaller, so that nothing is cut; before a window is
         made, for Qt reads the scale once.
         """
-        room, _ = self._tried.communicate()
+        answer, _ = self._tried.communicate()
         if self._tried.returncode != 0:
             named = ", ".join(f"{name}={os.environ[name]}" for name in PLACES if name in os.environ)
             raise InputError(f"the window cannot be opened: Qt finds no usable screen ({named})")
-        width, height = map(int, room.split())
+        *_, width, height = json.loads(answer.splitlines()[-1])[0]
         share = min(width / LEAST_ROOM[0], height / LEAST_ROOM[1])
         if share < 1.0:
             os.environ["QT_SCALE_FACTOR"] = f"{share * float(os.environ.get('QT_SCALE_FACTOR', 1.0)):.4f}"

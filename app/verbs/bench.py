@@ -10,30 +10,20 @@ from core.files import InputError
 
 def add(verbs) -> None:
     """The verb and its arguments."""
-    verb = add_verb(
-        verbs,
-        "bench",
-        bench,
-        "measure the simulator's speed against its error",
+    option = add_verb(
+        verbs, "bench", bench, "measure the simulator's speed against its error",
         "Four scenes on two bench devices, steps of 5 to 0.1 ms, each integrator; MuJoCo beside them where it is\n"
         "installed (pip install '.[bench]'). The reference is checked against scipy DOP853 on Eq. (5) in the same\n"
         "run. Times are the least of several repeats: compare ratios, and let nothing else run beside it.\n"
         "--loop instead: how late the ticks of live trials of a simulated operator come on this machine, with and\n"
         "without the real-time privilege, alone or with a busy process for each processor core. Stolen:\n"
         "what the host of a virtual machine kept the loop's core from it; nothing here can help that.",
-        "phd bench --out bench-1",
-        prints="the result",
-    )
-    verb.add_argument("--quick", action="store_true", help="one device, two steps, fewer repeats")
-    verb.add_argument(
-        "--loop",
-        nargs="?",
-        type=whole_number_of(1),
-        const=15,
-        metavar="SECONDS",
-        help="the control loop's lateness instead, for so long in each case (default: 15)",
-    )
-    verb.add_argument("--out", type=Path, metavar="DIR", help="a new folder for bench.json and the work-precision plot")
+        "phd bench --out bench-1", prints="the result",
+    ).add_argument  # fmt: skip
+    option("--quick", action="store_true", help="one device, two steps, fewer repeats")
+    loop = "the control loop's lateness instead, for so long in each case (default: 15)"
+    option("--loop", nargs="?", type=whole_number_of(1), const=15, metavar="SECONDS", help=loop)
+    option("--out", type=Path, metavar="DIR", help="a new folder for bench.json and the work-precision plot")
 
 
 def bench(args: argparse.Namespace) -> int:

@@ -15,6 +15,21 @@ UNITS = {"N_s_m": "N s/m", "N_m": "N m", "s": "s", "m": "m", "N": "N", "A": "A",
 DEFAULT_DEVICES = ["three-brake", "four-brake"]
 RULES = ("settled", "literal")
 
+# arguments of several verbs, for `add_argument`
+FOLDER: dict[str, Any] = {
+    "type": Path, "metavar": "DIR", "help": "a folder that phd study or phd run has written"
+}  # fmt: skip
+DATA_DIR: dict[str, Any] = {
+    "type": Path, "default": Path("data"), "metavar": "DIR", "help": "where sessions are kept (default: data)"
+}  # fmt: skip
+DEVICES: dict[str, Any] = {
+    "nargs": "+", "action": "extend", "metavar": "NAME|PATH",
+    "help": f"shipped devices by name, or device files by path (default: {' '.join(DEFAULT_DEVICES)})",
+}  # fmt: skip
+PORTS: dict[str, Any] = {
+    "action": "append", "default": [], "metavar": "PORT", "help": "ask for a board there; may be given repeatedly"
+}  # fmt: skip
+
 Do = Callable[[argparse.Namespace], int]
 
 
@@ -37,23 +52,6 @@ def add_verb(
     if prints:
         verb.add_argument("--json", action="store_true", help=f"print {prints} as JSON")
     return verb
-
-
-def add_folder(verb: argparse.ArgumentParser) -> None:
-    """DIR, whose recordings are read."""
-    verb.add_argument("dir", type=Path, metavar="DIR", help="a folder that phd study or phd run has written")
-
-
-def add_devices(verb: argparse.ArgumentParser, default: str = f"default: {' '.join(DEFAULT_DEVICES)}") -> None:
-    """--device, one or several."""
-    text = f"shipped devices by name, or device files by path ({default})"
-    verb.add_argument("--device", nargs="+", action="extend", metavar="NAME|PATH", help=text)
-
-
-def add_ports(verb: argparse.ArgumentParser) -> None:
-    """--port, one or several."""
-    text = "ask for a board there; may be given repeatedly"
-    verb.add_argument("--port", action="append", default=[], metavar="PORT", help=text)
 
 
 def whole_number_of(at_least: int) -> Callable[[str], int]:

@@ -11,11 +11,8 @@ from app.verbs.common import add_verb, whole_number_of
 
 def add(verbs) -> None:
     """The verb and its arguments."""
-    verb = add_verb(
-        verbs,
-        "emulate",
-        emulate,
-        "a board on a pseudo-terminal, with the simulated device behind it",
+    option = add_verb(
+        verbs, "emulate", emulate, "a board on a pseudo-terminal, with the simulated device behind it",
         "The first line of stdout is its port, for --link serial:PORT; the log goes to stderr. Ctrl-C ends it.\n"
         "Beside the port lies a datagram socket, `control`, that takes orders as JSON objects: "
         '{"target": [x, y]} or\n{"force": [fx, fy]} for a hand that holds still, {"path": {..}} (as in a protocol '
@@ -25,30 +22,22 @@ def add(verbs) -> None:
         "duplicate=0.01 (shares of frames),\ndelay=0.02, jitter=0.005 (s), stall@5+0.3, unplug@5+2, brown-out@5+0.3, "
         "stuck-encoder=A@5+1, bad-encoder=A@5+1,\nsaturated-force@5+1.",
         "phd emulate --device four-brake --hand operator --fault drop=0.01 --fault unplug@10+2",
-    )
-    verb.add_argument(
+    ).add_argument  # fmt: skip
+    option(
         "--device", metavar="NAME|PATH",
         help="the device behind it (default: the shipped one that a session asks for, as if the bench were re-rigged)",
     )  # fmt: skip
-    verb.add_argument(
-        "--hand",
-        choices=("operator", "still", "none"),
-        default="still",
+    option(
+        "--hand", choices=("operator", "still", "none"), default="still",
         help="what holds the handle: a simulated operator who goes to and fro on the path, a hand that holds it still "
         "on a spring, or nothing (default: still)",
-    )
-    verb.add_argument(
-        "--path",
-        nargs=4,
-        type=float,
-        metavar=("X0", "Y0", "X1", "Y1"),
-        help="m, from start to end; the handle is at the start at first (default: segment 1)",
-    )
-    verb.add_argument(
-        "--fault", action="append", default=[], metavar="KIND[=VALUE][@START][+LENGTH]", help="may be given repeatedly"
-    )
-    verb.add_argument("--not-homed", action="store_true", help="as after power-up: the host must home the encoders")
-    verb.add_argument("--seed", type=whole_number_of(0), default=1, help="of noise, faults and operator (default: 1)")
+    )  # fmt: skip
+    path = "m, from start to end; the handle is at the start at first (default: segment 1)"
+    option("--path", nargs=4, type=float, metavar=("X0", "Y0", "X1", "Y1"), help=path)
+    fault = "KIND[=VALUE][@START][+LENGTH]"
+    option("--fault", action="append", default=[], metavar=fault, help="may be given repeatedly")
+    option("--not-homed", action="store_true", help="as after power-up: the host must home the encoders")
+    option("--seed", type=whole_number_of(0), default=1, help="of noise, faults and operator (default: 1)")
 
 
 def emulate(args: argparse.Namespace) -> int:

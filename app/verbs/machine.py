@@ -3,9 +3,8 @@
 import argparse
 import os
 import sys
-from pathlib import Path
 
-from app.verbs.common import add_ports, add_verb, answer
+from app.verbs.common import DATA_DIR, PORTS, add_verb, answer
 
 #: state -> mark, colour on a terminal
 MARKS = {"good": ("ok", "32"), "caution": ("--", "33"), "bad": ("NO", "31")}
@@ -13,31 +12,21 @@ MARKS = {"good": ("ok", "32"), "caution": ("--", "33"), "bad": ("NO", "31")}
 
 def add(verbs) -> None:
     """The two verbs and their arguments."""
-    devices = add_verb(
-        verbs,
-        "devices",
-        devices_verb,
-        "list what is attached: serial ports, boards that answer, six-axis devices",
+    option = add_verb(
+        verbs, "devices", devices_verb, "list what is attached: serial ports, boards that answer, six-axis devices",
         "Only ports that are named with --port are asked for a board; a port that is in use is not disturbed.\n"
         "Exit 0: done, also where nothing is attached. Exit 1: at a named port no board answers.",
-        "phd devices --port /dev/ttyACM0",
-        prints="what was found",
-    )
-    add_ports(devices)
-    doctor = add_verb(
-        verbs,
-        "doctor",
-        doctor_verb,
-        "check this machine: libraries, screens, scheduling, disk, ports and hands",
-        "Says what to do about everything that is not as it should be. Changes nothing.\n"
+        "phd devices --port /dev/ttyACM0", prints="what was found",
+    ).add_argument  # fmt: skip
+    option("--port", **PORTS)
+    option = add_verb(
+        verbs, "doctor", doctor_verb, "check this machine: libraries, screens, scheduling, disk, ports and hands",
+        "Gives advice on everything that is not as it should be. Changes nothing.\n"
         "Exit 0: trials can be run. Exit 1: something marked NO stands in the way.",
-        "phd doctor --data-dir data",
-        prints="the findings",
-    )
-    doctor.add_argument(
-        "--data-dir", type=Path, default=Path("data"), metavar="DIR", help="where recordings would go (default: data)"
-    )
-    add_ports(doctor)
+        "phd doctor --data-dir data", prints="the findings",
+    ).add_argument  # fmt: skip
+    option("--data-dir", **DATA_DIR)
+    option("--port", **PORTS)
 
 
 def devices_verb(args: argparse.Namespace) -> int:

@@ -7,63 +7,47 @@ from dataclasses import asdict
 from pathlib import Path
 
 from app.progress import watch_compiling
-from app.verbs.common import add_devices, add_verb, answer, devices_of, with_progress
+from app.verbs.common import DEVICES, add_verb, answer, devices_of, with_progress
 
 KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and diverge; `event` cannot"
 
 
 def add(verbs) -> None:
     """The three verbs and their arguments."""
-    simulate = add_verb(
-        verbs,
-        "simulate",
-        simulate_verb,
-        "simulate one scene without an operator",
+    option = add_verb(
+        verbs, "simulate", simulate_verb, "simulate one scene without an operator",
         "A scene file names a device, a brake schedule and a hand force; the motion goes to a CSV file.",
-        "phd simulate scene.toml --out motion.csv",
-        prints="the summary",
-    )
-    simulate.add_argument("scene", type=Path, metavar="SCENE.toml", help="the scene file")
-    simulate.add_argument("--out", type=Path, required=True, metavar="FILE.csv", help="a new file")
-    identify = add_verb(
-        verbs,
-        "identify",
-        identify_verb,
-        "fit a brake to measured current steps",
+        "phd simulate scene.toml --out motion.csv", prints="the summary",
+    ).add_argument  # fmt: skip
+    option("scene", type=Path, metavar="SCENE.toml", help="the scene file")
+    option("--out", type=Path, required=True, metavar="FILE.csv", help="a new file")
+    option = add_verb(
+        verbs, "identify", identify_verb, "fit a brake to measured current steps",
         "STEPS.csv: columns t_s (0 where the current changes), current_from_A, current_to_A, speed_rpm, torque_N_m,\n"
         "step_index (tells repeats apart, which are averaged). Eq. (4) takes the current stepped to: falling steps\n"
         "that all end at one current do not give its a_1, a_3 and a_5.",
-        "phd identify steps.csv --out brake.toml --figures figures",
-        prints="numbers, intervals and residuals",
-    )
-    identify.add_argument("steps", type=Path, metavar="STEPS.csv", help="the measured steps")
-    identify.add_argument("--out", type=Path, required=True, metavar="BRAKE.toml", help="a new brake file")
-    identify.add_argument("--figures", type=Path, metavar="DIR", help="draw Figs. 6 to 8 there")
-    identify.add_argument("--name", help="the brake's name (default: that of the file)")
-    identify.add_argument(
-        "--omega-0",
-        type=number_between(0.0, math.inf, "must be a number greater than 0"),
-        metavar="RPM",
+        "phd identify steps.csv --out brake.toml --figures figures", prints="numbers, intervals and residuals",
+    ).add_argument  # fmt: skip
+    option("steps", type=Path, metavar="STEPS.csv", help="the measured steps")
+    option("--out", type=Path, required=True, metavar="BRAKE.toml", help="a new brake file")
+    option("--figures", type=Path, metavar="DIR", help="draw Figs. 6 to 8 there")
+    option("--name", help="the brake's name (default: that of the file)")
+    option(
+        "--omega-0", type=number_between(0.0, math.inf, "must be a number greater than 0"), metavar="RPM",
         help="speed from which the time constant is a_avg (default: the measured speed that fits best)",
-    )
-    identify.add_argument(
-        "--backlash-deg",
-        type=number_between(-1e-300, 360.0, "must be at least 0 and less than 360 degrees"),
-        metavar="DEG",
-        help="goes into the file as it is: steps do not show it (default: 0.75, assumed)",
-    )
-    figures = add_verb(
-        verbs,
-        "figures",
-        figures_verb,
-        "remake the paper's Figs. 1 and 4 to 14 from our models",
-        "Each as PNG and PDF. No data of the paper are drawn; what rests on assumed parameters says so.\n"
+    )  # fmt: skip
+    option(
+        "--backlash-deg", type=number_between(-1e-300, 360.0, "must be at least 0 and less than 360 degrees"),
+        metavar="DEG", help="goes into the file as it is: steps do not show it (default: 0.75, assumed)",
+    )  # fmt: skip
+    option = add_verb(
+        verbs, "figures", figures_verb, "remake the paper's Figs. 1 and 4 to 14 from our models",
+        "Each as PNG and PDF. No data of the paper are drawn; what rests on assumed parameters is marked so.\n"
         "Files that exist are never overwritten. Prints the files.",
-        "phd figures --out figures",
-        prints="names, contents and files",
-    )
-    add_devices(figures)
-    figures.add_argument("--out", type=Path, required=True, metavar="DIR", help="the folder for the figures")
+        "phd figures --out figures", prints="names, contents and files",
+    ).add_argument  # fmt: skip
+    option("--device", **DEVICES)
+    option("--out", type=Path, required=True, metavar="DIR", help="the folder for the figures")
 
 
 def number_between(above: float, below: float, reason: str):

@@ -13,10 +13,8 @@ HEADLESS = ("controller", "device", "protocol", "hand", "out", "json")
 
 def add(verbs) -> None:
     """The verb and its arguments."""
-    verb = add_verb(
-        verbs,
-        "replay",
-        replay_verb,
+    option = add_verb(
+        verbs, "replay", replay_verb,
         "play a recorded trial on the screen, or its hand through another controller or device",
         "With any of the options below no window opens: the hand of the trial's movement is simulated once more, and\n"
         "each metric is printed as it was and as it is. A person would react to what they feel; the recorded hand\n"
@@ -24,29 +22,19 @@ def add(verbs) -> None:
         "last bit; a warning names where it is not (another version or machine recorded it).",
         "phd replay study-1/sub-01/ses-01/trials/run-001.parquet --controller 3 --out replayed.csv",
         prints="the summary",
-    )
-    verb.add_argument("recording", type=Path, metavar="RECORDING", help="a recording in the folder of its session")
-    verb.add_argument(
-        "--controller",
-        type=whole_number_of(1),
-        metavar="N",
-        help="through this controller, by its number in the protocol (default: the recorded one)",
-    )
-    verb.add_argument(
-        "--device", metavar="NAME|PATH", help="on this device: a shipped one, or a file (default: the recorded one)"
-    )
-    verb.add_argument(
-        "--protocol",
-        metavar="NAME|PATH",
-        help="where --controller is looked up, with its rule set (default: the protocol of the recording's session)",
-    )
-    verb.add_argument(
-        "--hand",
-        choices=("target", "force"),
+    ).add_argument  # fmt: skip
+    option("recording", type=Path, metavar="RECORDING", help="a recording in the folder of its session")
+    controller = "through this controller, by its number in the protocol (default: the recorded one)"
+    option("--controller", type=whole_number_of(1), metavar="N", help=controller)
+    option("--device", metavar="NAME|PATH", help="on this device, shipped or a file (default: the recorded one)")
+    protocol = "where --controller is looked up, with its rule set (default: the protocol of the recording's session)"
+    option("--protocol", metavar="NAME|PATH", help=protocol)
+    option(
+        "--hand", choices=("target", "force"),
         help="target: the arm, pulled by the recorded target (default, where that was recorded); force: the recorded "
         "force, whatever the handle does, and nothing that holds it: small differences grow",
-    )
-    verb.add_argument("--out", type=Path, metavar="FILE.csv", help="a new file for the replayed ticks")
+    )  # fmt: skip
+    option("--out", type=Path, metavar="FILE.csv", help="a new file for the replayed ticks")
 
 
 def replay_verb(args: argparse.Namespace) -> int:

@@ -6,65 +6,43 @@ import sys
 from pathlib import Path
 
 from app.progress import Display, import_screen, watch_compiling
-from app.verbs.common import RULES, add_devices, add_verb, whole_number_of
+from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, whole_number_of
 from core.files import InputError
 
 
 def add(verbs) -> None:
     """The verb and its arguments."""
-    verb = add_verb(
-        verbs,
-        "run",
-        run,
-        "open the app and run trials (the same as phd alone)",
+    option = add_verb(
+        verbs, "run", run, "open the app and run trials (the same as phd alone)",
         "Two windows: the console, and the participant's view on the second screen (on one screen: F11).\n"
         "The simulated device is moved with the mouse: the pointer pulls the handle on a spring.\n"
         "An interrupted session is offered to be resumed.",
         "phd run --participant 01 --data-dir data\n  phd run my.toml --print-plan",
-    )
-    verb.add_argument(
-        "protocol",
-        nargs="?",
-        default="paper",
-        metavar="PROTOCOL.toml",
-        help="a protocol file, or a shipped one by its name (default: paper)",
-    )
-    add_devices(verb, "default: the protocol's")
-    verb.add_argument(
-        "--input",
-        choices=("mouse", "hid", "operator"),
-        default="mouse",
+    ).add_argument  # fmt: skip
+    protocol = "a protocol file, or a shipped one by its name (default: paper)"
+    option("protocol", nargs="?", default="paper", metavar="PROTOCOL.toml", help=protocol)
+    option("--device", **{**DEVICES, "help": "devices in place of the protocol's, by shipped name or path"})
+    option(
+        "--input", choices=("mouse", "hid", "operator"), default="mouse",
         help="where the hand force comes from: the mouse (default), a six-axis device, or a simulated operator",
-    )
-    verb.add_argument(
-        "--link",
-        default="sim",
-        metavar="sim|serial:PORT",
+    )  # fmt: skip
+    option(
+        "--link", default="sim", metavar="sim|serial:PORT",
         help="the simulated device (default), or one whose board is at a serial port (auto: the only one on USB)",
-    )
-    verb.add_argument(
-        "--force",
-        default="",
-        metavar="netft:HOST",
+    )  # fmt: skip
+    option(
+        "--force", default="", metavar="netft:HOST",
         help="with --link serial:PORT: an ATI Net F/T on the network in place of the board's force channels",
-    )
-    verb.add_argument("--rules", choices=RULES, help="in place of the protocol's")
-    verb.add_argument(
-        "--low-gain",
-        type=float,
-        metavar="5|500",
-        help="N s/m, of the proportional controller of least gain, in place of the protocol's",
-    )
-    seed = "of the order of trials, in place of the protocol's"
-    verb.add_argument("--seed", type=whole_number_of(0), metavar="1", help=seed)
+    )  # fmt: skip
+    option("--rules", choices=RULES, help="in place of the protocol's")
+    low_gain = "N s/m, of the proportional controller of least gain, in place of the protocol's"
+    option("--low-gain", type=float, metavar="5|500", help=low_gain)
+    option("--seed", type=whole_number_of(0), metavar="1", help="of the order of trials, in place of the protocol's")
     participant = "who moves the handle (default: the first without a session)"
-    verb.add_argument("--participant", type=label, metavar="01", help=participant)
-    data_dir = "where sessions are kept (default: data)"
-    verb.add_argument("--data-dir", type=Path, default=Path("data"), metavar="DIR", help=data_dir)
-    verb.add_argument("--theme", choices=("dark", "light"), default="dark", help="of the windows (default: dark)")
-    verb.add_argument(
-        "--print-plan", action="store_true", help="print every trial of the participant, in order, and end: no window"
-    )
+    option("--participant", type=label, metavar="01", help=participant)
+    option("--data-dir", **DATA_DIR)
+    option("--theme", choices=("dark", "light"), default="dark", help="of the windows (default: dark)")
+    option("--print-plan", action="store_true", help="print every trial of the participant, in order; no window opens")
 
 
 def label(text: str) -> str:

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from app.verbs.common import RULES, add_devices, add_verb, answer, as_text, whole_number_of, with_progress
+from app.verbs.common import DEVICES, RULES, add_verb, answer, as_text, whole_number_of, with_progress
 from core.files import InputError
 
 #: Of a study that is new; one that is resumed has as many as it had.
@@ -16,65 +16,33 @@ IN_SWEEP_FILE = ("protocol", "operators", "population", "device", *OVERRIDES)
 
 def add(verbs) -> None:
     """The verb and its arguments."""
-    verb = add_verb(
-        verbs,
-        "study",
-        study,
-        "run the paper's whole study, or another protocol's, with simulated operators",
+    option = add_verb(
+        verbs, "study", study, "run the paper's whole study, or another protocol's, with simulated operators",
         "Per operator, by the paper's protocol: 2 segments x 2 devices x 5 controllers x 3 trials. Leaves recordings,\n"
         "trials.csv, box plots and statistics. The same seed gives the same trials.csv. An interrupted study goes on\n"
         "with --resume: the trial that was cut off is kept as recovered and run again. That operator's further trials\n"
         "start from devices just switched on: not the ones, bit by bit, of a study that was not interrupted.",
-        "phd study --operators 3 --seed 1 --out study-1",
-        prints="the summary",
-    )
-    verb.add_argument(
-        "protocol",
-        nargs="?",
-        metavar="PROTOCOL.toml",
-        help="a protocol file, or a shipped protocol by its name (default: paper)",
-    )
-    verb.add_argument("--operators", type=whole_number_of(1), metavar="N", help=f"how many (default: {OPERATORS})")
-    verb.add_argument(
-        "--seed",
-        type=whole_number_of(0),
-        metavar="N",
-        help="of everything random (default: the protocol's, which is 1 for the paper's)",
-    )
-    add_devices(verb)
-    verb.add_argument(
-        "--rules", choices=RULES, help="rule set of the controllers (default: the protocol's, settled for the paper's)"
-    )
-    verb.add_argument(
-        "--low-gain",
-        type=low_gain,
-        metavar="5|500",
+        "phd study --operators 3 --seed 1 --out study-1", prints="the summary",
+    ).add_argument  # fmt: skip
+    option("protocol", nargs="?", metavar="PROTOCOL.toml", help="a file, or a shipped one's name (default: paper)")
+    option("--operators", type=whole_number_of(1), metavar="N", help=f"how many (default: {OPERATORS})")
+    option("--seed", type=whole_number_of(0), metavar="N", help="of everything random (default: the protocol's)")
+    option("--device", **DEVICES)
+    option("--rules", choices=RULES, help="rule set of the controllers (default: the protocol's)")
+    option(
+        "--low-gain", type=low_gain, metavar="5|500",
         help="N s/m of the proportional controller of least gain, 5 of the paper's: 5 as its Table I prints it, or 500 "
         "(default: the protocol's)",
-    )
-    verb.add_argument(
-        "--population",
-        metavar="NAME|PATH",
-        help="who the operators are: a shipped population, or a file (default: average)",
-    )
-    verb.add_argument(
-        "--resume",
-        action="store_true",
-        help="go on with the interrupted study in DIR, by the arguments that it was begun with",
-    )
-    verb.add_argument(
-        "--sweep",
-        type=Path,
-        metavar="FILE.toml",
+    )  # fmt: skip
+    option("--population", metavar="NAME|PATH", help="of the operators: shipped, or a file (default: average)")
+    option("--resume", action="store_true", help="go on with the interrupted study in DIR, as it was begun")
+    option(
+        "--sweep", type=Path, metavar="FILE.toml",
         help="instead of one study, many at once and without recordings: every controller, gap, gain, device, "
         "population and rule set that the file names, on all cores, into one table DIR/sweep.csv",
-    )
-    verb.add_argument(
-        "--cluster",
-        metavar="ADDRESS",
-        help="of --sweep: run it on the workers of this Dask scheduler (tcp://HOST:8786)",
-    )
-    verb.add_argument("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
+    )  # fmt: skip
+    option("--cluster", metavar="ADDRESS", help="of --sweep: run it on this Dask scheduler (tcp://HOST:8786)")
+    option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
 
 
 def low_gain(text: str) -> float:
