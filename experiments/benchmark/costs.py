@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from msgspec import structs
+from msgspec.structs import replace
 
 from core import tick_log
 from core.simulator.hand import spring_hand
@@ -49,7 +49,7 @@ def tick_cost(quick: bool) -> dict:
     protocol = load_protocol()
     operators = 1 if quick else 3
     if quick:
-        protocol = structs.replace(protocol, blocks=1)
+        protocol = replace(protocol, blocks=1)
     rows = np.empty((8192, tick_log.WIDTH))
     spent = {device.name: np.zeros(2) for device in protocol.devices}  # s, ticks
     trials: list[Trial] = []

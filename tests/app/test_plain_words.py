@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 import serial
-from fake_client import PLAN, opened, ready, result
+from fake_client import PLAN, SHORT_BREAK, opened, ready, result
 from screens import Screens, cut_texts, opened_screens, settle
 
 from app.ipc import messages as m
@@ -19,7 +19,7 @@ from app.window.box_plot import BoxPlot
 from app.window.energy_panel import small_energy
 from app.window.painting import theme
 from app.window.results_window import ResultsWindow
-from experiments.analysis.boxplots import DRAWN
+from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import sentences
 from experiments.analysis.statistics import Result
 from hardware.serial_port import _reason
@@ -51,7 +51,7 @@ def test_a_trial_is_named_by_its_path_as_the_printed_plan_names_it() -> None:
 
 def test_a_break_that_is_over_asks_for_no_more_rest(screens: Screens) -> None:
     said = "A break: let go of the handle and rest."
-    console = screens.hear(opened(), ready(3, stage=m.BREAK, wait_s=5.0, wait_for=said))
+    console = screens.hear(opened(), ready(3, stage=m.BREAK, card=SHORT_BREAK))
     notice = console.cards.notice
     assert notice.text.text() == said
     console.cards.show_time(1e9)

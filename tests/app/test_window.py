@@ -5,7 +5,22 @@ import sys
 
 import numpy as np
 import pytest
-from fake_client import DEVICES, GREEN, PLAN, PRESETS, RED, movement, opened, pulse, ready, result, running, ticks
+from fake_client import (
+    CARDS,
+    DEVICES,
+    GREEN,
+    LONG_BREAK,
+    PLAN,
+    PRESETS,
+    RED,
+    movement,
+    opened,
+    pulse,
+    ready,
+    result,
+    running,
+    ticks,
+)
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
@@ -18,7 +33,7 @@ from app.window.plan_grid import MARKS
 from core import tick_log
 
 KEY, ALT = Qt.Key, Qt.KeyboardModifier.AltModifier
-RERIG = "Take the three-brake linkage off and mount the four-brake one; turn each joint once by hand."
+RERIG = CARDS[m.RERIG].text
 
 
 @pytest.fixture
@@ -174,8 +189,9 @@ def test_proof_of_recording_is_readable(screens: Screens) -> None:
 def test_ticks_reach_workspace_traces_and_ledger(screens: Screens) -> None:
     over = next(i for i, trial in enumerate(PLAN) if trial.segment == 1)
     console = screens.hear(opened(), running(over))
-    screens.tick(ticks(tick_log.MOVE, TIP_X=0.03, TIP_Y=0.397, HAND_FX=3.0, HAND_FY=-4.0, ENERGY_BRAKES=0.5))
-    assert console.traces.error.newest == pytest.approx((3.0,))  # mm below the line y = 0.40 m
+    screens.tick(ticks(tick_log.MOVE, TIP_X=0.03, TIP_Y=0.397, HAND_FX=3.0, HAND_FY=-4.0, ENERGY_BRAKES=0.5,
+                       PATH_DISTANCE=-0.003))  # fmt: skip
+    assert console.traces.error.newest == pytest.approx((3.0,))  # mm
     assert console.traces.force.newest == pytest.approx((5.0,))
     assert console.centre.workspace.view.tip == (0.03, 0.397)
     assert console.centre.large.text() == "Go"
@@ -209,7 +225,7 @@ def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
 
 
 def test_a_re_rig_says_what_to_do_and_waits_for_its_confirmation(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(30, stage=m.RERIG, wait_for=RERIG))
+    console = screens.hear(opened(), ready(30, stage=m.RERIG))
     texts = visible_texts(console)
     assert RERIG in texts and "Change to four-brake" in texts and not console.panel.start.isEnabled()
     assert screens.press(KEY.Key_Return, console.cards.notice.buttons[0]) == [m.Confirm()]
@@ -220,7 +236,7 @@ def test_a_re_rig_says_what_to_do_and_waits_for_its_confirmation(screens: Screen
 def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) -> None:
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
-    console = screens.hear(opened(), ready(12, stage=m.BREAK, wait_s=60.0, wait_for="The participant rests."))
+    console = screens.hear(opened(), ready(12, stage=m.BREAK, card=LONG_BREAK))
     assert "1:00" in console.cards.notice.title.text() and screens.press(KEY.Key_Space) == []
     now[0] += 30.0
     screens.hear()
@@ -291,8 +307,8 @@ STATES = {
     "said": (opened(), ready(9, said="Run 9: the participant was distracted by a long sentence that goes on.")),
     "paused": (opened(), ready(9, paused=True)),
     "brakes off": (opened(), ready(9, brakes_off="the watchdog of the board")),
-    "re-rig": (opened(), ready(30, stage=m.RERIG, wait_for=RERIG)),
-    "break": (opened(), ready(12, stage=m.BREAK, wait_s=60.0, wait_for="The participant rests.")),
+    "re-rig": (opened(), ready(30, stage=m.RERIG)),
+    "break": (opened(), ready(12, stage=m.BREAK, card=LONG_BREAK)),
     "questions": (opened(), ready(10, stage=m.QUESTIONS)),
     "finished": (opened(), ready(60, stage=m.FINISHED, blind=True)),
     "failed": (opened(), ready(9, stage=m.FAILED, said="The disk is full: /a/long/path/to/data takes no more.")),
