@@ -109,6 +109,9 @@ def _leave(state: State, _: m.Leave) -> None:
 
 
 def _start(state: State, _: m.Start) -> None:
+    if state.sandbox.on:
+        state.sandbox.go()
+        return
     if state.progress is None and state.practice.tried:
         _practise(state, m.Practice())
         return
@@ -128,6 +131,16 @@ def _practise(state: State, _: m.Practice) -> None:
     trial = state.try_out()
     state.runner.start(trial.planned, trial, None)
     state.say("Practice: nothing is recorded.")
+
+
+def _try(state: State, command: m.Sandbox) -> None:
+    if state.session is not None:
+        raise InputError("A session is open: leave it before you try something out.")
+    state.sandbox.want(command.settings)
+
+
+def _end_try(state: State, _: m.EndSandbox) -> None:
+    state.sandbox.leave()
 
 
 def _run(state: State, planned: PlannedTrial) -> None:
@@ -225,6 +238,8 @@ _ACTIONS: dict[type, Callable[[State, object], None]] = {
     m.Open: _open,
     m.Leave: _leave,
     m.Practice: _practise,
+    m.Sandbox: _try,
+    m.EndSandbox: _end_try,
     m.Start: _start,
     m.Abort: _abort,
     m.Redo: _redo,

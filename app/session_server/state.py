@@ -13,11 +13,14 @@ from app.session_server.device_setup import DeviceSetup
 from app.session_server.loop_process import LoopProcess
 from app.session_server.practice import Practice
 from app.session_server.preflight import check_disk, check_recording, with_advice
+from app.session_server.sandbox import Sandbox
 from app.session_server.session_progress import SessionProgress
 from app.session_server.steps import BY_NAME
 from app.session_server.storage import Storage
 from app.session_server.trial_runner import TrialRun, TrialRunner
+from core.device import Device
 from core.files import InputError
+from core.simulator.simulated_device import SimulatedDevice
 from experiments.protocol import Protocol
 from experiments.session.files import free_participant, kept_sessions, protocols_otherwise
 from experiments.session.journal import BRAKES_ALLOWED, BRAKES_OFF, WINDOW_LOST
@@ -51,6 +54,7 @@ class State:
         self._disk, self._free = check_disk(setup.data_dir)
         self._looked_s = time.monotonic()
         self.practice = Practice(setup, protocol)
+        self.sandbox = Sandbox(setup, protocol, self.runner, self._to_practise_on, self.say)
 
     def look_for_participants(self) -> None:
         """Whose session can be gone on with, whose is done, and who has none yet."""
@@ -62,6 +66,15 @@ class State:
             self._next_participant = free_participant(self.setup.data_dir, self.protocol.participants)
         except InputError:
             self._next_participant = next(iter(self._resumable), "")
+
+    def _to_practise_on(self, simulation: SimulatedDevice | None) -> SimulatedDevice | Device:
+        """The device of a trial without a session. InputError: the one on the bench is not ready."""
+        real = self.device.ready_device(self.protocol)
+        if real is not None:
+            return real
+        assert simulation is not None
+        self.device.take_handle(simulation)
+        return simulation
 
     def try_out(self) -> Trial:
         """A practice trial outside of any session. InputError: the device on the bench is not ready."""
@@ -144,6 +157,7 @@ class State:
             said_bad=self._said_bad,
             wait_for=self.device.wait_for(progress) if progress and stage in BY_NAME else "",
             wait_s=float(math.ceil(progress.break_left_s())) if progress and stage == m.BREAK else 0.0,
+            sandbox=self.sandbox.state,
             seconds_left=progress.seconds_left() if progress else None,
             resumable=() if session else self._resumable,
             finished=() if session else self._finished,
@@ -160,6 +174,8 @@ class State:
         """Where the handle stands; during a trial: where it stood before, m."""
         if self.runner.run is not None:
             return self.runner.run.tip
+        if self.sandbox.on and self.sandbox.tip is not None:
+            return self.sandbox.tip
         return self.device.tip(self.progress, self.practice.simulation)
 
     # ------------------------------------------------------------------------------------- what happens
@@ -180,6 +196,7 @@ class State:
 
     def window_lost(self) -> None:
         """The window is gone, whatever runs."""
+        self.sandbox.leave()
         self.storage.write(WINDOW_LOST)
 
     def watch(self) -> None:
@@ -193,8 +210,11 @@ class State:
             self.practice.loop_ready.set()
         if lost:
             self._lost(run, lost)
+        elif run is not None and self.sandbox.owns(run):
+            self.sandbox.returned(run, bool(self.ring.control.taken))
         elif run is not None:
             self.storage.keep(run)
+        self.sandbox.watch(self.broken or self.snapshot().why_not if self.sandbox.waits else "")
         now = time.monotonic()
         if self.runner.run is None and now - self._looked_s > DISK_S:
             self._looked_s = now
@@ -205,6 +225,7 @@ class State:
     def _lost(self, run: TrialRun | None, why: str) -> None:
         """The loop died or hung, perhaps with a trial."""
         self.broken = self.runner.broken
+        self.sandbox.lost()
         if run is not None:
             self.storage.rescue(run, why)
         else:
@@ -212,6 +233,7 @@ class State:
 
     def end(self, reason: str) -> None:
         """Abort what runs, keep it, let the session go, end the loop."""
+        self.sandbox.leave()
         if self.runner.run is not None:
             self.runner.run.stop(reason)
         deadline = time.monotonic() + END_S
