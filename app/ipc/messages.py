@@ -134,7 +134,7 @@ class Answers(NamedTuple):
     values: dict[str, float]
 
 
-class Settings(NamedTuple):
+class SandboxSettings(NamedTuple):
     """What can be set on Try."""
 
     device: str
@@ -148,7 +148,7 @@ class Settings(NamedTuple):
     brake_strength: float  # share of K(I), Eq. (2)
     backlash_deg: float
 
-    def same_conditions(self, other: "Settings") -> bool:
+    def same_conditions(self, other: "SandboxSettings") -> bool:
         """Whether everything but the controller and its gap and gain is the same: two passes then compare."""
         own = self._replace(controller=other.controller, gap_m=other.gap_m, gain_N_s_m=other.gain_N_s_m)
         return own == other
@@ -157,7 +157,7 @@ class Settings(NamedTuple):
 class Sandbox(NamedTuple):
     """Try: pass after pass with these settings, which act at once, in the middle of a pass, too."""
 
-    settings: Settings | None = None  # None: as protocol and device have them
+    settings: SandboxSettings | None = None  # None: as protocol and device have them
 
 
 class EndSandbox(NamedTuple):
@@ -212,6 +212,16 @@ class Check(NamedTuple):
     advice: str = ""  # what to do about it, one sentence
 
 
+class Card(NamedTuple):
+    """A step of the session that comes before the next trial, as the console's card shows it."""
+
+    title: str
+    text: str  # what is to be done, one sentence
+    go_on: str = "Go on"  # the button that sends Confirm; "": it is being done, or the participant does it
+    device_page: bool = False  # the device page helps
+    wait_s: float = 0.0  # whole seconds that the step lasts at least from now on
+
+
 class Refused(NamedTuple):
     """The session server cannot serve, and ends; nothing was written."""
 
@@ -245,7 +255,7 @@ class Pass(NamedTuple):
     """A pass of Try that has ended, and its measures; None: it has not, e.g. the handle was never moved."""
 
     number: int  # 1 ..
-    settings: Settings  # at its end
+    settings: SandboxSettings  # at its end
     changed: bool  # on the way
     status: str  # "done", "timeout"
     path_error_m: float | None
@@ -257,8 +267,8 @@ class Pass(NamedTuple):
 class SandboxState(NamedTuple):
     """Try, as it is now."""
 
-    settings: Settings
-    initial: Settings  # as protocol and device have them
+    settings: SandboxSettings
+    initial: SandboxSettings  # as protocol and device have them
     fixed: tuple[str, ...]  # settings that cannot be changed: of a real device, of a hand without a spring
     by_start: bool  # a pass waits for Start, and a change for the next pass: currents flow in real brakes
     least_gain_N_s_m: float  # a guide of less gain does less than the brakes' own drag
@@ -281,8 +291,7 @@ class Snapshot(NamedTuple):
     notes: tuple[str, ...] = ()  # "13:02 asked to move a little slower"
     said: str = ""  # to the experimenter: what just happened or what was refused
     said_bad: bool = False
-    wait_for: str = ""  # in RERIG and BREAK: what to do, one sentence
-    wait_s: float = 0.0  # in BREAK: whole seconds that it lasts at least from now on
+    card: Card | None = None  # what is to be done before the next trial
     sandbox: SandboxState | None = None  # None: Try is not open
     seconds_left: float | None = None  # of the whole session, estimated from the trials so far
     resumable: tuple[str, ...] = ()  # participants whose session in the data folder is unfinished

@@ -13,7 +13,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import numpy as np
 
 from app.ipc import messages as m
-from app.ipc.messages import MOUSE, Pass, SandboxState, Settings
+from app.ipc.messages import MOUSE, Pass, SandboxSettings, SandboxState
+from app.session_server.device_setup import RealSetup, SimulatedSetup
 from app.session_server.practice import person_at
 from app.session_server.preflight import with_advice
 from app.session_server.trial_runner import TrialRun, TrialRunner
@@ -63,14 +64,13 @@ class Sandbox:
 
     def __init__(
         self, setup: m.Setup, protocol: Protocol, runner: TrialRunner,
-        device: Callable[[SimulatedDevice | None], SimulatedDevice | Device], say: Callable[[str, bool], None],
+        device: SimulatedSetup | RealSetup, say: Callable[[str, bool], None],
     ) -> None:  # fmt: skip
-        """device: the one to practise on, simulated or real; InputError: the real one is not ready."""
         self._setup, self._protocol, self._runner, self._device, self._say = setup, protocol, runner, device, say
-        self.real = bool(setup.link)
+        self.real = isinstance(device, RealSetup)
         self.on = False
         self.settings = self._initial(protocol.devices[0].name, next(iter(protocol.paths)))
-        self._simulation: SimulatedDevice | None = None
+        self.simulation: SimulatedDevice | None = None  # None: there has been no pass, or the device is real
         self._run: TrialRun | None = None
         self._ticks = Ticks()
         self._now = self.settings  # those that the running pass has
@@ -82,8 +82,11 @@ class Sandbox:
 
     # ------------------------------------------------------------------------------------------- what is asked for
 
-    def want(self, settings: Settings | None) -> None:
-        """These from now on; None: as protocol and device have them. InputError, and nothing has changed, for others."""
+    def want(self, settings: SandboxSettings | None) -> None:
+        """These from now on; None: as protocol and device have them.
+
+        InputError, and nothing has changed: they cannot be.
+        """
         p, before = self._protocol, self.settings
         settings = settings or self._initial(before.device, before.path)
         for what, value, among in (
@@ -134,18 +137,13 @@ class Sandbox:
         """Whether the next pass is to begin as soon as one may."""
         return self.on and self._run is None
 
-    @property
-    def tip(self) -> m.Point | None:
-        """Where the handle of the simulated device is, m; None: there has been no pass."""
-        return self._simulation.tip if self._simulation else None
-
-    def _initial(self, device: str, path: int) -> Settings:
+    def _initial(self, device: str, path: int) -> SandboxSettings:
         """As protocol and device have them, with the first controller that brakes."""
         p = self._protocol
         number = min(p.controllers, key=lambda n: (p.controllers[n].kind == "none", n))
         gains = [preset.value(GAIN_N_S_M.name) for preset in p.controllers.values()]
         play = float(np.degrees(p.device(device).brakes.play.max()))
-        return Settings(
+        return SandboxSettings(
             device, path, number, p.rules, p.controllers[number].value("gap_m"), max(gains) or NO_GAIN_N_S_M,
             BLEND_WIDTH, p.mouse.stiffness_N_m, 1.0, round(play, 6),
         )  # fmt: skip
@@ -209,9 +207,9 @@ class Sandbox:
         """The next pass."""
         p, s = self._protocol, self.settings
         if not self.real:
-            self._simulation = self._ready_simulation()
+            self.simulation = self._ready_simulation()
         try:
-            device = self._device(self._simulation)
+            device = self._device.to_practise_on(p, self.simulation)
         except InputError as error:
             self._asked = False
             self._say(str(error), True)
@@ -227,8 +225,8 @@ class Sandbox:
         self._run = self._runner.start(planned, trial, None, self._ticks.take, self._taken)
 
     def _ready_simulation(self) -> SimulatedDevice:
-        """The simulated device of the settings; another one takes the handle over where it stands, if it reaches there."""
-        p, s, old = self._protocol, self.settings, self._simulation
+        """The simulated device of the settings; another one has the handle where it stands, if it reaches there."""
+        p, s, old = self._protocol, self.settings, self.simulation
         if old is not None and old.device.name == s.device:
             return old
         device, path = p.device(s.device), build_path(p.paths[s.path], "path")
@@ -237,11 +235,11 @@ class Sandbox:
             tip, self._taken = (path.x1, path.y1), False
         return SimulatedDevice(device, tip, p.mouse.hand() if self._setup.hand != m.OPERATOR else None)
 
-    def _controller(self, s: Settings, device: Device) -> Controller:
+    def _controller(self, s: SandboxSettings, device: Device) -> Controller:
         """As the settings have it. InputError for numbers that cannot be."""
         return make_controller(self._preset(s), device.force_normalised_N * s.brake_strength, s.rules, s.blend_width_m)
 
-    def _preset(self, s: Settings) -> Preset:
+    def _preset(self, s: SandboxSettings) -> Preset:
         chosen = self._protocol.controllers[s.controller]
         return chosen.replaced("gap_m", s.gap_m).replaced(GAIN_N_S_M.name, s.gain_N_s_m)
 

@@ -3,29 +3,24 @@
 `commands` changes it as a window asks; `snapshot` shows it; `storage` brings it to the disk.
 """
 
-import math
 import time
 
 from app.ipc import messages as m
 from app.ipc.messages import OPERATOR, Setup
 from app.ipc.ring import Ring
-from app.session_server.device_setup import DeviceSetup
+from app.session_server.device_setup import RealSetup, SimulatedSetup
 from app.session_server.loop_process import LoopProcess
 from app.session_server.practice import Practice
 from app.session_server.preflight import check_disk, check_recording, with_advice
 from app.session_server.sandbox import Sandbox
 from app.session_server.session_progress import SessionProgress
-from app.session_server.steps import BY_NAME
 from app.session_server.storage import Storage
 from app.session_server.trial_runner import TrialRun, TrialRunner
-from core.device import Device
 from core.files import InputError
-from core.simulator.simulated_device import SimulatedDevice
 from experiments.protocol import Protocol
 from experiments.session.files import free_participant, kept_sessions, protocols_otherwise
 from experiments.session.journal import BRAKES_ALLOWED, BRAKES_OFF, WINDOW_LOST
 from experiments.session.session import Session
-from experiments.trial.trial import Trial
 
 DISK_S = 5.0  # between two looks at the disk, while nothing runs
 END_S = 5.0  # longest wait for a trial to end by itself when the session server ends
@@ -39,7 +34,7 @@ class State:
         """protocol: of new sessions. loop: already started."""
         self.setup, self.protocol, self.ring = setup, protocol, ring
         self.runner = TrialRunner(ring, loop, setup.real_time, setup.link)
-        self.device = DeviceSetup(protocol, ring, self.runner.send, setup.hand, real=bool(setup.link))
+        self.device = RealSetup(protocol, self.runner.send) if setup.link else SimulatedSetup(ring, setup.hand)
         self.why_off = ""  # cause of the brakes-off, as the journal has it
         self.presses = 0  # of the brakes-off, as the window has seen them
         self.broken = ""  # why no more trials can be run
@@ -54,7 +49,7 @@ class State:
         self._disk, self._free = check_disk(setup.data_dir)
         self._looked_s = time.monotonic()
         self.practice = Practice(setup, protocol)
-        self.sandbox = Sandbox(setup, protocol, self.runner, self._to_practise_on, self.say)
+        self.sandbox = Sandbox(setup, protocol, self.runner, self.device.to_practise_on, self.say)
 
     def look_for_participants(self) -> None:
         """Whose session can be gone on with, whose is done, and who has none yet."""
@@ -67,22 +62,6 @@ class State:
         except InputError:
             self._next_participant = next(iter(self._resumable), "")
 
-    def _to_practise_on(self, simulation: SimulatedDevice | None) -> SimulatedDevice | Device:
-        """The device of a trial without a session. InputError: the one on the bench is not ready."""
-        real = self.device.ready_device(self.protocol)
-        if real is not None:
-            return real
-        assert simulation is not None
-        self.device.take_handle(simulation)
-        return simulation
-
-    def try_out(self) -> Trial:
-        """A practice trial outside of any session. InputError: the device on the bench is not ready."""
-        real = self.device.ready_device(self.protocol)
-        if real is None and self.practice.simulation is not None:
-            self.device.take_handle(self.practice.simulation)
-        return self.practice.trial(real)
-
     # ------------------------------------------------------------------------------------- what is
 
     @property
@@ -94,7 +73,7 @@ class State:
             return m.RUNNING
         if self.practice.simulation is None or not self.runner.ready:
             return m.PREPARING
-        return self.device.stage(self.progress) if self.progress else m.NO_SESSION
+        return self.progress.stage if self.progress else m.NO_SESSION
 
     @property
     def progress(self) -> SessionProgress | None:
@@ -135,6 +114,7 @@ class State:
         """Everything that a window shows."""
         stage, progress, session, run = self.stage, self.progress, self.session, self.runner.run
         coming = progress.coming if progress else None
+        due = progress.due() if progress else None
         at = run.planned if run else coming
         return m.Snapshot(
             stage=stage,
@@ -142,7 +122,7 @@ class State:
             coming=coming,
             running=run.planned if run else None,
             practice=session is None or (at is not None and at.block == 0),
-            tip=self._tip(),
+            tip=run.tip if run else self.device.tip(progress, self.sandbox.simulation or self.practice.simulation),
             paused=progress is not None and progress.paused_s is not None,
             blind=session is not None and session.blind,
             checks=(
@@ -155,9 +135,8 @@ class State:
             notes=tuple(progress.notes) if progress else (),
             said=self._said,
             said_bad=self._said_bad,
-            wait_for=self.device.wait_for(progress) if progress and stage in BY_NAME else "",
-            wait_s=float(math.ceil(progress.break_left_s())) if progress and stage == m.BREAK else 0.0,
             sandbox=self.sandbox.state,
+            card=due[1] if due and stage == due[0].name else None,
             seconds_left=progress.seconds_left() if progress else None,
             resumable=() if session else self._resumable,
             finished=() if session else self._finished,
@@ -169,14 +148,6 @@ class State:
         proof = self.runner.run.recorder.proof() if self.runner.run else None
         verified = sum(bool(row.recording) for row in self.session.rows) if self.session else 0
         return m.Pulse(proof, self.runner.timing, verified, self._free, self.device.status)
-
-    def _tip(self) -> m.Point:
-        """Where the handle stands; during a trial: where it stood before, m."""
-        if self.runner.run is not None:
-            return self.runner.run.tip
-        if self.sandbox.on and self.sandbox.tip is not None:
-            return self.sandbox.tip
-        return self.device.tip(self.progress, self.practice.simulation)
 
     # ------------------------------------------------------------------------------------- what happens
 
@@ -205,7 +176,8 @@ class State:
             raise self.practice.failure
         self.look_at_brakes()
         run, lost = self.runner.watch()
-        self.device.hear(self.runner, self.storage.write, self.say)
+        if isinstance(self.device, RealSetup):
+            self.device.hear(self.runner.told(), self.storage.write, self.say)
         if self.runner.ready:
             self.practice.loop_ready.set()
         if lost:
@@ -214,7 +186,7 @@ class State:
             self.sandbox.returned(run, bool(self.ring.control.taken))
         elif run is not None:
             self.storage.keep(run)
-        self.sandbox.watch(self.broken or self.snapshot().why_not if self.sandbox.waits else "")
+        self.sandbox.watch(self.snapshot().why_not if self.sandbox.waits else "")
         now = time.monotonic()
         if self.runner.run is None and now - self._looked_s > DISK_S:
             self._looked_s = now
@@ -226,6 +198,8 @@ class State:
         """The loop died or hung, perhaps with a trial."""
         self.broken = self.runner.broken
         self.sandbox.lost()
+        if isinstance(self.device, RealSetup) and not self.broken:
+            self.device.connect_anew()
         if run is not None:
             self.storage.rescue(run, why)
         else:
