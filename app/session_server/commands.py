@@ -203,7 +203,7 @@ COMMANDS = {
     m.Open: Command(_open, (m.NO_SESSION,), session=False),
     m.Leave: Command(_leave, IDLE),
     m.Practice: Command(_practise, (m.READY, m.NO_SESSION), session=False),
-    m.Sandbox: Command(_try, (m.NO_SESSION, m.RUNNING), session=False),
+    m.Sandbox: Command(_try, session=False),
     m.EndSandbox: Command(lambda state, _: state.sandbox.leave(), session=False),
     m.Start: Command(_start, (m.READY, m.NO_SESSION), session=False),
     m.Abort: Command(_abort, session=False),

@@ -49,7 +49,7 @@ class State:
         self._disk, self._free = check_disk(setup.data_dir)
         self._looked_s = time.monotonic()
         self.practice = Practice(setup, protocol)
-        self.sandbox = Sandbox(setup, protocol, self.runner, self.device.to_practise_on, self.say)
+        self.sandbox = Sandbox(setup, protocol, self.runner, self.device, self.say)
 
     def look_for_participants(self) -> None:
         """Whose session can be gone on with, whose is done, and who has none yet."""

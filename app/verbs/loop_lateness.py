@@ -63,7 +63,7 @@ def measure(
                 finally:
                     run.recorder.close()
                 assert isinstance(done, Done)
-                run.ended(done, prepared.scheduling)
+                run.returned(done, prepared.scheduling)
                 pieces.append(run.recorder.lateness_us)
                 ticks += len(pieces[-1])
                 if ticks >= most:
