@@ -32,12 +32,6 @@ if TYPE_CHECKING:
     from core.device import Device
 
 GAIN_N_S_M = Parameter("gain_N_s_m", "gain", "N s/m", 1.0, None)  # K_y
-ALGORITHM = Algorithm(
-    "proportional",
-    (GAP_M, GAIN_N_S_M),
-    # the last: selected, but the brake does more than asked without current
-    ("prop {J}", "prop {J}, at normalised force", "prop {J}, below off-state drag"),
-)
 GAIN = 1  # its place among the values
 USE, CAPPED, BELOW_DRAG = OWN, OWN + 4, OWN + 8
 
@@ -204,6 +198,15 @@ def decide(
     if current[i] == 0.0:
         return BELOW_DRAG + i
     return CAPPED + i if force == controller.force_normalised else USE + i
+
+
+ALGORITHM = Algorithm(
+    "proportional",
+    (GAP_M, GAIN_N_S_M),
+    # the last: selected, but the brake does more than asked without current
+    ("prop {J}", "prop {J}, at normalised force", "prop {J}, below off-state drag"),
+    decide,
+)
 
 
 def least_gain_felt(device: "Device", places: np.ndarray, speed: float = 0.1) -> float:

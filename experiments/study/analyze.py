@@ -12,8 +12,9 @@ from pathlib import Path
 
 from core.control.controllers import Preset
 from core.files import InputError
-from experiments.analysis.boxplots import DRAWN, boxes, draw_boxplots, in_order
+from experiments.analysis.boxplots import boxes, draw_boxplots, in_order
 from experiments.analysis.findings import findings, why_no_findings
+from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import side_by_side, warnings, write_report
 from experiments.analysis.sensitivity import of_recording
 from experiments.analysis.trials_table import COUNTED, TrialRow, read_table, write_table

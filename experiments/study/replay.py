@@ -183,12 +183,12 @@ def first_difference(recording: Recording, rows: np.ndarray) -> str:
     words = column_words(DECISIONS)
     first, where = len(rows), ""
     for name, place in recording_columns(recording.braked):
-        if name == "lateness_us":  # of the machine, not of the trial
+        if name == "lateness_us" or name not in recording.columns:  # of the machine; of a later version
             continue
         then = recording.column(name)[: len(rows)]
         if name in TEXT_COLUMNS:
             then = np.array([words[name].index(word) for word in recording.words[name]])[then]
-        differs = np.flatnonzero(then != rows[:, place])
+        differs = np.flatnonzero((then != rows[:, place]) & ~(np.isnan(then) & np.isnan(rows[:, place])))
         if len(differs) and differs[0] < first:
             first, where = int(differs[0]), f"tick {differs[0]}, {name}"
     return where or ("" if len(rows) == recording.rows else f"tick {len(rows)}, after which the replay ends")

@@ -21,7 +21,7 @@ from app.window.box_plot import BoxPlot
 from app.window.energy_panel import small_energy
 from app.window.painting import theme
 from app.window.results_window import ResultsWindow
-from experiments.analysis.boxplots import DRAWN
+from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import sentences
 from experiments.analysis.statistics import Result
 from hardware.serial_port import _reason
