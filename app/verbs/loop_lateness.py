@@ -77,7 +77,7 @@ def measure(
                 finally:
                     run.recorder.close()
                 assert isinstance(done, Done)
-                run.ended(done, prepared.scheduling)
+                run.returned(done, prepared.scheduling)
                 pieces.append(run.recorder.lateness_us)
                 ticks += len(pieces[-1])
         timing = timing_of(np.concatenate(pieces), prepared.scheduling, stolen_ms(prepared.core) - before_ms)
