@@ -76,7 +76,6 @@ class SessionServer:
     def _listen(self) -> None:
         """Do what the window asks for."""
         from app.session_server.commands import do
-        from experiments.session.journal import WINDOW_LOST
 
         for command in self._window.receive(BEAT_S):
             if isinstance(command, m.Quit):
@@ -85,7 +84,7 @@ class SessionServer:
                 do(self._state, command)
         if self._window.closed and not self._alone and not self.end:
             self._alone = True
-            self._state.storage.write(WINDOW_LOST)
+            self._state.window_lost()
 
     def _finish(self) -> None:
         """The window is gone: end after the running trial."""
