@@ -4,7 +4,6 @@ import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import matplotlib
 import numpy as np
@@ -14,6 +13,15 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from core.files import InputError
+from experiments.analysis.charts import (
+    DRAWN,
+    QUARTILE_METHOD,
+    WHISKER,
+    Box,
+    box_statistics,
+    controllers_shown,
+    left_out,
+)
 from experiments.analysis.figures import (
     CONTROLLER_COLOURS,
     CONTROLLER_LABELS,
@@ -25,47 +33,16 @@ from experiments.analysis.figures import (
     figure_bytes,
     new_figure,
 )
-from experiments.analysis.metrics import METRICS, Metric
+from experiments.analysis.metrics import Metric
 from experiments.analysis.trials_table import TrialRow, by_controller, to_compare
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
-WHISKER = 1.5  # box lengths
-QUARTILE_METHOD = "linear"  # NumPy's name; MATLAB's is "hazen" and differs
 PAPER = "paper"  # the protocol whose figures these are
 COMBINED_NAME = "boxplots.png"
 TIMEOUT_COLOUR = "#c47400"
 CODE_COLOUR = QUIET  # one for all: a code has no colour of a controller
 LABEL_IN = 10.5 / 72.0  # inches: a line of a controller's name
 CAPTION_SIZE, LINE_IN, CHARACTERS_PER_INCH = 7.0, 0.16, 18.5  # of the small print: points, inches, at most
-
-
-class Box(NamedTuple):
-    """What one box shows. Whiskers end at the furthest values within 1.5 box lengths."""
-
-    count: int
-    median: float
-    q1: float
-    q3: float
-    low: float  # end of the lower whisker
-    high: float  # end of the upper whisker
-    outliers: tuple[float, ...]  # beyond the whiskers, rising
-
-
-def box_statistics(values: Iterable[float]) -> Box:
-    """Median, quartiles (NumPy's "linear" method), whiskers and outliers of at least one finite value."""
-    data = np.sort(np.asarray(list(values), dtype=float))
-    if not len(data) or not np.all(np.isfinite(data)):
-        raise ValueError("a box needs at least one value, all finite")
-    q1, median, q3 = (float(q) for q in np.quantile(data, (0.25, 0.5, 0.75), method=QUARTILE_METHOD))
-    reach = WHISKER * (q3 - q1)
-    inside = data[(data >= q1 - reach) & (data <= q3 + reach)]
-    low, high = min(float(inside[0]), q1), max(float(inside[-1]), q3)
-    outliers = data[(data < low) | (data > high)]
-    return Box(len(data), median, q1, q3, low, high, tuple(float(value) for value in outliers))
-
-
-#: Figs. 16, 17 and 18.
-DRAWN = tuple(metric for metric in METRICS if metric.figure)
 
 
 def file_name(metric: Metric, protocol: str) -> str:
@@ -146,27 +123,6 @@ def draw_boxplots(
     return paths
 
 
-def left_out(rows: Iterable[TrialRow], timeouts: bool = False) -> str:
-    """How many trials the boxes leave out, and why, as a caption has it; "": none."""
-    count = Counter(row.status for row in rows)
-    late, excluded = (f"{n} trial{'s' if n != 1 else ''}" for n in (count["timeout"], count["excluded"]))
-    parts = []
-    if count["timeout"]:
-        where = "in the boxes" if timeouts else "crosses above the scale, not in the boxes"
-        parts.append(f"{late} timed out: {where}.")
-    if count["excluded"]:
-        parts.append(f"{excluded} excluded by the experimenter, not shown.")
-    return " ".join(parts)
-
-
-def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> dict[int | str, str]:
-    """Controller or code -> what stands under its box, in order: all that have a label, and every code of the rows."""
-    there = {row.controller for row in rows}
-    coded = {controller: controller for controller in there if isinstance(controller, str)}
-    named = {} if there and len(coded) == len(there) else labels
-    return {controller: {**named, **coded}[controller] for controller in sorted({*named, *coded}, key=by_controller)}
-
-
 def _label_room(shown: Mapping[int | str, str]) -> float:
     """What names of more than two lines need besides, inches."""
     lines = max((len(name.splitlines()) for name in shown.values()), default=0)
@@ -244,7 +200,7 @@ def draw_panel(
     width = 0.62 / len(configurations)
     for (controller, configuration), box in found.items():
         x = _place(controller, configuration, configurations, controllers)
-        _draw_box(axes, box, x, width, colour_of(controller), filled=configuration == configurations[0])
+        draw_box(axes, box, x, width, colour_of(controller), filled=configuration == configurations[0])
         if show_counts:
             axes.annotate(
                 f"{box.count}", (x, 0.0), (0, -4), ("data", "axes fraction"), "offset points",
@@ -301,7 +257,7 @@ def colour_of(controller: int | str) -> str:
     return CONTROLLER_COLOURS[(controller - 1) % len(CONTROLLER_COLOURS) + 1]
 
 
-def _draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, filled: bool) -> None:
+def draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, filled: bool) -> None:
     """Our choice: one trial, whose box would be a line and neither filled nor open, is a square that is."""
     if box.count == 1:
         axes.plot(

@@ -1,0 +1,74 @@
+"""Files of results: figures and tables of what is seen on a page, and reports of sessions; never over others."""
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from core.files import InputError
+from experiments.analysis.chart_figures import draw_charts
+from experiments.analysis.charts import Answer, View, charts
+from experiments.analysis.trials_table import TrialRow, write_table
+from experiments.export.session_report import write_session_report
+from experiments.export.trial import answers_and_notes, write_answers_and_notes
+from experiments.session.files import TABLE
+
+PARTIAL = ".partial"  # ends the name of a folder that is not complete yet
+
+
+class Job(NamedTuple):
+    """What is seen, and where it is to be written."""
+
+    page: str  # of `charts`
+    rows: tuple[TrialRow, ...]  # their recordings are named from the data folder
+    answers: tuple[Answer, ...]
+    view: View
+    note: str  # stands on every figure
+    data_dir: Path
+    sessions: tuple[Path, ...]  # whose answers and notes come along, or of which a report is written
+    folder: Path  # must be new
+    report: bool = False  # of each session, in place of figures and tables
+
+
+def new_folder(data_dir: Path) -> Path:
+    """DATA/results-1, -2, ..: the first that is not there."""
+    number = 1
+    while (data_dir / f"results-{number}").exists():
+        number += 1
+    return data_dir / f"results-{number}"
+
+
+def partial_of(folder: Path) -> Path:
+    """Where the files are until they are all there."""
+    return folder.with_name(folder.name + PARTIAL)
+
+
+def write_results(job: Job, progress: Callable[[float], None] = lambda share: None) -> int:
+    """Write what is seen: the page's figures, the trials, what was answered and noted; how many files.
+
+    The folder appears whole. progress: called with the share done. InputError says why nothing was written.
+    """
+    if job.folder.exists():
+        raise InputError(f"{job.folder}: exists already, the results need a new folder")
+    partial = partial_of(job.folder)
+    here = Path(os.path.relpath(job.data_dir, job.folder)).as_posix()
+    try:
+        partial.mkdir(parents=True)
+        if job.report:
+            for number, session in enumerate(job.sessions, start=1):
+                name = f"{session.parent.name}_{session.name}_report.pdf"
+                write_session_report(session, partial / name)
+                progress(number / len(job.sessions))
+        else:
+            shown = charts(job.page, job.rows, job.view, job.answers)
+            draw_charts(shown, job.rows, partial, job.note, job.view, progress)
+            write_table(partial / TABLE, [row.seen_from(here) for row in job.rows])
+            write_answers_and_notes(partial, answers_and_notes(job.sessions))
+        count = len(list(partial.iterdir()))
+        partial.rename(job.folder)
+    except OSError as error:
+        raise InputError(f"{job.folder}: cannot be written ({(error.strerror or str(error)).lower()})") from None
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return count

@@ -1,0 +1,119 @@
+"""A recorded trial as it is looked at: its ticks, its device and path, its row, and its distance from the path."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from core import tick_log
+from core.device import Device, load_device
+from core.files import InputError
+from core.path import PathFile, Segment, build_path, path_from
+from experiments.analysis.metrics import along_path
+from experiments.analysis.trials_table import TrialRow, is_code
+from experiments.recording.reader import PARQUET_SUFFIX, read_recording
+from experiments.recording.schema import Recording, recording_columns
+from experiments.session.files import STORED, TRIALS, StoredSession, read_stored, rows_of, run_path
+
+
+@dataclass(frozen=True)
+class Playback:
+    """One trial."""
+
+    path: Path  # of its recording
+    ticks: np.ndarray  # (n, tick_log.WIDTH), n > 0
+    error: np.ndarray  # (n,) m, distance from the path; NaN outside the movement
+    device: Device
+    way: PathFile  # the path to follow
+    rules: str  # by which the controllers decide
+    row: TrialRow | None  # None: the recording is in no table
+    title: str  # "P03 run 27"
+    controller: str  # its name, or its code in a blind session
+    about: str  # device, path, block
+    blind: bool  # what would tell the controller must not be seen
+    damaged: bool  # some ticks are missing
+    decisions: tuple[str, ...]  # words of the column
+    controllers: dict[int, str]  # of its protocol; empty where no session is there to ask
+
+    @property
+    def t(self) -> np.ndarray:
+        """Time since the first tick (n,), s."""
+        return self.ticks[:, tick_log.T] - self.ticks[0, tick_log.T]
+
+
+def read_playback(path: Path) -> Playback:
+    """A trial from its recording, with what its session says of it. InputError if there is nothing to look at."""
+    recording = read_recording(path)
+    if not recording.rows:
+        raise InputError(f"{path}: there are no ticks to play")
+    session = path.resolve().parent.parent
+    stored = read_stored(session) if (session / STORED).exists() else None
+    ticks, way = ticks_of(recording), way_of(recording)
+    about = recording.metadata
+    row = next((row for row in rows_of(session) if row.recording and session / row.recording == path.resolve()), None)
+    controller = about.get("controller", "?") if row is None else row.controller
+    controllers = {number: preset.name for number, preset in stored.protocol.controllers.items()} if stored else {}
+    named = about.get("preset", {}).get("name") or f"controller {controller}"
+    place = (about.get("configuration"), f"path {about.get('segment', '?')}", f"block {about.get('block', '?')}")
+    return Playback(
+        path=path,
+        ticks=ticks,
+        error=errors(ticks, way),
+        device=device_of(recording, stored),
+        way=way,
+        rules=str(about.get("rules", "settled")),
+        row=row,
+        title=f"P{about.get('participant', '?')} run {about.get('run', '?')}",
+        controller=str(controller) if is_code(str(controller)) else controllers.get(controller, named),
+        about=" · ".join(str(part) for part in place if part),
+        blind=is_code(str(controller)),
+        damaged=not recording.whole,
+        decisions=recording.words["decision"],
+        controllers=controllers,
+    )
+
+
+def ticks_of(recording: Recording) -> np.ndarray:
+    """The tick log (n, tick_log.WIDTH) of a recording; text columns with the codes of this program."""
+    rows = np.zeros((recording.rows, tick_log.WIDTH))
+    for name, place in recording_columns(recording.braked):
+        if name in recording.columns:  # earlier versions recorded fewer
+            rows[:, place] = recording.column(name)
+    for name, place, words in (
+        ("phase", tick_log.PHASE, tick_log.PHASES),
+        ("stuck", tick_log.STUCK, tick_log.STUCK_LETTERS),
+    ):
+        codes = np.array([words.index(text) for text in recording.words[name]], dtype=float)
+        rows[:, place] = codes[recording.column(name)]
+    return rows
+
+
+def device_of(recording: Recording, stored: StoredSession | None) -> Device:
+    """The device as its session stored it; a recording by itself: the shipped device of that name."""
+    name = str(recording.metadata.get("configuration", ""))
+    return next((d for d in stored.protocol.devices if d.name == name), None) if stored else load_device(name)
+
+
+def way_of(recording: Recording) -> PathFile:
+    """The path of the trial."""
+    about = recording.metadata
+    if "path" in about:
+        return path_from(about["path"], f"{recording.path}: path")
+    if "start_m" not in about or "end_m" not in about:
+        raise InputError(f"{recording.path}: the metadata lack the path")
+    return Segment(tuple(about["start_m"]), tuple(about["end_m"]))
+
+
+def errors(ticks: np.ndarray, way: PathFile) -> np.ndarray:
+    """Distance of the tip from the path (n,), m; NaN outside the movement."""
+    error = np.full(len(ticks), np.nan)
+    move = ticks[:, tick_log.PHASE] == tick_log.MOVE
+    tips = ticks[move][:, (tick_log.TIP_X, tick_log.TIP_Y)]
+    if len(tips):
+        _, error[move] = along_path(tips, build_path(way, "path"))
+    return error
+
+
+def recording_of_run(session: Path, run: int) -> Path:
+    """Where the recording of a run is."""
+    return run_path(session, run, PARQUET_SUFFIX, TRIALS)
