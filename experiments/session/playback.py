@@ -4,16 +4,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from pyarrow import csv
 
 from core import tick_log
 from core.device import Device, load_device
 from core.files import InputError
+from core.mechanism import JOINTS
 from core.path import PathFile, Segment, build_path, path_from
 from experiments.analysis.metrics import along_path
 from experiments.analysis.trials_table import TrialRow, is_code
-from experiments.recording.reader import PARQUET_SUFFIX, read_recording
-from experiments.recording.schema import Recording, recording_columns
-from experiments.session.files import STORED, TRIALS, StoredSession, read_stored, rows_of, run_path
+from experiments.recording.reader import read_recording
+from experiments.recording.schema import TEXT_COLUMNS, Recording, recording_columns
+from experiments.session.files import STORED, StoredSession, read_stored, rows_of
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,12 @@ def errors(ticks: np.ndarray, way: PathFile) -> np.ndarray:
     return error
 
 
-def recording_of_run(session: Path, run: int) -> Path:
-    """Where the recording of a run is."""
-    return run_path(session, run, PARQUET_SUFFIX, TRIALS)
+def replayed_ticks(path: Path) -> np.ndarray:
+    """The tick log (n, tick_log.WIDTH) of a table that `phd replay --out` has written; without texts but the phase."""
+    table = csv.read_csv(path)
+    rows = np.zeros((table.num_rows, tick_log.WIDTH))
+    for name, place in recording_columns(JOINTS):
+        if name in table.column_names and name not in TEXT_COLUMNS:
+            rows[:, place] = table[name].to_numpy()
+    rows[:, tick_log.PHASE] = [tick_log.PHASES.index(phase) for phase in table["phase"].to_pylist()]
+    return rows
