@@ -1,5 +1,6 @@
 """The charts of results on screen, with each trial as a point that can be read and opened."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -7,12 +8,13 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
 
 from app.window.painting import theme
-from app.window.painting.labels import line
+from app.window.painting.labels import OneLine, line
 from app.window.plots import Plot
 from experiments.analysis.charts import Chart, Point, View, legend
 from experiments.analysis.trials_table import TrialRow
 
 POINT_PX, HOVER_PX, RING_PX, CROSS_PX = 6, 10, 15, 11
+FOOT = 0.03  # of the plot's height, under the scale
 BAND = 0.08  # of the plot's height, above the scale: crosses of trials whose time was up
 #: Short names of Table I's controllers; others stand under their boxes as the protocol has them.
 SHORT = {
@@ -37,6 +39,11 @@ class ChartPlot(Plot):
         self.chart: Chart | None = None
         self._logarithmic = False
         self._ringed: tuple[str, int] | None = None  # participant, run
+        title = OneLine("", "", theme.NORMAL, bold=True, dots=Qt.TextElideMode.ElideRight)
+        self.head.replaceWidget(self.title, title)
+        self.title.deleteLater()
+        self.title = title
+        self.head.setStretch(0, 4)
         self.caption = line("", "quiet", theme.SMALL)
         self.warning = line("", "caution", theme.SMALL)
         self.rows.addWidget(self.caption)
@@ -67,11 +74,12 @@ class ChartPlot(Plot):
         for marks in (self.points, self.crosses, self.ring):
             self.item.addItem(marks)
         left, bottom = self.item.getAxis("left"), self.item.getAxis("bottom")
-        left.setLogMode(x=False, y=self._logarithmic)
+        left.setTicks([self._decades(chart.highest)] if self._logarithmic else None)
         bottom.setTicks([[(x, SHORT.get(text, text)) for x, text in chart.ticks]] if chart.ticks else None)
         bottom.setLabel(chart.x_title or None)
-        lines = max((SHORT.get(text, text).count("\n") + 1 for _, text in chart.ticks), default=1)
-        bottom.setHeight(6 + (lines + bool(chart.x_title)) * (theme.SMALL + 6))
+        bottom.showLabel(bool(chart.x_title))
+        lines = max((SHORT.get(text, text).count("\n") + 1 for _, text in chart.ticks), default=0)
+        bottom.setHeight(6 + lines * (theme.SMALL + 5) if lines else None)
         self.show_all()
         self.show_ring(self._ringed)
 
@@ -83,7 +91,7 @@ class ChartPlot(Plot):
         if self._logarithmic:
             least = min((point.y for point in self.chart.points if self._fits(point)), default=0.1)
             low, high = np.log10(0.8 * least), np.log10(1.1 * high)
-        self.item.setYRange(low, low + (high - low) / (1.0 - BAND), padding=0.0)
+        self.item.setYRange(low - FOOT * (high - low), low + (high - low) / (1.0 - BAND), padding=0.0)
         self.item.setXRange(*self.chart.span, padding=0.0)
         self._place_crosses()
 
@@ -97,6 +105,13 @@ class ChartPlot(Plot):
     def mouseDoubleClickEvent(self, event) -> None:
         self.show_all()
         super().mouseDoubleClickEvent(event)
+
+    def _decades(self, highest: float) -> list[tuple[float, str]]:
+        """Ticks of a logarithmic axis: 1, 2 and 5 times the powers of ten."""
+        least = min((point.y for point in self.chart.points if point.y > 0.0), default=0.1)
+        powers = range(math.floor(math.log10(least)) - 1, math.ceil(math.log10(highest or 1.0)) + 1)
+        values = [digit * 10.0**power for power in powers for digit in (1.0, 2.0, 5.0)]
+        return [(math.log10(value), f"{value:g}") for value in values]
 
     def _scaled(self, value: float | np.ndarray) -> float | np.ndarray:
         return np.log10(value) if self._logarithmic else value

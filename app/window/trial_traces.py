@@ -77,7 +77,7 @@ class TrialTrace(Plot):
     def _scale(self) -> None:
         highest = max((float(np.nanmax(v, initial=0.0)) for v in (self.values, self._beside[1])), default=0.0)
         end = range_for(highest, self._least)
-        self.item.setYRange(0.0, end, padding=0.04)
+        self.item.setYRange(0.0, end, padding=0.12)
         self.item.getAxis("left").setTicks([[(0.0, "0"), (end, f"{end:g}")]])
         self.draw()
 
@@ -199,6 +199,7 @@ class TrialTraces(QWidget):
             self.currents.deleteLater()
         self.currents = CurrentTrace(braked)
         self.currents.asked.connect(self.asked)
-        self.currents.item.getAxis("bottom").setLabel("s")
+        axis = self.currents.item.getAxis("bottom")
+        axis.tickStrings = lambda values, scale, spacing: [f"{value:g} s" for value in values]
         self.currents.item.setXLink(self.error.item)
         self.layout().insertWidget(2, self.currents, 1)  # with the axis of time

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtCore import QMarginsF, Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
@@ -33,10 +33,10 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 STEP_S = 0.1  # of an arrow key
 NEAR_S = 0.12  # what brakes do, and the words on the workspace, are taken from the newest ticks
 STRIDE = 8  # of the ticks before: all of them would take too long
-AROUND_M = 0.05  # what is seen around the path
+AROUND_M = 0.03  # what is seen around the path
 LARGEST = (1280, 720)  # px, as a window of its own opens
 MEASURES = (*DRAWN, BY_NAME["duration_s"])
-COMPARE = "Same hand through …"
+COMPARE = "Compare with …"
 
 
 def measured(values: dict[str, float | None]) -> str:
@@ -74,6 +74,7 @@ class TrialView(QFrame):
         for speed in SPEEDS:
             self.speed.addItem(f"{speed:g} ×", speed)
         self.speed.setCurrentIndex(SPEEDS.index(1.0))
+        self.beside.setToolTip("The recorded hand, simulated through another controller")
         self.beside.activated.connect(self._compare)
         self.replay = Replay()
         self.replay.done.connect(self._show_beside)
@@ -164,16 +165,16 @@ class TrialView(QFrame):
         trial = self.trial
         if self.workspace is None:
             self.workspace = Workspace((trial.device,), {1: trial.way})
-            self._middle.insertWidget(0, self.workspace, 5 if self._whole else 3)
-            for button in self.workspace.buttons.values():
-                button.setVisible(self._whole)
+            self._middle.insertWidget(0, self.workspace, 5)
             if not self._whole:
                 self.workspace.view.setMinimumSize(200, 110)
                 for layer in (FIELD, REACHABLE, LINKAGE):
                     self.workspace.view.show_layer(layer, False)
         self.workspace.set_blind(trial.blind)
         if not self._whole:
-            self.workspace.view.set_extent(extent_of_paths([trial.way], AROUND_M))
+            for button in self.workspace.buttons.values():
+                button.hide()
+            self.workspace.view.set_extent(extent_of_paths([trial.way], AROUND_M), QMarginsF(8.0, 8.0, 8.0, 8.0))
 
     # which moment
 
@@ -206,7 +207,7 @@ class TrialView(QFrame):
         self._played_s += seconds
         at = min(int(np.searchsorted(self.trial.t, self._played_s, side="right")), len(self.trial.ticks)) - 1
         if at > self.at:
-            self.workspace.add(self.trial.ticks[self.at + 1 : at + 1])
+            self._add(self.trial.ticks[self.at + 1 : at + 1])
             self._show_place(at)
 
     def go_to(self, seconds: float) -> None:
@@ -222,9 +223,13 @@ class TrialView(QFrame):
         self.workspace.show_trial(self.trial.device, self.trial.way, tuple(tips[0].tolist()), self.trial.rules)
         self.workspace.view.show_way(tips[: at + 1][moved][::STRIDE])
         if near:
-            self.workspace.add(ticks[:near:STRIDE])
-        self.workspace.add(ticks[near : at + 1])
+            self._add(ticks[:near:STRIDE])
+        self._add(ticks[near : at + 1])
         self._show_place(at)
+
+    def _add(self, rows: np.ndarray) -> None:
+        """Ticks (n, WIDTH) onto the workspace; a small one has no room for words."""
+        (self.workspace if self._whole else self.workspace.view).add(rows)
 
     def _show_place(self, at: int) -> None:
         self.at = at

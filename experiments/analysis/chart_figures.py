@@ -46,7 +46,7 @@ def chart_figure(chart: Chart, rows: Sequence[TrialRow], note: str, view: View) 
     """A figure of one chart, with what a reader must know under it."""
     boxes = len(chart.ticks) * GROUP_SHARE / (2.0 * chart.boxes[0].half) if chart.boxes else 0.0
     width = max(LEAST_WIDTH, BOX_IN * boxes)
-    texts = (" ".join(legend(chart, view)), left_out(rows, view.timeouts), note)
+    texts = (" ".join(legend(chart, view)), left_out(rows, *view.timeouts_on(chart)), note)
     lines = [line for text in texts for line in textwrap.wrap(text, int((width - 0.75) * CHARACTERS))]
     bottom = (0.75 + LINE_IN * len(lines)) / HEIGHT
     with matplotlib.rc_context(STYLE):
@@ -68,10 +68,10 @@ def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
         colour = colour_of(controller)
         face = colour if filled and not chart.boxes else "white"  # else boxes would swallow it
         axes.scatter([p.x for p in of_it], [p.y for p in of_it], 9.0, face, edgecolors=colour, linewidths=0.8, zorder=5)
-    axes.scatter([p.x for p in chart.others], [p.y for p in chart.others], 16.0, QUIET, "+", zorder=5)
+    axes.scatter([p.x for p in chart.others], [p.y for p in chart.others], 16.0, QUIET, marker="+", zorder=5)
     above = axes.get_xaxis_transform()
     late = [p.x for p in chart.timeouts]
-    axes.scatter(late, [1.02] * len(late), 25.0, TIMEOUT_COLOUR, "x", transform=above, clip_on=False)
+    axes.scatter(late, [1.02] * len(late), 25.0, TIMEOUT_COLOUR, marker="x", transform=above, clip_on=False)
     if chart.curve:
         axes.plot(*zip(*chart.curve, strict=True), color=TEXT, linewidth=1.2, zorder=6)
     if logarithmic:

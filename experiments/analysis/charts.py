@@ -7,6 +7,7 @@ boxes; any other that does not count is shown only if its row is among those giv
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -105,6 +106,11 @@ class View(NamedTuple):
     timeouts: bool = False  # in boxes and statistics
     logarithmic: bool = False
 
+    def timeouts_on(self, chart: Chart) -> tuple[bool, bool]:
+        """Whether trials whose time was up are in a chart's boxes, and else above its scale: they have no speed."""
+        has_speed = chart.name.endswith(SPEED)
+        return self.timeouts and not has_speed, not has_speed
+
 
 class Answer(NamedTuple):
     """An answer to a question after a block."""
@@ -125,13 +131,26 @@ def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> di
     return {controller: {**named, **coded}[controller] for controller in sorted({*named, *coded}, key=by_controller)}
 
 
-def left_out(rows: Iterable[TrialRow], timeouts: bool = False) -> str:
-    """How many trials the boxes leave out, and why, as a caption has it; "": none."""
+def told_apart(rows: Sequence[TrialRow]) -> list[TrialRow]:
+    """Rows whose codes name their participant, if there are several: each blind session has a key of its own."""
+    if len({row.participant for row in rows if isinstance(row.controller, str)}) < 2:
+        return list(rows)
+    return [
+        replace(row, controller=f"{row.participant} {row.controller}") if isinstance(row.controller, str) else row
+        for row in rows
+    ]
+
+
+def left_out(rows: Iterable[TrialRow], timeouts: bool = False, crosses: bool = True) -> str:
+    """How many trials the boxes leave out, and why, as a caption has it; "": none.
+
+    timeouts: those whose time was up are in the boxes. crosses: else they are shown above the scale.
+    """
     count = Counter(row.status for row in rows)
     late, excluded = (f"{n} trial{'s' if n != 1 else ''}" for n in (count["timeout"], count["excluded"]))
     parts = []
     if count["timeout"]:
-        where = "in the boxes" if timeouts else "crosses above the scale, not in the boxes"
+        where = "in the boxes" if timeouts else "crosses above the scale, not in the boxes" if crosses else "not shown"
         parts.append(f"{late} timed out: {where}.")
     if count["excluded"]:
         parts.append(f"{excluded} excluded by the experimenter, not shown.")
@@ -142,6 +161,7 @@ def charts(page: str, rows: Sequence[TrialRow], view: View, answers: Sequence[An
     """A page's charts of these rows, which are those that are chosen."""
     if page == QUESTIONS:
         return [_questionnaire(answers, view)] if answers else []
+    rows = told_apart(rows)
     make = {POOLED: _pooled, PERSON: _by_participant, ORDER: _by_run, SPEED: _by_speed}[page]
     return [make(rows, metric, view) for metric in DRAWN]
 
@@ -222,9 +242,9 @@ def _by_speed(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
     def speed(row: TrialRow) -> float:
         return 1e3 * view.lengths[row.segment] / row.duration_s
 
-    highest = max(map(speed, rows), default=1.0)
+    speeds = [speed(row) for row in rows] or [1.0]
     chart = _chart(SPEED, rows, rows, metric, view, speed)
-    return chart._replace(x_title="Mean speed along the path (mm/s)", span=(0.0, 1.05 * highest))
+    return chart._replace(x_title="Mean speed (mm/s)", span=(0.95 * min(speeds), 1.05 * max(speeds)))
 
 
 def _chart(

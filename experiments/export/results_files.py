@@ -4,44 +4,15 @@ import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 from core.files import InputError
 from experiments.analysis.chart_figures import draw_charts
-from experiments.analysis.charts import Answer, View, charts
-from experiments.analysis.trials_table import TrialRow, write_table
+from experiments.analysis.charts import charts
+from experiments.analysis.trials_table import write_table
+from experiments.export.results import Job
 from experiments.export.session_report import write_session_report
 from experiments.export.trial import answers_and_notes, write_answers_and_notes
 from experiments.session.files import TABLE
-
-PARTIAL = ".partial"  # ends the name of a folder that is not complete yet
-
-
-class Job(NamedTuple):
-    """What is seen, and where it is to be written."""
-
-    page: str  # of `charts`
-    rows: tuple[TrialRow, ...]  # their recordings are named from the data folder
-    answers: tuple[Answer, ...]
-    view: View
-    note: str  # stands on every figure
-    data_dir: Path
-    sessions: tuple[Path, ...]  # whose answers and notes come along, or of which a report is written
-    folder: Path  # must be new
-    report: bool = False  # of each session, in place of figures and tables
-
-
-def new_folder(data_dir: Path) -> Path:
-    """DATA/results-1, -2, ..: the first that is not there."""
-    number = 1
-    while (data_dir / f"results-{number}").exists():
-        number += 1
-    return data_dir / f"results-{number}"
-
-
-def partial_of(folder: Path) -> Path:
-    """Where the files are until they are all there."""
-    return folder.with_name(folder.name + PARTIAL)
 
 
 def write_results(job: Job, progress: Callable[[float], None] = lambda share: None) -> int:
@@ -51,7 +22,7 @@ def write_results(job: Job, progress: Callable[[float], None] = lambda share: No
     """
     if job.folder.exists():
         raise InputError(f"{job.folder}: exists already, the results need a new folder")
-    partial = partial_of(job.folder)
+    partial = job.partial
     here = Path(os.path.relpath(job.data_dir, job.folder)).as_posix()
     try:
         partial.mkdir(parents=True)

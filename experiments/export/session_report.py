@@ -41,9 +41,10 @@ MARGIN, LINE = 0.8, 0.19  # inches
 CHARACTERS = 92  # of a line of small text
 LATE_US = 1000.0  # a tick so late was missed
 LOOKS = {
+    "title": {"fontsize": 14.0},
     "head": {"fontsize": 10.5},
     "text": {"fontsize": 9.0},
-    "fixed": {"fontsize": 6.2, "family": "DejaVu Sans Mono"},
+    "fixed": {"fontsize": 6.2, "family": "DejaVu Sans Mono"},  # a table, in letters of one width
 }
 #: What is listed under "Faults and decisions", as a sentence over the fields of the event.
 LISTED = {
@@ -64,18 +65,12 @@ def write_session_report(session: Path, out: Path) -> None:
 
     InputError if the session cannot be read, or the file exists.
     """
-    stored, results, events = read_stored(session), read_results(session), read_events(session)
+    results, lines = read_results(session), session_lines(session)
     if results.problems:
         raise InputError("; ".join(results.problems))
     sink = io.BytesIO()
     with matplotlib.rc_context(STYLE), PdfPages(sink, metadata={"CreationDate": None, "Producer": None}) as pdf:
-        lines = [
-            *_who_and_when(stored.about, results, events),
-            *_measures(results),
-            *_timing(session, results.rows),
-            *_marks(events),
-        ]
-        for figure in _text_pages(f"Session of participant {stored.participant}", lines):
+        for figure in _text_pages(lines):
             pdf.savefig(figure)
         view = View(results.configurations, results.labels, results.lengths)
         for title, page in (("Measures by controller", POOLED), ("Measures in the order of the trials", ORDER)):
@@ -83,8 +78,19 @@ def write_session_report(session: Path, out: Path) -> None:
     write_new_file(out, sink.getvalue())
 
 
+def session_lines(session: Path) -> list[tuple[str, str]]:
+    """The report's text in lines, each with its kind: one of `LOOKS`. InputError if the session cannot be read."""
+    stored, results, events = read_stored(session), read_results(session), read_events(session)
+    return [
+        ("title", f"Session of participant {stored.participant}"),
+        *_who_and_when(stored.about, results, events),
+        *_measures(results),
+        *_timing(session, results.rows),
+        *_marks(events),
+    ]
+
+
 def _who_and_when(about: dict, results: Results, events: Sequence[Entry]) -> Iterator[tuple[str, str]]:
-    """Lines, each with its kind: "head", "text" or "fixed" (a table, in letters of one width)."""
     versions = about["versions"]
     count = Counter(row.status for row in results.rows)
     yield "text", f"Begun {about['created']}, last entry {events[-1].time if events else 'none'} (UTC)."
@@ -156,17 +162,15 @@ def _marks(events: Sequence[Entry]) -> Iterator[tuple[str, str]]:
             yield "text", f"{entry.time[11:19]}  {entry.about['text']}"
 
 
-def _text_pages(title: str, lines: Sequence[tuple[str, str]]) -> Iterator[Figure]:
+def _text_pages(lines: Sequence[tuple[str, str]]) -> Iterator[Figure]:
     figure, y = None, 0.0
     for kind, text in lines:
-        for i, piece in enumerate(textwrap.wrap(text, CHARACTERS) if kind == "text" else [text]):
+        for piece in textwrap.wrap(text, CHARACTERS) if kind == "text" else [text]:
             if figure is None or y < MARGIN:
                 if figure is not None:
                     yield figure
                 figure, y = new_figure(*PAGE), PAGE[1] - MARGIN
-                figure.text(MARGIN / PAGE[0], y / PAGE[1], title, fontsize=14.0)
-                y -= 2.0 * LINE
-            y -= LINE if kind == "head" and not i else 0.0
+            y -= LINE if kind == "head" else 0.0
             figure.text(MARGIN / PAGE[0], y / PAGE[1], piece, **LOOKS[kind])
             y -= LINE
     if figure is not None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from core.control.controllers import Preset
 from core.files import InputError
 from experiments.analysis.boxplots import DRAWN, boxes, draw_boxplots, in_order
+from experiments.analysis.charts import told_apart
 from experiments.analysis.findings import findings, why_no_findings
 from experiments.analysis.report import side_by_side, warnings, write_report
 from experiments.analysis.sensitivity import of_recording
@@ -150,16 +151,6 @@ def _conclude(out: Path, read: _Read, timeouts: bool) -> list[str]:
     coded = any(isinstance(row.controller, str) for row in read.rows)
     found = [] if why_no_findings(controllers, coded) else findings(read.rows, timeouts)
     return warnings(read.rows, found, read.simulated)
-
-
-def told_apart(rows: Sequence[TrialRow]) -> list[TrialRow]:
-    """Rows whose codes name their participant, if there are several: each blind session has a key of its own."""
-    if len({row.participant for row in rows if isinstance(row.controller, str)}) < 2:
-        return list(rows)
-    return [
-        replace(row, controller=f"{row.participant} {row.controller}") if isinstance(row.controller, str) else row
-        for row in rows
-    ]
 
 
 def _labels(read: _Read) -> dict[int, str]:

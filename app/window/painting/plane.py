@@ -102,9 +102,10 @@ class Plane(QWidget):
 
     # what to show
 
-    def set_extent(self, extent: QRectF) -> None:
-        """What must be seen, m."""
+    def set_extent(self, extent: QRectF, keep_free: QMarginsF | None = None) -> None:
+        """What must be seen, m; keep_free: px at each side that stay clear of it (None: as before)."""
         self._extent = extent
+        self._keep_free = keep_free or self._keep_free
         self._fit()
 
     def show_path(self, path: PathFile | None) -> None:
