@@ -180,7 +180,7 @@ class Centre(QWidget):
         if self._opened is None or self.workspace is None:
             return
         device = next(device for device in self._opened.devices if device.name == planned.configuration)
-        self.workspace.show_trial(device, self._opened.paths[planned.segment], tip, self._opened.rules)
+        self.workspace.show_trial(device, self._opened.paths[planned.segment], tip)
         if self._snapshot.running is not None:
             self._say(words.moving(tick_log.APPROACH, not hand_is_mouse(self._opened)) or words.Said(""))
 
@@ -377,7 +377,7 @@ class ConsoleWindow(QWidget):
             self._waiting.clear()
             device = next(device for device in opened.devices if device.name == now.configuration)
             self.centre.begin(now, snapshot.tip)
-            self.traces.show_trial(device, opened.paths[now.segment])
+            self.traces.show_trial(device)
             self.energy.clear()
             self.timing.clear()
         elif snapshot.running is None:

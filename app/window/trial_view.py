@@ -23,8 +23,7 @@ from app.window.trial_traces import BESIDE, TrialTraces
 from app.window.work import Replay, Replayed
 from core import tick_log
 from core.files import InputError
-from experiments.analysis.charts import DRAWN
-from experiments.analysis.metrics import BY_NAME, METRICS
+from experiments.analysis.metrics import BY_NAME, DRAWN, METRICS
 from experiments.analysis.trials_table import TrialRow
 from experiments.session.playback import Playback, read_playback
 
@@ -220,7 +219,7 @@ class TrialView(QFrame):
         near = int(np.searchsorted(t, t[at] - NEAR_S))
         tips = ticks[:, (tick_log.TIP_X, tick_log.TIP_Y)]
         moved = ticks[: at + 1, tick_log.PHASE] == tick_log.MOVE
-        self.workspace.show_trial(self.trial.device, self.trial.way, tuple(tips[0].tolist()), self.trial.rules)
+        self.workspace.show_trial(self.trial.device, self.trial.way, tuple(tips[0].tolist()))
         self.workspace.view.show_way(tips[: at + 1][moved][::STRIDE])
         if near:
             self._add(ticks[:near:STRIDE])
@@ -256,7 +255,7 @@ class TrialView(QFrame):
             return
         number, name = self.beside.itemData(index), self.beside.itemText(index)
         self.note_that(f"The recorded hand is being simulated through “{name}” …")
-        self.replay.begin(self.trial.path, self.trial.way, number, name)
+        self.replay.begin(self.trial.path, number, name)
 
     def _show_beside(self, other: Replayed | InputError | None) -> None:
         if isinstance(other, InputError):

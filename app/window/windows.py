@@ -19,13 +19,13 @@ from app.window import words
 from app.window.console_window import LARGEST, ConsoleWindow
 from app.window.keys import bind
 from app.window.painting import theme
-from app.window.painting.layers import compile_kernels
+from app.window.painting.layers import needles
 from app.window.painting.linkage_view import Workspace
 from app.window.painting.theme import show_whole
 from app.window.participant_window import ParticipantWindow
 from core import tick_log
 from core.device import Device
-from core.path import Segment, build_path, outline
+from core.path import Segment, build_path, line, outline
 
 LOOK_MS = 100
 #: Where the session server takes longer than this its kernels are being compiled, and ours must be too. Our choice.
@@ -65,8 +65,8 @@ class WarmUp(QObject):
 
 
 def prepare_drawing(device: Device) -> None:
-    """All of it; about two seconds, on the first use some more."""
-    compile_kernels(device)
+    """All of it; about two seconds."""
+    needles(line((-0.1, 0.4), (0.1, 0.4)), 1.0, device, (-0.05, 0.35), (0.05, 0.4), 0.02)  # loads the path's kernels
     import app.window.results_window  # noqa: F401  (its statistics take a second and a half)
 
     gc.collect()
@@ -86,7 +86,7 @@ def paint_once(console: ConsoleWindow) -> None:
     path = next(iter(opened.paths.values()))
     x0, y0, x1, y1 = build_path(path, "path")[1:5]
     tip = (0.5 * (x0 + x1), 0.5 * (y0 + y1))
-    workspace.show_trial(opened.devices[0], path, tip, opened.rules)
+    workspace.show_trial(opened.devices[0], path, tip)
     tick = np.zeros((1, tick_log.WIDTH))
     tick[0, [tick_log.PHASE, tick_log.TIP_X, tick_log.TIP_Y, tick_log.TIP_VX, tick_log.HAND_FX]] = (
         tick_log.MOVE,

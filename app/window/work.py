@@ -14,7 +14,6 @@ from PySide6.QtCore import QObject, Signal
 
 from app.ipc.process import start_python
 from core.files import InputError
-from core.path import PathFile
 from experiments.session.playback import errors, replayed_ticks
 
 
@@ -78,10 +77,10 @@ class Replay(Work):
         super().__init__()
         self._process: subprocess.Popen | None = None
 
-    def begin(self, path: Path, way: PathFile, controller: int, name: str) -> None:
+    def begin(self, path: Path, controller: int, name: str) -> None:
         """The hand of this recording through a controller of its protocol."""
         self.stop()
-        self.ask(self._through, path, way, controller, name)
+        self.ask(self._through, path, controller, name)
 
     def stop(self) -> None:
         """End what runs; its result is not wanted."""
@@ -89,7 +88,7 @@ class Replay(Work):
         if self._process is not None and self._process.poll() is None:
             self._process.terminate()
 
-    def _through(self, path: Path, way: PathFile, controller: int, name: str) -> Replayed:
+    def _through(self, path: Path, controller: int, name: str) -> Replayed:
         folder = Path(tempfile.mkdtemp(prefix="phd-replay-"))
         try:
             out = folder / "ticks.csv"
@@ -100,6 +99,6 @@ class Replay(Work):
             if not text:
                 raise InputError(trouble.strip().splitlines()[-1] if trouble.strip() else "The replay has ended early.")
             about, ticks = json.loads(text), replayed_ticks(out)
-            return Replayed(name, ticks, errors(ticks, way), about["metrics"], about["after"]["status"], about["says"])
+            return Replayed(name, ticks, errors(ticks), about["metrics"], about["after"]["status"], about["says"])
         finally:
             shutil.rmtree(folder, ignore_errors=True)

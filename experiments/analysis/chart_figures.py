@@ -9,15 +9,23 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from experiments.analysis.boxplots import TIMEOUT_COLOUR, colour_of, draw_box
+from experiments.analysis.boxplots import FORMATS, TIMEOUT_COLOUR, colour_of, draw_box
 from experiments.analysis.charts import GROUP_SHARE, Chart, View, left_out, legend
-from experiments.analysis.figures import FORMATS, LINE, QUIET, STYLE, TEXT, figure_bytes, new_figure
+from experiments.analysis.sheet import (
+    CHARACTERS_PER_INCH,
+    LINE,
+    LINE_IN,
+    QUIET,
+    SMALL,
+    STYLE,
+    TEXT,
+    figure_bytes,
+    new_figure,
+)
 from experiments.analysis.trials_table import TrialRow
 from experiments.recording.atomic_files import write_new_files
 
 LEAST_WIDTH, BOX_IN, HEIGHT = 6.4, 0.24, 4.8  # inches; a box takes so much of the width
-SMALL, CHARACTERS = 7.0, 18.5  # points of the small print; its characters per inch
-LINE_IN = 0.15
 
 
 def draw_charts(
@@ -47,7 +55,7 @@ def chart_figure(chart: Chart, rows: Sequence[TrialRow], note: str, view: View) 
     boxes = len(chart.ticks) * GROUP_SHARE / (2.0 * chart.boxes[0].half) if chart.boxes else 0.0
     width = max(LEAST_WIDTH, BOX_IN * boxes)
     texts = (" ".join(legend(chart, view)), left_out(rows, *view.timeouts_on(chart)), note)
-    lines = [line for text in texts for line in textwrap.wrap(text, int((width - 0.75) * CHARACTERS))]
+    lines = [line for text in texts for line in textwrap.wrap(text, int((width - 0.75) * CHARACTERS_PER_INCH))]
     bottom = (0.75 + LINE_IN * len(lines)) / HEIGHT
     with matplotlib.rc_context(STYLE):
         figure = new_figure(width, HEIGHT)

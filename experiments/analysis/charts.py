@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.analysis.metrics import METRICS, Metric
+from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.participants import people_of
 from experiments.analysis.trials_table import TrialRow, by_controller, to_compare
 
@@ -49,10 +49,6 @@ def box_statistics(values: Iterable[float]) -> Box:
     low, high = min(float(inside[0]), q1), max(float(inside[-1]), q3)
     outliers = data[(data < low) | (data > high)]
     return Box(len(data), median, q1, q3, low, high, tuple(float(value) for value in outliers))
-
-
-#: Figs. 16, 17 and 18.
-DRAWN = tuple(metric for metric in METRICS if metric.figure)
 
 
 class Point(NamedTuple):

@@ -9,9 +9,9 @@ from core.files import InputError
 from experiments.analysis.chart_figures import draw_charts
 from experiments.analysis.charts import charts
 from experiments.analysis.trials_table import write_table
+from experiments.export.answers import answers_and_notes, write_answers_and_notes
 from experiments.export.results import Job
 from experiments.export.session_report import write_session_report
-from experiments.export.trial import answers_and_notes, write_answers_and_notes
 from experiments.session.files import TABLE
 
 

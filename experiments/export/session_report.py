@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 
 from core.files import InputError
 from experiments.analysis.chart_figures import draw_chart
-from experiments.analysis.charts import DRAWN, ORDER, POOLED, Chart, View, charts, left_out, legend
-from experiments.analysis.figures import QUIET, STYLE, new_figure
-from experiments.analysis.metrics import BY_NAME
+from experiments.analysis.charts import ORDER, POOLED, Chart, View, charts, left_out, legend
+from experiments.analysis.metrics import BY_NAME, DRAWN
+from experiments.analysis.sheet import QUIET, STYLE, new_figure
 from experiments.analysis.trials_table import STATUSES, TrialRow, to_compare
 from experiments.export.results import Results, read_results
 from experiments.recording.atomic_files import write_new_file

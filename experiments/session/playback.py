@@ -7,11 +7,12 @@ import numpy as np
 from pyarrow import csv
 
 from core import tick_log
+from core.control.velocity_field import field_around
 from core.device import Device, load_device
 from core.files import InputError
 from core.mechanism import JOINTS
+from core.path import Path as Way
 from core.path import PathFile, Segment, build_path, path_from
-from experiments.analysis.metrics import along_path
 from experiments.analysis.trials_table import TrialRow, is_code
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import TEXT_COLUMNS, Recording, recording_columns
@@ -27,7 +28,6 @@ class Playback:
     error: np.ndarray  # (n,) m, distance from the path; NaN outside the movement
     device: Device
     way: PathFile  # the path to follow
-    rules: str  # by which the controllers decide
     row: TrialRow | None  # None: the recording is in no table
     title: str  # "P03 run 27"
     controller: str  # its name, or its code in a blind session
@@ -50,7 +50,8 @@ def read_playback(path: Path) -> Playback:
         raise InputError(f"{path}: there are no ticks to play")
     session = path.resolve().parent.parent
     stored = read_stored(session) if (session / STORED).exists() else None
-    ticks, way = ticks_of(recording), way_of(recording)
+    way = way_of(recording)
+    ticks = ticks_of(recording, way)
     about = recording.metadata
     row = next((row for row in rows_of(session) if row.recording and session / row.recording == path.resolve()), None)
     controller = about.get("controller", "?") if row is None else row.controller
@@ -60,10 +61,9 @@ def read_playback(path: Path) -> Playback:
     return Playback(
         path=path,
         ticks=ticks,
-        error=errors(ticks, way),
+        error=errors(ticks),
         device=device_of(recording, stored),
         way=way,
-        rules=str(about.get("rules", "settled")),
         row=row,
         title=f"P{about.get('participant', '?')} run {about.get('run', '?')}",
         controller=str(controller) if is_code(str(controller)) else controllers.get(controller, named),
@@ -75,8 +75,8 @@ def read_playback(path: Path) -> Playback:
     )
 
 
-def ticks_of(recording: Recording) -> np.ndarray:
-    """The tick log (n, tick_log.WIDTH) of a recording; text columns with the codes of this program."""
+def ticks_of(recording: Recording, way: PathFile) -> np.ndarray:
+    """The tick log (n, tick_log.WIDTH) of a recording of this path; text columns with the codes of this program."""
     rows = np.zeros((recording.rows, tick_log.WIDTH))
     for name, place in recording_columns(recording.braked):
         if name in recording.columns:  # earlier versions recorded fewer
@@ -87,6 +87,8 @@ def ticks_of(recording: Recording) -> np.ndarray:
     ):
         codes = np.array([words.index(text) for text in recording.words[name]], dtype=float)
         rows[:, place] = codes[recording.column(name)]
+    if "travel_sense" not in recording.columns:
+        fill_field(build_path(way, "path"), rows)
     return rows
 
 
@@ -106,14 +108,21 @@ def way_of(recording: Recording) -> PathFile:
     return Segment(tuple(about["start_m"]), tuple(about["end_m"]))
 
 
-def errors(ticks: np.ndarray, way: PathFile) -> np.ndarray:
-    """Distance of the tip from the path (n,), m; NaN outside the movement."""
-    error = np.full(len(ticks), np.nan)
-    move = ticks[:, tick_log.PHASE] == tick_log.MOVE
-    tips = ticks[move][:, (tick_log.TIP_X, tick_log.TIP_Y)]
-    if len(tips):
-        _, error[move] = along_path(tips, build_path(way, "path"))
-    return error
+def errors(ticks: np.ndarray) -> np.ndarray:
+    """Distance of the tip from the path (n,), m, in ticks (n, tick_log.WIDTH); NaN outside the movement."""
+    return np.where(ticks[:, tick_log.PHASE] == tick_log.MOVE, np.abs(ticks[:, tick_log.PATH_DISTANCE]), np.nan)
+
+
+def fill_field(path: Way, rows: np.ndarray) -> None:
+    """Into ticks (n, tick_log.WIDTH) that lack it: as if the hand had never turned back; NaN outside `move`."""
+    rows[:, tick_log.PATH_DISTANCE : tick_log.DESIRED_Y + 1] = np.nan
+    rows[:, tick_log.TRAVEL_SENSE] = 1.0
+    moves = rows[:, tick_log.PHASE] == tick_log.MOVE
+    field = field_around(path, rows[moves, tick_log.TIP_X : tick_log.TIP_Y + 1], 1.0)
+    rows[moves, tick_log.PATH_DISTANCE] = np.copysign(field.distance, field.t_y * field.n_x - field.t_x * field.n_y)
+    rows[moves, tick_log.FORWARD_X : tick_log.DESIRED_Y + 1] = np.column_stack(
+        (field.t_x, field.t_y, field.beta_x, field.beta_y)
+    )
 
 
 def replayed_ticks(path: Path) -> np.ndarray:

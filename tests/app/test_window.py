@@ -189,8 +189,9 @@ def test_proof_of_recording_is_readable(screens: Screens) -> None:
 def test_ticks_reach_workspace_traces_and_ledger(screens: Screens) -> None:
     over = next(i for i, trial in enumerate(PLAN) if trial.segment == 1)
     console = screens.hear(opened(), running(over))
-    screens.tick(ticks(tick_log.MOVE, TIP_X=0.03, TIP_Y=0.397, HAND_FX=3.0, HAND_FY=-4.0, ENERGY_BRAKES=0.5))
-    assert console.traces.error.newest == pytest.approx((3.0,))  # mm below the line y = 0.40 m
+    screens.tick(ticks(tick_log.MOVE, TIP_X=0.03, TIP_Y=0.397, HAND_FX=3.0, HAND_FY=-4.0, ENERGY_BRAKES=0.5,
+                       PATH_DISTANCE=-0.003))  # fmt: skip
+    assert console.traces.error.newest == pytest.approx((3.0,))  # mm
     assert console.traces.force.newest == pytest.approx((5.0,))
     assert console.centre.workspace.view.tip == (0.03, 0.397)
     assert console.centre.large.text() == "Go"

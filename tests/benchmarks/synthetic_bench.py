@@ -9,9 +9,10 @@ from app.ipc import messages as m
 from app.window.painting.layers import force_map
 from core import tick_log
 from core.device import Device, load_device
-from core.path import PathFile, Segment, outline
+from core.path import PathFile, Segment, build_path, outline
 from experiments.plan import make_plan
 from experiments.protocol import load_protocol
+from experiments.session.playback import fill_field
 
 TICKS_PER_S = 1000
 TRIAL_S, PULSE_S = 4.0, 0.1  # so short that every measurement sees a trial begin
@@ -59,6 +60,7 @@ def synthetic_trial(device: Device, path: PathFile, seconds: float = 8.0, seed: 
     power = np.hypot(*velocity.T) * 4.0
     rows[:, tick_log.ENERGY_BRAKES] = np.cumsum(power) / TICKS_PER_S
     rows[:, tick_log.ENERGY_HAND] = rows[:, tick_log.ENERGY_BRAKES] + rows[:, tick_log.ENERGY_KINETIC]
+    fill_field(build_path(path, "path"), rows)
     return rows
 
 
