@@ -167,8 +167,7 @@ class EndSandbox(NamedTuple):
 class SaveAsProtocol(NamedTuple):
     """Write the settings of Try as a protocol file, with all the protocol's controllers."""
 
-    path: str
-    name: str  # of the new protocol
+    path: str  # of the new file; the protocol is named after it
 
 
 class Quit(NamedTuple):

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from app.ipc import messages as m
@@ -205,6 +206,7 @@ COMMANDS = {
     m.Practice: Command(_practise, (m.READY, m.NO_SESSION), session=False),
     m.Sandbox: Command(_try, session=False),
     m.EndSandbox: Command(lambda state, _: state.sandbox.leave(), session=False),
+    m.SaveAsProtocol: Command(lambda state, command: state.sandbox.save(Path(command.path)), session=False),
     m.Start: Command(_start, (m.READY, m.NO_SESSION), session=False),
     m.Abort: Command(_abort, session=False),
     m.Redo: Command(_redo, IDLE, stored=True),
