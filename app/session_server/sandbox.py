@@ -107,6 +107,7 @@ class Sandbox:
         device = p.device(settings.device)
         self._controller(settings, device)
         self.settings, self.on = settings, True
+        self._say("", False)
         places = np.asarray(outline(p.paths[settings.path], SPACING_M))
         self._least_gain = settings.brake_strength * least_gain_felt(device, places)
 
@@ -217,6 +218,7 @@ class Sandbox:
             )
         )  # fmt: skip
         del self._passes[:-MOST_PASSES]
+        self._say("", False)
 
     def _begin(self) -> None:
         """The next pass."""
@@ -236,7 +238,6 @@ class Sandbox:
         trial = Trial(device, planned, p.paths[s.path], self._preset(s), s.rules, p.trial, person, generator)
         self._tune(trial)
         self._ticks, self._changed, self._asked = Ticks(), False, False
-        self._say("", False)
         self._run = self._runner.start(planned, trial, None, self._ticks.take, self._taken)
 
     def _ready_simulation(self) -> SimulatedDevice:
