@@ -1,9 +1,9 @@
-"""`phd bench`: speed against error of each integrator (DESIGN section 6), and where the time goes.
+"""`phd bench`: speed against error of each integrator (DESIGN section 6).
 
 Every time is the least of several repeats inside compiled loops over whole scenes; the four closed-form accelerations
 that a step cannot do without are timed between the repeats, so that the ratio of the two does not hang on what else
 the machine does. Errors are against `event` at a tiny step, itself checked here against an independent solution
-(bench_reference).
+(`reference`).
 """
 
 import math
@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from core.simulator.simulation import Simulation, run_rows
-from experiments.benchmark.costs import fallback_costs, part_costs, tick_cost
+from experiments.benchmark.costs import fallback_costs, tick_cost
 from experiments.benchmark.kernels import accelerations
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import reference_tips
@@ -82,7 +82,6 @@ def run_bench(quick: bool = False, progress: Callable[[float], None] | None = No
         "reference": {"step_s": TINY_S, "against": "scipy DOP853 on Eq. (5)", "checks": checks},
         "karnopp": band,
         "fallback": fallback_costs(repeats),
-        "parts_ns": part_costs(repeats),
         "tick": tick_cost(quick),
     }
 

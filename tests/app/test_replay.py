@@ -111,14 +111,6 @@ def test_a_replayed_force_is_the_recorded_force_at_every_tick_whatever_it_moves(
             assert np.allclose(np.array(table[name], dtype=float), recorded, rtol=0.0, atol=1e-9), name
 
 
-def test_a_hand_without_a_recorded_target_is_replayed_by_its_force(data, monkeypatch):
-    monkeypatch.setattr("experiments.study.replay.WITH_TARGET", ())
-    monkeypatch.setattr("experiments.study.replay.has_arm", lambda _: False)
-    path = recordings(data)[0]
-    assert replay(path)["hand"] == "force"
-    assert main(["replay", str(path), "--hand", "target"]) == 2
-
-
 def test_the_play_of_the_backlash_is_where_the_simulated_device_had_it(data):
     """After the approach, whatever it was before."""
     session = new_session(data, "77", short(paths=1, seed="2"))
