@@ -8,7 +8,7 @@ from experiments.analysis.sheet import STYLE, figure_bytes, new_figure
 
 #: step of the rows that the table shows
 TABLE_STEP_S = 1e-3
-#: Integrator and fidelity -> colour and marker: colour-blind safe, and the shape says it too.
+#: Integrator and fidelity -> colour and marker: colour-blind safe, and told apart by shape too.
 _LOOKS = {
     ("event", "ideal"): ("#0072b2", "o"),
     ("event", "mr"): ("#56b4e9", "s"),

@@ -147,7 +147,7 @@ def _finite(recording: Recording, first: int, *names: str) -> np.ndarray:
 
 
 class ReplayedDevice(SimulatedDevice):
-    """Begins its trial where the recording says, and not where an earlier trial has left it."""
+    """Begins its trial where the recording begins, and not where an earlier trial has left it."""
 
     def __init__(self, trial: Recorded, device: Device, hand: Hand, whole: bool) -> None:
         """whole: from the trial's first tick, on the device that it was recorded on; else from the first of `move`."""
@@ -156,7 +156,7 @@ class ReplayedDevice(SimulatedDevice):
         self.recorded, self.whole = trial, whole
 
     def begin(self) -> None:
-        """As the trial before had left it; or as the recorded movement found it, as far as tip and hand tell."""
+        """As the trial before had left it; or as the recorded movement found it, as far as tip and hand show it."""
         recording, first, state = self.recorded.recording, self.recorded.first, self.state
         if self.whole:
             start_again(self, recording.metadata["start"])
