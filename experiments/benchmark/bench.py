@@ -53,7 +53,7 @@ class Row:
     order: float | None  # None where fewer than two errors stand above rounding
 
 
-def run_bench(quick: bool = False, progress: Callable[[float], None] | None = None) -> dict:
+def run_bench(quick: bool = False, progress: Callable[[float], None] = lambda share: None) -> dict:
     """All of it; the JSON of DESIGN section 6 with more beside the rows. quick: fewer repeats, steps and devices."""
     devices = bench_devices()[1:] if quick else bench_devices()
     steps = (2e-3, 1e-3) if quick else STEPS_S
@@ -62,8 +62,7 @@ def run_bench(quick: bool = False, progress: Callable[[float], None] | None = No
     rows: list[Row] = []
     checks, band = [], []
     for n, scene in enumerate(scenes):
-        if progress:
-            progress(0.9 * n / len(scenes))
+        progress(0.9 * n / len(scenes))
         tips = {fidelity: simulated(scene, "event", fidelity, TINY_S)[1] for fidelity in ("ideal", "mr")}
         if scene.name != "S3":
             apart = np.linalg.norm(tips["ideal"] - reference_tips(scene), axis=1)
@@ -74,8 +73,7 @@ def run_bench(quick: bool = False, progress: Callable[[float], None] | None = No
         if mujoco_version():
             rows += with_order([peer(scene, step, tips["ideal"], repeats) for step in steps])
         band += [row for delta in DELTA_OMEGAS for row in band_rows(scene, delta, tips["ideal"])]
-    if progress:
-        progress(0.9)
+    progress(0.9)
     return {
         "machine": machine(),
         "rows": [asdict(row) for row in rows],

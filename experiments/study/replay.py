@@ -50,7 +50,7 @@ def replay(
     protocol: str | None = None,
     hand: str | None = None,
     out: Path | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> dict[str, Any]:
     """Replay a recording; the summary. None: as recorded; for `hand`, the target where there is one, else the force.
 

@@ -178,7 +178,7 @@ def run_replay(
     preset: Preset,
     rules: str,
     whole: bool,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """The replayed ticks (n, tick_log.WIDTH), and how the trial ended, as `Trial.outcome`.
 
@@ -205,7 +205,7 @@ def run_replay(
         if not again.run(rows[done : done + 1]):
             break
         done += 1
-        if progress and done % PROGRESS_EVERY == 0:
+        if done % PROGRESS_EVERY == 0:
             progress(done / len(rows))
     rows = rows[:done]
     if not np.isfinite(rows[:, : tick_log.SENSED_FY + 1]).all():

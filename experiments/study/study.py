@@ -36,7 +36,7 @@ def run_study(
     operators: int,
     protocol: Protocol,
     population: Population,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> dict:
     """Run every operator's session into `out`, a new or empty folder; the summary. InputError for wrong input."""
     out = Path(out)
@@ -47,7 +47,9 @@ def run_study(
         return Run(out, study, progress).carry_out()
 
 
-def resume_study(out: Path, asked: Mapping[str, object], progress: Callable[[float], None] | None = None) -> dict:
+def resume_study(
+    out: Path, asked: Mapping[str, object], progress: Callable[[float], None] = lambda share: None
+) -> dict:
     """Go on with an interrupted study as it was begun: what a crash left is recovered, then every trial of the plan
     that is not settled is run. A study that is complete is left as it is. The summary.
 
@@ -66,7 +68,7 @@ def resume_study(out: Path, asked: Mapping[str, object], progress: Callable[[flo
 class Run:
     """One call's part of a study."""
 
-    def __init__(self, out: Path, study: StudyPlan, progress: Callable[[float], None] | None) -> None:
+    def __init__(self, out: Path, study: StudyPlan, progress: Callable[[float], None]) -> None:
         self.out, self.study, self.progress = out, study, progress
         self.rows = np.empty((CHUNK_TICKS, tick_log.WIDTH))
         self.simulating, self.ticks, self.trials = 0.0, 0, 0
@@ -81,8 +83,7 @@ class Run:
             with contextlib.closing(self.session(f"{operator:02d}")) as session:
                 while planned := session.next_planned():
                     self.run_trial(session, planned)
-                    if self.progress:
-                        self.progress((operator - 1 + session.settled / len(session.plan)) / operators)
+                    self.progress((operator - 1 + session.settled / len(session.plan)) / operators)
         table = write_pooled_table(self.out)
         if self.trials or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
             self.conclude(table)

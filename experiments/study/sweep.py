@@ -172,7 +172,7 @@ def run_sweep(
     out: Path,
     resume: bool = False,
     cluster: str | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> dict:
     """Run every job that is not done yet, then write the table; the summary. InputError for wrong input.
 
@@ -196,8 +196,7 @@ def run_sweep(
                 with written_beside(parts[number], data, sync=False) as partial:
                     partial.rename(parts[number])
                 done, ticks = done + 1, ticks + more
-                if progress:
-                    progress(done / len(sweep.jobs))
+                progress(done / len(sweep.jobs))
         rows = gather(out / TABLE, list(parts.values()))
     return {
         "out": str(out / TABLE),
