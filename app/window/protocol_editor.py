@@ -25,11 +25,11 @@ from PySide6.QtWidgets import (
     QWidget,
 )  # fmt: skip
 
-from app.window.background import Background
 from app.window.painting import theme
 from app.window.painting.labels import Choice, breakable, line, word
 from app.window.painting.parts import button, clear, row, scrolled
 from app.window.painting.path_drawing import PathDrawing
+from app.window.work import Work
 from core.control.controllers import ALGORITHMS
 from core.device import shipped_devices
 from core.files import InputError, Pair, read_text
@@ -67,9 +67,10 @@ class ProtocolEditor(QFrame):
     saved = Signal(str)  # the file
     left = Signal()
 
-    def __init__(self, background: Background) -> None:
+    def __init__(self) -> None:
         super().__init__(objectName="panel")
-        self._background = background
+        self._reader = Work()
+        self._reader.done.connect(self._show_read)
         self.content: dict[str, Any] = {}  # of the file
         self._file = Path.home() / "protocol.toml"  # which saving proposes
         self._folder = SHIPPED_FOLDER  # from which paths of devices and pictures are
@@ -291,7 +292,7 @@ class ProtocolEditor(QFrame):
             path |= path_through(path["kind"], points())
         except InputError as error:
             self._timer.stop()
-            self._background.forget("edited")
+            self._reader.forget()
             self._show_problem(str(error))
             return
         if typed:
@@ -304,8 +305,7 @@ class ProtocolEditor(QFrame):
 
     def _read(self) -> None:
         """Let the reader see the content."""
-        text, folder = protocol_text(self.content), self._folder
-        self._background.ask("edited", lambda: look(text, folder), self._show_read)
+        self._reader.ask(look, protocol_text(self.content), self._folder)
 
     def _show_read(self, found: tuple[str, str, np.ndarray] | InputError) -> None:
         self._show_problem(str(found).removeprefix(f"{WHERE}: ") if isinstance(found, InputError) else "")

@@ -11,7 +11,6 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QLineEdit, QWidget
 from screens import settle
 
-from app.window.background import Background
 from app.window.painting import theme
 from app.window.protocol_editor import ProtocolEditor, form_of, form_text
 from core.path import Arc, Polyline, Segment
@@ -26,8 +25,7 @@ class Editing:
     def __init__(self, qtbot) -> None:
         theme.dress(QApplication.instance())  # type: ignore[arg-type]
         self.qtbot, self.holder = qtbot, QWidget()
-        self.background = Background(self.holder)
-        self.editor = ProtocolEditor(self.background)
+        self.editor = ProtocolEditor()
         self.editor.setParent(self.holder)
         self.saved: list[str] = []
         self.asked: list[tuple] = []  # of the dialog of files
@@ -71,9 +69,7 @@ class Editing:
 
 @pytest.fixture
 def editing(qtbot):
-    made = Editing(qtbot)
-    yield made
-    made.background.close()
+    return Editing(qtbot)
 
 
 def test_what_is_typed_is_read_at_once_and_the_plan_follows(editing: Editing) -> None:
