@@ -34,6 +34,11 @@ def add(verbs) -> None:
         metavar="DIR",
         help="further studies: the findings of all, from their trials.csv, side by side in OUT/side-by-side.md",
     )
+    verb.add_argument(
+        "--timeouts",
+        action="store_true",
+        help="put trials whose time was up into boxes and statistics, which leave them out otherwise",
+    )
     verb.add_argument("--json", action="store_true", help="print the summary as JSON")
 
 
@@ -42,7 +47,7 @@ def analyze_verb(args: argparse.Namespace) -> int:
 
     studies = read_studies([args.dir, *args.beside]) if args.beside else {}
     with Progress("analyzing") as progress:
-        summary = analyze(args.dir, args.out, progress, getpass.getuser() if args.unblind else "")
+        summary = analyze(args.dir, args.out, progress, getpass.getuser() if args.unblind else "", args.timeouts)
     if studies:
         summary["side_by_side"] = str(write_side_by_side(studies, Path(summary["out"])))
     if args.json:

@@ -26,7 +26,7 @@ PHASES = {
 TAKE_IT = f"Touch the {theme.HANDLE_NAME} dot with the pointer to take hold of it"
 ENDINGS = {
     "done": "Well done", "timeout": "Time is up", "aborted": "Stopped", "recovered": "Stopped", "stopped": "Stopped",
-    "redone": "Once more", "skipped": "Let us go on",
+    "redone": "Once more", "skipped": "Let us go on", "excluded": "Let us go on",
 }  # fmt: skip
 ENDED = Said("", "The next one starts in a moment")
 WELCOME = Said("Welcome", "We start in a moment")

@@ -1,6 +1,7 @@
 """Box plots of a study, as Figs. 16 to 18 of the paper: each controller, or its code, in each configuration."""
 
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -25,13 +26,14 @@ from experiments.analysis.figures import (
     new_figure,
 )
 from experiments.analysis.metrics import METRICS, Metric
-from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller
+from experiments.analysis.trials_table import TrialRow, by_controller, to_compare
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
 WHISKER = 1.5  # box lengths
 QUARTILE_METHOD = "linear"  # NumPy's name; MATLAB's is "hazen" and differs
 PAPER = "paper"  # the protocol whose figures these are
 COMBINED_NAME = "boxplots.png"
+TIMEOUT_COLOUR = "#c47400"
 CODE_COLOUR = QUIET  # one for all: a code has no colour of a controller
 LABEL_IN = 10.5 / 72.0  # inches: a line of a controller's name
 CAPTION_SIZE, LINE_IN, CHARACTERS_PER_INCH = 7.0, 0.16, 18.5  # of the small print: points, inches, at most
@@ -72,16 +74,20 @@ def file_name(metric: Metric, protocol: str) -> str:
 
 
 def boxes(
-    rows: Iterable[TrialRow], column: str, configurations: Sequence[str], scale: float = 1.0
+    rows: Iterable[TrialRow],
+    column: str,
+    configurations: Sequence[str],
+    scale: float = 1.0,
+    timeouts: bool = False,
 ) -> dict[tuple[int | str, str], Box]:
     """(controller, configuration) -> its box, over all participants and segments; none where there is no value.
 
-    Trials that are done or timed out count, each with the value that it has.
+    timeouts: trials whose time was up are in the boxes as well, each with the value that it has.
     """
     groups: dict[tuple[int | str, str], list[float]] = {}
-    for row in rows:
+    for row in to_compare(rows, timeouts):
         value = getattr(row, column)
-        if value is not None and row.status in COUNTED and row.configuration in configurations:
+        if value is not None and row.configuration in configurations:
             groups.setdefault((row.controller, row.configuration), []).append(scale * value)
     return {key: box_statistics(groups[key]) for key in sorted(groups, key=in_order)}
 
@@ -100,6 +106,7 @@ def draw_boxplots(
     labels: Mapping[int, str] = CONTROLLER_LABELS,
     progress: Callable[[float], None] = lambda share: None,
     protocol: str = PAPER,
+    timeouts: bool = False,
 ) -> list[Path]:
     """Draw every metric as PNG, SVG and PDF and all in one wide PNG into `out_folder`; returns the paths.
 
@@ -107,6 +114,7 @@ def draw_boxplots(
     configurations: the first is drawn filled, the second open; by default as the table first names them.
     labels: controller -> what stands under its box; codes of a blind session stand under theirs as they are.
     protocol: its name; only the paper's own figures bear the numbers of its figures (`file_name`).
+    timeouts: trials whose time was up are in the boxes; else they are crosses above them, and the caption says so.
     progress: called with the share that is drawn; whatever it raises ends the work before anything is written.
     InputError before anything is written if a file exists already or there is nothing to draw.
     """
@@ -119,22 +127,36 @@ def draw_boxplots(
     refuse_existing_files(paths)
 
     shown = controllers_shown(rows, labels)
+    note = "\n".join(filter(None, (left_out(rows, timeouts), note)))
     wider = max(1.0, len(shown) / 5.0)
     with matplotlib.rc_context(STYLE):
         drawn: list[bytes] = []
         for metric in metrics:
             figure = new_figure(6.4 * wider, 4.5 + _label_room(shown))
-            _draw(figure, rows, [metric], configurations, note, shown)
+            _draw(figure, rows, [metric], configurations, note, shown, timeouts)
             for form in FORMATS:
                 progress(len(drawn) / len(paths))
                 drawn.append(figure_bytes(figure, form))
         progress(len(drawn) / len(paths))
         figure = new_figure(5.0 * wider * len(metrics), 4.5 + _label_room(shown))
-        _draw(figure, rows, metrics, configurations, note, shown)
+        _draw(figure, rows, metrics, configurations, note, shown, timeouts)
         drawn.append(figure_bytes(figure, "png"))
     progress(1.0)
     write_new_files(dict(zip(paths, drawn, strict=True)))
     return paths
+
+
+def left_out(rows: Iterable[TrialRow], timeouts: bool = False) -> str:
+    """How many trials the boxes leave out, and why, as a caption has it; "": none."""
+    count = Counter(row.status for row in rows)
+    late, excluded = (f"{n} trial{'s' if n != 1 else ''}" for n in (count["timeout"], count["excluded"]))
+    parts = []
+    if count["timeout"]:
+        where = "in the boxes" if timeouts else "crosses above the scale, not in the boxes"
+        parts.append(f"{late} timed out: {where}.")
+    if count["excluded"]:
+        parts.append(f"{excluded} excluded by the experimenter, not shown.")
+    return " ".join(parts)
 
 
 def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> dict[int | str, str]:
@@ -158,11 +180,13 @@ def _draw(
     configurations: Sequence[str],
     note: str,
     shown: Mapping[int | str, str],
+    timeouts: bool = False,
 ) -> None:
     width, height = figure.get_size_inches()
     left, right, between, top = 0.6, 0.15, 0.7, 0.72  # inches
-    found = [boxes(rows, metric.name, configurations, metric.scale) for metric in metrics]
+    found = [boxes(rows, metric.name, configurations, metric.scale, timeouts) for metric in metrics]
     counts = {box.count for panel in found for box in panel.values()}
+    late = [] if timeouts else [(r.controller, r.configuration) for r in rows if r.status == "timeout"]
     lines = _caption(counts, note, int((width - left - right) * CHARACTERS_PER_INCH))
     bottom = 0.66 + LINE_IN * len(lines) + _label_room(shown)
 
@@ -171,6 +195,7 @@ def _draw(
         place = (left + i * (each + between), bottom, each, height - top - bottom)
         axes = figure.add_axes(tuple(np.divide(place, (width, height, width, height))))
         draw_panel(axes, found[i], metric, configurations, shown, show_counts=len(counts) > 1)
+        _draw_timeouts(axes, late, configurations, list(shown))
     if len(configurations) > 1:
         handles = [
             Patch(facecolor=QUIET if i == 0 else "white", edgecolor=QUIET, label=name, linewidth=1.2)
@@ -203,7 +228,7 @@ def _caption(counts: set[int], note: str, characters: int) -> list[str]:
     )
     if counts == {1}:
         method = "1 trial a box, drawn as a square."
-    return [line for text in (method, note) for line in textwrap.wrap(text, characters)]
+    return [line for text in (method, *note.splitlines()) for line in textwrap.wrap(text, characters)]
 
 
 def draw_panel(
@@ -218,9 +243,8 @@ def draw_panel(
     controllers = list(shown)
     width = 0.62 / len(configurations)
     for (controller, configuration), box in found.items():
-        j = configurations.index(configuration)
-        x = controllers.index(controller) + (j - (len(configurations) - 1) / 2) * (width + 0.08)
-        _draw_box(axes, box, x, width, colour_of(controller), filled=j == 0)
+        x = _place(controller, configuration, configurations, controllers)
+        _draw_box(axes, box, x, width, colour_of(controller), filled=configuration == configurations[0])
         if show_counts:
             axes.annotate(
                 f"{box.count}", (x, 0.0), (0, -4), ("data", "axes fraction"), "offset points",
@@ -242,6 +266,32 @@ def draw_panel(
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     axes.set_title(f"{metric.title} ({metric.shown_unit})", loc="left", fontsize=10.5, pad=9)
+
+
+def _place(
+    controller: int | str, configuration: str, configurations: Sequence[str], controllers: Sequence[int | str]
+) -> float:
+    """The middle of a box, along the axis of controllers."""
+    apart = 0.62 / len(configurations) + 0.08
+    return controllers.index(controller) + (configurations.index(configuration) - (len(configurations) - 1) / 2) * apart
+
+
+def _draw_timeouts(
+    axes: Axes,
+    late: Sequence[tuple[int | str, str]],
+    configurations: Sequence[str],
+    controllers: Sequence[int | str],
+) -> None:
+    """A cross above the scale for each (controller, configuration), beside each other where there are several."""
+    drawn = Counter()
+    for controller, configuration in late:
+        middle = _place(controller, configuration, configurations, controllers)
+        x = middle + 0.06 * ((drawn[controller, configuration] + 1) // 2) * (-1) ** drawn[controller, configuration]
+        drawn[controller, configuration] += 1
+        axes.plot(
+            [x], [1.015], "x", transform=axes.get_xaxis_transform(), clip_on=False,
+            markersize=5.0, markeredgewidth=1.3, markeredgecolor=TIMEOUT_COLOUR,
+        )  # fmt: skip
 
 
 def colour_of(controller: int | str) -> str:

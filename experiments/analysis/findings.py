@@ -45,7 +45,7 @@ from experiments.analysis.participants import (
     spreads,
     too_few,
 )
-from experiments.analysis.trials_table import TrialRow
+from experiments.analysis.trials_table import TrialRow, to_compare
 
 THREE, FOUR = PAPER_CONFIGURATIONS
 
@@ -203,10 +203,14 @@ class Finding(NamedTuple):
     comparisons: tuple[Comparison, ...]
 
 
-def findings(rows: Sequence[TrialRow]) -> list[Finding]:
-    """All eleven, for any study: of simulated operators or people, complete or not."""
-    by_measure = {column: scores(rows, column, np.median) for column in (*ERROR, *FORCE, *ROUGHNESS)}
-    error_spread, finished = spreads(rows, ERROR[0]), finished_share(rows)
+def findings(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Finding]:
+    """All eleven, for any study: of simulated operators or people, complete or not.
+
+    timeouts: trials whose time was up count as well.
+    """
+    ended = to_compare(rows, timeouts)
+    by_measure = {column: scores(ended, column, np.median) for column in (*ERROR, *FORCE, *ROUGHNESS)}
+    error_spread, finished = spreads(ended, ERROR[0]), finished_share(rows)
     people, configurations = people_of(rows), configurations_of(rows)
     found = []
     for statement in STATEMENTS:

@@ -1,8 +1,8 @@
 """The participant as the unit of every comparison: one score for each of their cells, and intervals over people.
 
 Trials of one person are no independent observations; people are. So each participant's trials in a cell
-(configuration, controller) become one score, and intervals and tests count participants. Trials that are done or
-timed out count, each with the value that it has, as in the box plots.
+(configuration, controller) become one score, and intervals and tests count participants. Which trials count, the
+caller decides (`trials_table.to_compare`), as in the box plots.
 """
 
 import math
@@ -37,7 +37,7 @@ def values_by_cell(rows: Iterable[TrialRow], column: str) -> dict[Cell, list[flo
     cells: dict[Cell, list[float]] = {}
     for row in rows:
         value = getattr(row, column)
-        if value is not None and row.status in COUNTED:
+        if value is not None:
             cells.setdefault((row.participant, row.configuration, row.controller), []).append(float(value))
     return cells
 

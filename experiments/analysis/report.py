@@ -15,7 +15,7 @@ from experiments.analysis.metrics import BY_NAME, METRICS
 from experiments.analysis.participants import configurations_of, finished_share, people_of, scores, too_few
 from experiments.analysis.sensitivity import Variants, sensitivity, swapped
 from experiments.analysis.statistics import MEASURES, POOLED, Result, least_p_holm, statistics
-from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller
+from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller, to_compare
 from experiments.recording.atomic_files import write_new_files
 
 #: The measures that the report leads with, those of the figures.
@@ -37,13 +37,14 @@ def write_report(
     variants: Variants | None = None,
     controllers: Mapping[int, Preset] | None = None,
     simulated: bool = False,
+    timeouts: bool = False,
 ) -> list[Path]:
     """Write the files into `out_folder`; their paths. note: what was used, as on the figures.
 
     variants: further definitions of smoothness, as `sensitivity.of_recording(folder)` takes them from recordings.
     controllers: those of the protocol (None: Table I); the paper's statements are tested on Table I's alone. Of coded
     rows only the means are written: each blind session has a key of its own, so codes cannot be compared.
-    simulated: operators, not people, moved the handle.
+    simulated: operators, not people, moved the handle. timeouts: trials whose time was up count in the statistics.
     InputError before anything is written if one exists already or no trial counts.
     """
     folder = Path(out_folder)
@@ -53,16 +54,16 @@ def write_report(
     refusal = why_no_findings(controllers or {}, coded)
     names = CONTROLLER if controllers is None or not refusal else {k: one.name for k, one in controllers.items()}
     none = 1 if controllers is None else next((k for k, one in controllers.items() if one.kind == "none"), 0)
-    texts = {"participant_means.csv": means_csv(rows)}
+    texts = {"participant_means.csv": means_csv(to_compare(rows, timeouts))}
     if coded:
-        texts["report.md"] = report(rows, refusal, [], [], note, names, none, simulated)
+        texts["report.md"] = report(rows, refusal, [], [], note, names, none, simulated, timeouts)
     else:
-        found = [] if refusal else findings(rows)
-        results = [*statistics(rows), *sensitivity(rows, variants)]
+        found = [] if refusal else findings(rows, timeouts)
+        results = [*statistics(rows, timeouts), *sensitivity(rows, variants, timeouts)]
         if found:
             texts["findings.csv"] = findings_csv(found)
         texts["statistics.csv"] = _csv(Result._fields, results)
-        texts["report.md"] = report(rows, refusal, found, results, note, names, none, simulated)
+        texts["report.md"] = report(rows, refusal, found, results, note, names, none, simulated, timeouts)
     write_new_files({folder / name: text.encode() for name, text in texts.items()})
     return [folder / name for name in texts]
 
@@ -112,9 +113,10 @@ def report(
     names: Mapping[int, str],
     none: int,
     simulated: bool,
+    timeouts: bool,
 ) -> str:
     """The page. refusal: why there are no findings; names: of the controllers; none: the uncontrolled one."""
-    parts = ["# Report", f"{note[:1].upper()}{note[1:].rstrip('.')}. {_trials(rows, names)}"]
+    parts = ["# Report", f"{note[:1].upper()}{note[1:].rstrip('.')}. {_trials(rows, names, timeouts)}"]
     parts += [f"**{warning}**" for warning in warnings(rows, found, simulated)]
     parts.append("## The paper's findings")
     if refusal:
@@ -135,19 +137,20 @@ def warnings(rows: Sequence[TrialRow], found: Sequence[Finding], simulated: bool
     return ([few] if few else []) + ([SIMULATED] if simulated else [])
 
 
-def _trials(rows: Sequence[TrialRow], names: Mapping[int, str]) -> str:
+def _trials(rows: Sequence[TrialRow], names: Mapping[int, str], timeouts: bool) -> str:
     people, counted = len(people_of(rows)), [row for row in rows if row.status in COUNTED]
     late = sum(row.status == "timeout" for row in counted)
     text = f"{people} participant{'s' if people != 1 else ''}, {len(counted)} trials that count"
     if len(rows) > len(counted):
-        text += f", {len(rows) - len(counted)} that do not (aborted, stopped, redone, recovered or skipped)"
+        text += f", {len(rows) - len(counted)} that do not (aborted, stopped, redone, recovered, skipped or excluded)"
     if not late:
         return text + "; all reached the end."
+    text += f"; {late} of them ran out of time and {'count in' if timeouts else 'are left out of'} the statistics."
     if any(isinstance(row.controller, str) for row in rows):
-        return f"{text}; {late} of them ran out of time."
+        return text
     worst = [(s, cell) for cell, s in finished_share(rows).items() if s < 1.0]
     listed = ", ".join(f"{_name(k, names)} on {device} {100 * s:.0f} %" for s, (device, k) in sorted(worst))
-    return f"{text}; {late} of them ran out of time. Reached the end: {listed}; all others 100 %."
+    return f"{text} Reached the end: {listed}; all others 100 %."
 
 
 def _name(controller: int | str, names: Mapping[int, str]) -> str:

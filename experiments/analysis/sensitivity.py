@@ -15,7 +15,7 @@ from scipy import stats
 from experiments.analysis.metrics import BY_NAME, METRICS, tip_acceleration, weighted_amplitudes
 from experiments.analysis.participants import configurations_of
 from experiments.analysis.statistics import Result
-from experiments.analysis.trials_table import COUNTED, TrialRow
+from experiments.analysis.trials_table import TrialRow, to_compare
 from experiments.recording.reader import read_recording
 
 #: What stands for one thing; the first is the definition that the figures use.
@@ -65,15 +65,16 @@ def dft_sum(tip: np.ndarray, move: np.ndarray, how: Smoothness) -> float | None:
     return float(np.sum(weighted)) if len(weighted) else None
 
 
-def sensitivity(rows: Sequence[TrialRow], variants: Variants | None = None) -> list[Result]:
+def sensitivity(rows: Sequence[TrialRow], variants: Variants | None = None, timeouts: bool = False) -> list[Result]:
     """The order of controllers, best first, by each definition, and how well it agrees with the first one's.
 
     Controllers stand in the order of the mean over participants of their means. `value`: Kendall's tau with the first
-    definition's order (1: the same order, -1: reversed).
+    definition's order (1: the same order, -1: reversed). timeouts: trials whose time was up count as well.
     """
+    rows = to_compare(rows, timeouts)
     values = [
         {d: getattr(row, d) for names in DEFINITIONS.values() for d in names}
-        | (dict(variants(row)) if variants and row.status in COUNTED and row.duration_s else {})
+        | (dict(variants(row)) if variants and row.duration_s else {})
         for row in rows
     ]
     results = []
@@ -101,7 +102,7 @@ def _means(
     cells: dict[tuple[int, str], list[float]] = {}
     for row, of_row in zip(rows, values, strict=True):
         value = of_row.get(definition)
-        if value is not None and row.status in COUNTED and row.configuration == configuration:
+        if value is not None and row.configuration == configuration:
             cells.setdefault((row.controller, row.participant), []).append(value)
     sign = -1.0 if definition in BY_NAME and BY_NAME[definition].better == "higher" else 1.0
     controllers = sorted({controller for controller, _ in cells})

@@ -26,7 +26,7 @@ from experiments.analysis.participants import (
     scores,
     shift_interval,
 )
-from experiments.analysis.trials_table import COUNTED, TrialRow
+from experiments.analysis.trials_table import TrialRow, to_compare
 
 MEASURES = tuple(name for thing in ("accuracy", "force", "smoothness", "") for name in compared_for(thing))
 POOLED = "pooled"
@@ -51,8 +51,9 @@ class Result(NamedTuple):
     p_holm: float | None = None
 
 
-def statistics(rows: Sequence[TrialRow]) -> list[Result]:
-    """Every result, always in the same order."""
+def statistics(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Result]:
+    """Every result, always in the same order. timeouts: trials whose time was up count as well."""
+    rows = to_compare(rows, timeouts)
     results: list[Result] = []
     for measure in MEASURES:
         for configuration, table in by_configuration(rows, measure):
@@ -202,8 +203,8 @@ def trend(rows: Sequence[TrialRow], measure: str) -> list[Result]:
     for person in people_of(rows):
         of_person = [row for row in rows if row.participant == person]
         run, value = within_tasks(of_person, [(row.run, getattr(row, measure)) for row in of_person])
-        values = [getattr(row, measure) for row in of_person if row.status in COUNTED]
-        mean = np.mean([v for v in values if v is not None] or [0.0])
+        values = [v for row in of_person if (v := getattr(row, measure)) is not None]
+        mean = np.mean(values or [0.0])
         if np.any(run) and mean:
             slopes.append(100.0 * TREND_TRIALS * float(run @ value / (run @ run)) / mean)
     if not slopes:
@@ -219,7 +220,7 @@ def within_tasks(rows: Sequence[TrialRow], values: Sequence[tuple]) -> tuple[np.
     """Pairs of values less their mean in the task (participant, configuration, controller, segment); no empty ones."""
     tasks: dict[tuple, list[tuple]] = {}
     for row, pair in zip(rows, values, strict=True):
-        if row.status in COUNTED and None not in pair:
+        if None not in pair:
             task = (row.participant, row.configuration, row.controller, row.segment)
             tasks.setdefault(task, []).append(pair)
     centred = [np.array(pairs, dtype=float) - np.mean(pairs, axis=0) for pairs in tasks.values()]

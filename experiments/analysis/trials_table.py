@@ -23,12 +23,13 @@ from experiments.recording.atomic_files import give_new_name, refuse_existing_fi
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
     from experiments.recording.schema import Recording
 
-STATUSES = ("done", "timeout", "aborted", "redone", "recovered", "skipped", "stopped")
-#: Trials whose measures count in tables of results and box plots: a time-out keeps its measures (and is marked).
+STATUSES = ("done", "timeout", "aborted", "redone", "recovered", "skipped", "stopped", "excluded")
+#: Trials that ran until the end of the path or the end of their time: they have measures and are counted.
 COUNTED = ("done", "timeout")
 #: Trials that settle their cell of the plan: after any other the cell is run again. Aborted: the experimenter
-#: ended it and gave a reason; stopped: the brakes-off, a fault or the end of the app cut it short.
-SETTLED = ("done", "timeout", "aborted", "skipped")
+#: ended it and gave a reason; stopped: the brakes-off, a fault or the end of the app cut it short; excluded: the
+#: experimenter took it out of every result, for a reason.
+SETTLED = ("done", "timeout", "aborted", "skipped", "excluded")
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,15 @@ class TrialRow(_measured("_MeasuredSince", METRICS[len(_FIRST) :], _Recorded)):
     def seen_from(self, folder: str) -> "TrialRow":
         """The row for a table further up: `folder` (as "sub-01/ses-01") is where this one's table stands."""
         return replace(self, recording=str(PurePosixPath(folder) / self.recording)) if self.recording else self
+
+
+def to_compare(rows: Iterable[TrialRow], timeouts: bool = False) -> list[TrialRow]:
+    """The trials that boxes and statistics are made of: those that reached the end of the path.
+
+    Our choice: what was measured until the time was up is not a measure of the whole path, so such a trial is counted
+    and shown, and stays out unless `timeouts` asks for it. The paper reports none.
+    """
+    return [row for row in rows if row.status == "done" or timeouts and row.status == "timeout"]
 
 
 COLUMNS = tuple(column.name for column in fields(TrialRow))

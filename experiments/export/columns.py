@@ -81,6 +81,7 @@ STATUS_MEANINGS = {
     "redone": "run again later, for a reason; kept, does not count",
     "recovered": "cut off by a crash, rescued; does not count",
     "skipped": "not run, for a reason",
+    "excluded": "taken out of every result by the experimenter, for a reason; kept, does not count",
 }
 STATUS_LEVELS: dict[str, str] = {status: STATUS_MEANINGS[status] for status in STATUSES}
 

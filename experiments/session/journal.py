@@ -48,6 +48,7 @@ TRIAL_CUT_OFF = Event("trial cut off", {"run": int, "reason": str})  # of a stud
 LEFT_AS_STREAM = Event("left as a stream", {"file": str, "reason": str})
 SKIPPED = Event("skipped", {**_TRIAL, "reason": str})
 REDONE = Event("redone", {"run": int, "reason": str})
+EXCLUDED = Event("excluded", {"run": int, "reason": str})  # from every result but the table
 UNBLINDED = Event("unblinded", {"who": str, "key": dict})  # code -> controller
 KEY_OPENED = Event("key opened", {"who": str, "analysis": str})  # for an analysis; the session stays blind
 NOTE = Event("note", {"text": str})
@@ -145,13 +146,17 @@ class JournalSummary:
     begun: dict[int, dict] = field(default_factory=dict)  # run -> the event
     skipped: dict[int, dict] = field(default_factory=dict)  # run -> the event
     redone: dict[int, str] = field(default_factory=dict)  # run -> reason
+    excluded: dict[int, str] = field(default_factory=dict)  # run -> reason
     practised: dict[str, int] = field(default_factory=dict)  # configuration -> practice trials done or skipped
     key: dict[str, int] | None = None  # code -> controller, once the session is unblinded
 
     def row(self, row: TrialRow) -> TrialRow:
         """A row, from its recording or of a skipped trial, as it stands in the table."""
         row = opened(row, self.key) if self.key is not None else veiled(row)
-        return replace(row, status="redone") if row.run in self.redone else row
+        for status, runs in (("redone", self.redone), ("excluded", self.excluded)):
+            if row.run in runs:
+                return replace(row, status=status)
+        return row
 
     def plan(self, plan: tuple[PlannedTrial, ...]) -> tuple[PlannedTrial, ...]:
         """The stored plan, opened if the session is unblinded."""
@@ -169,6 +174,8 @@ def journal_summary(session: Path) -> JournalSummary:
             found.skipped[about["run"]] = about
         elif event is REDONE:
             found.redone[about["run"]] = about["reason"]
+        elif event is EXCLUDED:
+            found.excluded[about["run"]] = about["reason"]
         elif event is SKIPPED or (event is PRACTICE_ENDED and about["status"] in COUNTED):
             found.practised[about["configuration"]] = found.practised.get(about["configuration"], 0) + 1
         elif event is UNBLINDED:

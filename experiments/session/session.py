@@ -58,6 +58,7 @@ from experiments.session.journal import (
     BEGUN,
     CREATED,
     ENDED,
+    EXCLUDED,
     LEFT_AS_STREAM,
     NOTE,
     PRACTICE_BEGUN,
@@ -376,6 +377,21 @@ class Session:
             raise InputError(f"run {run}: {why}, there is nothing to do again")
         self.journal(REDONE, run=run, reason=reason)
         self._replace_rows([replace(row, status="redone") if row is found else row for row in self.rows])
+        return next(row for row in self.rows if row.run == run)
+
+    def exclude(self, run: int, reason: str) -> TrialRow:
+        """Take a run out of every result but the table: its recording stays, its row becomes `excluded`; that row.
+
+        Its cell of the plan is settled. InputError if there is no such run, it does not count, or no reason is given.
+        """
+        found = next((row for row in self.rows if row.run == run), None)
+        if found is None or found.status not in COUNTED:
+            why = "is not done yet" if found is None else f"is {found.status} and does not count anyway"
+            raise InputError(f"run {run}: {why}, there is nothing to exclude")
+        if not reason.strip():
+            raise InputError(f"run {run}: a reason is needed to exclude it")
+        self.journal(EXCLUDED, run=run, reason=reason)
+        self._replace_rows([replace(row, status="excluded") if row is found else row for row in self.rows])
         return next(row for row in self.rows if row.run == run)
 
     def unblind(self, who: str) -> None:

@@ -53,12 +53,14 @@ def analyze(
     out: Path | None = None,
     progress: Callable[[float], None] | None = None,
     unblind: str = "",
+    timeouts: bool = False,
 ) -> dict:
     """Write trials.csv, the figures and the report into a new folder (default DIR/analysis-N); the summary.
 
     A recording that is damaged or was cut off is left out and named, here and on the figures, and `changed` gives what
     that does to each box. unblind: who opens the keys of blind sessions, for this analysis alone: it is written into
-    their journals, and their own tables stay coded. InputError if there is nothing to analyze.
+    their journals, and their own tables stay coded. timeouts: trials whose time was up are in boxes and statistics.
+    InputError if there is nothing to analyze.
     """
     folder = Path(folder)
     sessions = {session: recordings_in(session) for session in sorted(folder.glob("sub-*/ses-*"))}
@@ -84,7 +86,7 @@ def analyze(
             rows += rows_without_recording(session, journal)
             read.rows += sorted(rows, key=lambda row: row.run)
         write_table(out / "trials.csv", read.rows)
-        warned = _conclude(out, read) if read.rows else []
+        warned = _conclude(out, read, timeouts) if read.rows else []
     except BaseException:
         if not any(out.iterdir()):
             out.rmdir()
@@ -134,18 +136,19 @@ def _read_one(folder: Path, path: Path, out: Path, journal: JournalSummary, rows
         read.presets[row.controller] = preset_from_json(about["preset"])
 
 
-def _conclude(out: Path, read: _Read) -> list[str]:
+def _conclude(out: Path, read: _Read, timeouts: bool) -> list[str]:
     """Figures and report; the warnings of the report."""
     without = f", {count_of(read.left_out, 'recording')} left out" if read.left_out else ""
     label, note = (" / ".join(sorted(said)) + without for said in (read.labels, read.notes))
     protocol = " and ".join(sorted(read.protocols))
-    draw_boxplots(told_apart(read.rows), out / "figures", label, labels=_labels(read), protocol=protocol)
+    rows, labels = told_apart(read.rows), _labels(read)
+    draw_boxplots(rows, out / "figures", label, labels=labels, protocol=protocol, timeouts=timeouts)
     if not any(row.status in COUNTED for row in read.rows):
         return []
     controllers = dict(sorted(read.presets.items()))
-    write_report(read.rows, out / "report", note, of_recording(out), controllers, read.simulated)
+    write_report(read.rows, out / "report", note, of_recording(out), controllers, read.simulated, timeouts)
     coded = any(isinstance(row.controller, str) for row in read.rows)
-    found = [] if why_no_findings(controllers, coded) else findings(read.rows)
+    found = [] if why_no_findings(controllers, coded) else findings(read.rows, timeouts)
     return warnings(read.rows, found, read.simulated)
 
 

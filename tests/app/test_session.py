@@ -22,7 +22,7 @@ from experiments.session.files import (
     rows_of,
     write_pooled_table,
 )
-from experiments.session.journal import NOTE, REDONE, read_events
+from experiments.session.journal import EXCLUDED, NOTE, REDONE, read_events
 from experiments.session.recover import recover
 from experiments.session.session import Session
 from experiments.session.verify import verify
@@ -104,6 +104,29 @@ def test_only_what_was_settled_can_be_redone(tmp_path):
             session.redo(number, "twice")
     assert statuses(session) == [(1, "redone")]
     session.close()
+
+
+def test_an_excluded_run_settles_its_cell_and_stays_in_the_table_with_its_recording(tmp_path):
+    session = new_session(tmp_path, protocol=short())
+    run_trials(session, 2)
+    content = (session.folder / session.rows[1].recording).read_bytes()
+    row = session.exclude(2, "the participant sneezed")
+    assert row.status == "excluded" and row.path_error_m is not None and session.settled == 2
+    assert rows_of(session.folder) == session.rows and statuses(session) == [(1, "done"), (2, "excluded")]
+    assert (session.folder / row.recording).read_bytes() == content
+    told = [entry.about for entry in read_events(session.folder) if entry.event is EXCLUDED]
+    assert told == [{"run": 2, "reason": "the participant sneezed"}]
+    for number, reason, words in ((2, "twice", "is excluded"), (3, "early", "is not done"), (1, " ", "a reason is")):
+        with pytest.raises(InputError, match=f"run {number}: {words}"):
+            session.exclude(number, reason)
+    session.close()
+    assert verify(tmp_path)["faults"] == []
+    (session.folder / "trials.csv").unlink()  # what the table held, the journal gives again
+    assert recover(tmp_path)["faults"] == [] and rows_of(session.folder)[1].status == "excluded"
+    session = Session.resume(tmp_path, "01", sync=False)
+    assert session.redo(2, "after all").status == "redone"
+    session.close()
+    assert verify(tmp_path)["faults"] == []
 
 
 def test_when_all_is_settled_nothing_can_be_skipped(tmp_path):

@@ -77,16 +77,27 @@ def test_a_study_of_three_has_18_trials_in_each_of_10_boxes():
     assert found[4, "four-brake"].median == pytest.approx(np.median(by_hand))
 
 
-def test_time_outs_count_with_what_they_have_and_aborted_or_redone_trials_do_not():
+def test_a_trial_that_was_not_done_is_in_no_box_and_a_timed_out_one_only_if_asked_for():
     rows = study()
-    rows[0] = replace(rows[0], status="timeout")
-    rows[1] = replace(rows[1], status="timeout", path_error_m=None)
-    rows[2] = replace(rows[2], status="aborted")
-    rows[4] = replace(rows[4], status="redone")
-    assert [row.controller for row in (rows[0], rows[1], rows[2], rows[4])] == [1, 1, 2, 3]
+    for i, status in ((0, "timeout"), (2, "aborted"), (4, "redone"), (6, "excluded")):
+        rows[i] = replace(rows[i], status=status, path_error_m=0.065)
+    assert [rows[i].controller for i in (0, 2, 4, 6)] == [1, 2, 3, 4]
     found = boxes(rows, "path_error_m", ("three-brake", "four-brake"))
-    assert [found[controller, "three-brake"].count for controller in (1, 2, 3, 4)] == [17, 17, 17, 18]
-    assert boxes(rows, "mean_tip_force_N", ("three-brake",))[1, "three-brake"].count == 18
+    assert [found[controller, "three-brake"].count for controller in (1, 2, 3, 4, 5)] == [17, 17, 17, 17, 18]
+    assert max(max(box.high, *box.outliers, 0.0) for box in found.values()) < 0.065
+    asked = boxes(rows, "path_error_m", ("three-brake", "four-brake"), timeouts=True)
+    assert asked[1, "three-brake"].count == 18 and 0.065 in asked[1, "three-brake"].outliers
+    assert {key: box for key, box in asked.items() if key != (1, "three-brake")}.items() <= found.items()
+
+
+@pytest.mark.parametrize("timeouts", [False, True])
+def test_a_figure_says_how_many_trials_it_leaves_out(tmp_path, timeouts):
+    rows = study()
+    rows[:3] = [replace(rows[i], status=status) for i, status in enumerate(("timeout", "timeout", "excluded"))]
+    draw_boxplots(rows, tmp_path, NOTE, metrics=DRAWN[:1], timeouts=timeouts)
+    text = " ".join(re.findall(r"<!-- (.*?) -->", (tmp_path / "fig16_path_error.svg").read_text()))
+    where = "in the boxes" if timeouts else "crosses above the scale, not in the boxes"
+    assert f"2 trials timed out: {where}. 1 trial excluded by the experimenter" in text
 
 
 def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_time(tmp_path):

@@ -228,8 +228,11 @@ def test_trials_that_ran_out_of_time_say_nothing_about_speed_and_uncounted_ones_
     assert [r.value for r in statistics(late) if r.test == "speed" and r.statistic == "doublings_above_own_mean"] == [
         pytest.approx(r.value) for r in plain if r.statistic == "doublings_above_own_mean"
     ]
-    aborted = [replace(rows[0], run=900 + i, status="aborted", path_error_m=9.0, duration_s=0.1) for i in range(5)]
-    assert statistics(rows + aborted) == whole
+    for status in ("aborted", "excluded", "timeout"):
+        more = [replace(rows[0], run=900 + i, status=status, path_error_m=9.0, duration_s=0.1) for i in range(5)]
+        assert statistics(rows + more) == whole and (statistics(rows + more, timeouts=True) != whole) == (
+            status == "timeout"
+        )
 
 
 def test_pooled_needs_both_devices_of_a_person():

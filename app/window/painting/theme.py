@@ -24,7 +24,7 @@ JOINT = dict(zip("AEBC", _OF.joints, strict=True))
 CONTROLLER = dict(enumerate(_OF.controllers, start=1))
 STATUS = {
     "done": GOOD, "timeout": CAUTION, "aborted": BAD, "redone": QUIET, "recovered": CAUTION, "skipped": QUIET,
-    "stopped": BAD,
+    "stopped": BAD, "excluded": QUIET,
 }  # fmt: skip
 
 SMALL, NORMAL, TITLE, HEAD, LARGE = 12, 14, 16, 20, 30  # px, at a text size of 1
