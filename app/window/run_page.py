@@ -353,7 +353,7 @@ class Centre(QWidget):
         if self.workspace is not None:
             self.workspace.set_blind(snapshot.blind)
         if snapshot.running is None:
-            self._say(words.between(snapshot, opened, hand_is_mouse(opened)))
+            self._write(words.between(snapshot, opened, hand_is_mouse(opened)))
 
     def begin(self, planned: PlannedTrial, tip: m.Point) -> None:
         """A trial, running or to come."""
@@ -362,7 +362,7 @@ class Centre(QWidget):
         device = next(device for device in self._opened.devices if device.name == planned.configuration)
         self.workspace.show_trial(device, self._opened.paths[planned.segment], tip, self._opened.rules)
         if self._snapshot.running is not None:
-            self._say(words.moving(tick_log.APPROACH, not hand_is_mouse(self._opened)) or words.Said(""))
+            self._write(self._moving(tick_log.APPROACH, not hand_is_mouse(self._opened)) or words.Shown(""))
 
     def rest(self, tip: m.Point) -> None:
         """Between trials: the handle stands here."""
@@ -374,13 +374,16 @@ class Centre(QWidget):
         if self.workspace is None:
             return
         self.workspace.add(rows)
-        if (said := words.moving(int(rows[-1, tick_log.PHASE]), taken or not hand_is_mouse(self._opened))) is not None:
-            self._say(said)
+        if (shown := self._moving(int(rows[-1, tick_log.PHASE]), taken or not hand_is_mouse(self._opened))) is not None:
+            self._write(shown)
 
-    def _say(self, said: words.Said) -> None:
-        self.large.setText(said.large)
-        if said.small != self.small.text():
-            self.small.setText(said.small)
+    def _moving(self, phase: int, taken: bool) -> words.Shown | None:
+        return words.moving(phase, taken, words.language_of(self._opened))
+
+    def _write(self, shown: words.Shown) -> None:
+        self.large.setText(shown.large)
+        if shown.small != self.small.text():
+            self.small.setText(shown.small)
             self._fit()
 
 
