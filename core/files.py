@@ -39,6 +39,7 @@ _TYPE = re.compile(r"^Expected `([^`]*)`, got `([^`]*)`$")
 _BOUND = re.compile(r"^Expected `(?:float|int)(?: \| null)?` (>=|>|<=|<) (\S+)$")
 _INVALID = re.compile(r"^Invalid value '(.*)'$")
 _LENGTH = re.compile(r"^Expected `array` of length (?:(?:>=|<=) )?(\d+)(?:, got \d+)?$")
+_FORMS: dict[str, str] = {}  # msgspec's message -> what the text must be (`text_of_form`)
 _BOUND_WORDS = {">": "greater than", ">=": "at least", "<": "less than", "<=": "at most"}
 
 
@@ -68,7 +69,7 @@ def from_plain(content: Any, kind: Any, where: str) -> Any:
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
-        raise InputError(f"{where}: {_sentence(str(error), content)}") from None
+        raise InputError(f"{where}: {_sentence(str(error), content).lstrip()}") from None
 
 
 def read_toml(path: Path, kind: type[T]) -> tuple[T, str]:
@@ -81,6 +82,18 @@ def one_of(value: str, choices: tuple[str, ...], key: str) -> None:
     """For `__post_init__` of a table: a ValueError (it becomes the file's InputError) unless value is a choice."""
     if value not in choices:
         raise ValueError(f"{key} must be one of {', '.join(choices)}, not {value!r}")
+
+
+def text_of_form(pattern: str, words: str) -> msgspec.Meta:
+    """For `Annotated[str, ..]`: text that matches the whole pattern; a refusal says that it must be `words`."""
+    whole = rf"^(?:{pattern})\Z"
+    _FORMS[f"Expected `str` matching regex {whole!r}"] = words
+    return msgspec.Meta(pattern=whole)
+
+
+def choice(*words: str) -> msgspec.Meta:
+    """For `Annotated[str, ..]`: text that is one of the words."""
+    return text_of_form("|".join(words), f"one of {', '.join(words)}")
 
 
 def _refuse_not_finite(value: Any, key: str, where: str) -> None:
@@ -109,6 +122,8 @@ def _sentence(message: str, content: dict[str, Any]) -> str:
         return f"{key} must be {wanted}, not {_TYPE_WORDS.get(found[2], found[2])}"
     if found := _BOUND.match(reason):
         return f"{key} must be {_BOUND_WORDS[found[1]]} {float(found[2]):g}, not {_value(content, key)!r}"
+    if words := _FORMS.get(reason.replace(" | null", "")):
+        return f"{key} must be {words}, not {_value(content, key)!r}"
     if found := _INVALID.match(reason):
         return f"{key} {found[1]!r} is not known"
     if found := _LENGTH.match(reason):

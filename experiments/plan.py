@@ -12,7 +12,8 @@ import math
 import re
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -22,11 +23,16 @@ from core.files import InputError
 from core.path import Arc, PathFile, Polyline, build_path
 from experiments.protocol import Protocol
 
+PRACTICE_BLOCK = 0
 #: A random order is drawn anew until it fits: with the paper's cells 3 in 10 do. After so many draws it is built.
 _MOST_DRAWS = 2000
-#: Sets the draws of practice apart from those of the plan.
-_PRACTICE = 0x9AC71CE
-PRACTICE_BLOCK = 0
+_PRACTICE = 0x9AC71CE  # sets the draws of practice apart from those of the plan
+
+TRIAL_S = 15.0  # assumed: approach, hold, a move of some seconds, and what lies between two trials
+RERIG_S = 300.0  # assumed: taking a brake off or putting one on, and the checks
+
+#: A controller, by its number or code, and the number of a path.
+Cell = tuple[int | str, int]
 
 
 class PlannedTrial(NamedTuple):
@@ -40,120 +46,16 @@ class PlannedTrial(NamedTuple):
     repetition: int  # 1.., of the cell within the configuration
 
 
-def participant_index(participant: int | str) -> int:
-    """The participant's number, which decides the order of the configurations: "07", "p7" and 7 give 7.
+def participant_index(participant: str) -> int:
+    """The participant's number, which decides the order of the configurations: "07" and "p7" give 7.
 
     Our choice: a label without digits gets a number from its letters, so the order does not depend on chance.
+    InputError unless it is letters and digits only.
     """
-    if isinstance(participant, bool) or not isinstance(participant, int | str | np.integer):
-        raise InputError(f"participant: {participant!r} is neither a number nor a label")
-    if not isinstance(participant, str):
-        if participant < 0:
-            raise InputError(f"participant: {participant!r} must not be negative")
-        return int(participant)
-    if not participant.isascii() or not participant.isalnum():
-        raise InputError(f"participant: label {participant!r} must be letters and digits only")
+    if not (participant.isascii() and participant.isalnum()):
+        raise InputError(f"participant {participant!r}: must be letters and digits only")
     digits = re.search(r"\d+$", participant) or re.search(r"\d+", participant)
     return int(digits.group()) if digits else zlib.crc32(participant.encode())
-
-
-def configuration_order(participant: int | str, devices: Sequence[str]) -> tuple[str, ...]:
-    """The devices as this participant meets them: as given for participant 1, from the second on for 2, ..."""
-    first = (participant_index(participant) - 1) % len(devices)
-    return (*devices[first:], *devices[:first])
-
-
-def _distinct(key: str, values: Iterable) -> tuple:
-    values = tuple(values)
-    if not values:
-        raise InputError(f"plan: {key} is empty, there is nothing to plan")
-    if len(set(values)) != len(values):
-        raise InputError(f"plan: {key} names one of {', '.join(map(str, values))} twice")
-    return values
-
-
-def _shuffled_block(
-    cells: Sequence[tuple], last_controller: int | str | None, generator: np.random.Generator
-) -> list[tuple]:
-    """The (controller, path) cells in one of the allowed orders, all equally likely (nearly so, where few orders fit).
-
-    Allowed: no controller twice running, nor the controller of the trial before the block at its start.
-    """
-    controllers = [cell[0] for cell in cells]
-    if len(set(controllers)) == 1:
-        return [cells[i] for i in generator.permutation(len(cells))]
-    for _ in range(_MOST_DRAWS):
-        order = generator.permutation(len(cells))
-        drawn = [last_controller, *(controllers[i] for i in order)]
-        if all(before != after for before, after in zip(drawn, drawn[1:], strict=False)):
-            return [cells[i] for i in order]
-    return _built_block(cells, last_controller, generator)
-
-
-def _built_block(cells: Sequence[tuple], last: int | str | None, generator: np.random.Generator) -> list[tuple]:
-    """An allowed order, place by place: a cell at random, among those after which the rest can still be placed."""
-    rest, built = [cells[i] for i in generator.permutation(len(cells))], []
-    while rest:
-        left = len(rest) - 1
-        counts = Counter(controller for controller, *_ in rest)
-        fits = [
-            i
-            for i, (controller, *_) in enumerate(rest)
-            if controller != last
-            and counts[controller] - 1 <= left // 2
-            and all(count <= (left + 1) // 2 for other, count in counts.items() if other != controller)
-        ]
-        built.append(rest.pop(fits[int(generator.integers(len(fits)))]))
-        last = built[-1][0]
-    return built
-
-
-def lay_out(
-    participant: int | str,
-    seed: int,
-    devices: Sequence[str],
-    segments: Iterable[int],
-    controllers: Iterable[int | str],
-    blocks: int,
-    repetitions: int = 1,
-) -> tuple[PlannedTrial, ...]:
-    """All trials of a participant, in order. The same arguments give the same plan."""
-    index = participant_index(participant)
-    devices, segments, controllers = (
-        _distinct(key, values)
-        for key, values in (("devices", devices), ("segments", segments), ("controllers", controllers))
-    )
-    for key, value, least in (("blocks", blocks, 1), ("repetitions", repetitions, 1), ("seed", seed, 0)):
-        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-            raise InputError(f"plan: {key} = {value!r} must be a whole number of at least {least}")
-
-    generator = np.random.default_rng(np.random.SeedSequence([int(seed), index]))
-    cells = [(controller, segment) for controller in controllers for segment in segments] * repetitions
-    trials: list[PlannedTrial] = []
-    for configuration in configuration_order(participant, devices):
-        met: dict[tuple, int] = {}
-        for block in range(1, blocks + 1):
-            last = trials[-1].controller if trials else None
-            for cell in _shuffled_block(cells, last, generator):
-                met[cell] = met.get(cell, 0) + 1
-                trials.append(PlannedTrial(len(trials) + 1, block, configuration, *cell, met[cell]))
-    return tuple(trials)
-
-
-def make_plan(protocol: Protocol, participant: int | str, coded: bool | None = None) -> tuple[PlannedTrial, ...]:
-    """All trials of a participant by a protocol. coded: over codes (default: as in the protocol)."""
-    names = [device.name for device in protocol.devices]
-    controllers = plan_controllers(protocol, coded)
-    return lay_out(
-        participant, protocol.seed, names, protocol.paths, controllers, protocol.blocks, protocol.repetitions
-    )
-
-
-def plan_controllers(protocol: Protocol, coded: bool | None = None) -> tuple[int | str, ...]:
-    """What stands for the controllers in a plan: their numbers, or as many codes."""
-    if protocol.blind if coded is None else coded:
-        return codes(len(protocol.controllers))
-    return tuple(protocol.controllers)
 
 
 def codes(count: int) -> tuple[str, ...]:
@@ -161,8 +63,36 @@ def codes(count: int) -> tuple[str, ...]:
     return tuple(f"K{number}" for number in range(1, count + 1))
 
 
+def _cells(protocol: Protocol, coded: bool | None) -> list[Cell]:
+    """Every controller on every path; coded: with codes in place of the controllers (None: as in the protocol)."""
+    is_coded = protocol.blind if coded is None else coded
+    controllers = codes(len(protocol.controllers)) if is_coded else protocol.controllers
+    return [(controller, path) for controller in controllers for path in protocol.paths]
+
+
+def make_plan(protocol: Protocol, participant: str, coded: bool | None = None) -> tuple[PlannedTrial, ...]:
+    """All trials of a participant, in order; the same arguments give the same plan.
+
+    The first participant meets the devices as given, the second from the second on, .. coded: as in `_cells`.
+    """
+    index = participant_index(participant)
+    generator = np.random.default_rng(np.random.SeedSequence([protocol.seed, index]))
+    cells = _cells(protocol, coded) * protocol.repetitions
+    names = [device.name for device in protocol.devices]
+    first = (index - 1) % len(names)
+    trials: list[PlannedTrial] = []
+    for configuration in (*names[first:], *names[:first]):
+        met: Counter[Cell] = Counter()
+        for block in range(1, protocol.blocks + 1):
+            last = trials[-1].controller if trials else None
+            for cell in _shuffled_block(cells, last, generator):
+                met[cell] += 1
+                trials.append(PlannedTrial(len(trials) + 1, block, configuration, *cell, met[cell]))
+    return tuple(trials)
+
+
 def practice_trial(
-    protocol: Protocol, participant: int | str, configuration: str, number: int, coded: bool | None = None
+    protocol: Protocol, participant: str, configuration: str, number: int, coded: bool | None = None
 ) -> PlannedTrial:
     """The practice trial of this number (1..) in a configuration; its run is its number until it is run.
 
@@ -171,11 +101,41 @@ def practice_trial(
     position = [device.name for device in protocol.devices].index(configuration)
     key = [_PRACTICE, protocol.seed, participant_index(participant), position]
     generator = np.random.default_rng(np.random.SeedSequence(key))
-    cells = [(controller, path) for controller in plan_controllers(protocol, coded) for path in protocol.paths]
-    drawn: list[tuple] = []
+    drawn: list[Cell] = []
     while len(drawn) < number:
-        drawn += _shuffled_block(cells, drawn[-1][0] if drawn else None, generator)
+        drawn += _shuffled_block(_cells(protocol, coded), drawn[-1][0] if drawn else None, generator)
     return PlannedTrial(number, PRACTICE_BLOCK, configuration, *drawn[number - 1], number)
+
+
+def _shuffled_block(cells: Sequence[Cell], last: int | str | None, generator: np.random.Generator) -> list[Cell]:
+    """The cells in one of the allowed orders, all equally likely (nearly so, where few orders fit).
+
+    Allowed: no controller twice running, nor `last`, the one of the trial before the block, at its start.
+    """
+    for _ in range(_MOST_DRAWS):
+        drawn = [cells[i] for i in generator.permutation(len(cells))]
+        controllers = [last, *(controller for controller, _ in drawn)]
+        if len({*controllers[1:]}) == 1 or all(before != after for before, after in pairwise(controllers)):
+            return drawn
+    return _built_block(cells, last, generator)
+
+
+def _built_block(cells: Sequence[Cell], last: int | str | None, generator: np.random.Generator) -> list[Cell]:
+    """An allowed order, place by place: a cell at random, among those after which the rest can still be placed."""
+    rest, built = [cells[i] for i in generator.permutation(len(cells))], []
+    while rest:
+        left = len(rest) - 1
+        counts = Counter(controller for controller, _ in rest)
+        fits = [
+            i
+            for i, (controller, _) in enumerate(rest)
+            if controller != last
+            and counts[controller] - 1 <= left // 2
+            and all(count <= (left + 1) // 2 for other, count in counts.items() if other != controller)
+        ]
+        built.append(rest.pop(fits[int(generator.integers(len(fits)))]))
+        last = built[-1][0]
+    return built
 
 
 def break_after(protocol: Protocol, done: int, left: int) -> bool:
@@ -205,12 +165,10 @@ def plan_hash(plan: Sequence[PlannedTrial]) -> str:
     return hashlib.sha256(canonical.encode()).hexdigest()
 
 
-TRIAL_S = 15.0  # assumed: approach, hold, a move of some seconds, and what lies between two trials
-RERIG_S = 300.0  # assumed: taking a brake off or putting one on, and the checks
+# ------------------------------------------------------------------------------------------------------ as printed text
 
-
-#: lines of the printed plan between a trial and the next one; of the first one's configuration so many are then done
-#: and left
+#: Lines of the printed plan between a trial and the next one; of the first one's configuration so many are then done
+#: and left.
 Steps = Callable[[Protocol, PlannedTrial, PlannedTrial, int, int], list[str]]
 
 
@@ -218,90 +176,93 @@ def print_plan(protocol: Protocol, participant: str, steps: Steps) -> str:
     """The protocol's facts, the estimated duration, then every trial in order with practice and the steps between."""
     plan = make_plan(protocol, participant)
     parts, before = [_head(protocol, participant, plan)], plan[0]
-    for configuration in dict.fromkeys(trial.configuration for trial in plan):
-        trials = [trial for trial in plan if trial.configuration == configuration]
+    for configuration, group in groupby(plan, key=lambda trial: trial.configuration):
+        trials = list(group)
         if before.configuration != configuration:
-            parts += steps(protocol, before, trials[0], sum(t.configuration == before.configuration for t in plan), 0)
+            parts += steps(protocol, before, trials[0], len(trials), 0)
         parts.append("\n".join([configuration, *_lines(protocol, participant, trials, steps)]))
         before = trials[-1]
     return "\n\n".join(parts) + "\n"
 
 
+def _lines(protocol: Protocol, participant: str, trials: list[PlannedTrial], steps: Steps) -> list[str]:
+    """The trials of one configuration, its practice first."""
+    width = max(len(protocol.controller_name(trial.controller)) for trial in trials)
+    practice = [
+        practice_trial(protocol, participant, trials[0].configuration, number)
+        for number in range(1, protocol.practice_trials + 1)
+    ]
+    lines, block = [], None
+    for done, trial in enumerate([*practice, *trials], start=1 - len(practice)):
+        is_practice = trial.block == PRACTICE_BLOCK
+        if trial.block != block:
+            block = trial.block
+            lines.append("  practice" if is_practice else f"  block {block}")
+        run = "" if is_practice else trial.run
+        lines.append(f"  {run:>5}  {protocol.controller_name(trial.controller):{width}}  path {trial.segment}")
+        if 0 < done < len(trials):
+            lines += [f"  {line}" for line in steps(protocol, trial, trials[done], done, len(trials) - done)]
+    return lines
+
+
 def plan_summary(protocol: Protocol) -> str:
     """What a participant's session is made of, how many trials that gives, and about how long it takes."""
-    plan = make_plan(protocol, 1)
-    counts = [
-        counted(len(of), name)
-        for of, name in ((protocol.devices, "device"), (protocol.controllers, "controller"), (protocol.paths, "path"))
-    ]
-    times = protocol.blocks * protocol.repetitions
-    practised = protocol.practice_trials * len(protocol.devices)
-    practice = f" and {practised} of practice" if practised else ""
-    factors = " × ".join(counts + ([str(times)] if times > 1 else []))
-    return f"{factors} = {counted(len(plan), 'trial')}{practice}, about {_minutes(protocol, plan)} min"
+    plan = make_plan(protocol, "1")
+    parts = {"device": protocol.devices, "controller": protocol.controllers, "path": protocol.paths}
+    factors = [_counted(len(of), name) for name, of in parts.items()]
+    if (times := protocol.blocks * protocol.repetitions) > 1:
+        factors.append(str(times))
+    return f"{' × '.join(factors)} = {_length(protocol, plan)}"
 
 
-def counted(number: int, name: str) -> str:
+def _counted(number: int, name: str) -> str:
     """ "1 trial", "2 trials"."""
     return f"{number} {name}" if number == 1 else f"{number} {name}s"
 
 
-def _minutes(protocol: Protocol, plan: tuple[PlannedTrial, ...]) -> int:
-    return math.ceil(estimated_s(protocol, plan) / 60.0)
-
-
-def estimated_s(protocol: Protocol, plan: tuple[PlannedTrial, ...]) -> float:
-    """How long a session takes (s): trials, practice and re-rigs at the assumed pace, breaks at their least."""
+def _length(protocol: Protocol, plan: Sequence[PlannedTrial]) -> str:
+    """How many trials a session has, and how long it takes: breaks at their least, the rest at the assumed pace."""
     configurations = len(protocol.devices)
     each = len(plan) // configurations
     breaks = sum(break_after(protocol, done, each - done) for done in range(1, each)) * configurations
-    trials = len(plan) + configurations * protocol.practice_trials
+    practised = configurations * protocol.practice_trials
+    trials = len(plan) + practised
     rest_s = protocol.breaks.least_s if protocol.breaks else 0.0
-    return trials * TRIAL_S + breaks * rest_s + (configurations - 1) * RERIG_S
-
-
-def _head(protocol: Protocol, participant: str, plan: tuple[PlannedTrial, ...]) -> str:
-    assumed = f"assumed: {TRIAL_S:g} s a trial"
-    if len(protocol.devices) > 1:
-        assumed += f", {RERIG_S / 60:g} min a re-rig"
-    practised = protocol.practice_trials * len(protocol.devices)
+    seconds = trials * TRIAL_S + breaks * rest_s + (configurations - 1) * RERIG_S
     practice = f" and {practised} of practice" if practised else ""
+    return f"{_counted(len(plan), 'trial')}{practice}, about {math.ceil(seconds / 60.0)} min"
+
+
+def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) -> str:
+    rerig = f", {RERIG_S / 60:g} min a re-rig" if len(protocol.devices) > 1 else ""
+    times = "once" if protocol.repetitions == 1 else f"{protocol.repetitions} times"
+    breaks = protocol.breaks
+    facts = {
+        "participants": [", ".join(protocol.participants) or "anybody"],
+        "devices": [f"{device.name}{' (assumed)' if device.assumed else ''}" for device in protocol.devices],
+        "paths": [f"{number}  {_path_text(path)}" for number, path in protocol.paths.items()],
+        "controllers": [f"{number}  {_controller_text(one)}" for number, one in protocol.controllers.items()],
+        "blocks": [f"{protocol.blocks} for each device, each controller on each path {times} in each"],
+        "breaks": [
+            f"after each {breaks.after_trials} trials of a device, at least {breaks.least_s:g} s" if breaks else "none"
+        ],
+        "rules": [protocol.rules],
+        "seed": [f"{protocol.seed}, plan {plan_hash(plan)[:16]}"],
+        "participant sees": [_seen(protocol)],
+        "experimenter": [f"sees codes, K1 to K{len(protocol.controllers)}"] if protocol.blind else [],
+        "questionnaire": ["after each block"] if protocol.questionnaire.on else [],
+    }
     lines = [
-        f"{protocol.name} protocol, participant {participant}: {len(plan)} trials{practice}, "
-        f"about {_minutes(protocol, plan)} min ({assumed})",
+        f"{protocol.name} protocol, participant {participant}: {_length(protocol, plan)} "
+        f"(assumed: {TRIAL_S:g} s a trial{rerig})",
         "",
-        *_named("participants", [", ".join(protocol.participants) or "anybody"]),
-        *_named("devices", [f"{d.name}{' (assumed)' if d.assumed else ''}" for d in protocol.devices]),
-        *_named("paths", [f"{number}  {path_text(path)}" for number, path in protocol.paths.items()]),
-        *_named("controllers", [f"{number}  {controller_text(one)}" for number, one in protocol.controllers.items()]),
-        *_named("blocks", [_blocks(protocol)]),
-        *_named("breaks", [_breaks(protocol)]),
-        *_named("rules", [protocol.rules]),
-        *_named("seed", [f"{protocol.seed}, plan {plan_hash(plan)[:16]}"]),
-        *_named("participant sees", [_seen(protocol)]),
-        *_named("experimenter", ["sees codes, K1 to K" + f"{len(protocol.controllers)}"] if protocol.blind else []),
-        *_named("questionnaire", ["after each block"] if protocol.questionnaire else []),
+        *(f"{'' if i else name:18}{value}" for name, values in facts.items() for i, value in enumerate(values)),
     ]
     if protocol.paths_assumed:
         lines.append("\nThe paths are assumed.")
     if len(protocol.controllers) == 1 and len(plan) > 1:
         lines.append("\nThere is only one controller, so it comes again in every trial.")
     return "\n".join(lines)
-
-
-def _named(name: str, values: list[str]) -> list[str]:
-    return [f"{name if i == 0 else '':18}{value}" for i, value in enumerate(values)]
-
-
-def _blocks(protocol: Protocol) -> str:
-    times = "once" if protocol.repetitions == 1 else f"{protocol.repetitions} times"
-    return f"{protocol.blocks} for each device, each controller on each path {times} in each"
-
-
-def _breaks(protocol: Protocol) -> str:
-    if protocol.breaks is None:
-        return "none"
-    return f"after each {protocol.breaks.after_trials} trials of a device, at least {protocol.breaks.least_s:g} s"
 
 
 def _seen(protocol: Protocol) -> str:
@@ -312,24 +273,23 @@ def _seen(protocol: Protocol) -> str:
     return f"{linkage}, {feedback}, {paced}"
 
 
-def path_text(path: PathFile) -> str:
+def _path_text(path: PathFile) -> str:
     """A path in a few words."""
-    length = build_path(path, "path").length
+
+    def place(point: tuple[float, float]) -> str:
+        return f"({point[0]:g}, {point[1]:g})"
+
     if isinstance(path, Arc):
         turn = f"{path.from_deg:g} to {path.to_deg:g} deg"
-        where = f"arc about {_place(path.centre_m)}, radius {path.radius_m:g} m, {turn}"
+        where = f"arc about {place(path.centre_m)}, radius {path.radius_m:g} m, {turn}"
     elif isinstance(path, Polyline):
-        where = "polyline " + " - ".join(map(_place, path.points_m)) + " m"
+        where = "polyline " + " - ".join(map(place, path.points_m)) + " m"
     else:
-        where = f"segment {_place(path.start_m)} - {_place(path.end_m)} m"
-    return f"{where}, {length:.3f} m long"
+        where = f"segment {place(path.start_m)} - {place(path.end_m)} m"
+    return f"{where}, {build_path(path, 'path').length:.3f} m long"
 
 
-def _place(point: tuple[float, float]) -> str:
-    return f"({point[0]:g}, {point[1]:g})"
-
-
-def controller_text(preset: Preset) -> str:
+def _controller_text(preset: Preset) -> str:
     """A controller in a few words."""
     about = [
         f"{one.word} {one.scale * value:g} {one.unit}".rstrip()
@@ -337,22 +297,3 @@ def controller_text(preset: Preset) -> str:
         if value != one.default
     ]
     return f"{preset.name} ({', '.join(about)})" if about else preset.name
-
-
-def _lines(protocol: Protocol, participant: str, trials: list[PlannedTrial], steps: Steps) -> list[str]:
-    """The trials of one configuration."""
-    width = max(len(protocol.controller_name(trial.controller)) for trial in trials)
-    practice = [
-        practice_trial(protocol, participant, trials[0].configuration, number)
-        for number in range(1, protocol.practice_trials + 1)
-    ]
-    lines, block = [], None
-    for done, trial in enumerate([*practice, *trials], start=1 - len(practice)):
-        if trial.block != block:
-            block = trial.block
-            lines.append(f"  {'practice' if block == PRACTICE_BLOCK else f'block {block}'}")
-        run = "" if block == PRACTICE_BLOCK else str(trial.run)
-        lines.append(f"  {run:>5}  {protocol.controller_name(trial.controller):{width}}  path {trial.segment}")
-        if 0 < done < len(trials):
-            lines += [f"  {line}" for line in steps(protocol, trial, trials[done], done, len(trials) - done)]
-    return lines

@@ -1,64 +1,61 @@
-"""Protocols: what an experiment is, from its file to what plans, sessions and screens read.
+"""Protocols: what an experiment is, from its TOML file to what plans, sessions and screens read.
 
-A protocol stands in a TOML file (format: `ProtocolFile`; lengths in m, forces in N, times in s, gains in N s/m); the
-paper's is shipped and the default. What is stored with a session or a study (`protocol_to_json`) holds every file in
-full, so that the session can be resumed when the files are lost.
+Every key is declared once, with its type, its range and its default; lengths in m, forces in N, times in s, gains in
+N s/m. The keys of `Settings` mean the same in a file (`ProtocolFile`) and in an experiment that was checked
+(`Protocol`). What is stored with a session or a study (`protocol_to_json`) holds every file in full, so that the
+session can be resumed when the files are lost. The paper's protocol is shipped and the default.
 """
 
 import textwrap
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.control.rule_sets import RULE_SETS
 from core.device import Device, build_device, load_device
-from core.files import InputError, NotNegative, Positive, Table, one_of, parse_toml, read_text
+from core.files import (
+    InputError,
+    NotNegative,
+    Positive,
+    Table,
+    choice,
+    from_plain,
+    one_of,
+    parse_toml,
+    read_text,
+    text_of_form,
+)
 from core.path import PathFile, build_path, outline, path_from, point_at
 from core.simulator.hand import Hand, spring_hand
 from core.workspace import tip_is_free
 
 PROPORTIONAL, GAIN = "proportional", "gain_N_s_m"  # whose least gain `--low-gain` sets
-FEEDBACKS = ("none", "time", "error")  # what the participant sees after a trial
 NUMBER, TEXT = "number", "text"  # what a field of the form takes where it lists no choices
+SHIPPED_FOLDER = Path(__file__).resolve().parent / "protocols"
+PAPER = "paper"
+MOST_TRIALS = 10_000  # of a participant. Our choice: 40 hours and more; what is typed in error is more
+REACH_SPACING_M = 0.002  # between the places of a path at which a device's stops are looked at
 
 Count = Annotated[int, msgspec.Meta(ge=1, le=1000)]
+Seed = Annotated[int, msgspec.Meta(ge=0)]
 Text = Annotated[str, msgspec.Meta(min_length=1)]
+Label = Annotated[str, text_of_form("[A-Za-z0-9]+", "letters and digits only")]
+Rules = Annotated[str, choice(*RULE_SETS)]
+_SOME = msgspec.Meta(min_length=1)
 
-
-#: Parameter of an algorithm -> what a file may say for it.
+#: Parameter of an algorithm -> its type in a file.
 PARAMETER_TYPES = {name: Positive if one.default is None else NotNegative for name, one in PARAMETERS.items()}
 
+T = TypeVar("T")
 
-class _NamedController(Table, frozen=True):
-    """What every controller has."""
-
-    name: Text
-    kind: str  # a word of ALGORITHMS
-    number: Count | None = None  # its place in the list where it is left out
-
-    def __post_init__(self) -> None:
-        plain_text(self.name, "name")
-        self.preset()
-
-    def preset(self) -> Preset:
-        """The controller. ValueError if its parameters are not those of its algorithm."""
-        one_of(self.kind, tuple(ALGORITHMS), "kind")
-        return make_preset(self.name, self.kind, {name: getattr(self, name) for name in PARAMETERS})
-
-
-#: One controller as it stands in a file: an algorithm and its parameters.
-ControllerFile = msgspec.defstruct(
-    "ControllerFile", [(name, kind | None, None) for name, kind in PARAMETER_TYPES.items()],
-    bases=(_NamedController,), frozen=True, kw_only=True, forbid_unknown_fields=True,
-)  # fmt: skip
+# ------------------------------------------------------------------------------------------ the keys of a protocol file
 
 
 class TrialFile(Table, frozen=True):
-    """How a trial goes: approach, hold, move, end. The end radius is assumed; the paper prints none of these."""
+    """How a trial goes: approach, hold, move, end. All assumed: the paper prints none of these."""
 
     hold_s: NotNegative = 0.5  # at the start, before "go"
     start_radius_m: Positive = 0.003  # within which the start is held
@@ -74,18 +71,6 @@ class Release(Table, frozen=True):
     on: bool = True
     force_N: Positive = 30.0
     time_s: Positive = 1.0
-
-
-class TrialRules(NamedTuple):
-    """How a trial goes, as a trial reads it: the fields of `TrialFile`, and the release (None: off)."""
-
-    hold_s: float = 0.5
-    start_radius_m: float = 0.003
-    end_radius_m: float = 0.01
-    time_out_s: float = 30.0
-    approach_time_out_s: float = 30.0
-    end_s: float = 0.3
-    release: Release | None = Release()
 
 
 class Cues(Table, frozen=True):
@@ -126,39 +111,30 @@ class Questionnaire(Table, frozen=True):
     on: bool = False
 
 
-class ProtocolFile(Table, frozen=True):
-    """One protocol as it stands in its file."""
+class Settings(Table, frozen=True, kw_only=True):
+    """The keys that an experiment has as they stand in its file. To add one: its line here."""
 
     name: Text
-    devices: Annotated[tuple[Text, ...], msgspec.Meta(min_length=1)]  # shipped names, or paths from the file's folder
-    path: Annotated[tuple[dict[str, Any], ...], msgspec.Meta(min_length=1)]  # each a path of core.path
-    controller: Annotated[tuple[ControllerFile, ...], msgspec.Meta(min_length=1)]
-    rules: str = "settled"
-    seed: Annotated[int, msgspec.Meta(ge=0)] = 1
+    rules: Rules = "settled"
+    seed: Seed = 1
     blocks: Count = 1  # of each configuration; every controller x path once in each
     repetitions: Count = 1  # of a cell within a block
     practice_trials: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 0  # before each configuration, not counted
-    participants: tuple[str, ...] = ()  # none named: anybody
-    blind: bool = False  # the console sees codes in place of controllers
+    participants: tuple[Label, ...] = ()  # none named: anybody
+    blind: bool = False  # the console shows codes in place of controllers
     show_linkage: bool = False  # to the participant
-    feedback: str = "none"
-    provenance: str = ""  # "assumed": the paths are not measured or published, and every figure notes it
+    feedback: Annotated[str, choice("none", "time", "error")] = "none"  # to the participant, after a trial
+    provenance: Annotated[str, choice("", "assumed")] = ""  # "assumed": paths neither measured nor published
     trial: TrialFile = TrialFile()
+    release: Release = Release()
     cues: Cues | None = None
     breaks: Breaks | None = None
     mouse: MouseHand = MouseHand()
-    release: Release = Release()
     questionnaire: Questionnaire = Questionnaire()
     form: dict[str, tuple[Text, ...] | str] = {}  # asked of each participant: choices, "number" or "text"
 
     def __post_init__(self) -> None:
         plain_text(self.name, "name")
-        one_of(self.rules, tuple(RULE_SETS), "rules")
-        one_of(self.feedback, FEEDBACKS, "feedback")
-        one_of(self.provenance, ("", "assumed"), "provenance")
-        for label in self.participants:
-            if not (label.isascii() and label.isalnum()):
-                raise ValueError(f"participants: {label!r} must be letters and digits only")
         if len(set(self.participants)) < len(self.participants):
             raise ValueError("participants: the same label stands there twice")
         for name, kind in self.form.items():
@@ -169,9 +145,45 @@ class ProtocolFile(Table, frozen=True):
             elif len(set(kind)) < 2:
                 raise ValueError(f"form.{name} must offer at least two different choices")
 
-    def trial_rules(self) -> TrialRules:
-        """The tables `trial` and `release` together."""
-        return TrialRules(*msgspec.structs.astuple(self.trial), release=self.release if self.release.on else None)
+
+class _NamedController(Table, frozen=True):
+    """What every controller of a file has."""
+
+    name: Text
+    kind: Annotated[str, choice(*ALGORITHMS)]
+    number: Count | None = None  # its place in the list where it is left out
+
+    def __post_init__(self) -> None:
+        plain_text(self.name, "name")
+        self.preset()
+
+    def preset(self) -> Preset:
+        """The controller. ValueError if its parameters are not those of its algorithm."""
+        return make_preset(self.name, self.kind, {name: getattr(self, name) for name in PARAMETERS})
+
+
+#: One controller as it stands in a file: an algorithm and its parameters.
+ControllerFile = msgspec.defstruct(
+    "ControllerFile", [(name, kind | None, None) for name, kind in PARAMETER_TYPES.items()],
+    bases=(_NamedController,), frozen=True, kw_only=True, forbid_unknown_fields=True,
+)  # fmt: skip
+
+
+class ProtocolFile(Settings, frozen=True, kw_only=True):
+    """One protocol as it stands in its file."""
+
+    devices: Annotated[tuple[Text, ...], _SOME]  # shipped names, or paths from the file's folder
+    path: Annotated[tuple[dict[str, Any], ...], _SOME]  # each a path of core.path, and its number
+    controller: Annotated[tuple[ControllerFile, ...], _SOME]
+
+
+class Overrides(Table, frozen=True):
+    """What can be asked for in place of what a file holds."""
+
+    rules: Rules | None = None
+    low_gain: Positive | None = None  # N s/m, of the proportional controller of least gain
+    seed: Seed | None = None
+    devices: tuple[str, ...] | None = None  # names
 
 
 def plain_text(value: str, key: str) -> None:
@@ -180,39 +192,29 @@ def plain_text(value: str, key: str) -> None:
         raise ValueError(f'{key} must be plain text without ; " / or \\, not {value!r}')
 
 
-SHIPPED_FOLDER = Path(__file__).resolve().parent / "protocols"
-PAPER = "paper"
-MOST_TRIALS = 10_000  # of a participant. Our choice: 40 hours and more; what is typed in error is more
-REACH_SPACING_M = 0.002  # between the places of a path at which a device's stops are looked at
+# ---------------------------------------------------------------------------------------------- the checked experiment
 
 
-@dataclass(frozen=True)
-class Protocol:
+class TrialRules(TrialFile, frozen=True):
+    """How a trial goes, as a trial reads it: with the release (None: off)."""
+
+    release: Release | None = Release()
+
+
+class Protocol(Settings, frozen=True, kw_only=True):
     """An experiment, checked: every device can follow every path."""
 
-    name: str
     text: str  # the file in full
-    overrides: dict[str, Any]  # what was asked for in its place: devices (names), rules, low_gain, seed
+    overrides: dict[str, Any]  # what was asked for in its place
     devices: tuple[Device, ...]
     paths: dict[int, PathFile]
     controllers: dict[int, Preset]
-    rules: str
-    seed: int
-    blocks: int  # of each configuration
-    repetitions: int  # of a cell within a block
-    practice_trials: int  # before each configuration, not counted
-    participants: tuple[str, ...]  # none: anybody
-    blind: bool  # the console sees codes in place of controllers
-    show_linkage: bool  # to the participant
-    feedback: str  # to the participant: "none", "time", "error"
-    paths_assumed: bool
     trial: TrialRules
-    mouse: MouseHand
-    questionnaire: bool
-    cues: Cues | None = None
-    breaks: Breaks | None = None
-    form: dict[str, tuple[str, ...] | str] = field(default_factory=dict)  # as in `ProtocolFile`
-    device_files: dict[str, str] = field(default_factory=dict, compare=False)  # device -> how a refusal names it
+
+    @property
+    def paths_assumed(self) -> bool:
+        """Whether the paths are neither measured nor published."""
+        return self.provenance == "assumed"
 
     @property
     def assumed(self) -> bool:
@@ -267,17 +269,12 @@ def shipped_protocols() -> list[str]:
 
 
 def load_protocol(
-    name_or_path: str | Path = PAPER,
-    *,
-    devices: Sequence[str | Path | Device] | None = None,
-    rules: str | None = None,
-    low_gain: float | None = None,
-    seed: int | None = None,
+    name_or_path: str | Path = PAPER, *, devices: Sequence[str | Path | Device] | None = None, **asked: Any
 ) -> Protocol:
-    """A shipped protocol by its name, or a protocol file by its path; what else is given stands in place of the file's.
+    """A shipped protocol by its name, or a protocol file by its path.
 
-    devices: shipped names, paths from the current folder, or devices; low_gain (N s/m): of the proportional controller
-    of least gain. InputError, one sentence with file and key, for anything that cannot be run.
+    devices: in place of the file's: shipped names, paths from the current folder, or devices. asked: fields of
+    `Overrides`; None: not asked for. InputError, one sentence with file and key, for anything that cannot be run.
     """
     path = Path(name_or_path)
     if str(name_or_path) in shipped_protocols():
@@ -287,135 +284,97 @@ def load_protocol(
             f"unknown protocol {str(name_or_path)!r}: neither a shipped protocol ({', '.join(shipped_protocols())}) "
             "nor a file"
         )
-    given = {
-        name: value for name, value in (("rules", rules), ("low_gain", low_gain), ("seed", seed)) if value is not None
-    }
-    return read_protocol(read_text(path), path.parent, str(path), given, devices)
+    return read_protocol(read_text(path), path.parent, str(path), devices, **asked)
 
 
 def read_protocol(
-    text: str,
-    folder: Path,
-    where: str,
-    given: Mapping[str, Any] | None = None,
-    devices: Sequence[str | Path | Device] | None = None,
+    text: str, folder: Path, where: str, devices: Sequence[str | Path | Device] | None = None, **asked: Any
 ) -> Protocol:
     """A protocol from the text of its file, which stands in `folder`; `where` names it. Else as `load_protocol`."""
-    file, given = parse_toml(text, ProtocolFile, where), dict(given or {})
+    file = parse_toml(text, ProtocolFile, where)
+    overrides = {name: value for name, value in asked.items() if value is not None}
     if devices is None:
         found = [_device(reference, folder, f"{where}: devices") for reference in file.devices]
     else:
         found = [_device(reference, Path(), "--device") for reference in devices]
-        given["devices"] = [device.name for device, _ in found]
-    return build_protocol(file, text, found, given, where)
+        overrides["devices"] = [device.name for _, device in found]
+    return _checked(file, text, found, overrides, where)
 
 
-def _device(reference: str | Path | Device, folder: Path, where: str) -> tuple[Device, str]:
-    """A device, and how a refusal names it: by its file, where it came from one."""
+def _device(reference: str | Path | Device, folder: Path, where: str) -> tuple[str, Device]:
+    """How a refusal names a device (by its file, where it came from one), and the device."""
     if isinstance(reference, Device):
-        return reference, f"device {reference.name}"
+        return f"device {reference.name}", reference
     try:
         device = load_device(reference, folder)
     except InputError as error:
         raise InputError(f"{where}: {error}" if str(error).startswith("unknown device") else str(error)) from None
     path = folder / reference
-    return device, str(path) if path.is_file() and device.name != str(reference) else f"device {device.name}"
+    return str(path) if path.is_file() and device.name != str(reference) else f"device {device.name}", device
 
 
-def build_protocol(
-    file: ProtocolFile,
-    text: str,
-    devices: Sequence[tuple[Device, str]],
-    given: Mapping[str, Any],
-    where: str,
+def _checked(
+    file: ProtocolFile, text: str, devices: Sequence[tuple[str, Device]], overrides: Mapping[str, Any], where: str
 ) -> Protocol:
-    """The protocol of a file with its devices; `given` replaces the file's own values. InputError as above."""
-    names = [device.name for device, _ in devices]
-    if len(set(names)) < len(names):
-        raise InputError(f"{where}: devices: two devices have the same name ({', '.join(names)})")
-    controllers = _controllers(file, where)
-    if "low_gain" in given:
-        controllers = with_low_gain(controllers, given["low_gain"], where)
-    rules, seed = given.get("rules", file.rules), given.get("seed", file.seed)
-    if rules not in RULE_SETS:
-        raise InputError(f"rules: {rules!r} is not one of {', '.join(RULE_SETS)}")
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise InputError(f"seed: {seed!r} must be a whole number of at least 0")
-    protocol = Protocol(
-        name=file.name,
-        text=text,
-        overrides=dict(given),
-        devices=tuple(device for device, _ in devices),
-        paths=_paths(file, where),
-        controllers=controllers,
-        rules=rules,
-        seed=seed,
-        blocks=file.blocks,
-        repetitions=file.repetitions,
-        practice_trials=file.practice_trials,
-        participants=file.participants,
-        blind=file.blind,
-        show_linkage=file.show_linkage,
-        feedback=file.feedback,
-        paths_assumed=file.provenance == "assumed",
-        trial=file.trial_rules(),
-        mouse=file.mouse,
-        questionnaire=file.questionnaire.on,
-        cues=file.cues,
-        breaks=file.breaks,
-        form=dict(file.form),
-        device_files={device.name: named for device, named in devices},
-    )
-    refuse_endless(protocol, where)
-    check_reach(protocol, where)
-    return protocol
-
-
-def refuse_endless(protocol: Protocol, where: str) -> None:
-    """InputError if a participant would have more trials than MOST_TRIALS."""
-    cells = len(protocol.devices) * len(protocol.paths) * len(protocol.controllers)
-    trials = cells * protocol.blocks * protocol.repetitions
-    if trials > MOST_TRIALS:
+    """The protocol of a file with these devices (each with the name for refusals). InputError as above."""
+    asked = from_plain(dict(overrides), Overrides, f"{where}: options")
+    _refuse_twice([device.name for _, device in devices], f"{where}: devices: two devices")
+    presets = [controller.preset() for controller in file.controller]
+    _refuse_twice([preset.name for preset in presets], f"{where}: controller: two controllers")
+    numbers = [controller.number for controller in file.controller]
+    controllers = _numbered(numbers, presets, f"{where}: controller")
+    if asked.low_gain is not None:
+        controllers = _with_low_gain(controllers, asked.low_gain, where)
+    paths = _paths(file.path, where)
+    cells = len(devices) * len(paths) * len(controllers)
+    if (trials := cells * file.blocks * file.repetitions) > MOST_TRIALS:
         raise InputError(
             f"{where}: blocks, repetitions: a participant can have at most {MOST_TRIALS} trials, not {trials} "
-            f"({cells} of device, path and controller, {protocol.blocks} blocks, {protocol.repetitions} repetitions)"
+            f"({cells} of device, path and controller, {file.blocks} blocks, {file.repetitions} repetitions)"
         )
+    check_reach(devices, paths, where)
+    settings = {name: getattr(file, name) for name in Settings.__struct_fields__}
+    settings |= {name: getattr(asked, name) for name in ("rules", "seed") if name in overrides}
+    release = file.release if file.release.on else None
+    settings["trial"] = TrialRules(*msgspec.structs.astuple(file.trial), release=release)
+    return Protocol(
+        text=text, overrides=dict(overrides), devices=tuple(device for _, device in devices), paths=paths,
+        controllers=controllers, **settings,
+    )  # fmt: skip
 
 
-def _numbered(key: str, numbers: Sequence[Any], where: str) -> list[int]:
-    """The numbers of a list's entries: those they name, else their place in the list."""
-    found = [place if number is None else number for place, number in enumerate(numbers, start=1)]
-    for number in found:
-        if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= 1000:
-            raise InputError(f"{where}: {key}: number must be a whole number from 1 to 1000, not {number!r}")
-        if found.count(number) > 1:
-            raise InputError(f"{where}: {key}: number {number} stands there twice")
-    return found
-
-
-def _controllers(file: ProtocolFile, where: str) -> dict[int, Preset]:
-    numbers = _numbered("controller", [controller.number for controller in file.controller], where)
-    presets = [one.preset() for one in file.controller]
-    names = [preset.name for preset in presets]
+def _refuse_twice(names: Sequence[str], what: str) -> None:
     if len(set(names)) < len(names):
-        raise InputError(f"{where}: controller: two controllers have the same name ({', '.join(names)})")
-    return dict(sorted(zip(numbers, presets, strict=True)))
+        raise InputError(f"{what} have the same name ({', '.join(names)})")
 
 
-def _paths(file: ProtocolFile, where: str) -> dict[int, PathFile]:
-    numbers = _numbered("path", [entry.get("number") for entry in file.path], where)
+def _numbered(numbers: Iterable[int | None], entries: Iterable[T], where: str) -> dict[int, T]:
+    """The entries of a list by rising number: their own, or their place in the list where they have none."""
+    found: dict[int, T] = {}
+    for place, (own, entry) in enumerate(zip(numbers, entries, strict=True), start=1):
+        number = place if own is None else own
+        if number in found:
+            raise InputError(f"{where}: number {number} stands there twice")
+        found[number] = entry
+    return dict(sorted(found.items()))
+
+
+def _paths(entries: Sequence[dict[str, Any]], where: str) -> dict[int, PathFile]:
+    """The paths by number; each can be followed."""
+    own = [
+        from_plain(entry.get("number"), Count | None, f"{where}: path {place}: number")
+        for place, entry in enumerate(entries, start=1)
+    ]
     paths = {}
-    for number, entry in sorted(zip(numbers, file.path, strict=True), key=lambda pair: pair[0]):
+    for number, entry in _numbered(own, entries, f"{where}: path").items():
         about = {key: value for key, value in entry.items() if key != "number"}
         paths[number] = path_from(about, f"{where}: path {number}")
-        build_path(paths[number], f"{where}: path {number}")  # it can be followed
+        build_path(paths[number], f"{where}: path {number}")
     return paths
 
 
-def with_low_gain(controllers: Mapping[int, Preset], gain: float, where: str) -> dict[int, Preset]:
+def _with_low_gain(controllers: Mapping[int, Preset], gain: float, where: str) -> dict[int, Preset]:
     """The controllers with this gain (N s/m) for the proportional one of least gain."""
-    if isinstance(gain, bool) or not isinstance(gain, int | float) or not 0.0 < gain <= 1e6:
-        raise InputError(f"low gain: {gain!r} must be a number greater than 0, at most 1e6 N s/m")
     proportional = [number for number, preset in controllers.items() if preset.kind == PROPORTIONAL]
     if not proportional:
         raise InputError(f"{where}: controller: none is proportional, there is no low gain to set")
@@ -423,17 +382,17 @@ def with_low_gain(controllers: Mapping[int, Preset], gain: float, where: str) ->
     return {**controllers, least: controllers[least].replaced(GAIN, float(gain))}
 
 
-def check_reach(protocol: Protocol, where: str) -> None:
-    """InputError if a device cannot follow a path without running into a stop."""
-    for device in protocol.devices:
-        for number, path in protocol.paths.items():
+def check_reach(devices: Iterable[tuple[str, Device]], paths: Mapping[int, PathFile], where: str) -> None:
+    """InputError if a device, given with its name for the refusal, would run into a stop on a path."""
+    for named, device in devices:
+        for number, path in paths.items():
             places = outline(path, REACH_SPACING_M)
             free = tip_is_free(device.mechanism, places[:, 0], places[:, 1])
             if not free.all():
                 x, y = places[int(free.argmin())]
                 raise InputError(
-                    f"{protocol.device_files[device.name]}: cannot follow path {number} of {where}, which leaves its "
-                    f"workspace at ({x:.3f}, {y:.3f}) m"
+                    f"{named}: cannot follow path {number} of {where}, which leaves its workspace at "
+                    f"({x:.3f}, {y:.3f}) m"
                 )
 
 
@@ -461,9 +420,8 @@ def protocol_from_json(about: Mapping[str, Any], where: str) -> Protocol:
     devices = []
     for stored in about["devices"]:
         named = f"{where}: devices.{stored['name']}"
-        device = build_device(stored["file"], stored["brakes"], named, stored.get("calibration"))
-        devices.append((device, named))
-    return build_protocol(file, about["text"], devices, about["overrides"], f"{where}: protocol")
+        devices.append((named, build_device(stored["file"], stored["brakes"], named, stored.get("calibration"))))
+    return _checked(file, about["text"], devices, about["overrides"], f"{where}: protocol")
 
 
 def home_of(device: Device, paths: Mapping[int, PathFile]) -> tuple[float, float]:

@@ -1,6 +1,9 @@
 """One connection to a board, from Hello to Bye: messages over a port, and what they say of the line's health."""
 
+import json
+import socket
 import time
+from pathlib import Path
 from typing import Protocol, TypeVar
 
 from core.device import Device
@@ -8,7 +11,7 @@ from core.device_interface import DeviceError
 from core.faults import cause
 from core.files import InputError
 from core.mechanism import JOINTS
-from hardware.emulated_board.sensors import sensing_of
+from hardware.emulated_board.sensors import CONTROL, EMULATED, sensing_of
 from hardware.wire.frames import FrameCounts, FrameDecoder, encode_frame
 from hardware.wire.messages import (
     SAMPLE_HZ,
@@ -35,6 +38,7 @@ from hardware.wire.messages import (
 ANSWER_S = 0.5  # longest wait for an answer
 HELLO_S = 1.5  # .. for a board that may just be starting
 AGAIN_S = 0.1  # a question without answer is put again after this
+REWIRE_S = 0.2  # an emulated board is wired to another device and has started. Our choice
 #: rad/s, at which a joint is too fast (assumed; 9 m/s at the end of a 0.3 m link)
 SPEED_MAX = 30.0
 TURN = 6.283185307179586
@@ -131,6 +135,8 @@ class Connection:
         self._layout = None
         self.wire.write(b"\0")
         hello = self.ask(AskHello(VERSION), Hello, HELLO_S)
+        if wired_to(hello) != shortened(device) and rewire_emulated(hello, self.wire.name, device):
+            hello = self.ask(AskHello(VERSION), Hello, HELLO_S)
         check_hello(hello, device)
         return hello
 
@@ -166,6 +172,30 @@ def currents_of(device: Device) -> Four:
     return a, e, b, c
 
 
+def wired_to(hello: Hello) -> str:
+    """The name of the device that a board is wired to."""
+    return hello.device.decode(errors="replace")
+
+
+def shortened(device: Device) -> str:
+    """A device's name as a board has room for it."""
+    return device.name.encode()[:24].decode(errors="replace")
+
+
+def rewire_emulated(hello: Hello, port: str, device: Device) -> bool:
+    """Ask an emulated board, by the socket beside its port, to be wired to a device; False: it is a real board."""
+    control = Path(port).with_name(CONTROL)
+    if not hello.serial.startswith(EMULATED.encode()) or not control.is_socket():
+        return False
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as orders:
+            orders.sendto(json.dumps({"device": device.name}).encode(), str(control))
+    except OSError:  # it has just ended: the board that answered is the one to be refused
+        return False
+    time.sleep(REWIRE_S)
+    return True
+
+
 def check_hello(hello: Hello, device: Device) -> None:
     """InputError, in one sentence, where this board is not what the device file says."""
     where = f"the board ({hello.serial.decode(errors='replace') or 'without a number'})"
@@ -173,10 +203,10 @@ def check_hello(hello: Hello, device: Device) -> None:
         raise InputError(f"{where} speaks version {hello.version} of the protocol, this program version {VERSION}")
     if hello.sample_hz != SAMPLE_HZ or not 0 < hello.watchdog_ms <= WATCHDOG_US // 1000:
         raise InputError(f"{where} samples at {hello.sample_hz} Hz with a watchdog of {hello.watchdog_ms} ms")
-    wired = hello.device.decode(errors="replace")
+    wired = wired_to(hello)
     if not wired:
         raise InputError(f"{where} does not say which device it is wired to: its firmware must name {device.name!r}")
-    if wired != device.name.encode()[:24].decode(errors="replace"):
+    if wired != shortened(device):
         raise InputError(f"{where} is wired to the device {wired!r}, not to {device.name!r}")
     encoders = sensing_of(device)[0]
     wanted: Four = tuple(getattr(encoders, joint) or 0 for joint in JOINTS)  # type: ignore[assignment]

@@ -96,6 +96,10 @@ class Client:
         """The pointer is here, m."""
         self._ring.aim(x, y)
 
+    def let_go(self) -> None:
+        """The pointer has left its workspace: the hand lets the handle go until the pointer touches it again."""
+        self._ring.let_go()
+
     def brakes_off(self, cause: str) -> None:
         """No currents from the next tick on: the trial ends, until AllowBrakes; also without a session server."""
         self._ring.press_off(cause)

@@ -5,6 +5,7 @@ beat; the window the pointer's place and `brakes_off`. A reader needs no lock: a
 counts is there.
 """
 
+import math
 import mmap
 import os
 import secrets
@@ -29,7 +30,7 @@ CONTROL = np.dtype(
     [
         # by the window
         ("aim_count", "i8"),  # how often the pointer was pointed; the newest place is aims[(aim_count - 1) % AIMS]
-        ("aims", "f8", (AIMS, 2)),  # m
+        ("aims", "f8", (AIMS, 2)),  # m; not a number: the pointer has left its workspace
         ("brakes_off", "i8"),  # 1: no currents until the session server allows them again
         ("why_off", "u1", (TEXT,)),  # its cause, UTF-8 ..
         ("off_code", "u1", (CODE,)),  # .. and the code of its fault, if it is one
@@ -46,6 +47,7 @@ CONTROL = np.dtype(
         ("dropped", "i8"),  # ticks of this trial that found no room
         ("cause", "i8"),  # NO_CAUSE ..
         ("taken", "i8"),  # 1: the pointer has hold of the handle
+        ("let_go", "i8"),  # how often the hand let the handle go during the movement of this trial
         ("core", "i8"),  # of the processor, that the loop has for itself; -1: none
         # by who made it
         ("width", "i8"),  # columns of a tick
@@ -103,6 +105,10 @@ class Ring:
         self.control.aims[count % AIMS] = x, y
         self.control.aim_count = count + 1
 
+    def let_go(self) -> None:
+        """The pointer has left its workspace: the hand lets the handle go until the pointer touches it again."""
+        self.aim(math.nan, math.nan)
+
     def press_off(self, cause: str) -> None:
         """The brakes-off is pressed: an `allow` that was asked for before this press does not end it."""
         self.control.presses += 1
@@ -142,7 +148,8 @@ class Ring:
 
     def begin_trial(self) -> None:
         """Before the loop is told to run one."""
-        self.control.stop = self.control.cause = self.control.dropped = self.control.taken = 0
+        control = self.control
+        control.stop = control.cause = control.dropped = control.taken = control.let_go = 0
         self.control.tail = self.control.head
         self.control.loop_beat = time.monotonic_ns()
         self.beat()

@@ -4,10 +4,12 @@ A simulated trial is one call, `run_trial`: the tick kernel at the deadlines of 
 by way of Python, which calls `end_early` and `put` for each.
 """
 
+import math
+
 from app.ipc.ring import AIMS, BRAKES_OFF, RING_FULL, SERVER_SILENT, STOPPED
 from app.loop.clock import fence, native, now_ns, sleep_until
 from core.kernel import kernel
-from core.tick_log import END, LATENESS_US
+from core.tick_log import END, LATENESS_US, MOVE
 from experiments.trial.tick import run_ticks
 
 TICK_NS = 1_000_000
@@ -23,10 +25,12 @@ GRASP_RADIUS_M = 0.012
 
 
 @kernel
-def take_aim(control, grip, tip):
-    """The newest place of the pointer is where the spring pulls to, once the pointer has touched the handle.
+def take_aim(control, grip, tip, phase, force_max):
+    """The newest place of the pointer is where the spring pulls to, while the pointer holds the handle.
 
-    With another hand than the mouse it is the newest force.
+    It takes hold by touching the handle. When it leaves its workspace it lets go: the spring has no force until the
+    pointer touches the handle again. force_max (N): of the spring. With another hand than the mouse it is the newest
+    force.
     """
     pushed = control.push_count
     if pushed != 0:
@@ -39,8 +43,16 @@ def take_aim(control, grip, tip):
     away_x, away_y = x - tip[0], y - tip[1]
     if away_x * away_x + away_y * away_y <= GRASP_RADIUS_M * GRASP_RADIUS_M:
         control.taken = 1
+    elif control.taken != 0 and not math.isfinite(away_x + away_y):
+        control.taken = 0
+        if phase == MOVE:
+            control.let_go += 1
     if control.taken != 0:
         grip.target[0], grip.target[1], grip.target[2], grip.target[3] = x, y, 0.0, 0.0
+        grip.force_max = force_max
+    else:
+        grip.target[0], grip.target[1], grip.target[2], grip.target[3] = tip[0], tip[1], 0.0, 0.0
+        grip.force_max = 0.0
 
 
 @kernel
@@ -91,19 +103,21 @@ def run_trial(
     path, controller, mechanism, brakes, hand, state, scratch, runs, operator, noise, memory,
 ):  # fmt: skip
     """One trial in real time on the simulated device, from its first tick to its last. row: room for a tick."""
-    control, run = controls[0], runs[0]
+    control, run, grip = controls[0], runs[0], hand.grips[0]
+    force_max = grip.force_max
     deadline = now_ns(timespec)
     while run.finished == 0:
         late, deadline = due(control, deadline, timespec)
         end_early(controls, runs, control.loop_beat, ring.shape[0])
         if run.simulated_hand == 0:
-            take_aim(control, hand.grips[0], state[0].tip)
+            take_aim(control, grip, state[0].tip, run.phase, force_max)
             run.held = 1 if control.push_count != 0 else control.taken
         run_ticks(
             path, controller, mechanism, brakes, hand, state, scratch, runs, operator, noise, memory, row
         )  # fmt: skip
         row[0, LATENESS_US] = 1e-3 * late
         put(controls, ring, row[0])
+    grip.force_max = force_max
 
 
 @native

@@ -62,7 +62,7 @@ def done_without(setup: Setup, protocol: Protocol) -> str:
     """What the protocol asks for and a simulated operator's sessions have not, as a sentence; "": nothing is amiss."""
     asked = {
         "no blinding": protocol.blind, "no practice": protocol.practice_trials > 0,
-        "no questionnaire": protocol.questionnaire,
+        "no questionnaire": protocol.questionnaire.on,
     }  # fmt: skip
     missing = [what for what, is_asked in asked.items() if is_asked]
     if setup.hand != OPERATOR or not missing:

@@ -124,7 +124,7 @@ class SessionProgress:
     def _block_to_ask(self) -> tuple[str, int] | None:
         """Configuration and block of the first finished block whose questions wait; left out where all was skipped."""
         session = self.session
-        if not session.protocol.questionnaire or session.hand == OPERATOR:  # there is no person to answer
+        if not session.protocol.questionnaire.on or session.hand == OPERATOR:  # there is no person to answer
             return None
         still_open = {(trial.configuration, trial.block) for trial in open_trials(session.plan, session.rows)}
         over = {(row.configuration, row.block) for row in session.rows if row.status != "skipped"}

@@ -56,6 +56,7 @@ class TrialRun:
         self.trial.take_back(answer.changed)
         if reason := self._why():
             self.trial.abort(reason)
+        self.trial.let_go = int(self._ring.control.let_go)
         timing = self.recorder.timing(scheduling)
         if timing is not None:
             lost = int(self._ring.control.dropped)

@@ -20,15 +20,16 @@ def add(verbs) -> None:
         "ends it.\nBeside the port lies a datagram socket, `control`, that takes orders as JSON objects: "
         '{"target": [x, y]} or\n{"force": [fx, fy]} for a hand that holds still, {"path": {..}} (as in a protocol '
         'file), {"wait": true},\n{"go": true}, {"away": true} for the operator, {"fault": "unplug+1"}, '
-        '{"clear": true}; each is answered with\nthe truth.\n\n'
+        '{"clear": true},\n{"device": "three-brake"} to be wired to that one; each is answered with\nthe truth.\n\n'
         "Faults: KIND[=VALUE][@START][+LENGTH], s: drop=0.01, corrupt=0.01, "
         "duplicate=0.01 (shares of frames),\ndelay=0.02, jitter=0.005 (s), stall@5+0.3, unplug@5+2, brown-out@5+0.3, "
         "stuck-encoder=A@5+1, bad-encoder=A@5+1,\nsaturated-force@5+1.",
         "phd emulate --device four-brake --hand operator --fault drop=0.01 --fault unplug@10+2",
     )
     verb.add_argument(
-        "--device", default="four-brake", metavar="NAME|PATH", help="the device behind it (default: four-brake)"
-    )
+        "--device", metavar="NAME|PATH",
+        help="the device behind it (default: the shipped one that a session asks for, as if the bench were re-rigged)",
+    )  # fmt: skip
     verb.add_argument(
         "--hand",
         choices=HANDS,
@@ -55,11 +56,11 @@ def emulate(args: argparse.Namespace) -> int:
 
     faults = [read_fault(text) for text in args.fault]
     from app.progress import announce_first_use
-    from core.device import load_device
+    from core.device import load_device, shipped_devices
     from core.path import Segment, build_path
     from experiments.protocol import load_protocol
 
-    device = load_device(args.device)
+    device, *others = map(load_device, [args.device] if args.device else shipped_devices())
     path_file = Segment(tuple(args.path[:2]), tuple(args.path[2:])) if args.path else load_protocol().paths[1]
     path = build_path(path_file, "--path")
     tip = (path.x0, path.y0)
@@ -68,15 +69,15 @@ def emulate(args: argparse.Namespace) -> int:
     from hardware.emulated_board.emulator import Emulator
 
     hand = operator(path, args.seed) if args.hand == "operator" else HeldHand(tip, holds=args.hand == "still")
-    emulator = Emulator(device, hand, tip, faults, args.seed, not args.not_homed, log)
+    emulator = Emulator(device, hand, tip, faults, args.seed, not args.not_homed, log, others)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         scheduling = prompt()
         for number in before:
             signal.signal(number, lambda *_: emulator.stop())
         print(emulator.port, flush=True)
-        assumed = " (assumed)" if device.assumed else ""
-        log(f"device {device.name}{assumed}, hand: {args.hand}; scheduling {scheduling}; orders to {emulator.control}")
+        names = [f"{one.name}{' (assumed)' if one.assumed else ''}" for one in (device, *others)]
+        log(f"device {' or '.join(names)}, hand: {args.hand}; scheduling {scheduling}; orders to {emulator.control}")
         emulator.run()
     finally:
         emulator.close()

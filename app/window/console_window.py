@@ -97,6 +97,7 @@ class Centre(QWidget):
     participant_asked = Signal()
     back_asked = Signal()
     aimed = Signal(float, float)  # m
+    left = Signal()  # the pointer has left the workspace: the hand lets the handle go
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -159,6 +160,8 @@ class Centre(QWidget):
         """The pointer over the workspace is the hand."""
         if event.type() == QEvent.Type.MouseMove and isinstance(event, QMouseEvent) and self.workspace is not None:
             self.aimed.emit(*self.workspace.view.to_plane(event.position()))
+        elif event.type() == QEvent.Type.Leave:
+            self.left.emit()
         return super().eventFilter(watched, event)
 
     def show_session(self, opened: m.Opened, snapshot: m.Snapshot, trying: bool) -> None:
@@ -306,6 +309,7 @@ class ConsoleWindow(QWidget):
             (self.centre.participant_asked, self.participant_asked),
             (self.centre.back_asked, do.back),
             (self.centre.aimed, self.client.aim),
+            (self.centre.left, self.client.let_go),
         ):
             signal.connect(command)
         bind(self, self.keys())

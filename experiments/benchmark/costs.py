@@ -64,7 +64,7 @@ def tick_cost(quick: bool) -> dict:
     for operator in range(1, operators + 1):
         person = load_population().draw(np.random.default_rng(operator))
         simulations = {name: SimulatedDevice(device, (0.0, 0.40)) for name, device in devices.items()}
-        for planned in make_plan(protocol, operator):
+        for planned in make_plan(protocol, str(operator)):
             generator = np.random.default_rng([operator, planned.segment, planned.repetition])
             trial = Trial(simulations[planned.configuration], planned, protocol.paths[planned.segment],
                           protocol.controllers[int(planned.controller)], protocol.rules, protocol.trial, person,

@@ -4,7 +4,6 @@ Which controller, device and hand that is, what came of it, metric by metric, an
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -136,8 +135,7 @@ def _choose_device(trial: Recorded, device: str | None) -> Device:
         return protocol.device(trial.row.configuration)
     onto = load_device(device)
     paths = {segment: protocol.paths[segment]}
-    named = {onto.name: f"device {device}"}
-    check_reach(replace(protocol, devices=(onto,), paths=paths, device_files=named), f"the {protocol.name} protocol")
+    check_reach([(f"device {device}", onto)], paths, f"the {protocol.name} protocol")
     x, y = trial.start
     if not tip_is_free(onto.mechanism, x, y):
         raise InputError(f"device {device}: cannot be at ({x:.3f}, {y:.3f}) m, where the recorded movement begins")

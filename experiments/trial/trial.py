@@ -129,6 +129,7 @@ class Trial:
         self._not_closed = self.filled = 0
         self._says: dict[str, Any] = {}  # what the device had to say, once the trial has left it
         self.timing: dict[str, Any] | None = None  # of a live trial, for the end record: how late its ticks were
+        self.let_go = 0  # how often the pointer left its workspace during the movement, and the hand let go
         self.start = device.recorded_start() if isinstance(device, SimulatedDevice) else None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -227,6 +228,7 @@ class Trial:
         else:
             about["ledger"] = "estimated from sensed force and velocity and the brake model"
             about |= {"filled": self.filled} | (self._connected.end_record() if self._connected else self._says)
+        about |= {"hand_left": self.let_go} if self.let_go else {}
         return about | ({"timing": self.timing} if self.timing else {})
 
     def _words(self, code: int) -> str:

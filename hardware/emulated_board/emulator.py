@@ -13,7 +13,7 @@ import tempfile
 import time
 import tty
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from core.device import Device
@@ -21,11 +21,12 @@ from core.files import InputError
 from hardware.emulated_board.board import ZERO, Board
 from hardware.emulated_board.device import TICK_S, EmulatedDevice, EmulatedHand
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault
-from hardware.emulated_board.sensors import capability_of
+from hardware.emulated_board.sensors import CONTROL, EMULATED, capability_of
 from hardware.wire.frames import encode_frame
 from hardware.wire.messages import Home, State, pack
 
 PIECE = 4096  # bytes read at once
+FOLDER = "phd-emulated-"  # begins the name of the folder, among the temporary ones, that holds port and socket
 
 
 class Terminal:
@@ -73,29 +74,47 @@ class Emulator:
 
     def __init__(
         self, device: Device, hand: EmulatedHand, tip: tuple[float, float], faults: list[LineFault], seed: int = 1,
-        homed: bool = True, log: Callable[[str], None] = lambda line: None,
+        homed: bool = True, log: Callable[[str], None] = lambda line: None, others: Sequence[Device] = (),
     ) -> None:  # fmt: skip
-        """homed: as if its encoders had been homed since power-up. InputError: the handle cannot be at `tip`, m."""
-        self.board = Board(capability_of(device, f"EMULATED-{seed}"))
-        self.device = EmulatedDevice(device, self.board.capability, hand, tip, seed)
+        """homed: as if its encoders had been homed since power-up; others: what it can be wired to by an order.
+
+        InputError: the handle cannot be at `tip`, m.
+        """
+        self._devices, self._seed, self._homed = {one.name: one for one in (device, *others)}, seed, homed
+        self._wire(device, hand, tip)
         self.faults = faults
         self.to_host, self.to_board = Line(faults, seed, 0), Line(faults, seed, 1)
         self.events: deque[tuple[float, str]] = deque(maxlen=200)  # s, what happened
         self.ticks = 0
-        self._log, self._home = log, homed
+        self._log = log
         self._shown: tuple = (State.BOOT, 0, False)  # state, faults, whether currents flow
         self._acting: set[LineFault] = set()
         self._powered_s = 0.0  # when the board's clock began; infinite: it has no power
         self._stopping = False
-        self._folder = tempfile.TemporaryDirectory(prefix="phd-emulated-")
+        self._folder = tempfile.TemporaryDirectory(prefix=FOLDER)
         self.port = Path(self._folder.name) / "port"
-        self.control = Path(self._folder.name) / "control"
+        self.control = Path(self._folder.name) / CONTROL
         self._terminal: Terminal | None = Terminal(self.port)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.bind(str(self.control))
         self._socket.setblocking(False)
         self._tick()  # kernels are compiled, or loaded, before time runs
         self._zero = time.monotonic() - self.ticks * TICK_S
+
+    def _wire(self, device: Device, hand: EmulatedHand, tip: tuple[float, float]) -> None:
+        """A device behind a board that was just powered up; the handle is at `tip`, m."""
+        board = Board(capability_of(device, f"{EMULATED}{self._seed}"))
+        self.device = EmulatedDevice(device, board.capability, hand, tip, self._seed)
+        self.board, self._home = board, self._homed
+
+    def rewire(self, name: str) -> None:
+        """As if someone re-rigged the bench: another device, the handle where it was. InputError: it is not here."""
+        if name not in self._devices:
+            raise InputError(f"only {', '.join(self._devices)} can be emulated here, not {name!r}")
+        if name.encode()[:24] != self.board.capability.device:
+            self._wire(self._devices[name], self.device.hand, self.device.tip)
+            self._powered_s = self.ticks * TICK_S
+            self.say(f"wired to {name}")
 
     def run(self) -> None:
         """Until `stop`."""
@@ -231,7 +250,10 @@ class Emulator:
                 self.say(f"nobody to answer: {error}")
 
     def _obey(self, order: object) -> dict:
-        """{"fault": KIND..} from now on; {"clear": true} ends all faults; {} nothing; the rest is for the hand."""
+        """{"fault": KIND..} from now on; {"clear": true} ends all faults; {"device": NAME}: it is wired to that one.
+
+        {}: nothing; the rest is for the hand.
+        """
         if not isinstance(order, dict):
             raise InputError("an order must be a JSON object")
         orders = dict(order)
@@ -239,6 +261,8 @@ class Emulator:
             self.faults.append(read_fault(str(orders.pop("fault")), self.now()))
         if orders.pop("clear", False):
             self.faults.clear()
+        if "device" in orders:
+            self.rewire(str(orders.pop("device")))
         if orders:
             self.device.hand.obey(orders)
         return self.truth()

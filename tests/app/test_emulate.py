@@ -17,6 +17,7 @@ from real_bench import RealBench
 from core.device import load_device
 from core.device_interface import DeviceError
 from core.files import InputError
+from hardware.discovery import ask_board
 from hardware.emulated_board.device import HeldHand
 from hardware.emulated_board.emulator import Emulator
 from hardware.emulated_board.line_faults import AT_JOINT, KINDS, read_fault
@@ -193,6 +194,37 @@ def over(truth: dict, kind: str) -> bool:
     """Whether the last fault of this kind is past."""
     events = [event for _, event in truth["events"] if event.startswith(kind)]
     return bool(events) and events[-1] == f"{kind} is over"
+
+
+def test_the_board_follows_the_device_that_a_host_asks_for_and_the_handle_stays(emulated: Emulated) -> None:
+    before = emulated.order()["tip_m"]
+    for name in ("three-brake", "four-brake"):
+        host = SerialDevice(load_device(name), str(emulated.port))
+        patiently(host.open)
+        sample = run(host, 3)[-1]
+        assert ask_board(str(emulated.port)).problem, "the port is its host's alone"
+        host.close()
+        assert sample.homed and math.dist(sample.tip, before) < 2e-3
+        assert ask_board(str(emulated.port)).device == name
+
+
+def test_a_board_that_was_asked_for_one_device_refuses_any_other(tmp_path: Path) -> None:
+    emulated = Emulated(tmp_path, "--device", "three-brake")
+    with pytest.raises(InputError, match="is wired to the device 'three-brake', not to 'four-brake'"):
+        patiently_refused(SerialDevice(DEVICE, str(emulated.port)))
+    assert "only three-brake can be emulated here" in emulated.order(device="four-brake")["error"]
+    assert emulated.end() == 0
+
+
+def patiently_refused(host: SerialDevice) -> None:
+    """Open it; again where this machine held the board up for too long to answer."""
+    end = time.monotonic() + PATIENT_S
+    while True:
+        try:
+            host.open()
+        except InputError as error:
+            if "wired to" in str(error) or time.monotonic() > end:
+                raise
 
 
 def test_a_stuck_encoder_stands_still_while_the_handle_moves(emulated: Emulated, link: SerialDevice) -> None:

@@ -11,6 +11,7 @@ from app.ipc.messages import HID
 from app.ipc.ring import Ring
 from app.loop.real_time import take_aim
 from app.session_server.device_setup import DeviceSetup, HidInput, feel_force_alone
+from core import tick_log
 from core.files import InputError
 from core.simulator.hand import grip_force
 from core.simulator.simulated_device import SimulatedDevice
@@ -59,7 +60,7 @@ def test_the_deflection_is_the_force_at_the_handle_and_the_pointer_has_no_say(pl
     feel_force_alone(simulation)
     ring.aim(0.0, 0.35)
     grip = simulation.hand.grips[0]
-    take_aim(ring.control, grip, simulation.state[0].tip)
+    take_aim(ring.control, grip, simulation.state[0].tip, tick_log.MOVE, PAPER.mouse.force_max_N)
     assert grip_force(grip, 0.0, 0.35, 0.2, 0.1) == (3.0, -4.0) and not ring.control.taken
 
 

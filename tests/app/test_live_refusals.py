@@ -1,11 +1,11 @@
 """What is refused before a session, and what a refusal leaves behind: nothing."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from live import live_window
+from msgspec.structs import replace
 from protocols import PAPER, changed, protocol_of, short
 from sessions import files, new_session, run_trials
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live import LONG_S
+from msgspec.structs import replace
 from numba import typeof
 
 from app.ipc.messages import Run, Tried, Try
@@ -87,7 +88,7 @@ def run_trial(loop: tuple[Ring, LoopProcess], disk: Disk, trial: Trial, ticks: i
 def new_one(person: Person | None = None) -> Trial:
     """A trial of a simulated operator, or at a mouse that nobody moves; it goes on until it is ended."""
     protocol = load_protocol()
-    rules = protocol.trial._replace(end_radius_m=1e-9, time_out_s=500.0)
+    rules = replace(protocol.trial, end_radius_m=1e-9, time_out_s=500.0)
     path, preset = protocol.paths[1], protocol.controllers[1]
     simulation = SimulatedDevice(protocol.devices[0], (0.0, 0.35), None if person else protocol.mouse.hand())
     planned = PlannedTrial(0, 0, "three-brake", 1, 1, 1)
@@ -133,7 +134,7 @@ def test_the_start_is_held_by_a_hand_and_not_by_a_handle_that_lies_there(loop) -
     protocol = load_protocol()
     path, preset = protocol.paths[1], protocol.controllers[1]
     at_start = SimulatedDevice(protocol.devices[0], path.start_m, protocol.mouse.hand())
-    rules = protocol.trial._replace(time_out_s=500.0)
+    rules = replace(protocol.trial, time_out_s=500.0)
     planned = PlannedTrial(0, 0, "three-brake", 1, 1, 1)
     for touched, later in ((False, set()), (True, {tick_log.HOLD, tick_log.MOVE})):
         ring.control.aim_count = 0

@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from protocols import PAPER
 
 from app.ipc.client import Client
 from app.ipc.messages import Setup
@@ -15,7 +16,7 @@ from app.loop.loop import stopped_trial
 from app.loop.real_time import GRASP_RADIUS_M, MOST_BEHIND_NS, ROOM, TICK_NS, due, put, run_trial, take_aim
 from core import tick_log
 from core.files import InputError
-from core.simulator.hand import GRIP
+from core.simulator.hand import GRIP, grip_force
 from core.simulator.state import new_record
 
 SMALL = 64
@@ -107,17 +108,51 @@ def test_after_a_long_stall_the_time_of_the_trial_waits(ring: Ring) -> None:
 def test_the_spring_pulls_nowhere_until_the_pointer_has_touched_the_handle(ring: Ring) -> None:
     grip, tip = new_record(GRIP)[0], np.array([0.0, 0.4, 0.0, 0.0])
     grip.target = (0.0, 0.4, 0.0, 0.0)
-    take_aim(ring.control, grip, tip)  # no pointer at all
+    take_aim(ring.control, grip, tip, tick_log.APPROACH, 40.0)  # no pointer at all
     for x, y in ((0.3, 0.4), (1.5 * GRASP_RADIUS_M, 0.4)):
         ring.aim(x, y)
-        take_aim(ring.control, grip, tip)
+        take_aim(ring.control, grip, tip, tick_log.APPROACH, 40.0)
         assert not ring.control.taken and grip.target.tolist() == [0.0, 0.4, 0.0, 0.0]
     ring.aim(0.5 * GRASP_RADIUS_M, 0.4)
-    take_aim(ring.control, grip, tip)
+    take_aim(ring.control, grip, tip, tick_log.APPROACH, 40.0)
     assert ring.control.taken and grip.target[0] == 0.5 * GRASP_RADIUS_M
     ring.aim(0.3, 0.1)  # a jump: the handle stays in hand
-    take_aim(ring.control, grip, tip)
-    assert grip.target.tolist() == [0.3, 0.1, 0.0, 0.0]
+    take_aim(ring.control, grip, tip, tick_log.APPROACH, 40.0)
+    assert grip.target.tolist() == [0.3, 0.1, 0.0, 0.0] and grip.force_max == 40.0
+
+
+@pytest.mark.parametrize("phase, counted", [(tick_log.APPROACH, 0), (tick_log.MOVE, 1)])
+def test_a_pointer_that_leaves_lets_the_handle_go_and_must_touch_it_again(ring: Ring, phase, counted) -> None:
+    hand, tip = PAPER.mouse.hand(), np.array([0.02, 0.4, 0.1, 0.0])
+    grip, force_max = hand.grips[0], PAPER.mouse.force_max_N
+
+    def pull(x: float, y: float) -> tuple[float, float]:
+        ring.aim(x, y)
+        take_aim(ring.control, grip, tip, phase, force_max)
+        return grip_force(grip, *tip)
+
+    assert pull(0.02, 0.4) != (0.0, 0.0)
+    ring.let_go()
+    take_aim(ring.control, grip, tip, phase, force_max)
+    assert not ring.control.taken and grip_force(grip, *tip) == (0.0, 0.0)
+    tip[:] = 0.05, 0.4, 0.3, 0.0  # it coasts on, and nothing holds it
+    assert pull(-0.20, 0.4) == (0.0, 0.0)  # the pointer is back, 250 mm away
+    assert pull(0.055, 0.4)[0] > -3.0 and ring.control.taken
+    assert ring.control.let_go == counted
+
+
+def test_after_a_trial_that_was_let_go_the_spring_is_what_it_was(ring: Ring) -> None:
+    running = Running(Ring())
+    force_max = float(PAPER.mouse.force_max_N)
+    running.ring.aim(*running.arguments.state[0].tip[:2])
+    running.until(20)
+    running.ring.let_go()
+    running.until(40)
+    running.ring.control.stop = 1
+    running.end()
+    rows = running.ring.take()
+    assert set(rows[:, tick_log.ARM_FORCE_MAX]) == {0.0, force_max}  # so that a replay feels the same hand
+    assert running.arguments.hand.grips["force_max"][0] == force_max
 
 
 class Running:

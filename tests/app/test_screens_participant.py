@@ -5,8 +5,9 @@ import re
 import numpy as np
 import pytest
 from fake_client import PLAN, PRESETS, movement, opened, ready, result, running, ticks
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
 from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
 
 from app.ipc import messages as m
@@ -129,6 +130,22 @@ def test_the_pointer_is_the_hand_in_metres(screens: Screens) -> None:
     count = len(screens.client.aimed)
     point(view, view.to_screen((0.0, 0.3)))
     assert len(screens.client.aimed) == count
+
+
+def test_a_pointer_that_leaves_the_picture_or_a_finger_that_is_lifted_lets_the_handle_go(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    view, aimed = screens.participant.view, screens.client.aimed
+    point(view, view.to_screen((0.03, 0.35)))
+    QApplication.sendEvent(view, QEvent(QEvent.Type.Leave))
+    assert np.isnan(aimed[-1]).all() and view.pointer is None
+    finger, at = QTest.createTouchDevice(), view.to_screen((0.02, 0.39)).toPoint()
+    QTest.touchEvent(view, finger).press(1, at, view)
+    assert aimed[-1] == pytest.approx((0.02, 0.39), abs=1e-3)
+    QTest.touchEvent(view, finger).release(1, at, view)
+    assert np.isnan(aimed[-1]).all()
+    point(view, view.to_screen((0.03, 0.35)))
+    QTest.mouseClick(view, Qt.MouseButton.LeftButton, pos=at)  # a mouse is seen without its button
+    assert not np.isnan(aimed[-1]).any()
 
 
 def test_the_handle_and_its_way_follow_the_ticks(screens: Screens) -> None:

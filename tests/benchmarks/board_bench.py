@@ -43,7 +43,7 @@ def settings(protocol: Protocol) -> list[Setting]:
     person = load_population().draw(np.random.default_rng([protocol.seed, PARTICIPANT]))
     return [
         Setting(protocol, protocol.device(planned.configuration), planned, person, (protocol.seed, planned.run))
-        for planned in make_plan(protocol, PARTICIPANT)
+        for planned in make_plan(protocol, str(PARTICIPANT))
     ]
 
 

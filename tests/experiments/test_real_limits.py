@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from protocols import PAPER
 from real_bench import PATH, RealBench
 from simulated_bench import TIP
@@ -33,7 +34,7 @@ def held() -> Iterator[RealBench]:
 
 def locked(bench: RealBench, **release) -> tuple:
     """A trial in `move` whose controller locks everything when pushed back; and the rules that it has."""
-    how = PAPER.trial._replace(hold_s=0.05, start_radius_m=0.02, release=Release(**release))
+    how = replace(PAPER.trial, hold_s=0.05, start_radius_m=0.02, release=Release(**release))
     trial = bench.trial(5, how, Preset("locks", "proportional", (0.0, 5.0)), "literal")
     bench.run(trial, lambda trial: trial.phase == "move")
     bench.hand.obey({"target": [PATH.start_m[0] - 0.3, PATH.start_m[1] + 0.3]})
@@ -99,7 +100,7 @@ def sample(
 def told_trial(held: RealBench) -> tuple:
     """A trial in `move` on a link that says what the test wants."""
     link = Told(held.device)
-    trial = held.trial(2, PAPER.trial._replace(hold_s=0.01))
+    trial = held.trial(2, replace(PAPER.trial, hold_s=0.01))
     trial.connect(link)
     n = 0
     while trial.phase != "move":

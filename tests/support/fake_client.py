@@ -57,6 +57,9 @@ class FakeClient:
     def aim(self, x: float, y: float) -> None:
         self.aimed.append((x, y))
 
+    def let_go(self) -> None:
+        self.aimed.append((math.nan, math.nan))
+
     def brakes_off(self, cause: str) -> None:
         self.off_causes.append(cause)
 

@@ -37,6 +37,7 @@ class SimulatedLoop:
                 self._answers.append(Tried(np.zeros(ticks)))
             case Run(trial):
                 self._trial = trial
+                self._force_max = float(trial.arguments().hand.grips["force_max"][0])
 
     def receive(self) -> list[object]:
         if self._trial is not None:
@@ -50,11 +51,13 @@ class SimulatedLoop:
         for _ in range(PIECE):
             end_early(ring.controls, arguments.run, time.monotonic_ns(), len(ring.rows))
             if not arguments.run["simulated_hand"][0]:
-                take_aim(ring.control, arguments.hand.grips[0], arguments.state[0].tip)
+                grip, phase = arguments.hand.grips[0], arguments.run["phase"][0]
+                take_aim(ring.control, grip, arguments.state[0].tip, phase, self._force_max)
                 arguments.run["held"][0] = ring.control.taken
             run_ticks(*arguments, row)
             put(ring.controls, ring.rows, row[0])
             if self._trial.finished:
+                arguments.hand.grips["force_max"][0] = self._force_max
                 self._answers.append(Done(self._trial.changed()))
                 self._trial = None
                 return
@@ -99,6 +102,9 @@ class LocalClient:
 
     def aim(self, x: float, y: float) -> None:
         self._ring.aim(x, y)
+
+    def let_go(self) -> None:
+        self._ring.let_go()
 
     def brakes_off(self, cause: str) -> None:
         self._ring.press_off(cause)

@@ -10,8 +10,18 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from PySide6.QtCore import QLineF, QMarginsF, QPointF, QRect, QRectF, Qt, Signal
-from PySide6.QtGui import QMouseEvent, QPainter, QPaintEvent, QPixmap, QPolygonF, QRegion, QResizeEvent
+from PySide6.QtCore import QEvent, QLineF, QMarginsF, QPointF, QRect, QRectF, Qt, Signal
+from PySide6.QtGui import (
+    QInputDevice,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QPixmap,
+    QPointingDevice,
+    QPolygonF,
+    QRegion,
+    QResizeEvent,
+)
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from app.window.painting import theme
@@ -39,6 +49,14 @@ class Sizes(NamedTuple):
 AT_DESK, FROM_AFAR = Sizes(), Sizes(7.0, 26.0, 6.0, 17.0, 10.0, 3.0, 3.0)
 
 
+def hovers(device: QPointingDevice) -> bool:
+    """Whether a pointing device says where it is without being pressed."""
+    kind = QInputDevice.DeviceType
+    if device.type() in (kind.Mouse, kind.TouchPad):
+        return True
+    return bool(device.capabilities() & QInputDevice.Capability.Hover)
+
+
 class Plane(QWidget):
     """Path, start, end, trail, handle, pointer and spring. A subclass adds what else it shows.
 
@@ -47,6 +65,7 @@ class Plane(QWidget):
     """
 
     pointer_moved = Signal(float, float)  # m, inside what is drawn
+    pointer_left = Signal()  # the pointer is no hand any more
     painted = Signal()  # what had to be painted anew has been
 
     def __init__(
@@ -187,6 +206,9 @@ class Plane(QWidget):
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         if not self._follows_mouse:
             return
+        if not self.rect().contains(event.position().toPoint()):  # dragged out, with a button held down
+            self._leave()
+            return
         self.pointer = self.to_plane(event.position())
         self.pointer_moved.emit(*self.pointer)
         self._pointer_moved = True
@@ -194,6 +216,21 @@ class Plane(QWidget):
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.mouseMoveEvent(event)
         super().mousePressEvent(event)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        """A finger, or a pen that is not seen in the air, holds the handle while it is down."""
+        if not hovers(event.pointingDevice()):
+            self._leave()
+        super().mouseReleaseEvent(event)
+
+    def leaveEvent(self, event: QEvent) -> None:
+        self._leave()
+        super().leaveEvent(event)
+
+    def _leave(self) -> None:
+        if self._follows_mouse and self.pointer is not None:
+            self.show_pointer(None)
+            self.pointer_left.emit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         self._fit()
