@@ -34,7 +34,7 @@ def read_language(text: str, where: str) -> Language:
         found = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{where}: {error}") from None
-    for key in {**found, **ENGLISH_WORDS}:
+    for key in {**ENGLISH_WORDS, **found}:
         if key not in found or key not in ENGLISH_WORDS:
             raise InputError(f"{where}: {key} {'is missing' if key not in found else 'is no sentence of the screens'}")
         if not isinstance(found[key], str) or _filled_in(found[key]) != _filled_in(ENGLISH_WORDS[key]):

@@ -7,9 +7,10 @@ session can be resumed when the files are lost. The paper's protocol is shipped 
 """
 
 import textwrap
+from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import msgspec
 
@@ -31,6 +32,7 @@ from core.files import (
 from core.path import PathFile, build_path, outline, path_from, point_at
 from core.simulator.hand import Hand, spring_hand
 from core.workspace import tip_is_free
+from experiments.language import ENGLISH, Language, language_text, read_language, shipped_languages
 
 PROPORTIONAL, GAIN = "proportional", "gain_N_s_m"  # whose least gain `--low-gain` sets
 NUMBER, TEXT = "number", "text"  # what a field of the form takes where it lists no choices
@@ -106,9 +108,24 @@ class MouseHand(Table, frozen=True):
 
 
 class Questionnaire(Table, frozen=True):
-    """Whether the participant answers a short questionnaire after each block."""
+    """Whether the participant answers a short questionnaire, and after what: so that answers belong to a condition."""
 
     on: bool = False
+    each: Annotated[str, choice("block", "controller")] = "block"  # of a configuration
+
+
+class Instruction(Table, frozen=True):
+    """A page that the participant reads before the first trial."""
+
+    text: Text
+    picture: str = ""  # PNG or JPEG, a path from the file's folder
+
+
+class Page(NamedTuple):
+    """An instruction as it is shown."""
+
+    text: str
+    picture: bytes
 
 
 class Settings(Table, frozen=True, kw_only=True):
@@ -131,6 +148,9 @@ class Settings(Table, frozen=True, kw_only=True):
     breaks: Breaks | None = None
     mouse: MouseHand = MouseHand()
     questionnaire: Questionnaire = Questionnaire()
+    language: Text = ENGLISH  # the participant's: a shipped one, or a translation file by its path
+    tones: bool = True  # at "go" and at the end of a trial
+    instruction: tuple[Instruction, ...] = ()
     form: dict[str, tuple[Text, ...] | str] = {}  # asked of each participant: choices, "number" or "text"
 
     def __post_init__(self) -> None:
@@ -210,6 +230,18 @@ class Protocol(Settings, frozen=True, kw_only=True):
     paths: dict[int, PathFile]
     controllers: dict[int, Preset]
     trial: TrialRules
+    language_text: str  # in full
+    pictures: dict[str, bytes]  # of the instructions
+
+    @property
+    def sentences(self) -> Language:
+        """The participant's language."""
+        return read_language(self.language_text, f"language {self.language}")
+
+    @property
+    def pages(self) -> tuple[Page, ...]:
+        """The instructions."""
+        return tuple(Page(one.text, self.pictures.get(one.picture, b"")) for one in self.instruction)
 
     @property
     def paths_assumed(self) -> bool:
@@ -298,7 +330,14 @@ def read_protocol(
     else:
         found = [_device(reference, Path(), "--device") for reference in devices]
         overrides["devices"] = [device.name for _, device in found]
-    return _checked(file, text, found, overrides, where)
+    try:
+        pictures = {one.picture: (folder / one.picture).read_bytes() for one in file.instruction if one.picture}
+        words = language_text(file.language, folder)
+    except OSError as error:
+        raise InputError(f"{where}: instruction: {error.filename}: {(error.strerror or str(error)).lower()}") from None
+    except InputError as error:
+        raise InputError(f"{where}: language: {error}") from None
+    return _checked(file, text, found, overrides, where, words, pictures)
 
 
 def _device(reference: str | Path | Device, folder: Path, where: str) -> tuple[str, Device]:
@@ -314,8 +353,9 @@ def _device(reference: str | Path | Device, folder: Path, where: str) -> tuple[s
 
 
 def _checked(
-    file: ProtocolFile, text: str, devices: Sequence[tuple[str, Device]], overrides: Mapping[str, Any], where: str
-) -> Protocol:
+    file: ProtocolFile, text: str, devices: Sequence[tuple[str, Device]], overrides: Mapping[str, Any], where: str,
+    words: str, pictures: dict[str, bytes],
+) -> Protocol:  # fmt: skip
     """The protocol of a file with these devices (each with the name for refusals). InputError as above."""
     asked = from_plain(dict(overrides), Overrides, f"{where}: options")
     _refuse_twice([device.name for _, device in devices], f"{where}: devices: two devices")
@@ -333,13 +373,14 @@ def _checked(
             f"({cells} of device, path and controller, {file.blocks} blocks, {file.repetitions} repetitions)"
         )
     check_reach(devices, paths, where)
+    read_language(words, f"{where}: language")
     settings = {name: getattr(file, name) for name in Settings.__struct_fields__}
     settings |= {name: getattr(asked, name) for name in ("rules", "seed") if name in overrides}
     release = file.release if file.release.on else None
     settings["trial"] = TrialRules(*msgspec.structs.astuple(file.trial), release=release)
     return Protocol(
         text=text, overrides=dict(overrides), devices=tuple(device for _, device in devices), paths=paths,
-        controllers=controllers, **settings,
+        controllers=controllers, language_text=words, pictures=pictures, **settings,
     )  # fmt: skip
 
 
@@ -411,6 +452,8 @@ def protocol_to_json(protocol: Protocol) -> dict[str, Any]:
             }
             for device in protocol.devices
         ],
+        **({"language": protocol.language_text} if protocol.language not in shipped_languages() else {}),
+        **({"pictures": {k: b64encode(v).decode() for k, v in protocol.pictures.items()}} if protocol.pictures else {}),
     }
 
 
@@ -421,7 +464,9 @@ def protocol_from_json(about: Mapping[str, Any], where: str) -> Protocol:
     for stored in about["devices"]:
         named = f"{where}: devices.{stored['name']}"
         devices.append((named, build_device(stored["file"], stored["brakes"], named, stored.get("calibration"))))
-    return _checked(file, about["text"], devices, about["overrides"], f"{where}: protocol")
+    words = about.get("language") or language_text(file.language, Path())
+    pictures = {name: b64decode(content) for name, content in about.get("pictures", {}).items()}
+    return _checked(file, about["text"], devices, about["overrides"], f"{where}: protocol", words, pictures)
 
 
 def home_of(device: Device, paths: Mapping[int, PathFile]) -> tuple[float, float]:
