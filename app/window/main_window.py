@@ -4,14 +4,13 @@ It shows what the session server sends and asks it for what the experimenter wan
 goes straight to the control loop, whichever page is at the front.
 """
 
-from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QUrl, Signal
 from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
 from app import __version__
 from app.ipc import messages as m
@@ -41,7 +40,7 @@ class Footer(QFrame):
 
     def __init__(self) -> None:
         super().__init__(objectName="panel")
-        self.folder, self.recording = OneLine("", bold=True), OneLine("Nothing is being recorded")
+        self.folder, self.recording = word("", bold=True), OneLine("Nothing is being recorded")
         self.folder.setMaximumWidth(320)
         self.open = QPushButton("Open folder", objectName="small")
         self.open.clicked.connect(self._open)

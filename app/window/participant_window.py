@@ -80,8 +80,7 @@ class ParticipantView(Plane):
     def moving(self) -> QRegion:
         if self._device is not None:
             return QRegion(self.rect())
-        start = self.start_box()
-        return super().moving() + start if start is not None else super().moving()
+        return super().moving() + self.start_box() if len(self.outline) else super().moving()
 
     def paint_under_path(self, painter: QPainter) -> None:
         height = float(self.height())

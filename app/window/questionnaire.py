@@ -207,7 +207,7 @@ class Questionnaire(QWidget):
 
 
 class Instructions(QWidget):
-    """What the protocol has the participant read before the first trial: a page of text, perhaps a picture, at a time."""
+    """What the participant reads before the first trial: page by page, a text and perhaps a picture."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, Signal
-from PySide6.QtGui import QMouseEvent, QResizeEvent
+from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
@@ -14,7 +14,7 @@ from app.window.cards import ABORT_REASONS, REDO_REASONS, SKIP_REASONS, Cards
 from app.window.energy_panel import EnergyPanel
 from app.window.page import ANALYSE, HOME, Page
 from app.window.painting import theme
-from app.window.painting.labels import line, word
+from app.window.painting.labels import OneLine, word
 from app.window.painting.linkage_view import Workspace
 from app.window.plots import TimingStrip, Traces
 from app.window.questionnaire import Questionnaire
@@ -196,7 +196,7 @@ class RunPage(Page):
     def _show_trial(self, before: m.Snapshot) -> None:
         """The workspace: the running trial, else the coming one unless there is a trail to look at."""
         snapshot, opened = self.snapshot, self.opened
-        if opened is None or snapshot.sandbox is not None:
+        if opened is None:
             return
         now, coming = snapshot.running, snapshot.coming
         begins = now is not None and (before.running != now or before.stage != m.RUNNING)
@@ -213,7 +213,7 @@ class RunPage(Page):
             self.energy.clear()
             self.timing.clear()
         elif snapshot.running is None:
-            self._show_panels()
+            self.show_panels()
             self.centre.rest(snapshot.tip)
 
     def show_pulse(self, pulse: m.Pulse) -> None:
@@ -221,15 +221,15 @@ class RunPage(Page):
         self.timing.setVisible(pulse.timing is not None and pulse.timing.missed > 0)  # else its pill says it
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
-        if self.snapshot.running is None or self.snapshot.sandbox is not None:
+        if self.snapshot.running is None:
             return
         self.centre.show_ticks(rows, taken)
         self._ticks.append(rows)
         self._waiting.append(rows)
         if len(self._waiting) >= PANELS_EVERY:
-            self._show_panels()
+            self.show_panels()
 
-    def _show_panels(self) -> None:
+    def show_panels(self) -> None:
         """The panels go on; at the end of a trial up to its last tick."""
         if self._waiting:
             rows = np.concatenate(self._waiting)
@@ -253,6 +253,7 @@ class RunPage(Page):
         self.questions.show_feedback(feedback(snapshot, opened))
         self._show_card()
         self.panel.show_session(opened, snapshot)
+        self.panel.start.setEnabled(self.panel.start.isEnabled() and not self.card_shown)  # one button for Space
         self.centre.show_session(opened, snapshot)
         self.traces.set_blind(snapshot.blind)
         self.energy.setVisible(not snapshot.blind)  # what the brakes took would tell the controllers apart
@@ -304,10 +305,7 @@ class Centre(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.large, self.small = word("", size=theme.LARGE, bold=True), line("", "quiet", theme.TITLE)
-        policy = self.small.sizePolicy()
-        policy.setHeightForWidth(False)  # `_fit` sets its height: the window's own height must not depend on it
-        self.small.setSizePolicy(policy)
+        self.large, self.small = word("", size=theme.LARGE, bold=True), OneLine("", "quiet", theme.TITLE)
         self.workspace: Workspace | None = None
         self._opened: m.Opened | None = None
         self._snapshot = m.Snapshot(m.PREPARING)
@@ -329,15 +327,6 @@ class Centre(QWidget):
         self.workspace.view.setMouseTracking(True)
         self.workspace.view.installEventFilter(self)
         self._layout.addWidget(self.workspace, 1)
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self._fit()
-
-    def _fit(self) -> None:
-        """As many lines as the text needs, at least one, so that the workspace stays where it is."""
-        lines = self.small.heightForWidth(self.width())
-        self.small.setFixedHeight(max(lines, self.small.fontMetrics().height()))
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """The pointer over the workspace is the hand."""
@@ -382,9 +371,7 @@ class Centre(QWidget):
 
     def _write(self, shown: words.Shown) -> None:
         self.large.setText(shown.large)
-        if shown.small != self.small.text():
-            self.small.setText(shown.small)
-            self._fit()
+        self.small.setText(shown.small)
 
 
 def same_places(a: m.Opened, b: m.Opened) -> bool:

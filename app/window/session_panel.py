@@ -49,8 +49,8 @@ class SessionPanel(QFrame):
         self.cell = OneLine("", "quiet")
         self.notice = line("", "caution", theme.SMALL)
         self.start = KeyButton("Start", "Space", "main")
-        self.redo = KeyButton("Repeat …", "Ctrl+R")
-        self.skip = KeyButton("Skip …", "Ctrl+S")
+        self.redo = KeyButton("Repeat last trial …", "Ctrl+R")
+        self.skip = KeyButton("Skip next trial …", "Ctrl+S")
         self.pause = KeyButton("Pause after this trial", "Ctrl+P")
         self.pause.setCheckable(True)
         self.abort = KeyButton("Abort trial …", "Ctrl+A")
@@ -86,13 +86,9 @@ class SessionPanel(QFrame):
         self._scroll = scroll
         buttons = QGridLayout()
         buttons.setSpacing(6)
-        buttons.addWidget(self.start, 0, 0, 1, 2)
-        buttons.addWidget(self.redo, 1, 0)
-        buttons.addWidget(self.skip, 1, 1)
-        buttons.addWidget(self.pause, 2, 0, 1, 2)
-        buttons.addWidget(self.abort, 3, 0, 1, 2)
-        buttons.setColumnStretch(0, 3)
-        buttons.setColumnStretch(1, 2)
+        buttons.addWidget(self.start, 0, 0)
+        for row, button in enumerate((self.pause, self.abort, self.redo, self.skip), start=1):
+            buttons.addWidget(button, row, 0)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(14, 10, 14, 12)
         layout.setSpacing(5)
@@ -163,7 +159,7 @@ class SessionPanel(QFrame):
 
     def _allow(self, snapshot: m.Snapshot) -> None:
         ready = snapshot.stage == m.READY
-        runs = snapshot.stage == m.RUNNING and snapshot.sandbox is None
+        runs = snapshot.stage == m.RUNNING
         self.start.setEnabled(not snapshot.why_not and ready and snapshot.coming is not None)
         self.redo.setEnabled((ready or snapshot.stage == m.FINISHED) and any(map(can_be_redone, snapshot.rows)))
         self.skip.setEnabled(ready and snapshot.coming is not None and not snapshot.practice)

@@ -198,8 +198,8 @@ class TrialCard(QFrame):
         took = f" in {row.duration_s:.1f} s" if row.duration_s is not None else ""
         self.outcome.setText({"done": f"done{took}", "timeout": "time was up"}.get(row.status, row.status))
         self.what.setText(f"{controller_name(row.controller, opened)} · path {row.segment}")
-        count = "no earlier trial" if not same else "1 earlier trial" if len(same) == 1 else f"{len(same)} earlier trials"
-        self.legend.setText(f"Large: this trial · in its colour: {count} with this controller · grey: others")
+        earlier = f"{len(same) or 'no'} earlier trial{'' if len(same) == 1 else 's'}"
+        self.legend.setText(f"Large: this trial · in its colour: {earlier} with this controller · grey: others")
         for measure in self.measures:
             measure.show_values(row, same, [other for other in here if other not in same], colour)
         self.trace.setVisible(ticks is not None)

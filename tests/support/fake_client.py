@@ -1,6 +1,7 @@
 """A session server without processes: says what a test wants, remembers what it was sent; and what it may say."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 
@@ -42,6 +43,7 @@ class FakeClient:
         self.aimed: list[tuple[float, float]] = []
         self.off_causes: list[str] = []
         self.rows = np.empty((0, tick_log.WIDTH))
+        self.setup = m.Setup(Path("data"))
 
     def send(self, intent: object) -> None:
         self.sent.append(intent)
@@ -73,7 +75,7 @@ def opened(participant: str = "01", **changes) -> m.Opened:
     return m.Opened(
         participant, "paper", DEVICES, dict(PATHS), dict(PRESETS), plan, plan_hash(plan) if plan else "",
         "data/sub-01/ses-01", "settled rules, low gain 5 N s/m, parameters assumed", "none", False, None, 1, False,
-        "mouse", "01", "settled",
+        "mouse", "01", "settled", PAPER.trial, PAPER.sentences, PAPER.pages, False,
     )._replace(**changes)  # fmt: skip
 
 
