@@ -1,7 +1,7 @@
 """The header's pre-flight row, and the brakes-off button; what is wrong and what to do about it in a banner."""
 
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QMouseEvent
+from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtGui import QMouseEvent, QResizeEvent
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QWidget
 
 from app.ipc import messages as m
@@ -45,6 +45,12 @@ class Pill(QFrame):
         self.setCursor(Qt.CursorShape.PointingHandCursor if leads else Qt.CursorShape.ArrowCursor)
         self.setToolTip(" ".join(filter(None, (f"{check.name}: {check.text}.", check.advice, leads))))
 
+    @property
+    def wide(self) -> int:
+        """How wide it is with its text, px."""
+        words = sum(label.sizeHint().width() for label in (self.mark, self.name, self.text))
+        return words + 9 + 10 + 2 * 4 + 2
+
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         if self.rect().contains(event.position().toPoint()):
             self.clicked.emit(self.name.text())
@@ -87,6 +93,7 @@ class Preflight(QWidget):
             pill.setVisible(i < len(snapshot.checks))
             if i < len(snapshot.checks):
                 pill.show_check(snapshot.checks[i])
+        self._fit()
         self._show_advice(snapshot, opened is not None and opened.real_device)
         self._off = bool(snapshot.brakes_off)
         theme.name_anew(self.brakes, "brakes-off" if self._off else "brakes")
@@ -94,6 +101,22 @@ class Preflight(QWidget):
         self.brakes.setToolTip(
             "Let currents flow again" if self._off else "Zero current at once; a running trial ends and is kept"
         )
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Where there is no room for all texts, names and marks alone stay; the tooltips say the rest."""
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        pills = [pill for pill in self.pills if not pill.isHidden()]
+        needed = self.brakes.sizeHint().width() + theme.GAP + sum(pill.wide + 5 for pill in pills)
+        for pill in pills:
+            pill.text.setVisible(needed <= self.width())
+
+    def minimumSizeHint(self) -> QSize:
+        """As wide as it is without the texts."""
+        narrow = sum(pill.wide - pill.text.sizeHint().width() + 5 for pill in self.pills if not pill.isHidden())
+        return QSize(self.brakes.sizeHint().width() + theme.GAP + narrow, super().minimumSizeHint().height())
 
     def _asked(self, name: str) -> None:
         if name == DEVICE:

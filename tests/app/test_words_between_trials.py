@@ -33,18 +33,18 @@ def test_after_a_trial_of_any_status_there_is_a_large_line(status: str) -> None:
 )  # fmt: skip
 def test_feedback_and_cue_are_said_whatever_comes_after_the_trial(screens: Screens, following: dict) -> None:
     console = screens.hear(GIVEN, running(2), ready(3, **following))
-    for said in (screens.participant.view.said.small, console.centre.small.text()):
+    for said in (screens.participant.view.shown.small, screens.run.centre.small.text()):
         assert ERROR in said and CUE in said
     screens.hear(opened(), ready(3, **following))
-    assert ERROR not in screens.participant.view.said.small
+    assert ERROR not in screens.participant.view.shown.small
 
 
 def test_feedback_is_on_the_page_of_questions_that_covers_everything_else(screens: Screens) -> None:
     console = screens.hear(GIVEN, running(2), ready(3, stage=m.QUESTIONS))
-    for page in (console.questions, screens.participant.questions):
+    for page in (screens.run.questions, screens.participant.questions):
         assert any(ERROR in label.text() for label in page.findChildren(QLabel))
     settle(console)
-    assert any(ERROR in text for text in visible_texts(console)) and cut_texts(console.questions) == []
+    assert any(ERROR in text for text in visible_texts(console)) and cut_texts(screens.run.questions) == []
     screens.hear(opened(), ready(3, stage=m.QUESTIONS))
     assert not any("last trial:" in text for text in visible_texts(console))
 
@@ -60,7 +60,7 @@ def test_who_has_the_space_bar_is_told_of_it_beside_the_feedback(screens: Screen
 def test_at_1280_x_720_on_one_screen_nothing_that_the_participant_reads_is_cut(screens: Screens, said: str) -> None:
     console = screens.hear(GIVEN, ready(3))
     if said != "feedback":
-        console.centre._say(words.Said("Move to the start", said))
+        screens.run.centre._write(words.Shown("Move to the start", said))
     settle(console)
-    small = console.centre.small
-    assert not isinstance(small, OneLine) and small.isVisible() and cut_texts(console.centre) == []
+    small = screens.run.centre.small
+    assert not isinstance(small, OneLine) and small.isVisible() and cut_texts(screens.run.centre) == []

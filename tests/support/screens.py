@@ -32,6 +32,7 @@ class Screens:
         self.participant: ParticipantWindow = self.windows.participant
         self.main.resize(width, height)
         self.main.show()
+        self.main.show_page(RUN)
         self.run: RunPage = self.main.page(RUN)  # type: ignore[assignment]
 
     def hear(self, *messages: object) -> MainWindow:
