@@ -185,6 +185,16 @@ class Check(NamedTuple):
     advice: str = ""  # what to do about it, one sentence
 
 
+class Card(NamedTuple):
+    """A step of the session that comes before the next trial, as the console's card shows it."""
+
+    title: str
+    text: str  # what is to be done, one sentence
+    go_on: str = "Go on"  # the button that sends Confirm; "": it is being done, or the participant does it
+    device_page: bool = False  # the device page helps
+    wait_s: float = 0.0  # whole seconds that the step lasts at least from now on
+
+
 class Refused(NamedTuple):
     """The session server cannot serve, and ends; nothing was written."""
 
@@ -234,8 +244,7 @@ class Snapshot(NamedTuple):
     notes: tuple[str, ...] = ()  # "13:02 asked to move a little slower"
     said: str = ""  # to the experimenter: what just happened or what was refused
     said_bad: bool = False
-    wait_for: str = ""  # in RERIG and BREAK: what to do, one sentence
-    wait_s: float = 0.0  # in BREAK: whole seconds that it lasts at least from now on
+    card: Card | None = None  # what is to be done before the next trial
     seconds_left: float | None = None  # of the whole session, estimated from the trials so far
     resumable: tuple[str, ...] = ()  # participants whose session in the data folder is unfinished
     finished: tuple[str, ...] = ()  # .. is done: it can be opened again, to redo a trial or write a note

@@ -1,10 +1,12 @@
-"""What the window asks for, command by command: each refusal is an InputError, and has changed nothing."""
+"""What the window asks for: one table, a line for each command."""
 
 import time
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from app.ipc import messages as m
 from app.ipc.messages import HID, MOUSE, OPERATOR
+from app.session_server.device_setup import RealSetup
 from app.session_server.practice import done_without, person_at
 from app.session_server.session_progress import SessionProgress
 from app.session_server.state import State
@@ -12,7 +14,7 @@ from app.session_server.steps import ended_by
 from core.files import InputError
 from experiments.plan import PlannedTrial
 from experiments.session.files import other_protocol
-from experiments.session.journal import ANSWERS, BREAK_ENDED, NOTE, PAUSED, RESUMED_AFTER_PAUSE
+from experiments.session.journal import NOTE, PAUSED, RESUMED_AFTER_PAUSE
 from experiments.session.session import Session
 from experiments.trial.inputs import SENSOR
 from experiments.trial.population import load_population
@@ -27,9 +29,12 @@ HANDS = {
 
 
 def do(state: State, command: object) -> None:
-    """Do it, or say why not."""
+    """Do it, or tell the experimenter why not; a command that is refused has changed nothing."""
+    declared = COMMANDS[type(command)]
     try:
-        _ACTIONS[type(command)](state, command)
+        if why := refused(state, declared):
+            raise InputError(why)
+        declared.action(state, command)
     except InputError as error:
         state.say(str(error), bad=True)
     except OSError as error:
@@ -39,105 +44,84 @@ def do(state: State, command: object) -> None:
             state.say(f"{error.filename or state.setup.data_dir}: {error.strerror or error}", bad=True)
 
 
-def _need(state: State, *stages: str) -> None:
-    if state.stage not in stages:
-        raise InputError(state.broken or m.NOT_NOW[state.stage])
-
-
-def _between(state: State) -> SessionProgress:
-    """The open session, while nothing runs."""
-    if state.progress is None or state.stage in (m.RUNNING, m.FAILED):
-        raise InputError(state.broken or m.NOT_NOW[m.RUNNING if state.progress else m.NO_SESSION])
-    return state.progress
-
-
-def _in_order(state: State) -> SessionProgress:
-    """The open session, while nothing runs and the disk has all of it."""
-    progress = _between(state)
-    if state.storage.undone:
-        raise InputError(f"{state.storage.undone}.")
-    return progress
-
-
-def _need_no_hindrance(state: State) -> None:
-    if why := state.broken or state.snapshot().why_not:
-        raise InputError(why)
+def refused(state: State, command: "Command") -> str:
+    """Why a command cannot be done now, in one sentence; "": it can, as far as the table tells."""
+    if command.session and state.progress is None:
+        return state.broken or m.NOT_NOW[m.NO_SESSION]
+    if command.stages and state.stage not in command.stages:
+        return state.broken or m.NOT_NOW[state.stage]
+    return f"{state.storage.undone}." if command.stored and state.storage.undone else ""
 
 
 def _open(state: State, command: m.Open) -> None:
-    _need(state, m.NO_SESSION)
-    setup, name = state.setup, command.participant
+    setup, name, hand = state.setup, command.participant, state.device.hand
     if command.resume:
         session = Session.resume(setup.data_dir, name, setup.sync)
     else:
         person, blind = person_at(setup, state.protocol, name), command.blind or None
         operators = load_population().operators if person else None
-        hand = state.device.hand
         session = Session(setup.data_dir, name, state.protocol, person, setup.sync, blind, hand, operators)
     try:
-        state.storage.take(SessionProgress(session))
+        state.storage.take(SessionProgress(session, state.device))
     except BaseException:
         session.close()
         raise
     left, whole = len(session.plan) - session.settled, len(session.plan)
     which = "all" if left in (0, whole) else f"{left} of"
-    come = f"{which} {whole} trials are {'to come' if left else 'over'}"
-    said = f"Participant {name}: {come}."
-    if without := done_without(setup, session.protocol):
-        said += f" {without}"
-    other = other_protocol(setup.data_dir, name, session.protocol)
-    if other:
-        said += f" Their protocol is not the one of participant {other}: file, devices or options have changed since."
-    wrong = _wrong_hand(state)
-    state.say(f"{said} {wrong}".strip(), bad=bool(other or wrong))
+    said = [f"Participant {name}: {which} {whole} trials are {'to come' if left else 'over'}."]
+    said.append(done_without(setup, session.protocol))
+    if other := other_protocol(setup.data_dir, name, session.protocol):
+        said.append(f"Their protocol is not the one of participant {other}: file, devices or options have changed.")
+    said.append(wrong := _wrong_hand(state, session))
+    state.say(" ".join(filter(None, said)), bad=bool(other or wrong))
 
 
-def _wrong_hand(state: State) -> str:
-    """Why no trials of the open session can be run with this hand; "": they can. Everything else can be done."""
-    session, hand = state.session, state.device.hand
-    if session is None or session.hand == hand:
+def _wrong_hand(state: State, session: Session) -> str:
+    """Why no trials of the session can be run with this hand; "": they can. Everything else can be done."""
+    if session.hand == state.device.hand:
         return ""
     begun = HANDS.get(session.hand, f"{session.hand!r}, an unknown hand")  # session.json was edited
-    return f"It was begun with {begun}, this is {HANDS[hand]}: no trials, for they would not compare."
+    return f"It was begun with {begun}, this is {HANDS[state.device.hand]}: no trials, for they would not compare."
 
 
 def _leave(state: State, _: m.Leave) -> None:
-    _between(state)
     state.storage.leave()
     state.look_for_participants()
     state.say("")
 
 
-def _start(state: State, _: m.Start) -> None:
-    if state.progress is None and state.practice.tried:
-        _practise(state, m.Practice())
-        return
-    _need(state, m.READY)
-    assert state.progress is not None and state.progress.coming is not None
-    _run(state, state.progress.coming)
-
-
-def _practise(state: State, _: m.Practice) -> None:
-    _need(state, m.READY, m.NO_SESSION)
+def _start(state: State, command: m.Start) -> None:
     if state.progress is not None:
-        _run(state, state.progress.session.next_practice())
+        _run(state, state.progress.session, state.progress.coming)
+    elif state.practice.tried:
+        _practise(state, command)
+    else:
+        raise InputError(m.NOT_NOW[m.NO_SESSION])
+
+
+def _practise(state: State, _: m.Practice | m.Start) -> None:
+    if state.session is not None:
+        _run(state, state.session, state.session.next_practice())
         return
-    if state.device.real:
-        state.device.ready_device(state.protocol)  # said before what it lacks: how to make it ready
+    device = state.device.to_practise_on(state.protocol, state.practice.simulation)
     _need_no_hindrance(state)
-    trial = state.try_out()
+    trial = state.practice.trial(device)
     state.runner.start(trial.planned, trial, None)
     state.say("Practice: nothing is recorded.")
 
 
-def _run(state: State, planned: PlannedTrial) -> None:
+def _run(state: State, session: Session, planned: PlannedTrial) -> None:
     _need_no_hindrance(state)
-    assert state.session is not None
-    if wrong := _wrong_hand(state):
+    if wrong := _wrong_hand(state, session):
         raise InputError(wrong)
-    trial, writer = state.device.begin(state.session, planned)
+    trial, writer = state.device.begin(session, planned)
     state.runner.start(planned, trial, writer)
     state.say("")
+
+
+def _need_no_hindrance(state: State) -> None:
+    if why := state.broken or state.snapshot().why_not:
+        raise InputError(why)
 
 
 def _abort(state: State, command: m.Abort) -> None:
@@ -146,34 +130,26 @@ def _abort(state: State, command: m.Abort) -> None:
 
 
 def _redo(state: State, command: m.Redo) -> None:
-    row = _in_order(state).session.redo(command.run, command.reason)
+    row = state.session.redo(command.run, command.reason)
     state.storage.changed(f"The trial of run {row.run} comes again; what was recorded is kept.")
 
 
 def _skip(state: State, command: m.Skip) -> None:
-    row = _in_order(state).session.skip(command.reason)
+    row = state.session.skip(command.reason)
     state.storage.changed(f"Run {row.run} is left out." if row.block else "A practice trial is left out.")
 
 
 def _pause(state: State, command: m.Pause) -> None:
-    progress, now = state.progress, time.monotonic()
-    if progress is None:
-        raise InputError(m.NOT_NOW[m.NO_SESSION])
-    if command.on and progress.paused_s is None:
+    since_s = state.progress.paused_s
+    if command.on and since_s is None:
         state.storage.write(PAUSED)
-        progress.paused_s = now
-    elif not command.on and progress.paused_s is not None:
-        state.storage.write(RESUMED_AFTER_PAUSE, seconds=round(now - progress.paused_s, 1))
-        progress.paused_s = progress.last_end_s = None
+    elif not command.on and since_s is not None:
+        state.storage.write(RESUMED_AFTER_PAUSE, seconds=round(time.monotonic() - since_s, 1))
 
 
 def _note(state: State, command: m.Note) -> None:
-    progress, text = state.progress, " ".join(command.text.split())
-    if progress is None:
-        raise InputError("There is no session yet to note this in.")
-    if text:
+    if text := " ".join(command.text.split()):
         state.storage.write(NOTE, text=text)
-        progress.noted(text)
 
 
 def _allow(state: State, _: m.AllowBrakes) -> None:
@@ -184,56 +160,50 @@ def _allow(state: State, _: m.AllowBrakes) -> None:
         state.look_at_brakes()
 
 
-def _confirm(state: State, _: m.Confirm) -> None:
-    _need(state, *ended_by(m.Confirm))
-    progress = state.progress
-    assert progress is not None and progress.coming is not None
-    if state.stage == m.RERIG:
-        state.device.confirm(progress, state.storage.write)
-    else:
-        if (left := progress.break_left_s()) > 0.0:
-            raise InputError(f"The break lasts {left:.0f} s more.")
-        state.storage.write(BREAK_ENDED, settled=progress.session.settled)
-        progress.rested_at = progress.session.settled
-    progress.last_end_s = None
-
-
-def _rig(state: State, command: m.Rig) -> None:
-    if not state.device.real:
-        raise InputError("The device is simulated: there is nothing to make ready.")
-    progress = _between(state)  # whose journal keeps what was done
-    if progress.coming is None:
-        raise InputError(m.NOT_NOW[m.FINISHED])
-    state.device.do(progress, command.step)
-
-
-def _unblind(state: State, command: m.Unblind) -> None:
-    _in_order(state).session.unblind(command.who)
-    state.storage.changed("The key is open: controllers are shown from now on.")
-
-
-def _answer(state: State, command: m.Answers) -> None:
-    _need(state, *ended_by(m.Answers))
-    assert state.progress is not None and state.progress.asked_block is not None
-    configuration, block = state.progress.asked_block
-    state.storage.write(ANSWERS, configuration=configuration, block=block, values=dict(command.values))
-    state.progress.answered()
+def _end_step(state: State, command: m.Confirm | m.Answers) -> None:
+    step, _ = state.progress.due()
+    step.end(state.progress, state.storage.write, command)
     state.progress.last_end_s = None
 
 
-_ACTIONS: dict[type, Callable[[State, object], None]] = {
-    m.Open: _open,
-    m.Leave: _leave,
-    m.Practice: _practise,
-    m.Start: _start,
-    m.Abort: _abort,
-    m.Redo: _redo,
-    m.Skip: _skip,
-    m.Pause: _pause,
-    m.Note: _note,
-    m.AllowBrakes: _allow,
-    m.Confirm: _confirm,
-    m.Rig: _rig,
-    m.Unblind: _unblind,
-    m.Answers: _answer,
-}  # type: ignore[dict-item]
+def _rig(state: State, command: m.Rig) -> None:
+    if not isinstance(state.device, RealSetup):
+        raise InputError("The device is simulated: there is nothing to make ready.")
+    if state.progress.coming is None:
+        raise InputError(m.NOT_NOW[m.FINISHED])
+    state.device.do(state.progress, command.step)
+
+
+def _unblind(state: State, command: m.Unblind) -> None:
+    state.session.unblind(command.who)
+    state.storage.changed("The key is open: controllers are shown from now on.")
+
+
+class Command(NamedTuple):
+    """A line of the table."""
+
+    action: Callable[[State, Any], None]  # InputError: it turns out that it cannot be done
+    stages: tuple[str, ...] = ()  # at which it can be done; none: at any
+    session: bool = True  # a session must be open
+    stored: bool = False  # and the disk must have all of it
+
+
+#: no trial runs, and one could
+IDLE = (m.PREPARING, m.READY, m.RERIG, m.BREAK, m.QUESTIONS, m.FINISHED)
+
+COMMANDS = {
+    m.Open: Command(_open, (m.NO_SESSION,), session=False),
+    m.Leave: Command(_leave, IDLE),
+    m.Practice: Command(_practise, (m.READY, m.NO_SESSION), session=False),
+    m.Start: Command(_start, (m.READY, m.NO_SESSION), session=False),
+    m.Abort: Command(_abort, session=False),
+    m.Redo: Command(_redo, IDLE, stored=True),
+    m.Skip: Command(_skip, IDLE, stored=True),
+    m.Pause: Command(_pause),
+    m.Note: Command(_note),
+    m.AllowBrakes: Command(_allow, session=False),
+    m.Confirm: Command(_end_step, ended_by(m.Confirm)),
+    m.Answers: Command(_end_step, ended_by(m.Answers)),
+    m.Rig: Command(_rig, IDLE),
+    m.Unblind: Command(_unblind, IDLE, stored=True),
+}

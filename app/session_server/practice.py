@@ -39,8 +39,8 @@ class Practice:
         except BaseException as error:
             self.failure = error  # raised again in `State.watch`, where it ends the server
 
-    def trial(self, real: Device | None) -> Trial:
-        """The next one; real: on this device, which stands on the bench.
+    def trial(self, device: SimulatedDevice | Device) -> Trial:
+        """The next one, on the simulated device or on a real one.
 
         Our choice: it goes through the controllers, those that brake first, and through the paths.
         """
@@ -48,14 +48,11 @@ class Practice:
         self.tried += 1
         controllers = sorted(p.controllers, key=lambda number: p.controllers[number].kind == "none")
         controller, segment = controllers[turn % len(controllers)], list(p.paths)[turn % len(p.paths)]
-        device = real or p.devices[0]
-        planned = PlannedTrial(0, 0, device.name, controller, segment, self.tried)
+        file = device if isinstance(device, Device) else device.device
+        planned = PlannedTrial(0, 0, file.name, controller, segment, self.tried)
         path, preset = p.paths[segment], p.controllers[controller]
-        if real:
-            return Trial(real, planned, path, preset, p.rules, p.trial)
-        assert self.simulation is not None
         person = person_at(self._setup, p, "0")
-        return Trial(self.simulation, planned, path, preset, p.rules, p.trial, person, np.random.default_rng(turn))
+        return Trial(device, planned, path, preset, p.rules, p.trial, person, np.random.default_rng(turn))
 
 
 def done_without(setup: Setup, protocol: Protocol) -> str:

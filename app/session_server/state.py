@@ -3,18 +3,16 @@
 `commands` changes it as a window asks; `snapshot` shows it; `storage` brings it to the disk.
 """
 
-import math
 import time
 
 from app.ipc import messages as m
 from app.ipc.messages import OPERATOR, Setup
 from app.ipc.ring import Ring
-from app.session_server.device_setup import DeviceSetup
+from app.session_server.device_setup import RealSetup, SimulatedSetup
 from app.session_server.loop_process import LoopProcess
 from app.session_server.practice import Practice
 from app.session_server.preflight import check_disk, check_recording, with_advice
 from app.session_server.session_progress import SessionProgress
-from app.session_server.steps import BY_NAME
 from app.session_server.storage import Storage
 from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.files import InputError
@@ -22,7 +20,6 @@ from experiments.protocol import Protocol
 from experiments.session.files import free_participant, kept_sessions, protocols_otherwise
 from experiments.session.journal import BRAKES_ALLOWED, BRAKES_OFF, WINDOW_LOST
 from experiments.session.session import Session
-from experiments.trial.trial import Trial
 
 DISK_S = 5.0  # between two looks at the disk, while nothing runs
 END_S = 5.0  # longest wait for a trial to end by itself when the session server ends
@@ -36,7 +33,7 @@ class State:
         """protocol: of new sessions. loop: already started."""
         self.setup, self.protocol, self.ring = setup, protocol, ring
         self.runner = TrialRunner(ring, loop, setup.real_time, setup.link)
-        self.device = DeviceSetup(protocol, ring, self.runner.send, setup.hand, real=bool(setup.link))
+        self.device = RealSetup(protocol, self.runner.send) if setup.link else SimulatedSetup(ring, setup.hand)
         self.why_off = ""  # cause of the brakes-off, as the journal has it
         self.presses = 0  # of the brakes-off, as the window has seen them
         self.broken = ""  # why no more trials can be run
@@ -63,13 +60,6 @@ class State:
         except InputError:
             self._next_participant = next(iter(self._resumable), "")
 
-    def try_out(self) -> Trial:
-        """A practice trial outside of any session. InputError: the device on the bench is not ready."""
-        real = self.device.ready_device(self.protocol)
-        if real is None and self.practice.simulation is not None:
-            self.device.take_handle(self.practice.simulation)
-        return self.practice.trial(real)
-
     # ------------------------------------------------------------------------------------- what is
 
     @property
@@ -81,7 +71,7 @@ class State:
             return m.RUNNING
         if self.practice.simulation is None or not self.runner.ready:
             return m.PREPARING
-        return self.device.stage(self.progress) if self.progress else m.NO_SESSION
+        return self.progress.stage if self.progress else m.NO_SESSION
 
     @property
     def progress(self) -> SessionProgress | None:
@@ -122,6 +112,7 @@ class State:
         """Everything that a window shows."""
         stage, progress, session, run = self.stage, self.progress, self.session, self.runner.run
         coming = progress.coming if progress else None
+        due = progress.due() if progress else None
         at = run.planned if run else coming
         return m.Snapshot(
             stage=stage,
@@ -129,7 +120,7 @@ class State:
             coming=coming,
             running=run.planned if run else None,
             practice=session is None or (at is not None and at.block == 0),
-            tip=self._tip(),
+            tip=run.tip if run else self.device.tip(progress, self.practice.simulation),
             paused=progress is not None and progress.paused_s is not None,
             blind=session is not None and session.blind,
             checks=(
@@ -142,8 +133,7 @@ class State:
             notes=tuple(progress.notes) if progress else (),
             said=self._said,
             said_bad=self._said_bad,
-            wait_for=self.device.wait_for(progress) if progress and stage in BY_NAME else "",
-            wait_s=float(math.ceil(progress.break_left_s())) if progress and stage == m.BREAK else 0.0,
+            card=due[1] if due and stage == due[0].name else None,
             seconds_left=progress.seconds_left() if progress else None,
             resumable=() if session else self._resumable,
             finished=() if session else self._finished,
@@ -155,12 +145,6 @@ class State:
         proof = self.runner.run.recorder.proof() if self.runner.run else None
         verified = sum(bool(row.recording) for row in self.session.rows) if self.session else 0
         return m.Pulse(proof, self.runner.timing, verified, self._free, self.device.status)
-
-    def _tip(self) -> m.Point:
-        """Where the handle stands; during a trial: where it stood before, m."""
-        if self.runner.run is not None:
-            return self.runner.run.tip
-        return self.device.tip(self.progress, self.practice.simulation)
 
     # ------------------------------------------------------------------------------------- what happens
 
@@ -188,7 +172,8 @@ class State:
             raise self.practice.failure
         self.look_at_brakes()
         run, lost = self.runner.watch()
-        self.device.hear(self.runner, self.storage.write, self.say)
+        if isinstance(self.device, RealSetup):
+            self.device.hear(self.runner.told(), self.storage.write, self.say)
         if self.runner.ready:
             self.practice.loop_ready.set()
         if lost:
@@ -205,6 +190,8 @@ class State:
     def _lost(self, run: TrialRun | None, why: str) -> None:
         """The loop died or hung, perhaps with a trial."""
         self.broken = self.runner.broken
+        if isinstance(self.device, RealSetup) and not self.broken:
+            self.device.connect_anew()
         if run is not None:
             self.storage.rescue(run, why)
         else:

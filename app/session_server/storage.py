@@ -72,6 +72,7 @@ class Storage:
         if self.progress is None:
             return
         session, at = self.progress.session, now()
+        self.progress.take_in(event, at, about)
 
         def put() -> None:
             try:

@@ -114,8 +114,7 @@ class TrialRunner:
         self._last: Timing | None = None  # of the last trial
         self.run: TrialRun | None = None
         self.broken = ""  # why no loop can be had
-        self.told: list[object] = []  # what the loop has answered besides, for `device_setup`
-        self.replaced = False  # the loop is a new one, which knows of no device yet
+        self._told: list[object] = []  # what the loop has answered besides
 
     @property
     def ready(self) -> bool:
@@ -129,6 +128,11 @@ class TrialRunner:
     def send(self, job: object) -> None:
         """A job for the loop of a board."""
         self._loop.send(job)
+
+    def told(self) -> list[object]:
+        """What the loop has answered of its device since the last call."""
+        told, self._told = self._told, []
+        return told
 
     def watch(self) -> tuple[TrialRun | None, str]:
         """The run that has come to its end, if one has, and "" or why the loop was lost with it."""
@@ -149,7 +153,7 @@ class TrialRunner:
                     ended.ended(answer, self._scheduling)
                     self._last = ended.timing(self._scheduling)
                 case _:
-                    self.told.append(answer)
+                    self._told.append(answer)
         if ended is None and (self._loop.dead or self._loop.hung):
             return self._replace()
         return ended, ""
@@ -163,7 +167,6 @@ class TrialRunner:
             return run, self.broken
         self._starts += 1
         self._loop = LoopProcess(self._ring, self._real_time, self._port)
-        self.replaced = True
         return run, why
 
     @property

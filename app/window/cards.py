@@ -203,7 +203,6 @@ class Notice(Card):
 ABORT = ("Abort this trial?", "It goes on until you answer. Its recording is kept and marked as aborted.")
 UNBLIND = ("Open the key?", "The controllers become visible here and in the tables. The journal keeps who asked.")
 RESTED = "Go on when the participant is ready."
-A_MOMENT = "A moment"  # begins what is said while a step is being done
 CLOSE = (
     "A trial is being recorded",
     "Close the window? The trial ends, brakes off; what was recorded is kept. It comes again when you resume.",
@@ -319,8 +318,9 @@ class Cards:
     def show_session(self, opened: m.Opened, snapshot: m.Snapshot, do) -> None:
         """What the session waits for; do: the window's commands."""
         coming = snapshot.coming.configuration if snapshot.coming else ""
-        waits = (snapshot.stage, coming, snapshot.wait_for, snapshot.blind, opened.folder)
-        if snapshot.stage not in (m.RERIG, m.BREAK, m.QUESTIONS, m.FINISHED):
+        card = snapshot.card and snapshot.card._replace(wait_s=0.0)  # that goes by without a new card
+        waits = (card, coming, snapshot.blind, opened.folder)
+        if card is None and snapshot.stage != m.FINISHED:
             waits = None
         if waits == self._waits:
             return
@@ -336,19 +336,13 @@ class Cards:
                 self._question.raise_()
 
     def _make(self, opened: m.Opened, snapshot: m.Snapshot, do) -> Card:
-        if snapshot.stage == m.RERIG and snapshot.coming is not None:
-            name = snapshot.coming.configuration
-            if not opened.real_device:
-                answers = [("It is done  Enter", do.confirm)]
-                return Notice(f"Change to {name}", snapshot.wait_for, answers, self._parent)
-            answers = [("Go on  Enter", do.confirm), ("Device page  F3", do.device)]
-            busy = snapshot.wait_for.startswith(A_MOMENT)
-            return Notice(f"Make {name} ready", snapshot.wait_for, [] if busy else answers, self._parent)
-        if snapshot.stage == m.BREAK:
-            self._over_s = time.monotonic() + snapshot.wait_s
-            return Notice("Break", snapshot.wait_for, [("Go on  Enter", do.confirm)], self._parent)
-        if snapshot.stage == m.QUESTIONS:
-            return Notice("Questions", "The participant answers them on the other screen.", [], self._parent)
+        if (card := snapshot.card) is not None:
+            if card.wait_s or snapshot.stage == m.BREAK:
+                self._over_s = time.monotonic() + card.wait_s
+            buttons = [(f"{card.go_on}  Enter", do.confirm)] if card.go_on else []
+            if card.device_page:
+                buttons.append(("Device page  F3", do.device))
+            return Notice(card.title, card.text, buttons, self._parent)
         kept = sum(bool(row.recording) for row in snapshot.rows)
         text = f"{kept} runs are recorded and verified in {opened.folder}."
         lacking = sum(row.status not in COUNTED for row in newest_rows(opened.plan, snapshot.rows).values())

@@ -191,7 +191,8 @@ def test_a_trial_that_runs_is_not_covered_by_the_page(screens: Screens) -> None:
 
 
 def test_under_the_page_nothing_is_confirmed_unseen(screens: Screens) -> None:
-    waits = ready(3, checks=NOT_ZEROED)._replace(stage=m.RERIG, wait_for="Let go of the handle, go on.")
+    card = m.Card("Make four-brake ready", "Let go of the handle, go on.")
+    waits = ready(3, checks=NOT_ZEROED, stage=m.RERIG, card=card)
     console = screens.hear(opened(**ON_BENCH), waits, told(status(zeroed=False)))
     assert screens.press(KEY.Key_F3) == [] and console.device.isVisible()
     assert screens.press(KEY.Key_Space) == [] == screens.press(KEY.Key_Return)

@@ -10,7 +10,7 @@ from app.ipc import messages as m
 from app.ipc.messages import HID
 from app.ipc.ring import Ring
 from app.loop.real_time import take_aim
-from app.session_server.device_setup import DeviceSetup, HidInput, feel_force_alone
+from app.session_server.device_setup import SimulatedSetup
 from core import tick_log
 from core.files import InputError
 from core.simulator.hand import grip_force
@@ -32,11 +32,11 @@ class Played:
 
 
 @pytest.fixture
-def played() -> Iterator[tuple[Ring, Played, HidInput]]:
+def played() -> Iterator[tuple[Ring, Played, SimulatedSetup]]:
     ring, hand = Ring(ticks=64), Played()
-    hid = HidInput(ring, hand)
-    yield ring, hand, hid
-    hid.close()
+    setup = SimulatedSetup(ring, HID, lambda: hand)
+    yield ring, hand, setup
+    setup.close()
     assert hand.closed
 
 
@@ -53,11 +53,11 @@ def newest(ring: Ring) -> tuple[float, float]:
 
 
 def test_the_deflection_is_the_force_at_the_handle_and_the_pointer_has_no_say(played) -> None:
-    ring, hand, _ = played
+    ring, hand, setup = played
     hand.reading = hand.reading._replace(fx_N=3.0, fy_N=-4.0)
     until(lambda: ring.control.push_count and newest(ring) == (3.0, -4.0))
     simulation = SimulatedDevice(PAPER.devices[0], (0.0, 0.35), PAPER.mouse.hand())
-    feel_force_alone(simulation)
+    setup.take_handle(simulation)
     ring.aim(0.0, 0.35)
     grip = simulation.hand.grips[0]
     take_aim(ring.control, grip, simulation.state[0].tip, tick_log.MOVE, PAPER.mouse.force_max_N)
@@ -65,24 +65,26 @@ def test_the_deflection_is_the_force_at_the_handle_and_the_pointer_has_no_say(pl
 
 
 def test_an_unplugged_device_gives_no_force_and_blocks_the_start_until_it_is_back(played) -> None:
-    ring, hand, hid = played
-    assert hid.check.state == m.GOOD and WORD in hid.check.text
+    ring, hand, setup = played
+    check = setup.checks("")[1]
+    assert check.state == m.GOOD and WORD in check.text
     hand.reading = Reading(0.0, 0.0, False, "SpaceNavigator was unplugged: plug it in again", 1.0, 9, 1)
     until(lambda: ring.control.push_count and newest(ring) == (0.0, 0.0))
-    assert hid.check.state == m.BAD and "plug it in again" in hid.check.advice
+    check = setup.checks("")[1]
+    assert check.state == m.BAD and "plug it in again" in check.advice
     hand.reading = Played.reading
-    assert hid.check.state == m.GOOD
+    assert setup.checks("")[1].state == m.GOOD
 
 
 def test_closing_leaves_no_force_behind() -> None:
     ring, hand = Ring(ticks=64), Played()
     hand.reading = hand.reading._replace(fx_N=9.0)
-    hid = HidInput(ring, hand)
+    setup = SimulatedSetup(ring, HID, lambda: hand)
     until(lambda: ring.control.push_count > 2)
-    hid.close()
+    setup.close()
     assert newest(ring) == (0.0, 0.0)
 
 
 def test_without_such_a_device_it_is_refused_in_one_sentence() -> None:
     with pytest.raises(InputError, match="no six-axis device is attached"):
-        DeviceSetup(PAPER, Ring(ticks=64), print, HID, real=False, hid=lambda: HidHand(listing=lambda: []))
+        SimulatedSetup(Ring(ticks=64), HID, hid=lambda: HidHand(listing=lambda: []))

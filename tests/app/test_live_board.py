@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from emulated import to_zero_s
 from live import kill, wait_until
-from live_board import DEVICE, LET_GO, BoardSession, board_session
+from live_board import DEVICE, BoardSession, board_session, lets_go
 
 from app.ipc import messages as m
 from experiments.recording.reader import read_recording
@@ -67,7 +67,7 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession)
 
     # the new loop has to be led through the zero again; after that practice needs no session
     before = len(zeros(session))
-    window.until(lambda s: s.brakes_off or LET_GO in s.wait_for)  # latched, if there was current just then
+    window.until(lambda s: s.brakes_off or lets_go(s))  # latched, if there was current just then
     session.make_ready()
     assert len(zeros(session)) == before + 1
     window.client.send(m.Leave())

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from emulated import Emulated
 from live import Window, live_window, wait_until
+from live_board import lets_go
 from protocols import PAPER
 
 from app.ipc import messages as m
@@ -40,7 +41,7 @@ class OnBench:
         def taken() -> bool:
             nonlocal asked_s
             status, now = self.status, time.monotonic()
-            if "Let go" in self.seen.snapshot.wait_for and now - asked_s > 0.5:
+            if lets_go(self.seen.snapshot) and now - asked_s > 5.0:  # not twice: it would be done again
                 asked_s = now
                 self.seen.client.send(m.Rig(m.ZERO))
             return bool(status and status.zeroed and self.seen.snapshot.stage == m.READY)

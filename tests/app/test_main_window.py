@@ -5,7 +5,22 @@ import sys
 
 import numpy as np
 import pytest
-from fake_client import DEVICES, GREEN, PLAN, PRESETS, RED, movement, opened, pulse, ready, result, running, ticks
+from fake_client import (
+    CARDS,
+    DEVICES,
+    GREEN,
+    LONG_BREAK,
+    PLAN,
+    PRESETS,
+    RED,
+    movement,
+    opened,
+    pulse,
+    ready,
+    result,
+    running,
+    ticks,
+)
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
@@ -18,7 +33,7 @@ from app.window.plan_grid import MARKS
 from core import tick_log
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
-RERIG = "Take the three-brake linkage off and mount the four-brake one; turn each joint once by hand."
+RERIG = CARDS[m.RERIG].text
 
 
 @pytest.fixture
@@ -211,7 +226,7 @@ def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
 
 
 def test_a_re_rig_says_what_to_do_and_waits_for_its_confirmation(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(30, stage=m.RERIG, wait_for=RERIG))
+    console = screens.hear(opened(), ready(30, stage=m.RERIG))
     texts = visible_texts(console)
     assert RERIG in texts and "Change to four-brake" in texts and not screens.run.panel.start.isEnabled()
     assert screens.press(KEY.Key_Return, screens.run.cards.notice.buttons[0]) == [m.Confirm()]
@@ -222,7 +237,7 @@ def test_a_re_rig_says_what_to_do_and_waits_for_its_confirmation(screens: Screen
 def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) -> None:
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
-    console = screens.hear(opened(), ready(12, stage=m.BREAK, wait_s=60.0, wait_for="The participant rests."))
+    console = screens.hear(opened(), ready(12, stage=m.BREAK, card=LONG_BREAK))
     assert "1:00" in screens.run.cards.notice.title.text() and screens.press(KEY.Key_Space) == []
     now[0] += 30.0
     screens.hear()
@@ -268,7 +283,7 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
 def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
     console = screens.hear(opened(), running())
     assert not console.close() and console.isVisible() and not screens.client.stopped
-    go_on, close = screens.main.cards.question.buttons
+    go_on, close = screens.run.cards.question.buttons
     go_on.click()
     assert console.isVisible() and screens.run.cards.question is None
     console.close()
@@ -293,8 +308,8 @@ STATES = {
     "said": (opened(), ready(9, said="Run 9: the participant was distracted by a long sentence that goes on.")),
     "paused": (opened(), ready(9, paused=True)),
     "brakes off": (opened(), ready(9, brakes_off="the watchdog of the board")),
-    "re-rig": (opened(), ready(30, stage=m.RERIG, wait_for=RERIG)),
-    "break": (opened(), ready(12, stage=m.BREAK, wait_s=60.0, wait_for="The participant rests.")),
+    "re-rig": (opened(), ready(30, stage=m.RERIG)),
+    "break": (opened(), ready(12, stage=m.BREAK, card=LONG_BREAK)),
     "questions": (opened(), ready(10, stage=m.QUESTIONS)),
     "finished": (opened(), ready(60, stage=m.FINISHED, blind=True)),
     "failed": (opened(), ready(9, stage=m.FAILED, said="The disk is full: /a/long/path/to/data takes no more.")),

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 import serial
-from fake_client import PLAN, opened, ready, result
+from fake_client import PLAN, SHORT_BREAK, opened, ready, result
 from screens import Screens, cut_texts, opened_screens, settle
 
 from app.cli import main
@@ -53,7 +53,7 @@ def test_a_trial_is_named_by_its_path_as_the_printed_plan_names_it() -> None:
 
 def test_a_break_that_is_over_asks_for_no_more_rest(screens: Screens) -> None:
     said = "A break: let go of the handle and rest."
-    console = screens.hear(opened(), ready(3, stage=m.BREAK, wait_s=5.0, wait_for=said))
+    console = screens.hear(opened(), ready(3, stage=m.BREAK, card=SHORT_BREAK))
     notice = console.cards.notice
     assert notice.text.text() == said
     console.cards.show_time(1e9)

@@ -77,7 +77,7 @@ def test_closing_during_a_trial_has_a_key(screens: Screens) -> None:
 
 
 def test_enter_confirms_what_a_card_asks_after_a_note_was_written_and_after_a_click_beside_it(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(30, stage=m.RERIG, wait_for="Mount the four-brake linkage."))
+    console = screens.hear(opened(), ready(30, stage=m.RERIG))
     screens.press(KEY.Key_N, modifier=CTRL)
     QTest.keyClicks(screens.run.panel.note, "bolts")
     assert screens.press(KEY.Key_Return, screens.run.panel.note) == [m.Note("bolts")]  # and nothing is confirmed
@@ -90,7 +90,7 @@ def test_a_notice_that_comes_while_a_note_is_written_takes_none_of_it_for_an_ans
     console = screens.hear(opened(), ready(29))
     screens.press(KEY.Key_N, modifier=CTRL)
     QTest.keyClicks(screens.run.panel.note, "a long")
-    screens.hear(ready(30, stage=m.RERIG, wait_for="Mount the four-brake linkage."))
+    screens.hear(ready(30, stage=m.RERIG))
     for letter in " note":
         QTest.keyClicks(focus(screens), letter)
     assert screens.client.sent == []
@@ -133,8 +133,8 @@ STATES = {
     "ready": ready(3),
     "stopped": ready(3, brakes_off="Esc on the console"),
     "paused": ready(3, paused=True),
-    "re-rig": ready(30, stage=m.RERIG, wait_for="Mount it."),
-    "break": ready(12, stage=m.BREAK, wait_for="Rest."),
+    "re-rig": ready(30, stage=m.RERIG),
+    "break": ready(12, stage=m.BREAK),
     "over": ready(60, stage=m.FINISHED),
 }
 

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from fake_client import PLAN, PRESETS, movement, opened, ready, result, running, ticks
+from fake_client import LONG_BREAK, PLAN, PRESETS, movement, opened, ready, result, running, ticks
 from PySide6.QtCore import QEvent, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
@@ -63,7 +63,7 @@ def test_each_end_of_a_trial_has_its_word(screens: Screens, status: str, word: s
 
 def test_nothing_shown_to_the_participant_has_numbers_names_or_jargon(screens: Screens) -> None:
     stages = [
-        *(ready(9, stage=stage, wait_s=60.0, wait_for="x") for stage in (m.RERIG, m.BREAK, m.FINISHED, m.FAILED)),
+        *(ready(9, stage=stage, card=LONG_BREAK) for stage in (m.RERIG, m.BREAK, m.FINISHED, m.FAILED)),
         ready(0), ready(9), ready(9, paused=True), ready(9, brakes_off="watchdog"), m.Snapshot(m.PREPARING),
     ]  # fmt: skip
     names = "|".join(preset.name for preset in PRESETS.values())

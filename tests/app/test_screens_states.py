@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fake_client import GREEN, PLAN, RED, movement, opened, ready, running
+from fake_client import GREEN, LONG_BREAK, PLAN, RED, movement, opened, ready, running
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel
 from screens import Screens, cut_texts, opened_screens, settle, visible_texts
@@ -70,7 +70,7 @@ def test_a_blind_console_has_no_reachable_force_and_gets_it_back_with_the_key(sc
 
 
 def test_after_a_break_the_participant_sees_the_path_that_comes(screens: Screens) -> None:
-    screens.hear(opened(), ready(22, stage=m.BREAK, wait_s=60.0))
+    screens.hear(opened(), ready(22, stage=m.BREAK, card=LONG_BREAK))
     view = screens.participant.view
     assert view.path is None and view.tip is None
     screens.hear(ready(22))
@@ -138,7 +138,8 @@ def test_a_hidden_trace_has_neither_curve_nor_scale(screens: Screens) -> None:
 @pytest.mark.parametrize("moment", [False, True])
 def test_on_the_bench_a_step_is_named_for_what_it_is_and_waits_while_it_is_done(screens: Screens, moment: bool) -> None:
     says = "A moment ..." if moment else "Hold the handle in its jig, then go on."
-    console = screens.hear(opened(real_device=True), ready(stage=m.RERIG, wait_for=says))
+    rig = m.Card(f"Make {PLAN[0].configuration} ready", says, "" if moment else "Go on", device_page=True)
+    console = screens.hear(opened(real_device=True), ready(stage=m.RERIG, card=rig))
     card = screens.run.cards.notice
     assert card is not None and card.title.text() == f"Make {PLAN[0].configuration} ready" and card.text.text() == says
     assert screens.press(KEY.Key_Space) == ([] if moment else [m.Confirm()])

@@ -12,9 +12,10 @@ import pytest
 from protocols import PAPER, changed, protocol_of, short
 from sessions import new_session, run, run_trials
 
-from app.ipc.messages import BAD, BREAK, CAUTION, READY
+from app.ipc.messages import BAD, BREAK, CAUTION, MOUSE, READY
 from app.session_server import session_progress as progress_module
 from app.session_server import storage as storage_module
+from app.session_server.device_setup import SimulatedSetup
 from app.session_server.preflight import check_recording
 from app.session_server.session_progress import SessionProgress
 from app.session_server.storage import Storage
@@ -25,6 +26,8 @@ from experiments.session.journal import ANSWERS, BREAK_ENDED, NOTE, read_events
 from experiments.session.recover import recover
 from experiments.session.session import Session
 from experiments.session.verify import verify
+
+MOUSE_HELD = SimulatedSetup(None, MOUSE)
 
 
 class Idle:
@@ -69,7 +72,7 @@ def said() -> list[tuple[str, bool]]:
 def storage(session: Session, said, monkeypatch: pytest.MonkeyPatch) -> Storage:
     monkeypatch.setattr(storage_module, "AGAIN_S", 0.0)
     storage = Storage(session.data_dir, Idle(), lambda sentence, bad=False: said.append((sentence, bad)))
-    storage.take(SessionProgress(session))
+    storage.take(SessionProgress(session, MOUSE_HELD))
     return storage
 
 
@@ -240,7 +243,7 @@ def rested(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         def open(self) -> SessionProgress:
             self.session.close()
             self.session = Session.resume(tmp_path / "data", "01", sync=False)
-            return SessionProgress(self.session)
+            return SessionProgress(self.session, MOUSE_HELD)
 
         def later(self, seconds: float) -> None:
             monkeypatch.setattr(progress_module, "datetime", shifted(seconds))

@@ -127,7 +127,7 @@ def test_after_a_block_come_the_questions_and_then_the_break_which_lasts_its_tim
     ask(window, m.Pause(False), lambda s: not s.paused)
     run_one(window)
     snapshot = answer(window)
-    assert snapshot.stage == m.BREAK and 0.0 <= snapshot.wait_s <= LEAST_S
+    assert snapshot.stage == m.BREAK and 0.0 <= snapshot.card.wait_s <= LEAST_S
     refused(window, m.Start(), "break")
     wait_until(lambda: ask(window, m.Confirm(), lambda s: s.stage == m.READY or "more" in s.said).stage == m.READY)
     trial, rest = (events(window, name)[-1]["time"] for name in ("trial ended", "break ended"))
@@ -142,7 +142,7 @@ def test_a_skipped_trial_is_marked_and_a_re_rig_waits_to_be_confirmed(window: Wi
     assert snapshot.rows[-1].run == skipped.run and snapshot.rows[-1].recording == ""
     run_one(window)
     snapshot = answer(window)
-    assert snapshot.stage == m.RERIG and "four-brake" in snapshot.wait_for
+    assert snapshot.stage == m.RERIG and "four-brake" in snapshot.card.text
     refused(window, m.Start(), "re-rigged")
     snapshot = ask(window, m.Confirm(), lambda s: s.stage == m.READY)
     assert snapshot.coming.configuration == "four-brake" and snapshot.coming.block == 0

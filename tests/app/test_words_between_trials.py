@@ -1,7 +1,7 @@
 """What stands on the screens between trials: feedback whatever comes next, whole, with what to do; other windows."""
 
 import pytest
-from fake_client import PLAN, opened, ready, result, running
+from fake_client import LONG_BREAK, PLAN, opened, ready, result, running
 from PySide6.QtWidgets import QLabel
 from screens import Screens, cut_texts, opened_screens, settle, visible_texts
 
@@ -27,8 +27,8 @@ def test_after_a_trial_of_any_status_there_is_a_large_line(status: str) -> None:
 @pytest.mark.parametrize(
     "following",
     [
-        {}, {"paused": True}, {"stage": m.BREAK, "wait_s": 60.0, "wait_for": "x"},
-        {"stage": m.RERIG, "wait_for": "x"}, {"stage": m.FINISHED},
+        {}, {"paused": True}, {"stage": m.BREAK, "card": LONG_BREAK},
+        {"stage": m.RERIG}, {"stage": m.FINISHED},
     ],
 )  # fmt: skip
 def test_feedback_and_cue_are_said_whatever_comes_after_the_trial(screens: Screens, following: dict) -> None:

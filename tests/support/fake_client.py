@@ -93,13 +93,22 @@ def before(**changes) -> m.Snapshot:
     return m.Snapshot(m.NO_SESSION, checks=GREEN, practice=True)._replace(**changes)
 
 
+#: stage -> the card that is up then
+CARDS = {
+    m.QUESTIONS: m.Card("Questions", "The participant answers them on the other screen.", ""),
+    m.RERIG: m.Card("Change to four-brake", "Mount the four-brake linkage.", "It is done"),
+    m.BREAK: m.Card("Break", "A break: let go of the handle and rest."),
+}
+SHORT_BREAK, LONG_BREAK = (CARDS[m.BREAK]._replace(wait_s=seconds) for seconds in (5.0, 60.0))
+
+
 def ready(over: int = 0, **changes) -> m.Snapshot:
-    """Ready for the next trial, after so many of the plan."""
+    """Ready for the next trial, after so many of the plan; or what comes before it, by its stage."""
     rows = tuple(result(trial, error=0.001 + 0.0001 * trial.run) for trial in PLAN[:over])
     coming = PLAN[over] if over < len(PLAN) else None
     left = 15.0 * (len(PLAN) - over) if over else None
     snapshot = m.Snapshot(m.READY, rows, coming, None, tip=TIP, checks=GREEN, seconds_left=left)
-    return snapshot._replace(**changes)
+    return snapshot._replace(card=CARDS.get(changes.get("stage")))._replace(**changes)
 
 
 def running(over: int = 0, **changes) -> m.Snapshot:

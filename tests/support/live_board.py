@@ -24,7 +24,11 @@ BRAKING = (2, 4)  # controllers that act on everybody
 AGAIN_S = 3.0  # after which what was asked for is asked for again
 MOST_TRIES = 10  # of a trial that the machine spoils
 CURRENTS = slice(tick_log.CURRENT, tick_log.CURRENT + 4)
-LET_GO = "Let go of the handle"
+
+
+def lets_go(snapshot: m.Snapshot) -> bool:
+    """Whether the person is asked to let go of the handle: the zero comes next."""
+    return snapshot.card is not None and snapshot.card.text.startswith("Let go of the handle")
 
 
 class BoardSession:
@@ -44,7 +48,7 @@ class BoardSession:
         """A session; the device waits for its zero."""
         self.window.until_stage(m.NO_SESSION)
         self.window.client.send(m.Open("01"))
-        self.window.until(lambda s: s.stage == m.RERIG and LET_GO in s.wait_for)
+        self.window.until(lambda s: lets_go(s))
 
     def make_ready(self) -> None:
         """What the bench asks for is done until a trial may start: zero, brakes allowed; or the board comes back."""
@@ -56,7 +60,7 @@ class BoardSession:
                 if snapshot.brakes_off:
                     asked = now
                     self.window.client.send(m.AllowBrakes())
-                elif snapshot.stage == m.RERIG and LET_GO in snapshot.wait_for:
+                elif lets_go(snapshot):
                     away = True
                     self.rest()
                     asked = time.monotonic()
