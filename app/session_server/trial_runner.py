@@ -27,6 +27,7 @@ class TrialRun:
     ) -> None:
         """Start it. writer: None for a trial that is not kept."""
         self.planned, self.trial = planned, trial
+        self.again = "never"  # as `messages.Abort` has it
         self.tip = trial.tip  # where it begins
         self._ring, self._reason, self._decided = ring, "", False
         ring.begin_trial()

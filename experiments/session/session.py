@@ -61,6 +61,7 @@ from experiments.session.journal import (
     EXCLUDED,
     LEFT_AS_STREAM,
     NOTE,
+    POSTPONED,
     PRACTICE_BEGUN,
     PRACTICE_ENDED,
     REDONE,
@@ -203,7 +204,7 @@ class Session:
         It takes the next free run number if its own is used up, by a crash or because it is done again: same cell of
         the plan, another recording. A simulated operator does not practise.
         """
-        waiting = open_trials(self.plan, self.rows)
+        waiting = open_trials(self.plan, self.rows, self._summary.postponed)
         if not waiting:
             return None
         due = self._practised.get(waiting[0].configuration, 0) < self.protocol.practice_trials
@@ -366,16 +367,19 @@ class Session:
         self.rows.append(row)
         return row
 
-    def redo(self, run: int, reason: str) -> TrialRow:
-        """Have the cell of a run done again, next: its recording stays and its row becomes `redone`; that row.
+    def redo(self, run: int, reason: str, at_end: bool = False) -> TrialRow:
+        """Have the cell of a run done again: its recording stays, its row becomes `redone`; that row.
 
-        InputError if there is no such run, or its cell is open anyway.
+        It comes next, or at the end of its configuration. InputError if there is no such run, or its cell is open.
         """
         found = next((row for row in self.rows if row.run == run), None)
         if found is None or found.status not in SETTLED:
             why = "is not done yet" if found is None else f"is {found.status}: its trial comes again by itself"
             raise InputError(f"run {run}: {why}, there is nothing to do again")
         self.journal(REDONE, run=run, reason=reason)
+        if at_end:
+            self.journal(POSTPONED, run=run)
+            self._summary.postponed.append(run)
         self._replace_rows([replace(row, status="redone") if row is found else row for row in self.rows])
         return next(row for row in self.rows if row.run == run)
 
