@@ -137,6 +137,7 @@ class ParticipantWindow(QWidget):
         self._snapshot = m.Snapshot(m.PREPARING)
         self.own_start = False  # the person who reads this has the space bar too
         self.leaving = False
+        self._rest_until_s = 0.0
         self._phase, self._hold_from_s, self._early_s = -1, 0.0, -LEFT_EARLY_S
         self._stack = QStackedLayout(self)
         for widget in (self.view, self.questions, self.instructions):
@@ -192,7 +193,7 @@ class ParticipantWindow(QWidget):
         elif snapshot.coming is not None and (not snapshot.rows or self.view.path is None):
             self._show_trial(snapshot.coming, snapshot.tip)
         if snapshot.stage == m.BREAK and before.stage != m.BREAK:
-            self._rest_until_s = time.monotonic() + snapshot.wait_s
+            self._rest_until_s = time.monotonic() + (snapshot.card.wait_s if snapshot.card else 0.0)
         self._write_between()
 
     @property

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, Signal
-from PySide6.QtGui import QMouseEvent
+from PySide6.QtGui import QMouseEvent, QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
@@ -25,7 +25,8 @@ from core import tick_log
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
 
-RIGHT_PX = 372
+#: px: the right column takes this share of the page, within these bounds; below this height one curve less is shown
+RIGHT_SHARE, RIGHT_LEAST, RIGHT_MOST, LOW_PX = 0.29, 290, 440, 560
 #: Our choice: curves and energies go on with every third frame, twenty times a second and by two or three pixels,
 #: which is as smooth as they can be read; only what follows the hand goes on with every frame.
 PANELS_EVERY = 3
@@ -45,7 +46,7 @@ class RunPage(Page):
         self._ticks: list[np.ndarray] = []  # of the running trial, for its card
         self._judged: set[int] = set()  # runs whose card was answered
         self._lay_out()
-        self.cards = Cards(self)
+        self.cards = Cards(self.centre)
         self._connect()
 
     def _lay_out(self) -> None:
@@ -57,7 +58,6 @@ class RunPage(Page):
         column.addWidget(self.timing, 1)
         column.addWidget(self.energy)
         self._right = QStackedWidget()
-        self._right.setFixedWidth(RIGHT_PX)
         self._right.addWidget(live)
         self._right.addWidget(self.card)
         desk = QWidget()
@@ -74,6 +74,11 @@ class RunPage(Page):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self._stack)
 
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._right.setFixedWidth(min(max(round(RIGHT_SHARE * self.width()), RIGHT_LEAST), RIGHT_MOST))
+        self.traces.speed.setVisible(self.height() > LOW_PX)
+
     def _connect(self) -> None:
         for signal, do in (
             (self.panel.start_asked, self.start),
@@ -81,7 +86,7 @@ class RunPage(Page):
             (self.panel.skip_asked, self.skip),
             (self.panel.pause_asked, self.pause),
             (self.panel.abort_asked, self.abort),
-            (self.panel.noted, lambda text: self.send(m.Note(text))),
+            (self.panel.noted, self._note),
             (self.panel.cell_asked, self._show_cell),
             (self.card.kept, self._keep),
             (self.card.redo_asked, self.redo),
@@ -149,6 +154,10 @@ class RunPage(Page):
         """Ask why and whether it comes again, then end the running trial."""
         if self.snapshot.stage == m.RUNNING:
             self.cards.ask_abort(ABORT_REASONS, lambda reason, again: self.send(m.Abort(reason, again)))
+
+    def _note(self, text: str) -> None:
+        self.send(m.Note(text))
+        self.cards.take_focus()
 
     def cancel(self) -> bool:
         return self.cards.leave()

@@ -22,9 +22,9 @@ from app.window.painting.labels import KeyButton, OneLine, breakable, line, word
 from app.window.plan_grid import PlanGrid
 from app.window.preflight import advice
 from app.window.words import cell, minutes, place
-from experiments.analysis.trials_table import COUNTED, SETTLED
+from experiments.analysis.trials_table import SETTLED
 
-WIDTH_PX = 276
+WIDTH_PX = 256
 
 
 class SessionPanel(QFrame):
@@ -122,7 +122,7 @@ class SessionPanel(QFrame):
         self.grid.show_session(opened, snapshot)
         self._scroll.setMaximumHeight(max(self.grid.sizeHint().height() + 2, 96))
         statuses = list(self.grid.statuses.values())
-        over, valid = (sum(status in those for status in statuses) for those in (SETTLED, COUNTED))
+        over, valid = sum(status in SETTLED for status in statuses), statuses.count("done")
         missing = f" · {over - valid} without a result" if over > valid else ""
         self.done.setText(f"{valid} of {len(opened.plan)} trials done{missing}" if opened.participant else "")
         self.done.setToolTip("Without a result: timed out, aborted (×), skipped (–) or excluded" if missing else "")

@@ -37,7 +37,7 @@ def test_a_reason_may_begin_with_any_digit(screens: Screens) -> None:
     screens.press(KEY.Key_A, modifier=CTRL)
     QTest.keyClicks(screens.run.cards.question.own, "3 s too late, as p. 2 says")
     assert screens.client.sent == [] and screens.run.cards.question is not None
-    assert screens.press(KEY.Key_Return, screens.run.cards.question.own) == [m.Abort("3 s too late, as p. 2 says")]
+    assert screens.press(KEY.Key_Return, screens.run.cards.question.own) == [m.Abort("3 s too late, as p. 2 says", "now")]
 
 
 @pytest.mark.parametrize("number", range(1, len(ABORT_REASONS) + 1))
@@ -49,14 +49,14 @@ def test_alt_and_a_digit_choose_a_reason_as_its_button_says_whatever_is_typed(sc
     assert cut_texts(console) == []
     QTest.keyClicks(question.own, "half a rea")
     sent = screens.press(KEY(KEY.Key_0 + number), question.own, ALT)
-    assert sent == [m.Abort(ABORT_REASONS[number - 1])] and screens.run.cards.question is None
+    assert sent == [m.Abort(ABORT_REASONS[number - 1], "now")] and screens.run.cards.question is None
 
 
 @pytest.mark.parametrize("backwards", [False, True])
 def test_tab_stays_on_a_card_and_enter_presses_what_has_the_keyboard(screens: Screens, backwards: bool) -> None:
     console = screens.hear(opened(), running())
     console.close()
-    go_on, close = screens.run.cards.question.buttons
+    go_on, close = screens.main.cards.question.buttons
     settle(console)
     assert cut_texts(console) == []
     seen = [focus(screens)]
@@ -65,13 +65,13 @@ def test_tab_stays_on_a_card_and_enter_presses_what_has_the_keyboard(screens: Sc
         seen.append(focus(screens))
     assert seen == [go_on, close, go_on]
     QTest.keyClick(focus(screens), KEY.Key_Return)
-    assert screens.run.cards.question is None and console.isVisible()
+    assert screens.main.cards.question is None and console.isVisible()
 
 
 def test_closing_during_a_trial_has_a_key(screens: Screens) -> None:
     console = screens.hear(opened(), running())
     console.close()
-    assert "Alt+C" in screens.run.cards.question.buttons[1].text()
+    assert "Alt+C" in screens.main.cards.question.buttons[1].text()
     screens.press(KEY.Key_C, focus(screens), ALT)
     assert not console.isVisible() and screens.client.stopped
 
@@ -112,7 +112,7 @@ def test_the_questions_can_be_answered_by_keyboard_alone(screens: Screens, key: 
     questions = screens.participant.questions if own_window else screens.run.questions
     for i, (item, *_) in enumerate(ITEMS):
         assert window.focusWidget() is questions.scales[item]
-        assert questions.lacking.text() == f"{i} of {len(ITEMS)} answered" and not questions.done.isEnabled()
+        assert questions.lacking.text() == f"{len(ITEMS) - i} not answered yet" and not questions.done.isEnabled()
         screens.press(KEY.Key_Right, window.focusWidget())
         screens.press(KEY.Key_Tab, window.focusWidget())
     assert window.focusWidget() is questions.done and questions.lacking.text() == ""

@@ -12,6 +12,7 @@ from app.window import words
 from app.window.painting import theme
 from app.window.painting.linkage_view import REACHABLE
 from core import tick_log
+from experiments.language import ENGLISH_WORDS
 
 KEY = Qt.Key
 NOTES = ("13:02 asked to move a little slower", "13:06 break, 2 min")
@@ -24,9 +25,9 @@ def screens(qtbot):
 
 @pytest.mark.parametrize("over", [0, 12])
 def test_nobody_is_told_that_the_next_trial_comes_while_its_start_is_blocked(screens: Screens, over: int) -> None:
-    promises = (words.ENDED.small, words.SPACE_NEXT, words.SPACE_FIRST, words.WELCOME.small)
+    promises = {ENGLISH_WORDS[key] for key in ("next_soon", "next_space", "first_space", "start_soon")}
     console = screens.hear(opened(), ready(over, checks=RED))
-    assert screens.run.centre.small.text() == screens.participant.view.shown.small == words.STOPPED.small
+    assert screens.run.centre.small.text() == screens.participant.view.shown.small == ENGLISH_WORDS["stopped_how"]
     screens.hear(ready(over))
     assert screens.run.centre.small.text() in promises and screens.participant.view.shown.small in promises
 
@@ -95,23 +96,9 @@ def test_energy_makes_no_claim_before_there_is_a_tick(screens: Screens) -> None:
 
 def test_a_plan_that_is_done_has_no_time_left(screens: Screens) -> None:
     console = screens.hear(opened(), ready(59))
-    assert "min left" in screens.run.panel.done.text()
+    assert "min left" in screens.run.panel.left.text()
     screens.hear(ready(60, stage=m.FINISHED))
-    assert "min left" not in screens.run.panel.done.text()
-
-
-def test_open_results_follow_what_the_session_says(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(3))
-    console.commands.results()
-    shown = console.commands._results
-    heard = []
-    shown.show_snapshot = heard.append
-    screens.hear(ready(4))
-    assert len(heard) == 1 and len(heard[0].rows) == 4
-    shown.hide()
-    screens.hear(ready(5))
-    assert len(heard) == 1
-    console.commands.close_results()
+    assert "min left" not in screens.run.panel.left.text()
 
 
 @pytest.mark.parametrize("state", ["blocked", "failed"])
@@ -150,11 +137,6 @@ def test_brakes_that_the_board_took_off_are_said_so_and_others_with_who_did(scre
     assert banner.text().startswith("Brakes are off: the board: no command for 50 ms.")
     screens.hear(ready(9, brakes_off="Esc on the console"))
     assert banner.text().startswith("Brakes are off: Esc on the console.")
-
-
-def test_a_done_plan_is_said_under_the_name(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(60, stage=m.FINISHED))
-    assert screens.main.preflight.where.text() == "All 60 trials are done · protocol paper"
 
 
 def test_the_key_on_a_button_is_legible_whatever_the_button_looks_like(screens: Screens) -> None:

@@ -5,7 +5,6 @@ from fake_client import PLAN, opened, ready, result
 from screens import Screens, opened_screens, visible_texts
 
 from app.ipc import messages as m
-from app.window import words
 from app.window.painting import theme
 from app.window.plan_grid import MARKS
 from experiments.analysis.trials_table import STATUSES
@@ -24,11 +23,11 @@ def test_every_status_has_its_colour_and_all_but_done_a_mark() -> None:
 def test_a_trial_that_was_cut_short_is_marked_counts_as_open_and_comes_next(screens: Screens) -> None:
     rows = (result(PLAN[0]), result(PLAN[1], "stopped"))
     again = PLAN[1]._replace(run=61)
-    console = screens.hear(opened(), ready(2, rows=rows, coming=again, said="Run 2: the board. It comes again."))
+    console = screens.hear(opened(), ready(2, rows=rows, coming=again, said="Run 2: the board. It comes again.", ended_here=2))
     grid = screens.run.panel.grid
-    assert grid.statuses[2] == "stopped" and grid.marked == 2 and "1 done" in screens.run.panel.done.text()
+    assert grid.statuses[2] == "stopped" and grid.marked == 2 and "1 of 60 trials done" in screens.run.panel.done.text()
     assert screens.run.panel.start.isEnabled() and "comes again" in " ".join(visible_texts(console))
-    assert words.after(rows[-1], opened()).large == "Stopped"
+    assert screens.run.centre.large.text() == "Stopped"
 
 
 def test_the_end_of_the_plan_says_how_many_trials_have_no_result(screens: Screens) -> None:

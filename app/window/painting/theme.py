@@ -113,7 +113,7 @@ QPushButton#brakes {{ background: {BAD_GROUND}; border-color: {BAD}; color: {BAD
 QPushButton#brakes-off {{ background: {BAD}; border-color: {BAD}; color: {_OF.on_bad}; padding: 6px 10px; }}
 QPushButton#key {{ text-align: left; }}
 QPushButton#key:checked {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
-QPushButton#toggle {{ background: transparent; color: {QUIET}; border-radius: 12px; padding: 3px 12px; }}
+QPushButton#toggle {{ background: transparent; color: {QUIET}; border-radius: 12px; padding: 3px 8px; }}
 QPushButton#toggle:checked {{ background: {FIELD}; color: {TEXT}; border-color: {EDGE}; }}
 QPushButton#tab {{ background: transparent; border: none; border-bottom: 3px solid transparent; border-radius: 0;
     padding: 8px 14px; color: {QUIET}; }}
