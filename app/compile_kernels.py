@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.ipc.process import spare_scipy
-from app.progress import show_compiling
+from app.progress import watch_compiling
 
 if TYPE_CHECKING:
     from core.device import Device
@@ -23,13 +23,13 @@ def main() -> None:
     if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
         return
     spare_scipy()
-    show_compiling()
+    watch_compiling()
     from experiments.protocol import load_protocol
 
     protocol = load_protocol()
     compile_study(protocol)
     compile_simulation(protocol.devices[0])
-    compile_app(protocol.devices[0])
+    compile_loop()
 
 
 def compile_study(protocol: "Protocol") -> None:
@@ -51,16 +51,11 @@ def compile_simulation(device: "Device") -> None:
     Simulation(device, (0.0, 0.4)).run(1e-3, 1e-3, np.zeros(4))
 
 
-def compile_app(device: "Device") -> None:
-    """What the control loop runs, and what the window draws of a trial."""
+def compile_loop() -> None:
+    """What the control loop runs."""
     from app.loop.loop import run_stopped_trial
 
     run_stopped_trial()
-    try:
-        from app.window.painting.layers import compile_kernels
-    except ImportError:  # the system has no libraries for windows: they come, and these kernels with them, with the app
-        return
-    compile_kernels(device)
 
 
 if __name__ == "__main__":

@@ -168,8 +168,10 @@ class Part(CPUDispatcher):
             part = waiting.pop()
             if part not in found and not part.overloads:
                 found.add(part)
-                names = [part.py_func.__globals__.get(name) for name in part.py_func.__code__.co_names]
-                waiting += [called.part for called in names if isinstance(called, Kernel)]
+                function = part.py_func
+                used = [function.__globals__.get(name) for name in function.__code__.co_names]
+                used += [cell.cell_contents for cell in function.__closure__ or ()]
+                waiting += [called.part for called in used if isinstance(called, Kernel)]
         return found
 
 

@@ -239,10 +239,10 @@ def point_at(path: Path, s: float) -> tuple[float, float, float, float]:
 
 
 @kernel
-def measure(path: Path, points: np.ndarray, progress: np.ndarray, distance: np.ndarray) -> None:
-    """`nearest` at each of points (n, 2), m: writes progress (n,) and signed distance (n,), m."""
+def measure(path: Path, points: np.ndarray, found: np.ndarray) -> None:
+    """`nearest` at each of points (n, 2), m: writes progress, signed distance and tangent into found (n, 4)."""
     for n in range(points.shape[0]):
-        progress[n], distance[n], _, _ = nearest(path, points[n, 0], points[n, 1])
+        found[n, 0], found[n, 1], found[n, 2], found[n, 3] = nearest(path, points[n, 0], points[n, 1])
 
 
 LONGEST_M = 10.0

@@ -24,15 +24,16 @@ SENSED_FX, SENSED_FY = 27, 28
 TARGET_VX, TARGET_VY = 29, 30
 ARM_HELD_X, ARM_HELD_Y, ARM_FORCE_MAX = 31, 32, 33
 ARM_STIFFNESS = 34  # three places, xx, xy, yy
-WIDTH = 37
+PATH_DISTANCE, TRAVEL_SENSE, FORWARD_X, FORWARD_Y, DESIRED_X, DESIRED_Y = range(37, 43)  # of the velocity field
+WIDTH = 43
 
 # Further places in the rows of a device on the bench.
-BOARD_US, HOST_S, FILLED = 37, 38, 39
-COUNT = 40  # four places, encoders of the joints A, E, B, C
-FORCE_COUNT = 44  # six places, force channels
-MEASURED = 50  # four places, joints A, E, B, C
-DECIDED = 54
-BENCH_WIDTH = 55
+BOARD_US, HOST_S, FILLED = 43, 44, 45
+COUNT = 46  # four places, encoders of the joints A, E, B, C
+FORCE_COUNT = 50  # six places, force channels
+MEASURED = 56  # four places, joints A, E, B, C
+DECIDED = 60
+BENCH_WIDTH = 61
 
 #: bits of the `stuck` column -> letters
 STUCK_LETTERS = tuple("".join(j for i, j in enumerate(JOINTS) if bits >> i & 1) for bits in range(16))
@@ -125,6 +126,16 @@ COLUMNS = (
     Column("arm_stiffness_xx_N_per_m", ARM_STIFFNESS, "N/m", "stiffness of the arm, xx", SIMULATED),
     Column("arm_stiffness_xy_N_per_m", ARM_STIFFNESS + 1, "N/m", "stiffness of the arm, xy", SIMULATED),
     Column("arm_stiffness_yy_N_per_m", ARM_STIFFNESS + 2, "N/m", "stiffness of the arm, yy", SIMULATED),
+    # The velocity field at the handle with which the controller decided; n/a in a tick in which it did not decide.
+    Column(
+        "path_distance_m", PATH_DISTANCE, "m",
+        "distance of the handle from the path during `move`, positive to the left of `forward`; else n/a",
+    ),
+    Column("travel_sense", TRAVEL_SENSE, "", "1: forward is towards the end of the path; -1: towards its start"),
+    Column("forward_x", FORWARD_X, "", "tangent of the path in the travel sense at the handle's nearest point, x"),
+    Column("forward_y", FORWARD_Y, "", "tangent of the path in the travel sense at the handle's nearest point, y"),
+    Column("desired_x", DESIRED_X, "", "desired direction of motion (unit vector), x"),
+    Column("desired_y", DESIRED_Y, "", "desired direction of motion (unit vector), y"),
 )  # fmt: skip
 #: The rest of a simulated device's hand, beside its target: with these a trial is replayed to the last bit.
 ARM_COLUMNS = tuple(column.name for column in COLUMNS if column.of == SIMULATED)

@@ -91,7 +91,9 @@ def _leave(state: State, _: m.Leave) -> None:
 
 
 def _start(state: State, command: m.Start) -> None:
-    if state.progress is not None:
+    if state.sandbox.on:
+        state.sandbox.go()
+    elif state.progress is not None:
         _run(state, state.progress.session, state.progress.coming)
     elif state.practice.tried:
         _practise(state, command)
@@ -108,6 +110,12 @@ def _practise(state: State, _: m.Practice | m.Start) -> None:
     trial = state.practice.trial(device)
     state.runner.start(trial.planned, trial, None)
     state.say("Practice: nothing is recorded.")
+
+
+def _try(state: State, command: m.Sandbox) -> None:
+    if state.session is not None:
+        raise InputError("A session is open: leave it before you try something out.")
+    state.sandbox.want(command.settings)
 
 
 def _run(state: State, session: Session, planned: PlannedTrial) -> None:
@@ -201,6 +209,8 @@ COMMANDS = {
     m.Open: Command(_open, (m.NO_SESSION,), session=False),
     m.Leave: Command(_leave, IDLE),
     m.Practice: Command(_practise, (m.READY, m.NO_SESSION), session=False),
+    m.Sandbox: Command(_try, session=False),
+    m.EndSandbox: Command(lambda state, _: state.sandbox.leave(), session=False),
     m.Start: Command(_start, (m.READY, m.NO_SESSION), session=False),
     m.Abort: Command(_abort, session=False),
     m.Redo: Command(_redo, IDLE, stored=True),

@@ -15,11 +15,9 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QVBoxLayout, QWidget
 from app.ipc.messages import Timing
 from app.window.painting import theme
 from app.window.painting.labels import Figures, word
-from app.window.painting.layers import errors
 from core import tick_log
 from core.device import Device
 from core.mechanism import JOINTS
-from core.path import PathFile, build_path
 
 WINDOW_S = 6.0  # what a live plot shows while it follows
 WORDS_EVERY_S = 0.1  # numbers that change faster cannot be read
@@ -221,7 +219,6 @@ class Traces(QWidget):
         self.force = Trace("Hand force", "N", [theme.GOOD], 10.0, 1)
         self.currents = Currents("AEB")
         self.speed = Trace("Tip speed", "m/s", [theme.TEXT], 0.2, 2)
-        self._path = None
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(theme.GAP)
@@ -231,9 +228,8 @@ class Traces(QWidget):
     def _all(self) -> tuple[Trace, ...]:
         return self.error, self.force, self.currents, self.speed
 
-    def show_trial(self, device: Device, path: PathFile) -> None:
-        """Another trial: its brakes, its path; the curves begin anew."""
-        self._path = build_path(path, "path")
+    def show_trial(self, device: Device) -> None:
+        """Another trial: its brakes; the curves begin anew."""
         if device.braked != self.currents.braked:
             anew = Currents(device.braked)
             anew.hide_values(self.currents.hidden)
@@ -254,10 +250,7 @@ class Traces(QWidget):
         self.speed.add(t, np.hypot(rows[:, tick_log.TIP_VX], rows[:, tick_log.TIP_VY])[None])
         columns = [tick_log.CURRENT + JOINTS.index(joint) for joint in self.currents.braked]
         self.currents.add(t, rows[:, columns].T)
-        error = np.full(len(rows), np.nan)
-        if self._path is not None:
-            errors(self._path, np.ascontiguousarray(rows), error)
-        self.error.add(t, 1e3 * error[None])
+        self.error.add(t, 1e3 * np.abs(rows[:, tick_log.PATH_DISTANCE])[None])
 
     def set_blind(self, blind: bool) -> None:
         """Hide what would tell the controllers apart."""

@@ -21,13 +21,14 @@ from PySide6.QtWidgets import (
 from app.window.energy_panel import EnergyPanel
 from app.window.painting import theme
 from app.window.painting.labels import Choice, OneLine, word
+from app.window.painting.layers import fill_field
 from app.window.painting.linkage_view import Workspace
 from app.window.painting.theme import show_whole
 from app.window.plots import WINDOW_S, Traces
 from core import tick_log
 from core.device import Device, load_device
 from core.files import InputError
-from core.path import PathFile, Segment, path_from
+from core.path import PathFile, Segment, build_path, path_from
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording, recording_columns
 from experiments.session.files import STORED, read_stored
@@ -46,8 +47,8 @@ QSlider::handle:horizontal {{ width: 14px; height: 14px; margin: -5px 0; border-
 """
 
 
-def ticks_of(recording: Recording) -> np.ndarray:
-    """The tick log (n, tick_log.WIDTH) of a recording; text columns with the codes of this program."""
+def ticks_of(recording: Recording, path: PathFile) -> np.ndarray:
+    """The tick log (n, tick_log.WIDTH) of a recording of this path; text columns with the codes of this program."""
     rows = np.zeros((recording.rows, tick_log.WIDTH))
     for name, place in recording_columns(recording.braked):
         if name in recording.columns:  # earlier versions recorded fewer
@@ -58,6 +59,8 @@ def ticks_of(recording: Recording) -> np.ndarray:
     ):
         codes = np.array([words.index(text) for text in recording.words[name]], dtype=float)
         rows[:, place] = codes[recording.column(name)]
+    if "travel_sense" not in recording.columns:
+        fill_field(build_path(path, "path"), rows)
     return rows
 
 
@@ -91,7 +94,7 @@ class ReplayWindow(QWidget):
         if not self.recording.rows:
             raise InputError(f"{path}: there are no ticks to play")
         self.device, self._path = device_of(self.recording), path_of(self.recording)
-        self.rows = ticks_of(self.recording)
+        self.rows = ticks_of(self.recording, self._path)
         self._times = self.rows[:, tick_log.T] - self.rows[0, tick_log.T]
         self.at = 0  # ticks shown so far
         self._clock_s, self._played_s = 0.0, 0.0  # when the last frame was; how far in the trial, s
@@ -219,19 +222,15 @@ class ReplayWindow(QWidget):
         """Any moment: as if the first `until` ticks had just been played."""
         seen = self.rows[: max(until, 1)]
         tips = seen[:, (tick_log.TIP_X, tick_log.TIP_Y)]
-        self.workspace.show_trial(self.device, self._path, (float(tips[0, 0]), float(tips[0, 1])), self._rules)
+        self.workspace.show_trial(self.device, self._path, (float(tips[0, 0]), float(tips[0, 1])))
         self.workspace.view.show_way(tips[seen[:, tick_log.PHASE] == tick_log.MOVE][::STRIDE])
-        self.traces.show_trial(self.device, self._path)
+        self.traces.show_trial(self.device)
         self.energy.clear()
         self.workspace.add(np.concatenate((seen[:-1:STRIDE], seen[-1:])))
         self.traces.add(seen[seen[:, tick_log.T] > seen[-1, tick_log.T] - WINDOW_S])
         self.energy.add(seen)
         self._played_s = float(self._times[len(seen) - 1])
         self._show_place(until)
-
-    @property
-    def _rules(self) -> str:
-        return str(self.recording.metadata.get("rules", "settled"))
 
     def _scrubbed(self, until: int) -> None:
         if until != self.at:

@@ -1,10 +1,11 @@
-"""What the algorithms of control share: how one is declared, the decisions open to all, and how brakes are told them.
+"""What the algorithms of control share: how one is declared, the decisions open to all, and how brakes are actuated.
 
-An algorithm stands in a file of its own: an `Algorithm` (its word in protocols, its parameters, the decisions that are
-its own) and a kernel `decide`. It takes one line in `controllers.ALGORITHMS` and one in `controllers.decide`.
+An algorithm is a file beside this one, with a kernel `decide` and its `Algorithm`, and a line in
+`controllers.ALGORITHMS`.
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -30,8 +31,10 @@ class Algorithm(NamedTuple):
     """A way to control, as protocols name it."""
 
     kind: str  # its word
-    parameters: tuple[Parameter, ...] = ()
-    own: tuple[str, ...] = ()  # decisions of its own, each for every joint J: codes OWN + 4 n + joint index
+    parameters: tuple[Parameter, ...]
+    own: tuple[str, ...]  # decisions of its own, each for every joint J: codes OWN + 4 n + joint index
+    #: kernel (controller, brakes, field, vx, vy, fx, fy, g, mass, current): writes current (4,) A, returns the decision
+    decide: Callable[..., int]
 
 
 class Controller(NamedTuple):

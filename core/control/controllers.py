@@ -4,12 +4,12 @@ Algorithms, one a file; a protocol's controllers are presets of them (Table I: e
 decide only: no device, no screen. All decide the same way: where is the tip in the velocity field, which brake, which
 torque, which current.
 
-To add one: a file beside sdof.py, its line in `ALGORITHMS`, and its line in `decide`. Protocols, sweeps, the printed
-plan, recordings and exports read the table.
+To add one: a file beside sdof.py, and its line in `ALGORITHMS`. Protocols, sweeps, the printed plan, recordings and
+exports read the table.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -17,22 +17,30 @@ import numpy as np
 from core.control import proportional, sdof
 from core.control.algorithm import GAP_M, IN_GAP, NONE, NOT_FINITE, OWN, SHARED, Algorithm, Controller, release
 from core.control.rule_sets import rule_set
-from core.control.velocity_field import BLEND_WIDTH, field_at
+from core.control.velocity_field import BLEND_WIDTH, NO_FIELD, Field, field_at
 from core.files import InputError
 from core.kernel import kernel
 from core.mechanism import JOINTS, Brakes
 from core.path import Path
 
+
+@kernel
+def no_control(controller, brakes, field, vx, vy, fx, fy, g, mass, current):
+    """Control never acts."""
+    return NONE
+
+
 #: In the order of their numbers, by which the kernels know them.
 ALGORITHMS: dict[str, Algorithm] = {
     one.kind: one
     for one in (
-        Algorithm("none"),
+        Algorithm("none", (), (), no_control),
         sdof.ALGORITHM,
         proportional.ALGORITHM,
     )
 }
-NO_CONTROL, SDOF, PROPORTIONAL = range(3)
+
+NO_CONTROL = 0
 
 #: Every parameter that any algorithm has, each once.
 PARAMETERS = {parameter.name: parameter for one in ALGORITHMS.values() for parameter in one.parameters}
@@ -44,12 +52,6 @@ DECISIONS: tuple[str, ...] = (
 )
 
 _MOST = max(len(one.parameters) for one in ALGORITHMS.values())
-#: What an algorithm adds to its own codes: the codes of those before it.
-_OFFSETS = tuple(
-    sum(len(JOINTS) * len(before.own) for before in list(ALGORITHMS.values())[:place])
-    for place in range(len(ALGORITHMS))
-)
-
 
 class Preset(NamedTuple):
     """One row of Table I, or of a protocol's own table of controllers."""
@@ -120,6 +122,34 @@ def make_controller(
     )
 
 
+def _numbered(number: int, offset: int, this: Callable[..., int], others: Callable[..., int]) -> Callable[..., int]:
+    """The kernel that calls `this` where the controller's algorithm has this number, else `others`.
+
+    offset: what the algorithm adds to its own codes, the number of those before it.
+    """
+
+    @kernel
+    def decide_as(controller, brakes, field, vx, vy, fx, fy, g, mass, current):
+        if controller.algorithm != number:
+            return others(controller, brakes, field, vx, vy, fx, fy, g, mass, current)
+        code = this(controller, brakes, field, vx, vy, fx, fy, g, mass, current)
+        return code + offset if code >= OWN else code
+
+    return decide_as
+
+
+def _any_of(algorithms: Iterable[Algorithm]) -> Callable[..., int]:
+    """The kernel that decides as the algorithm of the controller does."""
+    chain, offset = no_control, 0
+    for number, one in enumerate(algorithms):
+        chain = _numbered(number, offset, one.decide, chain)
+        offset += len(JOINTS) * len(one.own)
+    return chain
+
+
+_decide_as_its_algorithm = _any_of(ALGORITHMS.values())
+
+
 @kernel
 def decide(
     controller: Controller,
@@ -135,22 +165,16 @@ def decide(
     g: np.ndarray,
     mass: np.ndarray,
     current: np.ndarray,
-) -> int:
-    """One tick of control: writes current (4,) A, updates memory (3,), returns the decision code.
+) -> tuple[int, Field]:
+    """One tick of control: writes current (4,) A, updates memory (3,); returns the decision code and the field.
 
     Tip (x, y) m, its velocity m/s, hand force N; g (4, 2) with omega_i = g_i . v; mass (3,) = M_xx, M_xy, M_yy of
-    the tip, kg. Input that is not finite releases the brakes and leaves the memory alone.
+    the tip, kg. Input that is not finite releases the brakes and leaves the memory alone; the field is then NaN.
     """
     release(current)
-    if controller.algorithm == NO_CONTROL:
-        return NONE
     if not math.isfinite(x + y + vx + vy + fx + fy):
-        return NOT_FINITE
+        return NONE if controller.algorithm == NO_CONTROL else NOT_FINITE, NO_FIELD
     field = field_at(path, memory, x, y, vx, vy, fx, fy, controller.blend_width, controller.rules)
     if field.distance < controller.gap_m:
-        return IN_GAP
-    if controller.algorithm == SDOF:
-        code = sdof.decide(controller, brakes, field, fx, fy, g, current)
-    else:
-        code = proportional.decide(controller, brakes, field, vx, vy, fx, fy, g, mass, current)
-    return code + _OFFSETS[controller.algorithm] if code >= OWN else code
+        return IN_GAP, field
+    return _decide_as_its_algorithm(controller, brakes, field, vx, vy, fx, fy, g, mass, current), field

@@ -23,8 +23,6 @@ from core.control.velocity_field import Field
 from core.kernel import kernel
 from core.mechanism import Brakes
 
-ALGORITHM = Algorithm("sdof", (GAP_M,), ("sdof {J}",))
-
 
 @kernel
 def sdof_direction(g_x: float, g_y: float) -> tuple[float, float]:
@@ -69,7 +67,16 @@ def nearest_valid_brake(brakes: Brakes, g: np.ndarray, field: Field, rules: Rule
 
 @kernel
 def decide(
-    controller: Controller, brakes: Brakes, field: Field, fx: float, fy: float, g: np.ndarray, current: np.ndarray
+    controller: Controller,
+    brakes: Brakes,
+    field: Field,
+    vx: float,
+    vy: float,
+    fx: float,
+    fy: float,
+    g: np.ndarray,
+    mass: np.ndarray,
+    current: np.ndarray,
 ) -> int:
     """SDOF velocity control (Section IV-B): the normalised force on the brake with the nearest valid path."""
     i = nearest_valid_brake(brakes, g, field, controller.rules)
@@ -80,3 +87,6 @@ def decide(
         return RELEASE_NO_VALID
     actuate(brakes, i, controller.force_normalised, g, current)
     return OWN + i
+
+
+ALGORITHM = Algorithm("sdof", (GAP_M,), ("sdof {J}",), decide)

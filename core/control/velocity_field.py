@@ -11,7 +11,7 @@ import numpy as np
 
 from core.control.rule_sets import Rules
 from core.kernel import kernel
-from core.path import Path, held_piece, on_piece
+from core.path import Path, held_piece, measure, on_piece
 
 BLEND_WIDTH = 0.05  # m, the paper's boundary: nearer than this the direction is blended to the path's
 
@@ -21,7 +21,7 @@ TRAVEL, SIDE, PIECE = range(3)
 
 
 class Field(NamedTuple):
-    """The field at the tip: unit vectors in tip coordinates."""
+    """The field at the tip: unit vectors in tip coordinates (`field_around`: at many places, each part (n,))."""
 
     distance: float  # m, >= 0
     t_x: float
@@ -30,6 +30,9 @@ class Field(NamedTuple):
     n_y: float
     beta_x: float
     beta_y: float
+
+
+NO_FIELD = Field(*[math.nan] * 7)  # without a tip, velocity and force there is none
 
 
 def new_memory() -> np.ndarray:
@@ -101,3 +104,18 @@ def field_at(
     n_x, n_y = side * ty, -side * tx
     beta_x, beta_y = desired_direction(abs(distance), n_x, n_y, t_x, t_y, blend_width)
     return Field(abs(distance), t_x, t_y, n_x, n_y, beta_x, beta_y)
+
+
+def field_around(path: Path, places: np.ndarray, sense: float, blend_width: float = BLEND_WIDTH) -> Field:
+    """The field at places (n, 2), m, with this travel sense (+1, -1), each as if the tip came there first; parts (n,).
+
+    For drawings, in numpy: it compiles no kernel of control. On the path itself n is to the right of t.
+    """
+    found = np.empty((len(places), 4))
+    measure(path, np.ascontiguousarray(places), found)
+    distance, (t_x, t_y) = sense * found[:, 1], sense * found[:, 2:].T
+    side = np.where(distance < 0.0, -1.0, 1.0)  # of the tip, as seen along t
+    n_x, n_y = side * t_y, -side * t_x
+    angle = 0.5 * np.pi * np.minimum(np.abs(distance) / blend_width, 1.0)
+    c, s = np.cos(angle), np.sin(angle)
+    return Field(np.abs(distance), t_x, t_y, n_x, n_y, c * t_x + s * n_x, c * t_y + s * n_y)  # type: ignore[arg-type]

@@ -65,7 +65,7 @@ def decisions(controller, brake_records, path, memory, states, runs, count):
         total += decide(
             controller, brake_records[0], path, memory, tip[0], tip[1], tip[2], tip[3],
             state.hand_force[0], state.hand_force[1], state.g, state.mass, run.current,
-        )  # fmt: skip
+        )[0]  # fmt: skip
     return total
 
 

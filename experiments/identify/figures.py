@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.analysis.figures import LINE, QUIET, STYLE, TEXT, figure_bytes, new_figure
+from experiments.analysis.sheet import LINE, QUIET, STYLE, TEXT, figure_bytes, new_figure
 from experiments.identify.fit import gain_row, surface_row, torque_change
 from experiments.identify.identification import Identification
 from experiments.identify.step_response import Measured

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
 
 from core.device_interface import ZeroRecord
-from experiments.analysis.metrics import NO_METRICS
 from experiments.analysis.trials_table import COUNTED, TrialRow, row_of
 from experiments.plan import PlannedTrial
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
@@ -224,4 +223,4 @@ def rows_without_recording(session: Path, journal: JournalSummary) -> list[Trial
 def unmeasured_row(session: Path, event: Mapping[str, Any], status: str) -> TrialRow:
     """The row of a trial of which nothing was measured, from its place in the plan as the journal has it."""
     participant = session.parent.name.removeprefix("sub-")
-    return TrialRow(participant, *planned_fields(event), status).with_metrics(NO_METRICS)
+    return TrialRow(participant, *planned_fields(event), status)

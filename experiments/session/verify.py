@@ -9,11 +9,11 @@ changed; a blind session without its key. Practice trials have recordings and no
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from core.files import InputError
-from experiments.analysis.trials_table import TrialRow, read_table
+from experiments.analysis.trials_table import COLUMNS, TrialRow, read_table
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Recording
 from experiments.session.blind import KEY, read_key
@@ -209,15 +209,15 @@ def _check_row(
 
 def differences(row: TrialRow, right: TrialRow, source: str = "its recording") -> Iterator[str]:
     """Where a row differs from what its recording, with the journal's additions, gives."""
-    for column in fields(TrialRow):
-        there, true = getattr(row, column.name), getattr(right, column.name)
-        if column.name == "recording":
+    for column in COLUMNS:
+        there, true = getattr(row, column), getattr(right, column)
+        if column == "recording":
             there, true = Path(there).stem, Path(true).stem  # a stream that is still to become Parquet
         same = there == true
         if isinstance(there, float) and isinstance(true, float):
             same = math.isclose(there, true, rel_tol=TOLERANCE, abs_tol=1e-12)
         if not same:
-            yield f"run {row.run}: {column.name} is {_shown(there)}, {source} gives {_shown(true)}"
+            yield f"run {row.run}: {column} is {_shown(there)}, {source} gives {_shown(true)}"
 
 
 def _shown(value: object) -> str:

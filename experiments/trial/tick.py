@@ -4,7 +4,7 @@
     PHASE    approach -> hold -> move -> end
     GUARD    a real device that does not obey, stands where it cannot be, moves too fast or traps a hand ends the trial
     HAND     the simulated operator moves its virtual hand (a person's pointer or force is set from outside)
-    DECIDE   the controller, during `move` only: brakes are off in every other phase
+    DECIDE   the controller, during `move` only: brakes are off in every other phase; its velocity field goes to LOG
     SETTLE   the simulated device: currents to the brakes, which of them stick and which slip
     LOG      one row
     STEP     the simulated device moves on by a tick
@@ -24,6 +24,7 @@ import numpy as np
 from core.brake import begin_lag, lagged_yield
 from core.control.algorithm import OFF, release
 from core.control.controllers import decide
+from core.control.velocity_field import NO_FIELD, TRAVEL
 from core.kernel import inlined, kernel
 from core.path import nearest
 from core.simulator.event import advance_event
@@ -40,17 +41,22 @@ from core.tick_log import (
     CURRENT,
     DECIDED,
     DECISION,
+    DESIRED_X,
+    DESIRED_Y,
     END,
     ENERGY_BRAKES,
     ENERGY_HAND,
     ENERGY_KINETIC,
     ENERGY_STOPS,
+    FORWARD_X,
+    FORWARD_Y,
     HAND_FX,
     HAND_FY,
     HOLD,
     LATENESS_US,
     MEASURED,
     MOVE,
+    PATH_DISTANCE,
     PHASE,
     SENSED_FX,
     SENSED_FY,
@@ -66,6 +72,7 @@ from core.tick_log import (
     TIP_X,
     TIP_Y,
     TORQUE,
+    TRAVEL_SENSE,
     T,
 )
 from experiments.trial.operator import TICK_S, begin_approach, operate
@@ -260,14 +267,13 @@ def next_phase(run, path, state, grip):
     if run.stop != 0:
         enter(run, END, ABORTED, BY_EXPERIMENTER)
         return
-    at_start = run.held != 0 and math.hypot(x - path.x0, y - path.y0) <= run.start_radius
     if run.phase == APPROACH:
-        if at_start:
+        if at_start(run, path, x, y):
             enter(run, HOLD, RUNNING, NO_REASON)
         elif run.tick >= run.approach_ticks:
             enter(run, END, ABORTED, APPROACH_TOO_LONG)
     elif run.phase == HOLD:
-        if not at_start:
+        if not at_start(run, path, x, y):
             enter(run, APPROACH, RUNNING, NO_REASON)
         elif run.phase_tick >= run.hold_ticks:
             enter(run, MOVE, RUNNING, NO_REASON)
@@ -275,6 +281,12 @@ def next_phase(run, path, state, grip):
         enter(run, END, DONE, NO_REASON)
     elif run.phase_tick >= run.move_ticks:
         enter(run, END, TIMEOUT, NO_REASON)
+
+
+@kernel
+def at_start(run, path, x, y):
+    """Whether the handle is held at the start of the path."""
+    return run.held != 0 and math.hypot(x - path.x0, y - path.y0) <= run.start_radius
 
 
 @kernel
@@ -351,15 +363,29 @@ def choose_currents(controller, brakes, path, memory, state, run, row):
     """Stage: the controller decides on the newest sample; outside the movement the brakes are off."""
     if run.real != 0:
         row[DECIDED] = 1.0 if run.phase == MOVE and run.newest != 0 else 0.0
-    if run.phase != MOVE:
-        release(run.current)
-        run.decision = OFF
-    elif run.newest != 0:
+    if run.phase == MOVE and run.newest != 0:
         tip = state.tip
-        run.decision = decide(
+        run.decision, field = decide(
             controller, brakes, path, memory, tip[0], tip[1], tip[2], tip[3],
             state.hand_force[0], state.hand_force[1], state.g, state.mass, run.current,
         )  # fmt: skip
+        log_field(field, row)
+    else:
+        log_field(NO_FIELD, row)
+        if run.phase == MOVE:
+            row[PATH_DISTANCE] = memory[TRAVEL] * nearest(path, state.tip[0], state.tip[1])[1]
+        else:
+            release(run.current)
+            run.decision = OFF
+    row[TRAVEL_SENSE] = memory[TRAVEL]
+
+
+@kernel
+def log_field(field, row):
+    """Into the row: the velocity field; n is to the right of t where the distance is positive, else to its left."""
+    row[PATH_DISTANCE] = math.copysign(field.distance, field.t_y * field.n_x - field.t_x * field.n_y)
+    row[FORWARD_X], row[FORWARD_Y] = field.t_x, field.t_y
+    row[DESIRED_X], row[DESIRED_Y] = field.beta_x, field.beta_y
 
 
 @kernel
@@ -409,4 +435,4 @@ def decide_again(path, controller, mechanisms, brake_records, states, memory, gi
         codes[n] = decide(
             controller, brakes, path, memory, given[n, 0], given[n, 1], given[n, 2], given[n, 3], given[n, 4],
             given[n, 5], state.g, state.mass, currents[n],
-        )  # fmt: skip
+        )[0]  # fmt: skip

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from app.progress import show_compiling
+from app.progress import watch_compiling
 from core.kernel_compiler import watchers
 
 SCENE = Path(__file__).parents[2] / "docs" / "examples" / "locked-brake.toml"
@@ -51,14 +51,30 @@ def test_after_the_set_up_a_study_a_simulation_and_a_live_trial_compile_nothing(
     assert compiled_by("from app.loop.loop import run_stopped_trial; run_stopped_trial()") == ""
 
 
+DRAWING = """
+from app.window.painting.layers import Instant, directions, field_at_rest, needles
+from core.device import load_device
+from core.path import Segment, build_path, outline
+device, segment = load_device("three-brake"), Segment((-0.1, 0.4), (0.1, 0.4))
+path = build_path(segment, "path")
+assert len(outline(segment, 0.01)) and len(needles(path, 1.0, device, (0, 0.3), (0.1, 0.5), 0.02))
+instant = Instant(device, (0.0, 0.38))
+assert directions(device, instant.g, field_at_rest(path, instant.tip, 1.0))
+"""
+
+
+def test_the_window_compiles_nothing(set_up) -> None:
+    assert compiled_by(DRAWING) == ""
+
+
 def test_on_a_terminal_a_bar_says_which_of_how_many_kernels(monkeypatch, capsys) -> None:
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    monkeypatch.setattr("app.progress.time", SimpleNamespace(monotonic=iter((0.0, 2.0)).__next__))
-    show_compiling()
+    monkeypatch.setattr("app.progress.time", SimpleNamespace(monotonic=iter((0.0, 1.0, 2.0, 3.5)).__next__))
+    compiling = watch_compiling()
     try:
         watchers[0](45, 156, "advance_event")
         assert capsys.readouterr().err.endswith("45 of 156")
         watchers[0](156, 156, "")
-        assert capsys.readouterr().err == "\r\033[K"
+        assert capsys.readouterr().err == "\r\033[K" and compiling.seconds == 2.5
     finally:
         watchers.clear()

@@ -18,28 +18,34 @@ from app.window.painting.layers import (
     OFF,
     SLIPPING,
     STUCK,
-    Follower,
     Instant,
     directions,
-    errors,
     extent_of_linkages,
     extent_of_paths,
+    field_at_rest,
+    field_of,
     force_map,
     joints_at,
+    needles,
     wedge,
 )
 from app.window.painting.linkage_view import ARMS, DIRECTIONS, FIELD, LAYERS, LINKAGE, REACHABLE, TRAIL, Workspace
 from app.window.painting.marks import ARROW_MOST_PX, BRAKES, HAND, arrow_of, box_at, free_side, meets
 from app.window.painting.plane import Plane
 from core import tick_log
+from core.control.controllers import Preset, decide, make_controller
 from core.control.rule_sets import SETTLED
+from core.control.sdof import nearest_valid_brake, valid_sense
+from core.control.velocity_field import PIECE, TRAVEL, new_memory
 from core.device import Device, load_device
 from core.mechanism import JOINTS
 from core.path import Arc, Polyline, Segment, build_path
+from experiments.trial.tick import log_field
 
 THREE, FOUR = load_device("three-brake"), load_device("four-brake")
 BOTH = pytest.mark.parametrize("device", (THREE, FOUR), ids=lambda device: device.name)
 PATHS = {1: ALONG, 2: ACROSS}
+LINE = build_path(ALONG, "path")
 
 
 def shown(qtbot, widget, width: int = 760, height: int = 620):
@@ -192,35 +198,33 @@ def test_a_stuck_brake_widens_the_wedge_and_rest_has_none() -> None:
 
 
 @BOTH
-def test_a_locked_brake_leaves_the_direction_in_which_it_does_not_turn(device: Device) -> None:
-    follower = Follower(build_path(ALONG, "path"), SETTLED)
-    g = force_map(device, 0.0, 0.38)
-    field = follower.follow(0.0, 0.38, 0.0, 0.0, 0.0, 0.0)
-    found = directions(device, g, field, SETTLED)
-    assert "".join(JOINTS[direction.joint] for direction in found) == device.braked
-    for direction in found:
-        assert g[direction.joint] @ (direction.p_x, direction.p_y) == pytest.approx(0.0, abs=1e-12)
-    valid = {d.joint: d.sense * (d.p_x * field.beta_x + d.p_y * field.beta_y) for d in found if d.sense}
-    assert [d.joint for d in found if d.chosen] == [max(valid, key=valid.get)]
+def test_a_locked_brake_leaves_the_direction_in_which_it_does_not_turn_and_the_controllers_choice_is_shown(
+    device: Device,
+) -> None:
+    generator = np.random.default_rng(4)
+    for _ in range(200):
+        x, y = generator.uniform(-0.1, 0.1), generator.uniform(0.3, 0.5)
+        g, field = force_map(device, x, y), field_at_rest(LINE, (x, y), generator.choice((-1.0, 1.0)))
+        found = directions(device, g, field)
+        assert "".join(JOINTS[direction.joint] for direction in found) == device.braked
+        for one in found:
+            assert g[one.joint] @ (one.p_x, one.p_y) == pytest.approx(0.0, abs=1e-12)
+            assert one.sense == valid_sense(one.p_x, one.p_y, field, SETTLED.span_rounding)
+        chosen = [one.joint for one in found if one.chosen]
+        assert chosen == [i for i in [nearest_valid_brake(device.brakes, g, field, SETTLED)] if i >= 0]
 
 
-def test_the_field_leads_to_the_path_and_along_it_and_turns_with_the_hand() -> None:
-    follower = Follower(build_path(ALONG, "path"), SETTLED)
-    needles = follower.needles(FOUR, (-0.2, 0.3), (0.2, 0.48), 0.02)
-    assert len(needles) > 50
-    for x, y, *beta in needles.tolist():
+def test_the_field_leads_to_the_path_and_along_it_and_turns_with_the_travel_sense() -> None:
+    corners = ((-0.2, 0.3), (0.2, 0.48), 0.02)
+    found, back = needles(LINE, 1.0, FOUR, *corners), needles(LINE, -1.0, FOUR, *corners)
+    assert len(found) > 50
+    for _, y, *beta in found.tolist():
         off = y - 0.4
         if abs(off) >= 0.05:
             assert beta == pytest.approx((0.0, -math.copysign(1.0, off)))
         elif abs(off) < 1e-9:
             assert beta == pytest.approx((1.0, 0.0))
-        found = Follower(follower.path, SETTLED).follow(x, y, 0.0, 0.0, 0.0, 0.0)
-        assert beta == pytest.approx((found.beta_x, found.beta_y))  # as a tip that comes there first would find it
-    follower.follow(0.0, 0.4, 0.0, 0.0, -5.0, 0.0)  # the hand pulls back
-    assert follower.sense == -1.0
-    back = follower.needles(FOUR, (-0.2, 0.3), (0.2, 0.48), 0.02)
-    assert back[:, :3] == pytest.approx(needles[:, :3] * (1.0, 1.0, -1.0))
-    assert follower.sense == -1.0  # to look is not to move
+    assert back[:, :3] == pytest.approx(found[:, :3] * (1.0, 1.0, -1.0))
 
 
 # --------------------------------------------------------------------------------------------------------- workspace
@@ -371,35 +375,26 @@ def test_layers_have_names_that_say_what_they_are() -> None:
     assert len(set(keys)) == len(keys)
 
 
-def test_all_ticks_of_a_frame_at_once_leave_the_field_as_one_after_the_other_would() -> None:
-    generator = np.random.default_rng(5)
-    rows = quiet(60)
-    rows[:, tick_log.PHASE] = np.repeat((tick_log.HOLD, tick_log.MOVE, tick_log.END), 20)
-    for column in (
-        tick_log.TIP_X,
-        tick_log.TIP_Y,
-        tick_log.TIP_VX,
-        tick_log.TIP_VY,
-        tick_log.HAND_FX,
-        tick_log.HAND_FY,
-    ):
-        rows[:, column] += generator.normal(scale=0.02 if column < tick_log.TIP_VX else 1.0, size=60)
-    at_once, stepwise = (Follower(build_path(ACROSS, "path"), SETTLED) for _ in range(2))
-    columns = [tick_log.TIP_X, tick_log.TIP_Y, tick_log.TIP_VX, tick_log.TIP_VY, tick_log.HAND_FX, tick_log.HAND_FY]
-    for first, last in ((0, 7), (7, 8), (8, 31), (31, 60)):
-        part = rows[first:last]
-        moving = part[part[:, tick_log.PHASE] == tick_log.MOVE]
-        field = at_once.follow_ticks(part)
-        expected = None
-        for state in moving[:, columns].tolist():
-            expected = stepwise.follow(*state)
-        if expected is None:
-            expected = stepwise.follow(part[-1, tick_log.TIP_X], part[-1, tick_log.TIP_Y], 0.0, 0.0, 0.0, 0.0)
-        assert field == expected and at_once.sense == stepwise.sense
+def test_the_field_of_a_tick_is_the_one_with_which_the_controller_decided() -> None:
+    """Path of three pieces; also where the hand turned back, and on the path itself."""
+    device, path = load_device("three-brake"), Polyline(((-0.1, 0.4), (0.0, 0.44), (0.1, 0.4)))
+    ready, memory, current = build_path(path, "path"), new_memory(), np.zeros(4)
+    controller, generator = make_controller(Preset("", "none"), 17.0), np.random.default_rng(5)
+    senses = set()
+    for _ in range(300):
+        tip = (generator.uniform(-0.1, 0.1), generator.uniform(0.3, 0.5))
+        state = (*tip, *generator.normal(scale=0.05, size=2), *generator.normal(scale=5.0, size=2))
+        g, before = force_map(device, *tip), memory.copy()
+        _, field = decide(controller, device.brakes, ready, memory, *state, g, np.array((1.0, 0.0, 1.0)), current)
+        row = np.zeros(tick_log.WIDTH)
+        row[tick_log.TRAVEL_SENSE] = memory[TRAVEL]
+        log_field(field, row)
+        assert field_of(row) == field
+        senses.add(memory[TRAVEL])
+        if memory[PIECE] == before[PIECE]:
+            assert field_at_rest(ready, tip, memory[TRAVEL]) == pytest.approx(field, abs=1e-9)
+    assert senses == {-1.0, 1.0}
 
 
-def test_the_error_of_ticks_is_their_distance_from_the_path_in_the_move_only() -> None:
-    rows, error = quiet(3), np.empty(3)
-    rows[:, tick_log.PHASE] = (tick_log.HOLD, tick_log.MOVE, tick_log.END)
-    errors(build_path(ALONG, "path"), rows, error)
-    assert np.isnan(error[[0, 2]]).all() and error[1] == pytest.approx(0.40 - TIP[1])
+def test_where_the_controller_did_not_decide_a_tick_has_no_field() -> None:
+    assert field_of(np.full(tick_log.WIDTH, math.nan)) is None

@@ -5,7 +5,7 @@ import json
 import shutil
 import subprocess
 import sys
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +15,8 @@ from sessions import crash_in_trial, files, session_of
 
 from app.cli import main
 from core import tick_log
-from experiments.analysis.trials_table import COLUMNS, TrialRow, read_table, write_table
-from experiments.export.columns import recording_column, trials_column
+from experiments.analysis.trials_table import COLUMNS, DICTIONARY, TrialRow, read_table, write_table
+from experiments.export.columns import recording_column
 from experiments.export.csv import CsvTables
 from experiments.export.export import export
 from experiments.recording.reader import read_recording
@@ -189,9 +189,8 @@ def test_every_column_that_can_be_recorded_or_tabled_is_described_with_its_unit(
     names = [name for name, _ in recording_columns("AEBC")]
     for name in names:
         said = [unit for end, unit in units.items() if name.endswith(end)]
-        assert recording_column(name).unit == (said[0] if said else "") and recording_column(name).description
-    for field in fields(TrialRow):
-        assert trials_column(field.name).description
+        assert recording_column(name).unit == (said[0] if said else "") and recording_column(name).meaning
+    assert [name for name, column in DICTIONARY.items() if column.meaning] == list(COLUMNS)
     described = json.loads((exported["csv"] / "columns.json").read_text())
     assert set(described["trials.csv"]) == set(COLUMNS)
     ours = described["sub-*/ses-*/run-*.csv"]
@@ -231,9 +230,6 @@ def test_a_trial_that_was_redone_or_never_recorded_stands_as_the_sessions_table_
     assert json.loads((out / SESSION / "run-001.json").read_text())["outcome"]["status"] == "redone"
 
 
-@pytest.mark.skipif(
-    next(f for f in fields(TrialRow) if f.name == "controller").type is int, reason="no codes in trials.csv"
-)
 def test_while_a_session_is_blind_nothing_exported_tells_the_controller(study, tmp_path):
     folder = shutil.copytree(study, tmp_path / "copy")
     name = folder / SESSION / "trials.csv"

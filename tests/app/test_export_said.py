@@ -12,8 +12,8 @@ from test_export import table, validate
 from app.ipc import messages as m
 from app.window.export import Job, export_results
 from app.window.questionnaire import ITEMS
+from experiments.export.answers import NOTES_CSV, QUESTIONNAIRE_CSV, Answers, answers_and_notes, write_phenotype
 from experiments.export.export import export
-from experiments.export.trial import NOTES_CSV, QUESTIONNAIRE_CSV, Answers, answers_and_notes, write_phenotype
 from experiments.session.files import pooled_rows
 
 SCALES = [item for item, *_ in ITEMS]

@@ -97,7 +97,9 @@ def lint(folder: Path, **modules: str) -> str:
     """What lint-imports says of a small tree under the project's own contracts; core="import app" fills it."""
     shutil.copy(ROOT / "pyproject.toml", folder)
     processes = ("app/ipc", "app/loop", "app/session_server", "app/window")
-    for package in ("core", "hardware", "experiments", "app", *processes):
+    control = ("core/control", *(f"core/control/{name}" for name in ("algorithm", "proportional", "sdof")))
+    within = (*processes, *control, "core/simulator", "experiments/trial")
+    for package in ("core", "hardware", "experiments", "app", *within):
         (folder / package).mkdir()
         (folder / package / "__init__.py").touch()
         (folder / package / "code.py").write_text(modules.get(package.removeprefix("app/"), ""))
@@ -131,6 +133,9 @@ def test_the_layers_as_designed_keep_the_contracts(tmp_path: Path) -> None:
         ("loop", "import app.session_server.code"),
         ("session_server", "import app.window.code"),
         ("window", "import app.loop.code"),
+        ("window", "import core.control.sdof.code"),
+        ("window", "import core.simulator.code"),
+        ("window", "import experiments.trial.code"),
         ("ipc", "import app.session_server.code"),
     ],
 )

@@ -191,8 +191,9 @@ def test_proof_of_recording_is_readable(screens: Screens) -> None:
 def test_ticks_reach_workspace_traces_and_ledger(screens: Screens) -> None:
     over = next(i for i, trial in enumerate(PLAN) if trial.segment == 1)
     console = screens.hear(opened(), running(over))
-    screens.tick(ticks(tick_log.MOVE, TIP_X=0.03, TIP_Y=0.397, HAND_FX=3.0, HAND_FY=-4.0, ENERGY_BRAKES=0.5))
-    assert screens.run.traces.error.newest == pytest.approx((3.0,))  # mm below the line y = 0.40 m
+    screens.tick(ticks(tick_log.MOVE, TIP_X=0.03, TIP_Y=0.397, HAND_FX=3.0, HAND_FY=-4.0, ENERGY_BRAKES=0.5,
+                       PATH_DISTANCE=-0.003))  # fmt: skip
+    assert screens.run.traces.error.newest == pytest.approx((3.0,))  # mm
     assert screens.run.traces.force.newest == pytest.approx((5.0,))
     assert screens.run.centre.workspace.view.tip == (0.03, 0.397)
     assert screens.run.centre.large.text() == "Go"
@@ -284,11 +285,11 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
 def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
     console = screens.hear(opened(), running())
     assert not console.close() and console.isVisible() and not screens.client.stopped
-    go_on, close = screens.main.cards.question.buttons
+    go_on, close = screens.run.cards.question.buttons
     go_on.click()
-    assert console.isVisible() and screens.main.cards.question is None
+    assert console.isVisible() and screens.run.cards.question is None
     console.close()
-    screens.main.cards.question.buttons[1].click()
+    screens.run.cards.question.buttons[1].click()
     assert not console.isVisible() and screens.client.stopped == "the window was closed"
 
 

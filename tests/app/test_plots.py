@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 import pytest
-from fake_ticks import ALONG, quiet, trial
+from fake_ticks import quiet, trial
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from PySide6.QtCore import QPointF
@@ -31,7 +31,7 @@ def shown(qtbot, widget, width: int = 360, height: int = 480):
 @pytest.fixture
 def traces(qtbot) -> Traces:
     traces = shown(qtbot, Traces())
-    traces.show_trial(FOUR, ALONG)
+    traces.show_trial(FOUR)
     return traces
 
 
@@ -111,7 +111,7 @@ def test_ranges_are_round_hold_their_value_and_only_grow(traces: Traces) -> None
     assert traces.force.end == 40.0
     traces.add(quiet(start_s=0.016, HAND_FX=1.0))
     assert traces.force.end == 40.0
-    traces.show_trial(FOUR, ALONG)
+    traces.show_trial(FOUR)
     assert traces.force.end == 10.0
 
 
@@ -133,7 +133,7 @@ def test_the_error_counts_from_go_to_the_end(traces: Traces) -> None:
 
 
 def test_another_device_has_other_brakes(traces: Traces) -> None:
-    traces.show_trial(THREE, ALONG)
+    traces.show_trial(THREE)
     assert traces.currents.value == f"A {NOTHING} E {NOTHING} B {NOTHING} A"
     traces.add(quiet(CURRENT_B=0.5))
     assert traces.currents.value.endswith("B 0.50 A")
@@ -143,7 +143,7 @@ def test_a_blind_console_hides_the_currents_and_nothing_else(traces: Traces) -> 
     one, other = quiet(2000, CURRENT_E=0.8, HAND_FX=2.0), quiet(2000, CURRENT_B=0.3, HAND_FX=2.0)
     pictures = []
     for rows in (one, other):
-        traces.show_trial(FOUR, ALONG)
+        traces.show_trial(FOUR)
         traces.set_blind(True)
         traces.add(rows)
         pictures.append(traces.grab().toImage())

@@ -78,14 +78,6 @@ def test_after_a_break_the_participant_sees_the_path_that_comes(screens: Screens
     assert view.path == opened().paths[PLAN[22].segment] and view.tip is not None
 
 
-@pytest.mark.parametrize("rules", ["settled", "literal"])
-def test_the_field_is_drawn_by_the_rules_of_the_session(screens: Screens, rules: str) -> None:
-    console = screens.hear(opened(rules=rules, note="a note that names no rules"), running())
-    from core.control.rule_sets import rule_set
-
-    assert screens.run.centre.workspace.view.follower.rules == rule_set(rules, 0.0)
-
-
 def test_energy_makes_no_claim_before_there_is_a_tick(screens: Screens) -> None:
     console = screens.hear(opened(), ready())
     assert "no brake added energy" not in screens.run.energy.said and "no trial yet" in screens.run.energy.said

@@ -25,7 +25,6 @@ from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
 from app.window.painting import theme
-from app.window.painting.layers import compile_kernels
 from app.window.windows import Windows
 from core import tick_log
 
@@ -132,7 +131,6 @@ def measure(seconds: float, width: int, height: int) -> PointerLag | str:
             if refused := _until(application, lambda: console.snapshot.stage == m.NO_SESSION, READY_S):
                 return f"the bench is not ready: {console.snapshot.said or refused}"
             assert console.opened is not None
-            compile_kernels(console.opened.devices[0])
             participant.setGeometry(0, 0, width, height)
             participant.show()
             participant.raise_()

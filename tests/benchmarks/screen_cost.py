@@ -15,7 +15,6 @@ from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication
 
 from app.window.painting import theme
-from app.window.painting.layers import compile_kernels
 from app.window.windows import Windows
 from tests.benchmarks.synthetic_bench import SyntheticBench
 
@@ -89,7 +88,6 @@ def measure(seconds: float, width: int, height: int, both: bool = False, device:
     application = QApplication.instance()
     assert isinstance(application, QApplication)
     bench = SyntheticBench(device)
-    compile_kernels(bench.opened.devices[0])
     windows = Windows(bench)
     console, participant = windows.console, windows.participant
     console.resize(width, height)

@@ -6,10 +6,10 @@ import time
 import numpy as np
 
 from app.ipc import messages as m
-from app.window.painting.layers import force_map
+from app.window.painting.layers import fill_field, force_map
 from core import tick_log
 from core.device import Device, load_device
-from core.path import PathFile, Segment, outline
+from core.path import PathFile, Segment, build_path, outline
 from experiments.plan import make_plan
 from experiments.protocol import load_protocol
 
@@ -59,6 +59,7 @@ def synthetic_trial(device: Device, path: PathFile, seconds: float = 8.0, seed: 
     power = np.hypot(*velocity.T) * 4.0
     rows[:, tick_log.ENERGY_BRAKES] = np.cumsum(power) / TICKS_PER_S
     rows[:, tick_log.ENERGY_HAND] = rows[:, tick_log.ENERGY_BRAKES] + rows[:, tick_log.ENERGY_KINETIC]
+    fill_field(build_path(path, "path"), rows)
     return rows
 
 

@@ -42,7 +42,7 @@ def decision(controller, path: Path, x, y, vx, vy, fx, fy, g, mass=MASS, brakes=
     current = np.full(4, np.nan)
     memory = new_memory() if memory is None else memory
     state = (float(value) for value in (x, y, vx, vy, fx, fy))
-    return decide(controller, brakes, path, memory, *state, g, mass, current), current
+    return decide(controller, brakes, path, memory, *state, g, mass, current)[0], current
 
 
 def random_state(rng: np.random.Generator) -> list[float]:

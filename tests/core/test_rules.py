@@ -42,7 +42,7 @@ def decision(controller, x, y, v, f, g=None, mass=MASS, memory=None):
     g = rows("three-brake", x, y) if g is None else g
     current, memory = np.zeros(4), new_memory() if memory is None else memory
     state = (float(value) for value in (x, y, *v, *f))
-    return decide(controller, BRAKES, PATH, memory, *state, g, mass, current), current
+    return decide(controller, BRAKES, PATH, memory, *state, g, mass, current)[0], current
 
 
 def test_there_are_two_rule_sets_and_no_third():

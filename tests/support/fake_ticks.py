@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from app.window.painting.layers import fill_field
 from core import tick_log
 from core.device import Device
-from core.path import Segment
+from core.path import Segment, build_path
 from tests.benchmarks.synthetic_bench import synthetic_trial
 
 ALONG = Segment((-0.10, 0.40), (0.10, 0.40))
@@ -13,7 +14,7 @@ TIP = (0.02, 0.39)
 
 
 def quiet(n: int = 16, phase: int = tick_log.MOVE, start_s: float = 0.0, **columns: float) -> np.ndarray:
-    """n ticks with the handle at TIP; columns by their names in core.tick_log, as TIP_X=0.1 or CURRENT_B=0.4."""
+    """n ticks at TIP beside ALONG; columns by their names in core.tick_log, as TIP_X=0.1 or CURRENT_B=0.4."""
     rows = np.zeros((n, tick_log.WIDTH))
     rows[:, tick_log.T] = start_s + 1e-3 * np.arange(n)
     rows[:, tick_log.PHASE] = phase
@@ -22,6 +23,7 @@ def quiet(n: int = 16, phase: int = tick_log.MOVE, start_s: float = 0.0, **colum
         base, _, joint = name.rpartition("_")
         at = getattr(tick_log, base) + "AEBC".index(joint) if base in ("CURRENT", "TORQUE") else getattr(tick_log, name)
         rows[:, at] = value
+    fill_field(build_path(ALONG, "path"), rows)
     return rows
 
 

@@ -246,7 +246,7 @@ class Case:
             self.row = next(r for r in session.rows if r.run == self.run.planned.run)
             self.words = lost(self.run.name)
             return
-        self.run.ended(Done(self.running.changed()), "")
+        self.run.returned(Done(self.running.changed()), "")
         self.words = with_advice(self.run.name, self.run.trial.outcome()["reason"])
         self.row = self.run.keep(session)
 

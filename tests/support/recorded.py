@@ -13,7 +13,8 @@ NAMES = (
     "current_A_A, current_E_A, current_B_A, current_C_A, torque_A_N_m, torque_E_N_m, torque_B_N_m, torque_C_N_m, "
     "stuck, decision, lateness_us, energy_hand_J, energy_brakes_J, energy_kinetic_J, energy_stops_J, "
     "target_x_m, target_y_m, sensed_fx_N, sensed_fy_N, target_vx_m_s, target_vy_m_s, arm_held_x_N, arm_held_y_N, "
-    "arm_force_max_N, arm_stiffness_xx_N_per_m, arm_stiffness_xy_N_per_m, arm_stiffness_yy_N_per_m"
+    "arm_force_max_N, arm_stiffness_xx_N_per_m, arm_stiffness_xy_N_per_m, arm_stiffness_yy_N_per_m, "
+    "path_distance_m, travel_sense, forward_x, forward_y, desired_x, desired_y"
 ).split(", ")
 
 

@@ -1,4 +1,7 @@
-"""What can be laid over the workspace: the velocity field, the SDOF directions, the forces that can be reached."""
+"""What can be laid over the workspace: the velocity field, the SDOF directions, the forces that can be reached.
+
+All of it from a tick's row, the path and the geometry of the device, in numpy: no kernel of control is compiled here.
+"""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -8,71 +11,11 @@ import numpy as np
 from PySide6.QtCore import QRectF
 
 from core import tick_log
-from core.control.rule_sets import SETTLED, Rules
-from core.control.sdof import nearest_valid_brake, sdof_direction, valid_sense
-from core.control.velocity_field import BLEND_WIDTH, PIECE, SIDE, TRAVEL, Field, field_at, new_memory
+from core.control.velocity_field import Field, field_around
 from core.device import Device
-from core.kernel import kernel
-from core.linkage import links, tip_force_map
-from core.mechanism import JOINTS, Brakes, Mechanism
-from core.path import Path, PathFile, line, nearest, outline
-from core.tick_log import HAND_FX, HAND_FY, MOVE, PHASE, TIP_VX, TIP_VY, TIP_X, TIP_Y
-from core.workspace import tip_is_free
-
-
-@kernel
-def follow_ticks(path: Path, memory: np.ndarray, rows: np.ndarray, rules: Rules) -> Field:
-    """The field after ticks (n, row.WIDTH), n > 0, as the controller has it in the move; before: at the tip at rest."""
-    last = rows[len(rows) - 1]
-    x, y, vx, vy, fx, fy = last[TIP_X], last[TIP_Y], 0.0, 0.0, 0.0, 0.0
-    moves = False
-    for i in range(len(rows)):
-        now = rows[i]
-        if now[PHASE] == MOVE:
-            if moves:
-                field_at(path, memory, x, y, vx, vy, fx, fy, BLEND_WIDTH, rules)
-            x, y, vx, vy, fx, fy = now[TIP_X], now[TIP_Y], now[TIP_VX], now[TIP_VY], now[HAND_FX], now[HAND_FY]
-            moves = True
-    return field_at(path, memory, x, y, vx, vy, fx, fy, BLEND_WIDTH, rules)
-
-
-@kernel
-def errors(path: Path, rows: np.ndarray, error: np.ndarray) -> None:
-    """Into `error` (n,), m: the tip's distance from the path in the ticks (n, row.WIDTH) of the move, else NaN."""
-    for i in range(len(rows)):
-        error[i] = abs(nearest(path, rows[i, TIP_X], rows[i, TIP_Y])[1]) if rows[i, PHASE] == MOVE else np.nan
-
-
-@kernel
-def field_on(path: Path, memory: np.ndarray, places: np.ndarray, rules: Rules, beta: np.ndarray) -> None:
-    """Into `beta` (n, 2): the desired directions at places (n, 2), m, each as if it were the first; uses up memory."""
-    piece, travel = memory[PIECE], memory[TRAVEL]
-    for i in range(len(places)):
-        memory[PIECE], memory[TRAVEL], memory[SIDE] = piece, travel, 0.0
-        field = field_at(path, memory, places[i, 0], places[i, 1], 0.0, 0.0, 0.0, 0.0, BLEND_WIDTH, rules)
-        beta[i, 0], beta[i, 1] = field.beta_x, field.beta_y
-
-
-@kernel
-def elbows(mechanism: Mechanism, x: float, y: float) -> tuple[float, float, float, float]:
-    """Where the elbows E and C are (x, y, x, y; m) for a tip (m); NaN where an arm does not reach it."""
-    first, second = mechanism.arm_1, mechanism.arm_2
-    a_x, a_y, _, _, s_1 = links(first, x, y)
-    b_x, b_y, _, _, s_2 = links(second, x, y)
-    if s_1 == 0.0 or s_2 == 0.0:
-        return np.nan, np.nan, np.nan, np.nan
-    return first.base_x + a_x, first.base_y + a_y, second.base_x + b_x, second.base_y + b_y
-
-
-@kernel
-def brake_directions(brakes: Brakes, g: np.ndarray, field: Field, rules: Rules, found: np.ndarray) -> int:
-    """Into `found` (4, 3): the SDOF direction of each brake and its valid sense; the chosen brake, or -1."""
-    for i in range(4):
-        p_x, p_y = sdof_direction(g[i, 0], g[i, 1])
-        found[i, 0], found[i, 1] = p_x, p_y
-        found[i, 2] = valid_sense(p_x, p_y, field, rules.span_rounding)
-    return nearest_valid_brake(brakes, g, field, rules)
-
+from core.mechanism import JOINTS, Mechanism
+from core.path import Path, PathFile, outline
+from core.workspace import arm_pose, tip_is_free
 
 Point = tuple[float, float]  # m
 
@@ -82,14 +25,12 @@ SPACING_M = 0.002  # of the points of a drawn path: straight between them
 
 def joints_at(mechanism: Mechanism, tip: Point) -> dict[str, Point]:
     """Where the joints A, E, B, C and D are (m) for a tip; none where the arms do not reach it."""
-    first, second = mechanism.arm_1, mechanism.arm_2
-    e_x, e_y, c_x, c_y = elbows(mechanism, *tip)
-    if math.isnan(e_x):
-        return {}
-    return {
-        "A": (first.base_x, first.base_y), "E": (e_x, e_y), "B": (second.base_x, second.base_y), "C": (c_x, c_y),
-        "D": tip,
-    }  # fmt: skip
+    joints = {}
+    for arm, base, elbow in ((mechanism.arm_1, "A", "E"), (mechanism.arm_2, "B", "C")):
+        (x, y), _, _ = arm_pose(arm, *np.asarray(tip, dtype=float))
+        joints |= {base: (arm.base_x, arm.base_y), elbow: (arm.base_x + float(x), arm.base_y + float(y))}
+    reached = all(map(math.isfinite, (*joints["E"], *joints["C"])))
+    return {**joints, "D": tip} if reached else {}
 
 
 def extent_of_paths(paths: Iterable[PathFile], margin: float = MARGIN_M) -> QRectF:
@@ -115,6 +56,7 @@ def _around(points: np.ndarray, margin: float) -> QRectF:
 
 MOVES_M_S = 0.002  # slower than this there is no present motion to act against
 AT_REST_RAD_S = 1e-9  # a joint that turns more slowly is stuck
+ROUNDING = 1e-9  # of a unit vector
 
 
 class Direction(NamedTuple):
@@ -135,70 +77,62 @@ class Wedge(NamedTuple):
     spokes: tuple[float, ...]  # each brake by itself
 
 
-class Follower:
-    """The velocity field of one path as the controller sees it, with the travel sense that the hand has chosen."""
-
-    def __init__(self, path: Path, rules: Rules) -> None:
-        self.path, self.rules = path, rules
-        self._memory = new_memory()
-
-    @property
-    def sense(self) -> float:
-        """+1: forward is towards the end of the path; -1: towards its start."""
-        return float(self._memory[TRAVEL])
-
-    def follow(self, x: float, y: float, vx: float, vy: float, fx: float, fy: float) -> Field:
-        """The field at the tip (m, m/s, N) in the next tick of `move`."""
-        return field_at(self.path, self._memory, x, y, vx, vy, fx, fy, BLEND_WIDTH, self.rules)
-
-    def follow_ticks(self, rows: np.ndarray) -> Field:
-        """The field after ticks (n, tick_log.WIDTH), n > 0, all of which have been felt in the move."""
-        return follow_ticks(self.path, self._memory, np.ascontiguousarray(rows), self.rules)
-
-    def error(self, x: float, y: float) -> float:
-        """Distance of the tip from the path, m."""
-        return abs(nearest(self.path, x, y)[1])
-
-    def needles(self, device: Device, low: tuple[float, float], high: tuple[float, float], step: float) -> np.ndarray:
-        """The field on a grid (m) between two corners, wherever the tip can be: rows x, y, beta_x, beta_y (n, 4)."""
-        x, y = (step * np.arange(math.ceil(a / step), math.floor(b / step) + 1) for a, b in zip(low, high, strict=True))
-        x, y = np.meshgrid(x, y)
-        free = tip_is_free(device.mechanism, x, y)
-        places = np.column_stack((x[free], y[free]))
-        beta = np.empty_like(places)
-        field_on(self.path, self._memory.copy(), places, self.rules, beta)
-        return np.hstack((places, beta))
+def field_of(row: np.ndarray) -> Field | None:
+    """The velocity field at the handle as the controller had it in a tick; None where it did not decide."""
+    distance, _, t_x, t_y, beta_x, beta_y = row[tick_log.PATH_DISTANCE : tick_log.DESIRED_Y + 1].tolist()
+    side = math.copysign(1.0, distance)  # of the tip, as seen along t
+    return Field(abs(distance), t_x, t_y, side * t_y, -side * t_x, beta_x, beta_y) if math.isfinite(t_x) else None
 
 
-def compile_kernels(device: Device) -> None:
-    """Have every kernel compiled and kept on disk that drawing calls: seconds, on the first use only."""
-    follower = Follower(line((-0.1, 0.4), (0.1, 0.4)), SETTLED)
-    field = follower.follow(0.0, 0.4, 0.0, 0.0, 0.0, 0.0)
-    follower.error(0.0, 0.4)
-    ticks = np.zeros((1, tick_log.WIDTH))
-    follower.follow_ticks(ticks)
-    errors(follower.path, ticks, np.empty(1))
-    follower.needles(device, (-0.05, 0.35), (0.05, 0.4), 0.02)
-    elbows(device.mechanism, 0.0, 0.4)
-    directions(device, force_map(device, 0.0, 0.4), field, SETTLED)
+def field_at_rest(path: Path, tip: Point, sense: float) -> Field:
+    """The velocity field at a tip (m) where nothing is decided, with this travel sense."""
+    return Field(*(float(part[0]) for part in field_around(path, np.array([tip]), sense)))
+
+
+def fill_field(path: Path, rows: np.ndarray) -> None:
+    """Into ticks (n, tick_log.WIDTH) that lack it: as if the hand had never turned back; NaN outside `move`."""
+    rows[:, tick_log.PATH_DISTANCE : tick_log.DESIRED_Y + 1] = math.nan
+    rows[:, tick_log.TRAVEL_SENSE] = 1.0
+    moves = rows[:, tick_log.PHASE] == tick_log.MOVE
+    field = field_around(path, rows[moves, tick_log.TIP_X : tick_log.TIP_Y + 1], 1.0)
+    rows[moves, tick_log.PATH_DISTANCE] = np.copysign(field.distance, field.t_y * field.n_x - field.t_x * field.n_y)
+    rows[moves, tick_log.FORWARD_X : tick_log.DESIRED_Y + 1] = np.column_stack(
+        (field.t_x, field.t_y, field.beta_x, field.beta_y)
+    )
+
+
+def needles(path: Path, sense: float, device: Device, low: Point, high: Point, step: float) -> np.ndarray:
+    """The field on a grid (m) between two corners, wherever the tip can be: rows x, y, beta_x, beta_y (n, 4)."""
+    x, y = (step * np.arange(math.ceil(a / step), math.floor(b / step) + 1) for a, b in zip(low, high, strict=True))
+    x, y = np.meshgrid(x, y)
+    free = tip_is_free(device.mechanism, x, y)
+    places = np.column_stack((x[free], y[free]))
+    field = field_around(path, places, sense)
+    return np.column_stack((places, field.beta_x, field.beta_y))
 
 
 def force_map(device: Device, x: float, y: float) -> np.ndarray:
-    """Rows g (4, 2) at a tip (m): force of a brake on the tip = g torque, rate of its joint = g . v."""
+    """Rows g (4, 2) at a tip (m): force of a brake on the tip = g torque, rate of its joint = g . v (Eqs. 7 and 8)."""
     g = np.zeros((4, 2))
-    tip_force_map(device.mechanism, x, y, g)
+    for i, arm in enumerate((device.mechanism.arm_1, device.mechanism.arm_2)):
+        e1, e2, s = arm_pose(arm, np.float64(x), np.float64(y))
+        with np.errstate(all="ignore"):  # out of reach: NaN
+            g[2 * i], g[2 * i + 1] = np.array(e2) / s, -np.add(e1, e2) / s
     return g
 
 
-def directions(device: Device, g: np.ndarray, field: Field, rules: Rules) -> list[Direction]:
-    """The SDOF direction of every brake (Eq. 12) at the tip."""
-    found = np.empty((4, 3))
-    chosen = brake_directions(device.brakes, g, field, rules, found)
-    return [
-        Direction(i, p_x, p_y, sense, i == chosen)
-        for i, (p_x, p_y, sense) in enumerate(found.tolist())
-        if device.brakes.present[i]
-    ]
+def directions(device: Device, g: np.ndarray, field: Field) -> list[Direction]:
+    """The SDOF direction of every brake (Eq. 12) at the tip, and whether it lies between t and n (Section IV-B)."""
+    found, chosen, nearest = [], -1, -2.0  # cosine of the angle to beta
+    for i in map(JOINTS.index, device.braked):
+        p_x, p_y = (np.array((-g[i, 1], g[i, 0])) / math.hypot(*g[i])).tolist()
+        along, inward = p_x * field.t_x + p_y * field.t_y, p_x * field.n_x + p_y * field.n_y
+        sense = 1.0 if min(along, inward) >= -ROUNDING else -1.0 if max(along, inward) <= ROUNDING else 0.0
+        cosine = sense * (p_x * field.beta_x + p_y * field.beta_y)
+        if sense != 0.0 and cosine > nearest:
+            chosen, nearest = len(found), cosine
+        found.append(Direction(i, p_x, p_y, sense, False))
+    return [one._replace(chosen=place == chosen) for place, one in enumerate(found)]
 
 
 def wedge(device: Device, g: np.ndarray, vx: float, vy: float, stuck: int) -> Wedge | None:

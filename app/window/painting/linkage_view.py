@@ -9,7 +9,18 @@ from PySide6.QtGui import QKeySequence, QPainter, QRegion, QShortcut
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from app.window.painting import theme
-from app.window.painting.layers import OFF, Doing, Follower, Instant, Point, directions, doing, extent_of_linkages
+from app.window.painting.layers import (
+    OFF,
+    Doing,
+    Instant,
+    Point,
+    directions,
+    doing,
+    extent_of_linkages,
+    field_at_rest,
+    field_of,
+    needles,
+)
 from app.window.painting.marks import (
     BRAKES,
     HAND,
@@ -29,11 +40,10 @@ from app.window.painting.marks import (
 from app.window.painting.plane import Plane
 from app.window.painting.theme import font, pen, shade, text_width, write
 from core import tick_log
-from core.control.rule_sets import rule_set
 from core.control.velocity_field import Field
 from core.device import Device
 from core.mechanism import JOINTS
-from core.path import PathFile, build_path
+from core.path import Path, PathFile, build_path
 
 FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE = "field", "directions", "force", "trail", "linkage"
 ARMS = ("AE", "ED", "BC", "CD")
@@ -66,7 +76,7 @@ class LinkageView(Plane):
             grid=True, follows_mouse=False, parent=parent,
         )  # fmt: skip
         self.device = devices[0]
-        self.follower: Follower | None = None
+        self._path: Path | None = None  # of the trial
         self.shown = {FIELD, REACHABLE, TRAIL, LINKAGE}
         self.blind = False
         self.title, self.line = "", ""
@@ -76,29 +86,31 @@ class LinkageView(Plane):
         self._ticks: np.ndarray | None = None  # since the last words (n, WIDTH), n > 0; none between trials
         self._worded = False  # words have been made of these
         self._field: Field | None = None
-        self._sense_drawn = 1.0
+        self.sense = 1.0  # of travel
 
     # what to show
 
-    def show_trial(self, device: Device, path: PathFile, tip: Point, rules: str = "settled") -> None:
+    def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
         """Another trial: the handle at rest at `tip`, brakes off."""
         self.device = device
-        self.follower = Follower(build_path(path, "path"), rule_set(rules, 0.0))
-        self._sense_drawn = 1.0
+        self._path, self.sense = build_path(path, "path"), 1.0
         self.show_path(path)
         self.rest(tip)
 
     def rest(self, tip: Point) -> None:
         """The handle stands at `tip`, brakes off; the trail stays to be looked at."""
         self._show(tip, None)
-        self._field = self.follower.follow(*tip, 0.0, 0.0, 0.0, 0.0) if self.follower else None
+        self._field = field_at_rest(self._path, tip, self.sense) if self._path else None
         self.word()
 
     def add(self, rows: np.ndarray) -> None:
-        """Ticks (n, WIDTH) of the running trial, n > 0: the newest is drawn, the sense of travel follows all."""
+        """Ticks (n, WIDTH) of the running trial, n > 0: the newest is drawn."""
         tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
-        if self.follower is not None:
-            self._follow(rows)
+        if self._path is not None:
+            self._field = field_of(rows[-1]) or field_at_rest(self._path, tip, self.sense)
+            if rows[-1, tick_log.TRAVEL_SENSE] != self.sense:
+                self.sense = float(rows[-1, tick_log.TRAVEL_SENSE])
+                self.repaint_still()
         if rows[-1, tick_log.PHASE] == tick_log.MOVE:
             self.extend_trail(tip)
         before = None if self._worded else self._ticks
@@ -110,12 +122,6 @@ class LinkageView(Plane):
         self._placed = None
         self.pointer = self.instant.wanted
         self.show_handle(tip)
-
-    def _follow(self, rows: np.ndarray) -> None:
-        self._field = self.follower.follow_ticks(rows)
-        if self.follower.sense != self._sense_drawn and FIELD in self.shown:
-            self._sense_drawn = self.follower.sense
-            self.repaint_still()
 
     def show_layer(self, layer: str, shown: bool) -> None:
         """Lay something over the workspace, or take it away."""
@@ -177,12 +183,12 @@ class LinkageView(Plane):
         return region
 
     def paint_under_path(self, painter: QPainter) -> None:
-        if self.follower is not None and FIELD in self.shown:
+        if self._path is not None and FIELD in self.shown:
             step = max(NEEDLE_M, NEEDLE_PX / self.scale)
             low, high = self.to_plane(QPointF(60.0, self.height())), self.to_plane(QPointF(self.width() - 12.0, 40.0))
-            needles = self.follower.needles(self.device, low, high, step)
-            middles = needles[:, :2] * (self.scale, -self.scale) + (self._zero_x, self._zero_y)
-            paint_field(painter, middles, needles[:, 2:] * (1.0, -1.0), step * self.scale)
+            found = needles(self._path, self.sense, self.device, low, high, step)
+            middles = found[:, :2] * (self.scale, -self.scale) + (self._zero_x, self._zero_y)
+            paint_field(painter, middles, found[:, 2:] * (1.0, -1.0), step * self.scale)
         if self.device.assumed:
             painter.setFont(font(theme.SMALL))
             painter.setPen(shade(theme.CAUTION, 0.9))
@@ -199,9 +205,8 @@ class LinkageView(Plane):
             painter.setPen(pen(colour, width))  # flat ends, opaque, line by line: a twentieth of the time
             for one, other in ARMS:
                 painter.drawLine(at[one], at[other])
-        if DIRECTIONS in self.shown and self._field is not None and self.follower is not None:
-            found = directions(self.device, self.instant.g, self._field, self.follower.rules)
-            paint_directions(painter, handle, found, self._field)
+        if DIRECTIONS in self.shown and self._field is not None:
+            paint_directions(painter, handle, directions(self.device, self.instant.g, self._field), self._field)
         if at:
             self._paint_joints(painter, rings)
         paint_arrow(painter, handle, arrow_of(self.instant.brakes), theme.BRAKE_SLIPPING, 3.0)
@@ -335,10 +340,10 @@ class Workspace(QFrame):
         button.toggled.connect(lambda shown: self.view.show_layer(layer, shown))
         return button
 
-    def show_trial(self, device: Device, path: PathFile, tip: Point, rules: str = "settled") -> None:
+    def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
         """The coming or beginning trial: its device and path, the handle at rest at `tip` (m)."""
         self._phase, self._worded_s = -1, -np.inf
-        self.view.show_trial(device, path, tip, rules)
+        self.view.show_trial(device, path, tip)
 
     def rest(self, tip: Point) -> None:
         """Between trials: the handle stands at `tip` (m), brakes off; the trail stays to be looked at."""
@@ -366,8 +371,8 @@ class Workspace(QFrame):
 
     def _word(self, now: np.ndarray) -> None:
         says = [f"{now[tick_log.T] - self._began_s:.2f} s"]
-        if self.view.follower is not None and self._phase == tick_log.MOVE:
-            says.append(f"error {1e3 * self.view.follower.error(now[tick_log.TIP_X], now[tick_log.TIP_Y]):.1f} mm")
+        if self._phase == tick_log.MOVE:
+            says.append(f"error {1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
         says.append(f"{np.hypot(now[tick_log.TIP_VX], now[tick_log.TIP_VY]):.2f} m/s")
         self.say(PHASE_NAMES[self._phase], " · ".join(says))
         self.view.word()
