@@ -319,7 +319,7 @@ class Snapshot(NamedTuple):
         if self.stage not in (READY, NO_SESSION):
             return NOT_NOW[self.stage]
         if self.paused:
-            return "The session is paused: resume it first (P)."
+            return "The session is paused: resume it first (Ctrl+P)."
         if self.brakes_off:
             return f"Brakes are off: {self.brakes_off}"
         for state in (BAD, WAITING):

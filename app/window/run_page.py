@@ -205,7 +205,7 @@ class RunPage(Page):
     def _show_trial(self, before: m.Snapshot) -> None:
         """The workspace: the running trial, else the coming one unless there is a trail to look at."""
         snapshot, opened = self.snapshot, self.opened
-        if opened is None:
+        if opened is None or snapshot.sandbox is not None:
             return
         now, coming = snapshot.running, snapshot.coming
         begins = now is not None and (before.running != now or before.stage != m.RUNNING)
@@ -230,7 +230,7 @@ class RunPage(Page):
         self.timing.setVisible(pulse.timing is not None and pulse.timing.missed > 0)  # else its pill says it
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
-        if self.snapshot.running is None:
+        if self.snapshot.running is None or self.snapshot.sandbox is not None:
             return
         self.centre.show_ticks(rows, taken)
         self._ticks.append(rows)

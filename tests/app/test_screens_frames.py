@@ -71,7 +71,7 @@ def test_the_next_frame_is_asked_for_even_if_one_fails(screens: Screens, clock, 
 @pytest.mark.parametrize("end", ["result", "death"])
 def test_the_panels_go_on_with_every_third_frame_and_end_with_the_last_tick(screens: Screens, end: str) -> None:
     over = next(i for i, planned in enumerate(PLAN) if planned.segment == 1)
-    console = screens.hear(opened(), running(over))
+    screens.hear(opened(), running(over))
     rows = movement(1, "AEB", 2.0)[: FRAME * (2 * PANELS_EVERY + 2)]
     view, seen = screens.run.centre.workspace.view, []
     for begin in range(0, len(rows), FRAME):
@@ -93,7 +93,7 @@ def test_the_panels_go_on_with_every_third_frame_and_end_with_the_last_tick(scre
 
 
 def test_what_the_hand_looks_at_is_painted_before_the_console(screens: Screens) -> None:
-    console = screens.hear(opened(), running())
+    screens.hear(opened(), running())
     screens.participant.show()
     settle(screens.participant)
     painted: list[str] = []
@@ -105,7 +105,7 @@ def test_what_the_hand_looks_at_is_painted_before_the_console(screens: Screens) 
 
 
 def test_ticks_that_still_waited_are_not_shown_in_the_next_trial(screens: Screens) -> None:
-    console = screens.hear(opened(), running(0))
+    screens.hear(opened(), running(0))
     screens.client.rows = movement(PLAN[0].segment, "AEB", 1.0)[:FRAME]
     screens.windows.frame()
     screens.hear(running(1))

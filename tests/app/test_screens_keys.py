@@ -33,11 +33,12 @@ def focus(screens: Screens) -> QWidget | None:
 
 
 def test_a_reason_may_begin_with_any_digit(screens: Screens) -> None:
-    console = screens.hear(opened(), running())
+    screens.hear(opened(), running())
     screens.press(KEY.Key_A, modifier=CTRL)
     QTest.keyClicks(screens.run.cards.question.own, "3 s too late, as p. 2 says")
     assert screens.client.sent == [] and screens.run.cards.question is not None
-    assert screens.press(KEY.Key_Return, screens.run.cards.question.own) == [m.Abort("3 s too late, as p. 2 says", "now")]
+    sent = screens.press(KEY.Key_Return, screens.run.cards.question.own)
+    assert sent == [m.Abort("3 s too late, as p. 2 says", "now")]
 
 
 @pytest.mark.parametrize("number", range(1, len(ABORT_REASONS) + 1))
@@ -77,7 +78,7 @@ def test_closing_during_a_trial_has_a_key(screens: Screens) -> None:
 
 
 def test_enter_confirms_what_a_card_asks_after_a_note_was_written_and_after_a_click_beside_it(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(30, stage=m.RERIG))
+    screens.hear(opened(), ready(30, stage=m.RERIG))
     screens.press(KEY.Key_N, modifier=CTRL)
     QTest.keyClicks(screens.run.panel.note, "bolts")
     assert screens.press(KEY.Key_Return, screens.run.panel.note) == [m.Note("bolts")]  # and nothing is confirmed
@@ -87,7 +88,7 @@ def test_enter_confirms_what_a_card_asks_after_a_note_was_written_and_after_a_cl
 
 
 def test_a_notice_that_comes_while_a_note_is_written_takes_none_of_it_for_an_answer(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(29))
+    screens.hear(opened(), ready(29))
     screens.press(KEY.Key_N, modifier=CTRL)
     QTest.keyClicks(screens.run.panel.note, "a long")
     screens.hear(ready(30, stage=m.RERIG))

@@ -76,7 +76,8 @@ def test_nothing_shown_to_the_participant_has_numbers_names_or_jargon(screens: S
         screens.tick(ticks(phase))
         texts.append(said(screens))
     for text in texts:
-        assert not re.search(rf"\d|brake|controller|tip|{names}", text.replace("1:00", "")), text  # but the rest that is left
+        said_of_rest = text.replace("1:00", "")
+        assert not re.search(rf"\d|brake|controller|tip|{names}", said_of_rest), text
 
 
 def test_breaks_and_the_end_are_said_and_the_path_is_away(screens: Screens) -> None:

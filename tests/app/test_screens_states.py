@@ -26,7 +26,7 @@ def screens(qtbot):
 @pytest.mark.parametrize("over", [0, 12])
 def test_nobody_is_told_that_the_next_trial_comes_while_its_start_is_blocked(screens: Screens, over: int) -> None:
     promises = {ENGLISH_WORDS[key] for key in ("next_soon", "next_space", "first_space", "start_soon")}
-    console = screens.hear(opened(), ready(over, checks=RED))
+    screens.hear(opened(), ready(over, checks=RED))
     assert screens.run.centre.small.text() == screens.participant.view.shown.small == ENGLISH_WORDS["stopped_how"]
     screens.hear(ready(over))
     assert screens.run.centre.small.text() in promises and screens.participant.view.shown.small in promises
@@ -38,7 +38,7 @@ def test_feedback_stays_while_the_start_is_blocked(screens: Screens) -> None:
 
 
 def test_what_the_banner_says_is_not_said_again_in_the_panel(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(12, checks=RED))
+    screens.hear(opened(), ready(12, checks=RED))
     assert screens.main.preflight.advice.isVisible() and not screens.run.panel.notice.isVisible()
     waiting = (*GREEN[:4], m.Check("Recording", m.WAITING, "waiting"))
     screens.hear(ready(12, checks=waiting))
@@ -61,7 +61,7 @@ def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens, checks) -> N
 
 def test_a_blind_console_has_no_reachable_force_and_gets_it_back_with_the_key(screens: Screens) -> None:
     """With the brakes that are stuck it would tell the controllers apart."""
-    console = screens.hear(opened(), running(blind=True))
+    screens.hear(opened(), running(blind=True))
     screens.tick(movement(PLAN[0].segment, "AEB", 1.0))
     workspace = screens.run.centre.workspace
     assert workspace.view.instant.reachable() is None and not workspace.buttons[REACHABLE].isVisible()
@@ -79,7 +79,7 @@ def test_after_a_break_the_participant_sees_the_path_that_comes(screens: Screens
 
 
 def test_energy_makes_no_claim_before_there_is_a_tick(screens: Screens) -> None:
-    console = screens.hear(opened(), ready())
+    screens.hear(opened(), ready())
     assert "no brake added energy" not in screens.run.energy.said and "no trial yet" in screens.run.energy.said
     screens.hear(running())
     screens.tick(movement(PLAN[0].segment, "AEB", 0.5))
@@ -87,7 +87,7 @@ def test_energy_makes_no_claim_before_there_is_a_tick(screens: Screens) -> None:
 
 
 def test_a_plan_that_is_done_has_no_time_left(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(59))
+    screens.hear(opened(), ready(59))
     assert "min left" in screens.run.panel.left.text()
     screens.hear(ready(60, stage=m.FINISHED))
     assert "min left" not in screens.run.panel.left.text()
@@ -118,7 +118,7 @@ def test_a_hidden_trace_has_neither_curve_nor_scale(screens: Screens) -> None:
 def test_on_the_bench_a_step_is_named_for_what_it_is_and_waits_while_it_is_done(screens: Screens, moment: bool) -> None:
     says = "A moment ..." if moment else "Hold the handle in its jig, then go on."
     rig = m.Card(f"Make {PLAN[0].configuration} ready", says, "" if moment else "Go on", device_page=True)
-    console = screens.hear(opened(real_device=True), ready(stage=m.RERIG, card=rig))
+    screens.hear(opened(real_device=True), ready(stage=m.RERIG, card=rig))
     card = screens.run.cards.notice
     assert card is not None and card.title.text() == f"Make {PLAN[0].configuration} ready" and card.text.text() == says
     assert screens.press(KEY.Key_Space) == ([] if moment else [m.Confirm()])
@@ -132,7 +132,7 @@ def test_brakes_that_the_board_took_off_are_said_so_and_others_with_who_did(scre
 
 
 def test_the_key_on_a_button_is_legible_whatever_the_button_looks_like(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(9))
+    screens.hear(opened(), ready(9))
 
     def hint(button) -> str:
         label = button.findChild(QLabel)

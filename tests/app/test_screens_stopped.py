@@ -47,5 +47,5 @@ def test_the_end_of_the_plan_says_how_many_trials_have_no_result(screens: Screen
 def test_only_a_trial_that_does_not_come_again_by_itself_is_offered_to_be_redone(
     screens: Screens, status: str, offered: bool
 ) -> None:
-    console = screens.hear(opened(), ready(1, rows=(result(PLAN[0], status),)))
+    screens.hear(opened(), ready(1, rows=(result(PLAN[0], status),)))
     assert screens.run.panel.redo.isEnabled() == offered

@@ -48,7 +48,7 @@ def test_the_participant_reads_the_language_of_the_protocol(screens: Screens) ->
     ],
 )  # fmt: skip
 def test_feedback_and_cue_are_said_whatever_comes_after_the_trial(screens: Screens, following: dict) -> None:
-    console = screens.hear(GIVEN, running(2), ready(3, **{"ended_here": 1, **following}))
+    screens.hear(GIVEN, running(2), ready(3, **{"ended_here": 1, **following}))
     for said in (screens.participant.view.shown.small, screens.run.centre.small.text()):
         assert ERROR in said and CUE in said
     screens.hear(opened(), ready(3, **{"ended_here": 1, **following}))
