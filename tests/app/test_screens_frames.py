@@ -89,7 +89,8 @@ def test_the_panels_go_on_with_every_third_frame_and_end_with_the_last_tick(scre
     ledger = Ledger()
     ledger.add(rows)
     assert vars(screens.run.energy.ledger).items() >= {"hand": ledger.hand, "brakes": ledger.brakes}.items()
-    assert screens.run.traces.speed.newest == pytest.approx((np.hypot(*rows[-1, tick_log.TIP_VX : tick_log.TIP_VY + 1]),))
+    speed = np.hypot(*rows[-1, tick_log.TIP_VX : tick_log.TIP_VY + 1])
+    assert screens.run.traces.speed.newest == pytest.approx((speed,))
 
 
 def test_what_the_hand_looks_at_is_painted_before_the_console(screens: Screens) -> None:

@@ -23,7 +23,7 @@ def test_every_status_has_its_colour_and_all_but_done_a_mark() -> None:
 def test_a_trial_that_was_cut_short_is_marked_counts_as_open_and_comes_next(screens: Screens) -> None:
     rows = (result(PLAN[0]), result(PLAN[1], "stopped"))
     again = PLAN[1]._replace(run=61)
-    console = screens.hear(opened(), ready(2, rows=rows, coming=again, said="Run 2: the board. It comes again.", ended_here=2))
+    console = screens.hear(opened(), ready(2, rows=rows, coming=again, said="Run 2: the board. It comes again."))
     grid = screens.run.panel.grid
     assert grid.statuses[2] == "stopped" and grid.marked == 2 and "1 of 60 trials done" in screens.run.panel.done.text()
     assert screens.run.panel.start.isEnabled() and "comes again" in " ".join(visible_texts(console))
