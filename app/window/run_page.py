@@ -218,7 +218,7 @@ class RunPage(Page):
             self._ticks.clear()
             device = next(device for device in opened.devices if device.name == now.configuration)
             self.centre.begin(now, snapshot.tip)
-            self.traces.show_trial(device, opened.paths[now.segment])
+            self.traces.show_trial(device)
             self.energy.clear()
             self.timing.clear()
         elif snapshot.running is None:
@@ -358,7 +358,7 @@ class Centre(QWidget):
         if self._opened is None or self.workspace is None:
             return
         device = next(device for device in self._opened.devices if device.name == planned.configuration)
-        self.workspace.show_trial(device, self._opened.paths[planned.segment], tip, self._opened.rules)
+        self.workspace.show_trial(device, self._opened.paths[planned.segment], tip)
         if self._snapshot.running is not None:
             self._write(self._moving(tick_log.APPROACH, not hand_is_mouse(self._opened)) or words.Shown(""))
 
