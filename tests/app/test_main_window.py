@@ -286,11 +286,11 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
 def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
     console = screens.hear(opened(), running())
     assert not console.close() and console.isVisible() and not screens.client.stopped
-    go_on, close = screens.run.cards.question.buttons
+    go_on, close = screens.main.cards.question.buttons
     go_on.click()
-    assert console.isVisible() and screens.run.cards.question is None
+    assert console.isVisible() and screens.main.cards.question is None
     console.close()
-    screens.run.cards.question.buttons[1].click()
+    screens.main.cards.question.buttons[1].click()
     assert not console.isVisible() and screens.client.stopped == "the window was closed"
 
 

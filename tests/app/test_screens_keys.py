@@ -57,7 +57,7 @@ def test_alt_and_a_digit_choose_a_reason_as_its_button_says_whatever_is_typed(sc
 def test_tab_stays_on_a_card_and_enter_presses_what_has_the_keyboard(screens: Screens, backwards: bool) -> None:
     console = screens.hear(opened(), running())
     console.close()
-    go_on, close = screens.run.cards.question.buttons
+    go_on, close = screens.main.cards.question.buttons
     settle(console)
     assert cut_texts(console) == []
     seen = [focus(screens)]
@@ -66,13 +66,13 @@ def test_tab_stays_on_a_card_and_enter_presses_what_has_the_keyboard(screens: Sc
         seen.append(focus(screens))
     assert seen == [go_on, close, go_on]
     QTest.keyClick(focus(screens), KEY.Key_Return)
-    assert screens.run.cards.question is None and console.isVisible()
+    assert screens.main.cards.question is None and console.isVisible()
 
 
 def test_closing_during_a_trial_has_a_key(screens: Screens) -> None:
     console = screens.hear(opened(), running())
     console.close()
-    assert "Alt+C" in screens.run.cards.question.buttons[1].text()
+    assert "Alt+C" in screens.main.cards.question.buttons[1].text()
     screens.press(KEY.Key_C, focus(screens), ALT)
     assert not console.isVisible() and screens.client.stopped
 

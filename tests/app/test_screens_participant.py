@@ -176,7 +176,7 @@ def test_keys_on_the_participants_window_do_what_they_do_on_the_console(screens:
 def test_closing_the_participants_window_is_closing_the_app_and_asks(screens: Screens) -> None:
     screens.hear(opened(), running())
     screens.participant.close()
-    assert screens.run.cards.question is not None and not screens.client.stopped
+    assert screens.main.cards.question is not None and not screens.client.stopped
 
 
 def test_f11_shows_and_hides_the_participants_view(screens: Screens) -> None:
