@@ -15,6 +15,8 @@ from core.files import InputError
 
 #: On Linux one of these names where a window can be.
 PLACES = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
+#: An environment variable: with it a bar is lines "PHD_PROGRESS 0.25" on stderr, for the program that asked for a verb.
+PROGRESS = "PHD_PROGRESS"
 LEAST_ROOM = (1240, 690)  # px, for the console with its frame
 #: Prints each screen, the primary one first: name, size in points, scale, Hz, and the room for windows on it.
 SCREENS_CODE = """
@@ -36,6 +38,9 @@ class Progress:
 
     def __call__(self, share: float, where: str = "") -> None:
         """where: stands for the percentage."""
+        if PROGRESS in os.environ:
+            print(PROGRESS, f"{share:.3f}", file=sys.stderr, flush=True)
+            return
         if not sys.stderr.isatty() or time.monotonic() - self.start < 1.0:
             return
         full = round(share * self.CELLS)

@@ -65,6 +65,7 @@ class Open(NamedTuple):
     participant: str
     resume: bool = False
     blind: bool = False  # the console too
+    form: dict[str, str | float] = {}  # noqa: RUF012  (never changed) what the protocol asks of a new participant
 
 
 class Practice(NamedTuple):

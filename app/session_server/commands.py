@@ -12,7 +12,7 @@ from app.session_server.session_progress import SessionProgress
 from app.session_server.state import State
 from app.session_server.steps import ended_by
 from core.files import InputError
-from experiments.plan import PlannedTrial
+from experiments.plan import PlannedTrial, counted
 from experiments.session.files import other_protocol
 from experiments.session.journal import NOTE, PAUSED, RESUMED_AFTER_PAUSE
 from experiments.session.session import Session
@@ -60,15 +60,21 @@ def _open(state: State, command: m.Open) -> None:
     else:
         person, blind = person_at(setup, state.protocol, name), command.blind or None
         operators = load_population().operators if person else None
-        session = Session(setup.data_dir, name, state.protocol, person, setup.sync, blind, hand, operators)
+        session = Session(
+            setup.data_dir, name, state.protocol, person, setup.sync, blind, hand, operators, command.form
+        )
     try:
         state.storage.take(SessionProgress(session, state.device))
     except BaseException:
         session.close()
         raise
     left, whole = len(session.plan) - session.settled, len(session.plan)
-    which = "all" if left in (0, whole) else f"{left} of"
-    said = [f"Participant {name}: {which} {whole} trials are {'to come' if left else 'over'}."]
+    if not left:
+        said = [f"Participant {name}: all {counted(whole, 'trial')} are done."]
+    elif left == whole:
+        said = [f"Participant {name}: {counted(whole, 'trial')} to run."]
+    else:
+        said = [f"Participant {name}: {left} of {counted(whole, 'trial')} left."]
     said.append(done_without(setup, session.protocol))
     if other := other_protocol(setup.data_dir, name, session.protocol):
         said.append(f"Their protocol is not the one of participant {other}: file, devices or options have changed.")
@@ -81,7 +87,10 @@ def _wrong_hand(state: State, session: Session) -> str:
     if session.hand == state.device.hand:
         return ""
     begun = HANDS.get(session.hand, f"{session.hand!r}, an unknown hand")  # session.json was edited
-    return f"It was begun with {begun}, this is {HANDS[state.device.hand]}: no trials, for they would not compare."
+    return (
+        f"This session was begun with {begun}, and now there is {HANDS[state.device.hand]}. No trials can be run, "
+        "because they could not be compared with the earlier ones."
+    )
 
 
 def _leave(state: State, _: m.Leave) -> None:

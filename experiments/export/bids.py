@@ -12,6 +12,7 @@ a number, its words are in _motion.json. The file names say device and run, neve
 
 import csv
 import re
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +21,7 @@ import numpy as np
 
 from experiments.analysis.metrics import SAMPLE_RATE_HZ
 from experiments.analysis.trials_table import COLUMNS, DICTIONARY, STATUSES, TrialRow, table_bytes
-from experiments.export.answers import answers_and_notes, write_phenotype
+from experiments.export.answers import Form, answers_and_notes, forms_of, write_phenotype
 from experiments.export.columns import PHASE_LEVELS, recording_column
 from experiments.export.files import Exported, ExportedTrial, write_columns, write_json, write_rows
 from experiments.recording.schema import Recording
@@ -69,6 +70,9 @@ class _Channel(NamedTuple):
     description: str = ""
 
 
+_PERSON = ("participant_id", "species", "age", "sex", "handedness")  # BIDS's own columns; a form may fill them
+
+
 class BidsDataset:
     """A BIDS export in a folder that exists and is empty."""
 
@@ -99,9 +103,14 @@ class BidsDataset:
         for (subject, session), lines in self._scans.items():
             place = self.folder / subject / session / f"{subject}_{session}_scans.tsv"
             write_rows(place, [["filename", "acq_time", *_SCANNED], *lines])
-        people = [[subject, *[MISSING] * 4, hand] for subject, hand in self._hands.items()]
-        header = ["participant_id", "species", "age", "sex", "handedness", "hand"]
-        write_rows(self.folder / "participants.tsv", [header, *people])
+        forms = {f"sub-{form.participant}": form for form in forms_of(exported.sessions)}
+        asked = {name: kind for form in forms.values() for name, kind in form.asked.items()}
+        header = [*_PERSON, *(name for name in asked if name not in _PERSON), "hand"]
+        write_rows(self.folder / "participants.tsv", [
+            header,
+            *([subject, *(_answer(forms.get(subject), name) for name in header[1:-1]), hand]
+              for subject, hand in self._hands.items()),
+        ])  # fmt: skip
         answers = answers_and_notes(exported.sessions).answers
         write_phenotype(self.folder, [a for a in answers if f"sub-{a.participant}" in self._hands])
         levels = {name: one.meaning for name, one in INPUTS.items() if name in self._hands.values()}
@@ -109,7 +118,7 @@ class BidsDataset:
         phd = version_of("phd")
         about = {
             "scans.json": {name: _scan_column(name) for name in _SCANNED},
-            "participants.json": {"hand": hand},
+            "participants.json": {name: _asked(kind) for name, kind in asked.items()} | {"hand": hand},
             f"task-{TASK}_events.json": {
                 "trial_type": {"Description": "phase of the trial", "Levels": PHASE_LEVELS},
                 "StimulusPresentation": {"SoftwareName": "phd", "SoftwareVersion": phd},
@@ -125,6 +134,17 @@ class BidsDataset:
         for name, content in about.items():
             write_json(self.folder / name, content)
         (self.folder / "README.md").write_bytes(exported.readme(_README))
+
+
+def _answer(form: Form | None, name: str) -> str:
+    answer = form.answers.get(name, MISSING) if form else MISSING
+    return f"{answer:g}" if isinstance(answer, float) else str(answer)
+
+
+def _asked(kind: Sequence[str] | str) -> dict[str, Any]:
+    """The description of a column that the protocol's form asks for. kind: as in `Protocol.form`."""
+    levels = {} if isinstance(kind, str) else {"Levels": {choice: choice for choice in kind}}
+    return {"Description": "asked of each participant before the session", **levels}
 
 
 def _channels(trial: ExportedTrial) -> tuple[list[_Channel], dict[str, np.ndarray]]:

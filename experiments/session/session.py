@@ -8,6 +8,7 @@ import contextlib
 import importlib.metadata
 import json
 import platform
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -87,16 +88,19 @@ class Session:
         blind: bool | None = None,
         hand: str = "mouse",
         operators: Operators | None = None,
+        form: Mapping[str, str | float] | None = None,
     ) -> None:
         """Create the folder and store the plan. person: a simulated operator; None: a hand at the mouse or device.
 
         blind: whether the controllers stand as codes (None: as in the protocol; a simulated operator's never do).
         sync = False leaves it to the system when data reach the disk (simulated studies: they can be run again).
         hand: what moves the handle where it is no simulated operator. operators: the population of the person.
+        form: what the participant answered of what the protocol asks.
         InputError if the session exists, is none of the protocol's, or the folder cannot be made.
         """
         if person is None:
             protocol.refuse_stranger(participant)
+        protocol.refuse_answers(form or {})
         is_blind = (protocol.blind and person is None) if blind is None else blind
         plan = make_plan(protocol, participant, is_blind)
         refuse_existing(data_dir, participant)
@@ -119,6 +123,7 @@ class Session:
             if self.blind:
                 self._key = new_key(protocol.controllers)
             about = self._about(write_key(self.folder, self._key, sync) if self.blind else "")
+            about |= {"form": dict(form)} if form else {}
             write_new_file(self.folder / STORED, json.dumps(about, indent=1, sort_keys=True).encode() + b"\n", sync)
             self.journal(events.CREATED, plan=self.plan_sha256)
         except BaseException:
