@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 from app.ipc import messages as m
 from app.window.keys import Key
 from app.window.painting import theme
-from app.window.painting.labels import KeyButton, breakable, line
+from app.window.painting.labels import KeyButton, breakable, line, word
 from app.window.plan_grid import newest_rows
 from app.window.words import clock
 from experiments.analysis.trials_table import COUNTED
@@ -38,6 +38,7 @@ class Card(QFrame):
 
     def __init__(self, title: str, text: str, parent: QWidget) -> None:
         super().__init__(parent, objectName="card")
+        self.wide = WIDTH_PX  # where there is room
         self.title, self.text = line(title, size=theme.HEAD, bold=True), line(breakable(text), "quiet")
         self.text.setVisible(bool(text))
         self.inside = QVBoxLayout(self)
@@ -70,7 +71,7 @@ class Card(QFrame):
     def place(self) -> None:
         """Into the middle of the parent."""
         parent = self.parentWidget()
-        self.setFixedWidth(min(WIDTH_PX, max(parent.width() - 2 * theme.GAP, 280)))
+        self.setFixedWidth(min(self.wide, max(parent.width() - 2 * theme.GAP, 280)))
         height = self.heightForWidth(self.width()) if self.hasHeightForWidth() else self.sizeHint().height()
         self.setFixedHeight(min(max(height, self.minimumSizeHint().height()), max(parent.height() - 8, 120)))
         self.move((parent.width() - self.width()) // 2, max((parent.height() - self.height()) // 2, 4))
@@ -249,11 +250,14 @@ class Cards:
         """All keys of the windows."""
         self.leave()
         card = Notice("Keys", "", [("Close  Enter", self.leave)], self._parent)
+        card.wide = 2 * WIDTH_PX
         grid = QGridLayout()
-        grid.setHorizontalSpacing(18)
-        for row, key in enumerate(keys.values()):
-            grid.addWidget(line(" or ".join(key.keys), bold=True), row, 0)
-            grid.addWidget(line(key.does, "quiet"), row, 1)
+        grid.setHorizontalSpacing(14)
+        half = -(-len(keys) // 2)
+        for place, key in enumerate(keys.values()):
+            column, row = divmod(place, half)
+            grid.addWidget(word(" or ".join(key.keys), bold=True), row, 2 * column)
+            grid.addWidget(word(key.does, "quiet"), row, 2 * column + 1)
         card.inside.insertLayout(2, grid)
         self._question = card
         card.appear()
