@@ -336,6 +336,7 @@ class Centre(QWidget):
         self.workspace.view.setMouseTracking(True)
         self.workspace.view.installEventFilter(self)
         self._layout.addWidget(self.workspace, 1)
+        self.workspace.show()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """The pointer over the workspace is the hand."""
