@@ -17,7 +17,7 @@ from app.ipc import messages as m
 from app.ipc.client import Client
 from app.window.cards import Cards
 from app.window.keys import KEYS, bind
-from app.window.page import HOME, RUN, Page
+from app.window.page import ANALYSE, HOME, RUN, Page
 from app.window.painting import theme
 from app.window.painting.labels import OneLine, breakable, line, word
 from app.window.preflight import Preflight
@@ -27,6 +27,7 @@ from app.window.words import grouped, size
 PAGES = {
     HOME: ("home_page", "HomePage"),
     RUN: ("run_page", "RunPage"),
+    ANALYSE: ("analyse_page", "AnalysePage"),
 }
 SMALLEST = (1024, 600)
 LARGEST = (1920, 1080)

@@ -202,7 +202,7 @@ class Windows(QObject):
 
 def load_statistics() -> None:
     """The statistics of the results take a second and a half to import."""
-    import app.window.box_plot  # noqa: F401
+    import app.window.analyse_page  # noqa: F401
 
     gc.collect()
     gc.freeze()  # else looking through all that was imported holds a frame for 50 ms now and then

@@ -153,7 +153,7 @@ def test_a_session_without_its_key_does_not_go_on_and_verify_says_so(data):
     content = path.read_bytes()
     path.unlink()
     assert [fault["file"] for fault in verify(data)["faults"]] == ["sub-01/ses-01/key.json"]
-    with pytest.raises(InputError, match="the key cannot be read"):
+    with pytest.raises(InputError, match="key.json: cannot be read"):
         Session.resume(data, "01", sync=False)
     path.write_bytes(content.replace(b'"K1"', b'"K9"'))
     assert "was changed" in verify(data)["faults"][0]["fault"]

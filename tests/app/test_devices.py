@@ -79,7 +79,7 @@ def test_rights_that_are_missing_come_with_what_to_type(nothing, tmp_path: Path)
 
 
 def test_a_dead_port_says_that_no_board_answers(nothing, dead_port: str, capsys: pytest.CaptureFixture) -> None:
-    nothing.setattr(discovery, "HELLO_S", 0.3)
+    nothing.setattr("hardware.serial_device.HELLO_S", 0.3)
     code, out = said(capsys, "--port", dead_port)
     assert code == 1 and out.splitlines() == [f"board           {dead_port}  no board answers there"]
 
@@ -92,7 +92,7 @@ def at_ports(_folder: Path, ports: list[str]) -> list:
 def test_the_doctor_says_what_to_do_about_a_port_at_which_nobody_is(
     nothing, dead_port: str, capsys: pytest.CaptureFixture
 ) -> None:
-    nothing.setattr(discovery, "HELLO_S", 0.3)
+    nothing.setattr("hardware.serial_device.HELLO_S", 0.3)
     nothing.setattr(doctor, "examine", at_ports)
     assert main(["doctor", "--port", dead_port]) == 1
     out = capsys.readouterr().out
@@ -134,7 +134,7 @@ def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
         [sys.executable, "-m", "app.cli", "emulate", "--device", "three-brake", "--seed", "9"],
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
     )  # fmt: skip
-    monkeypatch.setattr(discovery, "HELLO_S", 60.0)
+    monkeypatch.setattr("hardware.serial_device.HELLO_S", 60.0)
     try:
         assert emulated.stdout is not None
         port = emulated.stdout.readline().strip()

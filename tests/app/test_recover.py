@@ -1,6 +1,7 @@
 """`phd recover` keeps every whole batch of what a crash left, says what it was, and throws nothing away."""
 
 import json
+import operator
 import os
 import shutil
 from dataclasses import replace
@@ -122,23 +123,22 @@ def test_a_trial_that_was_closed_before_the_crash_counts_as_it_ended(tmp_path):
     assert (tmp_path / "killed" / table).read_bytes() == (tmp_path / "not" / table).read_bytes()
 
 
-@pytest.mark.parametrize("step", ["save_as_parquet", "set_aside", "append_row", "write_event"])
+@pytest.mark.parametrize("step", ["save_as_parquet", "set_aside", "append_row", "journal.write_event"])
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_a_crash_while_recovering_is_recovered_from(data, monkeypatch, step, when):
     class Killed(BaseException):
         pass
 
-    real = getattr(recovery, step)
+    real = operator.attrgetter(step)(recovery)
 
     def kill(*arguments, **options):
         if when == "after":
             real(*arguments, **options)
         raise Killed
 
-    monkeypatch.setattr(recovery, step, kill)
-    with pytest.raises(Killed):
+    with monkeypatch.context() as patch, pytest.raises(Killed):
+        patch.setattr(f"experiments.session.{'' if '.' in step else 'recover.'}{step}", kill)
         recover(data)
-    monkeypatch.setattr(recovery, step, real)
     assert not recover(data)["faults"]
     rows = read_table(of(data) / "trials.csv")
     assert [(row.run, row.status) for row in rows][2:] == [(3, "recovered")]
