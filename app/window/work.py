@@ -1,4 +1,4 @@
-"""Work beside the window: a function in a thread, of which only the newest result is shown; a replay in a process."""
+"""Work beside the window: a function in a thread, of which only the newest result is shown; verbs in processes."""
 
 import json
 import shutil
@@ -13,6 +13,7 @@ import numpy as np
 from PySide6.QtCore import QObject, Signal
 
 from app.ipc.process import start_python
+from app.progress import PROGRESS
 from core.files import InputError
 from experiments.session.playback import errors, replayed_ticks
 
@@ -57,6 +58,40 @@ class Work(QObject):
         if number == self._newest:
             self._newest = abs(number)
             self.done.emit(result)
+
+
+class Verb(Work):
+    """A verb of `phd` in a process of its own; its result is what it prints."""
+
+    progressed = Signal(float)  # the share done
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._process: subprocess.Popen | None = None
+
+    def begin(self, *arguments: str) -> None:
+        """Run it."""
+        self.ask(self._through, arguments)
+
+    def stop(self) -> None:
+        """End it; what it had begun to write is removed by itself."""
+        if self._process is not None:
+            self._process.terminate()
+
+    def _through(self, arguments: tuple[str, ...]) -> str:
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        self._process = start_python("app.cli", *arguments, environment={PROGRESS: "lines"}, **pipes)
+        trouble = ""
+        for said in self._process.stderr:
+            share = said.removeprefix(f"{PROGRESS} ")
+            if share != said:
+                self.progressed.emit(float(share))
+            else:
+                trouble = said.strip() or trouble
+        text = self._process.communicate()[0]
+        if not text:
+            raise InputError(trouble or "it was ended early")
+        return text
 
 
 class Replayed(NamedTuple):
