@@ -57,7 +57,7 @@ class Background(QObject):
 
 
 class Verb(QObject):
-    """A verb of `phd` in a process of its own, one at a time."""
+    """A verb of `phd`, or another module, in a process of its own, one at a time."""
 
     progressed = Signal(float)  # the share done
     ended = Signal(str)  # why it failed; "": it did not
@@ -75,18 +75,32 @@ class Verb(QObject):
         """Whether one runs."""
         return self._process.state() != QProcess.ProcessState.NotRunning
 
-    def start(self, *arguments: str) -> None:
-        """Begin; a signal tells the end."""
+    @property
+    def output(self) -> bytes:
+        """What it has printed since this was last asked."""
+        return bytes(self._process.readAllStandardOutput().data())
+
+    @property
+    def process_id(self) -> int:
+        """Of the process that runs."""
+        return self._process.processId()
+
+    def start(self, *arguments: str, module: str = "app.cli", given: bytes = b"") -> None:
+        """Begin; a signal tells the end. given: what it reads from its standard input."""
         self._said = ""
         environment = QProcessEnvironment.systemEnvironment()
         environment.insert(PROGRESS, "lines")
         environment.insert("PYTHONPATH", f"{ROOT}{os.pathsep}{environment.value('PYTHONPATH')}")
         self._process.setProcessEnvironment(environment)
-        self._process.start(sys.executable, ["-m", "app.cli", *arguments])
+        self._process.start(sys.executable, ["-m", module, *arguments])
+        self._process.write(given)
+        self._process.closeWriteChannel()
 
-    def cancel(self) -> None:
-        """Stop it: what it had begun to write is removed by itself."""
+    def cancel(self, wait: bool = False) -> None:
+        """Stop it: what it had begun to write is removed by itself. wait: until it has ended."""
         self._process.terminate()
+        if wait and self.busy:
+            self._process.waitForFinished()
 
     def _listen(self) -> None:
         while self._process.canReadLine():
