@@ -127,7 +127,7 @@ def _sentence(message: str, content: dict[str, Any]) -> str:
     if found := _INVALID.match(reason):
         return f"{key} {found[1]!r} is not known"
     if found := _LENGTH.match(reason):
-        return f"{key} must hold {found[1]} values, not {len(_value(content, key))}"
+        return f"{key} must hold {found[1]} value{'s' if found[1] != '1' else ''}, not {len(_value(content, key))}"
     return f"{key}: {reason}" if key else reason
 
 

@@ -23,13 +23,13 @@ from PySide6.QtWidgets import (
 )
 
 from app.ipc import messages as m
-from app.window.background import Background, Verb
 from app.window.box_plot import ChartPlot, trial_of
 from app.window.flow import Flow
 from app.window.page import Page
 from app.window.painting import theme
 from app.window.painting.labels import OneLine, line, word
 from app.window.trial_view import TrialView
+from app.window.work import Verb, Work
 from core.files import InputError
 from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED, View, charts, left_out
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS
@@ -161,7 +161,7 @@ class AnalysePage(Page):
         self.page = POOLED
         self._asked: Path | None = None  # a folder, in place of the open session's
         self._folder = Path()  # that is shown or being read
-        self._background = Background(self)
+        self._reading, self._opening, self._concluding = Work(), Work(), Work()
         self.tabs: dict[str, QPushButton] = {}
         self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
         self.timeouts, self.logarithmic = (
@@ -176,6 +176,9 @@ class AnalysePage(Page):
         self.plots = [ChartPlot() for _ in range(3)]
         self.empty, self.verdicts, self.stack = line("", "quiet", theme.TITLE), Verdicts(), QStackedWidget()
         self.side = TrialView()
+        self._reading.done.connect(self._show_results)
+        self._concluding.done.connect(self.verdicts.show_conclusions)
+        self._opening.done.connect(self.side.show_trial)
         self.side.closed.connect(self.close_trial)
         self.side.stepped.connect(self.step)
         for plot in self.plots:
@@ -190,10 +193,10 @@ class AnalysePage(Page):
         self.folder_button.clicked.connect(
             lambda: QDesktopServices.openUrl(QUrl.fromLocalFile(str(self._job.folder)))
         )
-        self._export, self._cancelled = Verb(self), False
+        self._export, self._cancelled = Verb(), False
         self._job: Job | None = None  # the newest
         self._export.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
-        self._export.ended.connect(self._exported)
+        self._export.done.connect(self._exported)
         self.cancel_button.clicked.connect(self.cancel_export)
         QApplication.instance().aboutToQuit.connect(self.cancel_export)
         self._lay_out()
@@ -296,7 +299,7 @@ class AnalysePage(Page):
             self.results = None
             self._show_empty(f"Reading {folder} …")
         self._folder = folder
-        self._background.ask("results", lambda: read_results(folder), self._show_results)
+        self._reading.ask(read_results, folder)
 
     def _show_results(self, results: Results | InputError) -> None:
         if isinstance(results, InputError):
@@ -360,8 +363,7 @@ class AnalysePage(Page):
         elif self.page == FINDINGS:
             self.stack.setCurrentWidget(self.verdicts)
             self.verdicts.show_conclusions(None)
-            asked = rows, results.controllers, self.timeouts.isChecked()
-            self._background.ask("findings", lambda: conclude(*asked), self.verdicts.show_conclusions)
+            self._concluding.ask(conclude, rows, results.controllers, self.timeouts.isChecked())
         else:
             self._show_charts(rows)
         self._make_room()
@@ -415,7 +417,7 @@ class AnalysePage(Page):
         self._make_room()
 
     def _open(self, recording: Path) -> None:
-        self._background.ask("trial", lambda: read_playback(recording), self.side.show_trial)
+        self._opening.ask(read_playback, recording)
         self.side.show()
         self._make_room()
 
@@ -450,21 +452,21 @@ class AnalysePage(Page):
         self._job = Job(page, rows, answers, self.view, results.note, results.folder, tuple(sessions), folder, report)
         self._show_busy(True)
         self._cancelled = False
-        self._export.start(module="app.window.export", given=pickle.dumps(self._job))
+        self._export.begin(module="app.window.export", given=pickle.dumps(self._job))
 
     def cancel_export(self) -> None:
         """Stop now; nothing is left behind."""
         self._cancelled = True
-        self._export.cancel(wait=True)
+        self._export.stop(wait=True)
 
-    def _exported(self, why: str) -> None:
+    def _exported(self, end: str | InputError) -> None:
         folder = self._job.folder
         done = folder.exists()
         if not done:  # killed: what it had begun is removed in its place
             shutil.rmtree(self._job.partial, ignore_errors=True)
         self._show_busy(False)
-        failed = CANCELLED if self._cancelled else f"Nothing was written: {why}"
-        self.message.setText(f"{count_of(len(list(folder.iterdir())), 'file')} written to {folder}" if done else failed)
+        failed = CANCELLED if self._cancelled else f"Nothing was written: {end}"
+        self.message.setText(str(end) if done else failed)
         theme.name_anew(self.message, "good" if done else "caution")
         self.folder_button.setVisible(done)
 

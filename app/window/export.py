@@ -12,20 +12,16 @@ from experiments.export.results_files import write_results
 NICE = 10  # behind everything that keeps time
 
 
-def main() -> int:
-    """Write the files; the exit code."""
+def main() -> None:
+    """Write the files; how many of them stands on standard output."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # let half-written files be removed
     if hasattr(os, "nice"):
         os.nice(NICE)
     job = pickle.load(sys.stdin.buffer)
     try:
         with Progress("writing") as progress:
-            write_results(job, progress)
+            count = write_results(job, progress)
     except InputError as error:
         print(error, file=sys.stderr)
-        return 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    else:
+        print(f"{count} file{'s' if count != 1 else ''} written to {job.folder}")

@@ -14,7 +14,6 @@ from PySide6.QtCore import QMarginsF, Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
-from app.window.background import Background, Verb
 from app.window.box_plot import colour_of
 from app.window.painting import theme
 from app.window.painting.labels import Choice, OneLine, line, word
@@ -22,6 +21,7 @@ from app.window.painting.layers import extent_of_paths
 from app.window.painting.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
 from app.window.painting.theme import show_whole
 from app.window.trial_traces import BESIDE, TrialTraces
+from app.window.work import Verb, Work
 from core import tick_log
 from core.files import InputError
 from experiments.analysis.metrics import BY_NAME, DRAWN, METRICS
@@ -76,10 +76,10 @@ class TrialView(QFrame):
         self.speed.setCurrentIndex(SPEEDS.index(1.0))
         self.beside.setToolTip("The recorded hand, simulated through another controller")
         self.beside.activated.connect(lambda index: self.compare(self.beside.itemData(index)))
-        self.replay, self._background = Verb(self), Background(self)
-        self.replay.ended.connect(self._replayed)
-        self._wanted = self._running = 0  # the controller whose replay is wanted, and the one that runs; 0: none
-        self._folder = tempfile.TemporaryDirectory(prefix="phd-")  # of the replayed ticks
+        self.replay, self._reading = Verb(), Work()
+        self.replay.done.connect(self._replayed)
+        self._reading.done.connect(self._show_beside)
+        self._folder: tempfile.TemporaryDirectory | None = None  # of the replayed ticks
         self.steps = [QPushButton(text, objectName="small") for text in ("‹", "›", "×")]
         for button, tip in zip(self.steps, ("The trial before", "The next trial", "Close"), strict=True):
             button.setToolTip(tip)
@@ -251,31 +251,28 @@ class TrialView(QFrame):
 
     def compare(self, controller: int) -> None:
         """Show the hand through this controller of the protocol beside the trial; 0: nothing."""
-        self._wanted = controller
+        self._forget_replay()
         self._show_beside(None)
         self.note_that("The recorded hand is being simulated …" if controller else "")
-        if self.replay.busy:
-            self.replay.cancel()  # its end begins the one that is wanted
-        elif controller:
-            self._running = controller
-            table = self._table
-            table.unlink(missing_ok=True)
-            arguments = ("--controller", str(controller), "--out", str(table), "--json")
-            self.replay.start("replay", str(self.trial.path), *arguments)
+        if controller:
+            self._folder = tempfile.TemporaryDirectory(prefix="phd-replay-")
+            asked = ("--controller", str(controller), "--out", str(self._table), "--json")
+            self.replay.begin("replay", str(self.trial.path), *asked)
 
     @property
     def _table(self) -> Path:
         return Path(self._folder.name) / "ticks.csv"
 
-    def _replayed(self, why: str) -> None:
-        summary, ran = self.replay.output, self._running
-        self._running = 0
-        if self._wanted != ran:
-            self.compare(self._wanted)
-        elif why:
-            self.note_that(why, bad=True)
+    def _replayed(self, summary: str | InputError) -> None:
+        if isinstance(summary, InputError):
+            self._show_beside(summary)
         else:
-            self._background.ask("beside", lambda: read_beside(self._table, summary), self._show_beside)
+            self._reading.ask(read_beside, self._table, summary)
+
+    def _forget_replay(self) -> None:
+        for work in (self.replay, self._reading):
+            work.forget()
+        self.replay.stop()
 
     def _show_beside(self, other: Beside | InputError | None) -> None:
         if isinstance(other, InputError):
@@ -285,8 +282,7 @@ class TrialView(QFrame):
         self.beside_measures.setVisible(other is not None)
         tips = np.empty((0, 2))
         if other is not None:
-            name = self.trial.controllers[self._wanted]
-            self.beside_measures.setText(f"{measured(other.metrics)} · {other.status} · {name}")
+            self.beside_measures.setText(f"{measured(other.metrics)} · {other.status} · {self.beside.currentText()}")
             self.note_that(other.text)
             tips = other.ticks[:, (tick_log.TIP_X, tick_log.TIP_Y)]
         self.workspace.view.show_beside(tips, BESIDE)
@@ -314,9 +310,7 @@ class TrialView(QFrame):
     def end(self) -> None:
         """Nothing plays, nothing is computed."""
         self._stop()
-        self._wanted = 0
-        self._background.forget("beside")
-        self.replay.cancel()
+        self._forget_replay()
 
 
 class TrialWindow(QWidget):

@@ -137,7 +137,7 @@ class Beside(NamedTuple):
     text: str  # how it is to be read
 
 
-def read_beside(path: Path, summary: bytes) -> Beside:
+def read_beside(path: Path, summary: str) -> Beside:
     """A replay from the table that `phd replay --out` has written and the summary that it has printed."""
     about, ticks = json.loads(summary), _replayed_ticks(path)
     metrics = {name: change["after"] for name, change in about["metrics"].items()}

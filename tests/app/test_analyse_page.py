@@ -1,7 +1,6 @@
 """The page Analyse: points that can be read and opened, filters, timeouts above the scale, an export that is whole."""
 
 import os
-import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -241,12 +240,12 @@ def test_an_export_that_does_not_end_leaves_nothing(qtbot, data: Path, end: str)
     partial = data / "results-1.partial"
     qtbot.waitUntil(partial.exists, timeout=120_000)
     if end == "killed":
-        os.kill(page._export.process_id, signal.SIGKILL)
+        page._export._process.kill()
     elif end == "cancelled":
         QTest.mouseClick(page.cancel_button, Qt.MouseButton.LeftButton)
     else:
         page.close()
-        assert not page._export.busy
+        assert page._export._process.poll() is not None
     said = "Nothing was written" if end == "killed" else "cancelled"
     qtbot.waitUntil(lambda: said in page.message.text(), timeout=60_000)
     assert sorted(data.iterdir()) == before and not page.cancel_button.isVisibleTo(page)

@@ -1,0 +1,100 @@
+"""Work beside the window: a function in a thread, of which only the newest result is shown; verbs in processes."""
+
+import contextlib
+import subprocess
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from PySide6.QtCore import QObject, Signal
+
+from app.ipc.process import start_python
+from app.progress import PROGRESS
+from core.files import InputError
+
+
+class Work(QObject):
+    """One thing at a time is asked for; what was asked before is dropped when it comes.
+
+    It has no parent: a thread that outlives its page may still emit.
+    """
+
+    done = Signal(object)  # the result, or the InputError that says why there is none
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._newest = 0
+        self._came.connect(self._emit)
+
+    _came = Signal(int, object)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a result is still to come."""
+        return self._newest < 0
+
+    def ask(self, function: Callable[..., Any], *arguments: Any) -> None:
+        """Call it in a thread."""
+        self._newest = -abs(self._newest) - 1
+        threading.Thread(target=self._run, args=(self._newest, function, arguments), daemon=True).start()
+
+    def forget(self) -> None:
+        """Nothing that was asked is wanted any more."""
+        self._newest = abs(self._newest) + 1
+
+    def _run(self, number: int, function: Callable[..., Any], arguments: tuple) -> None:
+        try:
+            result = function(*arguments)
+        except InputError as error:
+            result = error
+        self._came.emit(number, result)
+
+    def _emit(self, number: int, result: object) -> None:
+        if number == self._newest:
+            self._newest = abs(number)
+            self.done.emit(result)
+
+
+class Verb(Work):
+    """A verb of `phd`, or another module's `main`, in a process of its own; its result is what it prints."""
+
+    progressed = Signal(float)  # the share done
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._process: subprocess.Popen | None = None
+        self._stopped = False
+
+    def begin(self, *arguments: str, module: str = "app.cli", given: bytes = b"") -> None:
+        """Run it. given: what it reads from its standard input."""
+        self._stopped = False
+        self.ask(self._through, arguments, module, given)
+
+    def stop(self, wait: bool = False) -> None:
+        """End it; what it had begun to write is removed by itself. wait: until that has been done."""
+        self._stopped = True
+        if self._process is not None:
+            self._process.terminate()
+            if wait:
+                self._process.wait()
+
+    def _through(self, arguments: tuple[str, ...], module: str, given: bytes) -> str:
+        pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        self._process = process = start_python(module, *arguments, environment={PROGRESS: "lines"}, **pipes)
+        if self._stopped:
+            process.terminate()
+        text = trouble = ""
+        with process, contextlib.suppress(BrokenPipeError):  # it has ended already: there is nothing that it prints
+            process.stdin.write(given)
+            process.stdin.close()
+            for line in process.stderr:
+                said = line.decode(errors="replace")
+                share = said.removeprefix(f"{PROGRESS} ")
+                if share != said:
+                    self.progressed.emit(float(share))
+                else:
+                    trouble = said.strip() or trouble
+            text = process.stdout.read().decode()
+        if not text:
+            raise InputError(trouble or "it was ended early")
+        return text
