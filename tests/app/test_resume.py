@@ -25,7 +25,7 @@ class Killed(BaseException):
 
 def kill_in_run(monkeypatch, run: int, participant: str = "01") -> None:
     """The study dies in the middle of this run."""
-    real = studies._Run._run_ticks
+    real = studies.Run.run_ticks
 
     def run_ticks(self, trial, writer):
         if trial.planned.run == run and writer.path.parts[-4] == f"sub-{participant}":
@@ -33,7 +33,7 @@ def kill_in_run(monkeypatch, run: int, participant: str = "01") -> None:
             raise Killed
         real(self, trial, writer)
 
-    monkeypatch.setattr(studies._Run, "_run_ticks", run_ticks)
+    monkeypatch.setattr(studies.Run, "run_ticks", run_ticks)
 
 
 def high():
