@@ -24,8 +24,8 @@ from PySide6.QtWidgets import (
 )  # fmt: skip
 
 from app.ipc import messages as m
-from app.window.bench_page import DevicePage
 from app.window.data_panel import DataPanel, Recent
+from app.window.device_page import DevicePage
 from app.window.page import RUN, TRY, Page
 from app.window.painting import theme
 from app.window.painting.labels import Choice, OneLine, breakable, line, word
