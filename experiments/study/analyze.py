@@ -67,7 +67,7 @@ def analyze(
     out: Path | None = None,
     unblind: str = "",
     timeouts: bool = False,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> dict:
     """Write trials.csv, the figures and the report into a new folder (default DIR/analysis-N); the summary.
 
@@ -94,8 +94,7 @@ def analyze(
             for path in paths:
                 rows += read_one(path, folder, out, journal, found)
                 done += 1
-                if progress:
-                    progress(done / recordings)
+                progress(done / recordings)
             rows += rows_without_recording(session, journal)
             found.rows += sorted(rows, key=lambda row: row.run)
         write_table(out / "trials.csv", found.rows)
