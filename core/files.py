@@ -78,12 +78,6 @@ def read_toml(path: Path, kind: type[T]) -> tuple[T, str]:
     return parse_toml(text, kind, str(path)), text
 
 
-def one_of(value: str, choices: tuple[str, ...], key: str) -> None:
-    """For `__post_init__` of a table: a ValueError (it becomes the file's InputError) unless value is a choice."""
-    if value not in choices:
-        raise ValueError(f"{key} must be one of {', '.join(choices)}, not {value!r}")
-
-
 def text_of_form(pattern: str, words: str) -> msgspec.Meta:
     """For `Annotated[str, ..]`: text that matches the whole pattern; a refusal says that it must be `words`."""
     whole = rf"^(?:{pattern})\Z"

@@ -29,14 +29,13 @@ import numpy as np
 
 from core import tick_log
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
-from core.control.rule_sets import RULE_SETS
 from core.device import Device
-from core.files import InputError, Table, one_of, parse_toml, read_text
+from core.files import InputError, Table, choice, parse_toml, read_text
 from core.path import PathFile, build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import NO_METRICS, Metrics, trial_metrics
 from experiments.plan import PlannedTrial
-from experiments.protocol import PARAMETER_TYPES, Count, Text, TrialRules, load_protocol, plain_text
+from experiments.protocol import PARAMETER_TYPES, Count, Rules, Text, TrialRules, load_protocol, plain_text
 from experiments.recording.atomic_files import give_new_name, make_empty_folder, written_beside
 from experiments.recording.schema import recording_of
 from experiments.session.files import LOCK, hold_lock
@@ -51,10 +50,9 @@ MOST_JOBS = 1_000_000
 class _SweptKind(Table, frozen=True):
     """What every swept controller has."""
 
-    kind: str
+    kind: Annotated[str, choice(*ALGORITHMS)]
 
     def __post_init__(self) -> None:
-        one_of(self.kind, tuple(ALGORITHMS), "kind")
         self.presets()
 
     def presets(self) -> list[Preset]:
@@ -84,12 +82,10 @@ class SweepFile(Table, frozen=True):
     seed: Annotated[int, msgspec.Meta(ge=0)] = 1
     populations: Names = ("average",)
     devices: Names | None = None
-    rules: Names | None = None
+    rules: Annotated[tuple[Rules, ...], msgspec.Meta(min_length=1)] | None = None
 
     def __post_init__(self) -> None:
         plain_text(self.name, "name")
-        for one in self.rules or ():
-            one_of(one, tuple(RULE_SETS), "rules")
         for key in ("populations", "devices", "rules"):
             values = getattr(self, key) or ()
             if len(set(values)) < len(values):

@@ -14,7 +14,7 @@ from screens import cut_texts, settle, visible_texts
 from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status
 
 from app.ipc import messages as m
-from app.window.bench_page import RECENT_S, SIMULATED, DevicePage, Recent, counters_of, quantisation, worth_a_look
+from app.window.device_page import RECENT_S, SIMULATED, DevicePage, Recent, counters_of, quantisation, worth_a_look
 from app.window.painting import theme
 
 LEFT = Qt.MouseButton.LeftButton
