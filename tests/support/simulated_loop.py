@@ -3,7 +3,6 @@
 import contextlib
 import io
 import pickle
-import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -57,7 +56,7 @@ class SimulatedLoop:
                 self._answers.append(Done(self._trial.changed()))
                 self._trial = None
                 return
-            end_early(ring.controls, arguments.run, time.monotonic_ns(), len(ring.rows))
+            end_early(ring.controls, arguments.run, int(ring.control.server_beat), len(ring.rows))  # never silent
             if not arguments.run["simulated_hand"][0]:
                 grip, phase = arguments.hand.grips[0], arguments.run["phase"][0]
                 take_aim(ring.control, grip, arguments.state[0].tip, phase, self._force_max)
