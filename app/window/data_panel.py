@@ -39,7 +39,8 @@ class Recent:
         self._kind = kind
         self._settings = QSettings() if QApplication.organizationName() else None
         kept = self._settings.value(kind, []) if self._settings else []
-        self.paths: list[str] = [kept] if isinstance(kept, str) else list(kept or [])
+        kept = [kept] if isinstance(kept, str) else kept or []  # a list of one comes back as a text
+        self.paths: list[str] = [path for path in kept if Path(path).exists()]
 
     def add(self, path: str) -> None:
         """It was used now."""

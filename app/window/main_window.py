@@ -17,7 +17,7 @@ from app.ipc import messages as m
 from app.ipc.client import Client
 from app.window.cards import Cards
 from app.window.keys import KEYS, bind
-from app.window.page import ANALYSE, HOME, RUN, Page
+from app.window.page import ANALYSE, HOME, RUN, TRY, Page
 from app.window.painting import theme
 from app.window.painting.labels import OneLine, breakable, line, word
 from app.window.preflight import Preflight
@@ -26,6 +26,7 @@ from app.window.words import grouped, size
 #: page -> its module and class; a page is made when it is first shown
 PAGES = {
     HOME: ("home_page", "HomePage"),
+    TRY: ("try_page", "TryPage"),
     RUN: ("run_page", "RunPage"),
     ANALYSE: ("analyse_page", "AnalysePage"),
 }

@@ -15,7 +15,7 @@ from sessions import new_session, run_trials
 from status_messages import ON_BENCH, WELL
 
 from app.ipc import messages as m
-from app.window.home_page import AS_PROTOCOL, BOARD, SIMULATED, HomePage
+from app.window.home_page import BOARD, SIMULATED, HomePage
 from app.window.page import ANALYSE, RUN, TRY
 from app.window.painting import theme
 from experiments.protocol import PAPER, load_protocol
@@ -117,11 +117,14 @@ def test_another_choice_starts_another_session_server_only_when_the_session_star
     page.protocol.activated.emit(page.protocol.currentIndex())
     page.hand.setCurrentIndex(page.hand.findText("Simulated operator"))
     page.hand.activated.emit(page.hand.currentIndex())
+    page.devices.setCurrentIndex(page.devices.findText("four-brake"))
+    page.devices.activated.emit(page.devices.currentIndex())
     shown.wait()
-    assert shown.setups == [] == shown.sent and page.devices.currentText() == AS_PROTOCOL
+    assert page.summary.text().startswith("1 device × ")
+    assert shown.setups == [] == shown.sent
     page.show_snapshot(before(checks=(GREEN[0], m.Check("Hand", m.BAD, "no six-axis device"), *GREEN[2:])))
     shown.click(page.start)
-    chosen = shown.setup._replace(protocol="curves", hand=m.OPERATOR)
+    chosen = shown.setup._replace(protocol="curves", hand=m.OPERATOR, devices=("four-brake",))
     assert shown.setups == [(chosen, m.Open("01"))] and shown.sent == []
     page.show_setup(chosen)
     page.show_snapshot(before())
