@@ -29,7 +29,17 @@ from app.window.painting.layers import (
     needles,
     wedge,
 )
-from app.window.painting.linkage_view import ARMS, DIRECTIONS, FIELD, LAYERS, LINKAGE, REACHABLE, TRAIL, Workspace
+from app.window.painting.linkage_view import (
+    ARMS,
+    DIRECTIONS,
+    FIELD,
+    LAYERS,
+    LINKAGE,
+    REACHABLE,
+    TRAIL,
+    WHOLE,
+    Workspace,
+)
 from app.window.painting.marks import ARROW_MOST_PX, BRAKES, HAND, arrow_of, box_at, free_side, meets
 from app.window.painting.plane import Plane
 from core import tick_log
@@ -66,6 +76,7 @@ def plane(qtbot) -> Plane:
 @pytest.fixture
 def workspace(qtbot) -> Workspace:
     workspace = shown(qtbot, Workspace((THREE, FOUR), PATHS))
+    workspace.buttons[WHOLE].setChecked(True)
     workspace.show_trial(FOUR, ALONG, TIP)
     return workspace
 
