@@ -63,6 +63,8 @@ def shown(qtbot, widget, width: int = 760, height: int = 620):
     qtbot.addWidget(widget)
     widget.resize(width, height)
     widget.show()
+    if isinstance(widget, Workspace):
+        widget.buttons[WHOLE].setChecked(True)
     return widget
 
 
@@ -76,7 +78,6 @@ def plane(qtbot) -> Plane:
 @pytest.fixture
 def workspace(qtbot) -> Workspace:
     workspace = shown(qtbot, Workspace((THREE, FOUR), PATHS))
-    workspace.buttons[WHOLE].setChecked(True)
     workspace.show_trial(FOUR, ALONG, TIP)
     return workspace
 
