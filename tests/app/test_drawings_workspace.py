@@ -382,7 +382,7 @@ def test_a_path_that_the_arms_do_not_reach_is_still_shown(qtbot) -> None:
 
 
 def test_layers_have_names_that_say_what_they_are() -> None:
-    assert tuple(LAYERS) == (FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE)
+    assert tuple(LAYERS) == (FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE, WHOLE)
     keys = [key for key, _ in LAYERS.values()]
     assert len(set(keys)) == len(keys)
 
