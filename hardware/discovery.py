@@ -100,9 +100,10 @@ class PortFound(NamedTuple):
 def look_at_ports(before: Sequence[PortFound] = (), besides: str = "") -> tuple[PortFound, ...]:
     """Every serial port on USB and every emulated board, with what answers.
 
-    before: an earlier look; what answered then is not asked again. besides: a port that is in use here, left alone.
+    before: an earlier look; no port is asked twice, for some devices start anew when their port is opened.
+    besides: a port that is in use here, left alone.
     """
-    known = {found.port: found for found in before if found.answers}
+    known = {found.port: found for found in before}
     emulated = map(str, sorted(Path(tempfile.gettempdir()).glob(f"{FOLDER}*/port")))
     ports = [*usb_ports(), *(port for port in emulated if os.access(port, os.R_OK | os.W_OK))]
     return tuple(known.get(port) or _found(port) for port in ports if port != besides)

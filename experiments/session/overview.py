@@ -21,7 +21,6 @@ class SessionOverview(NamedTuple):
     done: int  # trials of the plan that are settled
     planned: int
     changed_s: float  # s since 1970, of the newest trial
-    hand: str = ""  # what moved the handle
     problem: str = ""  # why it cannot be read, one sentence
 
     @property
@@ -83,8 +82,9 @@ def _session(folder: Path, stored: int, table: int) -> SessionOverview | None:
         about = json.loads((folder / STORED).read_text(encoding="utf-8"))
         planned = len(about["plan"])
         done = len({cell(row) for row in rows_of(folder) if row.status in SETTLED})
-        protocol, hand = str(about["protocol"]["name"]), str(about.get("hand", ""))
-        return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s, hand)
+        return SessionOverview(
+            folder, str(about["participant"]), str(about["protocol"]["name"]), done, planned, changed_s
+        )
     except InputError as error:
         problem = str(error)
     except (OSError, ValueError, KeyError, TypeError) as error:
