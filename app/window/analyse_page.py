@@ -31,7 +31,7 @@ from app.window.painting.labels import OneLine, line, word
 from app.window.trial_view import TrialView
 from app.window.work import Verb, Work
 from core.files import InputError
-from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED, View, charts, left_out
+from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED, View, charts, left_out, legend
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS
 from experiments.analysis.participants import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow
@@ -172,7 +172,8 @@ class AnalysePage(Page):
         for toggle in (self.timeouts, self.logarithmic):
             toggle.setFocusPolicy(Qt.FocusPolicy.NoFocus)
             toggle.toggled.connect(self._show)
-        self.summary, self.message = word("", "quiet"), OneLine("", "quiet")
+        self.caption, self.warning = OneLine("", "quiet"), word("", "caution", theme.SMALL)
+        self.summary, self.message = word("", "quiet", theme.SMALL), OneLine("", "quiet")
         self.plots = [ChartPlot() for _ in range(3)]
         self.empty, self.verdicts, self.stack = line("", "quiet", theme.TITLE), Verdicts(), QStackedWidget()
         self.side = TrialView()
@@ -219,8 +220,6 @@ class AnalysePage(Page):
             head.addWidget(button, 0, Qt.AlignmentFlag.AlignTop)
         for widget in (self.people, self.devices, self.statuses, self.timeouts, self.logarithmic):
             filters.addWidget(widget)
-        self.summary.setMinimumHeight(self.timeouts.sizeHint().height())
-        filters.addWidget(self.summary)
         self._charts = QWidget()
         row = QHBoxLayout(self._charts)
         row.setContentsMargins(0, 0, 0, 0)
@@ -233,6 +232,11 @@ class AnalysePage(Page):
         body.addWidget(self.stack, 1)
         body.addWidget(self.side)
         self.bar.setFixedSize(160, 8)
+        about = QHBoxLayout()
+        about.setSpacing(14)
+        about.addWidget(self.caption, 1)
+        for widget in (self.warning, self.summary):
+            about.addWidget(widget)
         foot.addWidget(self.message, 1)
         for widget in (self.folder_button, self.bar, self.cancel_button):
             foot.addWidget(widget)
@@ -242,6 +246,7 @@ class AnalysePage(Page):
         for part in (head, filters):
             layout.addLayout(part)
         layout.addLayout(body, 1)
+        layout.addLayout(about)
         layout.addLayout(foot)
 
     # what the main window hands over
@@ -317,8 +322,7 @@ class AnalysePage(Page):
         self.statuses.show_choices(
             {status: status for status in statuses}, [status for status in statuses if status not in SHOWN_FIRST]
         )
-        self.message.setText(" ".join(results.problems))
-        theme.name_anew(self.message, "caution")
+        self._tell(" ".join(results.problems), "caution")
         self._show()
 
     # what is shown
@@ -351,6 +355,8 @@ class AnalysePage(Page):
 
     def _show(self) -> None:
         results, rows = self.results, self.rows
+        self.caption.setText("")
+        self.warning.setText("")
         self.export_button.setEnabled(bool(rows) and not self._export.busy)
         self.report_button.setEnabled(bool(results and results.sessions and rows) and not self._export.busy)
         if results is None:
@@ -375,9 +381,11 @@ class AnalysePage(Page):
             self._show_empty("No questionnaire was answered in these sessions.")
             return
         self.stack.setCurrentWidget(self._charts)
-        warning = "" if self.page == QUESTIONS else left_out(rows, *self.view.timeouts_on(shown[0]))
+        self.caption.setText(" ".join(legend(shown[0], self.view)))
+        if self.page != QUESTIONS:
+            self.warning.setText(left_out(rows, *self.view.timeouts_on(shown[0])))
         for plot, chart in zip(self.plots, shown, strict=False):
-            plot.show_chart(chart, self.view, warning)
+            plot.show_chart(chart, self.view.logarithmic)
             plot.show_ring(trial_of(self.chosen))
         for plot in self.plots:
             plot.setVisible(plot in self.plots[: len(shown)])
@@ -466,9 +474,13 @@ class AnalysePage(Page):
             shutil.rmtree(self._job.partial, ignore_errors=True)
         self._show_busy(False)
         failed = CANCELLED if self._cancelled else f"Nothing was written: {end}"
-        self.message.setText(str(end) if done else failed)
-        theme.name_anew(self.message, "good" if done else "caution")
+        self._tell(str(end) if done else failed, "good" if done else "caution")
         self.folder_button.setVisible(done)
+
+    def _tell(self, text: str, look: str) -> None:
+        theme.name_anew(self.message, look)
+        self.message.setText(text)
+        self.message.setVisible(bool(text))
 
     def _show_busy(self, busy: bool) -> None:
         self.bar.setValue(0)

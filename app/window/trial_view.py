@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, Qt, QTimer, Signal
-from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
-from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtGui import QKeyEvent, QKeySequence, QResizeEvent, QShortcut
+from PySide6.QtWidgets import QApplication, QBoxLayout, QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from app.window.box_plot import colour_of
 from app.window.painting import theme
@@ -33,6 +33,7 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 STEP_S = 0.1  # of an arrow key
 NEAR_S = 0.12  # what brakes do, and the words on the workspace, are taken from the newest ticks
 STRIDE = 8  # of the ticks before: all of them would take too long
+WIDE_PX = 700  # a wider view has the curves beside the workspace, not under it
 AROUND_M = 0.03  # what is seen around the path
 LARGEST = (1280, 720)  # px, as a window of its own opens
 MEASURES = (*DRAWN, BY_NAME["duration_s"])
@@ -93,7 +94,7 @@ class TrialView(QFrame):
         self._show_playing()
 
     def _lay_out(self) -> None:
-        head, foot, self._middle = QHBoxLayout(), QHBoxLayout(), QHBoxLayout() if self._whole else QVBoxLayout()
+        head, foot, self._middle = QHBoxLayout(), QHBoxLayout(), QBoxLayout(QBoxLayout.Direction.TopToBottom)
         head.addWidget(self.dot)
         head.addWidget(self.title, 1)
         for button in self.steps:
@@ -116,6 +117,11 @@ class TrialView(QFrame):
         layout.addWidget(self.note)
         self.beside_measures.hide()
         self.note.hide()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        wide = self.width() > WIDE_PX
+        self._middle.setDirection(QBoxLayout.Direction.LeftToRight if wide else QBoxLayout.Direction.TopToBottom)
+        super().resizeEvent(event)
 
     # which trial
 
@@ -166,7 +172,7 @@ class TrialView(QFrame):
         trial = self.trial
         if self.workspace is None:
             self.workspace = Workspace((trial.device,), {1: trial.way})
-            self._middle.insertWidget(0, self.workspace, 5)
+            self._middle.insertWidget(0, self.workspace, 4)
             if not self._whole:
                 self.workspace.view.setMinimumSize(200, 110)
                 for layer in (FIELD, REACHABLE, LINKAGE):
