@@ -17,7 +17,7 @@ from app.ipc import messages as m
 from app.ipc.client import Client
 from app.window.cards import Cards
 from app.window.keys import KEYS, bind
-from app.window.page import ANALYSE, HOME, RUN, Page
+from app.window.page import ANALYSE, HOME, RUN, TRY, Page
 from app.window.painting import theme
 from app.window.painting.labels import OneLine, breakable, line, word
 from app.window.preflight import Preflight
@@ -26,6 +26,7 @@ from app.window.words import grouped, size
 #: page -> its module and class; a page is made when it is first shown
 PAGES = {
     HOME: ("home_page", "HomePage"),
+    TRY: ("try_page", "TryPage"),
     RUN: ("run_page", "RunPage"),
     ANALYSE: ("analyse_page", "AnalysePage"),
 }
@@ -255,7 +256,8 @@ class MainWindow(QWidget):
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         """Where the session is now."""
         self.snapshot = snapshot
-        if self._then is not None and snapshot.stage == m.NO_SESSION and not snapshot.why_not:
+        on_bench = self.opened is not None and self.opened.real_device
+        if self._then is not None and snapshot.stage == m.NO_SESSION and not snapshot.why_no_session(on_bench):
             self.send(self._then)
             self._then = None
         for page in self.pages.values():

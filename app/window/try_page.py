@@ -41,7 +41,7 @@ from app.window.painting.marks import SHADE, arrow_of, paint_arrow, paint_direct
 from app.window.painting.parts import Segments, button, panel, row, scrolled
 from app.window.painting.plane import Plane, Sizes
 from app.window.painting.theme import font, pen, shade, text_width, write
-from app.window.words import Said
+from app.window.words import Shown
 from core import tick_log
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
 from core.control.rule_sets import RULE_SETS
@@ -54,9 +54,9 @@ MARGIN_M = 0.045  # around the path, at least
 TRAIL, FORCES, SLACK, LINKAGE, DIRECTIONS = "trail", "forces", "slack", "linkage", "directions"
 LAYERS = ((TRAIL, "T"), (FORCES, "F"), (SLACK, "G"), (LINKAGE, "L"), (DIRECTIONS, "D"))  # and their keys
 INSET_PX = 180.0  # wide, at most
-BACK = Said("Back to the start", "The next pass begins in the green circle")
+BACK = Shown("Back to the start", "The next pass begins in the green circle")
 GAIN = "gain_N_s_m"
-READY = Said("Ready", "Space starts a pass")
+READY = Shown("Ready", "Space starts a pass")
 REAL = "Real brakes: what you change acts in the next pass, and each pass waits for Space."
 
 
@@ -526,6 +526,7 @@ class TryPage(Page):
             self.guides.clear()
             self.settings = self._theirs = self._place = None
             self._fill(opened)
+            self.canvas.radii_m = (opened.trial.start_radius_m, opened.trial.end_radius_m)
         if before is None or before.participant:
             self._ask()
 
@@ -551,8 +552,8 @@ class TryPage(Page):
             self._show_place(now.settings, snapshot)
             self._show_settings()
             if snapshot.running is None:
-                off = Said("Brakes are off", "Ctrl+B lets them act again") if snapshot.brakes_off else None
-                self._say(off or (READY if now.by_start else Said("One moment", snapshot.why_not)))
+                off = Shown("Brakes are off", "Ctrl+B lets them act again") if snapshot.brakes_off else None
+                self._say(off or (READY if now.by_start else Shown("One moment", snapshot.why_not)))
             elif before.running != snapshot.running:
                 self._phase = -1
                 self.canvas.clear_trail()
@@ -564,10 +565,11 @@ class TryPage(Page):
             return
         self.canvas.add(rows, taken)
         now, phase = rows[-1], int(rows[-1, tick_log.PHASE])
+        held = taken or not words.hand_is_mouse(self.opened)
         if phase != self._phase:
             self._phase = phase
             self._since_s = float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
-        self._say(words.moving(phase, taken or not words.hand_is_mouse(self.opened)) or BACK)
+        self._say(words.moving(phase, held, words.language_of(self.opened)) or BACK)
         if phase == tick_log.MOVE:
             self.time.setText(f"{now[tick_log.T] - self._since_s:.1f} s")
             if math.isfinite(now[tick_log.PATH_DISTANCE]):
@@ -576,9 +578,9 @@ class TryPage(Page):
     def show_time(self, now_s: float) -> None:
         self.canvas.follow_pointer()
 
-    def _say(self, said: Said) -> None:
-        self.large.setText(said.large)
-        self.small.setText(said.small)
+    def _say(self, shown: Shown) -> None:
+        self.large.setText(shown.large)
+        self.small.setText(shown.small)
 
     def _show_place(self, s: m.SandboxSettings, snapshot: m.Snapshot) -> None:
         if self._place != (s.device, s.path):
@@ -620,8 +622,8 @@ class TryPage(Page):
             self.clear.setEnabled(bool(shown))
 
 
-def unavailable(snapshot: m.Snapshot, opened: m.Opened | None) -> Said:
+def unavailable(snapshot: m.Snapshot, opened: m.Opened | None) -> Shown:
     """What stands on the canvas while nothing can be tried."""
     if opened is not None and opened.participant:
-        return Said("A session is open", "Close it on the Run page, then try things out here")
-    return Said("One moment", snapshot.why_not or "Everything is being made ready")
+        return Shown("A session is open", "Close it on the Run page, then try things out here")
+    return Shown("One moment", snapshot.why_not or "Everything is being made ready")
