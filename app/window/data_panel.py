@@ -37,7 +37,8 @@ class Recent:
 
     def __init__(self, kind: str) -> None:
         self._kind = kind
-        self._settings = QSettings() if QApplication.organizationName() else None
+        user = QSettings.Format.IniFormat, QSettings.Scope.UserScope, QApplication.organizationName()
+        self._settings = QSettings(*user) if QApplication.organizationName() else None
         kept = self._settings.value(kind, []) if self._settings else []
         kept = [kept] if isinstance(kept, str) else kept or []  # a list of one comes back as a text
         self.paths: list[str] = [path for path in kept if Path(path).exists()]
