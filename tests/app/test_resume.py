@@ -34,9 +34,7 @@ def kill_in_run(monkeypatch, run: int, participant: str = "01") -> None:
 
 def high():
     """10 trials an operator, the low gain of 500 N s/m."""
-    return protocol_from_json(
-        {**protocol_to_json(short(paths=1, seed="5")), "overrides": {"low_gain": 500.0}}, "test"
-    )
+    return protocol_from_json({**protocol_to_json(short(paths=1, seed="5")), "overrides": {"low_gain": 500.0}}, "test")
 
 
 @pytest.fixture(scope="module")
