@@ -22,7 +22,6 @@ class SessionOverview(NamedTuple):
     done: int  # trials of the plan that are settled
     planned: int
     changed_s: float  # s since 1970, of the newest trial
-    hand: str = ""  # what moved the handle
     problem: str = ""  # why it cannot be read, one sentence
 
     @property
@@ -83,9 +82,8 @@ def _session(folder: Path, stored: int, table: int) -> SessionOverview | None:
     try:
         with reading_stored(folder / STORED):
             about = json.loads((folder / STORED).read_text(encoding="utf-8"))
-            planned = len(about["plan"])
+            planned, protocol = len(about["plan"]), str(about["protocol"]["name"])
             done = len({cell(row) for row in rows_of(folder) if row.status in SETTLED})
-            protocol, hand = str(about["protocol"]["name"]), str(about.get("hand", ""))
-            return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s, hand)
+            return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s)
     except InputError as error:
         return SessionOverview(folder, participant, "", 0, 0, changed_s, problem=str(error))
