@@ -25,9 +25,9 @@ from PySide6.QtWidgets import (
 from app.ipc import messages as m
 from app.window.box_plot import ChartPlot, trial_of
 from app.window.data_panel import show_folder
-from app.window.flow import Flow
 from app.window.page import Page
 from app.window.painting import theme
+from app.window.painting.flow import Flow
 from app.window.painting.labels import OneLine, line, word
 from app.window.painting.parts import button, clear, row
 from app.window.trial_view import TrialView
