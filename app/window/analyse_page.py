@@ -24,9 +24,9 @@ from PySide6.QtWidgets import (
 
 from app.ipc import messages as m
 from app.window.box_plot import ChartPlot, trial_of
-from app.window.flow import Flow
 from app.window.page import Page
 from app.window.painting import theme
+from app.window.painting.flow import Flow
 from app.window.painting.labels import OneLine, line, word
 from app.window.trial_view import TrialView
 from app.window.work import Verb, Work
