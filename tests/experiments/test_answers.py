@@ -72,9 +72,9 @@ def test_answers_and_notes_are_tables_of_their_own_and_described(study, tmp_path
     described = json.loads((tmp_path / "csv" / "columns.json").read_text())
     for name, lines in ((QUESTIONNAIRE_CSV, answers), (NOTES_CSV, notes)):
         assert set(described[name]) == set(lines[0]) and all(entry["description"] for entry in described[name].values())
-    for item, _, low, high in ITEMS:
+    for item, low, high in ITEMS:
         meaning = described[QUESTIONNAIRE_CSV][item]["description"]
-        assert low.split()[0] in meaning and high.split()[-1] in meaning
+        assert low.split("_")[0] in meaning and high.split("_")[-1] in meaning
 
 
 def test_answers_are_a_phenotype_that_the_official_validator_accepts(study, tmp_path):
