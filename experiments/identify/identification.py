@@ -31,7 +31,7 @@ class Parameter(NamedTuple):
 
 @dataclass(frozen=True)
 class Identification:
-    """A brake as its steps tell it."""
+    """A brake as its steps show it."""
 
     source: str  # the file's name
     steps: int
@@ -115,20 +115,11 @@ class Identification:
             for name, value, half, unit in zip(names, fit.values, fit.half_widths, units, strict=True)
         ]
 
-    def residuals(self) -> dict[tuple[float, float, float], tuple[float, float | None]]:
-        """Step -> residual of its steady torque (N m), and of its time constant (s), None where there is none."""
-        torque = {one.step.key: float(r) for one, r in zip(self.measured, self.gain.residuals, strict=True)}
-        constant: dict[tuple[float, float, float], float] = {}
-        for fits in self.constants.values():
-            for part, fit in ((fits.at_average, fits.average), (fits.at_surface, fits.surface)):
-                constant |= {one.step.key: float(r) for one, r in zip(part, fit.residuals, strict=True)}
-        return {key: (torque[key], constant.get(key)) for key in torque}
-
 
 def identify_steps(steps: Iterable[Step], source: str, omega_0_rpm: float | None = None) -> Identification:
     """Fit Eqs. (2), (3) and (4); omega_0 by least squares over the measured speeds unless it is given.
 
-    InputError where the steps cannot tell a number, with which and why.
+    InputError where the steps do not determine a number: it names the number and the reason.
     """
     steps = list(steps)
     for direction, rising in ((RISE, True), (FALL, False)):

@@ -7,14 +7,15 @@ import pytest
 from fake_client import GREEN, RED, before, opened, ready
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QFileDialog, QPushButton
+from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import cut_texts, settle, visible_texts
 from sessions import new_session, run_trials
 from status_messages import ON_BENCH, WELL
 
 from app.ipc import messages as m
+from app.window.data_panel import Recent
 from app.window.home_page import BOARD, SIMULATED, HomePage
 from app.window.page import ANALYSE, RUN, TRY
 from app.window.painting import theme
@@ -31,8 +32,6 @@ class Shown:
     """A home page, what it sent and what it asked for."""
 
     def __init__(self, qtbot, folder: Path) -> None:
-        from PySide6.QtWidgets import QApplication
-
         theme.dress(QApplication.instance())  # type: ignore[arg-type]
         self.qtbot, self.sent, self.setups, self.pages = qtbot, [], [], []
         self.page = HomePage(self.sent.append)
@@ -75,7 +74,7 @@ def shown(qtbot, tmp_path: Path):
 
 
 def session(folder: Path, participant: str, done: int, of: int = 60) -> SessionOverview:
-    return SessionOverview(folder / f"sub-{participant}" / "ses-01", participant, "paper", done, of, 1.7e9, "mouse")
+    return SessionOverview(folder / f"sub-{participant}" / "ses-01", participant, "paper", done, of, 1.7e9)
 
 
 def texts(shown: Shown) -> str:
@@ -163,6 +162,21 @@ def test_the_plan_is_shown_before_anyone_sits_down_and_escape_leads_back(shown: 
     shown.qtbot.waitUntil(lambda: page.stack.currentWidget() is page.plan, timeout=10_000)
     assert page.plan_text.toPlainText().count("path 1") == 30 and "re-rig to" in page.plan_text.toPlainText()
     assert page.cancel() and page.stack.currentWidget() is page.columns and not page.cancel()
+
+
+def test_what_was_used_last_is_offered_again_by_the_app_alone(shown: Shown, tmp_path: Path) -> None:
+    assert Recent("folders").paths == [] and shown.page.data._recent.paths == [str(shown.setup.data_dir)]
+    files = [tmp_path / f"{n}.toml" for n in range(8)]
+    QSettings.setPath(QSettings.Format.IniFormat, QSettings.Scope.UserScope, str(tmp_path))
+    QApplication.setOrganizationName("phd-test")
+    try:
+        for file in files:
+            file.touch()
+            Recent("protocols").add(str(file))
+        files[7].unlink()
+        assert Recent("protocols").paths == [str(file) for file in files[6:1:-1]], "not the one that is gone"
+    finally:
+        QApplication.setOrganizationName("")
 
 
 # the board
