@@ -16,9 +16,10 @@ from experiments.analysis.report import sentences, warnings
 from experiments.analysis.sensitivity import sensitivity
 from experiments.analysis.statistics import statistics
 from experiments.analysis.trials_table import TrialRow, read_table, to_compare
+from experiments.export.answers import answers_and_notes
 from experiments.protocol import label
 from experiments.session.files import STORED, TABLE, read_stored, rows_of, sessions_in
-from experiments.session.journal import ANSWERS, CONTROLLER_ANSWERS, journal_summary, read_events
+from experiments.session.journal import journal_summary
 
 PARTIAL = ".partial"  # ends the name of a folder that is not complete yet
 
@@ -132,15 +133,12 @@ def _configurations(rows: Sequence[TrialRow]) -> tuple[str, ...]:
 
 def _answers(sessions: Sequence[Path]) -> list[Answer]:
     """After a block, or after a controller, which stands as its code until the session is opened."""
-    found = []
-    for session in sessions:
-        participant, key = session.parent.name.removeprefix("sub-"), journal_summary(session).key or {}
-        for event, _, about in read_events(session):
-            if event in (ANSWERS, CONTROLLER_ANSWERS):
-                controller = about.get("controller", "")
-                where = about["configuration"], key.get(controller, controller), about.get("block", 0)
-                found += [Answer(participant, *where, question, value) for question, value in about["values"].items()]
-    return found
+    keys = {session.parent.name.removeprefix("sub-"): journal_summary(session).key or {} for session in sessions}
+    return [
+        Answer(a.participant, a.configuration, keys[a.participant].get(a.controller, a.controller or ""), a.block, *each)
+        for a in answers_and_notes(sessions).answers
+        for each in a.values.items()
+    ]
 
 
 class Job(NamedTuple):
