@@ -133,11 +133,13 @@ def _configurations(rows: Sequence[TrialRow]) -> tuple[str, ...]:
 
 def _answers(sessions: Sequence[Path]) -> list[Answer]:
     """After a block, or after a controller, which stands as its code until the session is opened."""
-    keys = {session.parent.name.removeprefix("sub-"): journal_summary(session).key or {} for session in sessions}
+    keys = {one.parent.name.removeprefix("sub-"): journal_summary(one).key or {} for one in sessions}
     return [
-        Answer(a.participant, a.configuration, keys[a.participant].get(a.controller, a.controller or ""), a.block, *each)
+        Answer(
+            a.participant, a.configuration, keys[a.participant].get(a.controller, a.controller) or "", a.block, *asked
+        )
         for a in answers_and_notes(sessions).answers
-        for each in a.values.items()
+        for asked in a.values.items()
     ]
 
 
