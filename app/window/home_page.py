@@ -149,7 +149,7 @@ class HomePage(Page):
         self.participant.textEdited.connect(self._participant_typed)
         self.participant.returnPressed.connect(self._start)
         self.standing = word("", "quiet")  # "new", "14 of 60 done"
-        self.blind = QCheckBox("Show codes in place of controller names")
+        self.blind = QCheckBox("Hide the names of the controllers")
         self._form = QGridLayout(spacing=8)
         self._asked: dict = {}  # the form that the protocol asks for, and its fields
         self.fields: dict[str, QWidget] = {}
@@ -172,7 +172,7 @@ class HomePage(Page):
         ports.addLayout(row(self.port, button("Connect", lambda: self._connect(self.port.text()))))
         for wide in (self.protocol, self.devices, self.port):
             wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-            wide.setMinimumWidth(110)
+            wide.setMinimumWidth(90)
         self.participant.setMaximumWidth(110)
         grid = QGridLayout()
         grid.setContentsMargins(0, 0, 6, 0)
@@ -191,7 +191,8 @@ class HomePage(Page):
         grid.setRowStretch(grid.rowCount(), 1)
         form = QWidget()
         form.setLayout(grid)
-        middle.addWidget(scrolled(form), 1)
+        self.form = scrolled(form)
+        middle.addWidget(self.form, 1)
         middle.addWidget(self.why)
         middle.addWidget(self.start)
         for large, height, size in ((self.start, 54, theme.TITLE), (self.try_it, 72, theme.HEAD)):
@@ -205,7 +206,7 @@ class HomePage(Page):
         columns = QHBoxLayout(self.columns)
         columns.setContentsMargins(0, 0, 0, 0)
         columns.setSpacing(theme.GAP)
-        for column, share in ((try_it, 5), (session, 10), (self.data, 9)):
+        for column, share in ((try_it, 5), (session, 11), (self.data, 10)):
             column.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
             columns.addWidget(column, share)
         for inner in (self.columns, self.plan, self.editor, self.device):

@@ -213,6 +213,7 @@ def make_ready() -> QApplication:
     spare_scipy()
     application = QApplication.instance() or QApplication(sys.argv[:1])
     assert isinstance(application, QApplication)
+    application.setOrganizationName("phd")  # where the user's settings are
     theme.dress(application)
     application.setQuitOnLastWindowClosed(False)
     return application
