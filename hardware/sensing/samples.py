@@ -8,7 +8,7 @@ from core.faults import cause
 from hardware.sensing.board_clock import ClockModel
 from hardware.sensing.encoders import PoseSensing
 from hardware.sensing.force_sensor import ForceSensing
-from hardware.sensing.tip_motion import Motion, MotionFilter
+from hardware.sensing.tip_motion import MotionFilter
 from hardware.wire.messages import Fault, Hello, Sample, joints_of
 
 FAULT_CODES = {
@@ -38,7 +38,7 @@ class BoardSensing:
         if before is not None and (before.hello.serial, before.hello.starts) == (hello.serial, hello.starts):
             self.clock = before.clock
             self.set_zero(before.zero)
-        self.motion: Motion = MotionFilter()
+        self.motion = MotionFilter()
         self._brakes = joints_of(hello.brakes)
 
     def set_zero(self, zero: ZeroRecord) -> None:
