@@ -69,11 +69,11 @@ class Open(NamedTuple):
 
 
 class Practice(NamedTuple):
-    """A practice trial, without or before a session; it is kept apart and counts nowhere."""
+    """A practice trial of the session; it is kept apart and counts nowhere."""
 
 
 class Start(NamedTuple):
-    """Run the next trial of the plan (or go on with practice)."""
+    """Run the next trial of the plan, or the next pass of Try on a real device."""
 
 
 class Abort(NamedTuple):
