@@ -96,7 +96,6 @@ def _wrong_hand(state: State, session: Session) -> str:
 
 def _leave(state: State, _: m.Leave) -> None:
     state.storage.leave()
-    state.look_for_participants()
     state.say("")
 
 
