@@ -2,6 +2,7 @@
 of the trial that has just ended."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, Signal
@@ -173,7 +174,8 @@ class RunPage(Page):
             self.send(m.Exclude(self.card.row.run, reason))
 
     def _show_cell(self, row: TrialRow) -> None:
-        self.page_asked.emit(ANALYSE, row)
+        if self.opened is not None:
+            self.page_asked.emit(ANALYSE, Path(self.opened.folder) / row.recording)
 
     @property
     def card_shown(self) -> bool:
