@@ -37,7 +37,7 @@ from core.simulator.stick_slip_mode import enter_line, finish, meet, release, re
 
 
 @kernel
-def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged):
+def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagged):
     """Move the state from t to t + h (s). Expects the pattern resolved at t; leaves the quantities of t + h."""
     state.steps += 1
     state.settled = 0
@@ -52,7 +52,7 @@ def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged)
         if crowd > MAX_EVENTS or stiffer_than(state, hand, step):
             state.fallbacks += 1
             piece = min(rest, FALLBACK_S)
-            advance_stepping(mechanism, brakes, hand, state, trial, currents, t + elapsed, piece, lagged)
+            advance_stepping(mechanism, brakes, hand, state, scratch, currents, t + elapsed, piece, lagged)
             if piece == rest:
                 return
             elapsed += piece
@@ -75,35 +75,35 @@ def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged)
                 leave_rest(mechanism, brakes, hand, state, fx, fy)
             continue
         begin(brakes, state, currents, step, lagged)
-        if not rk4(mechanism, brakes, hand, state, trial, now, step, lagged):
+        if not rk4(mechanism, brakes, hand, state, scratch, now, step, lagged):
             state.shortened += 1
             longest = 0.5 * step
             if longest < SHORTEST:
                 crowd = MAX_EVENTS + 1
             continue
-        error = trial.error
+        error = scratch.error
         if lagged != 0:
-            error = max(error, yield_error(brakes, state, trial, step) * (STEP_ERROR / YIELD_ERROR))
+            error = max(error, yield_error(brakes, state, scratch, step) * (STEP_ERROR / YIELD_ERROR))
         if not error <= state.tolerance * STEP_ERROR and step > FINEST:
             state.refined += 1
             longest = step * max(0.2, 0.9 * (state.tolerance * STEP_ERROR / error) ** (1.0 / 3.0))
             continue
-        trial.seen = 0
-        kind, guess = first_event(mechanism, brakes, state, trial, step, lagged)
+        scratch.seen = 0
+        kind, guess = first_event(mechanism, brakes, state, scratch, step, lagged)
         if kind != NONE:
-            kind, step = locate(mechanism, brakes, hand, state, trial, now, step, kind, guess, lagged)
-        if gives_energy(trial) and step > FINEST:
+            kind, step = locate(mechanism, brakes, hand, state, scratch, now, step, kind, guess, lagged)
+        if gives_energy(scratch) and step > FINEST:
             state.refined += 1
             longest = 0.5 * step
             continue
         if longest < h and 16.0 * error < state.tolerance * STEP_ERROR:
             longest *= 2.0
-        accept(mechanism, brakes, state, trial, step, lagged)
+        accept(mechanism, brakes, state, scratch, step, lagged)
         elapsed = h if step == rest else elapsed + step
         if kind != NONE:
             state.events += 1
             crowd += 1
-            happen(mechanism, brakes, hand, state, trial, kind, t + elapsed)
+            happen(mechanism, brakes, hand, state, scratch, kind, t + elapsed)
         elif elapsed < h:
             fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], state.tip[2], state.tip[3])
             set_costs(brakes, state)
@@ -114,25 +114,25 @@ def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged)
 
 
 @kernel
-def gives_energy(trial):
-    """Whether a brake would give energy in the trial: its joint reversed unseen."""
-    heat = trial.heat
+def gives_energy(scratch):
+    """Whether a brake would give energy in the tried step: its joint reversed unseen."""
+    heat = scratch.heat
     return min(min(heat[0], heat[1]), min(heat[2], heat[3])) < -GIVEN
 
 
 @kernel
-def yield_error(brakes, state, trial, step):
-    """How far the yields at the end of the trial may be off, because each lag's time constant was frozen (N m).
+def yield_error(brakes, state, scratch, step):
+    """How far the yields at the end of the tried step may be off, because each lag's time constant was frozen (N m).
 
     Estimated from how much the joint's rate changed beside its size, and how far it ended from the prediction that
     the frozen constant was chosen by.
     """
     largest = 0.0
     for i in range(4):
-        changed = abs(trial.torque_yield[1, i] - state.torque_yield[i])
+        changed = abs(scratch.torque_yield[1, i] - state.torque_yield[i])
         if changed <= state.tolerance * YIELD_ERROR or state.sign[i] == 0.0 or brakes.present[i] == 0.0:
             continue
-        start, end = state.rate[i], trial.rate[i]
+        start, end = state.rate[i], scratch.rate[i]
         if min(abs(start), abs(end)) >= brakes.omega_0[i] and start * end > 0.0:
             continue
         predicted = start + joint_acceleration(state, i) * step
@@ -143,43 +143,43 @@ def yield_error(brakes, state, trial, step):
 
 
 @kernel
-def accept(mechanism, brakes, state, trial, step, lagged):
-    """Take the trial as the new state: motion, ledger, backlash, yields."""
+def accept(mechanism, brakes, state, scratch, step, lagged):
+    """Take the tried step: the new state: motion, ledger, backlash, yields."""
     for i in range(4):
-        state.tip[i] = trial.tip[i]
+        state.tip[i] = scratch.tip[i]
         if brakes.present[i] > 0.0:
-            state.heat[i] += trial.heat[i]
-            if -trial.heat[i] > state.added_by_brakes:
-                state.added_by_brakes = -trial.heat[i]
+            state.heat[i] += scratch.heat[i]
+            if -scratch.heat[i] > state.added_by_brakes:
+                state.added_by_brakes = -scratch.heat[i]
             if brakes.play[i] > 0.0 and state.sign[i] != 0.0 and state.edge[i] == 0.0:
-                state.play[i] = min(max(state.play[i] + trial.turned[i], 0.0), brakes.play[i])
+                state.play[i] = min(max(state.play[i] + scratch.turned[i], 0.0), brakes.play[i])
     for i in range(5):
-        state.rate[i], state.bias[i] = trial.rate[i], trial.bias[i]
-        state.g[i, 0], state.g[i, 1] = trial.g[i, 0], trial.g[i, 1]
+        state.rate[i], state.bias[i] = scratch.rate[i], scratch.bias[i]
+        state.g[i, 0], state.g[i, 1] = scratch.g[i, 0], scratch.g[i, 1]
         if state.contact[i] != 0.0 and state.held != i:
             state.contact[i] = 0.0
     for i in range(3):
-        state.mass[i] = trial.mass[i]
+        state.mass[i] = scratch.mass[i]
     for i in range(2):
-        state.bias_force[i] = trial.bias_force[i]
-        state.acceleration[i] = trial.acceleration[i]
-        state.hand_force[i] = trial.hand_force[i]
+        state.bias_force[i] = scratch.bias_force[i]
+        state.acceleration[i] = scratch.acceleration[i]
+        state.hand_force[i] = scratch.hand_force[i]
     state.carry[0] = state.carry[1] = 0.0
-    state.line_torque = trial.line_torque
+    state.line_torque = scratch.line_torque
     if lagged != 0:
         for i in range(4):
-            state.torque_yield[i] = trial.torque_yield[1, i]
-    state.work_hand += trial.work
+            state.torque_yield[i] = scratch.torque_yield[1, i]
+    state.work_hand += scratch.work
 
 
 @kernel
-def happen(mechanism, brakes, hand, state, trial, kind, t):
+def happen(mechanism, brakes, hand, state, scratch, kind, t):
     """Take up the pattern after an event at time t: the exact solver says which joint sticks, which slips on."""
     tip, arm_mass = state.tip, hand.grips[0].mass
     fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
     set_costs(brakes, state)
     if kind >= STOP:
-        strike(mechanism, state, kind - STOP, trial.gap_side[kind - STOP], arm_mass)
+        strike(mechanism, state, kind - STOP, scratch.gap_side[kind - STOP], arm_mass)
         set_costs(brakes, state)
     elif kind >= PLAY:
         i = kind - PLAY

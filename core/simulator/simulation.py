@@ -5,7 +5,6 @@
     advance  the integrator carries the state over the step
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +15,13 @@ from core.kernel import kernel
 from core.simulator.event import advance_event
 from core.simulator.hand import Hand, new_hand, split_at_knots
 from core.simulator.karnopp import advance_karnopp, resolve_in_band
-from core.simulator.runge_kutta import TRIAL
+from core.simulator.runge_kutta import STEP_SCRATCH
 from core.simulator.solver_numbers import ADDED_J, DELTA_OMEGA, EDGE_S, UNEXPLAINED, UNEXPLAINED_J
 from core.simulator.state import new_record, new_state, pack_brakes, pack_mechanism
 from core.simulator.stepping import advance_stepping
 from core.simulator.stick_slip import STILL, same_line
 from core.simulator.stick_slip_mode import hand_changed, look, resolve
-from core.stops import distal_sine, stop_gap
+from core.stops import distal_sine
 
 FIDELITIES = ("ideal", "static", "mr")
 IDEAL, STATIC, MR = range(3)
@@ -45,17 +44,17 @@ def apply(brakes, state, commands, fidelity):
 
 
 @kernel
-def advance(mechanism, brakes, hand, state, trial, commands, t, h, fidelity, integrator):
+def advance(mechanism, brakes, hand, state, scratch, commands, t, h, fidelity, integrator):
     """Stage: the integrator carries the resolved state from t to t + h, s."""
     lagged = 1 if fidelity == MR else 0
     if integrator == EVENT:
-        advance_event(mechanism, brakes, hand, state, trial, commands, t, h, lagged)
+        advance_event(mechanism, brakes, hand, state, scratch, commands, t, h, lagged)
     elif integrator == STEPPING:
         state.steps += 1
-        advance_stepping(mechanism, brakes, hand, state, trial, commands, t, h, lagged)
+        advance_stepping(mechanism, brakes, hand, state, scratch, commands, t, h, lagged)
     else:
         state.steps += 1
-        advance_karnopp(mechanism, brakes, hand, state, trial, commands, t, h, lagged)
+        advance_karnopp(mechanism, brakes, hand, state, scratch, commands, t, h, lagged)
 
 
 @kernel
@@ -99,7 +98,7 @@ def start(mechanisms, brake_records, states, fidelity):
 
 @kernel
 def run_rows(
-    mechanisms, brake_records, hand, states, trials, times, values,
+    mechanisms, brake_records, hand, states, scratches, times, values,
     first_row, last_row, per_row, step, fidelity, integrator, rows,
 ):  # fmt: skip
     """Fill rows (n, ROW_WIDTH) from row `first_row` on, advancing `per_row` steps after each but `last_row`.
@@ -107,7 +106,7 @@ def run_rows(
     times (m,), values (m, 4): the command schedule; a row inside a step splits it, and so do the knots of a force
     table that the step would not see.
     """
-    mechanism, brakes, state, trial = mechanisms[0], brake_records[0], states[0], trials[0]
+    mechanism, brakes, state, scratch = mechanisms[0], brake_records[0], states[0], scratches[0]
     cursor = 0
     if state.settled != 0 and hand_changed(hand, state, first_row * per_row * step):
         state.settled = 0
@@ -138,7 +137,7 @@ def run_rows(
                 if hand.times.shape[0] > 1:
                     until = split_at_knots(hand, t, until)
                 h = step if until == end and t == k * step else until - t
-                advance(mechanism, brakes, hand, state, trial, values[cursor], t, h, fidelity, integrator)
+                advance(mechanism, brakes, hand, state, scratch, values[cursor], t, h, fidelity, integrator)
                 t = until
 
 
@@ -200,7 +199,7 @@ class Simulation:
         self.mechanism = pack_mechanism(device.mechanism)
         self.brakes = pack_brakes(device.brakes, backlash=backlash and fidelity == "mr")
         self.hand = hand if hand is not None else new_hand()
-        self.trial = new_record(TRIAL)
+        self.step_scratch = new_record(STEP_SCRATCH)
         self.state = new_state(*tip, *velocity)
         self.state["delta_omega"][0] = delta_omega
         self.state["tolerance"][0] = tolerance
@@ -210,7 +209,7 @@ class Simulation:
              first_row: int = 0, last_row: int = -1) -> np.ndarray:  # fmt: skip
         """n output rows (n, ROW_WIDTH): t, x, y, vx, vy, torque A, E, B, C, stuck bits; call again to go on."""
         out = np.zeros((n, ROW_WIDTH))
-        run_rows(self.mechanism, self.brakes, self.hand, self.state, self.trial, times, values,
+        run_rows(self.mechanism, self.brakes, self.hand, self.state, self.step_scratch, times, values,
                  first_row, last_row, per_row, step, self.fidelity, self.integrator, out)  # fmt: skip
         return out
 
@@ -228,12 +227,3 @@ class Simulation:
             int(s["steps"][0]), int(s["events"][0]), int(s["fallbacks"][0]), int(s["shortened"][0]),
             int(s["refined"][0]),
         )  # fmt: skip
-
-
-def stops_of(device: Device, x: float, y: float) -> np.ndarray:
-    """Distance (5,) of each joint A, E, B, C, D to its nearest hard stop at a tip; negative: the tip is not allowed."""
-    gap, side = np.zeros(5), np.zeros(5)
-    mechanism = pack_mechanism(device.mechanism)[0]
-    sign = math.copysign(1.0, distal_sine(mechanism, x, y))
-    stop_gap(mechanism, sign, x, y, np.zeros(4), gap, side)
-    return gap

@@ -33,17 +33,26 @@ def look(mechanism, state):
 @inlined
 def store(state, q):
     """Copy a `Motion` into the state's arrays; row D is the rate of the angle between the distal links."""
-    g, rate, bias = state.g, state.rate, state.bias
-    g[0, 0], g[0, 1], g[1, 0], g[1, 1] = q.g_ax, q.g_ay, q.g_ex, q.g_ey
-    g[2, 0], g[2, 1], g[3, 0], g[3, 1] = q.g_bx, q.g_by, q.g_cx, q.g_cy
-    g[4, 0] = q.g_bx + q.g_cx - q.g_ax - q.g_ex
-    g[4, 1] = q.g_by + q.g_cy - q.g_ay - q.g_ey
-    rate[0], rate[1], rate[2], rate[3] = q.rate_a, q.rate_e, q.rate_b, q.rate_c
-    rate[4] = q.rate_b + q.rate_c - q.rate_a - q.rate_e
-    bias[0], bias[1], bias[2], bias[3] = q.bias_a, q.bias_e, q.bias_b, q.bias_c
-    bias[4] = q.bias_b + q.bias_c - q.bias_a - q.bias_e
+    g, rate, bias, p, r = state.g, state.rate, state.bias, q.arm_1, q.arm_2
+    g[0, 0], g[0, 1], g[1, 0], g[1, 1] = p.base_x, p.base_y, p.elbow_x, p.elbow_y
+    g[2, 0], g[2, 1], g[3, 0], g[3, 1] = r.base_x, r.base_y, r.elbow_x, r.elbow_y
+    g[4, 0], g[4, 1], bias[4] = distal_row(q)
+    rate[0], rate[1], rate[2], rate[3] = p.base_rate, p.elbow_rate, r.base_rate, r.elbow_rate
+    rate[4] = r.base_rate + r.elbow_rate - p.base_rate - p.elbow_rate
+    bias[0], bias[1], bias[2], bias[3] = p.base_bias, p.elbow_bias, r.base_bias, r.elbow_bias
     state.mass[0], state.mass[1], state.mass[2] = q.mass_xx, q.mass_xy, q.mass_yy
     state.bias_force[0], state.bias_force[1] = q.bias_x, q.bias_y
+
+
+@inlined
+def distal_row(q):
+    """Row g and bias gdot . v of D, the angle between the distal links."""
+    p, r = q.arm_1, q.arm_2
+    return (
+        r.base_x + r.elbow_x - p.base_x - p.elbow_x,
+        r.base_y + r.elbow_y - p.base_y - p.elbow_y,
+        r.base_bias + r.elbow_bias - p.base_bias - p.elbow_bias,
+    )
 
 
 @kernel

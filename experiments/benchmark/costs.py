@@ -40,9 +40,9 @@ def part_costs(repeats: int) -> dict:
         spare.run(0.1, 1e-3, scene.torques[0])
         device_of, step = (s.mechanism, s.brakes), (1e-3, 0, _COUNT)  # s, no lag, passes
         parts[scene.name] = {
-            "rk4": _best(partial(smooth_steps, *device_of, s.hand, s.state, s.trial, *step), repeats),
-            "look_for_events": _best(partial(looks_for_events, *device_of, s.state, s.trial, *step), repeats),
-            "accept": _best(partial(acceptances, *device_of, spare.state, s.trial, *step), repeats),
+            "rk4": _best(partial(smooth_steps, *device_of, s.hand, s.state, s.step_scratch, *step), repeats),
+            "look_for_events": _best(partial(looks_for_events, *device_of, s.state, s.step_scratch, *step), repeats),
+            "accept": _best(partial(acceptances, *device_of, spare.state, s.step_scratch, *step), repeats),
         }
     return parts
 
@@ -91,8 +91,8 @@ def tick_cost(quick: bool) -> dict:
 
 def _tick_parts(trial: Trial, rows: np.ndarray) -> dict:
     """Least time (ns) of the parts of a tick that are not the device's: the rest of a tick is brakes, step, pattern."""
-    s, run = trial.model, trial._run.copy()
-    operator, memory, hand = trial._operator.copy(), trial._memory.copy(), s.hand
+    s, now = trial.model, trial.arguments()
+    run, operator, memory, hand = now.run.copy(), now.operator.copy(), now.memory.copy(), s.hand
     run["phase"][0] = tick_log.MOVE
     return {
         "operator": _best(lambda: operations(operator, hand, trial.path, run, s.state, trial._noise, _COUNT), 5),

@@ -22,38 +22,39 @@ def accelerations(mechanisms, torque, x, y, vx, vy, count):
     ax = 0.0
     for _ in range(count):
         q = motion(mechanism, px, py, ux, uy)
-        fx = torque[0] * q.g_ax + torque[1] * q.g_ex + torque[2] * q.g_bx + torque[3] * q.g_cx - q.bias_x
-        fy = torque[0] * q.g_ay + torque[1] * q.g_ey + torque[2] * q.g_by + torque[3] * q.g_cy - q.bias_y
+        p, r = q.arm_1, q.arm_2
+        fx = torque[0] * p.base_x + torque[1] * p.elbow_x + torque[2] * r.base_x + torque[3] * r.elbow_x - q.bias_x
+        fy = torque[0] * p.base_y + torque[1] * p.elbow_y + torque[2] * r.base_y + torque[3] * r.elbow_y - q.bias_y
         ax, ay = solve_mass(q.mass_xx, q.mass_xy, q.mass_yy, fx, fy)
         px, py, ux, uy = x + 1e-6 * ax, y + 1e-6 * ay, vx + 1e-6 * ax, vy + 1e-6 * ay
     return ax
 
 
 @kernel
-def smooth_steps(mechanisms, brake_records, hand, states, trials, step, lagged, count):
+def smooth_steps(mechanisms, brake_records, hand, states, scratches, step, lagged, count):
     """`count` trial steps of RK4 from one state."""
     total = 0.0
     for k in range(count):
-        rk4(mechanisms[0], brake_records[0], hand, states[0], trials[0], k * step, step, lagged)
-        total += trials[0].tip[0]
+        rk4(mechanisms[0], brake_records[0], hand, states[0], scratches[0], k * step, step, lagged)
+        total += scratches[0].tip[0]
     return total
 
 
 @kernel
-def looks_for_events(mechanisms, brake_records, states, trials, step, lagged, count):
+def looks_for_events(mechanisms, brake_records, states, scratches, step, lagged, count):
     """`count` looks for events inside one and the same trial step."""
     total = 0
     for _ in range(count):
-        trials[0].seen = 0
-        total += first_event(mechanisms[0], brake_records[0], states[0], trials[0], step, lagged)[0]
+        scratches[0].seen = 0
+        total += first_event(mechanisms[0], brake_records[0], states[0], scratches[0], step, lagged)[0]
     return total
 
 
 @kernel
-def acceptances(mechanisms, brake_records, states, trials, step, lagged, count):
+def acceptances(mechanisms, brake_records, states, scratches, step, lagged, count):
     """`count` times one trial step is taken as the new state."""
     for _ in range(count):
-        accept(mechanisms[0], brake_records[0], states[0], trials[0], step, lagged)
+        accept(mechanisms[0], brake_records[0], states[0], scratches[0], step, lagged)
 
 
 @kernel

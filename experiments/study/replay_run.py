@@ -41,7 +41,7 @@ from experiments.session.journal import journal_summary, recorded_row
 from experiments.study.replay_hand import RecordedHand
 from experiments.trial.operator import OPERATOR
 from experiments.trial.tick import STATUSES, new_run, run_ticks
-from experiments.trial.trial import plain, run_fields
+from experiments.trial.trial import plain
 
 HAND_ENDED = "hand ended"  # the recorded hand is over and the end of the path was not reached
 PROGRESS_EVERY = 500  # ticks
@@ -98,15 +98,13 @@ def run_replay(
     recording = trial.recording
     s = from_the_start(trial, device, lead) if lead else from_the_movement(trial, device, hand)
     before = s.ledger()
-    run = plain(new_run(s.fidelity, simulated_hand=False))
-    for name, value in run_fields(trial.stored.protocol.trial, simulated_hand=False).items():
-        run[name][0] = value
+    run = plain(new_run(trial.stored.protocol.trial, s.fidelity, simulated_hand=False))
     first = 0 if lead else trial.first
     if not lead:
         run["phase"][0], run["tick"][0] = tick_log.MOVE, first
     controller, memory = make_controller(preset, device.force_normalised_N, rules), new_memory()
     operator, noise = plain(new_record(OPERATOR)), np.zeros((1, 2))
-    mechanism, brakes, state, scratch = (plain(record) for record in (s.mechanism, s.brakes, s.state, s.trial))
+    mechanism, brakes, state, scratch = (plain(record) for record in (s.mechanism, s.brakes, s.state, s.step_scratch))
     felt = s.hand._replace(grips=plain(s.hand.grips))
     away, stopped = recording.in_phase("approach"), stopped_at(recording)
     rows = np.empty((recording.rows - first, tick_log.WIDTH))

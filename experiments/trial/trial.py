@@ -45,10 +45,6 @@ from experiments.trial.tick import (
 
 #: Draws of noise per axis for one trial; a longer trial goes round.
 NOISE_DRAWS = 1 << 16
-#: Our choice: a person's approach, which may take its time, ends a forgotten trial after 10 minutes.
-PERSON_APPROACH_S = 600.0
-#: What a protocol that says nothing else has.
-DEFAULT_RULES = TrialRules()
 
 #: s. Without a sample for so long the currents are zero and the trial ends; the board's watchdog has the same number.
 SILENT_S = 0.05
@@ -90,7 +86,7 @@ class Trial:
         path: PathFile,
         preset: Preset,
         rules: str,
-        how: TrialRules = DEFAULT_RULES,
+        how: TrialRules = TrialRules(),  # noqa: B008  (it is frozen)
         person: Person | None = None,
         generator: np.random.Generator | None = None,
     ) -> None:
@@ -113,9 +109,7 @@ class Trial:
             preset, self.device.force_normalised_N, rules, velocity_noise=noise
         )
         self._memory = new_memory()
-        self._run = new_run(self.model.fidelity, person is not None, self.real)
-        for name, value in run_fields(how, person is not None).items():
-            self._run[name][0] = value
+        self._run = new_run(how, self.model.fidelity, person is not None, self.real)
         self._operator, self._noise = new_record(OPERATOR), np.zeros((1, 2))
         if person is not None and generator is not None:
             self._operator = new_operator(person, generator)
@@ -165,7 +159,7 @@ class Trial:
         """The trial as the kernels see it; what they change is changed here."""
         m = self.model
         return Arguments(
-            self.path, self.controller, m.mechanism, m.brakes, m.hand, m.state, m.trial,
+            self.path, self.controller, m.mechanism, m.brakes, m.hand, m.state, m.step_scratch,
             self._run, self._operator, self._noise, self._memory,
         )  # fmt: skip
 
@@ -368,21 +362,6 @@ def sensed_row(sample: DeviceSample, encoders: str, late_us: float) -> np.ndarra
     row[tick_log.FORCE_COUNT : tick_log.FORCE_COUNT + len(sample.force_counts)] = sample.force_counts
     row[tick_log.MEASURED : tick_log.MEASURED + 4] = sample.current
     return row
-
-
-def run_fields(how: TrialRules, simulated_hand: bool) -> dict[str, float]:
-    """The fields of `tick.RUN` that a protocol decides: lengths in m, durations in whole ticks."""
-    fields = {
-        "start_radius": how.start_radius_m,
-        "end_radius": how.end_radius_m,
-        "hold_ticks": round(how.hold_s / TICK_S),
-        "move_ticks": round(how.time_out_s / TICK_S),
-        "end_ticks": round(how.end_s / TICK_S),
-        "release_force": how.release.force_N if how.release else math.inf,
-        "release_ticks": round(how.release.time_s / TICK_S) if how.release else 0,
-    }
-    approach_s = how.approach_time_out_s if simulated_hand else PERSON_APPROACH_S
-    return {**fields, "approach_ticks": round(approach_s / TICK_S)}
 
 
 def load_kernels() -> None:

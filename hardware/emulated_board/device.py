@@ -87,7 +87,8 @@ class EmulatedDevice:
         # plain arrays: calls from Python take longer with the other kind
         self._parts = (
             s.mechanism.view(np.ndarray), s.brakes.view(np.ndarray),
-            s.hand._replace(grips=s.hand.grips.view(np.ndarray)), s.state.view(np.ndarray), s.trial.view(np.ndarray),
+            s.hand._replace(grips=s.hand.grips.view(np.ndarray)), s.state.view(np.ndarray),
+            s.step_scratch.view(np.ndarray),
         )  # fmt: skip
         #: views of the state: tip x, y, vx, vy (m, m/s), acceleration (m/s2), hand force (N)
         self.motion, self.acceleration, self.hand_force = (
