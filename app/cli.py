@@ -1,4 +1,4 @@
-"""The command `phd`: one verb a subcommand, each importing only what it needs (no verb but `run` touches Qt).
+"""The command `phd`: one verb a subcommand, each importing only what it needs (Qt: `run`, and `replay` on the screen).
 
 Data on stdout, log and progress on stderr. Exit 0: done; 1: failed; 2: wrong input of any kind, with one sentence.
 """
@@ -15,11 +15,8 @@ from app import __version__
 from core.files import InputError
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
-#: Each a module of app.verbs with `add`; in the order of `phd --help`.
-VERBS = (
-    "run", "study", "simulate", "identify", "analyze", "export", "replay", "verify", "recover",
-    "figures", "bench", "devices", "doctor", "emulate",
-)  # fmt: skip
+#: Modules of app.verbs, each with `add`; in the order of `phd --help`.
+VERBS = ("run", "study", "models", "replay", "folders", "bench", "machine", "emulate")
 #: What the file system refuses because of what was asked for, not because something broke.
 WRONG_PATH = (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError, PermissionError)
 
@@ -28,9 +25,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; the exit code."""
     if argv is None:
         argv = sys.argv[1:]
-        signal.signal(
-            signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM)
-        )  # let half-written files be removed
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # half-written files are removed
     try:
         args, unknown = make_parser().parse_known_args(with_verb(argv))
         if unknown:
@@ -41,18 +36,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as end:  # --help and --version
         return end.code if isinstance(end.code, int) else DONE
     except InputError as error:
-        return _say(str(error), WRONG_INPUT)
+        return _fail(str(error), WRONG_INPUT)
     except KeyboardInterrupt:
-        return _say("interrupted", INTERRUPTED)
+        return _fail("interrupted", INTERRUPTED)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads on: end quietly
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # no reader is left: end quietly
         return PIPE_CLOSED
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
         reason = error.strerror or str(error)
-        return _say(f"{place}{reason}", WRONG_INPUT if isinstance(error, WRONG_PATH) else FAILED)
+        return _fail(f"{place}{reason}", WRONG_INPUT if isinstance(error, WRONG_PATH) else FAILED)
     except FloatingPointError as error:
-        return _say(str(error), FAILED)
+        return _fail(str(error), FAILED)
 
 
 def with_verb(argv: Sequence[str]) -> list[str]:
@@ -62,7 +57,7 @@ def with_verb(argv: Sequence[str]) -> list[str]:
     return list(argv)
 
 
-def _say(sentence: str, code: int) -> int:
+def _fail(sentence: str, code: int) -> int:
     print("phd:", " ".join(sentence.split()), file=sys.stderr)
     return code
 
@@ -84,8 +79,8 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"phd {__version__}")
     verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
-    for verb in VERBS:
-        import_module(f"app.verbs.{verb}").add(verbs)
+    for module in VERBS:
+        import_module(f"app.verbs.{module}").add(verbs)
     return parser
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.ipc.process import spare_scipy
-from app.progress import show_compiling
+from app.progress import watch_compiling
 
 if TYPE_CHECKING:
     from core.device import Device
@@ -23,7 +23,7 @@ def main() -> None:
     if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
         return
     spare_scipy()
-    show_compiling()
+    watch_compiling()
     from experiments.protocol import load_protocol
 
     protocol = load_protocol()

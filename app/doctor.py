@@ -13,23 +13,16 @@ from packaging.requirements import Requirement
 
 from app.ipc.messages import BAD, CAUTION, GOOD, Check
 from app.ipc.scheduling import ADVICE
+from app.progress import SCREENS_CODE
 from app.session_server.preflight import check_disk
 from core.files import InputError
 from core.kernel import CACHE_FOLDER, first_use
-from hardware.discovery import BoardFound, HidDevice, SerialPort, ask_board, hid_devices, serial_ports
+from hardware.discovery import BoardFound, SerialPort, ask_board, hid_devices, serial_ports
 
 #: Text is laid out for these; a smaller screen would clip it.
 LEAST_SCREEN = (1280, 720)
-NOTHING = "nothing attached (the simulated device needs nothing)"
 UDEV_RULE = 'KERNEL=="hidraw*", ATTRS{idVendor}=="046d|256f", MODE="0660", TAG+="uaccess"'
-SCREENS_CODE = """
-import json
-from PySide6.QtGui import QGuiApplication
-application = QGuiApplication([])
-print(json.dumps([[s.name(), s.size().width(), s.size().height(), s.devicePixelRatio(), s.refreshRate()]
-                  for s in application.screens()]))
-"""
-SCHEDULING_CODE = "from app.ipc.scheduling import take_scheduling; print(take_scheduling()[0])"
+REINSTALL = "Remove the folder .venv and run ./phd again."
 
 
 def examine(data_dir: Path, boards_at: Sequence[str] = ()) -> list[Check]:
@@ -39,6 +32,11 @@ def examine(data_dir: Path, boards_at: Sequence[str] = ()) -> list[Check]:
         libraries(), *screens(), scheduling(), cores(), check_disk(data_dir, sync=True)[0], kernels(),
         *port_checks(serial_ports()), *boards, *hid_checks(),
     ]  # fmt: skip
+
+
+def check(name: str, found: str, advice: str = "", bad: bool = False) -> Check:
+    """Good where there is no advice; with advice a caution, or bad."""
+    return Check(name, GOOD if not advice else BAD if bad else CAUTION, found, advice)
 
 
 def libraries() -> Check:
@@ -56,41 +54,45 @@ def libraries() -> Check:
         if not need.specifier.contains(version, prereleases=True):
             wrong.append(f"{need.name} is {version}, not {need.specifier}")
     if wrong:
-        return Check("libraries", BAD, ", ".join(wrong), "Remove the folder .venv and run ./phd again.")
-    return Check("libraries", GOOD, f"all there, Python {sys.version.split()[0]}")
+        return check("libraries", ", ".join(wrong), REINSTALL, bad=True)
+    return check("libraries", f"all there, Python {sys.version.split()[0]}")
+
+
+def tried(code: str) -> subprocess.CompletedProcess:
+    """Python code, in a process of its own: Qt ends the process where it cannot work; a schedule stays with it."""
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
 
 
 def screens() -> list[Check]:
-    """What Qt can open windows on: tried in a process of its own, for Qt ends the process where it cannot."""
-    tried = subprocess.run([sys.executable, "-c", SCREENS_CODE], capture_output=True, text=True, check=False)
-    if tried.returncode != 0:
+    """What Qt can open windows on."""
+    answer = tried(SCREENS_CODE)
+    if answer.returncode != 0:
         where = ", ".join(f"{name}={os.environ[name]}" for name in ("DISPLAY", "WAYLAND_DISPLAY") if name in os.environ)
-        return [
-            Check("screens", BAD, f"Qt finds none ({where or 'DISPLAY and WAYLAND_DISPLAY are not set'})",
-                 "Log in at the machine's own desktop; every verb but run and replay works without.")
-        ]  # fmt: skip
+        found = f"Qt finds none ({where or 'DISPLAY and WAYLAND_DISPLAY are not set'})"
+        advice = "Log in at the machine's own desktop; every verb but run and replay works without."
+        return [check("screens", found, advice, bad=True)]
     lines = []
-    for name, width, height, scale, refresh in json.loads(tried.stdout.splitlines()[-1]):
+    for name, width, height, scale, refresh, *_ in json.loads(answer.stdout.splitlines()[-1]):
         found = f"{name or 'screen'}: {width} x {height} points, scale {scale:g}, {refresh:.0f} Hz"
         small = width < LEAST_SCREEN[0] or height < LEAST_SCREEN[1]
         less = "Lower the scale" if scale > 1.0 else "Choose a higher resolution or a larger screen"
         advice = f"{less}: windows are laid out for {LEAST_SCREEN[0]} x {LEAST_SCREEN[1]} points."
-        lines.append(Check("screen", CAUTION if small else GOOD, found, advice if small else ""))
+        lines.append(check("screen", found, advice if small else ""))
     if len(lines) == 1:
-        lines.append(Check("screens", CAUTION, "only one: participant and experimenter share it",
-                          "Plug in a second screen for the participant's view."))  # fmt: skip
+        shared, second = "only one: participant and experimenter share it", "Plug in a second one for the participant."
+        lines.append(check("screens", shared, second))
     return lines
 
 
 def scheduling() -> Check:
-    """The best scheduling that the control loop gets here; tried in a process of its own."""
-    tried = subprocess.run([sys.executable, "-c", SCHEDULING_CODE], capture_output=True, text=True, check=False)
-    if tried.returncode != 0:
-        last = (tried.stderr.strip().splitlines() or ["no reason given"])[-1]
-        return Check("scheduling", BAD, f"could not be tried: {last}", "Reinstall: remove .venv and run ./phd again.")
-    got = tried.stdout.strip()
+    """The best scheduling that the control loop gets here."""
+    answer = tried("from app.ipc.scheduling import take_scheduling; print(take_scheduling()[0])")
+    if answer.returncode != 0:
+        last = (answer.stderr.strip().splitlines() or ["no reason given"])[-1]
+        return check("scheduling", f"could not be tried: {last}", REINSTALL, bad=True)
+    got = answer.stdout.strip()
     if got.startswith("real-time") and "not locked" not in got:
-        return Check("scheduling", GOOD, got)
+        return check("scheduling", got)
     return Check("scheduling", CAUTION, got, ADVICE if sys.platform == "linux" else "")
 
 
@@ -98,29 +100,28 @@ def cores() -> Check:
     """Processor cores that we may use: the loop wants one of its own."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if count < 2:
-        return Check("cores", CAUTION, "1: loop and window share it", "Give the machine a second core.")
-    return Check("cores", GOOD, f"{count}")
+        return check("cores", "1: loop and window share it", "Give the machine a second core.")
+    return check("cores", f"{count}")
 
 
 def kernels() -> Check:
-    """Whether the compiled kernels are at hand."""
+    """Whether any kernels of this version are compiled."""
     if first_use():
-        return Check("kernels", CAUTION, f"not compiled yet ({CACHE_FOLDER})",
-                    "The first trial or study compiles them, a quarter of a minute; nothing to do.")  # fmt: skip
-    return Check("kernels", GOOD, f"compiled, in {CACHE_FOLDER}")
+        advice = "The first trial or study compiles them, a quarter of a minute; nothing to do."
+        return check("kernels", f"not compiled yet ({CACHE_FOLDER})", advice)
+    return check("kernels", f"compiled, in {CACHE_FOLDER}")
 
 
 # ------------------------------------------------------------------------------------- what is attached, and our rights
 
+
 def board_check(board: BoardFound) -> Check:
-    """Who answers at a port."""
+    """The board that answers at a port."""
     if board.problem:
         advice = "Is this the board's port, has the board power, and does no other program (phd itself) use the port?"
-        return Check("board", BAD, f"{board.port}: {board.problem}", advice)
-    found = f"{board.port}: {about(board)}"
-    if board.fault:
-        return Check("board", CAUTION, found, "Allow the brakes again in the console once what caused it is past.")
-    return Check("board", GOOD, found)
+        return check("board", f"{board.port}: {board.problem}", advice, bad=True)
+    advice = "Allow the brakes again in the console once what caused it is past." if board.fault else ""
+    return check("board", f"{board.port}: {about(board)}", advice)
 
 
 def about(board: BoardFound) -> str:
@@ -137,34 +138,30 @@ def about(board: BoardFound) -> str:
 def port_checks(ports: list[SerialPort]) -> list[Check]:
     """A check for each port."""
     if not ports:
-        return [Check("serial", GOOD, NOTHING)]
-    checks = []
-    for port in ports:
-        identity = f" ({port.usb})" if port.usb else ""
-        found = f"{port.port}: {port.name or 'not on USB'}{identity}"
-        advice = "" if port.allowed else dialout_advice()
-        checks.append(Check("serial", GOOD if port.allowed else CAUTION, found, advice))
-    return checks
+        return [check("serial", "nothing attached (the simulated device needs nothing)")]
+    dialout = "Close any other program that uses it, or ask this machine's administrator for the right to it."
+    if sys.platform == "linux":
+        dialout = f"Run: sudo usermod -aG dialout {getpass.getuser()}; then log out and in again."
+    return [
+        check(
+            "serial",
+            f"{port.port}: {port.name or 'not on USB'}{f' ({port.usb})' if port.usb else ''}",
+            "" if port.allowed else dialout,
+        )
+        for port in ports
+    ]
 
 
 def hid_checks() -> list[Check]:
     """A check for each six-axis device."""
     try:
-        devices: list[HidDevice] = hid_devices()
+        devices = hid_devices()
     except InputError as error:
-        return [Check("hand", CAUTION, str(error), "Reinstall: remove the folder .venv and run ./phd again.")]
+        return [check("hand", str(error), REINSTALL)]
     if not devices:
-        return [Check("hand", GOOD, "no six-axis device attached (the mouse serves)")]
+        return [check("hand", "no six-axis device attached (the mouse serves)")]
     rule = f"Put this line into /etc/udev/rules.d/70-phd.rules and plug it in again: {UDEV_RULE}"
     return [
-        Check("hand", GOOD if device.allowed else CAUTION, f"{device.path}: {device.product} ({device.ids})",
-             "" if device.allowed else rule)
+        check("hand", f"{device.path}: {device.product} ({device.ids})", "" if device.allowed else rule)
         for device in devices
-    ]  # fmt: skip
-
-
-def dialout_advice() -> str:
-    """How to get the right to serial ports."""
-    if sys.platform != "linux":
-        return "Close whatever else uses it, or ask who looks after this machine for the right to it."
-    return f"Run: sudo usermod -aG dialout {getpass.getuser()}; then log out and in again."
+    ]

@@ -172,7 +172,16 @@ def plan_hash(plan: Sequence[PlannedTrial]) -> str:
 Steps = Callable[[Protocol, PlannedTrial, PlannedTrial, int, int], list[str]]
 
 
-def print_plan(protocol: Protocol, participant: str, steps: Steps) -> str:
+def steps_between(protocol: Protocol, before: PlannedTrial, after: PlannedTrial, done: int, left: int) -> list[str]:
+    """What the printed plan says between two trials: a re-rig, a break."""
+    if after.configuration != before.configuration:
+        return [f"re-rig to {after.configuration}"]
+    if protocol.breaks is not None and break_after(protocol, done, left):
+        return [f"-- break of at least {protocol.breaks.least_s:g} s --"]
+    return []
+
+
+def print_plan(protocol: Protocol, participant: str, steps: Steps = steps_between) -> str:
     """The protocol's facts, the estimated duration, then every trial in order with practice and the steps between."""
     plan = make_plan(protocol, participant)
     parts, before = [_head(protocol, participant, plan)], plan[0]
@@ -209,13 +218,13 @@ def plan_summary(protocol: Protocol) -> str:
     """What a participant's session is made of, how many trials that gives, and about how long it takes."""
     plan = make_plan(protocol, "1")
     parts = {"device": protocol.devices, "controller": protocol.controllers, "path": protocol.paths}
-    factors = [_counted(len(of), name) for name, of in parts.items()]
+    factors = [counted(len(of), name) for name, of in parts.items()]
     if (times := protocol.blocks * protocol.repetitions) > 1:
         factors.append(str(times))
     return f"{' × '.join(factors)} = {_length(protocol, plan)}"
 
 
-def _counted(number: int, name: str) -> str:
+def counted(number: int, name: str) -> str:
     """ "1 trial", "2 trials"."""
     return f"{number} {name}" if number == 1 else f"{number} {name}s"
 
@@ -230,7 +239,7 @@ def _length(protocol: Protocol, plan: Sequence[PlannedTrial]) -> str:
     rest_s = protocol.breaks.least_s if protocol.breaks else 0.0
     seconds = trials * TRIAL_S + breaks * rest_s + (configurations - 1) * RERIG_S
     practice = f" and {practised} of practice" if practised else ""
-    return f"{_counted(len(plan), 'trial')}{practice}, about {math.ceil(seconds / 60.0)} min"
+    return f"{counted(len(plan), 'trial')}{practice}, about {math.ceil(seconds / 60.0)} min"
 
 
 def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) -> str:

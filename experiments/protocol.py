@@ -281,6 +281,16 @@ class Protocol(Settings, frozen=True, kw_only=True):
                 f"participant {participant}: is none of the {self.name} protocol's ({', '.join(self.participants)})"
             )
 
+    def refuse_answers(self, form: Mapping[str, str | float]) -> None:
+        """InputError if an answer of a participant's form is none that the protocol asks for."""
+        for name, answer in form.items():
+            kind = self.form.get(name)
+            if kind is None:
+                raise InputError(f"form: the {self.name} protocol does not ask for {name!r}")
+            if isinstance(answer, str) != (kind != NUMBER) or (not isinstance(kind, str) and answer not in kind):
+                wanted = f"a {kind}" if isinstance(kind, str) else f"one of {', '.join(kind)}"
+                raise InputError(f"form: {name} must be {wanted}, not {answer!r}")
+
     def labels(self) -> dict[int | str, str]:
         """Controller -> its name in lines that fit under a box."""
         return {number: label(preset.name) for number, preset in self.controllers.items()}

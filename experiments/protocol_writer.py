@@ -1,14 +1,18 @@
-"""Writes protocol files: TOML that `experiments.protocol` reads."""
+"""Writes protocol files: TOML that `experiments.protocol` reads, and paths from the points that draw them."""
 
+import cmath
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from core.files import InputError
+from core.files import InputError, Pair
 from experiments.protocol import read_protocol
 from experiments.recording.atomic_files import reason_of, write_new_file, written_beside
 
+#: kind of path -> how many points draw it; a polyline takes any number from two on
+POINTS = {"segment": 2, "polyline": 2, "arc": 3}
 ABOUT = "# A protocol of phd. The shipped experiments/protocols/paper.toml says what each key is.\n"
 
 
@@ -66,3 +70,39 @@ def _value(value: Any) -> str:
     if isinstance(value, float):
         return repr(value)
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # as TOML writes texts, integers, booleans
+
+
+def points_of(path: Mapping[str, Any]) -> list[Pair]:
+    """The points (m) by which a path, as it stands in a file, is drawn: ends, corners, and the middle of an arc."""
+    if path["kind"] == "segment":
+        return [tuple(path["start_m"]), tuple(path["end_m"])]
+    if path["kind"] == "polyline":
+        return [tuple(point) for point in path["points_m"]]
+    (x, y), r, first, last = path["centre_m"], path["radius_m"], path["from_deg"], path["to_deg"]
+    angles = (math.radians(angle) for angle in (first, 0.5 * (first + last), last))
+    return [(x + r * math.cos(angle), y + r * math.sin(angle)) for angle in angles]
+
+
+def path_through(kind: str, points: Sequence[Pair]) -> dict[str, Any]:
+    """The path of a kind through points (m), as it stands in a file. InputError where there is none."""
+    rounded = [[round(x, 6), round(y, 6)] for x, y in points]
+    if len(points) < POINTS[kind]:
+        raise InputError(f"path: {kind} needs {POINTS[kind]} points")
+    if kind == "segment":
+        return {"kind": kind, "start_m": rounded[0], "end_m": rounded[-1]}
+    if kind == "polyline":
+        return {"kind": kind, "points_m": rounded}
+    a, b, c = (complex(*point) for point in (points[0], points[1], points[-1]))
+    if abs(((c - a) * (b - a).conjugate()).imag) <= 1e-9:
+        raise InputError("path: the three points of an arc lie on a line")
+    w = (c - a) / (b - a)
+    centre = (b - a) * (w - abs(w) ** 2) / (2j * w.imag) + a  # of the circle through a, b, c
+    first, via, last = (math.degrees(cmath.phase(point - centre)) for point in (a, b, c))
+    turn = (last - first) % 360.0
+    if (via - first) % 360.0 > turn:  # clockwise
+        turn -= 360.0
+    middle, radius = [round(centre.real, 6), round(centre.imag, 6)], round(abs(a - centre), 6)
+    return {
+        "kind": kind, "centre_m": middle, "radius_m": radius,
+        "from_deg": round(first, 3), "to_deg": round(first + turn, 3),
+    }  # fmt: skip

@@ -1,6 +1,8 @@
 """What is attached: serial ports with who they are on USB, boards that answer, six-axis HID devices."""
 
 import os
+import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,9 +12,10 @@ from core.device_interface import DeviceError
 from core.files import InputError
 from core.mechanism import JOINTS
 from hardware.connection import HELLO_S, Connection
+from hardware.emulated_board.sensors import FOLDER
 from hardware.hid import attached, list_hid
 from hardware.sensing.samples import fault_words
-from hardware.serial_port import Port
+from hardware.serial_port import Port, usb_ports
 from hardware.wire.messages import VERSION, AskHello, Hello, State, joints_of
 
 
@@ -91,6 +94,34 @@ def ask_board(port: str) -> BoardFound:
     finally:
         wire.close()
     return described(port, hello)
+
+
+class PortFound(NamedTuple):
+    """A port at which a board may be."""
+
+    port: str
+    words: str  # what answers there, or why nothing does
+    answers: bool
+
+
+def look_at_ports(before: Sequence[PortFound] = (), besides: str = "") -> tuple[PortFound, ...]:
+    """Every serial port on USB and every emulated board, with what answers.
+
+    before: an earlier look; what answered then is not asked again. besides: a port that is in use here, left alone.
+    """
+    known = {found.port: found for found in before if found.answers}
+    emulated = map(str, sorted(Path(tempfile.gettempdir()).glob(f"{FOLDER}*/port")))
+    ports = [*usb_ports(), *(port for port in emulated if os.access(port, os.R_OK | os.W_OK))]
+    return tuple(known.get(port) or _found(port) for port in ports if port != besides)
+
+
+def _found(port: str) -> PortFound:
+    try:
+        board = ask_board(port)
+    except InputError as error:  # it has just gone
+        return PortFound(port, str(error), False)
+    words = board.problem or f"answers, {board.device or 'names no device'}"
+    return PortFound(port, words, not board.problem)
 
 
 def _without_name(error: DeviceError, port: str) -> str:

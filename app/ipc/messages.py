@@ -63,6 +63,7 @@ class Open(NamedTuple):
     participant: str
     resume: bool = False
     blind: bool = False  # the console too
+    form: dict[str, str | float] = {}  # noqa: RUF012  (never changed) what the protocol asks of a new participant
 
 
 class Practice(NamedTuple):
@@ -132,6 +133,43 @@ class Answers(NamedTuple):
     """The participant's answers after a block: item -> value."""
 
     values: dict[str, float]
+
+
+class SandboxSettings(NamedTuple):
+    """What can be set on Try."""
+
+    device: str
+    path: int  # its number in the protocol
+    controller: int  # its number in the protocol; its own gap and gain stand below
+    rules: str
+    gap_m: float
+    gain_N_s_m: float
+    blend_width_m: float
+    spring_N_m: float  # between pointer and handle
+    brake_strength: float  # share of K(I), Eq. (2)
+    backlash_deg: float
+
+    def same_conditions(self, other: "SandboxSettings") -> bool:
+        """Whether everything but the controller and its gap and gain is the same: two passes then compare."""
+        own = self._replace(controller=other.controller, gap_m=other.gap_m, gain_N_s_m=other.gain_N_s_m)
+        return own == other
+
+
+class Sandbox(NamedTuple):
+    """Try: pass after pass with these settings, which act at once, in the middle of a pass, too."""
+
+    settings: SandboxSettings | None = None  # None: as protocol and device have them
+
+
+class EndSandbox(NamedTuple):
+    """Leave Try; the running pass ends and is not measured."""
+
+
+class SaveAsProtocol(NamedTuple):
+    """Write the settings of Try as a protocol file, with all the protocol's controllers."""
+
+    path: str
+    name: str  # of the new protocol
 
 
 class Quit(NamedTuple):
@@ -214,6 +252,30 @@ class Opened(NamedTuple):
     blind: bool = False  # a new session is blind whether that is asked for or not
 
 
+class Pass(NamedTuple):
+    """A pass of Try that has ended, and its measures; None: it has not, e.g. the handle was never moved."""
+
+    number: int  # 1 ..
+    settings: SandboxSettings  # at its end
+    changed: bool  # on the way
+    status: str  # "done", "timeout"
+    path_error_m: float | None
+    mean_tip_force_N: float | None
+    roughness_m_s2: float | None  # `acceleration_weighted_rms_m_s2`
+    duration_s: float | None
+
+
+class SandboxState(NamedTuple):
+    """Try, as it is now."""
+
+    settings: SandboxSettings
+    initial: SandboxSettings  # as protocol and device have them
+    fixed: tuple[str, ...]  # settings that cannot be changed: of a real device, of a hand without a spring
+    by_start: bool  # a pass waits for Start, and a change for the next pass: currents flow in real brakes
+    least_gain_N_s_m: float  # a guide of less gain does less than the brakes' own drag
+    passes: tuple[Pass, ...] = ()  # the newest last
+
+
 class Snapshot(NamedTuple):
     """Where the session is; sent whenever something in it changes."""
 
@@ -231,6 +293,7 @@ class Snapshot(NamedTuple):
     said: str = ""  # to the experimenter: what just happened or what was refused
     said_bad: bool = False
     card: Card | None = None  # what is to be done before the next trial
+    sandbox: SandboxState | None = None  # None: Try is not open
     seconds_left: float | None = None  # of the whole session, estimated from the trials so far
     resumable: tuple[str, ...] = ()  # participants whose session in the data folder is unfinished
     finished: tuple[str, ...] = ()  # .. is done: it can be opened again, to redo a trial or write a note
@@ -345,7 +408,7 @@ class Tried(NamedTuple):
 
 
 class Done(NamedTuple):
-    """A trial has ended."""
+    """A trial has ended, or is handed back as it is."""
 
     changed: "Changed"  # by running it; see `Trial.take_back`
 

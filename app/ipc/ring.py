@@ -26,6 +26,10 @@ TEXT, CODE = 240, 24  # bytes of a cause, of the code of a fault
 #: why the loop ended a trial before its end
 NO_CAUSE, STOPPED, BRAKES_OFF, SERVER_SILENT, RING_FULL = range(5)
 
+#: what the session server wants of a running trial: that it ends; that the loop gives it back as it is, between two
+#: ticks, to be changed and run on (a simulated device's alone: a real one's goes on)
+END_TRIAL, HAND_BACK = 1, 2
+
 CONTROL = np.dtype(
     [
         # by the window
@@ -39,7 +43,7 @@ CONTROL = np.dtype(
         ("push_count", "i8"),  # how often a force was pushed; 0: the pointer is the hand
         ("pushes", "f8", (AIMS, 2)),  # N, likewise
         ("server_beat", "i8"),  # ns
-        ("stop", "i8"),  # 1: end the trial
+        ("stop", "i8"),  # END_TRIAL, HAND_BACK; 0: go on
         ("tail", "i8"),  # ticks that the recorder has taken
         # by the loop
         ("loop_beat", "i8"),  # ns
@@ -146,10 +150,11 @@ class Ring:
 
     # the session server
 
-    def begin_trial(self) -> None:
-        """Before the loop is told to run one."""
+    def begin_trial(self, taken: bool = False) -> None:
+        """Before the loop is told to run one. taken: the pointer still holds the handle."""
         control = self.control
-        control.stop = control.cause = control.dropped = control.taken = control.let_go = 0
+        control.stop = control.cause = control.dropped = control.let_go = 0
+        control.taken = int(taken)
         self.control.tail = self.control.head
         self.control.loop_beat = time.monotonic_ns()
         self.beat()

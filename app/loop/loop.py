@@ -141,7 +141,8 @@ class Loop:
                 case Run(trial):
                     self.run(trial)
                     self._answer(Done(trial.changed()))
-                    gc.collect()
+                    if trial.finished:  # else it comes back at once
+                        gc.collect()
                 case Connect(devices):
                     self._devices, self._tried_s, self._looking = devices, 0.0, True
                     self._leave()
@@ -162,7 +163,7 @@ class Loop:
     # ------------------------------------------------------------------------------------------------ a trial
 
     def run(self, trial: Trial) -> None:
-        """From its first tick to its last; every tick goes into the ring."""
+        """To its last tick, or until it is to be handed back; every tick goes into the ring."""
         if not trial.real:
             run_trial(self.ring.controls, self.ring.rows, self._row, self._timespec, *trial.arguments())
         elif self.device is None:

@@ -6,7 +6,7 @@ by way of Python, which calls `end_early` and `put` for each.
 
 import math
 
-from app.ipc.ring import AIMS, BRAKES_OFF, RING_FULL, SERVER_SILENT, STOPPED
+from app.ipc.ring import AIMS, BRAKES_OFF, END_TRIAL, HAND_BACK, RING_FULL, SERVER_SILENT, STOPPED
 from app.loop.clock import fence, native, now_ns, sleep_until
 from core.kernel import kernel
 from core.tick_log import END, LATENESS_US, MOVE
@@ -63,7 +63,7 @@ def end_early(controls, runs, now, size):
         return
     if control.brakes_off != 0:
         control.cause = BRAKES_OFF
-    elif control.stop != 0:
+    elif control.stop == END_TRIAL:
         control.cause = STOPPED
     elif now - control.server_beat > SILENT_NS:
         control.cause = SERVER_SILENT
@@ -102,11 +102,14 @@ def run_trial(
     controls, ring, row, timespec,
     path, controller, mechanism, brakes, hand, state, scratch, runs, operator, noise, memory,
 ):  # fmt: skip
-    """One trial in real time on the simulated device, from its first tick to its last. row: room for a tick."""
+    """One trial in real time on the simulated device, to its last tick or until it is to be handed back.
+
+    row: room for a tick.
+    """
     control, run, grip = controls[0], runs[0], hand.grips[0]
     force_max = grip.force_max
     deadline = now_ns(timespec)
-    while run.finished == 0:
+    while run.finished == 0 and control.stop != HAND_BACK:
         late, deadline = due(control, deadline, timespec)
         end_early(controls, runs, control.loop_beat, ring.shape[0])
         if run.simulated_hand == 0:

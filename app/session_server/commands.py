@@ -12,7 +12,7 @@ from app.session_server.session_progress import SessionProgress
 from app.session_server.state import State
 from app.session_server.steps import ended_by
 from core.files import InputError
-from experiments.plan import PlannedTrial
+from experiments.plan import PlannedTrial, counted
 from experiments.session.files import other_protocol
 from experiments.session.journal import NOTE, PAUSED, RESUMED_AFTER_PAUSE
 from experiments.session.session import Session
@@ -60,15 +60,21 @@ def _open(state: State, command: m.Open) -> None:
     else:
         person, blind = person_at(setup, state.protocol, name), command.blind or None
         operators = load_population().operators if person else None
-        session = Session(setup.data_dir, name, state.protocol, person, setup.sync, blind, hand, operators)
+        session = Session(
+            setup.data_dir, name, state.protocol, person, setup.sync, blind, hand, operators, command.form
+        )
     try:
         state.storage.take(SessionProgress(session, state.device))
     except BaseException:
         session.close()
         raise
     left, whole = len(session.plan) - session.settled, len(session.plan)
-    which = "all" if left in (0, whole) else f"{left} of"
-    said = [f"Participant {name}: {which} {whole} trials are {'to come' if left else 'over'}."]
+    if not left:
+        said = [f"Participant {name}: all {counted(whole, 'trial')} are done."]
+    elif left == whole:
+        said = [f"Participant {name}: {counted(whole, 'trial')} to run."]
+    else:
+        said = [f"Participant {name}: {left} of {counted(whole, 'trial')} left."]
     said.append(done_without(setup, session.protocol))
     if other := other_protocol(setup.data_dir, name, session.protocol):
         said.append(f"Their protocol is not the one of participant {other}: file, devices or options have changed.")
@@ -81,7 +87,10 @@ def _wrong_hand(state: State, session: Session) -> str:
     if session.hand == state.device.hand:
         return ""
     begun = HANDS.get(session.hand, f"{session.hand!r}, an unknown hand")  # session.json was edited
-    return f"It was begun with {begun}, this is {HANDS[state.device.hand]}: no trials, for they would not compare."
+    return (
+        f"This session was begun with {begun}, and now there is {HANDS[state.device.hand]}. No trials can be run, "
+        "because they could not be compared with the earlier ones."
+    )
 
 
 def _leave(state: State, _: m.Leave) -> None:
@@ -91,7 +100,9 @@ def _leave(state: State, _: m.Leave) -> None:
 
 
 def _start(state: State, command: m.Start) -> None:
-    if state.progress is not None:
+    if state.sandbox.on:
+        state.sandbox.go()
+    elif state.progress is not None:
         _run(state, state.progress.session, state.progress.coming)
     elif state.practice.tried:
         _practise(state, command)
@@ -108,6 +119,12 @@ def _practise(state: State, _: m.Practice | m.Start) -> None:
     trial = state.practice.trial(device)
     state.runner.start(trial.planned, trial, None)
     state.say("Practice: nothing is recorded.")
+
+
+def _try(state: State, command: m.Sandbox) -> None:
+    if state.session is not None:
+        raise InputError("A session is open: leave it before you try something out.")
+    state.sandbox.want(command.settings)
 
 
 def _run(state: State, session: Session, planned: PlannedTrial) -> None:
@@ -195,6 +212,8 @@ COMMANDS = {
     m.Open: Command(_open, (m.NO_SESSION,), session=False),
     m.Leave: Command(_leave, IDLE),
     m.Practice: Command(_practise, (m.READY, m.NO_SESSION), session=False),
+    m.Sandbox: Command(_try, session=False),
+    m.EndSandbox: Command(lambda state, _: state.sandbox.leave(), session=False),
     m.Start: Command(_start, (m.READY, m.NO_SESSION), session=False),
     m.Abort: Command(_abort, session=False),
     m.Redo: Command(_redo, IDLE, stored=True),

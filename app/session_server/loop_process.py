@@ -55,9 +55,9 @@ class LoopProcess:
         self.running = isinstance(job, Run)
         self._pipe.send(job)
 
-    def receive(self) -> list[object]:
-        """What it has answered since the last time."""
-        answers = self._pipe.receive()
+    def receive(self, wait_s: float = 0.0) -> list[object]:
+        """What it has answered since the last time; waits at most `wait_s` for the first answer."""
+        answers = self._pipe.receive(wait_s)
         for answer in answers:
             self.running &= not isinstance(answer, Done)
             self._beats |= isinstance(answer, DeviceStatus)

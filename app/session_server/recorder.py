@@ -17,15 +17,16 @@ from experiments.recording.writer import RecordingWriter
 
 DRAIN_S = 0.02
 LATE_US = 1000.0  # a tick so late has missed its millisecond
+Take = Callable[[np.ndarray], None]
 LIVE = 500  # looks into the ring, 10 s: the percentiles of a trial that runs are of these
 
 
 class Recorder:
     """Takes every tick of one trial until `close`; the writer stays open for whoever knows the outcome."""
 
-    def __init__(self, ring: Ring, writer: RecordingWriter | None) -> None:
-        """writer: None for a trial that is not kept."""
-        self.writer = writer
+    def __init__(self, ring: Ring, writer: RecordingWriter | None, take: Take | None = None) -> None:
+        """writer: None for a trial that is not kept. take: gets the ticks (n, width), too."""
+        self.writer, self._take = writer, take
         self.error = ""  # why the recording takes no more
         self._ring = ring
         self._lateness: list[np.ndarray] = []
@@ -87,6 +88,8 @@ class Recorder:
             rows = self._ring.take()
             if self.writer is not None and not self.error:  # after one: the trial is being ended for it
                 self._try(partial(self.writer.write, rows))
+            if self._take is not None and len(rows):
+                self._take(rows)
             while not self._beside.empty():
                 self._try(self._beside.get())
             self._ring.taken(len(rows))

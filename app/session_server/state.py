@@ -12,6 +12,7 @@ from app.session_server.device_setup import RealSetup, SimulatedSetup
 from app.session_server.loop_process import LoopProcess
 from app.session_server.practice import Practice
 from app.session_server.preflight import check_disk, check_recording, with_advice
+from app.session_server.sandbox import Sandbox
 from app.session_server.session_progress import SessionProgress
 from app.session_server.storage import Storage
 from app.session_server.trial_runner import TrialRun, TrialRunner
@@ -48,6 +49,7 @@ class State:
         self._disk, self._free = check_disk(setup.data_dir)
         self._looked_s = time.monotonic()
         self.practice = Practice(setup, protocol)
+        self.sandbox = Sandbox(setup, protocol, self.runner, self.device, self.say)
 
     def look_for_participants(self) -> None:
         """Whose session can be gone on with, whose is done, and who has none yet."""
@@ -120,7 +122,7 @@ class State:
             coming=coming,
             running=run.planned if run else None,
             practice=session is None or (at is not None and at.block == 0),
-            tip=run.tip if run else self.device.tip(progress, self.practice.simulation),
+            tip=run.tip if run else self.device.tip(progress, self.sandbox.simulation or self.practice.simulation),
             paused=progress is not None and progress.paused_s is not None,
             blind=session is not None and session.blind,
             checks=(
@@ -133,6 +135,7 @@ class State:
             notes=tuple(progress.notes) if progress else (),
             said=self._said,
             said_bad=self._said_bad,
+            sandbox=self.sandbox.state,
             card=due[1] if due and stage == due[0].name else None,
             seconds_left=progress.seconds_left() if progress else None,
             resumable=() if session else self._resumable,
@@ -164,6 +167,7 @@ class State:
 
     def window_lost(self) -> None:
         """The window is gone, whatever runs."""
+        self.sandbox.leave()
         self.storage.write(WINDOW_LOST)
 
     def watch(self) -> None:
@@ -178,8 +182,11 @@ class State:
             self.practice.loop_ready.set()
         if lost:
             self._lost(run, lost)
+        elif run is not None and self.sandbox.owns(run):
+            self.sandbox.returned(run, bool(self.ring.control.taken))
         elif run is not None:
             self.storage.keep(run)
+        self.sandbox.watch(self.snapshot().why_not if self.sandbox.waits else "")
         now = time.monotonic()
         if self.runner.run is None and now - self._looked_s > DISK_S:
             self._looked_s = now
@@ -190,6 +197,7 @@ class State:
     def _lost(self, run: TrialRun | None, why: str) -> None:
         """The loop died or hung, perhaps with a trial."""
         self.broken = self.runner.broken
+        self.sandbox.lost()
         if isinstance(self.device, RealSetup) and not self.broken:
             self.device.connect_anew()
         if run is not None:
@@ -199,6 +207,7 @@ class State:
 
     def end(self, reason: str) -> None:
         """Abort what runs, keep it, let the session go, end the loop."""
+        self.sandbox.leave()
         if self.runner.run is not None:
             self.runner.run.stop(reason)
         deadline = time.monotonic() + END_S

@@ -3,11 +3,11 @@
 import contextlib
 
 from app.ipc.messages import Check, Done, Prepared, Run, Timing, Tried, Try
-from app.ipc.ring import BRAKES_OFF, RING_FULL, SERVER_SILENT, STOPPED, Ring
+from app.ipc.ring import BRAKES_OFF, END_TRIAL, HAND_BACK, RING_FULL, SERVER_SILENT, STOPPED, Ring
 from app.ipc.scheduling import leave_core
 from app.session_server.loop_process import LoopProcess
 from app.session_server.preflight import check_loop
-from app.session_server.recorder import Recorder, timing_of
+from app.session_server.recorder import Recorder, Take, timing_of
 from core.faults import Cause, after, cause
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
@@ -16,6 +16,7 @@ from experiments.session.session import Session
 from experiments.trial.trial import Trial
 
 TRY_TICKS = 250  # a quarter of a second of deadlines, before the first trial
+HAND_BACK_S = 0.02  # longest wait for a trial that the loop gives back at its next tick
 MOST_STARTS = 3  # loops in a row that die before they are ready
 
 
@@ -23,14 +24,18 @@ class TrialRun:
     """A trial that the loop runs now."""
 
     def __init__(
-        self, ring: Ring, loop: LoopProcess, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None
-    ) -> None:
-        """Start it. writer: None for a trial that is not kept."""
+        self, ring: Ring, loop: LoopProcess, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None,
+        take: Take | None = None, taken: bool = False,
+    ) -> None:  # fmt: skip
+        """Start it. writer: None for a trial that is not kept. take: gets all ticks, too.
+
+        taken: the pointer still holds the handle.
+        """
         self.planned, self.trial = planned, trial
         self.tip = trial.tip  # where it begins
         self._ring, self._reason, self._decided = ring, "", False
-        ring.begin_trial()
-        self.recorder = Recorder(ring, writer)
+        ring.begin_trial(taken)
+        self.recorder = Recorder(ring, writer, take)
         trial.aim(*self.tip)  # nothing pulls until the pointer has touched the handle
         loop.send(Run(trial))
 
@@ -43,17 +48,30 @@ class TrialRun:
         """End it at its next tick, brakes off; the first reason stands. decided: the experimenter asked for it."""
         if not self._reason:
             self._reason, self._decided = reason, decided
-        self._ring.control.stop = 1
+        self._ring.control.stop = END_TRIAL
+
+    def hand_back(self) -> None:
+        """Let the loop give the trial back between two ticks, to be changed; one that ends meanwhile ends."""
+        self._ring.control.stop = self._ring.control.stop or HAND_BACK
+
+    @property
+    def is_handed_back(self) -> bool:
+        """Whether the loop has been asked for it."""
+        return int(self._ring.control.stop) == HAND_BACK
 
     def watch(self) -> None:
         """End it if its recording takes no more."""
         if self.recorder.error:
             self.stop(self.recorder.error)
 
-    def ended(self, answer: Done, scheduling: str) -> None:
-        """The loop has run its last tick: the trial is as the loop left it, and every tick is with the writer."""
-        self.recorder.close()
+    def returned(self, answer: Done, scheduling: str) -> None:
+        """The trial is as the loop left it. After its last tick every tick is with the writer; one that was handed
+        back before it is as it was.
+        """
         self.trial.take_back(answer.changed)
+        if not self.trial.finished:
+            return
+        self.recorder.close()
         if reason := self._why():
             self.trial.abort(reason)
         self.trial.let_go = int(self._ring.control.let_go)
@@ -121,9 +139,20 @@ class TrialRunner:
         """Whether a trial may start."""
         return self._tried is not None and self.run is None
 
-    def start(self, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None) -> None:
+    def start(
+        self, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None, take: Take | None = None,
+        taken: bool = False,
+    ) -> TrialRun:  # fmt: skip
         """Run a trial; the writer is the runner's until the run has ended or is lost."""
-        self.run = TrialRun(self._ring, self._loop, planned, trial, writer)
+        self.run = TrialRun(self._ring, self._loop, planned, trial, writer, take, taken)
+        return self.run
+
+    def go_on(self, run: TrialRun) -> None:
+        """Run a trial on that was handed back."""
+        self.run = run
+        if run.is_handed_back:  # else it is to end
+            self._ring.control.stop = 0
+        self._loop.send(Run(run.trial))
 
     def send(self, job: object) -> None:
         """A job for the loop of a board."""
@@ -135,11 +164,11 @@ class TrialRunner:
         return told
 
     def watch(self) -> tuple[TrialRun | None, str]:
-        """The run that has come to its end, if one has, and "" or why the loop was lost with it."""
+        """The run that has come to its end or was handed back, if one has, and "" or why the loop was lost with it."""
         if self.run is not None:
             self.run.watch()
         ended = None
-        for answer in self._loop.receive():
+        for answer in self._loop.receive(HAND_BACK_S if self.run and self.run.is_handed_back else 0.0):
             match answer:
                 case Prepared(scheduling, core):
                     self._scheduling, self._starts = scheduling, 0
@@ -150,7 +179,7 @@ class TrialRunner:
                 case Done():
                     assert self.run is not None
                     ended, self.run = self.run, None
-                    ended.ended(answer, self._scheduling)
+                    ended.returned(answer, self._scheduling)
                     self._last = ended.timing(self._scheduling)
                 case _:
                     self._told.append(answer)

@@ -4,56 +4,47 @@ import argparse
 import json
 from pathlib import Path
 
-from app.progress import Progress, announce_first_use
-from app.verbs.common import add_verb, whole_number_of
+from app.verbs.common import add_verb, answer, whole_number_of, with_progress
 from core.files import InputError
 
 
 def add(verbs) -> None:
-    verb = add_verb(
-        verbs,
-        "bench",
-        bench,
-        "measure the simulator's speed against its error",
+    """The verb and its arguments."""
+    option = add_verb(
+        verbs, "bench", bench, "measure the simulator's speed against its error",
         "Four scenes on two bench devices, steps of 5 to 0.1 ms, each integrator; MuJoCo beside them where it is\n"
         "installed (pip install '.[bench]'). The reference is checked against scipy DOP853 on Eq. (5) in the same\n"
         "run. Times are the least of several repeats: compare ratios, and let nothing else run beside it.\n"
         "--loop instead: how late the ticks of live trials of a simulated operator come on this machine, with and\n"
         "without the real-time privilege, alone or with a busy process for each processor core. Stolen:\n"
         "what the host of a virtual machine kept the loop's core from it; nothing here can help that.",
-        "phd bench --out bench-1",
-    )
-    verb.add_argument("--quick", action="store_true", help="one device, two steps, fewer repeats")
-    verb.add_argument("--json", action="store_true", help="print the result as JSON instead of a table")
-    verb.add_argument(
-        "--loop", nargs="?", type=whole_number_of(1), const=15, metavar="SECONDS",
-        help="the control loop's lateness instead, for so long in each case (default: 15)",
-    )  # fmt: skip
-    verb.add_argument("--out", type=Path, metavar="DIR", help="a new folder for bench.json and the work-precision plot")
+        "phd bench --out bench-1", prints="the result",
+    ).add_argument  # fmt: skip
+    option("--quick", action="store_true", help="one device, two steps, fewer repeats")
+    loop = "the control loop's lateness instead, for so long in each case (default: 15)"
+    option("--loop", nargs="?", type=whole_number_of(1), const=15, metavar="SECONDS", help=loop)
+    option("--out", type=Path, metavar="DIR", help="a new folder for bench.json and the work-precision plot")
 
 
 def bench(args: argparse.Namespace) -> int:
     if args.loop is not None:
         return bench_loop(args)
-    if args.out is not None:
-        if args.out.exists():
-            raise InputError(f"--out: {args.out}: exists already and is never overwritten")
-        if not args.out.parent.is_dir():
-            raise InputError(f"--out: {args.out}: there is no folder {args.out.parent}")
+    out = args.out
+    if out is not None and out.exists():
+        raise InputError(f"--out: {out}: exists already and is never overwritten")
+    if out is not None and not out.parent.is_dir():
+        raise InputError(f"--out: {out}: there is no folder {out.parent}")
     from experiments.benchmark.bench import run_bench
     from experiments.benchmark.report import table, work_precision
 
-    announce_first_use()
-    with Progress("measuring") as progress:
-        result = run_bench(args.quick, progress)
-    text = json.dumps(result, allow_nan=False)
-    print(text if args.json else table(result))
-    if args.out is not None:
+    result = with_progress("measuring", run_bench, args.quick, compiles=True)
+    answer(args, result, table(result))
+    if out is not None:
         pictures = work_precision(result)
-        args.out.mkdir()
-        (args.out / "bench.json").write_text(text + "\n", encoding="utf-8")
+        out.mkdir()
+        (out / "bench.json").write_text(json.dumps(result, allow_nan=False) + "\n", encoding="utf-8")
         for form, data in pictures.items():
-            (args.out / f"work-precision.{form}").write_bytes(data)
+            (out / f"work-precision.{form}").write_bytes(data)
     return 0
 
 
@@ -63,8 +54,6 @@ def bench_loop(args: argparse.Namespace) -> int:
         raise InputError("--loop: takes neither --out nor --quick")
     from app.verbs.loop_lateness import measure_all, table
 
-    announce_first_use()
-    with Progress("measuring") as progress:
-        found = measure_all(args.loop, progress)
-    print(json.dumps(found) if args.json else table(found))
+    found = with_progress("measuring", measure_all, args.loop, compiles=True)
+    answer(args, found, table(found))
     return 0

@@ -1,40 +1,72 @@
-"""What the verbs share: how one is added, the devices it names, how its figures are printed."""
+"""What the verbs share. A verb is its arguments, one call that does the work, and one answer that is printed."""
 
 import argparse
 import json
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
 
+from app.progress import Progress, watch_compiling
 from core.files import InputError
 
 #: How a key ends -> its unit; longer ends first: they hold shorter ones.
 UNITS = {"N_s_m": "N s/m", "N_m": "N m", "s": "s", "m": "m", "N": "N", "A": "A", "J": "J"}
 DEFAULT_DEVICES = ["three-brake", "four-brake"]
+RULES = ("settled", "literal")
+
+# arguments of several verbs, for `add_argument`
+FOLDER: dict[str, Any] = {
+    "type": Path, "metavar": "DIR", "help": "a folder that phd study or phd run has written"
+}  # fmt: skip
+DATA_DIR: dict[str, Any] = {
+    "type": Path, "default": Path("data"), "metavar": "DIR", "help": "where sessions are kept (default: data)"
+}  # fmt: skip
+DEVICES: dict[str, Any] = {
+    "nargs": "+", "action": "extend", "metavar": "NAME|PATH",
+    "help": f"shipped devices by name, or device files by path (default: {' '.join(DEFAULT_DEVICES)})",
+}  # fmt: skip
+PORTS: dict[str, Any] = {
+    "action": "append", "default": [], "metavar": "PORT", "help": "ask for a board there; may be given repeatedly"
+}  # fmt: skip
+
+Do = Callable[[argparse.Namespace], int]
 
 
-def add_verb(verbs, name: str, do: Callable[[argparse.Namespace], int], says: str, more: str, example: str):
+# ------------------------------------------------------------------------------------------------------- its arguments
+
+
+def add_verb(
+    verbs, name: str, do: Do, summary: str, more: str, example: str, prints: str = ""
+) -> argparse.ArgumentParser:
+    """A new verb. do: runs it, the exit code; prints: what --json prints as JSON (none: the verb has no --json)."""
     verb = verbs.add_parser(
         name,
-        help=says,
-        description=f"{says[0].upper()}{says[1:]}.\n\n{more}",
+        help=summary,
+        description=f"{summary[0].upper()}{summary[1:]}.\n\n{more}",
         epilog=f"example:\n  {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
     verb.set_defaults(do=do, verb=name)
+    if prints:
+        verb.add_argument("--json", action="store_true", help=f"print {prints} as JSON")
     return verb
 
 
-def add_devices(verb: argparse.ArgumentParser) -> None:
-    verb.add_argument(
-        "--device",
-        nargs="+",
-        action="extend",
-        metavar="NAME|PATH",
-        help=f"shipped devices by name, or device files by path (default: {' '.join(DEFAULT_DEVICES)})",
-    )
+def whole_number_of(at_least: int) -> Callable[[str], int]:
+    """The type of an argument."""
+
+    def whole_number(text: str) -> int:
+        if not text.isascii() or not text.isdecimal() or int(text) < at_least:
+            raise argparse.ArgumentTypeError(f"must be a whole number of at least {at_least}, not {text!r}")
+        return int(text)
+
+    return whole_number
 
 
 def devices_of(args: argparse.Namespace) -> list:
+    """The devices of --device. InputError if one cannot be read, or two have one name."""
     from core.device import load_device
 
     devices = [load_device(device) for device in args.device or DEFAULT_DEVICES]
@@ -44,32 +76,36 @@ def devices_of(args: argparse.Namespace) -> list:
     return devices
 
 
-def whole_number_of(at_least: int) -> Callable[[str], int]:
-    def whole_number(text: str) -> int:
-        if not text.isascii() or not text.isdecimal() or int(text) < at_least:
-            raise argparse.ArgumentTypeError(f"must be a whole number of at least {at_least}, not {text!r}")
-        return int(text)
-
-    return whole_number
+# ---------------------------------------------------------------------------------------------- its call and its answer
 
 
-def label(text: str) -> str:
-    if not (text.isascii() and text.isalnum()):
-        raise argparse.ArgumentTypeError(f"must be letters and digits only, not {text!r}")
-    return text
+def with_progress(doing: str, call: Callable[..., Any], *arguments: Any, compiles: bool = False) -> Any:
+    """Make the verb's one call, with a bar; compiles: another bar shows first which kernels are compiled."""
+    if compiles:
+        watch_compiling()
+    with Progress(doing) as progress:
+        return call(*arguments, progress=progress)
 
 
-def print_summary(summary: dict, as_json: bool) -> None:
-    if as_json:
-        print(json.dumps(summary))
-    else:
-        listed = {key: value for key, value in summary.items() if key != "warnings"}
-        width = max((len(in_words(key)) for key in listed), default=0)
-        for key, value in listed.items():
-            shown = f"{value:.4g}" if isinstance(value, float) else value
-            print(f"{in_words(key):{width}}  {shown}")
-        for warning in summary.get("warnings", []):  # last, where they are seen
-            print(f"warning: {warning}")
+def answer(args: argparse.Namespace, found: Any, text: str, warnings: Iterable[str] = ()) -> None:
+    """Print what was found, as JSON or as text, on stdout; each warning is a line on stderr."""
+    for warning in warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    print(json.dumps(found) if args.json else text)
+
+
+def as_text(summary: dict) -> str:
+    """A summary to be read: a line for each key, then each entry of its lists; warnings last, where they are seen."""
+    shown = {key: value for key, value in summary.items() if key != "warnings"}
+    width = max((len(in_words(key)) for key in shown), default=0)
+    lines, entries = [], []
+    for key, value in shown.items():
+        name = in_words(key)
+        if isinstance(value, list):
+            entries += [": ".join(one.values()) if isinstance(one, dict) else f"{name}: {one}" for one in value]
+            value = len(value)
+        lines.append(f"{name:{width}}  {f'{value:.4g}' if isinstance(value, float) else value}")
+    return "\n".join([*lines, *entries, *(f"warning: {warning}" for warning in summary.get("warnings", []))])
 
 
 def in_words(key: str) -> str:

@@ -1,6 +1,6 @@
 """How late the control loop's ticks are on this machine: real trials of a simulated operator, one after the other.
 
-Timed figures depend on what else runs: they are said, never judged.
+Timed figures depend on what else runs: they are shown, never judged.
 """
 
 import contextlib
@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from app.ipc.messages import Done, Prepared, Tried
+from app.ipc.messages import Done, Prepared
 from app.ipc.process import start_python
 from app.ipc.ring import Ring
 from app.ipc.scheduling import leave_core, program_cores, stolen_ms
@@ -31,8 +31,21 @@ LOOK_S = 0.02
 WAIT_S = 600.0  # longest wait for the loop to compile its kernels, or for a trial to end
 
 
+def measure_all(seconds: float, progress: Callable[[float], None] = lambda share: None) -> list[dict]:
+    """`measure` with and without the real-time privilege, if there is one, each alone and beside a process per core."""
+    cores = len(program_cores()) if sys.platform == "linux" else os.cpu_count() or 1
+    found: list[dict] = []
+    for real_time in (True, False):
+        if found and not found[0]["scheduling"].startswith("real-time"):
+            break  # no privilege: it would be the same again
+        for busy in (0, cores):
+            done = len(found)
+            found.append(measure(seconds, busy, real_time, lambda share, done=done: progress((done + share) / 4)))
+    return found
+
+
 def measure(
-    seconds: float, busy: int = 0, real_time: bool = True, progress: Callable[[float], None] | None = None
+    seconds: float, busy: int = 0, real_time: bool = True, progress: Callable[[float], None] = lambda share: None
 ) -> dict:
     """Run the loop for so long: its lateness (us), missed ticks, and the scheduling that it got.
 
@@ -43,31 +56,30 @@ def measure(
     ring = Ring()
     loop = LoopProcess(ring, real_time)
     try:
-        prepared = _answer(loop, ring)
+        prepared = wait_for(loop, ring)
         assert isinstance(prepared, Prepared)
         leave_core(prepared.core)
         before_ms = stolen_ms(prepared.core)
+        trials = endless_trials()
         with hogs(busy):
-            for trial in _trials():
+            while ticks < most:
+                trial = next(trials)
                 run = TrialRun(ring, loop, trial.planned, trial, None)
 
                 def look(run: TrialRun = run, before: int = ticks) -> None:
                     now = before + len(run.recorder.lateness_us)
                     if now >= most:
                         run.stop("measured for long enough")
-                    if progress:
-                        progress(min(1.0, now / most))
+                    progress(min(1.0, now / most))
 
                 try:
-                    done = _answer(loop, ring, look)
+                    done = wait_for(loop, ring, look)
                 finally:
                     run.recorder.close()
                 assert isinstance(done, Done)
-                run.ended(done, prepared.scheduling)
+                run.returned(done, prepared.scheduling)
                 pieces.append(run.recorder.lateness_us)
                 ticks += len(pieces[-1])
-                if ticks >= most:
-                    break
         timing = timing_of(np.concatenate(pieces), prepared.scheduling, stolen_ms(prepared.core) - before_ms)
         return {**timing._asdict(), "ticks": ticks, "busy": busy}
     finally:
@@ -75,34 +87,8 @@ def measure(
         loop.close()
 
 
-def measure_all(seconds: float, progress: Callable[[float], None] | None = None) -> list[dict]:
-    """`measure` with and without the real-time privilege, if there is one, each alone and beside a process per core."""
-    cores = len(program_cores()) if sys.platform == "linux" else os.cpu_count() or 1
-    found: list[dict] = []
-    for real_time in (True, False):
-        if found and not found[0]["scheduling"].startswith("real-time"):
-            break  # no privilege: it would be the same again
-        for busy in (0, cores):
-            done = len(found)
-            shown = progress and (lambda share, done=done: progress((done + share) / 4))
-            found.append(measure(seconds, busy, real_time, shown))
-    return found
-
-
-def table(found: list[dict]) -> str:
-    """For reading."""
-    heads = f"{'ticks':>8} {'p50 µs':>8} {'p99 µs':>8} {'max µs':>8} {'missed':>7} {'stolen ms':>9} {'busy':>5}"
-    lines = [f"{heads}  scheduling"]
-    for one in found:
-        lines.append(
-            f"{one['ticks']:8} {one['p50_us']:8.0f} {one['p99_us']:8.0f} {one['max_us']:8.0f} {one['missed']:7} "
-            f"{one['stolen_ms']:9.0f} {one['busy']:5}  {one['scheduling']}"
-        )
-    return "\n".join(lines)
-
-
-def _answer(loop: LoopProcess, ring: Ring, look: Callable[[], None] = lambda: None) -> Prepared | Tried | Done:
-    """The loop's next answer. OSError if there is none."""
+def wait_for(loop: LoopProcess, ring: Ring, look: Callable[[], None] = lambda: None):
+    """The loop's next answer; look: called while there is none. OSError if none comes."""
     deadline = time.monotonic() + WAIT_S
     while time.monotonic() < deadline:
         ring.beat()
@@ -115,7 +101,7 @@ def _answer(loop: LoopProcess, ring: Ring, look: Callable[[], None] = lambda: No
     raise OSError("the control loop does not answer")
 
 
-def _trials() -> Iterator[Trial]:
+def endless_trials() -> Iterator[Trial]:
     """Trials of one simulated operator, without end."""
     protocol = load_protocol()
     generator = np.random.default_rng(1)
@@ -128,6 +114,17 @@ def _trials() -> Iterator[Trial]:
             for number, preset in protocol.controllers.items():
                 planned = PlannedTrial(0, 0, device.name, number, segment, 1)
                 yield Trial(simulation, planned, path, preset, protocol.rules, protocol.trial, person, generator)
+
+
+def table(found: list[dict]) -> str:
+    """What was measured, to be read."""
+    heads = f"{'ticks':>8} {'p50 µs':>8} {'p99 µs':>8} {'max µs':>8} {'missed':>7} {'stolen ms':>9} {'busy':>5}"
+    lines = [
+        f"{one['ticks']:8} {one['p50_us']:8.0f} {one['p99_us']:8.0f} {one['max_us']:8.0f} {one['missed']:7} "
+        f"{one['stolen_ms']:9.0f} {one['busy']:5}  {one['scheduling']}"
+        for one in found
+    ]
+    return "\n".join([f"{heads}  scheduling", *lines])
 
 
 @contextlib.contextmanager
@@ -145,12 +142,13 @@ def hogs(n: int) -> Iterator[None]:
 def main() -> None:
     """The process of `hogs`: compute until the input ends, on any core as a foreign program would."""
     leave_core(-1)
-    threading.Thread(target=_end_with_input, daemon=True).start()
+    threading.Thread(target=end_with_input, daemon=True).start()
     number = 1
     while True:
         number = number * 1_664_525 % 4_294_967_291
 
 
-def _end_with_input() -> None:
+def end_with_input() -> None:
+    """End the process when the input ends, for then the process that started it is gone."""
     sys.stdin.buffer.read()
     os._exit(0)

@@ -1,11 +1,10 @@
 """`phd replay`: a recorded trial on the screen, or its hand through another controller or device."""
 
 import argparse
-import sys
 from pathlib import Path
 
-from app.progress import Display, Progress, announce_first_use, import_screen
-from app.verbs.common import add_verb, print_summary, whole_number_of
+from app.progress import Display, import_screen
+from app.verbs.common import add_verb, answer, whole_number_of, with_progress
 from core.files import InputError
 
 #: Any of these: no window.
@@ -13,40 +12,29 @@ HEADLESS = ("controller", "device", "protocol", "hand", "out", "json")
 
 
 def add(verbs) -> None:
-    verb = add_verb(
-        verbs,
-        "replay",
-        replay_verb,
+    """The verb and its arguments."""
+    option = add_verb(
+        verbs, "replay", replay_verb,
         "play a recorded trial on the screen, or its hand through another controller or device",
         "With any of the options below no window opens: the hand of the trial's movement is simulated once more, and\n"
         "each metric is printed as it was and as it is. A person would react to what they feel; the recorded hand\n"
         "only gives way as an arm does. With neither --controller nor --device it is the recorded trial again, to the\n"
-        "last bit; a warning says where it is not (another version or machine recorded it).",
+        "last bit; a warning names where it is not (another version or machine recorded it).",
         "phd replay study-1/sub-01/ses-01/trials/run-001.parquet --controller 3 --out replayed.csv",
-    )
-    verb.add_argument("recording", type=Path, metavar="RECORDING", help="a recording in the folder of its session")
-    verb.add_argument(
-        "--controller",
-        type=whole_number_of(1),
-        metavar="N",
-        help="through this controller, by its number in the protocol (default: the recorded one)",
-    )
-    verb.add_argument(
-        "--device", metavar="NAME|PATH", help="on this device: a shipped one, or a file (default: the recorded one)"
-    )
-    verb.add_argument(
-        "--protocol",
-        metavar="NAME|PATH",
-        help="where --controller is looked up, with its rule set (default: the protocol of the recording's session)",
-    )
-    verb.add_argument(
-        "--hand",
-        choices=("target", "force"),
+        prints="the summary",
+    ).add_argument  # fmt: skip
+    option("recording", type=Path, metavar="RECORDING", help="a recording in the folder of its session")
+    controller = "through this controller, by its number in the protocol (default: the recorded one)"
+    option("--controller", type=whole_number_of(1), metavar="N", help=controller)
+    option("--device", metavar="NAME|PATH", help="on this device, shipped or a file (default: the recorded one)")
+    protocol = "where --controller is looked up, with its rule set (default: the protocol of the recording's session)"
+    option("--protocol", metavar="NAME|PATH", help=protocol)
+    option(
+        "--hand", choices=("target", "force"),
         help="target: the arm, pulled by the recorded target (default, where that was recorded); force: the recorded "
         "force, whatever the handle does, and nothing that holds it: small differences grow",
-    )
-    verb.add_argument("--out", type=Path, metavar="FILE.csv", help="a new file for the replayed ticks")
-    verb.add_argument("--json", action="store_true", help="print the summary as JSON")
+    )  # fmt: skip
+    option("--out", type=Path, metavar="FILE.csv", help="a new file for the replayed ticks")
 
 
 def replay_verb(args: argparse.Namespace) -> int:
@@ -54,20 +42,14 @@ def replay_verb(args: argparse.Namespace) -> int:
         return play(args.recording)
     from experiments.study.replay import replay
 
-    announce_first_use()
-    with Progress("replaying") as progress:
-        summary = replay(args.recording, args.controller, args.device, args.protocol, args.hand, args.out, progress)
-    for warning in summary["warnings"]:
-        print(f"warning: {args.recording}: {warning}", file=sys.stderr)
-    if args.json:
-        print_summary(summary, True)
-    else:
-        print(table(summary))
+    asked = args.recording, args.controller, args.device, args.protocol, args.hand, args.out
+    summary = with_progress("replaying", replay, *asked, compiles=True)
+    answer(args, summary, table(summary), (f"{args.recording}: {warning}" for warning in summary["warnings"]))
     return 0
 
 
 def play(recording: Path) -> int:
-    """On the screen."""
+    """Play it on the screen."""
     from experiments.recording.reader import read_recording
 
     if not read_recording(recording).rows:
@@ -79,21 +61,25 @@ def play(recording: Path) -> int:
 
 
 def table(summary: dict) -> str:
-    """The summary as people read it."""
+    """The summary to be read."""
     before, after = summary["before"], summary["after"]
     assumed = ", the device's parameters assumed" if summary["assumed"] and "assumed" not in summary["note"] else ""
     lines = [
         f"{summary['recording']}: participant {summary['participant']}, run {summary['run']}, hand: {summary['hand']}",
         summary["note"] + assumed,
-        f"{'':32}{'recorded':>28}{'replayed':>28}{'change':>12}",
     ]
+
+    def row(name: str, then: str, now: str, change: str = "") -> None:
+        lines.append(f"{name:32}{then:>28}{now:>28}{change:>12}".rstrip())
+
+    row("", "recorded", "replayed", "change")
     for name in ("device", "controller", "status"):
-        lines.append(f"{name:32}{before[name]:>28}{after[name]:>28}")
-    lines.append(f"{'way made':32}{before['way_made']:>28.1%}{after['way_made']:>28.1%}")
+        row(name, before[name], after[name])
+    row("way made", f"{before['way_made']:.1%}", f"{after['way_made']:.1%}")
     for name, metric in summary["metrics"].items():
-        lines.append(f"{name:32}{_shown(metric['before']):>28}{_shown(metric['after']):>28}{_change(metric):>12}")
+        row(name, number(metric["before"]), number(metric["after"]), share(metric))
     for name in ("energy_residual_J", "energy_added_max_J"):
-        lines.append(f"{name:32}{_shown(before[name]):>28}{_shown(after[name]):>28}")
+        row(name, number(before[name]), number(after[name]))
     lines.append(f"largest difference of the tip: {1e3 * summary['largest_tip_difference_m']:.4g} mm")
     if summary["equal"]:
         lines.append("equal to the recording in every tick and column, to the last bit")
@@ -106,11 +92,13 @@ def table(summary: dict) -> str:
     return "\n".join(lines)
 
 
-def _shown(value: float | None) -> str:
+def number(value: float | None) -> str:
+    """A value of the table."""
     return "-" if value is None else f"{value:.4g}"
 
 
-def _change(metric: dict[str, float | None]) -> str:
+def share(metric: dict[str, float | None]) -> str:
+    """How a metric changed, as a share of what it was where it was not 0."""
     before, change = metric["before"], metric["change"]
     if change is None or before is None:
         return "-"

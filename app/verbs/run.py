@@ -5,61 +5,51 @@ import os
 import sys
 from pathlib import Path
 
-from app.progress import Display, announce_first_use, import_screen
-from app.verbs.common import add_verb, label, whole_number_of
+from app.progress import Display, import_screen, watch_compiling
+from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, whole_number_of
 from core.files import InputError
 
 
 def add(verbs) -> None:
-    verb = add_verb(
-        verbs,
-        "run",
-        run,
-        "open the app and run trials (the same as phd alone)",
+    """The verb and its arguments."""
+    option = add_verb(
+        verbs, "run", run, "open the app and run trials (the same as phd alone)",
         "Two windows: the console, and the participant's view on the second screen (on one screen: F11).\n"
         "The simulated device is moved with the mouse: the pointer pulls the handle on a spring.\n"
         "An interrupted session is offered to be resumed.",
         "phd run --participant 01 --data-dir data\n  phd run my.toml --print-plan",
-    )
-    verb.add_argument(
-        "protocol", nargs="?", default="paper", metavar="PROTOCOL.toml",
-        help="a protocol file, or a shipped one by its name (default: paper)",
-    )  # fmt: skip
-    verb.add_argument(
-        "--device", nargs="+", action="extend", metavar="NAME|PATH",
-        help="devices in place of the protocol's: shipped ones by name, or device files by path",
-    )  # fmt: skip
-    verb.add_argument(
+    ).add_argument  # fmt: skip
+    protocol = "a protocol file, or a shipped one by its name (default: paper)"
+    option("protocol", nargs="?", default="paper", metavar="PROTOCOL.toml", help=protocol)
+    option("--device", **{**DEVICES, "help": "devices in place of the protocol's, by shipped name or path"})
+    option(
         "--input", choices=("mouse", "hid", "operator"), default="mouse",
         help="where the hand force comes from: the mouse (default), a six-axis device, or a simulated operator",
     )  # fmt: skip
-    verb.add_argument(
+    option(
         "--link", default="sim", metavar="sim|serial:PORT",
         help="the simulated device (default), or one whose board is at a serial port (auto: the only one on USB)",
     )  # fmt: skip
-    verb.add_argument(
+    option(
         "--force", default="", metavar="netft:HOST",
         help="with --link serial:PORT: an ATI Net F/T on the network in place of the board's force channels",
     )  # fmt: skip
-    verb.add_argument("--rules", choices=("settled", "literal"), help="in place of the protocol's")
-    verb.add_argument(
-        "--low-gain", type=float, metavar="5|500",
-        help="N s/m, of the proportional controller of least gain, in place of the protocol's",
-    )  # fmt: skip
-    verb.add_argument(
-        "--seed", type=whole_number_of(0), metavar="1", help="of the order of trials, in place of the protocol's"
-    )
-    verb.add_argument(
-        "--participant", type=label, metavar="01",
-        help="who moves the handle (default: the first without a session)",
-    )  # fmt: skip
-    verb.add_argument(
-        "--data-dir", type=Path, default=Path("data"), metavar="DIR", help="where sessions are kept (default: data)"
-    )
-    verb.add_argument("--theme", choices=("dark", "light"), default="dark", help="of the windows (default: dark)")
-    verb.add_argument(
-        "--print-plan", action="store_true", help="print every trial of the participant, in order, and end: no window"
-    )
+    option("--rules", choices=RULES, help="in place of the protocol's")
+    low_gain = "N s/m, of the proportional controller of least gain, in place of the protocol's"
+    option("--low-gain", type=float, metavar="5|500", help=low_gain)
+    option("--seed", type=whole_number_of(0), metavar="1", help="of the order of trials, in place of the protocol's")
+    participant = "who moves the handle (default: the first without a session)"
+    option("--participant", type=label, metavar="01", help=participant)
+    option("--data-dir", **DATA_DIR)
+    option("--theme", choices=("dark", "light"), default="dark", help="of the windows (default: dark)")
+    option("--print-plan", action="store_true", help="print every trial of the participant, in order; no window opens")
+
+
+def label(text: str) -> str:
+    """The type of --participant."""
+    if not (text.isascii() and text.isalnum()):
+        raise argparse.ArgumentTypeError(f"must be letters and digits only, not {text!r}")
+    return text
 
 
 def run(args: argparse.Namespace) -> int:
@@ -71,15 +61,19 @@ def run(args: argparse.Namespace) -> int:
     from app.ipc.messages import OPERATOR, Setup
     from app.window.painting import palette
 
+    devices = tuple(map(whole, args.device)) if args.device else None
     setup = Setup(
-        args.data_dir.absolute(), whole(args.protocol), tuple(map(whole, args.device)) if args.device else None,
-        args.rules, args.low_gain, args.seed, args.input, args.participant or "", link,
+        args.data_dir.absolute(), whole(args.protocol), devices, args.rules, args.low_gain, args.seed, args.input,
+        args.participant or "", link,
     )  # fmt: skip
     if setup.hand == OPERATOR:
-        say_what_is_missing(args, setup)
+        from app.session_server.practice import done_without
+
+        if without := done_without(setup, protocol_of(args)):
+            print(f"phd: {without}", file=sys.stderr)
     client = Client(setup)
     try:  # all this takes its time, and so does the session server
-        announce_first_use()
+        watch_compiling()
         palette.choose(args.theme)
         windows = import_screen("windows")
         display.check()
@@ -92,53 +86,39 @@ def run(args: argparse.Namespace) -> int:
     return windows.run(client)
 
 
-def port_of(args: argparse.Namespace) -> str:
-    """The serial port of --link; "" for the simulated device. InputError: there is no such port."""
+def link_of(args: argparse.Namespace) -> str:
+    """As `Setup.link`. InputError: there is no such port, or no such sensor answers."""
     if args.link == "sim":
+        if args.force:
+            raise InputError("--force: goes with --link serial:PORT (the simulated device needs no force sensor)")
         return ""
     kind, _, port = args.link.partition(":")
     if kind != "serial" or not port:
         raise InputError(f"--link: must be sim or serial:PORT, not {args.link!r}")
     if args.input != "mouse":
-        raise InputError(f"--input {args.input}: on the bench the force sensor says what the hand does")
+        raise InputError(f"--input {args.input}: on the bench the force sensor measures what the hand does")
     from hardware.serial_port import find_port
 
-    found = find_port(port)
+    found = find_port(port)  # "auto" is looked for again for each device
     if os.name == "posix" and not os.path.exists(found):
         raise InputError(f"--link serial:{found}: there is no such port (phd devices lists those there are)")
-    return port  # "auto" is looked for again for each device
-
-
-def link_of(args: argparse.Namespace) -> str:
-    """As `Setup.link`. InputError: there is no such port, or no such sensor answers."""
-    port = port_of(args)
     if not args.force:
         return port
-    if not port:
-        raise InputError("--force: goes with --link serial:PORT (the simulated device needs no force sensor)")
     from hardware.sensing.net_ft import check_force
 
     check_force(args.force)
     return f"{port} {args.force}"
 
 
-def say_what_is_missing(args: argparse.Namespace, setup) -> None:
-    """On the standard error: what a simulated operator's sessions have not, though the protocol asks for it."""
-    from app.session_server.practice import done_without
-
-    if without := done_without(setup, protocol_of(args)):
-        print(f"phd: {without}", file=sys.stderr)
-
-
 def protocol_of(args: argparse.Namespace):
-    """The protocol with what the command line gives in place of what it says."""
+    """The protocol with what the command line gives in place of its own."""
     from experiments.protocol import load_protocol
 
     return load_protocol(args.protocol, devices=args.device, rules=args.rules, low_gain=args.low_gain, seed=args.seed)
 
 
 def print_plan(args: argparse.Namespace) -> int:
-    """Every trial of the participant, for the standard output."""
+    """Print every trial of the participant."""
     from app.session_server.steps import planned_steps
     from experiments.plan import print_plan
     from experiments.session.files import free_participant

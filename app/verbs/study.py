@@ -1,86 +1,52 @@
-"""`phd study`: the whole study with simulated operators."""
+"""`phd study`: the whole study with simulated operators, or a sweep of many."""
 
 import argparse
-import sys
 from pathlib import Path
 
-from app.progress import Progress, announce_first_use
-from app.verbs.common import add_devices, add_verb, print_summary, whole_number_of
+from app.verbs.common import DEVICES, RULES, add_verb, answer, as_text, whole_number_of, with_progress
 from core.files import InputError
 
-#: A study that says nothing else; one that is resumed is what it was.
+#: Of a study that is new; one that is resumed has as many as it had.
 OPERATORS = 3
-#: What may be asked for in place of what the protocol says.
+#: What may be asked for in place of what the protocol has.
 OVERRIDES = ("seed", "rules", "low_gain")
-#: What the file of a sweep says.
+#: What the file of a sweep decides.
 IN_SWEEP_FILE = ("protocol", "operators", "population", "device", *OVERRIDES)
 
 
 def add(verbs) -> None:
-    verb = add_verb(
-        verbs,
-        "study",
-        study,
-        "run the paper's whole study, or another protocol's, with simulated operators",
+    """The verb and its arguments."""
+    option = add_verb(
+        verbs, "study", study, "run the paper's whole study, or another protocol's, with simulated operators",
         "Per operator, by the paper's protocol: 2 segments x 2 devices x 5 controllers x 3 trials. Leaves recordings,\n"
         "trials.csv, box plots and statistics. The same seed gives the same trials.csv. An interrupted study goes on\n"
         "with --resume: the trial that was cut off is kept as recovered and run again. That operator's further trials\n"
         "start from devices just switched on: not the ones, bit by bit, of a study that was not interrupted.",
-        "phd study --operators 3 --seed 1 --out study-1",
-    )
-    verb.add_argument(
-        "protocol",
-        nargs="?",
-        metavar="PROTOCOL.toml",
-        help="a protocol file, or a shipped protocol by its name (default: paper)",
-    )
-    verb.add_argument("--operators", type=whole_number_of(1), metavar="N", help=f"how many (default: {OPERATORS})")
-    verb.add_argument(
-        "--seed",
-        type=whole_number_of(0),
-        metavar="N",
-        help="of everything random (default: the protocol's, which is 1 for the paper's)",
-    )
-    add_devices(verb)
-    verb.add_argument(
-        "--rules",
-        choices=("settled", "literal"),
-        help="rule set of the controllers (default: the protocol's, settled for the paper's)",
-    )
-    verb.add_argument(
-        "--low-gain",
-        type=low_gain,
-        metavar="5|500",
+        "phd study --operators 3 --seed 1 --out study-1", prints="the summary",
+    ).add_argument  # fmt: skip
+    option("protocol", nargs="?", metavar="PROTOCOL.toml", help="a file, or a shipped one's name (default: paper)")
+    option("--operators", type=whole_number_of(1), metavar="N", help=f"how many (default: {OPERATORS})")
+    option("--seed", type=whole_number_of(0), metavar="N", help="of everything random (default: the protocol's)")
+    option("--device", **DEVICES)
+    option("--rules", choices=RULES, help="rule set of the controllers (default: the protocol's)")
+    option(
+        "--low-gain", type=low_gain, metavar="5|500",
         help="N s/m of the proportional controller of least gain, 5 of the paper's: 5 as its Table I prints it, or 500 "
         "(default: the protocol's)",
-    )
-    verb.add_argument(
-        "--population",
-        metavar="NAME|PATH",
-        help="who the operators are: a shipped population, or a file (default: average)",
-    )
-    verb.add_argument(
-        "--resume",
-        action="store_true",
-        help="go on with the interrupted study in DIR, by the arguments that it was begun with",
-    )
-    verb.add_argument(
-        "--sweep",
-        type=Path,
-        metavar="FILE.toml",
+    )  # fmt: skip
+    option("--population", metavar="NAME|PATH", help="of the operators: shipped, or a file (default: average)")
+    option("--resume", action="store_true", help="go on with the interrupted study in DIR, as it was begun")
+    option(
+        "--sweep", type=Path, metavar="FILE.toml",
         help="instead of one study, many at once and without recordings: every controller, gap, gain, device, "
         "population and rule set that the file names, on all cores, into one table DIR/sweep.csv",
-    )
-    verb.add_argument(
-        "--cluster",
-        metavar="ADDRESS",
-        help="of --sweep: run it on the workers of this Dask scheduler (tcp://HOST:8786)",
-    )
-    verb.add_argument("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
-    verb.add_argument("--json", action="store_true", help="print the summary as JSON")
+    )  # fmt: skip
+    option("--cluster", metavar="ADDRESS", help="of --sweep: run it on this Dask scheduler (tcp://HOST:8786)")
+    option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
 
 
 def low_gain(text: str) -> float:
+    """The type of --low-gain."""
     if text not in ("5", "500"):
         raise argparse.ArgumentTypeError(f"invalid choice: {text!r} (choose from 5, 500)")
     return float(text)
@@ -99,28 +65,19 @@ def study(args: argparse.Namespace) -> int:
     population = load_population(args.population or "average")
     from experiments.study.study import resume_study, run_study
 
-    announce_first_use()
-    with Progress("study") as progress:
-        if args.resume:
-            asked = dict(overrides)
-            if args.operators is not None:
-                asked["operators"] = args.operators
-            if args.device:
-                asked["devices"] = protocol.devices
-            if args.protocol:
-                asked["protocol"] = protocol
-            if args.population:
-                asked["population"] = population
-            summary = resume_study(args.out, asked, progress)
-        else:
-            summary = run_study(args.out, args.operators or OPERATORS, protocol, population, progress)
-    if summary["in_doubt"]:
-        print(
-            f"warning: {args.out}: the energy ledger contradicts the motion of {summary['in_doubt']} trials, which "
-            "may be wrong; phd verify names them",
-            file=sys.stderr,
-        )
-    print_summary(summary, args.json)
+    if args.resume:
+        given = {"operators": args.operators, "devices": args.device and protocol.devices}
+        given |= {"protocol": args.protocol and protocol, "population": args.population and population}
+        asked = overrides | {name: value for name, value in given.items() if value}
+        summary = with_progress("study", resume_study, args.out, asked, compiles=True)
+    else:
+        operators = args.operators or OPERATORS
+        summary = with_progress("study", run_study, args.out, operators, protocol, population, compiles=True)
+    doubt = (
+        f"{args.out}: the energy ledger contradicts the motion of {summary['in_doubt']} trials, which may be wrong; "
+        "phd verify names them"
+    )
+    answer(args, summary, as_text(summary), [doubt] if summary["in_doubt"] else [])
     return 0
 
 
@@ -132,8 +89,6 @@ def sweep(args: argparse.Namespace) -> int:
             option = "PROTOCOL.toml" if name == "protocol" else f"--{name.replace('_', '-')}"
             raise InputError(f"{option}: stands in the file of a sweep, {args.sweep}")
     found = load_sweep(args.sweep)
-    announce_first_use()
-    with Progress("sweep") as progress:
-        summary = run_sweep(found, args.out, args.resume, args.cluster, progress)
-    print_summary(summary, args.json)
+    summary = with_progress("sweep", run_sweep, found, args.out, args.resume, args.cluster, compiles=True)
+    answer(args, summary, as_text(summary))
     return 0

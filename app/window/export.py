@@ -51,7 +51,7 @@ def export_results(job: Job, progress: Callable[[float], None] = lambda share: N
     progress: called with the share done.
     """
     from experiments.analysis.boxplots import draw_boxplots  # matplotlib takes its time
-    from experiments.export.trial import answers_and_notes, write_answers_and_notes
+    from experiments.export.answers import answers_and_notes, write_answers_and_notes
 
     rows, data_dir, folder, note, devices, labels, protocol = job
     if folder.exists():

@@ -2,11 +2,12 @@
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QMouseEvent
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
 from app.window.painting import theme
 from app.window.painting.labels import OneLine, breakable, line, word
+from app.window.painting.parts import clear
 from app.window.words import where
 
 COLOURS = {m.GOOD: theme.GOOD, m.CAUTION: theme.CAUTION, m.BAD: theme.BAD, m.WAITING: theme.BRAKE_OFF}
@@ -139,3 +140,31 @@ def advice(snapshot: m.Snapshot) -> list[str]:
 def sentence(text: str) -> str:
     """The text with a full stop."""
     return text if text.endswith((".", "!", "?")) else f"{text}."
+
+
+class Checklist(QWidget):
+    """The pre-flight checks as a list that can be read: mark, name, what was found, what to do about it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setObjectName("clear")
+        self._shown: tuple[m.Check, ...] = ()
+        self._grid = QGridLayout(self)
+        self._grid.setContentsMargins(0, 0, 0, 0)
+        self._grid.setVerticalSpacing(6)
+        self._grid.setColumnStretch(2, 1)
+
+    def show_checks(self, checks: tuple[m.Check, ...]) -> None:
+        """What was found."""
+        if checks == self._shown:
+            return
+        self._shown = checks
+        clear(self._grid)
+        for row, check in enumerate(checks):
+            mark = word(MARKS[check.state], size=theme.NORMAL)
+            mark.setStyleSheet(f"color: {COLOURS[check.state]}")
+            text = check.text if check.state == m.GOOD or not check.advice else f"{sentence(check.text)} {check.advice}"
+            self._grid.addWidget(mark, row, 0, Qt.AlignmentFlag.AlignTop)
+            if check.name:
+                self._grid.addWidget(word(check.name, bold=True), row, 1, Qt.AlignmentFlag.AlignTop)
+            self._grid.addWidget(line(breakable(text), "quiet"), row, 2)

@@ -13,8 +13,8 @@ from app.window.export import Export, Job, new_folder
 from app.window.painting import theme
 from app.window.painting.labels import Choice, OneLine, word
 from core.files import InputError
-from experiments.analysis.boxplots import DRAWN
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings, why_no_findings
+from experiments.analysis.metrics import DRAWN
 from experiments.analysis.participants import people_of, too_few
 from experiments.analysis.trials_table import COUNTED, TrialRow
 from experiments.protocol import label

@@ -4,6 +4,9 @@ The space of desired velocity has its x axis along beta and its y axis 90 degree
 """
 
 import math
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from core.control.algorithm import (
     GAP_M,
@@ -19,6 +22,10 @@ from core.control.algorithm import (
     pushes_away,
 )
 from core.kernel import kernel
+from core.workspace import arm_pose
+
+if TYPE_CHECKING:
+    from core.device import Device
 
 GAIN_N_S_M = Parameter("gain_N_s_m", "gain", "N s/m", 1.0, None)  # K_y
 GAIN = 1  # its place among the values
@@ -171,3 +178,19 @@ ALGORITHM = Algorithm(
     ("prop {J}", "prop {J}, at normalised force", "prop {J}, below off-state drag"),
     decide,
 )
+
+
+def least_gain_felt(device: "Device", places: np.ndarray, speed: float = 0.1) -> float:
+    """The gain (N s/m) from which on a guide can be felt at one of the places (n, 2), m, at this speed (m/s) across.
+
+    Below it Eq. (15) asks every brake for less than its off torque k_2, which it does without current. Our choice of
+    the speed: about the largest across the path in a guided movement of two seconds.
+    """
+    drags = []
+    for arm, joints in ((device.mechanism.arm_1, (0, 1)), (device.mechanism.arm_2, (2, 3))):
+        pose = arm_pose(arm, places[:, 0], places[:, 1])
+        reach = np.hypot(pose.e1[0] + pose.e2[0], pose.e1[1] + pose.e2[1])
+        for joint, length in zip(joints, (arm.length_2, reach), strict=True):  # |g| = length / |S|
+            if device.brakes.present[joint]:
+                drags.append(np.min(device.brakes.k[joint, 1] * length / np.abs(pose.s)))
+    return float(min(drags)) / speed

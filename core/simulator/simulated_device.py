@@ -8,7 +8,7 @@ import numpy as np
 from core.device import Device
 from core.simulator.hand import Hand
 from core.simulator.simulation import Ledger, Simulation
-from core.simulator.state import CARRIED, STATE
+from core.simulator.state import CARRIED, STATE, pack_brakes
 from core.simulator.stick_slip import STILL
 from core.simulator.stick_slip_mode import look
 
@@ -36,6 +36,23 @@ class SimulatedDevice(Simulation):
         state["added_by_brakes"][0] = 0.0
         look(self.mechanism[0], state[0])
         self._before = self.ledger()
+
+    def retune(self, strength: float, backlash_rad: float | None) -> None:
+        """Other brakes from now on, the motion as it is: `strength` times the K(I) of the device's, all with this play.
+
+        backlash_rad: None: each brake's own. The yields follow with their lag, Eq. (1); a rotor keeps its share of the
+        play. So nothing moves, and no energy appears.
+        """
+        fresh = pack_brakes(self.device.brakes, backlash=True)
+        fresh["k"] *= strength
+        if backlash_rad is not None:
+            fresh["play"] = np.where(fresh["present"] > 0.0, backlash_rad, 0.0)
+        before, now, state = self.brakes["play"][0].copy(), fresh["play"][0], self.state
+        share = np.divide(state["play"][0], before, out=np.full(4, 0.5), where=before > 0.0)
+        state["play"][0] = share * now
+        state["edge"][0] = np.where((before > 0.0) & (now > 0.0), state["edge"][0], 0.0)
+        state["settled"][0] = 0
+        self.brakes[0] = fresh[0]
 
     def recorded_start(self) -> dict[str, Any]:
         """What a trial that begins now depends on and its ticks do not tell, as JSON holds it without rounding.

@@ -14,29 +14,39 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from core.files import InputError
-from experiments.analysis.figures import (
-    CONTROLLER_COLOURS,
-    CONTROLLER_LABELS,
-    FORMATS,
+from experiments.analysis.metrics import DRAWN, Metric
+from experiments.analysis.sheet import (
+    CHARACTERS_PER_INCH,
     LINE,
     QUIET,
+    SMALL,
     STYLE,
     TEXT,
     figure_bytes,
+    legend_at,
     new_figure,
 )
-from experiments.analysis.metrics import METRICS, Metric
 from experiments.analysis.trials_table import TrialRow, by_controller, to_compare
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
+FORMATS = ("png", "svg", "pdf")
 WHISKER = 1.5  # box lengths
 QUARTILE_METHOD = "linear"  # NumPy's name; MATLAB's is "hazen" and differs
 PAPER = "paper"  # the protocol whose figures these are
-COMBINED_NAME = "boxplots.png"
+LABEL_IN, LINE_IN = 10.5 / 72.0, 0.16  # inches: a line of a controller's name, of the small print
+LEFT_IN, RIGHT_IN, BETWEEN_IN, TOP_IN = 0.6, 0.15, 0.7, 0.72
+#: Controller -> its name under a box; Table I of the paper.
+CONTROLLER_LABELS = {
+    1: "None",
+    2: "SDOF",
+    3: "SDOF,\ngap",
+    4: "Proportional,\nhigh gain",
+    5: "Proportional,\nlow gain",
+}
+#: Table I's five, and again for further ones. The screen's palette, darker where it would fade on white paper; told
+#: apart without colour by place and label. A code has no colour of a controller.
+CONTROLLER_COLOURS = ("#6f7b87", "#d98200", "#c9a11a", "#2f7fc4", "#6cb0e6")
 TIMEOUT_COLOUR = "#c47400"
-CODE_COLOUR = QUIET  # one for all: a code has no colour of a controller
-LABEL_IN = 10.5 / 72.0  # inches: a line of a controller's name
-CAPTION_SIZE, LINE_IN, CHARACTERS_PER_INCH = 7.0, 0.16, 18.5  # of the small print: points, inches, at most
 
 
 class Box(NamedTuple):
@@ -51,6 +61,9 @@ class Box(NamedTuple):
     outliers: tuple[float, ...]  # beyond the whiskers, rising
 
 
+Boxes = dict[tuple[int | str, str], Box]  # by controller and configuration
+
+
 def box_statistics(values: Iterable[float]) -> Box:
     """Median, quartiles (NumPy's "linear" method), whiskers and outliers of at least one finite value."""
     data = np.sort(np.asarray(list(values), dtype=float))
@@ -60,26 +73,12 @@ def box_statistics(values: Iterable[float]) -> Box:
     reach = WHISKER * (q3 - q1)
     inside = data[(data >= q1 - reach) & (data <= q3 + reach)]
     low, high = min(float(inside[0]), q1), max(float(inside[-1]), q3)
-    outliers = data[(data < low) | (data > high)]
-    return Box(len(data), median, q1, q3, low, high, tuple(float(value) for value in outliers))
-
-
-#: Figs. 16, 17 and 18.
-DRAWN = tuple(metric for metric in METRICS if metric.figure)
-
-
-def file_name(metric: Metric, protocol: str) -> str:
-    """Our choice: "fig16_path_error" for the paper's protocol, whose figure it repeats, "path_error" for any other."""
-    return metric.figure if protocol == PAPER else metric.figure.partition("_")[2]
+    return Box(len(data), median, q1, q3, low, high, tuple(data[(data < low) | (data > high)].tolist()))
 
 
 def boxes(
-    rows: Iterable[TrialRow],
-    column: str,
-    configurations: Sequence[str],
-    scale: float = 1.0,
-    timeouts: bool = False,
-) -> dict[tuple[int | str, str], Box]:
+    rows: Iterable[TrialRow], column: str, configurations: Sequence[str], scale: float = 1.0, timeouts: bool = False
+) -> Boxes:
     """(controller, configuration) -> its box, over all participants and segments; none where there is no value.
 
     timeouts: trials whose time was up are in the boxes as well, each with the value that it has.
@@ -113,7 +112,7 @@ def draw_boxplots(
     note: what was used, as "settled rules, low gain 5 N s/m, parameters assumed"; it stands on every figure.
     configurations: the first is drawn filled, the second open; by default as the table first names them.
     labels: controller -> what stands under its box; codes of a blind session stand under theirs as they are.
-    protocol: its name; only the paper's own figures bear the numbers of its figures (`file_name`).
+    protocol: its name. Our choice: only the paper's figures bear the numbers of its figures ("fig16_path_error").
     timeouts: trials whose time was up are in the boxes; else they are crosses above them, and the caption says so.
     progress: called with the share that is drawn; whatever it raises ends the work before anything is written.
     InputError before anything is written if a file exists already or there is nothing to draw.
@@ -122,44 +121,74 @@ def draw_boxplots(
     configurations = tuple(configurations or dict.fromkeys(row.configuration for row in rows))
     if not configurations:
         raise InputError(f"{folder}: there are no trials, no box plots to draw")
-    paths = [folder / f"{file_name(metric, protocol)}.{form}" for metric in metrics for form in FORMATS]
-    paths.append(folder / COMBINED_NAME)
+    sheets = []
+    for metric in metrics:
+        name = metric.figure if protocol == PAPER else metric.figure.partition("_")[2]
+        sheets.append(([metric], 6.4, [folder / f"{name}.{form}" for form in FORMATS]))
+    sheets.append((list(metrics), 5.0 * len(metrics), [folder / "boxplots.png"]))
+    paths = [path for _, _, of_it in sheets for path in of_it]
     refuse_existing_files(paths)
-
-    shown = controllers_shown(rows, labels)
-    note = "\n".join(filter(None, (left_out(rows, timeouts), note)))
-    wider = max(1.0, len(shown) / 5.0)
-    with matplotlib.rc_context(STYLE):
-        drawn: list[bytes] = []
-        for metric in metrics:
-            figure = new_figure(6.4 * wider, 4.5 + _label_room(shown))
-            _draw(figure, rows, [metric], configurations, note, shown, timeouts)
-            for form in FORMATS:
-                progress(len(drawn) / len(paths))
-                drawn.append(figure_bytes(figure, form))
-        progress(len(drawn) / len(paths))
-        figure = new_figure(5.0 * wider * len(metrics), 4.5 + _label_room(shown))
-        _draw(figure, rows, metrics, configurations, note, shown, timeouts)
-        drawn.append(figure_bytes(figure, "png"))
+    drawn: dict[Path, bytes] = {}
+    for shown, width, of_it in sheets:
+        figure = draw(rows, shown, width, note, configurations, labels, timeouts)
+        for path in of_it:
+            progress(len(drawn) / len(paths))
+            drawn[path] = figure_bytes(figure, path.suffix[1:])
     progress(1.0)
-    write_new_files(dict(zip(paths, drawn, strict=True)))
+    write_new_files(drawn)
     return paths
+
+
+def draw(
+    rows: Sequence[TrialRow],
+    metrics: Sequence[Metric],
+    width_in: float,
+    note: str,
+    configurations: Sequence[str],
+    labels: Mapping[int, str],
+    timeouts: bool = False,
+) -> Figure:
+    """One figure with a panel for each metric; more than five controllers make it wider."""
+    shown = _controllers_shown(rows, labels)
+    names = max((len(name.splitlines()) for name in shown.values()), default=0)
+    room = LABEL_IN * max(0, names - 2)  # what names of more than two lines need besides
+    width, height = width_in * max(1.0, len(shown) / 5.0), 4.5 + room
+    inside = width - LEFT_IN - RIGHT_IN
+    found = [boxes(rows, metric.name, configurations, metric.scale, timeouts) for metric in metrics]
+    counts = {box.count for panel in found for box in panel.values()}
+    late = Counter((row.controller, row.configuration) for row in rows if row.status == "timeout" and not timeouts)
+    texts = (_method(counts), left_out(rows, timeouts), *note.splitlines())
+    lines = [line for text in texts for line in textwrap.wrap(text, int(inside * CHARACTERS_PER_INCH))]
+    bottom = 0.66 + LINE_IN * len(lines) + room
+    each = (inside - BETWEEN_IN * (len(metrics) - 1)) / len(metrics)
+    with matplotlib.rc_context(STYLE):
+        figure = new_figure(width, height)
+        for i, metric in enumerate(metrics):
+            place = (LEFT_IN + i * (each + BETWEEN_IN), bottom, each, height - TOP_IN - bottom)
+            axes = figure.add_axes(tuple(np.divide(place, (width, height, width, height))))
+            _draw_panel(axes, found[i], late, metric, configurations, shown, show_counts=len(counts) > 1)
+        if len(configurations) > 1:
+            handles = [
+                Patch(facecolor="white" if i else QUIET, edgecolor=QUIET, label=name, linewidth=1.2)
+                for i, name in enumerate(configurations)
+            ]
+            legend_at(figure, handles, LEFT_IN, 0.12, handlelength=1.4)
+        for i, line in enumerate(reversed(lines)):
+            figure.text(LEFT_IN / width, (0.12 + LINE_IN * i) / height, line, fontsize=SMALL, color=QUIET)
+    return figure
 
 
 def left_out(rows: Iterable[TrialRow], timeouts: bool = False) -> str:
     """How many trials the boxes leave out, and why, as a caption has it; "": none."""
     count = Counter(row.status for row in rows)
-    late, excluded = (f"{n} trial{'s' if n != 1 else ''}" for n in (count["timeout"], count["excluded"]))
-    parts = []
-    if count["timeout"]:
-        where = "in the boxes" if timeouts else "crosses above the scale, not in the boxes"
-        parts.append(f"{late} timed out: {where}.")
-    if count["excluded"]:
-        parts.append(f"{excluded} excluded by the experimenter, not shown.")
-    return " ".join(parts)
+    where = "in the boxes" if timeouts else "crosses above the scale, not in the boxes"
+    parts = (("timeout", f"timed out: {where}."), ("excluded", "excluded by the experimenter, not shown."))
+    return " ".join(
+        f"{count[status]} trial{'s' if count[status] != 1 else ''} {what}" for status, what in parts if count[status]
+    )
 
 
-def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> dict[int | str, str]:
+def _controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> dict[int | str, str]:
     """Controller or code -> what stands under its box, in order: all that have a label, and every code of the rows."""
     there = {row.controller for row in rows}
     coded = {controller: controller for controller in there if isinstance(controller, str)}
@@ -167,100 +196,61 @@ def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> di
     return {controller: {**named, **coded}[controller] for controller in sorted({*named, *coded}, key=by_controller)}
 
 
-def _label_room(shown: Mapping[int | str, str]) -> float:
-    """What names of more than two lines need besides, inches."""
-    lines = max((len(name.splitlines()) for name in shown.values()), default=0)
-    return LABEL_IN * max(0, lines - 2)
-
-
-def _draw(
-    figure: Figure,
-    rows: Sequence[TrialRow],
-    metrics: Sequence[Metric],
-    configurations: Sequence[str],
-    note: str,
-    shown: Mapping[int | str, str],
-    timeouts: bool = False,
-) -> None:
-    width, height = figure.get_size_inches()
-    left, right, between, top = 0.6, 0.15, 0.7, 0.72  # inches
-    found = [boxes(rows, metric.name, configurations, metric.scale, timeouts) for metric in metrics]
-    counts = {box.count for panel in found for box in panel.values()}
-    late = [] if timeouts else [(r.controller, r.configuration) for r in rows if r.status == "timeout"]
-    lines = _caption(counts, note, int((width - left - right) * CHARACTERS_PER_INCH))
-    bottom = 0.66 + LINE_IN * len(lines) + _label_room(shown)
-
-    each = (width - left - right - between * (len(metrics) - 1)) / len(metrics)
-    for i, metric in enumerate(metrics):
-        place = (left + i * (each + between), bottom, each, height - top - bottom)
-        axes = figure.add_axes(tuple(np.divide(place, (width, height, width, height))))
-        draw_panel(axes, found[i], metric, configurations, shown, show_counts=len(counts) > 1)
-        _draw_timeouts(axes, late, configurations, list(shown))
-    if len(configurations) > 1:
-        handles = [
-            Patch(facecolor=QUIET if i == 0 else "white", edgecolor=QUIET, label=name, linewidth=1.2)
-            for i, name in enumerate(configurations)
-        ]
-        figure.legend(
-            handles=handles,
-            loc="upper left",
-            bbox_to_anchor=(left / width, 1.0 - 0.12 / height),
-            ncols=len(handles),
-            frameon=False,
-            borderaxespad=0.0,
-            borderpad=0.0,
-            handlelength=1.4,
-        )
-    for i, line in enumerate(reversed(lines)):
-        figure.text(left / width, (0.12 + LINE_IN * i) / height, line, fontsize=CAPTION_SIZE, color=QUIET)
-
-
-def _caption(counts: set[int], note: str, characters: int) -> list[str]:
-    """What a reader must know about the boxes, in lines of at most `characters`."""
-    if len(counts) == 1:
-        trials = f"{min(counts)} trials a box."
-    else:
-        trials = "Under each box: the number of its trials."
+def _method(counts: set[int]) -> str:
+    """What a reader must know about the boxes, which hold these numbers of trials."""
+    if counts == {1}:
+        return "1 trial a box, drawn as a square."
+    trials = f"{min(counts)} trials a box." if len(counts) == 1 else "Under each box: the number of its trials."
     single = "A square: one trial alone. " if 1 in counts else ""
-    method = (
+    return (
         f"{trials} {single}Line: median. Box: quartiles (NumPy's '{QUARTILE_METHOD}' method). "
         f"Whiskers: furthest trial within {WHISKER:g} box lengths. Circles: trials beyond."
     )
-    if counts == {1}:
-        method = "1 trial a box, drawn as a square."
-    return [line for text in (method, *note.splitlines()) for line in textwrap.wrap(text, characters)]
 
 
-def draw_panel(
+def _draw_panel(
     axes: Axes,
-    found: dict[tuple[int | str, str], Box],
+    found: Boxes,
+    late: Mapping[tuple[int | str, str], int],
     metric: Metric,
     configurations: Sequence[str],
     shown: Mapping[int | str, str],
-    show_counts: bool = False,
+    show_counts: bool,
 ) -> None:
-    """One metric's boxes on `axes`: a group for each controller, a box for each configuration."""
+    """One metric's boxes on `axes`: a group for each controller, a box for each configuration.
+
+    late: how many trials timed out, each a cross above the scale, beside each other where there are several.
+    """
+
+    def under(x: float, text: str, points: float, **look) -> None:
+        axes.annotate(text, (x, 0.0), (0, -points), ("data", "axes fraction"), "offset points", ha="center", **look)
+
+    def place(controller: int | str, configuration: str) -> float:
+        """The middle of a box, along the axis of controllers."""
+        from_middle = configurations.index(configuration) - (len(configurations) - 1) / 2
+        return controllers.index(controller) + from_middle * (width + 0.08)
+
     controllers = list(shown)
     width = 0.62 / len(configurations)
     for (controller, configuration), box in found.items():
-        x = _place(controller, configuration, configurations, controllers)
-        _draw_box(axes, box, x, width, colour_of(controller), filled=configuration == configurations[0])
+        x = place(controller, configuration)
+        coded = isinstance(controller, str)
+        colour = QUIET if coded else CONTROLLER_COLOURS[(controller - 1) % len(CONTROLLER_COLOURS)]
+        _draw_box(axes, box, x, width, colour, filled=configuration == configurations[0])
         if show_counts:
-            axes.annotate(
-                f"{box.count}", (x, 0.0), (0, -4), ("data", "axes fraction"), "offset points",
-                ha="center", va="top", fontsize=CAPTION_SIZE, color=QUIET,
+            under(x, f"{box.count}", 4, va="top", fontsize=SMALL, color=QUIET)
+    for cell, count in late.items():
+        for n in range(count):
+            axes.plot(
+                [place(*cell) + 0.06 * ((n + 1) // 2) * (-1) ** n], [1.015], "x", clip_on=False, markersize=5.0,
+                markeredgewidth=1.3, markeredgecolor=TIMEOUT_COLOUR, transform=axes.get_xaxis_transform(),
             )  # fmt: skip
+    for i, name in enumerate(shown.values()):
+        for j, line in enumerate(name.splitlines()):  # line by line: a tick label's lines shift with their letters
+            under(i, line, (24 if show_counts else 15) + 72.0 * LABEL_IN * j, va="baseline", fontsize=8.0)
     highest = max((max(box.high, *box.outliers, box.q3) for box in found.values()), default=0.0)
-    axes.set_ylim(0.0, 1.06 * highest if highest > 0.0 else 1.0)
+    axes.set(xlim=(-0.6, len(controllers) - 0.4), xticks=[], ylim=(0.0, 1.06 * highest if highest > 0.0 else 1.0))
     axes.yaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 2.5, 5, 10]))
-    axes.set_xlim(-0.6, len(controllers) - 0.4)
-    axes.set_xticks([])
-    for i, controller in enumerate(controllers):  # line by line: a tick label's lines shift with their letters
-        for j, line in enumerate(shown[controller].splitlines()):
-            axes.annotate(
-                line, (i, 0.0), (0, (-24 if show_counts else -15) - 72.0 * LABEL_IN * j), ("data", "axes fraction"),
-                "offset points", ha="center", va="baseline", fontsize=8.0,
-            )  # fmt: skip
     axes.tick_params(axis="y", length=3)
     axes.grid(axis="y", color=LINE, linewidth=0.6)
     axes.set_axisbelow(True)
@@ -268,57 +258,17 @@ def draw_panel(
     axes.set_title(f"{metric.title} ({metric.shown_unit})", loc="left", fontsize=10.5, pad=9)
 
 
-def _place(
-    controller: int | str, configuration: str, configurations: Sequence[str], controllers: Sequence[int | str]
-) -> float:
-    """The middle of a box, along the axis of controllers."""
-    apart = 0.62 / len(configurations) + 0.08
-    return controllers.index(controller) + (configurations.index(configuration) - (len(configurations) - 1) / 2) * apart
-
-
-def _draw_timeouts(
-    axes: Axes,
-    late: Sequence[tuple[int | str, str]],
-    configurations: Sequence[str],
-    controllers: Sequence[int | str],
-) -> None:
-    """A cross above the scale for each (controller, configuration), beside each other where there are several."""
-    drawn = Counter()
-    for controller, configuration in late:
-        middle = _place(controller, configuration, configurations, controllers)
-        x = middle + 0.06 * ((drawn[controller, configuration] + 1) // 2) * (-1) ** drawn[controller, configuration]
-        drawn[controller, configuration] += 1
-        axes.plot(
-            [x], [1.015], "x", transform=axes.get_xaxis_transform(), clip_on=False,
-            markersize=5.0, markeredgewidth=1.3, markeredgecolor=TIMEOUT_COLOUR,
-        )  # fmt: skip
-
-
-def colour_of(controller: int | str) -> str:
-    """The colour of a controller: Table I's five, which begin again for further ones; a code has none of its own."""
-    if isinstance(controller, str):
-        return CODE_COLOUR
-    return CONTROLLER_COLOURS[(controller - 1) % len(CONTROLLER_COLOURS) + 1]
-
-
 def _draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, filled: bool) -> None:
     """Our choice: one trial, whose box would be a line and neither filled nor open, is a square that is."""
+    face = colour if filled else "white"
     if box.count == 1:
-        axes.plot(
-            [x], [box.median], "s",
-            markersize=7.0, markerfacecolor=colour if filled else "white", markeredgecolor=colour,
-            markeredgewidth=1.3, zorder=4,
-        )  # fmt: skip
+        look = {"markerfacecolor": face, "markeredgecolor": colour, "markeredgewidth": 1.3, "zorder": 4}
+        axes.plot([x], [box.median], "s", markersize=7.0, **look)
         return
-    axes.bar(
-        x, box.q3 - box.q1, width, box.q1,
-        facecolor=colour if filled else "white", edgecolor=colour, linewidth=1.3, zorder=3,
-    )  # fmt: skip
+    axes.bar(x, box.q3 - box.q1, width, box.q1, facecolor=face, edgecolor=colour, linewidth=1.3, zorder=3)
     axes.vlines([x, x], [box.low, box.q3], [box.q1, box.high], colors=colour, linewidth=1.2, zorder=2)
     axes.hlines([box.low, box.high], x - width / 4, x + width / 4, colors=colour, linewidth=1.2, zorder=2)
     axes.hlines(box.median, x - width / 2, x + width / 2, colors=TEXT, linewidth=1.8, zorder=4)
     if box.outliers:
-        axes.plot(
-            [x] * len(box.outliers), box.outliers, "o",
-            markersize=4.0, markerfacecolor="none", markeredgecolor=colour, markeredgewidth=1.1, zorder=3,
-        )  # fmt: skip
+        look = {"markerfacecolor": "none", "markeredgecolor": colour, "markeredgewidth": 1.1, "zorder": 3}
+        axes.plot([x] * len(box.outliers), box.outliers, "o", markersize=4.0, **look)

@@ -75,9 +75,7 @@ def tip_acceleration(tip: np.ndarray, cutoff_hz: float = POSITION_CUTOFF_HZ) -> 
     return np.gradient(velocity, 1.0 / SAMPLE_RATE_HZ, axis=1).T
 
 
-def weighted_amplitudes(
-    acceleration: np.ndarray, highest_hz: float = DFT_HIGHEST_HZ, power: float = 1.0
-) -> np.ndarray:
+def weighted_amplitudes(acceleration: np.ndarray, highest_hz: float = DFT_HIGHEST_HZ, power: float = 1.0) -> np.ndarray:
     """(f / 1 Hz)^power times the amplitude at each f from 1/T to the highest, m/s2; acceleration (n, 2).
 
     Single-sided amplitudes 2/N of both components together, sqrt(|Ax|^2 + |Ay|^2); mean removed (our choice).
@@ -124,25 +122,6 @@ def sparc(speed: np.ndarray) -> float | None:
         return None
     arc = magnitude[above[0] : above[-1] + 1]
     return -float(np.sum(np.hypot(1.0 / (len(arc) - 1), np.diff(arc))))
-
-
-def switches_per_second(currents: np.ndarray, duration_s: float) -> float | None:
-    """Ticks at which the set of brakes with current > 0 changes, per second; currents (n, brakes), A."""
-    if duration_s <= 0.0:
-        return None
-    on = currents > 0.0
-    return int(np.count_nonzero(np.any(on[1:] != on[:-1], axis=1))) / duration_s
-
-
-def unreachable_share(hand_force: np.ndarray, unreachable: np.ndarray, in_gap: np.ndarray) -> float | None:
-    """Share of ticks with a felt hand and no valid or selected brake, of all ticks outside the gap.
-
-    hand_force (n,) its magnitude, N; unreachable, in_gap (n,) bool. None if every tick is in the gap.
-    """
-    counted = int(np.count_nonzero(~in_gap))
-    if not counted:
-        return None
-    return int(np.count_nonzero(unreachable & ~in_gap & (hand_force > FELT_FORCE_N))) / counted
 
 
 def check_samples(recording: "Recording") -> None:
@@ -196,12 +175,25 @@ class Movement:
         whole = tip_acceleration(self._columns("tip_x_m", "tip_y_m"))
         return np.empty((0, 2)) if whole is None else whole[self._rows]
 
-    @property
-    def currents(self) -> np.ndarray:
-        """Currents of the brakes (n, brakes), A."""
-        return self._columns(*(f"current_{joint}_A" for joint in self._recording.braked))[self._rows]
+    def switches_per_second(self) -> float | None:
+        """Ticks at which the set of brakes with current > 0 changes, per second."""
+        if self.duration_s <= 0.0:
+            return None
+        on = self._columns(*(f"current_{joint}_A" for joint in self._recording.braked))[self._rows] > 0.0
+        return int(np.count_nonzero(np.any(on[1:] != on[:-1], axis=1))) / self.duration_s
 
-    def decided(self, codes: frozenset[int]) -> np.ndarray:
+    def unreachable_share(self) -> float | None:
+        """Share of ticks with a felt hand and no valid or selected brake, of all ticks outside the gap.
+
+        None without a controller, and if every tick is in the gap.
+        """
+        outside = ~self._decided(GAP)
+        if self._decided(frozenset({NONE})).all() or not outside.any():
+            return None
+        lacking = self._decided(UNREACHABLE) & outside & (self.force > FELT_FORCE_N)
+        return int(np.count_nonzero(lacking)) / int(np.count_nonzero(outside))
+
+    def _decided(self, codes: frozenset[int]) -> np.ndarray:
         """True (n,) at the ticks whose decision is one of `codes` of this version, found by its words."""
         wanted = {DECISIONS[code] for code in codes}
         table = np.array([word in wanted for word in self._recording.words["decision"]])
@@ -209,12 +201,6 @@ class Movement:
 
     def _columns(self, *names: str) -> np.ndarray:
         return np.column_stack([self._recording.column(name) for name in names])
-
-
-def _unreachable(m: Movement) -> float | None:
-    if m.decided(frozenset({NONE})).all():
-        return None  # without a controller
-    return unreachable_share(m.force, m.decided(UNREACHABLE), m.decided(GAP))
 
 
 class Metric(NamedTuple):
@@ -295,17 +281,19 @@ METRICS = (
     Metric(
         "switches_per_s", "1/s", "Switches", "switches",
         "ticks at which the set of brakes with current changes, per second",
-        lambda m: switches_per_second(m.currents, m.duration_s),
+        Movement.switches_per_second,
         shown_unit="1/s", needs_progress=False, tells_controller=True,
     ),
     Metric(
         "unreachable_share", "", "Unreachable share", "unreachable share",
         "share of the ticks with a felt hand in which no brake was valid or selected; none for controller 1",
-        _unreachable,
+        Movement.unreachable_share,
         needs_progress=False, tells_controller=True,
     ),
 )  # fmt: skip
 BY_NAME = {metric.name: metric for metric in METRICS}
+#: Figs. 16, 17 and 18.
+DRAWN = tuple(metric for metric in METRICS if metric.figure)
 
 
 def compared_for(thing: str) -> tuple[str, ...]:

@@ -54,9 +54,7 @@ def spreads(rows: Iterable[TrialRow], column: str) -> Scores:
     plot; so the score holds both the spread within a person and the person's own distance (Brown and Forsythe).
     """
     cells = values_by_cell(rows, column)
-    boxes: dict[tuple[str, int | str], list[float]] = {}
-    for (_, configuration, controller), values in cells.items():
-        boxes.setdefault((configuration, controller), []).extend(values)
+    boxes = {cell[1:]: [v for other, of in cells.items() if other[1:] == cell[1:] for v in of] for cell in cells}
     middles = {box: np.median(values) for box, values in boxes.items()}
     return {cell: float(np.mean(np.abs(np.array(values) - middles[cell[1:]]))) for cell, values in cells.items()}
 
@@ -109,44 +107,3 @@ def mean_interval(values: Sequence[float] | np.ndarray) -> Interval:
         return Interval(n, middle, -math.inf, math.inf)
     half = float(stdtrit(n - 1, 0.5 * (1.0 + LEVEL)) * np.std(data, ddof=1) / math.sqrt(n))
     return Interval(n, middle, middle - half, middle + half)
-
-
-def median_interval(values: Sequence[float] | np.ndarray) -> Interval:
-    """The median and its 95 % interval by counting (the sign test turned round): no distribution is assumed.
-
-    From the k-th smallest to the k-th largest value, the largest k that covers the median of people with at least
-    95 %. Below six values none does.
-    """
-    data = np.sort(np.asarray(values, dtype=float))
-    n, k, outside = len(data), 1, 1
-    if n < LEAST_PEOPLE:
-        return Interval(n, float(np.median(data)), -math.inf, math.inf)
-    while k < n - k and 2 * (outside + math.comb(n, k)) <= round((1.0 - LEVEL) * 2**n):
-        outside += math.comb(n, k)
-        k += 1
-    return Interval(n, float(np.median(data)), float(data[k - 1]), float(data[n - k]))
-
-
-def shift_interval(values: Sequence[float] | np.ndarray) -> Interval:
-    """Hodges-Lehmann: the median of all pairwise means, with the interval of the exact signed-rank test.
-
-    Takes the values as symmetric about their middle. Below six values there is no such interval.
-    """
-    data = np.asarray(values, dtype=float)
-    n = len(data)
-    i, j = np.triu_indices(n)
-    walsh = np.sort(0.5 * (data[i] + data[j]))
-    if n < LEAST_PEOPLE:
-        return Interval(n, float(np.median(walsh)), -math.inf, math.inf)
-    k = int(np.searchsorted(np.cumsum(signed_rank_distribution(n)), 0.5 * (1.0 - LEVEL)))
-    return Interval(n, float(np.median(walsh)), float(walsh[k - 1]), float(walsh[len(walsh) - k]))
-
-
-def signed_rank_distribution(n: int) -> np.ndarray:
-    """Probability (n (n + 1) / 2 + 1,) of each sum of positive ranks among n values without a shift."""
-    chances = np.zeros(n * (n + 1) // 2 + 1)
-    chances[0] = 1.0
-    for rank in range(1, n + 1):
-        chances[rank:] = 0.5 * (chances[rank:] + chances[:-rank])
-        chances[:rank] *= 0.5
-    return chances

@@ -72,38 +72,32 @@ def sensitivity(rows: Sequence[TrialRow], variants: Variants | None = None, time
     definition's order (1: the same order, -1: reversed). timeouts: trials whose time was up count as well.
     """
     rows = to_compare(rows, timeouts)
-    values = [
-        {d: getattr(row, d) for names in DEFINITIONS.values() for d in names}
-        | (dict(variants(row)) if variants and row.duration_s else {})
-        for row in rows
-    ]
+    values = [vars(row) | (dict(variants(row)) if variants and row.duration_s else {}) for row in rows]
     results = []
     for thing, named in DEFINITIONS.items():
         definitions = (*named, *SMOOTHNESS) if thing == "smoothness" and variants else named
         for configuration in configurations_of(rows):
-            base = _means(rows, values, configuration, definitions[0])
+            here = [of_row for of_row in values if of_row["configuration"] == configuration]
+            people = len({of_row["participant"] for of_row in here})
+            base = _means(here, definitions[0])
             for definition in definitions:
-                means = _means(rows, values, configuration, definition)
+                means = _means(here, definition)
                 common = [controller for controller in base if controller in means]
                 if len(common) < 2:
                     continue
                 tau = stats.kendalltau([base[k] for k in common], [means[k] for k in common]).statistic
                 order = " < ".join(str(k) for k in sorted(means, key=means.__getitem__))
-                people = len({row.participant for row in rows if row.configuration == configuration})
                 about = ("order", definition, configuration, order, definitions[0], people, "kendall_tau")
                 results.append(Result(*about, None if np.isnan(tau) else float(tau)))
     return results
 
 
-def _means(
-    rows: Sequence[TrialRow], values: Sequence[Mapping], configuration: str, definition: str
-) -> dict[int, float]:
+def _means(values: Sequence[Mapping], definition: str) -> dict[int, float]:
     """Controller -> mean over participants of their means; less is better."""
     cells: dict[tuple[int, str], list[float]] = {}
-    for row, of_row in zip(rows, values, strict=True):
-        value = of_row.get(definition)
-        if value is not None and row.configuration == configuration:
-            cells.setdefault((row.controller, row.participant), []).append(value)
+    for of_row in values:
+        if of_row.get(definition) is not None:
+            cells.setdefault((of_row["controller"], of_row["participant"]), []).append(of_row[definition])
     sign = -1.0 if definition in BY_NAME and BY_NAME[definition].better == "higher" else 1.0
     controllers = sorted({controller for controller, _ in cells})
     return {k: sign * float(np.mean([np.mean(v) for (j, _), v in cells.items() if j == k])) for k in controllers}

@@ -18,13 +18,11 @@ from experiments.analysis.metrics import compared_for
 from experiments.analysis.participants import (
     LEAST_PEOPLE,
     LEVEL,
-    Scores,
+    Interval,
     configurations_of,
     mean_interval,
-    median_interval,
     people_of,
     scores,
-    shift_interval,
 )
 from experiments.analysis.trials_table import TrialRow, to_compare
 
@@ -32,6 +30,8 @@ MEASURES = tuple(name for thing in ("accuracy", "force", "smoothness", "") for n
 POOLED = "pooled"
 TREND_TRIALS = 10  # a trend is the change over so many trials
 SEED, RESAMPLES = 1, 2000  # of the bootstrap
+
+ByController = dict[int, dict[str, float]]  # controller -> participant -> mean
 
 
 class Result(NamedTuple):
@@ -56,7 +56,7 @@ def statistics(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Result]
     rows = to_compare(rows, timeouts)
     results: list[Result] = []
     for measure in MEASURES:
-        for configuration, table in by_configuration(rows, measure):
+        for configuration, table in _by_configuration(rows, measure):
             results += [*means(measure, configuration, table), *friedman(measure, configuration, table)]
             results += pairs(measure, configuration, table)
     for measure in MEASURES:
@@ -64,37 +64,31 @@ def statistics(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Result]
     return results + error_and_speed(rows)
 
 
-def by_configuration(rows: Sequence[TrialRow], measure: str) -> Iterator[tuple[str, dict[int, dict[str, float]]]]:
-    """Each configuration, and all pooled if there are several, with controller -> participant -> mean."""
-    table, configurations = scores(rows, measure), configurations_of(rows)
-    for configuration in configurations:
-        yield configuration, _controllers(table, (configuration,), people_of(rows))
-    if len(configurations) > 1:
-        yield POOLED, _controllers(table, configurations, people_of(rows))
+def _by_configuration(rows: Sequence[TrialRow], measure: str) -> Iterator[tuple[str, ByController]]:
+    """Each configuration, and all pooled if there are several: means of those who tried a controller in all of them."""
+    table, configurations, people = scores(rows, measure), configurations_of(rows), people_of(rows)
+    several = [(POOLED, configurations)] if len(configurations) > 1 else []
+    for name, among in [(one, (one,)) for one in configurations] + several:
+        found: ByController = {}
+        for controller in sorted({cell[2] for cell in table}):
+            for person in people:
+                values = [table.get((person, configuration, controller)) for configuration in among]
+                if None not in values:
+                    found.setdefault(controller, {})[person] = float(np.mean(values))  # type: ignore[arg-type]
+        yield name, found
 
 
-def _controllers(table: Scores, configurations: Sequence[str], people: Sequence[str]) -> dict[int, dict[str, float]]:
-    found: dict[int, dict[str, float]] = {}
-    for controller in sorted({cell[2] for cell in table}):
-        for person in people:
-            values = [table.get((person, configuration, controller)) for configuration in configurations]
-            if None not in values:
-                found.setdefault(controller, {})[person] = float(np.mean(values))  # type: ignore[arg-type]
-    return found
-
-
-def means(measure: str, configuration: str, table: dict[int, dict[str, float]]) -> list[Result]:
+def means(measure: str, configuration: str, table: ByController) -> list[Result]:
     """Mean over participants of their means, with Student's interval."""
     results = []
     for controller, of_people in table.items():
         found = mean_interval(list(of_people.values()))
-        ends = found[2:] if found.people >= LEAST_PEOPLE else (None, None)
         about = ("mean", measure, configuration, f"{controller}", "", found.people, "mean")
-        results.append(Result(*about, found.middle, *ends))
+        results.append(Result(*about, found.middle, *(found[2:] if found.people >= LEAST_PEOPLE else ())))
     return results
 
 
-def friedman(measure: str, configuration: str, table: dict[int, dict[str, float]]) -> list[Result]:
+def friedman(measure: str, configuration: str, table: ByController) -> list[Result]:
     """Whether any controller differs, over the participants that tried all: chi-square and Kendall's W."""
     people = [person for person in next(iter(table.values()), {}) if all(person in of for of in table.values())]
     if len(table) < 3 or len(people) < 2:
@@ -103,40 +97,31 @@ def friedman(measure: str, configuration: str, table: dict[int, dict[str, float]
     if np.all(data == data[0]):  # every participant the same with every controller: nothing to rank
         return []
     found = stats.friedmanchisquare(*data)
-    controllers, enough = " ".join(map(str, table)), len(people) >= LEAST_PEOPLE
+    about = ("friedman", measure, configuration, " ".join(map(str, table)), "", len(people))
+    p = float(found.pvalue) if len(people) >= LEAST_PEOPLE else None
     w = float(found.statistic) / (len(people) * (len(table) - 1))
-    about = ("friedman", measure, configuration, controllers, "", len(people))
-    return [
-        Result(*about, "chi_square", float(found.statistic), p=float(found.pvalue) if enough else None),
-        Result(*about, "kendall_W", w),
-    ]
+    return [Result(*about, "chi_square", float(found.statistic), p=p), Result(*about, "kendall_W", w)]
 
 
-def pairs(measure: str, configuration: str, table: dict[int, dict[str, float]]) -> list[Result]:
+def pairs(measure: str, configuration: str, table: ByController) -> list[Result]:
     """Each pair of controllers, first minus second: shift, rank-biserial correlation, Wilcoxon with Holm."""
-    found, chances = [], []
+    results: list[Result] = []
+    chances: dict[int, float] = {}  # place in the results -> p
     for a, b in combinations(table, 2):
-        both = [person for person in table[a] if person in table[b]]
-        if not both:
+        differences = np.array([table[a][person] - table[b][person] for person in table[a] if person in table[b]])
+        if not len(differences):
             continue
-        differences = np.array([table[a][person] - table[b][person] for person in both])
-        enough = len(both) >= LEAST_PEOPLE
-        about = (measure, configuration, f"{a}", f"{b}", len(both))
+        about = ("difference", measure, configuration, f"{a}", f"{b}", len(differences))
         shift = shift_interval(differences)
-        low, high = rank_biserial_interval(differences) if enough else (None, None)
-        found.append(
-            [
-                Result("difference", *about, "hodges_lehmann", shift.middle, *(shift[2:] if enough else ())),
-                Result("difference", *about, "rank_biserial", rank_biserial(differences), low, high),
-            ]
-        )
-        chances.append(signed_rank_p(differences) if enough else None)
-    known = [p for p in chances if p is not None]
-    adjusted = iter(holm(known))
-    for pair, p in zip(found, chances, strict=True):
-        if p is not None:
-            pair[0] = pair[0]._replace(p=p, p_holm=next(adjusted))
-    return [result for pair in found for result in pair]
+        ends: tuple[tuple, tuple] = ((), ())
+        if len(differences) >= LEAST_PEOPLE:
+            chances[len(results)] = signed_rank_p(differences)
+            ends = shift[2:], rank_biserial_interval(differences)
+        results.append(Result(*about, "hodges_lehmann", shift.middle, *ends[0]))
+        results.append(Result(*about, "rank_biserial", rank_biserial(differences), *ends[1]))
+    for (place, p), p_holm in zip(chances.items(), holm(list(chances.values())), strict=True):
+        results[place] = results[place]._replace(p=p, p_holm=p_holm)
+    return results
 
 
 def signed_rank_p(differences: np.ndarray) -> float:
@@ -163,6 +148,46 @@ def least_p_holm(pairs: Sequence[Result]) -> float:
     return min(1.0, len(pairs) * min((2.0 * 0.5**pair.people for pair in pairs), default=1.0))
 
 
+def median_interval(values: Sequence[float] | np.ndarray) -> Interval:
+    """The median and its 95 % interval by counting (the sign test turned round): no distribution is assumed.
+
+    From the k-th smallest to the k-th largest value, the largest k that covers the median of people with at least
+    95 %. Below six values none does.
+    """
+    data = np.sort(np.asarray(values, dtype=float))
+    n, middle = len(data), float(np.median(data))
+    if n < LEAST_PEOPLE:
+        return Interval(n, middle, -math.inf, math.inf)
+    k = int(stats.binom.ppf(0.5 * (1.0 - LEVEL), n, 0.5))
+    return Interval(n, middle, float(data[k - 1]), float(data[n - k]))
+
+
+def shift_interval(values: Sequence[float] | np.ndarray) -> Interval:
+    """Hodges-Lehmann: the median of all pairwise means, with the interval of the exact signed-rank test.
+
+    Takes the values as symmetric about their middle. Below six values there is no such interval.
+    """
+    data = np.asarray(values, dtype=float)
+    n = len(data)
+    i, j = np.triu_indices(n)
+    walsh = np.sort(0.5 * (data[i] + data[j]))
+    middle = float(np.median(walsh))
+    if n < LEAST_PEOPLE:
+        return Interval(n, middle, -math.inf, math.inf)
+    k = int(np.searchsorted(np.cumsum(signed_rank_distribution(n)), 0.5 * (1.0 - LEVEL)))
+    return Interval(n, middle, float(walsh[k - 1]), float(walsh[len(walsh) - k]))
+
+
+def signed_rank_distribution(n: int) -> np.ndarray:
+    """Probability (n (n + 1) / 2 + 1,) of each sum of positive ranks among n values without a shift."""
+    chances = np.zeros(n * (n + 1) // 2 + 1)
+    chances[0] = 1.0
+    for rank in range(1, n + 1):
+        chances[rank:] = 0.5 * (chances[rank:] + chances[:-rank])
+        chances[:rank] *= 0.5
+    return chances
+
+
 def rank_biserial(differences: np.ndarray) -> float:
     """Matched pairs: (sum of ranks over 0 minus sum of those under it) / sum of all; 0 if all are 0. In [-1, 1]."""
     return float(_rank_biserials(np.atleast_2d(differences))[0])
@@ -178,17 +203,16 @@ def _rank_biserials(samples: np.ndarray) -> np.ndarray:
 
 def rank_biserial_interval(differences: np.ndarray) -> tuple[float, float]:
     """Percentile bootstrap over participants, seeded. All the same way gives +-1 to +-1."""
-    drawn = resampled(len(differences))
-    return quantiles(_rank_biserials(differences[drawn]))
+    return _middle(_rank_biserials(differences[_resampled(len(differences))]))
 
 
-def resampled(people: int) -> np.ndarray:
+def _resampled(people: int) -> np.ndarray:
     """Participants drawn with replacement, (RESAMPLES, people); the same for every measure."""
     return np.random.default_rng(SEED).integers(0, people, (RESAMPLES, people))
 
 
-def quantiles(values: np.ndarray) -> tuple[float, float]:
-    """The middle 95 % of bootstrapped values."""
+def _middle(values: np.ndarray) -> tuple[float, float]:
+    """The ends of the middle 95 % of bootstrapped values."""
     low, high = np.quantile(values, (0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL)))
     return float(low), float(high)
 
@@ -202,21 +226,20 @@ def trend(rows: Sequence[TrialRow], measure: str) -> list[Result]:
     slopes = []
     for person in people_of(rows):
         of_person = [row for row in rows if row.participant == person]
-        run, value = within_tasks(of_person, [(row.run, getattr(row, measure)) for row in of_person])
-        values = [v for row in of_person if (v := getattr(row, measure)) is not None]
-        mean = np.mean(values or [0.0])
+        run, value = _within_tasks(of_person, [(row.run, getattr(row, measure)) for row in of_person])
+        mean = np.mean([v for row in of_person if (v := getattr(row, measure)) is not None] or [0.0])
         if np.any(run) and mean:
             slopes.append(100.0 * TREND_TRIALS * float(run @ value / (run @ run)) / mean)
     if not slopes:
         return []
     found = median_interval(slopes)
-    enough = found.people >= LEAST_PEOPLE
-    interval, p = (found[2:], signed_rank_p(np.array(slopes))) if enough else ((None, None), None)
-    about = ("trend", measure, "all", "", "", found.people, "percent_in_10_trials")
-    return [Result(*about, found.middle, *interval, p=p)]
+    result = Result("trend", measure, "all", "", "", found.people, "percent_in_10_trials", found.middle)
+    if found.people < LEAST_PEOPLE:
+        return [result]
+    return [result._replace(low=found.low, high=found.high, p=signed_rank_p(np.array(slopes)))]
 
 
-def within_tasks(rows: Sequence[TrialRow], values: Sequence[tuple]) -> tuple[np.ndarray, np.ndarray]:
+def _within_tasks(rows: Sequence[TrialRow], values: Sequence[tuple]) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of values less their mean in the task (participant, configuration, controller, segment); no empty ones."""
     tasks: dict[tuple, list[tuple]] = {}
     for row, pair in zip(rows, values, strict=True):
@@ -228,7 +251,7 @@ def within_tasks(rows: Sequence[TrialRow], values: Sequence[tuple]) -> tuple[np.
     return both[:, 0], both[:, 1]
 
 
-def log_speed(row: TrialRow) -> float | None:
+def _log_speed(row: TrialRow) -> float | None:
     """Doublings of mean speed along the path, from an arbitrary zero for each segment; None unless it was finished."""
     return -math.log2(row.duration_s) if row.status == "done" and row.duration_s else None
 
@@ -239,27 +262,24 @@ def error_and_speed(rows: Sequence[TrialRow]) -> list[Result]:
     The slope is that of the same person in the same task, one for all; interval by bootstrap over participants.
     Adjusted: as if each participant had moved with every controller at the mean of their speeds.
     """
-    people, products, squares, errors = [], [], [], []
+    sums = []  # of each participant: speed * error, speed^2, error^2
     for person in people_of(rows):
         of_person = [row for row in rows if row.participant == person]
-        speed, error = within_tasks(of_person, [(log_speed(row), row.path_error_m) for row in of_person])
+        speed, error = _within_tasks(of_person, [(_log_speed(row), row.path_error_m) for row in of_person])
         if np.any(speed):
-            people.append(person)
-            products.append(float(speed @ error))
-            squares.append(float(speed @ speed))
-            errors.append(float(error @ error))
-    if not people:
+            sums.append((float(speed @ error), float(speed @ speed), float(error @ error)))
+    if not sums:
         return []
-    slope = sum(products) / sum(squares)
-    spread = math.sqrt(sum(squares) * sum(errors))
-    low = high = None
-    if len(people) >= LEAST_PEOPLE:
-        drawn = resampled(len(people))
-        low, high = quantiles(np.array(products)[drawn].sum(axis=1) / np.array(squares)[drawn].sum(axis=1))
-    about = ("speed", "path_error_m", "all", "", "", len(people))
+    product, square, errors = (sum(column) for column in zip(*sums, strict=True))
+    slope, spread = product / square, math.sqrt(square * errors)
+    ends = ()
+    if len(sums) >= LEAST_PEOPLE:
+        drawn = np.array(sums)[_resampled(len(sums))].sum(axis=1)
+        ends = _middle(drawn[:, 0] / drawn[:, 1])
+    about = ("speed", "path_error_m", "all", "", "", len(sums))
     results = [
-        Result(*about, "m_per_doubling", slope, low, high),
-        Result(*about, "correlation", sum(products) / spread if spread else None),
+        Result(*about, "m_per_doubling", slope, *ends),
+        Result(*about, "correlation", product / spread if spread else None),
     ]
     for configuration in configurations_of(rows):
         results += _adjusted(rows, configuration, slope)
@@ -269,7 +289,7 @@ def error_and_speed(rows: Sequence[TrialRow]) -> list[Result]:
 def _adjusted(rows: Sequence[TrialRow], configuration: str, slope: float) -> list[Result]:
     cells: dict[tuple[int, str], list[tuple[float, float]]] = {}
     for row in rows:
-        speed = log_speed(row)
+        speed = _log_speed(row)
         if row.configuration == configuration and speed is not None and row.path_error_m is not None:
             cells.setdefault((row.controller, row.participant), []).append((speed, row.path_error_m))
     own = {cell: np.mean(trials, axis=0) for cell, trials in cells.items()}

@@ -8,71 +8,66 @@ import csv
 import io
 import os
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, make_dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, make_dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, NamedTuple, get_args
 
 import numpy as np
 
 from core.files import InputError
 from core.path import build_path, path_from
-from experiments.analysis.metrics import BY_NAME, METRICS, NO_METRICS, Metric, Metrics, trial_metrics
+from experiments.analysis.metrics import METRICS, NO_METRICS, trial_metrics
 from experiments.recording.atomic_files import give_new_name, refuse_existing_files, refusing, written_beside
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
     from experiments.recording.schema import Recording
 
-STATUSES = ("done", "timeout", "aborted", "redone", "recovered", "skipped", "stopped", "excluded")
+#: How a trial ended.
+STATUSES = {
+    "done": "the end of the path was reached",
+    "timeout": "the time was up before the end; measures are over the progress made",
+    "aborted": "ended by the experimenter, or (a simulated operator) unfit to go on; does not count",
+    "redone": "run again later, for a reason; kept, does not count",
+    "recovered": "cut off by a crash, rescued; does not count",
+    "skipped": "not run, for a reason",
+    "stopped": "cut short by a fault, by the brakes-off or with the app; does not count, its trial is run again",
+    "excluded": "taken out of every result by the experimenter, for a reason; kept, does not count",
+}
 #: Trials that ran until the end of the path or the end of their time: they have measures and are counted.
 COUNTED = ("done", "timeout")
-#: Trials that settle their cell of the plan: after any other the cell is run again. Aborted: the experimenter
-#: ended it and gave a reason; stopped: the brakes-off, a fault or the end of the app cut it short; excluded: the
-#: experimenter took it out of every result, for a reason.
+#: Trials that settle their cell of the plan: after any other the cell is run again.
 SETTLED = ("done", "timeout", "aborted", "skipped", "excluded")
 
-
-@dataclass(frozen=True)
-class _Planned:
-    """Which trial of the plan it was, and how it ended."""
-
-    participant: str  # label, "01"
-    run: int
-    block: int
-    configuration: str  # name of the device
-    controller: int | str  # its number in the protocol, as in Table I; a code, "K3", while the session is blind
-    segment: int
-    repetition: int
-    status: str  # one of STATUSES
-
-
-def _measured(name: str, metrics: Sequence[Metric], base: type) -> type:
-    columns = [(metric.name, float | None, None) for metric in metrics]
-    return make_dataclass(name, columns, bases=(base,), frozen=True)
-
-
-_FIRST = METRICS[: METRICS.index(BY_NAME["unreachable_share"]) + 1]  # of the first version
+Measure = float | None
+Controller = int | str  # a code, "K3", while the session is blind
+_Measured = make_dataclass(
+    "_Measured",
+    [(m.name, Annotated[Measure, m.meaning, m.unit], field(default=None, kw_only=True)) for m in METRICS],
+    frozen=True,
+)
 
 
 @dataclass(frozen=True)
-class _Recorded(_measured("_Measured", _FIRST, _Planned)):
-    """What came of it."""
+class TrialRow(_Measured):
+    """One row: the trial's place in the plan, how it ended, its recording, and the measures of `METRICS`.
 
-    recording: str = ""  # path relative to the file that the row stands in, with "/"; empty: nothing could be kept
-    energy_residual_J: float | None = None  # what the ledger leaves unexplained
-    energy_added_max_J: float | None = None  # the most that any brake added in a step: must be none
-
-
-@dataclass(frozen=True)
-class TrialRow(_measured("_MeasuredSince", METRICS[len(_FIRST) :], _Recorded)):
-    """One row; the fields are the columns, in order: the trial's place in the plan, its measures, its recording.
-
-    Measures that came later stand at the end: a table of an earlier version lacks them, and is read all the same.
+    Each column stands with its type, its meaning and its unit.
     """
 
-    def with_metrics(self, metrics: Metrics) -> "TrialRow":
-        """The same row with the measures of its trial."""
-        return replace(self, **metrics._asdict())
+    participant: Annotated[str, "label of the participant"]  # "01"
+    run: Annotated[int, "number of the trial in its session"]
+    block: Annotated[int, "block within the configuration"]
+    configuration: Annotated[str, "name of the device"]
+    controller: Annotated[Controller, "controller by its number in Table I, or by its code while the session is blind"]
+    segment: Annotated[int, "number of the path"]
+    repetition: Annotated[int, "how often this cell of the plan has come, from 1"]
+    status: Annotated[str, "how the trial ended"]  # one of STATUSES
+    recording: Annotated[str, "file of the recording, relative to this file"] = ""  # empty: nothing could be kept
+    energy_residual_J: Annotated[Measure, "what the energy ledger of the trial leaves unexplained", "J"] = None
+    energy_added_max_J: Annotated[
+        Measure, "the most energy that any brake added in a step: must be none", "J"
+    ] = None  # fmt: skip
 
     def seen_from(self, folder: str) -> "TrialRow":
         """The row for a table further up: `folder` (as "sub-01/ses-01") is where this one's table stands."""
@@ -88,14 +83,32 @@ def to_compare(rows: Iterable[TrialRow], timeouts: bool = False) -> list[TrialRo
     return [row for row in rows if row.status == "done" or timeouts and row.status == "timeout"]
 
 
-COLUMNS = tuple(column.name for column in fields(TrialRow))
-_FIRST_COLUMNS = COLUMNS[: COLUMNS.index("recording") + 1]  # the least that a table has: later ones came later
-_KINDS = {column.name: column.type for column in fields(TrialRow)}
+class Column(NamedTuple):
+    """What a column of a table means."""
+
+    meaning: str
+    unit: str = ""  # "" for text, counts, and numbers without a unit
 
 
-def is_code(cell: str) -> bool:
+def _columns() -> tuple[str, ...]:
+    """Measures that came after the first version stand at the end: an earlier table lacks them, and is still read."""
+    measures = [metric.name for metric in METRICS]
+    others = [one.name for one in fields(TrialRow) if one.name not in measures]
+    first = measures.index("unreachable_share") + 1
+    place = others.index("recording")
+    return (*others[:place], *measures[:first], *others[place:], *measures[first:])
+
+
+COLUMNS = _columns()
+_LEAST = COLUMNS[: COLUMNS.index("recording") + 1]  # the columns of the first version: any table has them
+_TYPES = {one.name: get_args(one.type) for one in fields(TrialRow)}
+#: The data dictionary: an empty cell of a measure, which is over the phase `move`: nothing to measure.
+DICTIONARY: Mapping[str, Column] = {name: Column(*_TYPES[name][1:]) for name in COLUMNS}
+
+
+def is_code(cell: object) -> bool:
     """Whether this is the code of a controller in a blind session: K1, K2, .."""
-    return re.fullmatch(r"K[1-9]\d*", cell) is not None
+    return isinstance(cell, str) and re.fullmatch(r"K[1-9]\d*", cell) is not None
 
 
 def by_controller(controller: int | str) -> tuple[bool, int, int | str]:
@@ -104,18 +117,24 @@ def by_controller(controller: int | str) -> tuple[bool, int, int | str]:
 
 
 def _cell(column: str, value: object) -> str:
-    kind = _KINDS[column]
-    if value is None and kind == float | None:
-        return ""
-    if kind == float | None and isinstance(value, int | float | np.number) and np.isfinite(value):
-        return repr(float(value))
-    if kind == int | str and isinstance(value, str) and is_code(value):
-        return value
-    if kind in (int, int | str) and isinstance(value, int | np.integer) and not isinstance(value, bool):
+    kind = _TYPES[column][0]
+    if kind == Measure:
+        if value is None:
+            return ""
+        if isinstance(value, int | float | np.number) and np.isfinite(value):
+            return repr(float(value))
+    elif kind is str and isinstance(value, str) or kind == Controller and is_code(value):
+        return str(value)
+    elif kind is not str and isinstance(value, int | np.integer) and not isinstance(value, bool):
         return str(int(value))
-    if kind is str and isinstance(value, str):
-        return value
     raise ValueError(f"trials table: {column} cannot be {value!r}")
+
+
+def _value(column: str, cell: str) -> object:
+    kind = _TYPES[column][0]
+    if kind == Measure:
+        return float(cell) if cell else None
+    return cell if kind is str or kind == Controller and is_code(cell) else int(cell)
 
 
 def table_bytes(rows: Iterable[TrialRow], header: bool = True) -> bytes:
@@ -165,7 +184,7 @@ def read_table(path: str | Path) -> list[TrialRow]:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: the table cannot be read: {error}") from None
     known = min(len(lines[0]), len(COLUMNS)) if lines else 0
-    if known < len(_FIRST_COLUMNS) or tuple(lines[0][:known]) != COLUMNS[:known]:
+    if known < len(_LEAST) or tuple(lines[0][:known]) != COLUMNS[:known]:
         raise InputError(f"{path}: the first line does not name the columns of a trials table")
     return [_row(path, number, lines[0], cells) for number, cells in enumerate(lines[1:], start=2)]
 
@@ -173,36 +192,26 @@ def read_table(path: str | Path) -> list[TrialRow]:
 def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -> TrialRow:
     if len(cells) != len(header):
         raise InputError(f"{path}: line {number} has {len(cells)} cells, not {len(header)}")
-    values: dict[str, object] = {}
+    values = {}
     for column, cell in zip(COLUMNS, cells, strict=False):  # an older table lacks the later columns
-        kind = _KINDS[column]
         try:
-            if kind is str:
-                values[column] = cell
-            elif kind is int or kind == int | str and not is_code(cell):
-                values[column] = int(cell)
-            elif kind == int | str:
-                values[column] = cell
-            else:
-                values[column] = float(cell) if cell else None
+            values[column] = _value(column, cell)
         except ValueError:
             raise InputError(f"{path}: line {number}: {column} = {cell!r} is not a number") from None
     if values["status"] not in STATUSES:
-        raise InputError(f"{path}: line {number}: status {cells[COLUMNS.index('status')]!r} is none of {STATUSES}")
-    return TrialRow(**values)  # type: ignore[arg-type]
+        raise InputError(f"{path}: line {number}: status {values['status']!r} is none of {', '.join(STATUSES)}")
+    return TrialRow(**values)
 
 
-#: What a recording must say of its trial.
-NEEDED = (
-    "participant", "run", "block", "configuration", "controller", "segment", "repetition", "path",
-)  # fmt: skip
+#: What the metadata of a recording must hold: its place in the plan, in the order of a row, and its path.
+NEEDED = (*COLUMNS[: COLUMNS.index("status")], "path")
 
 
 def row_of(recording: "Recording", folder: Path) -> TrialRow:
     """A trial's row, from its recording alone; `folder`: where the table that gets it stands.
 
-    InputError: the recording does not say which trial it is of, or cannot be measured. A trial that does not count (it
-    was cut short, say by a force that is not a number) then has a row without measures.
+    InputError: the recording does not name its trial, or cannot be measured. A trial that does not count (it was cut
+    short, say by a force that is not a number) then has a row without measures.
     """
     about, outcome = recording.metadata, recording.outcome
     for key in NEEDED:
@@ -219,9 +228,11 @@ def row_of(recording: "Recording", folder: Path) -> TrialRow:
         except InputError:  # ticks are missing, or a sample is no number: then nothing can be measured
             if outcome["status"] in COUNTED:
                 raise
-    place = os.path.relpath(recording.path, folder).replace(os.sep, "/")
     return TrialRow(
-        about["participant"], about["run"], about["block"], about["configuration"], about["controller"],
-        about["segment"], about["repetition"], outcome["status"], recording=place,
-        energy_residual_J=outcome.get("energy_residual_J"), energy_added_max_J=outcome.get("energy_added_max_J"),
-    ).with_metrics(metrics)  # fmt: skip
+        *(about[key] for key in NEEDED[:-1]),
+        outcome["status"],
+        recording=os.path.relpath(recording.path, folder).replace(os.sep, "/"),
+        energy_residual_J=outcome.get("energy_residual_J"),
+        energy_added_max_J=outcome.get("energy_added_max_J"),
+        **metrics._asdict(),
+    )

@@ -12,19 +12,12 @@ from core import tick_log
 from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
-from experiments.benchmark.kernels import (
-    acceptances,
-    decisions,
-    log_rows,
-    looks_for_events,
-    operations,
-    smooth_steps,
-)
+from experiments.benchmark import kernels
 from experiments.benchmark.scenes import START, bench_devices, bench_scenes
 from experiments.plan import make_plan
 from experiments.protocol import load_protocol
 from experiments.trial.population import load_population
-from experiments.trial.trial import Trial
+from experiments.trial.trial import Trial, load_kernels
 
 _COUNT = 5000
 
@@ -34,15 +27,16 @@ def part_costs(repeats: int) -> dict:
     device = bench_devices()[1]
     parts: dict[str, dict[str, float]] = {}
     for scene in bench_scenes(device)[:2]:
-        s = Simulation(device, START, hand=scene.hand())
-        s.run(0.1, 1e-3, scene.torques[0])
-        spare = Simulation(device, START, hand=scene.hand())
-        spare.run(0.1, 1e-3, scene.torques[0])
+        s, spare = (Simulation(device, START, hand=scene.hand()) for _ in range(2))
+        for simulation in (s, spare):
+            simulation.run(0.1, 1e-3, scene.torques[0])
         device_of, step = (s.mechanism, s.brakes), (1e-3, 0, _COUNT)  # s, no lag, passes
         parts[scene.name] = {
-            "rk4": _best(partial(smooth_steps, *device_of, s.hand, s.state, s.step_scratch, *step), repeats),
-            "look_for_events": _best(partial(looks_for_events, *device_of, s.state, s.step_scratch, *step), repeats),
-            "accept": _best(partial(acceptances, *device_of, spare.state, s.step_scratch, *step), repeats),
+            "rk4": _best(partial(kernels.smooth_steps, *device_of, s.hand, s.state, s.step_scratch, *step), repeats),
+            "look_for_events": _best(
+                partial(kernels.looks_for_events, *device_of, s.state, s.step_scratch, *step), repeats
+            ),
+            "accept": _best(partial(kernels.acceptances, *device_of, spare.state, s.step_scratch, *step), repeats),
         }
     return parts
 
@@ -53,51 +47,48 @@ def tick_cost(quick: bool) -> dict:
     A study of 3 operators x 2 devices x 2 segments x 5 controllers x 3 trials (quick: one operator, one block), ticks
     alone: what recording, measures and figures cost is not in it.
     """
+    load_kernels()  # no clock runs while they are compiled
     protocol = load_protocol()
-    operators = 3
+    operators = 1 if quick else 3
     if quick:
-        operators, protocol = 1, replace(protocol, blocks=1)
-    devices = {device.name: device for device in protocol.devices}
+        protocol = replace(protocol, blocks=1)
     rows = np.empty((8192, tick_log.WIDTH))
-    spent: dict[str, list[float]] = {name: [0.0, 0.0] for name in devices}  # s, ticks
-    trials, last = 0, None
+    spent = {device.name: np.zeros(2) for device in protocol.devices}  # s, ticks
+    trials: list[Trial] = []
     for operator in range(1, operators + 1):
         person = load_population().draw(np.random.default_rng(operator))
-        simulations = {name: SimulatedDevice(device, (0.0, 0.40)) for name, device in devices.items()}
+        simulations = {device.name: SimulatedDevice(device, (0.0, 0.40)) for device in protocol.devices}
         for planned in make_plan(protocol, str(operator)):
             generator = np.random.default_rng([operator, planned.segment, planned.repetition])
-            trial = Trial(simulations[planned.configuration], planned, protocol.paths[planned.segment],
-                          protocol.controllers[int(planned.controller)], protocol.rules, protocol.trial, person,
-                          generator)  # fmt: skip
-            if last is None:
-                trial.run(rows[:1])  # the kernels are compiled before the clock runs
+            trial = Trial(
+                simulations[planned.configuration], planned, protocol.paths[planned.segment],
+                protocol.controllers[int(planned.controller)], protocol.rules, protocol.trial, person, generator,
+            )  # fmt: skip
+            trials.append(trial)
             while not trial.finished:
                 start = time.perf_counter()
                 n = trial.run(rows)
-                spent[planned.configuration][0] += time.perf_counter() - start
-                spent[planned.configuration][1] += n
-            trials, last = trials + 1, trial
-    assert last is not None
-    seconds, ticks = (sum(of) for of in zip(*spent.values(), strict=True))
+                spent[planned.configuration] += time.perf_counter() - start, n
+    seconds, ticks = sum(spent.values())
     return {
-        "trials": trials,
+        "trials": len(trials),
         "ticks": round(ticks),
         "study_simulation_s": seconds,
         "us_per_tick": seconds / ticks * 1e6,
         "us_per_tick_by_device": {name: 1e6 * s / n for name, (s, n) in spent.items()},
-        "parts_ns": _tick_parts(last, rows),
+        "parts_ns": _tick_parts(trials[-1], rows),
     }
 
 
 def _tick_parts(trial: Trial, rows: np.ndarray) -> dict:
     """Least time (ns) of the parts of a tick that are not the device's: the rest of a tick is brakes, step, pattern."""
-    s, now = trial.model, trial.arguments()
-    run, operator, memory, hand = now.run.copy(), now.operator.copy(), now.memory.copy(), s.hand
+    a = trial.arguments()
+    run, operator, memory = a.run.copy(), a.operator.copy(), a.memory.copy()
     run["phase"][0] = tick_log.MOVE
     return {
-        "operator": _best(lambda: operations(operator, hand, trial.path, run, s.state, trial._noise, _COUNT), 5),
-        "decide": _best(lambda: decisions(trial.controller, s.brakes, trial.path, memory, s.state, run, _COUNT), 5),
-        "log_row": _best(lambda: log_rows(s.mechanism, s.brakes, s.state, hand, run, rows, _COUNT), 5),
+        "operator": _best(lambda: kernels.operations(operator, a.hand, a.path, run, a.state, a.noise, _COUNT), 5),
+        "decide": _best(lambda: kernels.decisions(a.controller, a.brakes, a.path, memory, a.state, run, _COUNT), 5),
+        "log_row": _best(lambda: kernels.log_rows(a.mechanism, a.brakes, a.state, a.hand, run, rows, _COUNT), 5),
     }
 
 

@@ -4,6 +4,7 @@ Nothing of the simulator's own solver is used: which brakes stick is found by tr
 keeping the one that contradicts nothing, and the moment of an event is where scipy's dense output says it is.
 """
 
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -99,9 +100,13 @@ class _Reference:
                 break
         else:
             raise ArithmeticError(f"bench reference: no pattern at t = {t:g} s")
-        if self.stuck:  # what the dense output left of the stuck joint's rate
-            g, v = self.row(self.stuck[0]), self.z[10 + HANDLE :]
-            self.z[10:] = rates(self.bodies, self.z[:10], v - g * (g @ v) / (g @ g))
+        if self.stuck:
+            self.stop(self.stuck[0])
+
+    def stop(self, i) -> None:
+        """Joint i is exactly at rest, and not only to the dense output's error."""
+        g, v = self.row(i), self.z[10 + HANDLE :]
+        self.z[10:] = rates(self.bodies, self.z[:10], v - g * (g @ v) / (g @ g))
 
     def rest(self, t, end) -> float:
         """The tip rests until the hand is stronger than the brakes, or to the end."""
@@ -121,40 +126,29 @@ class _Reference:
         def slope(time, z):
             return np.append(z[10:], self.answer(time, z, self.sign, self.stuck).acceleration)
 
-        events = [self.stops(i) for i in self.braked if self.sign[i] != 0.0]
-        if self.stuck:
-            events.append(self.breaks_loose(self.stuck[0]))
+        slipping = [i for i in self.braked if self.sign[i] != 0.0]
+        events = [partial(self.slip_left, i) for i in slipping] + [partial(self.hold_left, i) for i in self.stuck]
+        for event in events:
+            event.terminal, event.direction = True, -1.0
         run = solve_ivp(slope, (t, end), self.z, "DOP853", rtol=RTOL, atol=ATOL, events=events, dense_output=True)
         until = run.t[-1]
         self.keep(t, until, run.sol)
         self.z = run.y[:, -1].copy()
-        slipping = [i for i in self.braked if self.sign[i] != 0.0]
         if self.stuck and len(run.t_events[-1]):
             (j,) = self.stuck
             self.loose[j] = -float(np.sign(self.answer(until, self.z, self.sign, self.stuck).torque[j]))
         for i, times in zip(slipping, run.t_events, strict=False):
-            if len(times):  # exactly at rest, not to the dense output's error
-                g, v = self.row(i), self.z[10 + HANDLE :]
-                self.z[10:] = rates(self.bodies, self.z[:10], v - g * (g @ v) / (g @ g))
+            if len(times):
+                self.stop(i)
         return until
 
-    def stops(self, i):
-        """Event: the rate of slipping joint i falls to zero."""
+    def slip_left(self, i, t, z) -> float:
+        """The rate of slipping joint i in its sense; zero: it stops."""
+        return self.sign[i] * (JOINT_RATES[i] @ z[10:])
 
-        def value(t, z):
-            return self.sign[i] * (JOINT_RATES[i] @ z[10:])
-
-        value.terminal, value.direction = True, -1.0
-        return value
-
-    def breaks_loose(self, i):
-        """Event: the torque that holds stuck joint i reaches its yield."""
-
-        def value(t, z):
-            return self.yields[i] - abs(self.answer(t, z, self.sign, self.stuck).torque[i])
-
-        value.terminal, value.direction = True, -1.0
-        return value
+    def hold_left(self, i, t, z) -> float:
+        """What stuck joint i could hold besides; zero: it breaks loose."""
+        return self.yields[i] - abs(self.answer(t, z, self.sign, self.stuck).torque[i])
 
     def keep(self, t, until, solution) -> None:
         """The tips at the times of comparison in (t, until]."""

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import matplotlib
 
-from experiments.analysis.figures import STYLE, figure_bytes, new_figure
+from experiments.analysis.sheet import STYLE, figure_bytes, new_figure
 
 #: step of the rows that the table shows
 TABLE_STEP_S = 1e-3

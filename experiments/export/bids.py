@@ -12,6 +12,7 @@ a number, its words are in _motion.json. The file names say device and run, neve
 
 import csv
 import re
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,17 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from experiments.analysis.metrics import SAMPLE_RATE_HZ
-from experiments.analysis.trials_table import COLUMNS, TrialRow, table_bytes
-from experiments.export.columns import PHASE_LEVELS, STATUS_LEVELS, recording_column, trials_column
-from experiments.export.trial import (
-    Exported,
-    ExportedTrial,
-    answers_and_notes,
-    write_columns,
-    write_json,
-    write_phenotype,
-    write_rows,
-)
+from experiments.analysis.trials_table import COLUMNS, DICTIONARY, STATUSES, TrialRow, table_bytes
+from experiments.export.answers import Form, answers_and_notes, forms_of, write_phenotype
+from experiments.export.columns import PHASE_LEVELS, recording_column
+from experiments.export.files import Exported, ExportedTrial, write_columns, write_json, write_rows
 from experiments.recording.schema import Recording
 from experiments.session.session import version_of
 from experiments.trial.inputs import INPUTS, OPERATOR
@@ -38,10 +32,11 @@ BIDS_VERSION = "1.11.1"
 TASK, TRACKSYS = "pathfollow", "fivebar"
 MISSING = "n/a"
 _LATENCY_DECIMALS = 6  # at most, by the specification
-#: Columns of trials.csv that stand in the name of the file in a scans table.
-_IN_FILE_NAME = ("participant", "recording")
-
+#: Columns of trials.csv in a scans table; the other two stand in the name of the file.
+_SCANNED = tuple(name for name in COLUMNS if name not in ("participant", "recording"))
 _EMULATED = "EMULATED"  # begins the number of a board that `phd emulate` stands for, whose hand is simulated too
+#: The specification's type of a channel; it has none for forces, currents and torques (MISC).
+_KINDS = (("t_s", "LATENCY"), ("tip_v", "VEL"), ("tip_a", "ACCEL"), ("tip_", "POS"))
 
 _README = """\
 # {name}
@@ -63,14 +58,19 @@ To be added before it is shared: authors, licence (dataset_description.json), wh
 
 
 class _Channel(NamedTuple):
+    """A row of a channels table; the fields are its columns."""
+
     name: str
-    component: str
-    kind: str
-    point: str
-    units: str
-    placement: str
-    frame: str
-    description: str
+    component: str = MISSING
+    type: str = "MISC"
+    tracked_point: str = MISSING
+    units: str = MISSING
+    placement: str = MISSING
+    reference_frame: str = MISSING
+    description: str = ""
+
+
+_PERSON = ("participant_id", "species", "age", "sex", "handedness")  # BIDS's own columns; a form may fill them
 
 
 class BidsDataset:
@@ -83,17 +83,15 @@ class BidsDataset:
 
     def add(self, trial: ExportedTrial) -> None:
         """Write one recording: motion, channels, events."""
-        acquisition = re.sub("[^A-Za-z0-9]", "", trial.row.configuration) or "device"
-        stem = (
-            f"{trial.subject}_{trial.session}_task-{TASK}_tracksys-{TRACKSYS}_acq-{acquisition}_run-{trial.row.run:02d}"
-        )
+        device = re.sub("[^A-Za-z0-9]", "", trial.row.configuration) or "device"
+        tracking = f"task-{TASK}_tracksys-{TRACKSYS}_acq-{device}_run-{trial.row.run:02d}"
+        stem = f"{trial.subject}_{trial.session}_{tracking}"
         motion = self.folder / trial.subject / trial.session / "motion"
         motion.mkdir(parents=True, exist_ok=True)
         channels, columns = _channels(trial)
         write_columns(motion / f"{stem}_motion.tsv", columns, "\t", header=False, missing=MISSING)
         write_json(motion / f"{stem}_motion.json", _about(trial, channels))
-        header = ("name", "component", "type", "tracked_point", "units", "placement", "reference_frame", "description")
-        write_rows(motion / f"{stem}_channels.tsv", [header, *channels])
+        write_rows(motion / f"{stem}_channels.tsv", [_Channel._fields, *channels])
         write_rows(motion / f"{stem}_events.tsv", [("onset", "duration", "trial_type"), *_phases(trial.recording)])
         self._hands.setdefault(trial.subject, str(trial.about.get("hand", MISSING)))
         self._scans.setdefault((trial.subject, trial.session), []).append(
@@ -102,29 +100,51 @@ class BidsDataset:
 
     def finish(self, exported: Exported) -> None:
         """Write the tables and what holds for the whole data set."""
-        scanned = [name for name in COLUMNS if name not in _IN_FILE_NAME]
         for (subject, session), lines in self._scans.items():
-            header = ["filename", "acq_time", *scanned]
-            write_rows(self.folder / subject / session / f"{subject}_{session}_scans.tsv", [header, *lines])
-        write_json(self.folder / "scans.json", {name: _scan_column(name) for name in scanned})
-        write_rows(
-            self.folder / "participants.tsv",
-            [("participant_id", "species", "age", "sex", "handedness", "hand")]
-            + [(subject, *[MISSING] * 4, hand) for subject, hand in self._hands.items()],
-        )
-        levels = {name: one.meaning for name, one in INPUTS.items() if name in self._hands.values()}
-        hand = {"Description": "where the force of the hand came from", **({"Levels": levels} if levels else {})}
-        write_json(self.folder / "participants.json", {"hand": hand})
+            place = self.folder / subject / session / f"{subject}_{session}_scans.tsv"
+            write_rows(place, [["filename", "acq_time", *_SCANNED], *lines])
+        forms = {f"sub-{form.participant}": form for form in forms_of(exported.sessions)}
+        asked = {name: kind for form in forms.values() for name, kind in form.asked.items()}
+        header = [*_PERSON, *(name for name in asked if name not in _PERSON), "hand"]
+        write_rows(self.folder / "participants.tsv", [
+            header,
+            *([subject, *(_answer(forms.get(subject), name) for name in header[1:-1]), hand]
+              for subject, hand in self._hands.items()),
+        ])  # fmt: skip
         answers = answers_and_notes(exported.sessions).answers
-        write_phenotype(self.folder, [a for a in answers if a.subject in self._hands])
-        write_json(self.folder / f"task-{TASK}_events.json", _events_json())
-        write_json(self.folder / f"task-{TASK}_tracksys-{TRACKSYS}_channels.json", _channels_json())
-        about = {"Name": exported.name or "phd", "BIDSVersion": BIDS_VERSION, "DatasetType": "raw"}
-        generators = [{"Name": "phd", "Version": version_of("phd")}]
-        write_json(self.folder / "dataset_description.json", {**about, "GeneratedBy": generators})
-        (self.folder / "README.md").write_text(
-            (_README.format(name=exported.name) + exported.remarks()).rstrip() + "\n", encoding="utf-8"
-        )
+        write_phenotype(self.folder, [a for a in answers if f"sub-{a.participant}" in self._hands])
+        levels = {name: one.meaning for name, one in INPUTS.items() if name in self._hands.values()}
+        hand = {"Description": "where the force of the hand came from"} | ({"Levels": levels} if levels else {})
+        phd = version_of("phd")
+        about = {
+            "scans.json": {name: _scan_column(name) for name in _SCANNED},
+            "participants.json": {name: _asked(kind) for name, kind in asked.items()} | {"hand": hand},
+            f"task-{TASK}_events.json": {
+                "trial_type": {"Description": "phase of the trial", "Levels": PHASE_LEVELS},
+                "StimulusPresentation": {"SoftwareName": "phd", "SoftwareVersion": phd},
+            },
+            f"task-{TASK}_tracksys-{TRACKSYS}_channels.json": _CHANNELS_JSON,
+            "dataset_description.json": {
+                "Name": exported.name or "phd",
+                "BIDSVersion": BIDS_VERSION,
+                "DatasetType": "raw",
+                "GeneratedBy": [{"Name": "phd", "Version": phd}],
+            },
+        }
+        for name, content in about.items():
+            write_json(self.folder / name, content)
+        (self.folder / "README.md").write_bytes(exported.readme(_README))
+
+
+def _answer(form: Form | None, name: str) -> str:
+    answer = form.answers.get(name, MISSING) if form else MISSING
+    return f"{answer:g}" if isinstance(answer, float) else str(answer)
+
+
+def _asked(kind: Sequence[str] | str) -> dict[str, Any]:
+    """The description of a column that the protocol's form asks for. kind: as in `Protocol.form`."""
+    levels = {} if isinstance(kind, str) else {"Levels": {choice: choice for choice in kind}}
+    return {"Description": "asked of each participant before the session", **levels}
 
 
 def _channels(trial: ExportedTrial) -> tuple[list[_Channel], dict[str, np.ndarray]]:
@@ -135,55 +155,35 @@ def _channels(trial: ExportedTrial) -> tuple[list[_Channel], dict[str, np.ndarra
     for name in trial.names:
         if name == "phase":
             continue
-        described = recording_column(name)
         if name == "stuck":
             letters = recording.words["stuck"]
             for joint in recording.braked:
                 stuck = np.array([joint in word for word in letters])[recording.column("stuck")]
                 columns[f"stuck_{joint}"] = stuck.astype(np.int8)
                 meaning = f"1: the brake at joint {joint} is stuck, 0: it is not"
-                channels.append(_Channel(f"stuck_{joint}", MISSING, "MISC", *[MISSING] * 4, meaning))
+                channels.append(_Channel(f"stuck_{joint}", description=meaning))
             continue
-        values = recording.column(name)
-        columns[name] = np.round(values, _LATENCY_DECIMALS) if name == "t_s" else values
-        kind = _kind(name)
-        at_handle = name.startswith(("tip_", "hand_", "target_", "sensed_"))
-        meaning = described.description + (": the code of a word in Decisions of _motion.json" * (name == "decision"))
-        channels.append(
-            _Channel(
-                name,
-                _component(name) if at_handle else MISSING,
-                kind,
-                "handle" if at_handle and not name.startswith("target_") else MISSING,
-                described.unit or MISSING,
-                "handle" if at_handle and not name.startswith("target_") else MISSING,
-                "workspace" if at_handle else MISSING,
-                meaning,
-            )
-        )
+        meaning, unit = recording_column(name)
+        meaning += ": the code of a word in Decisions of _motion.json" if name == "decision" else ""
+        columns[name] = recording.column(name)
+        if name == "t_s":
+            columns[name] = np.round(columns[name], _LATENCY_DECIMALS)
+        kind = next((kind for start, kind in _KINDS if name.startswith(start)), "MISC")
+        channel = _Channel(name, type=kind, units=unit or MISSING, description=meaning)
+        if name.startswith(("tip_", "hand_", "target_", "sensed_")):
+            found = re.search(r"_[vaf]?([xy])_", name)
+            channel = channel._replace(component=found[1] if found else MISSING, reference_frame="workspace")
+            if not name.startswith("target_"):
+                channel = channel._replace(tracked_point="handle", placement="handle")
+        channels.append(channel)
     return channels, columns
-
-
-def _kind(name: str) -> str:
-    """The specification's type of a channel; it has none for forces, currents and torques."""
-    if name == "t_s":
-        return "LATENCY"
-    for start, kind in (("tip_v", "VEL"), ("tip_a", "ACCEL"), ("tip_", "POS")):
-        if name.startswith(start):
-            return kind
-    return "MISC"
-
-
-def _component(name: str) -> str:
-    found = re.search(r"_[vaf]?([xy])_", name)
-    return found[1] if found else MISSING
 
 
 def _about(trial: ExportedTrial, channels: list[_Channel]) -> dict[str, Any]:
     """_motion.json."""
     recording = trial.recording
     t = recording.column("t_s")
-    kinds = [channel.kind for channel in channels]
+    kinds = [channel.type for channel in channels]
     counts = {kind: kinds.count(kind) for kind in ("ACCEL", "LATENCY", "POS", "VEL")}
     board = _board(trial)
     about: dict[str, Any] = {
@@ -213,7 +213,7 @@ def _about(trial: ExportedTrial, channels: list[_Channel]) -> dict[str, Any]:
         "Trial": trial.about,
         "Outcome": trial.outcome,
     }
-    if any(channel.name == "decision" for channel in channels):
+    if "decision" in trial.names:
         about["Decisions"] = {str(code): word for code, word in enumerate(recording.words["decision"])}
     return about
 
@@ -244,8 +244,8 @@ def _seconds(value: float) -> str:
 
 def _cells(row: TrialRow) -> list[str]:
     """A row of trials.csv as a scans table shows it."""
-    [cells] = csv.reader([table_bytes([row], header=False).decode()])
-    return [cell or MISSING for name, cell in zip(COLUMNS, cells, strict=True) if name not in _IN_FILE_NAME]
+    [cells] = csv.DictReader([table_bytes([row], header=False).decode()], COLUMNS)
+    return [cells[name] or MISSING for name in _SCANNED]
 
 
 def _day_time(text: str) -> str:
@@ -257,34 +257,22 @@ def _day_time(text: str) -> str:
 
 
 def _scan_column(name: str) -> dict[str, Any]:
-    column = trials_column(name)
-    entry: dict[str, Any] = {"Description": column.description}
-    if column.unit:
-        entry["Units"] = column.unit
-    if name == "status":
-        entry["Levels"] = STATUS_LEVELS
-    return entry
+    meaning, unit = DICTIONARY[name]
+    units = {"Units": unit} if unit else {}
+    return {"Description": meaning, **units, **({"Levels": STATUSES} if name == "status" else {})}
 
 
-def _events_json() -> dict[str, Any]:
-    return {
-        "trial_type": {"Description": "phase of the trial", "Levels": PHASE_LEVELS},
-        "StimulusPresentation": {"SoftwareName": "phd", "SoftwareVersion": version_of("phd")},
+_CHANNELS_JSON = {
+    "reference_frame": {
+        "Description": "how the frame of the channel lies",
+        "Levels": {
+            "workspace": {
+                "Description": "x to the participant's right, y away from the participant; the motion is plane; "
+                "the origin is that of the device file",
+                "SpatialAxes": "RF_",
+                "RotationRule": MISSING,
+                "RotationOrder": MISSING,
+            }
+        },
     }
-
-
-def _channels_json() -> dict[str, Any]:
-    return {
-        "reference_frame": {
-            "Description": "how the frame of the channel lies",
-            "Levels": {
-                "workspace": {
-                    "Description": "x to the participant's right, y away from the participant; the motion is plane; "
-                    "the origin is that of the device file",
-                    "SpatialAxes": "RF_",
-                    "RotationRule": MISSING,
-                    "RotationOrder": MISSING,
-                }
-            },
-        }
-    }
+}

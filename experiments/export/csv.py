@@ -9,31 +9,19 @@ OUT/README.md
                   run-001.json  what is known of the trial: its path, rules, gain, how it ended
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 import pyarrow as pa
 
-from experiments.analysis.trials_table import COLUMNS, TrialRow, write_table
-from experiments.export.columns import (
-    DECISION_READING,
-    PHASE_LEVELS,
-    STATUS_LEVELS,
-    Column,
-    recording_column,
-    trials_column,
-)
-from experiments.export.trial import (
-    Exported,
-    ExportedTrial,
-    answers_and_notes,
-    write_answers_and_notes,
-    write_columns,
-    write_json,
-)
+from experiments.analysis.trials_table import DICTIONARY, STATUSES, Column, TrialRow, write_table
+from experiments.export.answers import answers_and_notes, write_answers_and_notes
+from experiments.export.columns import DECISION_READING, PHASE_LEVELS, recording_column
+from experiments.export.files import Exported, ExportedTrial, write_columns, write_json
 from experiments.recording.schema import TEXT_COLUMNS
 
-_LEVELS = {"phase": PHASE_LEVELS, "status": STATUS_LEVELS}
+_LEVELS = {"phase": PHASE_LEVELS, "status": STATUSES}
 
 _README = """\
 # {name}, as CSV
@@ -57,7 +45,7 @@ class CsvTables:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._rows: list[TrialRow] = []
-        self._names: dict[str, None] = {}
+        self._columns: dict[str, Column] = {}
 
     def add(self, trial: ExportedTrial) -> None:
         """Write one recording and what is known of it."""
@@ -65,6 +53,7 @@ class CsvTables:
         path = self.folder / place
         path.parent.mkdir(parents=True, exist_ok=True)
         recording = trial.recording
+        self._columns |= {name: recording_column(name) for name in trial.names}
         columns = {
             name: pa.array(recording.text(name), pa.string()) if name in TEXT_COLUMNS else recording.column(name)
             for name in trial.names
@@ -73,27 +62,21 @@ class CsvTables:
         about = {"trial": trial.about, "outcome": trial.outcome, "begun": trial.begun, "phd": trial.software}
         write_json(path.with_suffix(".json"), about)
         self._rows.append(replace(trial.row, recording=str(place)))
-        self._names |= dict.fromkeys(trial.names)
 
     def finish(self, exported: Exported) -> None:
         """Write the table, the dictionary and the README."""
         order = sorted((*self._rows, *exported.unrecorded), key=lambda row: (row.participant, row.run))
         write_table(self.folder / "trials.csv", order)
-        described = {
-            "trials.csv": {name: _entry(name, trials_column(name)) for name in COLUMNS},
-            "sub-*/ses-*/run-*.csv": {name: _entry(name, recording_column(name)) for name in self._names},
-        }
-        for name, columns in write_answers_and_notes(self.folder, answers_and_notes(exported.sessions)).items():
-            described[name] = {column: _entry(column, entry) for column, entry in columns.items()}
-        write_json(self.folder / "columns.json", described)
-        text = _README.format(name=exported.name) + exported.remarks()
-        (self.folder / "README.md").write_text(text.rstrip() + "\n", encoding="utf-8")
+        tables = {"trials.csv": DICTIONARY, "sub-*/ses-*/run-*.csv": self._columns}
+        tables |= write_answers_and_notes(self.folder, answers_and_notes(exported.sessions))
+        write_json(self.folder / "columns.json", {name: _described(columns) for name, columns in tables.items()})
+        (self.folder / "README.md").write_bytes(exported.readme(_README))
 
 
-def _entry(name: str, column: Column) -> dict:
-    entry: dict = {"unit": column.unit, "description": column.description}
-    if name in _LEVELS:
-        entry["levels"] = _LEVELS[name]
-    if name == "decision":
-        entry["description"] += f" ({DECISION_READING})"
-    return entry
+def _described(columns: Mapping[str, Column]) -> dict[str, dict]:
+    entries = {}
+    for name, (meaning, unit) in columns.items():
+        more = f" ({DECISION_READING})" if name == "decision" else ""
+        entries[name] = {"unit": unit, "description": meaning + more}
+        entries[name] |= {"levels": _LEVELS[name]} if name in _LEVELS else {}
+    return entries

@@ -9,24 +9,24 @@ behind too (what the brakes did, the seed of the plan); export again once the se
 import contextlib
 import json
 import shutil
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
-from typing import Any, Protocol
+from typing import NamedTuple
 
 from core.files import InputError
 from experiments.analysis.trials_table import TrialRow, row_of
 from experiments.export.bids import BidsDataset
 from experiments.export.csv import CsvTables
-from experiments.export.trial import Exported, ExportedTrial
+from experiments.export.files import Exported, ExportedTrial
 from experiments.recording.atomic_files import refusing
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.session.blind import TELLING
 from experiments.session.files import STORED, TABLE, recordings_in, rows_of
 from experiments.session.journal import BEGUN, read_events
 
-FORMS: dict[str, Callable[[Path], "Form"]] = {"bids": BidsDataset, "csv": CsvTables}
+FORMS: dict[str, type[BidsDataset] | type[CsvTables]] = {"bids": BidsDataset, "csv": CsvTables}
 #: What an export shows of a trial while its session is blind.
 _SHOWN_WHILE_BLIND = (
     "participant", "run", "block", "configuration", "controller", "segment", "repetition", "start_m", "end_m", "path",
@@ -35,17 +35,7 @@ _SHOWN_WHILE_BLIND = (
 )  # fmt: skip
 
 
-class Form(Protocol):
-    """One way to write an export into a folder."""
-
-    def add(self, trial: ExportedTrial) -> None:
-        """Write one trial."""
-
-    def finish(self, exported: Exported) -> None:
-        """Write what stands once."""
-
-
-def export(folder: Path, outs: dict[str, Path], progress: Callable[[float], None] | None = None) -> dict:
+def export(folder: Path, outs: dict[str, Path], progress: Callable[[float], None] = lambda share: None) -> dict:
     """Write a data folder's recordings into new or empty folders, form ("bids", "csv") -> folder; the summary.
 
     InputError if there is nothing to export or a folder cannot be used; then, and after any error, nothing is left.
@@ -55,17 +45,17 @@ def export(folder: Path, outs: dict[str, Path], progress: Callable[[float], None
     paths = [path for home in homes for path in recordings_in(home)]
     if not paths:
         raise InputError(f"{folder}: holds no recordings (sub-*/ses-*/trials/run-*)")
-    sessions = {home: _Session.of(home) for home in homes}
+    sessions = {home: _session_of(home) for home in homes}
     there = set(paths)
     left_out = [
         f"{(home / row.recording).relative_to(folder).as_posix()} (stands in {TABLE}, but is not there)"
         for home, session in sessions.items()
         for row in session.recorded.values()
-        if not any((home / row.recording).with_suffix(suffix) in there for suffix in (PARQUET_SUFFIX, STREAM_SUFFIX))
+        if there.isdisjoint((home / row.recording).with_suffix(suffix) for suffix in (PARQUET_SUFFIX, STREAM_SUFFIX))
     ]
     trials = 0
     with _new_folders(outs) as partial:
-        forms = [FORMS[form](partial[form]) for form in outs]
+        forms = [FORMS[form](place) for form, place in partial.items()]
         for number, path in enumerate(paths, start=1):
             trial = _look_at(path, sessions[path.parent.parent])
             if isinstance(trial, str):
@@ -74,49 +64,41 @@ def export(folder: Path, outs: dict[str, Path], progress: Callable[[float], None
                 trials += 1
                 for form in forms:
                     form.add(trial)
-            if progress:
-                progress(number / len(paths))
+            progress(number / len(paths))
         if not trials:
             raise InputError(f"{folder}: none of its recordings can be exported: {'; '.join(left_out)}")
-        blind = tuple(home.relative_to(folder).as_posix() for home, session in sessions.items() if session.blind)
-        unrecorded = tuple(row for session in sessions.values() for row in session.unrecorded)
-        exported = Exported(folder.resolve().name, tuple(left_out), blind, unrecorded, tuple(homes))
+        blind = [home.relative_to(folder).as_posix() for home, session in sessions.items() if session.blind]
+        unrecorded = [row for session in sessions.values() for row in session.unrecorded]
         for form in forms:
-            form.finish(exported)
-    return {
-        **{form: str(out) for form, out in outs.items()},
-        "recordings": len(paths),
-        "trials": trials,
-        "left_out": left_out,
-        "blind": list(blind),
-    }
+            form.finish(Exported(folder.resolve().name, left_out, blind, unrecorded, homes))
+    summary = {"recordings": len(paths), "trials": trials, "left_out": left_out, "blind": blind}
+    return {form: str(out) for form, out in outs.items()} | summary
 
 
-@dataclass(frozen=True)
-class _Session:
-    """What the files of a session say besides its recordings."""
+class _Session(NamedTuple):
+    """What the files of a session hold besides its recordings."""
 
     has_table: bool
     recorded: dict[str, TrialRow]  # by the name of the recording, without suffix
-    unrecorded: tuple[TrialRow, ...]
+    unrecorded: list[TrialRow]
     blind: bool
     begun: dict[int, str]  # run number -> time of day
     software: str  # what it was recorded with
 
-    @classmethod
-    def of(cls, folder: Path) -> "_Session":
-        rows = rows_of(folder)
-        version = "n/a"
-        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # damaged: `phd verify` names what is wrong
-            version = str(json.loads((folder / STORED).read_text(encoding="utf-8"))["versions"]["phd"])
-        return cls(
-            (folder / TABLE).exists(),
-            {Path(row.recording).stem: row for row in rows if row.recording},
-            tuple(row for row in rows if not row.recording),
-            any(isinstance(row.controller, str) for row in rows),
-            {entry.about["run"]: entry.time for entry in read_events(folder) if entry.event is BEGUN},
-            version,
-        )
+
+def _session_of(folder: Path) -> _Session:
+    rows = rows_of(folder)
+    version = "n/a"
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # damaged: `phd verify` names what is wrong
+        version = str(json.loads((folder / STORED).read_text(encoding="utf-8"))["versions"]["phd"])
+    return _Session(
+        (folder / TABLE).exists(),
+        {Path(row.recording).stem: row for row in rows if row.recording},
+        [row for row in rows if not row.recording],
+        any(isinstance(row.controller, str) for row in rows),
+        {entry.about["run"]: entry.time for entry in read_events(folder) if entry.event is BEGUN},
+        version,
+    )
 
 
 def _look_at(path: Path, session: _Session) -> ExportedTrial | str:
@@ -124,22 +106,18 @@ def _look_at(path: Path, session: _Session) -> ExportedTrial | str:
     recording, home = read_recording(path), path.parent.parent
     if not recording.whole:
         return "; ".join(recording.damaged) or "cut off before its end"
-    if not session.has_table:
-        row = row_of(recording, home)
-    elif path.stem in session.recorded:
-        row = session.recorded[path.stem]
-    else:
+    if session.has_table and path.stem not in session.recorded:
         return f"has no row in {TABLE}: the trial is not over, or phd recover has to look at it"
-    about: dict[str, Any] = {**recording.metadata, "controller": row.controller}
+    row = session.recorded[path.stem] if session.has_table else row_of(recording, home)
+    about = {**recording.metadata, "controller": row.controller}
     outcome = {**recording.outcome, "status": row.status}  # a trial that was done may have been redone since
     blind = session.blind or isinstance(row.controller, str)  # a code
     if blind:
-        about = {name: value for name, value in about.items() if name in _SHOWN_WHILE_BLIND}
-        outcome = {name: value for name, value in outcome.items() if name in _SHOWN_WHILE_BLIND}
+        about, outcome = ({k: of[k] for k in of if k in _SHOWN_WHILE_BLIND} for of in (about, outcome))
         row = replace(row, **dict.fromkeys(TELLING))
     return ExportedTrial(
-        home.parent.name, home.name, recording, row, about, outcome,
-        session.begun.get(row.run, ""), session.software, blind,
+        home.parent.name, home.name, recording, row, about, outcome, session.begun.get(row.run, ""), session.software,
+        blind,
     )  # fmt: skip
 
 
@@ -147,7 +125,9 @@ def _look_at(path: Path, session: _Session) -> ExportedTrial | str:
 def _new_folders(outs: dict[str, Path]) -> Iterator[dict[str, Path]]:
     """Form -> a folder beside its place; they get their names at the end, together, or are removed."""
     places = {form: Path(out).resolve() for form, out in outs.items()}
-    _refuse_nested(tuple(places.values()))
+    for a, b in permutations(places.values(), 2):
+        if a == b or b in a.parents:
+            raise InputError(f"{a}: two exports need two folders, neither inside the other")
     partial: dict[str, Path] = {}
     try:
         for form, out in places.items():
@@ -174,9 +154,3 @@ def _begin(out: Path) -> Path:
         shutil.rmtree(partial, ignore_errors=True)  # left by a kill
         partial.mkdir(parents=True)
     return partial
-
-
-def _refuse_nested(outs: Sequence[Path]) -> None:
-    for a, b in permutations(outs, 2):
-        if a == b or b in a.parents:
-            raise InputError(f"{a}: two exports need two folders, neither inside the other")

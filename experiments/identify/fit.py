@@ -1,6 +1,6 @@
 """The numbers of a brake from its measured steps: torque gain, Eq. (2), and time constants, Eq. (4).
 
-Refused where the steps cannot tell a number: the sentence says which, and what was measured instead.
+Refused where the steps cannot tell a number: the sentence names it, and what was measured instead.
 """
 
 import math
@@ -18,9 +18,17 @@ from experiments.identify.steps import Step
 
 Array = npt.NDArray[np.float64]
 
+KNEE_A = 0.2  # Eq. (2)
+K_NAMES = ("k_1", "k_2", "k_3", "k_4", "k_5")
+A_NAMES = ("a_1", "a_2", "a_3", "a_4", "a_5", "a_6")
 CONFIDENCE = 0.95
 #: Relative. A singular value below this share of the largest is zero; so is scatter below this share of the values.
 ZERO = 1e-9
+#: Our choice: the lowest omega_0 with at most this many times the least scatter. The lowest, since a surface that
+#: reaches a_avg at omega_0 follows the flat part for another octave and fits as well there.
+MORE_SCATTER = 1.16
+#: Relative. Time constants that scatter less than this fit perfectly.
+PERFECT = 1e-3
 
 
 class LinearFit(NamedTuple):
@@ -34,10 +42,12 @@ class LinearFit(NamedTuple):
 
 
 def undetermined(design: Array, names: Sequence[str]) -> list[str]:
-    """The coefficients (of p names) that values with this design (n, p), n >= 1, leave open.
+    """The coefficients (of p names) that values with this design (n, p) leave open.
 
     All of them where there are no more values than coefficients: an exact fit does not tell how far to trust it.
     """
+    if not len(design):
+        return list(names)
     scale = np.max(np.abs(design), axis=0)
     _, singular, right = np.linalg.svd(design / np.where(scale > 0.0, scale, 1.0))
     rank = int(np.sum(singular > ZERO * singular[0]))
@@ -70,9 +80,7 @@ def fit_linear(design: Array, values: Array, weights: Array, contrasts: Array | 
     return LinearFit(coefficients, contrasts @ coefficients, half_widths, fitted, residuals)
 
 
-def variance_by_group(
-    design: Array, values: Array, groups: npt.NDArray[np.int_], turns: int = 30
-) -> npt.NDArray[np.float64]:
+def variance_by_group(design: Array, values: Array, groups: npt.NDArray[np.int_], turns: int = 30) -> Array:
     """(m,) variance of the values in each group, from the residuals of the fit that weights them by it.
 
     Each group's sum of squares is divided by its size less its share of the coefficients. groups: 0 .. m - 1.
@@ -113,15 +121,46 @@ def weights_with_ripple(design: Array, values: Array, weights: Array, speed: Arr
     return scaled(minimize_scalar(unlikely, bounds=bounds, method="bounded", options={"xatol": 0.01}).x)
 
 
-KNEE_A = 0.2  # Eq. (2)
-K_NAMES = ("k_1", "k_2", "k_3", "k_4", "k_5")
-A_NAMES = ("a_1", "a_2", "a_3", "a_4", "a_5", "a_6")
+def gain_row(current: float) -> list[float]:
+    """K of Eq. (2) at a current is this row times (k_1, k_2, k_3, k_4); k_5 makes K continuous at the knee."""
+    if current < KNEE_A:
+        return [current, 1.0, 0.0, 0.0]
+    return [KNEE_A, 1.0, current**2 - KNEE_A**2, current - KNEE_A]
 
-#: Our choice: the lowest omega_0 with at most this many times the least scatter. The lowest, since a surface that
-#: reaches a_avg at omega_0 follows the flat part for another octave and fits as well there.
-MORE_SCATTER = 1.16
-#: Relative. Time constants that scatter less than this fit perfectly.
-PERFECT = 1e-3
+
+def surface_row(current: float, speed_rpm: float) -> list[float]:
+    """a of Eq. (4) below omega_0 is this row times (a_1 .. a_6)."""
+    w = math.log2(speed_rpm)
+    return [current, w, current * w, w * w, current * w * w, 1.0]
+
+
+def fit_torque_gain(found: Sequence[Measured], where: str) -> LinearFit:
+    """k_1 .. k_5 of the torque gain, Eq. (2), from the steady torques, each at the current stepped to.
+
+    Our choice: K is continuous at the knee (0.2 A), else it has no inverse there. Weights from the scatter of the
+    single repeats about the fit: one for all steps whose torque is an average of whole revolutions, else one for each
+    speed (where a step turns less than a revolution, ripple is an offset, and the less it turns the larger).
+    """
+    design = np.array([gain_row(one.step.current_to) for one in found])
+    names = undetermined(design, K_NAMES[:4])
+    if names:
+        names += [K_NAMES[4]] if set(names) & {"k_1", "k_3", "k_4"} else []
+        raise InputError(
+            f"{where}: {listed(names)} of Eq. (2) cannot be identified: {_measured_at(found, speeds=False)}, and it "
+            f"takes steps to four currents, one of them below {KNEE_A:g} A and two above, and more than four steps"
+        )
+    groups = np.unique([0.0 if one.turns else one.step.speed_rpm for one in found], return_inverse=True)[1]
+    repeats = [len(one.repeated_torques) for one in found]
+    torques = np.concatenate([one.repeated_torques for one in found])
+    variances = variance_by_group(np.repeat(design, repeats, axis=0), torques, np.repeat(groups, repeats))
+    contrasts = np.vstack([np.eye(4), [KNEE_A, 1.0, -(KNEE_A**2), -KNEE_A]])
+    steady = np.array([one.steady_torque for one in found])
+    return fit_linear(design, steady, np.array(repeats) / variances[groups], contrasts)
+
+
+def torque_change(step: Step, gain: LinearFit) -> float:
+    """What a step changes the steady torque by (N m), by the fit of Eq. (2)."""
+    return float(np.subtract(gain_row(step.current_to), gain_row(step.current_from)) @ gain.coefficients)
 
 
 class TimeConstants(NamedTuple):
@@ -133,50 +172,33 @@ class TimeConstants(NamedTuple):
     at_surface: list[Measured]
 
 
-def gain_row(current: float) -> list[float]:
-    """K of Eq. (2) at a current is this row times (k_1, k_2, k_3, k_4); k_5 makes K continuous at the knee."""
-    if current < KNEE_A:
-        return [current, 1.0, 0.0, 0.0]
-    return [KNEE_A, 1.0, current**2 - KNEE_A**2, current - KNEE_A]
+class _Side(NamedTuple):
+    """The steps in one direction with a time constant at omega_0 and above, or below."""
+
+    steps: list[Measured]
+    design: Array  # (n, 1) of a_avg, or (n, 6) of a_1 .. a_6
+    open: list[str]  # the numbers that they leave open
+    why: str
 
 
-def fit_torque_gain(found: Sequence[Measured], where: str) -> LinearFit:
-    """k_1 .. k_5 of the torque gain, Eq. (2), from the steady torques, each at the current stepped to.
-
-    Our choice: K is continuous at the knee (0.2 A), else it has no inverse there. Weights from the scatter:
-    where a step turns less than a revolution, ripple is an offset, and the less it turns the larger.
-    """
-    design = np.array([gain_row(one.step.current_to) for one in found])
-    values = np.array([one.steady_torque for one in found])
-    names = undetermined(design, K_NAMES[:4])
-    if names:
-        names += [K_NAMES[4]] if set(names) & {"k_1", "k_3", "k_4"} else []
-        raise InputError(
-            f"{where}: {listed(names)} of Eq. (2) cannot be identified: {_measured_at(found, speeds=False)}, and it "
-            f"takes steps to four currents, one of them below {KNEE_A:g} A and two above, and more than four steps"
-        )
-    contrasts = np.vstack([np.eye(4), [KNEE_A, 1.0, -(KNEE_A**2), -KNEE_A]])
-    return fit_linear(design, values, _weights_by_turns(found), contrasts)
-
-
-def _weights_by_turns(found: Sequence[Measured]) -> Array:
-    """(n,) weights of the steady torques, from the scatter of the single repeats about the fit.
-
-    One for all that are averages of whole revolutions, else one for each speed.
-    """
-    kinds = [0.0 if one.turns else one.step.speed_rpm for one in found]
-    groups = np.unique(kinds, return_inverse=True)[1]
-    repeats = [len(one.repeated_torques) for one in found]
-    design = np.repeat([gain_row(one.step.current_to) for one in found], repeats, axis=0)
-    torques = np.concatenate([one.repeated_torques for one in found])
-    variances = variance_by_group(design, torques, np.repeat(groups, repeats))
-    return np.array(repeats) / variances[groups]
-
-
-def surface_row(current: float, speed_rpm: float) -> list[float]:
-    """a of Eq. (4) below omega_0 is this row times (a_1 .. a_6)."""
-    w = math.log2(speed_rpm)
-    return [current, w, current * w, w * w, current * w * w, 1.0]
+def _sides(found: Sequence[Measured], direction: str, omega_0: float) -> tuple[_Side, _Side]:
+    """The steps in a direction at omega_0 (rpm) and above, and below."""
+    usable = [one for one in found if one.direction == direction and not math.isnan(one.time_constant)]
+    fast = [one for one in usable if one.step.speed_rpm >= omega_0]
+    slow = [one for one in usable if one.step.speed_rpm < omega_0]
+    flat = np.ones((len(fast), 1))
+    surface = np.array([surface_row(one.step.current_to, one.step.speed_rpm) for one in slow]).reshape(-1, 6)
+    return (
+        _Side(
+            fast, flat, undetermined(flat, ["a_avg"]),
+            f"at omega_0 = {omega_0:g} rpm and above {_measured_at(fast)}, and it takes at least two steps there",
+        ),
+        _Side(
+            slow, surface, undetermined(surface, A_NAMES),
+            f"below omega_0 = {omega_0:g} rpm {_measured_at(slow)}, and it takes steps to two currents at each of "
+            "three speeds, and more than six steps",
+        ),
+    )  # fmt: skip
 
 
 def fit_time_constants(
@@ -190,13 +212,28 @@ def fit_time_constants(
     """
     fits = {}
     for direction in (RISE, FALL):
-        names, reason = _open(found, direction, omega_0)
-        if names:
-            raise InputError(f"{where}: {listed(names)} of Eq. (4), {direction}, cannot be identified: {reason}")
-        fast, slow = _either_side(found, direction, omega_0)
-        average, surface = (_fit(part, _design(part, omega_0), gain) for part in (fast, slow))
-        fits[direction] = TimeConstants(average, surface, fast, slow)
+        fast, slow = _sides(found, direction, omega_0)
+        for side in (fast, slow):
+            if side.open:
+                raise InputError(
+                    f"{where}: {listed(side.open)} of Eq. (4), {direction}, cannot be identified: {side.why}"
+                )
+        fits[direction] = TimeConstants(_fit(fast, gain), _fit(slow, gain), fast.steps, slow.steps)
     return fits
+
+
+def _fit(side: _Side, gain: LinearFit) -> LinearFit:
+    """Least squares of the time constants; the weights follow the fit, from typical constants on."""
+    values = np.array([one.time_constant for one in side.steps])
+    typical = np.array([one.typical for one in side.steps])
+    speeds = np.array([one.step.speed_rpm for one in side.steps])
+    squares = np.array([torque_change(one.step, gain) for one in side.steps]) ** 2
+    expected = typical
+    for _ in range(3):
+        weights = weights_with_ripple(side.design, values, squares / expected, speeds)
+        fit = fit_linear(side.design, values, weights)
+        expected = np.clip(fit.fitted, typical / REACH, typical * REACH)
+    return fit
 
 
 def scatter_by_omega_0(found: Sequence[Measured], gain: LinearFit, where: str) -> dict[float, float]:
@@ -206,19 +243,26 @@ def scatter_by_omega_0(found: Sequence[Measured], gain: LinearFit, where: str) -
     of the standard deviation at their speed, so that the worst speed does not hide what the others tell.
     """
     speeds = sorted({one.step.speed_rpm for one in found})
-    refused = {omega_0: [_open(found, direction, omega_0) for direction in (RISE, FALL)] for omega_0 in speeds}
-    possible = [omega_0 for omega_0, sides in refused.items() if not any(names for names, _ in sides)]
-    if not possible:
-        fewest = min(speeds, key=lambda omega_0: sum(len(names) for names, _ in refused[omega_0]))
+    lacking = {
+        omega_0: sum(
+            len(next((side.open for side in _sides(found, direction, omega_0) if side.open), []))
+            for direction in (RISE, FALL)
+        )
+        for omega_0 in speeds
+    }
+    fewest = min(speeds, key=lacking.__getitem__)
+    if lacking[fewest]:
         fit_time_constants(found, gain, fewest, where)  # refuses
     usable = [one for one in found if not math.isnan(one.time_constant)]
     trust = np.array([abs(torque_change(one.step, gain)) / math.sqrt(one.typical) for one in usable])
     values = np.array([one.time_constant for one in usable]) * trust
-    _, groups, counts = np.unique([one.step.speed_rpm for one in usable], return_inverse=True, return_counts=True)
+    all_speeds = np.array([one.step.speed_rpm for one in usable])
+    _, groups, counts = np.unique(all_speeds, return_inverse=True, return_counts=True)
     rising = np.array([[one.step.rising] for one in usable])
+    surface = np.array([[0.0, *surface_row(one.step.current_to, one.step.speed_rpm)] for one in usable])
     scatter = {}
-    for omega_0 in possible:
-        rows = np.array([_either_row(one.step, omega_0) for one in usable])
+    for omega_0 in (speed for speed in speeds if not lacking[speed]):
+        rows = np.where(all_speeds[:, None] >= omega_0, [1.0, *[0.0] * 6], surface)  # times (a_avg, a_1 .. a_6)
         design = np.hstack([np.where(rising, rows, 0.0), np.where(rising, 0.0, rows)]) * trust[:, None]
         variance = variance_by_group(design, values, groups) + PERFECT**2 * float(np.median(values**2))
         scatter[omega_0] = math.exp(0.5 * float(np.average(np.log(variance), weights=counts)))
@@ -229,60 +273,6 @@ def scatter_by_omega_0(found: Sequence[Measured], gain: LinearFit, where: str) -
 def choose_omega_0(scatter: dict[float, float]) -> float:
     """omega_0 (rpm) from `scatter_by_omega_0`: where the paper looked at Fig. 7, least squares over the speeds."""
     return min(omega_0 for omega_0, value in scatter.items() if value <= MORE_SCATTER)
-
-
-def torque_change(step: Step, gain: LinearFit) -> float:
-    """What a step changes the steady torque by (N m), by the fit of Eq. (2)."""
-    return float(np.subtract(gain_row(step.current_to), gain_row(step.current_from)) @ gain.coefficients)
-
-
-def _either_side(
-    found: Sequence[Measured], direction: str, omega_0: float
-) -> tuple[list[Measured], list[Measured]]:
-    """The steps in a direction with a time constant: at omega_0 and above, below."""
-    usable = [one for one in found if one.direction == direction and not math.isnan(one.time_constant)]
-    fast = [one for one in usable if one.step.speed_rpm >= omega_0]
-    return fast, [one for one in usable if one.step.speed_rpm < omega_0]
-
-
-def _either_row(step: Step, omega_0: float) -> list[float]:
-    """a of Eq. (4) on both sides of omega_0 is this row times (a_avg, a_1 .. a_6)."""
-    if step.speed_rpm >= omega_0:
-        return [1.0, *[0.0] * 6]
-    return [0.0, *surface_row(step.current_to, step.speed_rpm)]
-
-
-def _design(found: Sequence[Measured], omega_0: float) -> Array:
-    """Design of a_avg (n, 1) or of a_1 .. a_6 (n, 6): `found` are on one side of omega_0."""
-    if found and found[0].step.speed_rpm >= omega_0:
-        return np.ones((len(found), 1))
-    return np.array([surface_row(one.step.current_to, one.step.speed_rpm) for one in found]).reshape(-1, 6)
-
-
-def _open(found: Sequence[Measured], direction: str, omega_0: float) -> tuple[list[str], str]:
-    """The numbers of Eq. (4) that steps in a direction leave open, and why; none, where all can be told."""
-    fast, slow = _either_side(found, direction, omega_0)
-    if len(fast) < 2:
-        at = _measured_at(fast)
-        return ["a_avg"], f"at omega_0 = {omega_0:g} rpm and above {at}, and it takes at least two steps there"
-    names = undetermined(_design(slow, omega_0), A_NAMES) if slow else list(A_NAMES)
-    return names, (
-        f"below omega_0 = {omega_0:g} rpm {_measured_at(slow)}, and it takes steps to two currents at each of three "
-        "speeds, and more than six steps"
-    )
-
-
-def _fit(found: Sequence[Measured], design: Array, gain: LinearFit) -> LinearFit:
-    """Least squares of the time constants; the weights follow the fit, from typical constants on."""
-    values = np.array([one.time_constant for one in found])
-    typical = np.array([one.typical for one in found])
-    speeds = np.array([one.step.speed_rpm for one in found])
-    squares = np.array([torque_change(one.step, gain) for one in found]) ** 2
-    expected = typical
-    for _ in range(3):
-        fit = fit_linear(design, values, weights_with_ripple(design, values, squares / expected, speeds))
-        expected = np.clip(fit.fitted, typical / REACH, typical * REACH)
-    return fit
 
 
 def _measured_at(found: Sequence[Measured], speeds: bool = True) -> str:

@@ -1,7 +1,7 @@
 """A brake as its measured steps show it: Eqs. (2), (3) and (4) fitted, with intervals, residuals and warnings."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,7 +18,6 @@ from experiments.identify.fit import (
 )
 from experiments.identify.step_response import FALL, RISE, Measured, measure
 from experiments.identify.steps import Step
-from experiments.identify.units import doubtful_units
 
 
 class Parameter(NamedTuple):
@@ -59,13 +58,26 @@ class Identification:
     @property
     def doubtful(self) -> dict[str, str]:
         """Column of the steps -> why its numbers are hardly in its unit."""
-        return doubtful_units(self.measured, self.omega_0_rpm if self.scatter and self.flat_part_seen else None)
+        constants = sorted(one.time_constant for one in self.measured if not math.isnan(one.time_constant))
+        values = {
+            TIME: constants[len(constants) // 2],
+            TORQUE: max(abs(one.steady_torque) for one in self.measured),
+            CURRENT: self.current_max,
+            SPEED: max(one.step.speed_rpm for one in self.measured),
+        }
+        if self.scatter and self.flat_part_seen:
+            values[OMEGA_0] = self.omega_0_rpm
+        warnings: dict[str, str] = {}
+        for plausible, value in values.items():
+            if not plausible.low <= value <= plausible.high:
+                warnings.setdefault(plausible.column, plausible.warning(value))
+        return warnings
 
     @property
     def warnings(self) -> list[str]:
-        """What whoever reads the numbers must know."""
-        unseen = [f"omega_0_rpm = {self.omega_0_rpm:g} is {self.omega_0_by}"]
-        return [*self.doubtful.values(), *([] if self.flat_part_seen or not self.scatter else unseen)]
+        """What a reader of the numbers must know."""
+        assumed = self.scatter and not self.flat_part_seen
+        return [*self.doubtful.values()] + [f"omega_0_rpm = {self.omega_0_rpm:g} is {self.omega_0_by}"] * bool(assumed)
 
     def assumed(self, backlash_deg: float | None) -> dict[str, str]:
         """Key of the brake file -> why, for each number that the steps do not show. backlash_deg: None: not given."""
@@ -92,13 +104,16 @@ class Identification:
 
     def parameters(self) -> list[Parameter]:
         """k_1 .. k_5, and for rise and fall a_avg and a_1 .. a_6."""
-        k_units = ("N m/A", "N m", "N m/A^2", "N m/A", "N m")
-        a_units = ("s/A", "s", "s/A", "s", "s/A", "s")
-        rows = [_rows(K_NAMES, self.gain, k_units)]
-        for direction, fits in self.constants.items():
-            rows.append(_rows([f"{direction}.a_avg"], fits.average, ["s"]))
-            rows.append(_rows([f"{direction}.{name}" for name in A_NAMES], fits.surface, a_units))
-        return [row for part in rows for row in part]
+        fits = [(K_NAMES, self.gain, ("N m/A", "N m", "N m/A^2", "N m/A", "N m"))]
+        for way, of_it in self.constants.items():
+            fits.append(((f"{way}.a_avg",), of_it.average, ("s",)))
+            names = tuple(f"{way}.{name}" for name in A_NAMES)
+            fits.append((names, of_it.surface, ("s/A", "s", "s/A", "s", "s/A", "s")))
+        return [
+            Parameter(name, float(value), float(half), unit)
+            for names, fit, units in fits
+            for name, value, half, unit in zip(names, fit.values, fit.half_widths, units, strict=True)
+        ]
 
     def residuals(self) -> dict[tuple[float, float, float], tuple[float, float | None]]:
         """Step -> residual of its steady torque (N m), and of its time constant (s), None where there is none."""
@@ -130,8 +145,41 @@ def identify_steps(steps: Iterable[Step], source: str, omega_0_rpm: float | None
     return Identification(source, len(steps), measured, gain, constants, omega_0, scatter)
 
 
-def _rows(names: Iterable[str], fit: LinearFit, units: Iterable[str]) -> list[Parameter]:
-    return [
-        Parameter(name, float(value), float(half), unit)
-        for name, value, half, unit in zip(names, fit.values, fit.half_widths, units, strict=True)
-    ]
+@dataclass(frozen=True, eq=False)
+class Plausible:
+    """What one number of a brake can be: the unit of its column is in doubt otherwise.
+
+    Our choice: the ranges hold any brake that a hand could work against, and of the units that bring a number into its
+    range the likely one is that which brings it nearest to the paper's brake.
+    """
+
+    column: str  # of the steps
+    what: str
+    low: float
+    high: float
+    paper: float  # of the paper's brake
+    unit: str
+    others: Mapping[str, float]  # unit -> how much of `unit` one of it is
+
+    def warning(self, value: float) -> str:
+        """That a value is outside, and which unit it is likely in."""
+        text = (
+            f"{self.column}: {self.what} would be {value:.3g} {self.unit}, plausible is {self.low:g} to "
+            f"{self.high:g} {self.unit}"
+        )
+        likely = {unit: value * factor for unit, factor in self.others.items()}
+        likely = {unit: there for unit, there in likely.items() if self.low <= there <= self.high}
+        if not likely:
+            return f"{text}: check the unit"
+        unit = min(likely, key=lambda unit: abs(math.log(likely[unit] / self.paper)))
+        return f"{text}; likely unit: {unit} ({value:.3g} {unit} = {likely[unit]:.3g} {self.unit})"
+
+
+_SPEEDS = {"rad/s": 30.0 / math.pi, "rev/s": 60.0, "deg/s": 1.0 / 6.0}
+TIME = Plausible("t_s", "the median time constant", 2e-3, 3.0, 0.06, "s", {"ms": 1e-3, "us": 1e-6, "min": 60.0})
+TORQUE = Plausible(
+    "torque_N_m", "the largest steady torque", 0.05, 60.0, 5.0, "N m", {"mN m": 1e-3, "N cm": 1e-2, "ozf in": 7.06e-3}
+)
+CURRENT = Plausible("current_to_A", "the largest current", 0.05, 20.0, 1.0, "A", {"mA": 1e-3})
+SPEED = Plausible("speed_rpm", "the highest speed", 10.0, 300.0, 64.0, "rpm", _SPEEDS)
+OMEGA_0 = Plausible("speed_rpm", "omega_0", 1.5, 40.0, 8.0, "rpm", _SPEEDS)

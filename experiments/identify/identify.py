@@ -16,11 +16,7 @@ import numpy as np
 
 from core.device_file import BrakeFile, parse_brake
 from core.files import InputError
-from experiments.identify.fit import (
-    A_NAMES,
-    K_NAMES,
-    KNEE_A,
-)
+from experiments.identify.fit import A_NAMES, K_NAMES, KNEE_A
 from experiments.identify.identification import Identification, identify_steps
 from experiments.identify.steps import read_steps
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
@@ -29,21 +25,6 @@ from experiments.recording.atomic_files import refuse_existing_files, write_new_
 BELOW_MEASURED = 0.25
 DIGITS = 6  # significant, of the numbers in the file
 BACKLASH_DEG = 0.75  # assumed where none is given
-
-
-def brake_text(found: Identification, name: str, backlash_deg: float | None = None) -> str:
-    """The brake file, which `core.device_file` reads; InputError where the fit is no brake that can exist."""
-    lowest = min(one.step.speed_rpm for one in found.measured)
-    text = _brake_text(found, name, backlash_deg, lowest * BELOW_MEASURED)
-    with contextlib.suppress(InputError):
-        parse_brake(text, found.source)
-        return text
-    text = _brake_text(found, name, backlash_deg, lowest)  # extrapolated, a time constant may turn negative
-    try:
-        parse_brake(text, f"{found.source}: the fit is no brake that can exist: the brake file")
-    except InputError as error:
-        raise InputError("; ".join([str(error), *found.doubtful.values()])) from None
-    return text
 
 
 def identify(
@@ -74,6 +55,71 @@ def identify(
         drawn = draw_identification(found, figures)
     write_new_files({**drawn, out: text.encode()})
     return found, parse_brake(text, str(out)), list(drawn)
+
+
+def brake_text(found: Identification, name: str, backlash_deg: float | None = None) -> str:
+    """The brake file, which `core.device_file` reads; InputError where the fit is no brake that can exist."""
+    lowest = min(one.step.speed_rpm for one in found.measured)
+    text = _brake_text(found, name, backlash_deg, lowest * BELOW_MEASURED)
+    with contextlib.suppress(InputError):
+        parse_brake(text, found.source)
+        return text
+    text = _brake_text(found, name, backlash_deg, lowest)  # extrapolated, a time constant may turn negative
+    try:
+        parse_brake(text, f"{found.source}: the fit is no brake that can exist: the brake file")
+    except InputError as error:
+        raise InputError("; ".join([str(error), *found.doubtful.values()])) from None
+    return text
+
+
+def _brake_text(found: Identification, name: str, backlash_deg: float | None, floor_rpm: float) -> str:
+    rows = {row.name: row for row in found.parameters()}
+    value = {key: float(f"{row.value:.{DIGITS}g}") for key, row in rows.items()}
+    k1, k2, k3, k4 = (value[key] for key in K_NAMES[:4])
+    value["k_5"] = round(k1 * KNEE_A + k2 - (k3 * KNEE_A + k4) * KNEE_A, 9)  # continuous, as rounded
+    assumed = found.assumed(backlash_deg)
+    how = {
+        "backlash_deg": "given",
+        "omega_0_rpm": "where the time constants scatter least" if found.scatter else "given",
+    }
+    how |= {key: f"assumed: {why}" for key, why in assumed.items()}
+    provenance = f"identified from {found.source}; assumed: {', '.join(assumed)}"
+    if found.doubtful:
+        provenance += f"; doubtful units: {', '.join(found.doubtful)}"
+
+    def line(key: str) -> str:
+        number = f"{value[key]!r},"
+        return f"    {number:16}# {key.partition('.')[2] or key} +- {rows[key].half_width:.2g} {rows[key].unit}"
+
+    def number(key: str, value: float) -> str:
+        return f"{key} = {value!r}".ljust(24) + f"# {how[key]}"
+
+    lines = [
+        "# Fitted by phd identify: value +- half-width of its 95 % interval.",
+        f"# {found.steps} current steps, repeats averaged to {len(found.measured)}.",
+        *(f"# Warning: {warning}" for warning in found.warnings),
+        f"name = {json.dumps(name, ensure_ascii=False)}",
+        f"provenance = {json.dumps(provenance, ensure_ascii=False)}",
+        number("current_max_A", found.current_max),
+        "k = [                   # Eq. (2), N m",
+        *map(line, K_NAMES),
+        "]",
+        number("knee_A", KNEE_A),
+        number("omega_0_rpm", found.omega_0_rpm),
+        number("floor_rpm", floor_rpm),
+        number("backlash_deg", BACKLASH_DEG if backlash_deg is None else float(backlash_deg)),
+    ]
+    for direction in found.constants:
+        average = f"{direction}.a_avg"
+        lines += [
+            "",
+            f"[{direction}]                  # Eq. (4), s",
+            f"a_avg_s = {value[average]!r}".ljust(24) + f"# +- {rows[average].half_width:.2g} s",
+            "a = [",
+            *(line(f"{direction}.{key}") for key in A_NAMES),
+            "]",
+        ]
+    return "\n".join(lines) + "\n"
 
 
 def summary(found: Identification, backlash_deg: float | None = None) -> dict[str, Any]:
@@ -110,46 +156,3 @@ def summary(found: Identification, backlash_deg: float | None = None) -> dict[st
             for one in found.measured
         ],
     }
-
-
-def _brake_text(found: Identification, name: str, backlash_deg: float | None, floor_rpm: float) -> str:
-    rows = {row.name: row for row in found.parameters()}
-    value = {key: float(f"{row.value:.{DIGITS}g}") for key, row in rows.items()}
-    k1, k2, k3, k4 = (value[key] for key in K_NAMES[:4])
-    value["k_5"] = round(k1 * KNEE_A + k2 - (k3 * KNEE_A + k4) * KNEE_A, 9)  # continuous, as rounded
-
-    def line(key: str) -> str:
-        number = f"{value[key]!r},"
-        return f"    {number:16}# {key.partition('.')[2] or key} +- {rows[key].half_width:.2g} {rows[key].unit}"
-
-    assumed = found.assumed(backlash_deg)
-    how = {"backlash_deg": "given"}
-    how["omega_0_rpm"] = "where the time constants scatter least" if found.scatter else "given"
-    how |= {key: f"assumed: {why}" for key, why in assumed.items()}
-    provenance = f"identified from {found.source}; assumed: {', '.join(assumed)}"
-    if found.doubtful:
-        provenance += f"; doubtful units: {', '.join(found.doubtful)}"
-
-    def number(key: str, value: float) -> str:
-        return f"{key} = {value!r}".ljust(24) + f"# {how[key]}"
-
-    lines = [
-        "# Fitted by phd identify: value +- half-width of its 95 % interval.",
-        f"# {found.steps} current steps, repeats averaged to {len(found.measured)}.",
-        *(f"# Warning: {warning}" for warning in found.warnings),
-        f"name = {json.dumps(name, ensure_ascii=False)}",
-        f"provenance = {json.dumps(provenance, ensure_ascii=False)}",
-        number("current_max_A", found.current_max),
-        "k = [                   # Eq. (2), N m",
-        *map(line, K_NAMES),
-        "]",
-        number("knee_A", KNEE_A),
-        number("omega_0_rpm", found.omega_0_rpm),
-        number("floor_rpm", floor_rpm),
-        number("backlash_deg", BACKLASH_DEG if backlash_deg is None else float(backlash_deg)),
-    ]
-    for direction in found.constants:
-        lines += ["", f"[{direction}]                  # Eq. (4), s", f"a_avg_s = {value[f'{direction}.a_avg']!r}"]
-        lines[-1] = f"{lines[-1]:24}# +- {rows[f'{direction}.a_avg'].half_width:.2g} s"
-        lines += ["a = [", *(line(f"{direction}.{key}") for key in A_NAMES), "]"]
-    return "\n".join(lines) + "\n"

@@ -1,4 +1,4 @@
-"""What one current step tells: its time constant, Eq. (3), and its steady torque.
+"""What one current step shows: its time constant, Eq. (3), and its steady torque.
 
 Torque ripple follows the shaft, so the samples of one step are far from independent. Every averaged step therefore
 gives one steady torque and one time constant, and all intervals come from the scatter between steps.
@@ -28,7 +28,7 @@ NEAR = 2.0
 
 
 class Measured(NamedTuple):
-    """What one averaged step tells."""
+    """What one averaged step shows."""
 
     step: Step
     typical: float  # s, time constant of all steps at that speed in that direction, roughly
@@ -77,9 +77,7 @@ def typical_time_constant(alike: Sequence[Step], where: str) -> float:
     if reached < FEWEST_IN_TRANSIENT:
         raise InputError(f"{a_steps}the torque has changed within {reached + 1} samples, too few to see how")
     if first.t[-1] < SETTLES * typical:
-        raise InputError(
-            f"{a_steps}step {first} ends {first.t[-1]:g} s after the change, before its torque settles"
-        )
+        raise InputError(f"{a_steps}step {first} ends {first.t[-1]:g} s after the change, before its torque settles")
     return typical
 
 
@@ -102,12 +100,8 @@ def time_constant_of_step(step: Step, typical: float) -> tuple[float, float]:
     for _ in range(2):  # the second time over 8 time constants of its own
         explain = _exponential(step, TRANSIENT * min(max(math.exp(log), typical / NEAR), typical * NEAR))
         near = log + np.array([-1.0, 1.0]) * (logs[1] - logs[0])
-        log = minimize_scalar(_unexplained, args=(explain,), bounds=near, method="bounded").x
+        log = minimize_scalar(lambda at, explain: -explain(at)[1], args=(explain,), bounds=near, method="bounded").x
     return math.exp(log), explain(log)[0]
-
-
-def _unexplained(log: float, explain: Callable[[float], tuple[float, float]]) -> float:
-    return -explain(log)[1]
 
 
 def _exponential(step: Step, window: float) -> Callable[[float], tuple[float, float]]:

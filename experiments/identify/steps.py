@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from core.files import InputError
-from experiments.simulate.scene import NumberTable, read_number_table
+from experiments.simulate.scene import read_number_table
 
 COLUMNS = ("t_s", "current_from_A", "current_to_A", "speed_rpm", "torque_N_m", "step_index")
 FEWEST_SAMPLES = 20  # of a step, after the current has changed
@@ -57,19 +57,23 @@ def read_steps(path: Path) -> list[Step]:
     if missing:
         raise InputError(f"{path}: line 1: the header lacks {', '.join(missing)}")
     t, current_from, current_to, speed, torque, index = (table.values[:, columns.index(column)] for column in COLUMNS)
-    _refuse(table, current_from < 0.0, "current_from_A must be at least 0")
-    _refuse(table, current_to < 0.0, "current_to_A must be at least 0")
-    _refuse(table, current_from == current_to, "current_from_A and current_to_A are equal: no step")
-    _refuse(table, speed <= 0.0, "speed_rpm must be greater than 0 (give speed and torque as magnitudes)")
+    for bad, reason in (
+        (current_from < 0.0, "current_from_A must be at least 0"),
+        (current_to < 0.0, "current_to_A must be at least 0"),
+        (current_from == current_to, "current_from_A and current_to_A are equal: no step"),
+        (speed <= 0.0, "speed_rpm must be greater than 0 (give speed and torque as magnitudes)"),
+    ):
+        if bad.any():
+            raise InputError(f"{path}: line {table.line(int(np.argmax(bad)))}: {reason}")
 
     marks = np.column_stack([current_from, current_to, speed, index])
     edges = np.flatnonzero(np.any(np.diff(marks, axis=0) != 0.0, axis=1)) + 1
-    runs: dict[tuple[float, ...], list[slice]] = {}
-    for begin, end in zip([0, *edges], [*edges, len(t)], strict=True):
-        runs.setdefault(tuple(marks[begin]), []).append(slice(int(begin), int(end)))
+    rows_of: dict[tuple[float, ...], list[npt.NDArray[np.int_]]] = {}
+    for part in np.split(np.arange(len(t)), edges):
+        rows_of.setdefault(tuple(marks[part[0]].tolist()), []).append(part)
     steps = []
-    for (low, high, rpm, number), parts in runs.items():
-        rows = np.concatenate([np.arange(part.start, part.stop) for part in parts])
+    for (low, high, rpm, number), parts in rows_of.items():
+        rows = np.concatenate(parts)
         time = t[rows]
         falls = np.flatnonzero(np.diff(time) <= 0.0)
         if len(falls):
@@ -80,7 +84,7 @@ def read_steps(path: Path) -> list[Step]:
             )
         start = time[0] if len(time) > 1 and time[0] > AT_ONCE * (time[1] - time[0]) else 0.0
         used = time >= start
-        step = Step(float(low), float(high), float(rpm), time[used] - start, torque[rows[used]])
+        step = Step(low, high, rpm, time[used] - start, torque[rows[used]])
         if len(step.t) < FEWEST_SAMPLES:
             raise InputError(
                 f"{path}: step_index {number:g}, {step}: has {len(step.t)} rows after the current has changed, "
@@ -107,9 +111,3 @@ def mean_step(repeats: list[Step]) -> Step:
         same = len(step.t) == len(t) and np.max(np.abs(step.t - t)) <= SAME_CLOCK * (t[-1] - t[0]) / (len(t) - 1)
         total += step.torque if same else np.interp(t, step.t, step.torque)
     return Step(*first.key, t, total / len(repeats), len(repeats))
-
-
-def _refuse(table: NumberTable, bad: npt.NDArray[np.bool_], reason: str) -> None:
-    rows = np.flatnonzero(bad)
-    if len(rows):
-        raise InputError(f"{table.path}: line {table.line(int(rows[0]))}: {reason}")

@@ -10,22 +10,41 @@ from pathlib import Path
 from typing import NamedTuple
 
 import matplotlib
+from matplotlib.figure import Figure
 
 from core.device import Device
-from experiments.analysis.figures import STYLE, figure_bytes
-from experiments.paper_figures.brake import brakes_of, draw_time_constants, draw_torque_gain
-from experiments.paper_figures.brake_motion import draw_current_steps, draw_sinusoidal_motion
+from experiments.analysis.sheet import STYLE, figure_bytes
+from experiments.paper_figures.brake import (
+    brakes_of,
+    draw_current_steps,
+    draw_sinusoidal_motion,
+    draw_time_constants,
+    draw_torque_gain,
+)
+from experiments.paper_figures.control import draw_five_forces, draw_sdof_choice, draw_velocity_field
 from experiments.paper_figures.directions import draw_maps, draw_sketch
 from experiments.paper_figures.release import draw_releases
-from experiments.paper_figures.selection import draw_five_forces, draw_sdof_choice
-from experiments.paper_figures.sheet import Picture
-from experiments.paper_figures.velocity import draw_velocity_field
 from experiments.paper_figures.workspace import draw_sdof_paths
 from experiments.recording.atomic_files import refuse_existing_files, refusing, write_new_files
 
 FORMS = ("png", "pdf")
 #: The paper's number of a device's SDOF paths; another device's are of both.
 SDOF_FIGURE = {"three-brake": "fig04", "four-brake": "fig05"}
+#: Of each brake.
+BRAKE_FIGURES = (
+    ("fig06_torque_gain", "torque over current, Eq. (2)", draw_torque_gain),
+    ("fig07-08_time_constants", "time constants over current and speed, Eq. (4)", draw_time_constants),
+    ("fig09_current_steps", "brake torque after current steps at constant speed", draw_current_steps),
+    ("fig10_sinusoidal_motion", "brake torque under sinusoidal motion with backlash", draw_sinusoidal_motion),
+)
+
+
+class Picture(NamedTuple):
+    """One figure before it is drawn."""
+
+    name: str  # of its files, without the ending
+    shows: str  # in a few words
+    draw: Callable[[], Figure]
 
 
 class Drawn(NamedTuple):
@@ -38,45 +57,41 @@ class Drawn(NamedTuple):
 
 def pictures(devices: Sequence[Device]) -> list[Picture]:
     """Every figure for some devices (at least one), in the paper's order."""
-    most_brakes = max(devices, key=lambda device: len(device.braked))
-    found = [
-        Picture("fig01_unachievable_directions", "directions of force out of reach, the sketch", draw_sketch),
-        Picture(
-            "fig01_unachievable_directions_workspace",
-            "directions of force out of reach over the workspace: " + ", ".join(device.name for device in devices),
-            partial(draw_maps, devices),
-        ),
-    ]
-    for device, slug in zip(devices, _slugs(device.name for device in devices), strict=True):
-        number = SDOF_FIGURE.get(device.name, "fig04-05")
-        shows = f"paths with one brake locked: {device.name}"
-        found.append(Picture(f"{number}_sdof_paths_{slug}", shows, partial(draw_sdof_paths, device)))
+    names = [device.name for device in devices]
+    of_devices = list(zip(devices, _slugs(names), strict=True))
     brakes = brakes_of(devices)
     endings = [f"_{slug}" for slug in _slugs(brake.name for brake in brakes)] if len(brakes) > 1 else [""]
-    for name, shows, draw in (
-        ("fig06_torque_gain", "torque over current, Eq. (2)", draw_torque_gain),
-        ("fig07-08_time_constants", "time constants over current and speed, Eq. (4)", draw_time_constants),
-        ("fig09_current_steps", "brake torque after current steps at constant speed", draw_current_steps),
-        ("fig10_sinusoidal_motion", "brake torque under sinusoidal motion with backlash", draw_sinusoidal_motion),
-    ):
-        for brake, ending in zip(brakes, endings, strict=True):
-            found.append(Picture(name + ending, f"{shows}: {brake.name}", partial(draw, brake)))
-    for device, slug in zip(devices, _slugs(device.name for device in devices), strict=True):
-        shows = f"spring release from rest, each brake locked in turn and none: {device.name}"
-        found.append(Picture(f"fig11_spring_release_{slug}", shows, partial(draw_releases, device)))
+    most_brakes = max(devices, key=lambda device: len(device.braked))
+    everywhere = f"directions of force out of reach over the workspace: {', '.join(names)}"
+    chooses = f"how SDOF control chooses a brake: {most_brakes.name}"
+    five = "how proportional control chooses a brake, the five forces of Eq. (14)"
     return [
-        *found,
+        Picture("fig01_unachievable_directions", "directions of force out of reach, the sketch", draw_sketch),
+        Picture("fig01_unachievable_directions_workspace", everywhere, partial(draw_maps, devices)),
+        *(
+            Picture(
+                f"{SDOF_FIGURE.get(device.name, 'fig04-05')}_sdof_paths_{slug}",
+                f"paths with one brake locked: {device.name}",
+                partial(draw_sdof_paths, device),
+            )
+            for device, slug in of_devices
+        ),
+        *(
+            Picture(name + ending, f"{shows}: {brake.name}", partial(draw, brake))
+            for name, shows, draw in BRAKE_FIGURES
+            for brake, ending in zip(brakes, endings, strict=True)
+        ),
+        *(
+            Picture(
+                f"fig11_spring_release_{slug}",
+                f"spring release from rest, each brake locked in turn and none: {device.name}",
+                partial(draw_releases, device),
+            )
+            for device, slug in of_devices
+        ),
         Picture("fig12_velocity_field", "desired directions around the path y = 40 cm", draw_velocity_field),
-        Picture(
-            "fig13_sdof_selection",
-            f"how SDOF control chooses a brake: {most_brakes.name}",
-            partial(draw_sdof_choice, most_brakes),
-        ),
-        Picture(
-            "fig14_proportional_selection",
-            "how proportional control chooses a brake, the five forces of Eq. (14)",
-            draw_five_forces,
-        ),
+        Picture("fig13_sdof_selection", chooses, partial(draw_sdof_choice, most_brakes)),
+        Picture("fig14_proportional_selection", five, draw_five_forces),
     ]
 
 

@@ -1,26 +1,32 @@
-"""Figs. 6 to 8: the model of one MR brake, its torque gain, Eq. (2), and its time constants, Eq. (4).
+"""Figs. 6 to 10: the model of one MR brake: its torque gain, Eq. (2), its time constants, Eq. (4), and its motion.
 
 The paper's figures set measured data beside the model; `phd identify` does so with data of your own.
 """
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from core.brake import time_constant, torque_gain
+from core.brake import begin_lag, lagged_yield, time_constant, torque_gain
 from core.device import RAD_S_PER_RPM, Device, build_brakes
 from core.device_file import BrakeFile, parse_brake
 from core.mechanism import A
 from core.simulator.state import pack_brakes
 from core.workspace import Array
-from experiments.analysis.figures import LINE, QUIET, TEXT, new_figure
-from experiments.paper_figures.sheet import TITLE, foot_in, panels, parameters_of, plain, small_print, title
+from experiments.analysis.sheet import BLUE, GREEN, LINE, ORANGE, QUIET, TEXT, TITLE, plain, sheet, title
 
-MODEL, MODEL_2 = "#0072b2", "#d55e00"  # of Okabe and Ito's set
 TESTED_A = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])  # the paper's currents
 TESTED_RPM = np.array([0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0])  # and speeds
+STEPS = ((0.0, 0.0), (0.2, 0.4), (1.2, 1.0), (2.2, 0.4), (3.2, 0.0))  # s, share of the largest current; our choice
+STEPS_END_S = 4.4
+#: rpm, colour and line of each speed in Fig. 9.
+STEP_SPEEDS = ((0.5, ORANGE, "-"), (2.0, BLUE, (0, (6, 1.5))), (16.0, GREEN, (0, (1.5, 1.2))))
+AMPLITUDE_RAD, FREQUENCY_HZ, SINE_SHARE, SINE_STEP_S = math.radians(10.0), 0.5, 0.6, 1e-3  # our choice
+WHITE = {"boxstyle": "square,pad=0.2", "facecolor": "white", "edgecolor": "none"}
 
 
 class Brake(NamedTuple):
@@ -58,14 +64,20 @@ def brakes_of(devices: Iterable[Device]) -> list[Brake]:
     return [brake_of(text, f"brake file {name}") for text, name in texts.items()]
 
 
+def parameters_of(*sources: Device | Brake) -> str:
+    """A sentence or two: whose numbers these are, and whether they are assumed."""
+    assumed = ", ".join(source.name for source in sources if source.assumed)
+    others = ", ".join(source.name for source in sources if not source.assumed)
+    sentences = (f"Assumed parameters: {assumed}." if assumed else "", f"Parameters of {others}." if others else "")
+    return " ".join(filter(None, sentences))
+
+
 def draw_torque_gain(brake: Brake) -> Figure:
     """Fig. 6, the fit equation."""
     k1, k2, k3, k4, k5 = brake.file.k
     knee, largest = brake.file.knee_A, brake.file.current_max_A
     text = f"{parameters_of(brake)} Model only. Circles: the currents at which the paper measured the brake."
-    figure = new_figure(5.6, 4.0)
-    foot = small_print(figure, text) + 0.5
-    axes = panels(figure, 1, 1, (0.65, 0.2, foot, 0.45))[0, 0]
+    figure, [[axes]] = sheet(text, (5.6, 4.0), (0.65, 0.2, 0.5, 0.45))
     plain(axes)
     current = np.linspace(0.0, largest, 401)
     gain = brake.torque_gain(current)
@@ -73,30 +85,23 @@ def draw_torque_gain(brake: Brake) -> Figure:
     if 0.0 < knee < largest:
         axes.axvline(knee, color=QUIET, linewidth=0.9, linestyle=(0, (4, 3)))
         axes.annotate(f"knee, {knee:g} A", (knee, top), (4, -4), textcoords="offset points", va="top", color=QUIET)
-    axes.plot(current, gain, color=MODEL, linewidth=2.0)
+    axes.plot(current, gain, color=BLUE, linewidth=2.0)
     tested = TESTED_A[TESTED_A <= largest]
-    axes.plot(tested, brake.torque_gain(tested), "o", color=MODEL, markerfacecolor="white", markersize=6)
-    white = {"boxstyle": "square,pad=0.2", "facecolor": "white", "edgecolor": "none"}
+    axes.plot(tested, brake.torque_gain(tested), "o", color=BLUE, markerfacecolor="white", markersize=6)
     axes.annotate(
         f"off-state torque $k_2$ = {k2:g} N m", (0.0, k2), (24, -1), textcoords="offset points", va="center",
-        arrowprops={"arrowstyle": "-", "color": QUIET, "linewidth": 0.8, "shrinkB": 4}, bbox=white,
+        arrowprops={"arrowstyle": "-", "color": QUIET, "linewidth": 0.8, "shrinkB": 4}, bbox=WHITE,
     )  # fmt: skip
     below = f"I < {knee:g} A:   K = {k1:g} I{_plus(k2)}"
-    above = f"I ≥ {knee:g} A:   K = {_minus(k3)} I²{_plus(k4)} I{_plus(k5)}"
+    above = f"I ≥ {knee:g} A:   K = {k3:g} I²{_plus(k4)} I{_plus(k5)}"
     axes.text(
-        0.98, 0.26, f"{below}\n{above}", transform=axes.transAxes, ha="right", va="center", linespacing=1.7,
-        fontsize=8.5, bbox=white,
+        0.98, 0.26, f"{below}\n{above}".replace("-", "−"), transform=axes.transAxes, ha="right", va="center",
+        linespacing=1.7, fontsize=8.5, bbox=WHITE,
     )  # fmt: skip
-    axes.set_xlim(-0.02 * largest, 1.03 * largest)
-    axes.set_ylim(0.0, top)
-    axes.set_xlabel("current I (A)")
-    axes.set_ylabel("torque gain K (N m)")
+    axes.set(xlim=(-0.02 * largest, 1.03 * largest), ylim=(0.0, top))
+    axes.set(xlabel="current I (A)", ylabel="torque gain K (N m)")
     title(axes, f"Torque gain, Eq. (2), {brake.name}")
     return figure
-
-
-def _minus(value: float) -> str:
-    return f"{value:g}".replace("-", "−")
 
 
 def _plus(value: float) -> str:
@@ -109,48 +114,161 @@ def draw_time_constants(brake: Brake) -> Figure:
         f"{parameters_of(brake)} Model only, over the currents and speeds that the paper tested (grid lines). From "
         f"{brake.file.omega_0_rpm:g} rpm on the constant is a_avg. Current: the one stepped to."
     )
-    width, height = 7.4, 4.1
-    figure = new_figure(width, height)
-    foot = foot_in(text, width)
-    small_print(figure, text)
-    current = np.linspace(0.0, brake.file.current_max_A, 6)
+    projection = {"projection": "3d", "computed_zorder": False}
+    figure, [row] = sheet(text, (7.4, 4.1), (0.35, 0.15, -0.05, 0.3), columns=2, subplot_kw=projection)
     fine_rpm = np.geomspace(TESTED_RPM[0], TESTED_RPM[-1], 43)  # 6 between neighbours: the tested ones are among them
     x, y = np.meshgrid(np.linspace(0.0, brake.file.current_max_A, 31), np.log2(fine_rpm))
-    surfaces = [
-        np.array([[1e3 * brake.time_constant(i, 2.0**w, rising) for i, w in zip(*row, strict=True)]
-                  for row in zip(x, y, strict=True)])
-        for rising in (True, False)
-    ]  # fmt: skip
+    constant_ms = np.vectorize(lambda i, w, rising: 1e3 * brake.time_constant(i, 2.0**w, rising))
+    surfaces = [constant_ms(x, y, rising) for rising in (True, False)]
     top = max(surface.max() for surface in surfaces)
-    for k, (surface, way) in enumerate(zip(surfaces, ("rising", "falling"), strict=True)):
-        left = 0.35 + 3.45 * k
-        axes = figure.add_axes(
-            (left / width, (foot - 0.05) / height, 3.45 / width, (height - foot - 0.25) / height),
-            projection="3d", computed_zorder=False,
-        )  # fmt: skip
+    for axes, surface, way in zip(row, surfaces, ("rising", "falling"), strict=True):
         axes.plot_surface(
             x, y, surface, rcount=43, ccount=31, cmap="cividis", vmin=0.0, vmax=top, linewidth=0, antialiased=False,
             zorder=1,
         )  # fmt: skip
-        for i in current:
-            line = [1e3 * brake.time_constant(i, speed, way == "rising") for speed in fine_rpm]
-            axes.plot(np.full_like(fine_rpm, i), np.log2(fine_rpm), line, color=TEXT, linewidth=0.7, zorder=2)
-        for speed in TESTED_RPM:
-            line = [1e3 * brake.time_constant(i, speed, way == "rising") for i in current]
-            axes.plot(current, np.full_like(current, np.log2(speed)), line, color=TEXT, linewidth=0.7, zorder=2)
+        current, speed = np.linspace(0.0, brake.file.current_max_A, 6), np.log2(TESTED_RPM)
+        lines = [(np.full_like(fine_rpm, i), np.log2(fine_rpm)) for i in current]
+        for i, w in [*lines, *((current, np.full_like(current, w)) for w in speed)]:
+            axes.plot(i, w, constant_ms(i, w, way == "rising"), color=TEXT, linewidth=0.7, zorder=2)
         axes.set_zlim(0.0, 1.05 * top)
-        axes.set_yticks(np.log2(TESTED_RPM), [f"{speed:g}" for speed in TESTED_RPM])
+        axes.set_yticks(speed, [f"{rpm:g}" for rpm in TESTED_RPM])
         axes.set_xlabel("current (A)", labelpad=4)
         axes.set_ylabel("speed (rpm)", labelpad=5)
         axes.set_zlabel("time constant (ms)", labelpad=3)
         axes.tick_params(labelsize=7.5, pad=1)
         axes.view_init(elev=24, azim=35)
+        left, above = axes.get_position().x0, 1.0 - 0.3 / figure.get_figheight()
         axes.set_box_aspect((1.0, 1.25, 0.85), zoom=0.86)
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
             axis.set_pane_color("white")
             axis._axinfo["grid"].update(color=LINE, linewidth=0.6)
-        figure.text(
-            left / width, 1.0 - 0.3 / height, f"{way.capitalize()} time constant, Eq. (4), {brake.name}",
-            fontsize=TITLE, parse_math=False,
-        )  # fmt: skip
+        words = f"{way.capitalize()} time constant, Eq. (4), {brake.name}"
+        figure.text(left, above, words, fontsize=TITLE, parse_math=False)
+    return figure
+
+
+def step_response(brake: Brake, steps: Sequence[tuple[float, float]], times: Array, speed_rpm: float) -> Array:
+    """Yield torque (n,), N m, at rising times (n,), s, from the first step on, turning at a constant speed, Eq. (1).
+
+    steps: (time, current), s and A; before the first one the current has been on for long.
+    """
+    rate = speed_rpm * RAD_S_PER_RPM
+    lag = np.zeros((4, 5))
+    torque = np.empty(len(times))
+    now = float(brake.torque_gain([steps[0][1]])[0])
+    ends = [step[0] for step in steps[1:]] + [math.inf]
+    for (begin, current), end in zip(steps, ends, strict=True):
+        duration = min(end, float(times[-1])) - begin
+        if duration <= 0.0:
+            break
+        begin_lag(brake.record, A, current, now, rate, 0.0, duration, lag)
+        for k in np.flatnonzero((times >= begin) & (times < end)):
+            torque[k] = lagged_yield(lag, A, times[k] - begin)
+        now = lagged_yield(lag, A, duration)
+    return torque
+
+
+def _over_time(text: str, size_in: tuple[float, float]) -> tuple[Figure, Axes, Axes]:
+    """What is commanded above, the torque below, over the same time."""
+    figure, grid = sheet(
+        text, size_in, (0.6, 0.2, 0.5, 0.4), rows=2, between_in=(0.0, 0.55), height_ratios=(1, 2.2), sharex=True
+    )
+    upper, lower = grid[:, 0]
+    lower.set(xlabel="time (s)", ylabel="torque (N m)")
+    plain(upper)
+    plain(lower)
+    return figure, upper, lower
+
+
+def draw_current_steps(brake: Brake) -> Figure:
+    """Fig. 9, the model's output."""
+    text = f"{parameters_of(brake)} Model only, Eqs. (1), (2) and (4), at constant speed."
+    figure, upper, lower = _over_time(text, (6.4, 5.0))
+    largest = brake.file.current_max_A
+    steps = [(t, share * largest) for t, share in STEPS]
+    upper.step([*(t for t, _ in steps), STEPS_END_S], [*(i for _, i in steps), 0.0], where="post", color=TEXT)
+    upper.set(ylim=(0.0, 1.1 * largest), ylabel="current (A)")
+    title(upper, "Commanded current")
+    times = np.linspace(0.0, STEPS_END_S, 881)
+    for speed, colour, line in STEP_SPEEDS:
+        torque = step_response(brake, steps, times, speed)
+        label = f"{speed:g} rpm" + (" (a_avg)" if speed >= brake.file.omega_0_rpm else "")
+        lower.plot(times, torque, color=colour, linestyle=line, linewidth=1.6, label=label)
+    for gain in brake.torque_gain(current for _, current in steps):
+        lower.axhline(gain, color=QUIET, linewidth=0.7, linestyle=(0, (1, 3)), zorder=1)
+    lower.set(xlim=(0.0, STEPS_END_S), ylim=(0.0, 1.1 * brake.torque_gain([largest])[0]))
+    lower.legend(frameon=False, loc="upper right", handlelength=2.8)
+    title(lower, "Brake torque; dotted: the torque gain K of each current")
+    return figure
+
+
+def torque_with_play(brake: Brake, angles: Array, current: float) -> Array:
+    """Torque (n,), N m, along joint angles (n,), rad, at a steady current: our model of the backlash.
+
+    The play follows the joint; the brake holds its yield at the edge of the play and k_2 within. The play begins in
+    the middle; the first torque is that of the first movement.
+    """
+    width, off = math.radians(brake.file.backlash_deg), brake.file.k[1]
+    held = float(brake.torque_gain([current])[0])
+    play = 0.5 * width
+    torque = np.empty(len(angles))
+    for k, turned in enumerate(np.diff(angles), 1):
+        play = min(max(play + turned, 0.0), width)
+        at_edge = play == width if turned > 0.0 else play == 0.0
+        torque[k] = -math.copysign(held if at_edge else min(off, held), turned) if turned != 0.0 else torque[k - 1]
+    torque[0] = torque[1]
+    return torque
+
+
+def torque_as_worded(brake: Brake, angles: Array, current: float, step: float) -> Array:
+    """The same by the paper's wording: the signed torque lags, Eq. (1), and its gain drops while in the backlash.
+
+    When the torque crosses zero, boundaries one backlash to either side of the joint are set and the gain is k_2
+    against the motion until the joint crosses one. step: s between the angles.
+    """
+    width, off = math.radians(brake.file.backlash_deg), brake.file.k[1]
+    held = float(brake.torque_gain([current])[0])
+    centre, inside = angles[0], False
+    torque = np.empty(len(angles))
+    torque[0] = now = -math.copysign(held, angles[1] - angles[0])
+    for k, turned in enumerate(np.diff(angles), 1):
+        inside = inside and abs(angles[k] - centre) < width
+        target = -math.copysign(off if inside else held, turned)
+        constant = brake.time_constant(current, abs(turned) / step / RAD_S_PER_RPM, abs(target) > abs(now))
+        was, now = now, target + (now - target) * math.exp(-step / constant)
+        if was * now < 0.0:
+            centre, inside = angles[k], True
+        torque[k] = now
+    return torque
+
+
+def draw_sinusoidal_motion(brake: Brake) -> Figure:
+    """Fig. 10, the model's output."""
+    current = SINE_SHARE * brake.file.current_max_A
+    text = (
+        f"{parameters_of(brake)} Model only, joint moved by {math.degrees(AMPLITUDE_RAD):g}° sin(2π {FREQUENCY_HZ:g} "
+        f"Hz t) at a steady {current:g} A; backlash {brake.file.backlash_deg:g}°. Ours: after each reversal the brake "
+        "holds its off-state torque until the play is crossed, and always opposes the motion. Paper's wording: the "
+        "signed torque lags, so it drives the joint after each reversal (shaded), which no brake can."
+    )
+    step, period = SINE_STEP_S, 1.0 / FREQUENCY_HZ
+    times = np.arange(round(3.5 * period / step) + 1) * step - 1.0 * period
+    angles = AMPLITUDE_RAD * np.sin(2.0 * math.pi * FREQUENCY_HZ * times)
+    ours, worded = torque_with_play(brake, angles, current), torque_as_worded(brake, angles, current, step)
+    seen = times >= 0.0  # the first period settles
+    times, angles, ours, worded = times[seen], angles[seen], ours[seen], worded[seen]
+
+    figure, upper, lower = _over_time(text, (6.8, 5.2))
+    upper.plot(times, np.degrees(angles), color=TEXT)
+    upper.set_ylabel("angle (°)")
+    title(upper, "Joint angle")
+    driving = worded * np.gradient(angles) > 0.0
+    lower.fill_between(times, worded, 0.0, where=driving, color=ORANGE, alpha=0.25, linewidth=0)
+    lower.plot(times, worded, color=ORANGE, linestyle=(0, (5, 1.5)), linewidth=1.3, label="paper's wording")
+    lower.plot(times, ours, color=BLUE, linewidth=1.6, label="ours")
+    lower.axhline(0.0, color=QUIET, linewidth=0.7)
+    highest = 1.35 * np.abs(ours).max()
+    lower.set(xlim=(times[0], times[-1]), ylim=(-highest, highest))
+    lower.legend(frameon=False, loc="upper right", ncols=2, handlelength=2.8, borderaxespad=0.1)
+    title(lower, "Brake torque")
     return figure

@@ -14,12 +14,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from core.device import Device
-from core.mechanism import JOINTS, Mechanism
+from core.mechanism import JOINTS
 from core.simulator.hand import new_hand
 from core.simulator.simulation import Simulation
 from core.workspace import Array
-from experiments.analysis.figures import QUIET, TEXT, new_figure
-from experiments.paper_figures.sheet import CM, foot_in, panels, parameters_of, plain, small_print, title
+from experiments.analysis.sheet import CM, QUIET, TEXT, legend_at, plain, sheet, title
+from experiments.paper_figures.brake import parameters_of
 from experiments.paper_figures.workspace import Workspace, draw_outline, joint_angles, sdof_path, workspace_of
 
 FORCE_N = 8.0
@@ -28,8 +28,12 @@ HOLD_S, RELEASE_S, STEP_S = 2.0, 0.45, 1e-3
 STARTS_M = ((-0.12, -0.10), (-0.02, 0.02), (-0.15, 0.06))
 ANCHOR_M = (0.50, 0.05)
 ARM_M = 0.6
-START_COLOURS = ("#1c2228", "#2f7fc4", "#d98200")
-START_LINES = ("-", (0, (6, 1.5)), (0, (1.5, 1.2)))
+#: Of each place of release.
+LOOKS = (
+    {"color": TEXT, "linestyle": "-"},
+    {"color": "#2f7fc4", "linestyle": (0, (6, 1.5))},
+    {"color": "#d98200", "linestyle": (0, (1.5, 1.2))},
+)
 
 
 class Release(NamedTuple):
@@ -61,19 +65,16 @@ def release(device: Device, start: tuple[float, float], anchor: tuple[float, flo
 
 def places(workspace: Workspace) -> tuple[list[tuple[float, float]], tuple[float, float]]:
     """Where the handle is released (clear of the stops), and the anchor, m."""
-    scale = _reach(workspace.mechanism) / ARM_M
+    arms = workspace.mechanism.arm_1, workspace.mechanism.arm_2
+    scale = min(arm.length_1 + arm.length_2 for arm in arms) / ARM_M
     (hx, hy), starts = workspace.home, []
-    clear = 0.15 * float(workspace.room_at(np.array(hx), np.array(hy)))
+    clear = 0.15 * workspace.room_at(hx, hy)
     for dx, dy in STARTS_M:
         share = scale
-        while workspace.room_at(np.array(hx + share * dx), np.array(hy + share * dy)) < clear:
+        while workspace.room_at(hx + share * dx, hy + share * dy) < clear:
             share *= 0.8
         starts.append((hx + share * dx, hy + share * dy))
     return starts, (hx + scale * ANCHOR_M[0], hy + scale * ANCHOR_M[1])
-
-
-def _reach(mechanism: Mechanism) -> float:
-    return min(arm.length_1 + arm.length_2 for arm in (mechanism.arm_1, mechanism.arm_2))
 
 
 def draw_releases(device: Device) -> Figure:
@@ -88,53 +89,38 @@ def draw_releases(device: Device) -> Figure:
         "SDOF path of the locked brake through each place; the tip may leave it by the backlash, some mm. Grey: the "
         "limit set by the hard stops."
     )
-    width, sides = max(1.0 + 1.62 * len(locks), 6.4), (0.65, 0.15)  # at least the legend's width
-    foot = foot_in(text, width) + 0.5
-    figure = new_figure(width, foot + 5.7)
-    small_print(figure, text)
-    grid = panels(figure, 3, len(locks), (*sides, foot, 0.95), (0.16, 0.42), height_ratios=(1.5, 1, 1))
+    size = max(1.0 + 1.62 * len(locks), 6.4), 4.75  # at least the legend's width
+    figure, grid = sheet(
+        text, size, (0.65, 0.15, 0.5, 0.95), 3, len(locks), (0.16, 0.42), inside=True, height_ratios=(1.5, 1, 1)
+    )
     motions = [[release(device, start, anchor, locked) for start in starts] for locked in locks]
-    tips = np.concatenate([motion.tip for column in motions for motion in column])
-    _same_frame(grid[0], tips)
-    for column, locked, releases in zip(grid.T, locks, motions, strict=True):
-        title(column[0], f"{locked} locked" if locked else "none locked")
-        _draw_paths(column[0], workspace, releases)
-        for axes, axis in zip(column[1:], (0, 1), strict=True):
-            for motion, colour, line in zip(releases, START_COLOURS, START_LINES, strict=True):
-                moved = CM * (motion.tip[:, axis] - motion.tip[0, axis])
-                axes.plot(motion.time, moved, color=colour, linestyle=line, linewidth=1.4)
-    _share_scales(grid)
-    for axes in grid.flat:
-        plain(axes)
-    grid[0, 0].set_ylabel("y (cm)")
-    grid[1, 0].set_ylabel("x moved (cm)")
-    grid[2, 0].set_ylabel("y moved (cm)")
-    for axes in grid[:, 1:].flat:
-        axes.tick_params(labelleft=False)
-    for axes in grid[1]:
-        axes.tick_params(labelbottom=False)
-    for axes in grid[0]:
-        axes.set_xlabel("x (cm)", labelpad=1)
-    for axes in grid[2]:
-        axes.set_xlabel("time (s)")
+    _same_frame(grid[0], np.concatenate([motion.tip for column in motions for motion in column]))
+    for (paths, *moved), locked, releases in zip(grid.T, locks, motions, strict=True):
+        title(paths, f"{locked} locked" if locked else "none locked")
+        _draw_paths(paths, workspace, releases)
+        for axis, axes in enumerate(moved):
+            for motion, look in zip(releases, LOOKS, strict=True):
+                axes.plot(motion.time, CM * (motion.tip[:, axis] - motion.tip[0, axis]), linewidth=1.4, **look)
+    for row, label in zip(grid, ("y (cm)", "x moved (cm)", "y moved (cm)"), strict=True):
+        row[0].set_ylabel(label)
+        for axes in row:
+            plain(axes)
+            axes.tick_params(labelleft=axes is row[0])
+    for row in grid[1:]:
+        low, high = min(axes.get_ylim()[0] for axes in row), max(axes.get_ylim()[1] for axes in row)
+        for axes in row:
+            axes.set(xlim=(0.0, RELEASE_S), ylim=(low, high), xticks=[0.0, 0.2, 0.4])
+    for upper, middle, lower in grid.T:
+        upper.set_xlabel("x (cm)", labelpad=1)
+        middle.tick_params(labelbottom=False)
+        lower.set_xlabel("time (s)")
     handles = [
-        Line2D(
-            [],
-            [],
-            color=colour,
-            linestyle=line,
-            linewidth=1.4,
-            label=f"from ({CM * x:.0f}, {CM * y:.0f}) cm".replace("-", "−"),
-        )
-        for (x, y), colour, line in zip(starts, START_COLOURS, START_LINES, strict=True)
+        Line2D([], [], linewidth=1.4, label=f"from ({CM * x:.0f}, {CM * y:.0f}) cm".replace("-", "−"), **look)
+        for (x, y), look in zip(starts, LOOKS, strict=True)
     ]
-    height = figure.get_figheight()
-    left = sides[0] / width
-    figure.text(left, 1.0 - 0.28 / height, f"Spring release, {device.name}", fontsize=10.5, parse_math=False)
-    figure.legend(
-        handles=handles, loc="upper left", bbox_to_anchor=(left, 1.0 - 0.36 / height), ncols=3, frameon=False,
-        handlelength=2.8, borderpad=0.0, borderaxespad=0.0, columnspacing=1.5,
-    )  # fmt: skip
+    width, height = figure.get_size_inches()
+    figure.text(0.65 / width, 1.0 - 0.28 / height, f"Spring release, {device.name}", fontsize=10.5, parse_math=False)
+    legend_at(figure, handles, 0.65, 0.36, handlelength=2.8, columnspacing=1.5)
     figure.align_ylabels(grid[:, 0])
     return figure
 
@@ -146,29 +132,17 @@ def _same_frame(row: np.ndarray, tips: Array) -> None:
     shape = place.height * height / (place.width * width)
     low, high = CM * tips.min(axis=0) - 3.0, CM * tips.max(axis=0) + 3.0
     across = max(high[0] - low[0], (high[1] - low[1]) / shape)
-    middle = 0.5 * (low + high)
+    (x, y), half = 0.5 * (low + high), 0.5 * across
     for axes in row:
-        axes.set_xlim(middle[0] - 0.5 * across, middle[0] + 0.5 * across)
-        axes.set_ylim(middle[1] - 0.5 * across * shape, middle[1] + 0.5 * across * shape)
-        axes.set_autoscale_on(False)
+        axes.set(xlim=(x - half, x + half), ylim=(y - half * shape, y + half * shape), autoscale_on=False)
 
 
 def _draw_paths(axes: Axes, workspace: Workspace, releases: list[Release]) -> None:
     draw_outline(axes, workspace)
-    for motion, colour, line in zip(releases, START_COLOURS, START_LINES, strict=True):
+    for motion, look in zip(releases, LOOKS, strict=True):
         if motion.locked:
             theta = joint_angles(workspace.mechanism, motion.tip[0, 0], motion.tip[0, 1])
             circle = sdof_path(workspace, motion.locked, float(theta[JOINTS.index(motion.locked)]))
             axes.plot(CM * circle[:, 0], CM * circle[:, 1], color=QUIET, linewidth=0.6)
-        axes.plot(CM * motion.tip[:, 0], CM * motion.tip[:, 1], color=colour, linestyle=line, linewidth=1.8)
+        axes.plot(CM * motion.tip[:, 0], CM * motion.tip[:, 1], linewidth=1.8, **look)
         axes.plot(*(CM * motion.tip[0]), "o", color=TEXT, markerfacecolor="white", markersize=5, zorder=5)
-
-
-def _share_scales(grid: np.ndarray) -> None:
-    """One scale for all displacements along x, one for all along y."""
-    for row in grid[1:]:
-        low, high = min(axes.get_ylim()[0] for axes in row), max(axes.get_ylim()[1] for axes in row)
-        for axes in row:
-            axes.set_ylim(low, high)
-            axes.set_xlim(0.0, RELEASE_S)
-            axes.set_xticks([0.0, 0.2, 0.4])

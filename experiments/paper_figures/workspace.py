@@ -9,21 +9,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from core.device import Device
-from core.mechanism import JOINTS, Arm, Mechanism
-from core.workspace import ArmPose, Array, arm_pose, free_tips, in_turn_of
-from experiments.analysis.figures import QUIET, TEXT, new_figure
-from experiments.paper_figures.sheet import (
-    CM,
-    JOINT_COLOURS,
-    JOINT_LINES,
-    foot_in,
-    panels,
-    parameters_of,
-    plain,
-    small_print,
-    title,
-)
+from core.mechanism import JOINTS, Mechanism
+from core.workspace import Array, arm_pose, free_tips, in_turn_of
+from experiments.analysis.sheet import BLUE, CM, GREEN, ORANGE, QUIET, TEXT, legend_at, plain, sheet, title
+from experiments.paper_figures.brake import parameters_of
 
+#: Joint -> colour and line: told apart by the colour-blind (C darker than in their set, for thin lines) and in print
+#: without colour.
+JOINT_COLOURS = {"A": BLUE, "E": ORANGE, "B": GREEN, "C": "#a8508a"}
+JOINT_LINES = {"A": "-", "E": (0, (6, 1.5)), "B": (0, (6, 1.5, 1, 1.5)), "C": (0, (1.5, 1.2))}
 GRID = 301  # points each way of a map: 2 to 3 mm
 CIRCLE_POINTS = 2881  # of an SDOF path: 1/8 degree apart
 SPACING_DEG = 15.0  # between the locked angles of neighbouring SDOF paths
@@ -44,36 +38,36 @@ class Workspace(NamedTuple):
     home: tuple[float, float]  # m, the tip furthest from all stops, in front of the bases
     tips: Array  # (m, 2) m, spread over it, however thin it is
 
-    def room_at(self, x: Array, y: Array) -> Array:
-        """How far tips are from the nearest stop, in units of sine (theta stops: rad; y: 10 cm); negative outside."""
-        return room(self.mechanism, self.side, x, y)
+    def room_at(self, x: float, y: float) -> float:
+        """`room` of one tip."""
+        return float(room(self.mechanism, self.side, np.array(x), np.array(y)))
+
+    def bottom(self, bases: bool) -> float:
+        """y (m) of the lower edge of a plot, with the bases or without."""
+        arms = self.mechanism.arm_1, self.mechanism.arm_2
+        return float(min([self.y[0], *(arm.base_y - BELOW_BASES_M for arm in arms if bases)]))
+
+    def height_in(self, width_in: float, bases: bool = True) -> float:
+        """Height of a plot with equal axes, of its width."""
+        return float(width_in * (self.y[-1] - self.bottom(bases)) / (self.x[-1] - self.x[0]))
 
 
-def _poses(mechanism: Mechanism, x: Array, y: Array) -> tuple[ArmPose, ArmPose]:
-    return arm_pose(mechanism.arm_1, x, y), arm_pose(mechanism.arm_2, x, y)
-
-
-def _sines(mechanism: Mechanism, x: Array, y: Array) -> tuple[Array, Array, Array]:
+def _sines(mechanism: Mechanism, x: Array, y: Array) -> list[Array]:
     """|sin| of both elbows and the signed sine from ED to CD; 0 out of reach."""
-    first, second = mechanism.arm_1, mechanism.arm_2
-    pose_1, pose_2 = _poses(mechanism, x, y)
-    between = pose_1.e2[0] * pose_2.e2[1] - pose_1.e2[1] * pose_2.e2[0]
-    sines = (
-        np.abs(pose_1.s) / (first.length_1 * first.length_2),
-        np.abs(pose_2.s) / (second.length_1 * second.length_2),
-        between / (first.length_2 * second.length_2),
-    )
-    return tuple(np.nan_to_num(sine) for sine in sines)
+    arms = mechanism.arm_1, mechanism.arm_2
+    first, second = (arm_pose(arm, x, y) for arm in arms)
+    between = first.e2[0] * second.e2[1] - first.e2[1] * second.e2[0]
+    elbows = [np.abs(pose.s) / (arm.length_1 * arm.length_2) for pose, arm in zip((first, second), arms, strict=True)]
+    return [np.nan_to_num(sine) for sine in (*elbows, between / (arms[0].length_2 * arms[1].length_2))]
 
 
 def joint_angles(mechanism: Mechanism, x: Array, y: Array) -> Array:
     """Joint angles (4, ...), rad, at many tips; NaN out of reach."""
-    pose_1, pose_2 = _poses(mechanism, x, y)
-    return np.array([*pose_1.angles(), *pose_2.angles()])
+    return np.array([angle for arm in (mechanism.arm_1, mechanism.arm_2) for angle in arm_pose(arm, x, y).angles()])
 
 
 def room(mechanism: Mechanism, side: float, x: Array, y: Array) -> Array:
-    """`Workspace.room_at` on one side of the singular positions."""
+    """How far tips are from the nearest stop, in units of sine (theta stops: rad; y: 10 cm); negative outside."""
     elbow_1, elbow_2, between = _sines(mechanism, x, y)
     least = np.minimum(np.minimum(elbow_1, elbow_2), side * between) - mechanism.margin
     least = np.minimum(least, y / Y_UNIT_M)
@@ -89,18 +83,13 @@ def room(mechanism: Mechanism, side: float, x: Array, y: Array) -> Array:
 def workspace_of(mechanism: Mechanism) -> Workspace:
     """The workspace on a grid."""
     tips = free_tips(mechanism)
-    between = _sines(mechanism, tips[:, 0], tips[:, 1])[2]
+    between = _sines(mechanism, *tips.T)[2]
     side = 1.0 if np.count_nonzero(between > 0.0) * 2 >= len(tips) else -1.0
     tips = tips[between * side > 0.0]
-    low, high = tips.min(axis=0) - PAD_M, tips.max(axis=0) + PAD_M
-    x, y = np.linspace(low[0], high[0], GRID), np.linspace(low[1], high[1], GRID)
+    x, y = np.linspace(tips.min(axis=0) - PAD_M, tips.max(axis=0) + PAD_M, GRID).T
     off_centre = np.abs(tips[:, 0] - 0.5 * (mechanism.arm_1.base_x + mechanism.arm_2.base_x))
-    home = tips[np.argmax(room(mechanism, side, tips[:, 0], tips[:, 1]) - HOME_PULL * off_centre)]
+    home = tips[np.argmax(room(mechanism, side, *tips.T) - HOME_PULL * off_centre)]
     return Workspace(mechanism, side, x, y, room(mechanism, side, *np.meshgrid(x, y)), (home[0], home[1]), tips)
-
-
-def arm_of(mechanism: Mechanism, joint: str) -> Arm:
-    return mechanism.arm_1 if joint in "AE" else mechanism.arm_2
 
 
 def sdof_path(workspace: Workspace, joint: str, angle: float) -> Array:
@@ -108,7 +97,8 @@ def sdof_path(workspace: Workspace, joint: str, angle: float) -> Array:
 
     With A or B locked the tip turns about elbow E or C, with E or C locked about base A or B.
     """
-    arm = arm_of(workspace.mechanism, joint)
+    mechanism = workspace.mechanism
+    arm = mechanism.arm_1 if joint in "AE" else mechanism.arm_2
     cx, cy, radius = arm.base_x, arm.base_y, arm.length_2
     if joint in "AB":
         cx, cy = cx + arm.length_1 * math.cos(angle), cy + arm.length_1 * math.sin(angle)
@@ -117,9 +107,10 @@ def sdof_path(workspace: Workspace, joint: str, angle: float) -> Array:
         radius = math.sqrt(one * one + two * two + 2.0 * one * two * math.cos(angle))
     turn = np.linspace(-math.pi, math.pi, CIRCLE_POINTS) - 0.5 * math.pi  # begins behind the bases
     x, y = cx + radius * np.cos(turn), cy + radius * np.sin(turn)
-    off = joint_angles(workspace.mechanism, x, y)[JOINTS.index(joint)] - angle
+    off = joint_angles(mechanism, x, y)[JOINTS.index(joint)] - angle
     here = np.abs(np.sin(0.5 * off)) < 1e-6  # the other elbow solution lies on the same circle
-    return np.where((here & (workspace.room_at(x, y) > 0.0))[:, None], np.column_stack((x, y)), np.nan)
+    here &= room(mechanism, workspace.side, x, y) > 0.0
+    return np.where(here[:, None], np.column_stack((x, y)), np.nan)
 
 
 def sdof_family(workspace: Workspace, joint: str, spacing: float) -> list[Array]:
@@ -135,7 +126,14 @@ def draw_outline(axes: Axes, workspace: Workspace) -> None:
     axes.contour(CM * workspace.x, CM * workspace.y, workspace.room, levels=[0.0], colors=[QUIET], linewidths=[1.0])
 
 
-def draw_linkage(axes: Axes, mechanism: Mechanism, tip: tuple[float, float]) -> None:
+def in_cm(axes: Axes, workspace: Workspace, bases: bool = True) -> None:
+    """Equal axes in cm around a workspace, and around the bases where they are shown."""
+    x, y = CM * workspace.x, CM * workspace.y
+    axes.set(xlim=(x[0], x[-1]), ylim=(CM * workspace.bottom(bases), y[-1]), aspect="equal")
+    axes.set(xlabel="x (cm)", ylabel="y (cm)")
+
+
+def _draw_linkage(axes: Axes, mechanism: Mechanism, tip: tuple[float, float]) -> None:
     """The links with the tip somewhere (m), in cm."""
     for arm, base, elbow in ((mechanism.arm_1, "A", "E"), (mechanism.arm_2, "B", "C")):
         pose = arm_pose(arm, np.array(tip[0]), np.array(tip[1]))
@@ -143,8 +141,8 @@ def draw_linkage(axes: Axes, mechanism: Mechanism, tip: tuple[float, float]) -> 
         axes.plot(at[:, 0], at[:, 1], "-", color=TEXT, linewidth=2.2, alpha=0.75, zorder=5, solid_capstyle="round")
         axes.plot(at[:, 0], at[:, 1], "o", color=TEXT, markersize=5, markerfacecolor="white", zorder=6)
         if not mechanism.coaxial:
-            _letter(axes, base, at[0], (-12 if arm is mechanism.arm_1 else 12, -2))
-        elif arm is mechanism.arm_1:
+            _letter(axes, base, at[0], (-12 if base == "A" else 12, -2))
+        elif base == "A":
             _letter(axes, "A, B", at[0], (0, -11))
         _letter(axes, elbow, at[1], (-11 * arm.side, 2))
     _letter(axes, "D", CM * np.array(tip), (0, 12))
@@ -155,31 +153,6 @@ def _letter(axes: Axes, letter: str, at: Array, offset: tuple[float, float]) -> 
     axes.annotate(letter, at, offset, textcoords="offset points", ha="center", va="center", zorder=7, bbox=box)
 
 
-def extent_m(workspace: Workspace, bases: bool) -> tuple[float, float, float, float]:
-    """What a plot shows: x low, high, y low, high (m), with the bases or without."""
-    m = workspace.mechanism
-    bottom = (
-        min(workspace.y[0], m.arm_1.base_y - BELOW_BASES_M, m.arm_2.base_y - BELOW_BASES_M) if bases else workspace.y[0]
-    )
-    return workspace.x[0], workspace.x[-1], bottom, workspace.y[-1]
-
-
-def in_cm(axes: Axes, workspace: Workspace, bases: bool = True) -> None:
-    """Equal axes in cm around a workspace, and around the bases where they are shown."""
-    left, right, bottom, top = extent_m(workspace, bases)
-    axes.set_xlim(CM * left, CM * right)
-    axes.set_ylim(CM * bottom, CM * top)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x (cm)")
-    axes.set_ylabel("y (cm)")
-
-
-def height_for(workspace: Workspace, width_in: float, bases: bool = True) -> float:
-    """Height (in) of equal axes of a width (in)."""
-    left, right, bottom, top = extent_m(workspace, bases)
-    return float(width_in * (top - bottom) / (right - left))
-
-
 def draw_sdof_paths(device: Device) -> Figure:
     """Figs. 4 and 5 for any device."""
     workspace = workspace_of(device.mechanism)
@@ -187,35 +160,20 @@ def draw_sdof_paths(device: Device) -> Figure:
         f"{parameters_of(device)} Each line: the tip's path with one brake locked, every {SPACING_DEG:g}° of that "
         "joint's angle. Grey: the limit set by the hard stops. Black: the linkage, tip D."
     )
-    width, sides, above = 6.4, (0.6, 0.15), 0.6
-    foot = foot_in(text, width) + 0.5
-    figure = new_figure(width, foot + above + height_for(workspace, width - sum(sides)))
-    small_print(figure, text)
-    axes = panels(figure, 1, 1, (*sides, foot, above))[0, 0]
+    left, right = 0.6, 0.15
+    size = 6.4, workspace.height_in(6.4 - left - right)
+    figure, [[axes]] = sheet(text, size, (left, right, 0.5, 0.6), inside=True)
     plain(axes, grid=False)
     handles = []
     for joint in device.braked:
-        colour, line = JOINT_COLOURS[joint], JOINT_LINES[joint]
+        look = {"color": JOINT_COLOURS[joint], "linestyle": JOINT_LINES[joint]}
         for path in sdof_family(workspace, joint, math.radians(SPACING_DEG)):
-            axes.plot(CM * path[:, 0], CM * path[:, 1], color=colour, linestyle=line, linewidth=1.0)
+            axes.plot(CM * path[:, 0], CM * path[:, 1], linewidth=1.0, **look)
         about = {"A": "E", "B": "C", "E": "A", "C": "B"}[joint]
-        handles.append(
-            Line2D([], [], color=colour, linestyle=line, linewidth=1.6, label=f"{joint} locked, about {about}")
-        )
+        handles.append(Line2D([], [], linewidth=1.6, label=f"{joint} locked, about {about}", **look))
     draw_outline(axes, workspace)
-    draw_linkage(axes, device.mechanism, workspace.home)
+    _draw_linkage(axes, device.mechanism, workspace.home)
     in_cm(axes, workspace)
     title(axes, f"SDOF paths, {device.name}")
-    figure.legend(
-        handles=handles,
-        loc="upper left",
-        bbox_to_anchor=(sides[0] / width, 1.0 - 0.1 / figure.get_figheight()),
-        ncols=len(handles),
-        frameon=False,
-        handlelength=2.4,
-        columnspacing=1.0,
-        borderpad=0.0,
-        borderaxespad=0.0,
-        fontsize=8.0,
-    )
+    legend_at(figure, handles, left, 0.1, handlelength=2.4, columnspacing=1.0, fontsize=8.0)
     return figure

@@ -59,8 +59,7 @@ def write_new_file(file: Path, content: bytes, sync: bool = False) -> None:
 def write_new_files(contents: Mapping[Path, bytes]) -> None:
     """Write new files and the folders that they need, all or none. InputError if one cannot be there."""
     refuse_existing_files(contents)
-    folders = dict.fromkeys(place for file in contents for place in (file.parent, *file.parent.parents))
-    new_folders = [place for place in folders if not place.exists()]
+    folders = {place for file in contents for place in file.parents if not place.exists()}
     written: list[Path] = []
     try:
         for file, content in contents.items():
@@ -71,7 +70,7 @@ def write_new_files(contents: Mapping[Path, bytes]) -> None:
     except BaseException:
         for file in written:
             file.unlink(missing_ok=True)
-        for folder in new_folders:
+        for folder in sorted(folders, reverse=True):  # the inner ones first
             with contextlib.suppress(OSError):  # not made yet
                 folder.rmdir()
         raise
@@ -96,6 +95,20 @@ def written_beside(target: Path, data: bytes, sync: bool = True) -> Iterator[Pat
             sync_folder(target.parent)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def append_whole(handle: int, data: bytes, end: int, sync: bool = False) -> None:
+    """Write `data` at the end, byte `end`, of a file that is open for writing: all of it; or nothing, and OSError."""
+    written = 0
+    try:
+        while written < len(data):
+            written += os.write(handle, data[written:] if written else data)
+        if sync:
+            os.fsync(handle)
+    except OSError:
+        with contextlib.suppress(OSError):
+            os.ftruncate(handle, end)
+        raise
 
 
 def give_new_name(partial: Path, target: Path) -> None:

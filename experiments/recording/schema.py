@@ -69,34 +69,28 @@ def column_words(decisions: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
 
 
 def make_schema(
-    braked: str,
-    metadata: dict[str, Any],
-    decisions: tuple[str, ...],
-    sensors: Sensors | None = None,
+    braked: str, metadata: dict[str, Any], decisions: tuple[str, ...], sensors: Sensors | None = None,
     columns: Iterable[str] | None = None,
-) -> pa.Schema:
+) -> pa.Schema:  # fmt: skip
     """The Arrow schema of a recording, without a checksum. InputError for metadata that JSON cannot hold.
 
     columns: of a recording that an earlier version wrote, with fewer; None: all that there are now.
     """
-    words = column_words(decisions)
-    about = {"form": FORM, "braked": braked, "text": words, "metadata": metadata}
+    about = {"form": FORM, "braked": braked, "text": column_words(decisions), "metadata": metadata}
     if sensors:
         about["sensors"] = sensors._asdict()
-    try:
-        about_json = json.dumps(about, sort_keys=True, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"recording: metadata cannot be stored as JSON: {error}") from None
     names = [name for name, _ in recording_columns(braked, sensors)] if columns is None else columns
-    fields = [
-        pa.field(
-            name,
-            pa.dictionary(TEXT_COLUMNS[name], pa.string()) if name in TEXT_COLUMNS else pa.float64(),
-            nullable=False,
-        )
-        for name in names
-    ]
-    return pa.schema(fields, metadata={"phd": about_json})
+    kinds = {name: pa.dictionary(code, pa.string()) for name, code in TEXT_COLUMNS.items()}
+    fields = [pa.field(name, kinds.get(name, pa.float64()), nullable=False) for name in names]
+    return pa.schema(fields, metadata={"phd": as_json(about, "metadata")})
+
+
+def as_json(about: dict[str, Any], what: str) -> str:
+    """For a recording. InputError for what JSON cannot hold."""
+    try:
+        return json.dumps(about, sort_keys=True, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"recording: the {what} cannot be stored as JSON: {error}") from None
 
 
 def seal(message: bytes, start: int = 0) -> bytes:
@@ -116,6 +110,11 @@ def is_sealed(message: bytes, digits: bytes | None, start: int = 0) -> bool:
     return digits == b"%08x" % crc32(rest, crc32(message[:at] + SEAL))
 
 
+def footer_at(parquet: bytes) -> int:
+    """The byte of a Parquet file at which its footer begins, which holds its metadata."""
+    return max(len(parquet) - 8 - int.from_bytes(parquet[-8:-4], "little"), 0)
+
+
 @dataclass(frozen=True)
 class Recording:
     """One trial as recorded. Text columns hold codes: `words[name][code]` is the text."""
@@ -128,9 +127,7 @@ class Recording:
     columns: dict[str, np.ndarray] = field(default_factory=dict)  # each (rows,)
     words: dict[str, tuple[str, ...]] = field(default_factory=dict)
     complete: bool = False  # the end is there: nothing was cut off
-    damaged: list[str] = field(
-        default_factory=list
-    )  # what fails its checksum or is missing; its rows are left out
+    damaged: list[str] = field(default_factory=list)  # fails its checksum or is missing; its rows are left out
 
     @property
     def rows(self) -> int:
@@ -168,16 +165,12 @@ def recording_of(rows: np.ndarray, braked: str, path: Path = Path()) -> Recordin
 
 def same_content(a: Recording, b: Recording) -> bool:
     """Whether two recordings hold the same, bit by bit (a NaN equals itself, -0 is not 0), wherever they lie."""
-    if (a.metadata, a.outcome, a.braked, a.sensors, a.words) != (b.metadata, b.outcome, b.braked, b.sensors, b.words):
-        return False
-    if list(a.columns) != list(b.columns):
-        return False
-    return all(
-        x.dtype == y.dtype
-        and x.shape == y.shape
-        and np.array_equal(x.view(f"u{x.itemsize}"), y.view(f"u{y.itemsize}"))
-        for x, y in zip(a.columns.values(), b.columns.values(), strict=True)
-    )
+
+    def content(r: Recording) -> tuple:
+        bits = [(name, x.dtype, x.shape, x.tobytes()) for name, x in r.columns.items()]
+        return r.metadata, r.outcome, r.braked, r.sensors, r.words, bits
+
+    return content(a) == content(b)
 
 
 def describe(schema_metadata: dict[bytes, bytes] | None) -> dict[str, Any]:
@@ -203,25 +196,19 @@ def describe(schema_metadata: dict[bytes, bytes] | None) -> dict[str, Any]:
 
 def as_arrays(batches: list[pa.RecordBatch], schema: pa.Schema, words: dict[str, tuple[str, ...]]) -> dict:
     """Column name -> (rows,) array of all batches; text columns as places in `words` (else ValueError)."""
+    table = pa.Table.from_batches(batches, schema)
+    table.validate(full=True)  # every code has a word
     columns: dict[str, np.ndarray] = {}
-    for i, column in enumerate(schema):
-        parts = [batch.column(i) for batch in batches]
-        if any(part.null_count for part in parts):
-            raise ValueError(f"column {column.name} has gaps")
-        if column.name not in TEXT_COLUMNS:
-            arrays = [part.to_numpy() for part in parts]
-            columns[column.name] = np.concatenate(arrays) if arrays else np.empty(0)
+    for name, column in zip(schema.names, table.unify_dictionaries().columns, strict=True):
+        if column.null_count:
+            raise ValueError(f"column {name} has gaps")
+        if name not in TEXT_COLUMNS:
+            columns[name] = np.array(column)  # a copy, that can be written to
             continue
-        dtype = TEXT_COLUMNS[column.name].to_pandas_dtype()
-        place = {word: code for code, word in enumerate(words[column.name])}
-        arrays = []
-        for part in parts:
-            there = part.dictionary.to_pylist()
-            if any(word not in place for word in there):
-                raise ValueError(f"column {column.name} has words that the description does not list")
-            codes = part.indices.to_numpy()
-            if len(codes) and not 0 <= codes.min() <= codes.max() < len(there):
-                raise ValueError(f"column {column.name} has a code without a word")
-            arrays.append(np.array([place[word] for word in there], dtype=dtype)[codes])
-        columns[column.name] = np.concatenate(arrays) if arrays else np.empty(0, dtype)
+        coded = column.combine_chunks()
+        there, place = coded.dictionary.to_pylist(), {word: code for code, word in enumerate(words[name])}
+        if not place.keys() >= set(there):
+            raise ValueError(f"column {name} has words that the description does not list")
+        places = np.array([place[word] for word in there], TEXT_COLUMNS[name].to_pandas_dtype())
+        columns[name] = places[coded.indices.to_numpy()]
     return columns

@@ -2,11 +2,9 @@
 
 import contextlib
 import io
-import json
 import os
 import time
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -16,14 +14,16 @@ import pyarrow.parquet as pq
 from core import tick_log
 from core.control.controllers import DECISIONS
 from core.files import InputError
-from experiments.recording.atomic_files import give_new_name, is_wrong_path, sync_folder, written_beside
+from experiments.recording.atomic_files import append_whole, give_new_name, is_wrong_path, sync_folder, written_beside
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_parquet, read_recording
 from experiments.recording.schema import (
     SEAL,
     TEXT_COLUMNS,
     Recording,
     Sensors,
+    as_json,
     column_words,
+    footer_at,
     make_schema,
     recording_columns,
     same_content,
@@ -40,43 +40,33 @@ class RecordingWriter:
 
     As a context manager it closes on a normal exit; on an exception it keeps what it has and leaves the end out.
     Disk full or unplugged: OSError from `write`, `flush` or `close`; the file then ends with its last whole batch,
-    has no end record, and takes no more.
-    Not for the control loop itself: a call can wait for the disk.
+    has no end record, and takes no more. Not for the control loop itself: a call can wait for the disk.
     """
 
     def __init__(
-        self,
-        path: str | Path,
-        braked: str,
-        metadata: dict[str, Any],
-        sync: bool = True,
-        sensors: Sensors | None = None,
+        self, path: str | Path, braked: str, metadata: dict[str, Any], sync: bool = True, sensors: Sensors | None = None
     ) -> None:
         """Create `path`; InputError if it exists or cannot be there, OSError if the disk takes no more.
 
-        braked: letters of the braked joints, "AEB". metadata: anything JSON holds, known before the trial.
-        sync = False leaves the time of writing to the system: for simulated trials, whose
-        Parquet file reaches the disk before their stream is removed. sensors: of a device on the bench, whose ticks are
-        tick_log.BENCH_WIDTH wide.
+        braked: letters of the braked joints, "AEB". metadata: anything JSON holds. sync = False leaves it to the
+        system when the data reach the disk: for simulated trials, whose Parquet file is synced before their stream is
+        removed. sensors: of a device on the bench, whose ticks are tick_log.BENCH_WIDTH wide.
         """
         self.path = Path(path)
         self.rows = 0  # rows taken
         self.rows_written = 0  # rows in the file: what a kill cannot take any more
         self.bytes_written = 0
-        self._names, self._places = zip(*recording_columns(braked, sensors), strict=True)
-        self._width = tick_log.BENCH_WIDTH if sensors else tick_log.WIDTH
-        self._words = column_words(DECISIONS)
-        self._dictionaries = {name: pa.array(words, pa.string()) for name, words in self._words.items()}
+        self._columns = recording_columns(braked, sensors)
+        self._none = np.empty((0, tick_log.BENCH_WIDTH if sensors else tick_log.WIDTH))
+        self._words = {name: pa.array(words, pa.string()) for name, words in column_words(DECISIONS).items()}
         schema = make_schema(braked, metadata, DECISIONS, sensors)
         self._schema = schema.with_metadata({**schema.metadata, "crc32": SEAL})
         self._sink = io.BytesIO()
         self._stream = pa.ipc.new_stream(self._sink, self._schema)
         self._waiting: list[np.ndarray] = []
-        self._waiting_rows = 0
         self._sequence = 0
         self._sync = sync
-
-        self._stream.write_batch(self._batch(np.empty((0, self._width))))
+        self._stream.write_batch(self._batch(self._none))
         header = seal(_before_first_batch(self._taken()))
         try:
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
@@ -102,14 +92,12 @@ class RecordingWriter:
 
         They are copied; they reach the file within `WRITE_INTERVAL_S`.
         """
-        if not self._open:
-            raise ValueError("the recording is closed")
-        rows = np.asarray(rows, dtype=np.float64)
-        if rows.ndim != 2 or rows.shape[1] != self._width:
-            raise ValueError(f"ticks of shape {rows.shape}, not (n, {self._width})")
+        self._need_open()
+        rows = np.array(rows, dtype=np.float64)
+        if rows.ndim != 2 or rows.shape[1] != self._none.shape[1]:
+            raise ValueError(f"ticks of shape {rows.shape}, not (n, {self._none.shape[1]})")
         if len(rows):
-            self._waiting.append(rows.copy())
-            self._waiting_rows += len(rows)
+            self._waiting.append(rows)
             self.rows += len(rows)
         now = time.monotonic()
         self._write_batches(everything=now - self._last_write >= WRITE_INTERVAL_S)
@@ -118,8 +106,7 @@ class RecordingWriter:
 
     def flush(self) -> None:
         """Bring every row to the file and, unless `sync` is off, to the disk."""
-        if not self._open:
-            raise ValueError("the recording is closed")
+        self._need_open()
         self._write_batches(everything=True)
         if self._sync:
             os.fsync(self._file)
@@ -129,13 +116,10 @@ class RecordingWriter:
         """Write the rest and the end record with the trial's outcome (status, reason, ..): anything JSON holds."""
         if not self._open:
             return
-        try:
-            outcome_json = json.dumps(outcome or {}, sort_keys=True, allow_nan=False)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"recording: the outcome cannot be stored as JSON: {error}") from None
+        outcome_json = as_json(outcome or {}, "outcome")
         try:
             self._write_batches(everything=True)
-            self._write_message(np.empty((0, self._width)), {"end": "end", "outcome": outcome_json})
+            self._write_message(self._none, end="end", outcome=outcome_json)
             self._stream.close()
             self._put(self._taken())
             self.flush()
@@ -154,14 +138,16 @@ class RecordingWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self.close()
         else:
-            with contextlib.suppress(OSError, ValueError):  # the first error tells the story
+            with contextlib.suppress(OSError, ValueError):  # the exception that ends the trial is raised, not this one
                 self.abandon()
+
+    def _need_open(self) -> None:
+        if not self._open:
+            raise ValueError("the recording is closed")
 
     def _release(self) -> None:
         if self._open:
@@ -170,7 +156,7 @@ class RecordingWriter:
             os.close(self._file)
 
     def _taken(self) -> bytes:
-        """What Arrow has written since the last time."""
+        """What Arrow has written since the last call."""
         taken = self._sink.getvalue()
         self._sink.seek(0)
         self._sink.truncate()
@@ -179,52 +165,44 @@ class RecordingWriter:
     def _batch(self, rows: np.ndarray) -> pa.RecordBatch:
         columns = np.ascontiguousarray(rows.T)
         arrays = []
-        for name, place in zip(self._names, self._places, strict=True):
+        for name, place in self._columns:
             if name not in TEXT_COLUMNS:
                 arrays.append(pa.array(columns[place]))
                 continue
             with np.errstate(invalid="ignore"):
                 codes = columns[place].astype(TEXT_COLUMNS[name].to_pandas_dtype())
-            if np.any(codes != columns[place]) or np.any((codes < 0) | (codes >= len(self._words[name]))):
+            if np.any((codes != columns[place]) | (codes < 0) | (codes >= len(self._words[name]))):
                 raise ValueError(f"a tick has a {name} code without a word")
-            arrays.append(pa.DictionaryArray.from_arrays(pa.array(codes), self._dictionaries[name]))
+            arrays.append(pa.DictionaryArray.from_arrays(pa.array(codes), self._words[name]))
         return pa.RecordBatch.from_arrays(arrays, schema=self._schema)
 
     def _write_batches(self, everything: bool) -> None:
-        if not self._waiting_rows or not (everything or self._waiting_rows >= BATCH_ROWS):
+        """Write the rows that wait: all of them, or as many as fill whole batches."""
+        waiting = sum(map(len, self._waiting))
+        if not waiting or not (everything or waiting >= BATCH_ROWS):
             return
-        rows = self._waiting[0] if len(self._waiting) == 1 else np.concatenate(self._waiting)
-        end = len(rows) if everything else len(rows) - len(rows) % BATCH_ROWS
-        self._waiting = [rows[end:]] if end < len(rows) else []
-        self._waiting_rows = len(rows) - end
+        rows = np.concatenate(self._waiting)
+        end = waiting if everything else waiting - waiting % BATCH_ROWS
+        self._waiting = [rows[end:]] if end < waiting else []
         for start in range(0, end, BATCH_ROWS):
-            self._write_message(rows[start : min(start + BATCH_ROWS, end)], {})
+            self._write_message(rows[start : min(start + BATCH_ROWS, end)])
         self._last_write = time.monotonic()
 
-    def _write_message(self, rows: np.ndarray, more: dict[str, str]) -> None:
-        about = {
-            "crc32": SEAL.decode(),
-            "sequence": str(self._sequence),
-            "first_row": str(self.rows_written),
-            "rows": str(len(rows)),
-        }
-        self._stream.write_batch(self._batch(rows), custom_metadata={**about, **more})
+    def _write_message(self, rows: np.ndarray, **more: str) -> None:
+        about = {"crc32": SEAL.decode(), "sequence": str(self._sequence), "first_row": str(self.rows_written)}
+        self._stream.write_batch(self._batch(rows), custom_metadata={**about, "rows": str(len(rows)), **more})
         self._put(seal(self._taken()))
         self._sequence += 1
         self.rows_written += len(rows)
 
     def _put(self, message: bytes) -> None:
         """Append a whole message; or nothing of it, OSError, and the file is closed."""
-        written = 0
         try:
-            while written < len(message):
-                written += os.write(self._file, message[written:] if written else message)
+            append_whole(self._file, message, self.bytes_written)
         except OSError:
-            with contextlib.suppress(OSError):
-                os.ftruncate(self._file, self.bytes_written)
             self._release()
             raise
-        self.bytes_written += written
+        self.bytes_written += len(message)
 
 
 def _before_first_batch(stream: bytes) -> bytes:
@@ -243,7 +221,6 @@ def convert_to_parquet(path: str | Path, sync: bool = True) -> Path:
     InputError if the stream is cut, damaged, or the other file differs; the stream then stays.
     """
     path = Path(path)
-    target = path.with_suffix(PARQUET_SUFFIX)
     if path.suffix != STREAM_SUFFIX:
         raise InputError(f"{path}: only a {STREAM_SUFFIX} stream can be converted")
     stream = read_recording(path)
@@ -251,6 +228,7 @@ def convert_to_parquet(path: str | Path, sync: bool = True) -> Path:
         raise InputError(f"{path}: damaged, not converted: {'; '.join(stream.damaged)}")
     if not stream.complete:
         raise InputError(f"{path}: has no end record, not converted")
+    target = path.with_suffix(PARQUET_SUFFIX)
     save_as_parquet(stream, target, sync)
     path.unlink()
     return target
@@ -261,27 +239,29 @@ def save_as_parquet(recording: Recording, target: Path, sync: bool = True) -> No
 
     InputError if the file that is there differs (neither is touched); OSError if it cannot be written.
     """
-    if not target.exists():
-        with written_beside(target, _parquet_bytes(recording), sync) as partial:
-            back = read_parquet(partial)
-            if not back.whole or not same_content(back, recording):
-                raise OSError(f"{partial}: what was read back differs from {recording.path.name}")
-            give_new_name(partial, target)
-    else:
-        there = read_parquet(target)
-        if not there.whole or not same_content(there, recording):
+
+    def holds_the_same(path: Path) -> bool:
+        there = read_parquet(path)
+        return there.whole and same_content(there, recording)
+
+    if target.exists():
+        if not holds_the_same(target):
             raise InputError(f"{target}: exists already and differs from {recording.path.name}, neither was touched")
+        return
+    with written_beside(target, _parquet_bytes(recording), sync) as partial:
+        if not holds_the_same(partial):
+            raise OSError(f"{partial}: what was read back differs from {recording.path.name}")
+        give_new_name(partial, target)
 
 
 def _parquet_bytes(recording: Recording) -> bytes:
-    schema = make_schema(
-        recording.braked, recording.metadata, recording.words["decision"], recording.sensors, recording.columns
-    )
+    columns, words = recording.columns, recording.words
+    schema = make_schema(recording.braked, recording.metadata, words["decision"], recording.sensors, columns)
     arrays = [
-        pa.DictionaryArray.from_arrays(pa.array(codes), pa.array(recording.words[name], pa.string()))
+        pa.DictionaryArray.from_arrays(pa.array(values), pa.array(words[name], pa.string()))
         if name in TEXT_COLUMNS
-        else pa.array(codes)
-        for name, codes in recording.columns.items()
+        else pa.array(values)
+        for name, values in columns.items()
     ]
     sink = pa.BufferOutputStream()
     with pq.ParquetWriter(
@@ -289,12 +269,10 @@ def _parquet_bytes(recording: Recording) -> bytes:
         schema,
         compression="snappy",  # on noisy doubles zstd saves a tenth of the space for twice the time
         use_dictionary=list(TEXT_COLUMNS),
-        use_byte_stream_split=[name for name in recording.columns if name not in TEXT_COLUMNS],  # a fifth smaller
+        use_byte_stream_split=[name for name in columns if name not in TEXT_COLUMNS],  # a fifth smaller
         write_statistics=False,
     ) as writer:
         writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
-        about: dict[str, Any] = {"outcome": json.dumps(recording.outcome, sort_keys=True), "crc32": SEAL.decode()}
-        writer.add_key_value_metadata(about)
+        writer.add_key_value_metadata({"outcome": as_json(recording.outcome, "outcome"), "crc32": SEAL.decode()})
     data = sink.getvalue().to_pybytes()
-    footer = len(data) - 8 - int.from_bytes(data[-8:-4], "little")
-    return seal(data, footer)
+    return seal(data, footer_at(data))

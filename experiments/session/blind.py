@@ -1,9 +1,10 @@
 """Blind sessions: the controllers stand as codes, K1, K2, .., everywhere but in the key.
 
-The key is drawn from the system's randomness, so neither seed nor plan tells it, and lies in a file of its own beside
-session.json, which holds only its SHA-256 (with a salt in the file: the key cannot be found by trying all). While a
-session is blind its plan, journal, table and the metadata of its recordings hold codes, and the table leaves out what
-reveals a controller by itself. The ticks of a recording hold currents and decisions: they reveal it to a reader.
+The key is drawn from the system's randomness, so neither seed nor plan gives it away, and lies in a file of its own
+beside session.json, which holds only its SHA-256 (with a salt in the file: the key cannot be found by trying all).
+While a session is blind its plan, journal, table and the metadata of its recordings hold codes, and the table leaves
+out what reveals a controller by itself. The ticks of a recording hold currents and decisions: they reveal it to a
+reader.
 """
 
 import hashlib
@@ -21,7 +22,7 @@ from experiments.plan import PlannedTrial, codes
 from experiments.recording.atomic_files import reason_of, written_beside
 
 KEY = "key.json"
-#: Measures that tell a controller by themselves.
+#: Measures that reveal a controller by themselves.
 TELLING = tuple(metric.name for metric in METRICS if metric.tells_controller)
 
 Coded = TypeVar("Coded", PlannedTrial, TrialRow)
@@ -47,21 +48,19 @@ def read_key(session: Path, sha256: str) -> dict[str, int]:
     path = session / KEY
     try:
         data = path.read_bytes()
-        if hashlib.sha256(data).hexdigest() != sha256:
-            raise InputError(f"{path}: does not match key_sha256 of session.json, it was changed")
-        return {str(code): int(number) for code, number in json.loads(data)["controllers"].items()}
     except OSError as error:
         raise InputError(f"{path}: the key cannot be read ({reason_of(error)})") from None
+    if hashlib.sha256(data).hexdigest() != sha256:
+        raise InputError(f"{path}: does not match key_sha256 of session.json, it was changed")
+    return {str(code): int(number) for code, number in json.loads(data)["controllers"].items()}
 
 
 def opened(thing: Coded, key: Mapping[str, int]) -> Coded:
     """A planned trial or a row with its controller in place of the code; as it is where the key has no such code."""
-    if not isinstance(thing.controller, str) or thing.controller not in key:
-        return thing
-    number = key[thing.controller]
+    number = key.get(str(thing.controller), thing.controller)
     return thing._replace(controller=number) if isinstance(thing, PlannedTrial) else replace(thing, controller=number)
 
 
 def veiled(row: TrialRow) -> TrialRow:
-    """A coded row without what tells the controller by itself."""
+    """A coded row without what reveals the controller by itself."""
     return replace(row, **dict.fromkeys(TELLING)) if isinstance(row.controller, str) else row

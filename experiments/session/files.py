@@ -15,8 +15,9 @@ DATA/trials.csv                                the rows of all participants
 import contextlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -90,15 +91,10 @@ def free_participant(data_dir: Path, participants: Sequence[str] = ()) -> str:
 
     InputError if each of them has one.
     """
-    for label in participants:
+    for label in participants or (f"{number:02d}" for number in count(1)):
         if not session_folder(data_dir, label).exists():
             return label
-    if participants:
-        raise InputError(f"{data_dir}: every participant of the protocol has a session ({', '.join(participants)})")
-    number = 1
-    while session_folder(data_dir, f"{number:02d}").exists():
-        number += 1
-    return f"{number:02d}"
+    raise InputError(f"{data_dir}: every participant of the protocol has a session ({', '.join(participants)})")
 
 
 def sessions_in(folder: Path) -> list[Path]:
@@ -137,13 +133,12 @@ def hold_lock(folder: Path, wait_s: float = 0.0) -> filelock.BaseFileLock:
 
 def is_in_use(folder: Path) -> bool:
     """Whether a live process holds the folder's lock; nothing is written."""
-    if not (folder / LOCK).exists():
-        return False
     try:
-        hold_lock(folder).release()
+        if (folder / LOCK).exists():
+            hold_lock(folder).release()
     except InputError:
         return True
-    except OSError:  # not ours to open, as on a read-only disk: no process writes there
+    except OSError:  # the lock cannot be opened, as on a read-only disk: no process writes there
         return False
     return False
 
@@ -173,37 +168,34 @@ def read_stored(session: Path) -> StoredSession:
         raise InputError(f"{path}: is damaged ({type(error).__name__}: {error})") from None
 
 
+def _stored_protocol(session: Path) -> dict[str, Any]:
+    """The protocol as a session stores it; empty where it cannot be read."""
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        return dict(json.loads((session / STORED).read_text(encoding="utf-8"))["protocol"])
+    return {}
+
+
 def other_protocol(data_dir: Path, participant: str, protocol: Protocol) -> str:
     """Whose session, the newest besides this participant's, was run by another protocol; "": it is the same one."""
-    ours = session_folder(data_dir, participant)
-    others = [path for path in data_dir.glob(f"sub-*/ses-01/{STORED}") if path.parent != ours]
+    others = [path for path in data_dir.glob(f"sub-*/ses-01/{STORED}") if path.parents[1].name != f"sub-{participant}"]
     for path in sorted(others, key=lambda path: path.stat().st_mtime, reverse=True):
-        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # it cannot be read: the one before it
-            about = json.loads(path.read_text(encoding="utf-8"))
-            return "" if about["protocol"] == protocol_to_json(protocol) else str(about["participant"])
+        if about := _stored_protocol(path.parent):
+            same = about == protocol_to_json(protocol)
+            return "" if same else path.parents[1].name.removeprefix("sub-")
     return ""
 
 
 def protocols_otherwise(data_dir: Path, participants: Sequence[str], protocol: Protocol) -> dict[str, str]:
     """Which of these participants' sessions run by another protocol than this one, and its name."""
-    ours, found = protocol_to_json(protocol), {}
-    for label in participants:
-        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # it cannot be read: it is not offered long
-            about = json.loads((session_folder(data_dir, label) / STORED).read_text(encoding="utf-8"))["protocol"]
-            if about != ours:
-                found[label] = str(about["name"])
-    return found
+    ours = protocol_to_json(protocol)
+    stored = {label: _stored_protocol(session_folder(data_dir, label)) for label in participants}
+    return {label: str(about["name"]) for label, about in stored.items() if about and about != ours}
 
 
 def rows_of(session: Path) -> list[TrialRow]:
     """The rows of a session's table; none if there is no table yet."""
     table = session / TABLE
     return read_table(table) if table.exists() else []
-
-
-def planned_fields(about: Mapping[str, Any]) -> tuple:
-    """The fields of a row that say which trial it was, from an event of the journal."""
-    return tuple(about[name] for name in PlannedTrial._fields)
 
 
 def cell(trial: PlannedTrial | TrialRow) -> tuple:

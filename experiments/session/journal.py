@@ -8,6 +8,7 @@ that a crash or a bad disk has spoilt can be made again, and `phd analyze` gives
 import contextlib
 import json
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -15,13 +16,13 @@ from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
 
 from core.device_interface import ZeroRecord
-from experiments.analysis.metrics import NO_METRICS
 from experiments.analysis.trials_table import COUNTED, TrialRow, row_of
 from experiments.plan import PlannedTrial
+from experiments.recording.atomic_files import append_whole
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Recording
 from experiments.session.blind import opened, veiled
-from experiments.session.files import CRASHED, planned_fields
+from experiments.session.files import CRASHED
 
 NAME = "journal.jsonl"
 
@@ -87,33 +88,22 @@ def write_event(folder: Path, event: Event, sync: bool = True, time: str = "", *
     OSError, and no half line, on a full disk. TypeError: the event has other fields.
     """
     if about.keys() != event.fields.keys():
-        raise TypeError(f"{event.name}: says {sorted(event.fields)}, not {sorted(about)}")
-    line = json.dumps({"time": time or now(), "event": event.name, **about})
+        raise TypeError(f"{event.name}: its fields are {sorted(event.fields)}, not {sorted(about)}")
+    line = json.dumps({"time": time or now(), "event": event.name, **about}).encode() + b"\n"
     handle = os.open(folder / NAME, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
     try:
         end = os.lseek(handle, 0, os.SEEK_END)
-        cut = False
-        if end:
-            os.lseek(handle, end - 1, os.SEEK_SET)
-            cut = os.read(handle, 1) != b"\n"
-        data = (b"\n" if cut else b"") + line.encode() + b"\n"
-        written = 0
-        try:
-            while written < len(data):
-                written += os.write(handle, data[written:])
-            if sync:
-                os.fsync(handle)
-        except OSError:
-            with contextlib.suppress(OSError):
-                os.ftruncate(handle, end)
-            raise
+        os.lseek(handle, max(end - 1, 0), os.SEEK_SET)
+        is_cut = os.read(handle, 1) not in (b"\n", b"")
+        append_whole(handle, b"\n" + line if is_cut else line, end, sync)
     finally:
         os.close(handle)
 
 
 def read_events(folder: Path) -> list[Entry]:
-    """Every event that can be read, in order; passed over are a line that a crash cut off and an event that is not
-    declared, or not as it is declared.
+    """Every event that can be read, in order.
+
+    Left out are a line that a crash cut off, and an event that is not declared or does not have the declared fields.
     """
     try:
         lines = (folder / NAME).read_bytes().splitlines()
@@ -121,42 +111,32 @@ def read_events(folder: Path) -> list[Entry]:
         return []
     entries = []
     for line in lines:
-        with contextlib.suppress(ValueError):
-            if (entry := _entry(json.loads(line))) is not None:
-                entries.append(entry)
+        with contextlib.suppress(ValueError, TypeError, KeyError):
+            about = json.loads(line)
+            event, time = EVENTS[about["event"]], about["time"]
+            fields = {name: about[name] for name in event.fields}
+            if isinstance(time, str) and all(isinstance(fields[name], kind) for name, kind in event.fields.items()):
+                entries.append(Entry(event, time, fields))
     return entries
-
-
-def _entry(line: object) -> Entry | None:
-    if not isinstance(line, dict) or not isinstance(line.get("time"), str):
-        return None
-    event = EVENTS.get(str(line.get("event")))
-    if event is None or not all(name in line and isinstance(line[name], kind) for name, kind in event.fields.items()):
-        return None
-    return Entry(event, line["time"], {name: line[name] for name in event.fields})
 
 
 # ------------------------------------------------------------------------------------- what follows for table and plan
 
 
-@dataclass(frozen=True)
+@dataclass
 class JournalSummary:
     """What the journal of a session says of its trials."""
 
     begun: dict[int, dict] = field(default_factory=dict)  # run -> the event
     skipped: dict[int, dict] = field(default_factory=dict)  # run -> the event
-    redone: dict[int, str] = field(default_factory=dict)  # run -> reason
-    excluded: dict[int, str] = field(default_factory=dict)  # run -> reason
-    practised: dict[str, int] = field(default_factory=dict)  # configuration -> practice trials done or skipped
+    marked: dict[int, str] = field(default_factory=dict)  # run -> its status since, "redone" or "excluded"
+    practised: Counter[str] = field(default_factory=Counter)  # configuration -> practice trials done or skipped
     key: dict[str, int] | None = None  # code -> controller, once the session is unblinded
 
     def row(self, row: TrialRow) -> TrialRow:
         """A row, from its recording or of a skipped trial, as it stands in the table."""
         row = opened(row, self.key) if self.key is not None else veiled(row)
-        for status, runs in (("redone", self.redone), ("excluded", self.excluded)):
-            if row.run in runs:
-                return replace(row, status=status)
-        return row
+        return replace(row, status=self.marked.get(row.run, row.status))
 
     def plan(self, plan: tuple[PlannedTrial, ...]) -> tuple[PlannedTrial, ...]:
         """The stored plan, opened if the session is unblinded."""
@@ -166,21 +146,18 @@ class JournalSummary:
 def journal_summary(session: Path) -> JournalSummary:
     """The summary of a session's journal, as far as it can be read."""
     found = JournalSummary()
-    key = None
     for event, _, about in read_events(session):
         if event is BEGUN:
             found.begun[about["run"]] = about
         elif event is SKIPPED and about["block"]:
             found.skipped[about["run"]] = about
-        elif event is REDONE:
-            found.redone[about["run"]] = about["reason"]
-        elif event is EXCLUDED:
-            found.excluded[about["run"]] = about["reason"]
+        elif event is REDONE or event is EXCLUDED:
+            found.marked[about["run"]] = event.name
         elif event is SKIPPED or (event is PRACTICE_ENDED and about["status"] in COUNTED):
-            found.practised[about["configuration"]] = found.practised.get(about["configuration"], 0) + 1
+            found.practised[about["configuration"]] += 1
         elif event is UNBLINDED:
-            key = {str(code): int(number) for code, number in about["key"].items()}
-    return replace(found, key=key)
+            found.key = {str(code): int(number) for code, number in about["key"].items()}
+    return found
 
 
 def recorded_row(recording: Recording, folder: Path, journal: JournalSummary) -> TrialRow:
@@ -189,34 +166,33 @@ def recorded_row(recording: Recording, folder: Path, journal: JournalSummary) ->
 
 
 def rows_as_journalled(session: Path, rows: Sequence[TrialRow], journal: JournalSummary) -> list[TrialRow]:
-    """A table's rows as the journal wants them; what a coded row left out comes from its recording.
+    """A table's rows as the journal wants them.
 
-    A stream that has become Parquet since is named as that.
+    What a coded row left out comes from its recording. A stream that has become Parquet since is named as that.
     """
-    right = []
-    for row in rows:
+
+    def as_journalled(row: TrialRow) -> TrialRow:
         if journal.key is not None and isinstance(row.controller, str) and row.recording:
             recording = read_recording(session / row.recording)
-            right.append(recorded_row(recording, session, journal) if recording.whole else journal.row(row))
-        else:
-            right.append(journal.row(row))
-        if right[-1].recording.endswith(STREAM_SUFFIX):
-            kept = Path(right[-1].recording).with_suffix(PARQUET_SUFFIX)
-            right[-1] = replace(right[-1], recording=kept.as_posix()) if (session / kept).exists() else right[-1]
-    return right
+            row = row_of(recording, session) if recording.whole else row
+        row, parquet = journal.row(row), row.recording.removesuffix(STREAM_SUFFIX) + PARQUET_SUFFIX
+        became_parquet = row.recording.endswith(STREAM_SUFFIX) and (session / parquet).exists()
+        return replace(row, recording=parquet) if became_parquet else row
+
+    return [as_journalled(row) for row in rows]
 
 
 def rows_without_recording(session: Path, journal: JournalSummary) -> list[TrialRow]:
     """Rows of trials that have no recording: skipped ones, and those of which a crash left not one tick to read."""
-    rows = [journal.row(unmeasured_row(session, event, "skipped")) for event in journal.skipped.values()]
+    rows = [unmeasured_row(session, event, "skipped") for event in journal.skipped.values()]
     for run, event in journal.begun.items():
         lost = any(session.glob(f"trials/run-{run:03d}{STREAM_SUFFIX}.{CRASHED}*"))
-        if lost and not any(session.glob(f"trials/run-{run:03d}.parquet")):
-            rows.append(journal.row(unmeasured_row(session, event, "recovered")))
-    return sorted(rows, key=lambda row: row.run)
+        if lost and not (session / f"trials/run-{run:03d}{PARQUET_SUFFIX}").exists():
+            rows.append(unmeasured_row(session, event, "recovered"))
+    return sorted(map(journal.row, rows), key=lambda row: row.run)
 
 
 def unmeasured_row(session: Path, event: Mapping[str, Any], status: str) -> TrialRow:
     """The row of a trial of which nothing was measured, from its place in the plan as the journal has it."""
     participant = session.parent.name.removeprefix("sub-")
-    return TrialRow(participant, *planned_fields(event), status).with_metrics(NO_METRICS)
+    return TrialRow(participant, *(event[name] for name in PlannedTrial._fields), status)

@@ -3,8 +3,8 @@
 A stream without its end: every whole batch becomes run-007.parquet with the outcome "recovered", read back and
 compared; the stream itself stays beside it as run-007.arrows.crashed. A stream that was closed: becomes the Parquet
 file that the crash prevented. A recording without a row: gets its row, and so does a trial that was skipped; a row
-that lags behind the journal (redone, unblinded) follows it. Half-written files: removed (each was a copy in the
-making). Every step can be cut short by another crash and is then taken up where it was left.
+that lags behind the journal (redone, excluded, unblinded) follows it. Half-written files: removed (each was a copy in
+the making). Every step can be cut short by another crash and is then taken up where it was left.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from core.files import InputError
-from experiments.analysis.trials_table import TrialRow, append_row, read_table, table_bytes, write_table
+from experiments.analysis.trials_table import append_row, read_table, table_bytes, write_table
 from experiments.recording.atomic_files import PARTIAL_FILES, set_aside
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Recording
@@ -34,7 +34,6 @@ from experiments.session.files import (
 )
 from experiments.session.journal import (
     PUT_IN_ORDER,
-    JournalSummary,
     journal_summary,
     recorded_row,
     rows_as_journalled,
@@ -49,7 +48,7 @@ CUT_OFF = "cut off before its end"
 
 @dataclass
 class Rescue:
-    """What was done, file by file."""
+    """What was done, file by file; the journal's event has the same fields."""
 
     recovered: list[str] = field(default_factory=list)  # trials that a crash cut short
     completed: list[str] = field(default_factory=list)  # closed streams that had not become Parquet
@@ -58,11 +57,6 @@ class Rescue:
     set_aside: list[str] = field(default_factory=list)  # kept under another name
     removed: list[str] = field(default_factory=list)  # half-written copies
     not_rescued: list[str] = field(default_factory=list)  # what cannot be helped, and why
-
-    @property
-    def did_something(self) -> bool:
-        """Whether anything was changed."""
-        return any((self.recovered, self.completed, self.rows_added, self.rows_changed, self.set_aside, self.removed))
 
 
 def recover(folder: Path, progress: Callable[[float], None] | None = None) -> dict:
@@ -78,10 +72,9 @@ def recover(folder: Path, progress: Callable[[float], None] | None = None) -> di
         for place in dict.fromkeys([folder, *sessions]) if sessions else []:
             locks.enter_context(hold_lock(place))
         for number, session in enumerate(sessions, start=1):
-            done = recover_session(session)
-            place = session.relative_to(folder).as_posix()
-            for name, entries in vars(done).items():
-                getattr(total, name).extend(f"{place}/{entry}" if place != "." else entry for entry in entries)
+            inside = "" if session == folder else f"{session.relative_to(folder).as_posix()}/"
+            for name, entries in vars(recover_session(session)).items():
+                getattr(total, name).extend(f"{inside}{entry}" for entry in entries)
             if progress:
                 progress(0.5 * number / len(sessions))
         if folder not in sessions and (folder / TABLE).exists():
@@ -92,28 +85,25 @@ def recover(folder: Path, progress: Callable[[float], None] | None = None) -> di
 
 def _settle_pooled_table(folder: Path, done: Rescue) -> None:
     """Rewrite the table of all participants where it lags; one that names trials that no session has stays."""
-    table = folder / TABLE
+    there = []
     try:
-        there = read_table(table)
+        there = read_table(folder / TABLE)
     except InputError:
-        done.set_aside.append(set_aside(table, DAMAGED).name)
-        there = []
+        done.set_aside.append(set_aside(folder / TABLE, DAMAGED).name)
     try:
         rows = pooled_rows(folder)
     except InputError:  # a session's table cannot be read: it is named among the faults
         return
-    if {(row.participant, row.run) for row in there} <= {(row.participant, row.run) for row in rows}:
-        if there != rows:
-            write_pooled_table(folder)
-            added = f"{len(rows) - len(there)} trials added"
-            done.rows_changed.append(f"{TABLE}: {added if len(rows) > len(there) else 'as the sessions say'}")
+    if there != rows and {(row.participant, row.run) for row in there} <= {(row.participant, row.run) for row in rows}:
+        write_pooled_table(folder)
+        added = len(rows) - len(there)
+        done.rows_changed.append(f"{TABLE}: {f'{added} trials added' if added > 0 else 'as the sessions say'}")
 
 
 def recover_session(session: Path, sync: bool = True) -> Rescue:
     """Put one session in order; the caller holds its lock. A session that is in order is not touched."""
     done = Rescue()
-    places = (PARTIAL_FILES, f"{TRIALS}/{PARTIAL_FILES}", f"{PRACTICE}/{PARTIAL_FILES}")
-    for partial in sorted(path for pattern in places for path in session.glob(pattern)):
+    for partial in sorted(path for place in ("", TRIALS, PRACTICE) for path in (session / place).glob(PARTIAL_FILES)):
         partial.unlink()
         done.removed.append(partial.relative_to(session).as_posix())
     for files in (*runs_on_disk(session).values(), *runs_on_disk(session, PRACTICE).values()):
@@ -123,10 +113,10 @@ def recover_session(session: Path, sync: bool = True) -> Rescue:
             except InputError as error:
                 done.not_rescued.append(seen_from(session, str(error)))
     try:
-        _add_rows(session, done)
+        _settle_table(session, done)
     except InputError as error:
         done.not_rescued.append(seen_from(session, str(error)))
-    if done.did_something:
+    if any(entries for name, entries in vars(done).items() if name != "not_rescued"):
         write_event(session, PUT_IN_ORDER, sync, **vars(done))
     return done
 
@@ -141,15 +131,15 @@ def _settle_stream(session: Path, path: Path, done: Rescue, sync: bool) -> None:
         convert_to_parquet(path, sync)
         done.completed.append(name)
         return
-    if stream.columns and not (target.exists() and _holds_more(read_recording(target), stream)):
+    if stream.columns and not (target.exists() and _is_closed_form(read_recording(target), stream)):
         save_as_parquet(as_recovered(stream), target, sync)
     done.recovered.append(f"{name} ({'; '.join([f'{stream.rows} ticks kept', *stream.damaged])})")
     done.set_aside.append(set_aside(path, CRASHED).relative_to(session).as_posix())
 
 
-def _holds_more(there: Recording, stream: Recording) -> bool:
-    """Whether a whole Parquet file is the closed form of this stream, which was damaged afterwards."""
-    return there.outcome.get("status") != RECOVERED and there.metadata == stream.metadata
+def _is_closed_form(parquet: Recording, stream: Recording) -> bool:
+    """Whether a whole Parquet file was made of this stream before the stream was damaged: then it holds more."""
+    return parquet.outcome.get("status") != RECOVERED and parquet.metadata == stream.metadata
 
 
 def as_recovered(stream: Recording) -> Recording:
@@ -158,42 +148,37 @@ def as_recovered(stream: Recording) -> Recording:
     return replace(stream, outcome=outcome, complete=True, damaged=[])
 
 
-def _add_rows(session: Path, done: Rescue) -> None:
+def _settle_table(session: Path, done: Rescue) -> None:
+    """Add the rows that are missing, then change those that lag behind the journal."""
+    table = session / TABLE
     try:
-        have = {row.run for row in rows_of(session)}
-    except InputError:  # every row can be had again from its recording
-        done.set_aside.append(set_aside(session / TABLE, DAMAGED).name)
-        have = set()
+        rows, is_spoilt = rows_of(session), False
+    except InputError:  # every row can be had again
+        rows, is_spoilt = [], True
     journal = journal_summary(session)
     bare = {row.run: row for row in rows_without_recording(session, journal)}
     on_disk = runs_on_disk(session)
-    table = session / TABLE
-    if {*on_disk, *bare} - have and table.exists() and table.read_bytes() != table_bytes(rows_of(session)):
-        done.set_aside.append(set_aside(table, DAMAGED).name)  # changed by hand: nothing can be added to it
-        have = set()
-    for run in sorted({*on_disk, *bare} - have):
-        path, row = on_disk.get(run, {}).get(PARQUET_SUFFIX), bare.get(run)
-        if path is not None:
-            row = _measured(path, session, journal, done)
-        if row is None:
-            continue
-        append_row(session / TABLE, row)
-        done.rows_added.append(f"{TABLE}: run {run}, {row.status}")
+    missing = {*on_disk, *bare} - {row.run for row in rows}
+    if is_spoilt or (missing and table.exists() and table.read_bytes() != table_bytes(rows)):  # or changed by hand
+        done.set_aside.append(set_aside(table, DAMAGED).name)
+        missing = {*on_disk, *bare}
+    for run in sorted(missing):
+        row = bare.get(run)
+        if (path := on_disk.get(run, {}).get(PARQUET_SUFFIX)) is not None:
+            try:
+                recording = read_recording(path)
+                if not recording.whole:
+                    raise InputError(f"{path}: {'; '.join(recording.damaged)}")
+                row = recorded_row(recording, session, journal)
+            except InputError as error:  # other trials get their rows
+                done.not_rescued.append(seen_from(session, str(error)))
+                continue
+        if row is not None:
+            append_row(table, row)
+            done.rows_added.append(f"{TABLE}: run {run}, {row.status}")
     rows = rows_of(session)
     right = rows_as_journalled(session, rows, journal)
     if right != rows:
-        write_table(session / TABLE, right, replacing=True)
+        write_table(table, right, replacing=True)
         changed = [str(new.run) for old, new in zip(rows, right, strict=True) if new != old]
         done.rows_changed.append(f"{TABLE}: run {', '.join(changed)}, as the journal says")
-
-
-def _measured(path: Path, session: Path, journal: JournalSummary, done: Rescue) -> TrialRow | None:
-    """The row of a recording; None where it can give none, which is reported; other trials get theirs."""
-    try:
-        recording = read_recording(path)
-        if recording.whole:
-            return recorded_row(recording, session, journal)
-        done.not_rescued.append(f"{path.relative_to(session).as_posix()}: {'; '.join(recording.damaged)}")
-    except InputError as error:
-        done.not_rescued.append(seen_from(session, str(error)))
-    return None

@@ -8,6 +8,7 @@ import contextlib
 import importlib.metadata
 import json
 import platform
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,6 +18,7 @@ import msgspec
 import numpy as np
 
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
+from core.device import Device
 from core.files import InputError
 from core.path import build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
@@ -32,10 +34,11 @@ from experiments.plan import (
     practice_trial,
 )
 from experiments.protocol import Protocol, protocol_to_json
-from experiments.recording.atomic_files import is_wrong_path, written_beside
+from experiments.recording.atomic_files import refusing, write_new_file
 from experiments.recording.reader import STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
+from experiments.session import journal as events
 from experiments.session.blind import KEY, new_key, read_key, write_key
 from experiments.session.files import (
     LOCK,
@@ -55,18 +58,6 @@ from experiments.session.files import (
     write_pooled_table,
 )
 from experiments.session.journal import (
-    BEGUN,
-    CREATED,
-    ENDED,
-    EXCLUDED,
-    LEFT_AS_STREAM,
-    NOTE,
-    PRACTICE_BEGUN,
-    PRACTICE_ENDED,
-    REDONE,
-    RESUMED,
-    SKIPPED,
-    UNBLINDED,
     Event,
     JournalSummary,
     journal_summary,
@@ -75,7 +66,6 @@ from experiments.session.journal import (
     unmeasured_row,
     write_event,
 )
-from experiments.session.journal import NAME as JOURNAL
 from experiments.session.recover import recover_session
 from experiments.trial.inputs import OPERATOR, SENSOR
 from experiments.trial.operator import Person
@@ -98,50 +88,47 @@ class Session:
         blind: bool | None = None,
         hand: str = "mouse",
         operators: Operators | None = None,
+        form: Mapping[str, str | float] | None = None,
     ) -> None:
         """Create the folder and store the plan. person: a simulated operator; None: a hand at the mouse or device.
 
-        blind: whether the controllers stand as codes (None: as the protocol says; a simulated operator's never do).
+        blind: whether the controllers stand as codes (None: as in the protocol; a simulated operator's never do).
         sync = False leaves it to the system when data reach the disk (simulated studies: they can be run again).
         hand: what moves the handle where it is no simulated operator. operators: the population of the person.
+        form: what the participant answered of what the protocol asks.
         InputError if the session exists, is none of the protocol's, or the folder cannot be made.
         """
-        if not (participant.isascii() and participant.isalnum()):
-            raise InputError(f"participant {participant!r}: must be letters and digits only")
         if person is None:
             protocol.refuse_stranger(participant)
+        protocol.refuse_answers(form or {})
+        is_blind = (protocol.blind and person is None) if blind is None else blind
+        plan = make_plan(protocol, participant, is_blind)
         refuse_existing(data_dir, participant)
         self._take_up(data_dir, participant, protocol, person, sync)
-        self.operators = operators
-        self.hand = OPERATOR if person else hand
-        self.blind = (protocol.blind and person is None) if blind is None else blind
-        self._plan_as(make_plan(protocol, participant, self.blind))
-        try:
-            (self.folder / TRIALS).mkdir(parents=True, exist_ok=True)
-            self._lock = hold_lock(self.folder)
-        except OSError as error:
-            remove_empty(self.folder)
-            if not is_wrong_path(error):
+        self.hand, self.operators, self.blind = OPERATOR if person else hand, operators, is_blind
+        self.plan, self.plan_sha256 = plan, plan_hash(plan)
+        with refusing(self.folder, "cannot be created"):
+            try:
+                (self.folder / TRIALS).mkdir(parents=True, exist_ok=True)
+                self._lock = hold_lock(self.folder)
+            except OSError:
+                remove_empty(self.folder)
                 raise
-            raise InputError(f"{self.folder}: cannot be created ({(error.strerror or '').lower()})") from None
         try:
             refuse_existing(data_dir, participant)  # another process was faster
         except InputError:
             self.close()
             raise
         try:
-            key_sha256 = ""
             if self.blind:
                 self._key = new_key(protocol.controllers)
-                key_sha256 = write_key(self.folder, self._key, sync)
-            about = session_about(participant, protocol, person, operators, self.hand, self.plan, key_sha256)
-            text = json.dumps(about, indent=1, sort_keys=True).encode() + b"\n"
-            with written_beside(self.folder / STORED, text, sync) as partial:
-                partial.rename(self.folder / STORED)
-            self.journal(CREATED, plan=self.plan_sha256)
+            about = self._about(write_key(self.folder, self._key, sync) if self.blind else "")
+            about |= {"form": dict(form)} if form else {}
+            write_new_file(self.folder / STORED, json.dumps(about, indent=1, sort_keys=True).encode() + b"\n", sync)
+            self.journal(events.CREATED, plan=self.plan_sha256)
         except BaseException:
-            for name in (STORED, KEY, JOURNAL, LOCK):
-                with contextlib.suppress(OSError):  # the first error tells the story
+            for name in (STORED, KEY, events.NAME, LOCK):
+                with contextlib.suppress(OSError):  # the first error is the one to report
                     (self.folder / name).unlink()
             self.close()
             remove_empty(self.folder)
@@ -158,44 +145,62 @@ class Session:
         """
         folder = session_folder(data_dir, participant)
         stored = read_stored(folder)
+        session = cls.__new__(cls)
         try:
             person = Person(**stored.about["person"]) if stored.about["person"] else None
-            blind, key_sha256 = bool(stored.about["blind"]), str(stored.about["key_sha256"])
-            hand, operators = str(stored.about["hand"]), operators_from_json(stored.about)
+            session._take_up(data_dir, participant, stored.protocol, person, sync)
+            session.hand, session.operators = str(stored.about["hand"]), operators_from_json(stored.about)
+            was_blind, key_sha256 = bool(stored.about["blind"]), str(stored.about["key_sha256"])
         except (KeyError, TypeError) as error:
             raise InputError(f"{folder / STORED}: is damaged ({type(error).__name__}: {error})") from None
-        session = cls.__new__(cls)
-        session._take_up(data_dir, participant, stored.protocol, person, sync)
         session._lock = hold_lock(folder)
         try:
             recover_session(folder, sync)
-            session._summary = journal_summary(folder)
-            session._plan_as(stored.plan)
-            session.plan = session._summary.plan(stored.plan)
-            session.hand, session.operators = hand, operators
-            session.blind = blind and session._summary.key is None
-            session._practised = dict(session._summary.practised)
-            session._key = read_key(folder, key_sha256) if session.blind else session._summary.key or {}
+            session._summary = summary = journal_summary(folder)
+            session.plan, session.plan_sha256 = summary.plan(stored.plan), plan_hash(stored.plan)
+            session.blind = was_blind and summary.key is None
+            session._key = read_key(folder, key_sha256) if session.blind else summary.key or {}
             session.rows = rows_of(folder)
-            if still_open := len(open_trials(session.plan, session.rows)):
-                session.journal(RESUMED, open=still_open)
+            if session._waiting:
+                session.journal(events.RESUMED, open=len(session._waiting))
         except BaseException:
             session.close()
             raise
         return session
 
     def _take_up(self, data_dir: Path, participant: str, protocol: Protocol, person: Person | None, sync: bool) -> None:
+        """What a new session and a resumed one begin with."""
         self.data_dir, self.participant, self.protocol, self.person = data_dir, participant, protocol, person
-        self.devices = {device.name: device for device in protocol.devices}
         self.folder = session_folder(data_dir, participant)
-        self.rows = []
-        self.blind, self._key, self._practised = False, {}, {}
+        self.rows: list[TrialRow] = []
+        self._key: dict[str, int] = {}  # code -> controller
         self._summary = JournalSummary()
         self._sync = sync
-        self._simulations = {}
+        self._simulations: dict[str, SimulatedDevice] = {}
 
-    def _plan_as(self, plan: tuple[PlannedTrial, ...]) -> None:
-        self.plan, self.plan_sha256 = plan, plan_hash(plan)
+    def close(self) -> None:
+        """Let other processes have the session."""
+        self._lock.release()
+
+    def journal(self, event: Event, **about: Any) -> None:
+        """Append one line: what happened, and when (`time`: if not now)."""
+        write_event(self.folder, event, self._sync, **about)
+
+    def note(self, text: str) -> None:
+        """Keep a remark of the experimenter, with the time."""
+        self.journal(events.NOTE, text=text)
+
+    # ----------------------------------------------------------------------------------------------- what comes next
+
+    @property
+    def _waiting(self) -> list[PlannedTrial]:
+        """The planned trials, in order, that are not settled."""
+        return open_trials(self.plan, self.rows)
+
+    @property
+    def settled(self) -> int:
+        """How many trials of the plan are settled."""
+        return len(self.plan) - len(self._waiting)
 
     def next_planned(self) -> PlannedTrial | None:
         """The first trial of the plan that is not settled, or the practice that comes before it; None: all are.
@@ -203,46 +208,38 @@ class Session:
         It takes the next free run number if its own is used up, by a crash or because it is done again: same cell of
         the plan, another recording. A simulated operator does not practise.
         """
-        waiting = open_trials(self.plan, self.rows)
-        if not waiting:
+        if not (waiting := self._waiting):
             return None
-        due = self._practised.get(waiting[0].configuration, 0) < self.protocol.practice_trials
-        if due and self.person is None and not self._begun(waiting[0].configuration):
+        coming = waiting[0]
+        is_begun = any(row.configuration == coming.configuration for row in self.rows)
+        due = self._summary.practised[coming.configuration] < self.protocol.practice_trials
+        if due and self.person is None and not is_begun:
             return self.next_practice()
         used = runs_used(self.folder) | {row.run for row in self.rows}
-        if waiting[0].run not in used:
-            return waiting[0]
-        return waiting[0]._replace(run=max(used | {trial.run for trial in self.plan}) + 1)
-
-    def _begun(self, configuration: str) -> bool:
-        return any(row.configuration == configuration for row in self.rows)
+        if coming.run not in used:
+            return coming
+        return coming._replace(run=max(used | {trial.run for trial in self.plan}) + 1)
 
     def next_practice(self) -> PlannedTrial:
         """A practice trial (block 0) in the configuration that comes next, due or not. InputError if nothing comes."""
-        waiting = open_trials(self.plan, self.rows)
-        if not waiting:
+        if not (waiting := self._waiting):
             raise InputError("all trials of the plan are done, there is nothing to practise for")
         configuration = waiting[0].configuration
-        number = self._practised.get(configuration, 0) + 1
+        number = self._summary.practised[configuration] + 1
         planned = practice_trial(self.protocol, self.participant, configuration, number, bool(self._key))
         run = max(runs_used(self.folder, PRACTICE), default=0) + 1
-        controller = planned.controller if self.blind else self._number(planned)
-        return planned._replace(run=run, controller=controller)
-
-    @property
-    def settled(self) -> int:
-        """How many trials of the plan are settled."""
-        return len(self.plan) - len(open_trials(self.plan, self.rows))
+        return planned._replace(run=run, controller=planned.controller if self.blind else self._number(planned))
 
     @property
     def break_due(self) -> bool:
         """Whether a break of the protocol comes before the next trial."""
-        waiting = open_trials(self.plan, self.rows)
-        if not waiting:
+        if not (waiting := self._waiting):
             return False
         here = waiting[0].configuration
-        left = sum(trial.configuration == here for trial in waiting)
-        return break_after(self.protocol, sum(trial.configuration == here for trial in self.plan) - left, left)
+        left, whole = (sum(trial.configuration == here for trial in trials) for trials in (waiting, self.plan))
+        return break_after(self.protocol, whole - left, left)
+
+    # -------------------------------------------------------------------------------------------------------- a trial
 
     def _number(self, planned: PlannedTrial) -> int:
         controller = planned.controller
@@ -259,50 +256,35 @@ class Session:
             path = build_path(path_file, f"path {number}")
             x, y, _, _ = point_at(path, 0.5 * path.length)
             hand = None if self.person else self.protocol.mouse.hand()
-            self._simulations[configuration] = SimulatedDevice(self.devices[configuration], (x, y), hand)
+            self._simulations[configuration] = SimulatedDevice(self.protocol.device(configuration), (x, y), hand)
             self._simulations[configuration].hand.grips["target"][0, :2] = (x, y)
         return self._simulations[configuration]
-
-    def _trial(self, planned: PlannedTrial, real: bool) -> Trial:
-        generator = None
-        if self.person:  # the same noise for every controller and configuration
-            key = [self.protocol.seed, participant_index(self.participant), planned.segment, planned.repetition]
-            generator = np.random.default_rng(np.random.SeedSequence(key))
-        device = self.devices[planned.configuration] if real else self.simulation(planned.configuration)
-        return Trial(
-            device, planned, self.protocol.paths[planned.segment], self.preset(planned), self.protocol.rules,
-            self.protocol.trial, None if real else self.person, generator,
-        )  # fmt: skip
-
-    def close(self) -> None:
-        """Let other processes have the session."""
-        self._lock.release()
-
-    def journal(self, event: Event, **about: Any) -> None:
-        """Append one line: what happened, and when (`time`: if not now)."""
-        write_event(self.folder, event, self._sync, **about)
-
-    def note(self, text: str) -> None:
-        """Keep a remark of the experimenter, with the time."""
-        self.journal(NOTE, text=text)
 
     def begin(self, planned: PlannedTrial, sensors: Sensors | None = None) -> tuple[Trial, RecordingWriter]:
         """Open a trial, or a practice trial (block 0), and its recording.
 
         sensors: of the device on the bench, on which it is to be run; None: on the simulated device.
         """
-        trial = self._trial(planned, real=sensors is not None)
-        practice = planned.block == PRACTICE_BLOCK
-        if practice:
-            (self.folder / PRACTICE).mkdir(exist_ok=True)
-        name = run_path(self.folder, planned.run, STREAM_SUFFIX, PRACTICE if practice else TRIALS)
-        device = self.devices[planned.configuration]
-        preset = None if self.blind else self.preset(planned)
-        about = recording_metadata(self.participant, self.protocol, self.operators, self.hand, trial, preset)
-        about["plan_sha256"] = self.plan_sha256
-        writer = RecordingWriter(name, device.braked, about, sync=self._sync, sensors=sensors)
+        generator = None
+        if self.person:  # the same noise for every controller and configuration
+            key = [self.protocol.seed, participant_index(self.participant), planned.segment, planned.repetition]
+            generator = np.random.default_rng(np.random.SeedSequence(key))
+        file = self.protocol.device(planned.configuration)
+        device: Device | SimulatedDevice = file if sensors else self.simulation(planned.configuration)
+        preset = self.preset(planned)
+        trial = Trial(
+            device, planned, self.protocol.paths[planned.segment], preset, self.protocol.rules, self.protocol.trial,
+            None if sensors else self.person, generator,
+        )  # fmt: skip
+        is_practice = planned.block == PRACTICE_BLOCK
+        folder = PRACTICE if is_practice else TRIALS
+        (self.folder / folder).mkdir(exist_ok=True)
+        writer = RecordingWriter(
+            run_path(self.folder, planned.run, STREAM_SUFFIX, folder), file.braked, self._metadata(trial, preset),
+            sync=self._sync, sensors=sensors,
+        )  # fmt: skip
         try:
-            self.journal(PRACTICE_BEGUN if practice else BEGUN, **planned._asdict())
+            self.journal(events.PRACTICE_BEGUN if is_practice else events.BEGUN, **planned._asdict())
         except OSError:
             writer.abandon()
             raise
@@ -327,17 +309,15 @@ class Session:
         except OSError as error:
             if not raw_will_do:
                 raise
-            self.journal(LEFT_AS_STREAM, file=path.name, reason=error.strerror or str(error))
+            self.journal(events.LEFT_AS_STREAM, file=path.name, reason=error.strerror or str(error))
         row = recorded_row(read_recording(path), self.folder, self._summary)
         ended = {"run": row.run, "status": row.status, "reason": outcome["reason"]}
         if trial.planned.block == PRACTICE_BLOCK:
-            self.journal(PRACTICE_ENDED, **ended, configuration=row.configuration)
-            if row.status in COUNTED:
-                self._practise(row.configuration)
-            return row
-        append_row(self.folder / TABLE, row)
-        self.rows.append(row)
-        self.journal(ENDED, **ended)
+            self.journal(events.PRACTICE_ENDED, **ended, configuration=row.configuration)
+            self._summary.practised[row.configuration] += row.status in COUNTED
+        else:
+            self._add(row)
+            self.journal(events.ENDED, **ended)
         return row
 
     def put_in_order(self) -> list[str]:
@@ -349,21 +329,19 @@ class Session:
         self.rows[:] = rows_of(self.folder)
         return done.not_rescued
 
-    def _practise(self, configuration: str) -> None:
-        self._practised[configuration] = self._practised.get(configuration, 0) + 1
+    # ------------------------------------------------------------------------------------ what the experimenter decides
 
     def skip(self, reason: str) -> TrialRow:
         """Leave the coming trial, or practice trial, out: its cell is settled, without a recording; its row."""
         planned = self.next_planned()
         if planned is None:
             raise InputError("all trials of the plan are done, there is none to skip")
-        self.journal(SKIPPED, **planned._asdict(), reason=reason)
+        self.journal(events.SKIPPED, **planned._asdict(), reason=reason)
         row = unmeasured_row(self.folder, planned._asdict(), "skipped")
         if planned.block == PRACTICE_BLOCK:
-            self._practise(planned.configuration)
-            return row
-        append_row(self.folder / TABLE, row)
-        self.rows.append(row)
+            self._summary.practised[planned.configuration] += 1
+        else:
+            self._add(row)
         return row
 
     def redo(self, run: int, reason: str) -> TrialRow:
@@ -371,28 +349,30 @@ class Session:
 
         InputError if there is no such run, or its cell is open anyway.
         """
-        found = next((row for row in self.rows if row.run == run), None)
-        if found is None or found.status not in SETTLED:
-            why = "is not done yet" if found is None else f"is {found.status}: its trial comes again by itself"
-            raise InputError(f"run {run}: {why}, there is nothing to do again")
-        self.journal(REDONE, run=run, reason=reason)
-        self._replace_rows([replace(row, status="redone") if row is found else row for row in self.rows])
-        return next(row for row in self.rows if row.run == run)
+        otherwise = "its trial comes again by itself, there is nothing to do again"
+        return self._mark(run, events.REDONE, reason, SETTLED, otherwise)
 
     def exclude(self, run: int, reason: str) -> TrialRow:
         """Take a run out of every result but the table: its recording stays, its row becomes `excluded`; that row.
 
         Its cell of the plan is settled. InputError if there is no such run, it does not count, or no reason is given.
         """
-        found = next((row for row in self.rows if row.run == run), None)
-        if found is None or found.status not in COUNTED:
-            why = "is not done yet" if found is None else f"is {found.status} and does not count anyway"
-            raise InputError(f"run {run}: {why}, there is nothing to exclude")
         if not reason.strip():
             raise InputError(f"run {run}: a reason is needed to exclude it")
-        self.journal(EXCLUDED, run=run, reason=reason)
-        self._replace_rows([replace(row, status="excluded") if row is found else row for row in self.rows])
-        return next(row for row in self.rows if row.run == run)
+        otherwise = "it does not count anyway, there is nothing to exclude"
+        return self._mark(run, events.EXCLUDED, reason, COUNTED, otherwise)
+
+    def _mark(self, run: int, event: Event, reason: str, of: tuple[str, ...], otherwise: str) -> TrialRow:
+        """Journal that a run, whose status must be one `of` these, is redone or excluded; its row."""
+        found = next((row for row in self.rows if row.run == run), None)
+        if found is None:
+            raise InputError(f"run {run}: is not done yet")
+        if found.status not in of:
+            raise InputError(f"run {run}: is {found.status}: {otherwise}")
+        self.journal(event, run=run, reason=reason)
+        marked = replace(found, status=event.name)
+        self._replace_rows([marked if row is found else row for row in self.rows])
+        return marked
 
     def unblind(self, who: str) -> None:
         """Open the key: codes become controllers in the tables, from now on; who did it is journalled first.
@@ -403,70 +383,65 @@ class Session:
             raise InputError(f"{self.folder}: is not blind, there is no key to open")
         if not who.strip():
             raise InputError(f"{self.folder}: say who opens the key")
-        self.journal(UNBLINDED, who=who, key=self._key)
+        self.journal(events.UNBLINDED, who=who, key=self._key)
         self._summary, self.blind = journal_summary(self.folder), False
         self.plan = self._summary.plan(self.plan)
         self._replace_rows(rows_as_journalled(self.folder, self.rows, self._summary))
         if (self.data_dir / TABLE).exists():
             write_pooled_table(self.data_dir)
 
+    def _add(self, row: TrialRow) -> None:
+        append_row(self.folder / TABLE, row)
+        self.rows.append(row)
+
     def _replace_rows(self, rows: list[TrialRow]) -> None:
         if (self.folder / TABLE).exists():
             write_table(self.folder / TABLE, rows, replacing=True)
         self.rows = rows
 
+    # ------------------------------------------------------------------------------- what session and recordings store
 
-def session_about(
-    participant: str, protocol: Protocol, person: Person | None, operators: Operators | None, hand: str,
-    plan: tuple[PlannedTrial, ...], key_sha256: str,
-) -> dict[str, Any]:  # fmt: skip
-    """What session.json holds. key_sha256: of the key of a blind session, whose plan holds codes; else empty."""
-    return {
-        "participant": participant,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "hand": hand,
-        "person": person._asdict() if person else None,
-        "operators": operators._asdict() if operators else None,
-        "fidelity": "mr",
-        "seed": protocol.seed,
-        "rules": protocol.rules,
-        "note": protocol.note(),
-        "assumed": protocol.assumed,
-        "protocol": protocol_to_json(protocol),
-        "blind": bool(key_sha256),
-        "key_sha256": key_sha256,
-        "plan": plan_to_json(plan),
-        "plan_sha256": plan_hash(plan),
-        "versions": {"phd": version_of("phd"), "python": platform.python_version()}
-        | {name: version_of(name) for name in LIBRARIES},
-    }
+    def _common(self) -> dict[str, Any]:
+        """What both say of the session."""
+        return {
+            "participant": self.participant,
+            "operators": self.operators._asdict() if self.operators else None,
+            "seed": self.protocol.seed,
+            "rules": self.protocol.rules,
+            "note": self.protocol.note(),
+            "plan_sha256": self.plan_sha256,
+        }
 
+    def _about(self, key_sha256: str) -> dict[str, Any]:
+        """What session.json holds. key_sha256: of the key of a blind session, whose plan holds codes; else empty."""
+        return self._common() | {
+            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+            "hand": self.hand,
+            "person": self.person._asdict() if self.person else None,
+            "fidelity": "mr",
+            "assumed": self.protocol.assumed,
+            "protocol": protocol_to_json(self.protocol),
+            "blind": self.blind,
+            "key_sha256": key_sha256,
+            "plan": plan_to_json(self.plan),
+            "versions": {"phd": version_of("phd"), "python": platform.python_version()}
+            | {name: version_of(name) for name in LIBRARIES},
+        }
 
-def recording_metadata(
-    participant: str, protocol: Protocol, operators: Operators | None, hand: str, trial: Trial, preset: Preset | None
-) -> dict[str, Any]:
-    """The metadata of a recording. preset: its controller; None: hidden, the session is blind."""
-    planned, path = trial.planned, trial.path
-    about = {
-        "participant": participant,
-        **planned._asdict(),
-        "start_m": (path.x0, path.y0),
-        "end_m": (path.x1, path.y1),
-        "path": msgspec.to_builtins(protocol.paths[planned.segment]),
-        "protocol": protocol.name,
-        "rules": protocol.rules,
-        "seed": protocol.seed,
-        "note": protocol.note(),
-        "hand": SENSOR if trial.real else hand,
-        "operators": operators._asdict() if operators else None,
-        "link": "serial" if trial.real else "sim",
-        "assumed": trial.device.assumed,
-    }
-    if isinstance(trial, Trial):
-        about["start"] = trial.start
-    if preset is not None:
-        about["preset"] = preset_to_json(preset)
-    return about
+    def _metadata(self, trial: Trial, preset: Preset) -> dict[str, Any]:
+        """The metadata of a recording; the controller stays out while the session is blind."""
+        path = trial.path
+        about = self._common() | trial.planned._asdict() | {
+            "start_m": (path.x0, path.y0),
+            "end_m": (path.x1, path.y1),
+            "path": msgspec.to_builtins(self.protocol.paths[trial.planned.segment]),
+            "protocol": self.protocol.name,
+            "hand": SENSOR if trial.real else self.hand,
+            "link": "serial" if trial.real else "sim",
+            "assumed": trial.device.assumed,
+            "start": trial.start,
+        }  # fmt: skip
+        return about if self.blind else about | {"preset": preset_to_json(preset)}
 
 
 def preset_to_json(preset: Preset) -> dict[str, Any]:

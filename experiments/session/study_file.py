@@ -56,27 +56,27 @@ def refuse_other(folder: Path, study: StudyPlan, asked: Mapping[str, object]) ->
 
     asked: operators, seed, rules, low_gain -> value; devices, protocol, population -> the thing itself.
     """
+    own = {"operators": study.operators, "protocol": study.protocol, "population": study.population}
     for name, value in asked.items():
-        protocol = study.protocol
-        if name == "operators":
-            same, begun_with = value == study.operators, f"{study.operators}"
-        elif name in ("protocol", "population"):
-            there = getattr(study, name)
-            same, begun_with = value.text == there.text, f"another {name} ({there.name})"
-        elif name == "devices":
-            same = [_texts(device) for device in value] == [_texts(device) for device in protocol.devices]
-            begun_with = "other devices: " + ", ".join(device.name for device in protocol.devices)
-        elif name == "low_gain":
-            there = protocol.low_gain
-            same, begun_with = value == there, "none" if there is None else f"{there:g}"
-        else:
-            same, begun_with = value == getattr(protocol, name), f"{getattr(protocol, name)}"
-        if not same:
+        begun = own[name] if name in own else getattr(study.protocol, name)
+        if _content(value) != _content(begun):
             option = {"devices": "--device", "protocol": "PROTOCOL.toml"}.get(name, f"--{name.replace('_', '-')}")
             raise InputError(
-                f"{folder / STUDY}: {option}: the study was begun with {begun_with}; leave the option out to resume it"
+                f"{folder / STUDY}: {option}: the study was begun with {_words(name, begun)}; leave the option out to "
+                "resume it"
             )
 
 
-def _texts(device) -> tuple:
-    return device.name, device.text, device.brake_texts
+def _content(thing: object) -> object:
+    """What two things have in common that are the same: the texts of their files, or the plain value."""
+    if isinstance(thing, Protocol | Population):
+        return thing.text
+    return [(device.name, device.text, device.brake_texts) for device in thing] if isinstance(thing, tuple) else thing
+
+
+def _words(name: str, thing: object) -> str:
+    if isinstance(thing, Protocol | Population):
+        return f"another {name} ({thing.name})"
+    if isinstance(thing, tuple):
+        return f"other devices: {', '.join(device.name for device in thing)}"
+    return "none" if thing is None else f"{thing:g}" if isinstance(thing, float) else f"{thing}"

@@ -1,19 +1,18 @@
-"""`phd verify`: is every recording of a folder whole, or marked as recovered, and do the tables say the same?
+"""`phd verify`: is every recording of a folder whole, or marked as recovered, and do the tables agree with them?
 
 Nothing is written. No faults: an unfinished plan, an empty folder, one that was hardly begun, and, in a session that a
 live process holds, the trial in progress. Faults, each by file: every damaged batch or part of a recording; a trial
 that was cut off and not yet recovered; a recording that trials.csv or the journal names and that is not there; a trial
-without a row; a row that its recording and the journal (skipped, redone, unblinded) contradict; a stored plan that was
-changed; a blind session without its key. Practice trials have recordings and no rows: none is missing.
+without a row; a row that its recording and the journal (skipped, redone, excluded, unblinded) contradict; a stored plan
+that was changed; a blind session without its key. Practice trials have recordings and no rows: none is missing.
 """
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 from core.files import InputError
-from experiments.analysis.trials_table import TrialRow, read_table
+from experiments.analysis.trials_table import COLUMNS, TrialRow, read_table
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Recording
 from experiments.session.blind import KEY, read_key
@@ -30,198 +29,173 @@ from experiments.session.files import (
     seen_from,
     sessions_in,
 )
-from experiments.session.journal import JournalSummary, journal_summary, recorded_row, rows_without_recording
+from experiments.session.journal import journal_summary, recorded_row, rows_without_recording
 from experiments.session.study_file import STUDY, read_study
 
 #: Largest share by which a number of the table may differ from what the recording gives: library versions round apart.
 TOLERANCE = 1e-6
 
 
-@dataclass
-class Findings:
-    """What was found in a session."""
-
-    whole: int = 0
-    recovered: int = 0
-    in_progress: int = 0
-    faults: list[tuple[str, str]] = field(default_factory=list)  # file (relative to the session), what is wrong
-    warnings: list[tuple[str, str]] = field(default_factory=list)  # file, why its motion may be wrong, though whole
-
-
 def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dict:
     """Check every session of a data folder; the summary, with `faults` as a list of {"file", "fault"}.
 
     `warnings` likewise: recordings that are whole, of motion that the simulator's own energy ledger contradicts.
-
     InputError if there is no such folder or it holds no session but other files.
     """
     folder = Path(folder)
     sessions = sessions_in(folder)
-    live = [session for session in sessions if is_in_use(session)]
-    running = bool(live) or is_in_use(folder)
-    total = Findings()
+    checks = []
+    faults: list[tuple[str, str]] = []
+    warnings: list[tuple[str, str]] = []
     if (folder / STUDY).exists():
         try:
             read_study(folder)
         except InputError as error:
-            total.faults.append((STUDY, seen_from(folder, str(error))))
+            faults.append((STUDY, seen_from(folder, str(error))))
     for number, session in enumerate(sessions, start=1):
-        found = verify_session(session, session in live)
-        place = session.relative_to(folder).as_posix()
-        total.whole += found.whole
-        total.recovered += found.recovered
-        total.in_progress += found.in_progress
-        total.faults += [(f"{place}/{file}" if place != "." else file, fault) for file, fault in found.faults]
-        total.warnings += [(f"{place}/{file}" if place != "." else file, text) for file, text in found.warnings]
+        checks.append(_SessionCheck(session))
+        inside = "" if session == folder else f"{session.relative_to(folder).as_posix()}/"
+        faults += [(f"{inside}{file}", fault) for file, fault in checks[-1].faults]
+        warnings += [(f"{inside}{file}", text) for file, text in checks[-1].warnings]
         if progress:
             progress(number / len(sessions))
-    if folder not in sessions and (folder / TABLE).exists() and not running:
-        total.faults += [(TABLE, fault) for fault in _pooled_faults(folder)]
+    in_use = sum(check.live for check in checks)
+    if folder not in sessions and (folder / TABLE).exists() and not in_use and not is_in_use(folder):
+        faults += [(TABLE, fault) for fault in _pooled_faults(folder)]
     return {
         "dir": str(folder),
         "sessions": len(sessions),
-        "in_use": len(live),
-        "whole": total.whole,
-        "recovered": total.recovered,
-        "in_progress": total.in_progress,
-        "faults": [{"file": file, "fault": fault} for file, fault in total.faults],
-        "warnings": [{"file": file, "warning": text} for file, text in total.warnings],
+        "in_use": in_use,
+        **{name: sum(getattr(check, name) for check in checks) for name in ("whole", "recovered", "in_progress")},
+        "faults": [{"file": file, "fault": fault} for file, fault in faults],
+        "warnings": [{"file": file, "warning": text} for file, text in warnings],
     }
 
 
-def verify_session(session: Path, live: bool = False) -> Findings:
-    """Check one session; `live`: a process is writing in it."""
-    found = Findings()
-    if is_half_created(session):
-        return found
-    journal = journal_summary(session)
-    try:
-        about = read_stored(session).about
-        if about.get("blind") and journal.key is None:
-            _check_key(session, about, found)
-    except InputError as error:
-        found.faults.append((STORED, seen_from(session, str(error))))
-    try:
-        rows = {row.run: row for row in rows_of(session)}
-    except InputError as error:
-        found.faults.append((TABLE, seen_from(session, str(error))))
-        rows = None
+class _SessionCheck:
+    """What is found in one session."""
 
-    on_disk = runs_on_disk(session)
-    for files in on_disk.values():
-        recording = _check_files(session, files, live, found)
-        if recording is not None and rows is not None:
-            _check_row(session, recording, rows, journal, live, found)
-    for files in runs_on_disk(session, PRACTICE).values():
-        _check_files(session, files, live, found)
-    if rows is not None:
-        _check_bare_rows(session, rows, journal, live, found)
-    for run, row in sorted((rows or {}).items()):
-        if row.recording and not (session / row.recording).is_file():
-            found.faults.append((row.recording, f"missing: {TABLE} names it as the recording of run {run}"))
-    for run in sorted(set(journal.begun) - set(on_disk) - set(rows or {})):
-        if not any(session.glob(f"trials/run-{run:03d}.*")):
-            found.faults.append((f"trials/run-{run:03d}", "missing: the journal says that this trial was begun"))
-        elif not live:
-            found.faults.append((TABLE, f"has no row for run {run}, which the journal says was begun"))
-    return found
-
-
-def _check_key(session: Path, about: dict, found: Findings) -> None:
-    try:
-        read_key(session, str(about.get("key_sha256")))
-    except InputError as error:
-        found.faults.append((KEY, seen_from(session, str(error))))
-
-
-def _check_bare_rows(
-    session: Path, rows: dict[int, TrialRow], journal: JournalSummary, live: bool, found: Findings
-) -> None:
-    """Rows without a recording against the journal, both ways."""
-    bare = {row.run: row for row in rows_without_recording(session, journal)}
-    for run, right in bare.items():
-        if run in rows:
-            found.faults += [(TABLE, fault) for fault in differences(rows[run], right, "the journal")]
-        elif not live and run in journal.skipped:
-            found.faults.append((TABLE, f"has no row for run {run}, which the journal says was skipped: recover it"))
-    for run, row in sorted(rows.items()):
-        if not row.recording and run not in bare:
-            found.faults.append((TABLE, f"run {run}: is {row.status} without a recording, the journal does not say so"))
-
-
-def _check_files(session: Path, files: dict[str, Path], live: bool, found: Findings) -> Recording | None:
-    """Check the files of one trial; the recording that its row must match, None where there is none to trust."""
-    result = None
-    for suffix in (PARQUET_SUFFIX, STREAM_SUFFIX):
-        if suffix not in files:
-            continue
-        path = files[suffix]
-        name = path.relative_to(session).as_posix()
+    def __init__(self, session: Path) -> None:
+        """Check it."""
+        self.session = session
+        self.live = is_in_use(session)  # a process is writing in it
+        self.whole = self.recovered = self.in_progress = 0  # recordings
+        self.faults: list[tuple[str, str]] = []  # file (relative to the session), what is wrong
+        self.warnings: list[tuple[str, str]] = []  # file, why its motion may be wrong, though it is whole
+        if is_half_created(session):
+            return
+        self.journal = journal_summary(session)
+        self.rows: dict[int, TrialRow] = {}
+        self._check_stored()
+        on_disk = runs_on_disk(session)
+        recordings = [found for files in on_disk.values() if (found := self._check_files(files)) is not None]
+        for files in runs_on_disk(session, PRACTICE).values():
+            self._check_files(files)
         try:
-            recording = read_recording(path)
+            self.rows = {row.run: row for row in rows_of(session)}
         except InputError as error:
-            if not (live and not path.exists()):  # else: closed and converted while we looked
-                found.faults.append((name, seen_from(session, str(error))))
-            continue
-        if recording.whole:
-            if result is None:  # a stream beside its Parquet file counts once
-                result = recording
-                is_recovered = recording.outcome.get("status") == "recovered"
-                found.recovered += is_recovered
-                found.whole += not is_recovered
-                found.warnings += [(name, text) for text in recording.outcome.get("warnings", ())]
-        elif live and suffix == STREAM_SUFFIX and not recording.complete and not _faults_but_header(recording):
-            found.in_progress += 1
+            self._fault(TABLE, error)
         else:
-            found.faults += [(name, fault) for fault in recording.damaged]
-            if not recording.complete and suffix == STREAM_SUFFIX:
-                found.faults.append((name, f"cut off before its end, {recording.rows} ticks are whole: recover it"))
-    return result
+            for recording in recordings:
+                self._check_row(recording)
+            self._check_rows_without_recording()
+        for run in sorted(set(self.journal.begun) - set(on_disk) - set(self.rows)):
+            if not any(session.glob(f"trials/run-{run:03d}.*")):
+                self._fault(f"trials/run-{run:03d}", "missing: the journal says that this trial was begun")
+            elif not self.live:
+                self._fault(TABLE, f"has no row for run {run}, which the journal says was begun")
 
+    def _fault(self, file: str | Path, what: str | InputError) -> None:
+        name = file.relative_to(self.session).as_posix() if isinstance(file, Path) else file
+        self.faults.append((name, seen_from(self.session, str(what))))
 
-def _faults_but_header(recording: Recording) -> list[str]:
-    """Damage other than a header that is just being written."""
-    return recording.damaged if recording.columns else []
+    def _check_stored(self) -> None:
+        """session.json, and the key of a session that is still blind."""
+        try:
+            about = read_stored(self.session).about
+        except InputError as error:
+            self._fault(STORED, error)
+            return
+        if about.get("blind") and self.journal.key is None:
+            try:
+                read_key(self.session, str(about.get("key_sha256")))
+            except InputError as error:
+                self._fault(KEY, error)
 
+    def _check_files(self, files: dict[str, Path]) -> Recording | None:
+        """Check the files of one trial; the recording that its row must match, None where there is none to trust."""
+        result = None
+        for suffix in (PARQUET_SUFFIX, STREAM_SUFFIX):
+            if (path := files.get(suffix)) is None:
+                continue
+            try:
+                recording = read_recording(path)
+            except InputError as error:
+                if path.exists() or not self.live:  # else: closed and converted in the meantime
+                    self._fault(path, error)
+                continue
+            cut_off = suffix == STREAM_SUFFIX and not recording.complete
+            if recording.whole:
+                if result is None:  # a stream beside its Parquet file counts once
+                    result = recording
+                    self._count(recording)
+            elif self.live and cut_off and not (recording.columns and recording.damaged):  # or its header is coming
+                self.in_progress += 1
+            else:
+                for fault in recording.damaged:
+                    self._fault(path, fault)
+                if cut_off:
+                    self._fault(path, f"cut off before its end, {recording.rows} ticks are whole: recover it")
+        return result
 
-def _check_row(
-    session: Path,
-    recording: Recording,
-    rows: dict[int, TrialRow],
-    journal: JournalSummary,
-    live: bool,
-    found: Findings,
-) -> None:
-    name = recording.path.relative_to(session).as_posix()
-    try:
-        right = recorded_row(recording, session, journal)
-    except InputError as error:
-        found.faults.append((name, seen_from(session, str(error))))
-        return
-    if f"run-{right.run:03d}" != recording.path.stem:
-        found.faults.append((name, f"says that it is run {right.run}"))
-    row = rows.get(right.run)
-    if row is not None:
-        found.faults += [(TABLE, fault) for fault in differences(row, right)]
-    elif not live:
-        found.faults.append((TABLE, f"has no row for run {right.run} ({name}): recover it"))
+    def _count(self, recording: Recording) -> None:
+        is_recovered = recording.outcome.get("status") == "recovered"
+        self.recovered += is_recovered
+        self.whole += not is_recovered
+        name = recording.path.relative_to(self.session).as_posix()
+        self.warnings += [(name, text) for text in recording.outcome.get("warnings", ())]
 
+    def _check_row(self, recording: Recording) -> None:
+        """The row of a recording against what the recording gives."""
+        try:
+            right = recorded_row(recording, self.session, self.journal)
+        except InputError as error:
+            self._fault(recording.path, error)
+            return
+        if f"run-{right.run:03d}" != recording.path.stem:
+            self._fault(recording.path, f"says that it is run {right.run}")
+        if (row := self.rows.get(right.run)) is not None:
+            self._compare(row, right, "its recording")
+        elif not self.live:
+            name = recording.path.relative_to(self.session).as_posix()
+            self._fault(TABLE, f"has no row for run {right.run} ({name}): recover it")
 
-def differences(row: TrialRow, right: TrialRow, source: str = "its recording") -> Iterator[str]:
-    """Where a row differs from what its recording, with the journal's additions, gives."""
-    for column in fields(TrialRow):
-        there, true = getattr(row, column.name), getattr(right, column.name)
-        if column.name == "recording":
-            there, true = Path(there).stem, Path(true).stem  # a stream that is still to become Parquet
-        same = there == true
-        if isinstance(there, float) and isinstance(true, float):
-            same = math.isclose(there, true, rel_tol=TOLERANCE, abs_tol=1e-12)
-        if not same:
-            yield f"run {row.run}: {column.name} is {_shown(there)}, {source} gives {_shown(true)}"
+    def _check_rows_without_recording(self) -> None:
+        """Rows without a recording against the journal, both ways; rows whose recording is gone."""
+        bare = {row.run: row for row in rows_without_recording(self.session, self.journal)}
+        for run, right in bare.items():
+            if run in self.rows:
+                self._compare(self.rows[run], right, "the journal")
+            elif not self.live and run in self.journal.skipped:
+                self._fault(TABLE, f"has no row for run {run}, which the journal says was skipped: recover it")
+        for run, row in sorted(self.rows.items()):
+            if not row.recording and run not in bare:
+                self._fault(TABLE, f"run {run}: is {row.status} without a recording, the journal does not say so")
+            if row.recording and not (self.session / row.recording).is_file():
+                self._fault(row.recording, f"missing: {TABLE} names it as the recording of run {run}")
 
-
-def _shown(value: object) -> str:
-    return "empty" if value in (None, "") else str(value)
+    def _compare(self, row: TrialRow, right: TrialRow, source: str) -> None:
+        """Where a row differs from the right one."""
+        for column in COLUMNS:
+            there, true = getattr(row, column), getattr(right, column)
+            if column == "recording":
+                there, true = Path(there).stem, Path(true).stem  # a stream that is still to become Parquet
+            is_same = there == true
+            if isinstance(there, float) and isinstance(true, float):
+                is_same = math.isclose(there, true, rel_tol=TOLERANCE, abs_tol=1e-12)
+            if not is_same:
+                shown, right_shown = ("empty" if value in (None, "") else value for value in (there, true))
+                self._fault(TABLE, f"run {row.run}: {column} is {shown}, {source} gives {right_shown}")
 
 
 def _pooled_faults(folder: Path) -> Iterator[str]:

@@ -3,6 +3,7 @@
 `read_scene` checks everything that can be checked before the first step; what it returns can be simulated.
 """
 
+import io
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,8 +11,6 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv as pa_csv
 
 from core.device import Device, load_device
 from core.files import InputError, NotNegative, Pair, Positive, Table, one_of, read_text, read_toml
@@ -59,29 +58,18 @@ def read_number_table(path: Path, asked_by: str) -> NumberTable:
     if not body.strip():
         raise InputError(f"{path}: has no rows")
     try:
-        values = _numbers(body, columns)
-    except pa.ArrowInvalid:
-        values = np.full((1, len(columns)), np.nan)  # the line at fault is found below
-    if not np.all(np.isfinite(values)):
+        values = np.loadtxt(io.StringIO(body), delimiter=",", comments=None, ndmin=2)
+    except ValueError:
+        values = np.empty((0, 0))  # the line at fault is found below
+    if values.shape[1] != len(columns) or not np.isfinite(values).all():
         raise InputError(f"{path}: {_first_fault(body, columns)}")
     return NumberTable(path, columns, values, text)
-
-
-def _numbers(body: str, columns: tuple[str, ...]) -> np.ndarray:
-    """The rows (n, columns) of a CSV body; ArrowInvalid unless every cell is a number (nan and inf pass)."""
-    table = pa_csv.read_csv(
-        pa.py_buffer(body.encode()),
-        pa_csv.ReadOptions(column_names=list(columns)),
-        pa_csv.ParseOptions(quote_char=False),
-        pa_csv.ConvertOptions(column_types={column: pa.float64() for column in columns}, null_values=[]),
-    )
-    return np.column_stack([column.to_numpy() for column in table.columns])
 
 
 def _first_fault(body: str, columns: tuple[str, ...]) -> str:
     """Line and reason of the first row that is not one finite number a column."""
     for number, line in enumerate(body.split("\n"), 2):
-        if not line:
+        if not line.strip():
             continue
         cells = line.split(",")
         if len(cells) != len(columns):
@@ -112,10 +100,6 @@ class JointValues(Table, frozen=True):
     E: NotNegative = 0.0
     B: NotNegative = 0.0
     C: NotNegative = 0.0
-
-    def array(self) -> np.ndarray:
-        """(4,) in joint order."""
-        return np.array([getattr(self, joint) for joint in JOINTS])
 
 
 class BrakeTable(Table, frozen=True):
@@ -154,9 +138,9 @@ class SceneFile(Table, frozen=True):
     def __post_init__(self) -> None:
         one_of(self.fidelity, FIDELITIES, "fidelity")
         one_of(self.integrator, INTEGRATORS, "integrator")
-        right, wrong = (
-            ("torque_N_m", "current_amperes") if self.fidelity == "ideal" else ("current_amperes", "torque_N_m")
-        )
+        right, wrong = "torque_N_m", "current_amperes"
+        if self.fidelity != "ideal":
+            right, wrong = wrong, right
         if getattr(self.brakes, wrong) is not None:
             raise ValueError(f"brakes.{wrong} does not go with fidelity {self.fidelity!r}; give brakes.{right}")
 
@@ -188,13 +172,8 @@ class Scene:
 
     def finer(self) -> "Scene":
         """The same scene for a check of its accuracy: half the step, a tenth of the integrator's error bounds."""
-        return replace(
-            self,
-            step_s=0.5 * self.step_s,
-            steps=2 * self.steps,
-            output_every=2 * self.output_every,
-            tolerance=0.1 * self.tolerance,
-        )
+        halved = {"step_s": 0.5 * self.step_s, "steps": 2 * self.steps, "output_every": 2 * self.output_every}
+        return replace(self, **halved, tolerance=0.1 * self.tolerance)
 
     def row_times(self, first: int, count: int) -> np.ndarray:
         """Times (s) of output rows first .. first + count - 1: exact multiples of the interval.
@@ -203,10 +182,8 @@ class Scene:
         0.009, not 0.009000000000000001.
         """
         k = np.arange(first, first + count, dtype=float)
-        per_second = round(1.0 / self.output_interval_s)
-        return (
-            k / per_second if per_second and 1.0 / per_second == self.output_interval_s else k * self.output_interval_s
-        )
+        interval, per_second = self.output_interval_s, round(1.0 / self.output_interval_s)
+        return k / per_second if per_second and 1.0 / per_second == interval else k * interval
 
 
 def read_scene(path: str | Path) -> Scene:
@@ -226,24 +203,11 @@ def read_scene(path: str | Path) -> Scene:
             f"{path}: initial_tip_m: the tip of {device.name} cannot be at ({x:g}, {y:g}) m: "
             "out of reach, beyond a hard stop, or not in y > 0"
         )
-    schedule_t, schedule = _schedule(file, device, path)
-    force_t, force = _force(file, path)
     return Scene(
-        device=device,
-        duration_s=file.duration_s,
-        step_s=file.step_s,
-        steps=intervals * output_every,
-        output_interval_s=interval,
-        output_every=output_every,
-        integrator=file.integrator,
-        fidelity=file.fidelity,
-        initial_tip=np.array(file.initial_tip_m),
-        initial_velocity=np.array(file.initial_tip_velocity_m_s),
-        schedule_t=schedule_t,
-        schedule=schedule,
-        force_t=force_t,
-        force=force,
-    )
+        device, file.duration_s, file.step_s, intervals * output_every, interval, output_every, file.integrator,
+        file.fidelity, np.array(file.initial_tip_m), np.array(file.initial_tip_velocity_m_s),
+        *_schedule(file, device, path), *_force(file, path),
+    )  # fmt: skip
 
 
 def _whole(total: float, part: float, where: str, of: str) -> int:
@@ -260,10 +224,11 @@ def _whole(total: float, part: float, where: str, of: str) -> int:
 def _schedule(file: SceneFile, device: Device, path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Times (n,) and values (n, 4) of the commands to the brakes."""
     key = "torque_N_m" if file.fidelity == "ideal" else "current_amperes"
-    constants = (getattr(file.brakes, key) or JointValues()).array()
-    _check_commands(constants[None], device, file.fidelity, lambda row, joint: f"{path}: brakes.{key}.{joint}")
+    given = getattr(file.brakes, key) or JointValues()
+    constants = np.array([[getattr(given, joint) for joint in JOINTS]])
+    _check_commands(constants, device, file.fidelity, lambda row, joint: f"{path}: brakes.{key}.{joint}")
     if file.brakes.schedule is None:
-        return np.zeros(1), constants[None]
+        return np.zeros(1), constants
     name = path.parent / file.brakes.schedule
     table = read_number_table(name, f"{path}: brakes.schedule")
     joints = table.columns[1:]
@@ -281,20 +246,17 @@ def _schedule(file: SceneFile, device: Device, path: Path) -> tuple[np.ndarray, 
 def _check_commands(values: np.ndarray, device: Device, fidelity: str, where) -> None:
     """Refuse values (n, 4) below zero, at a joint without a brake, or above the brake's current limit."""
     for i, joint in enumerate(JOINTS):
-        limit = device.brakes.current_max[i] if fidelity != "ideal" else np.inf
-        if joint not in device.braked:
-            limit = 0.0
-        bad = np.flatnonzero((values[:, i] < 0.0) | (values[:, i] > limit))
-        if not len(bad):
-            continue
-        value, place = values[bad[0], i], where(int(bad[0]), joint)
-        if joint not in device.braked:
-            raise InputError(
-                f"{place}: {device.name} has no brake at this joint, so it must be 0 or absent, not {value:g}"
-            )
-        if value < 0.0:
-            raise InputError(f"{place} must not be negative, not {value:g}")
-        raise InputError(f"{place} must be at most {limit:g} A (current_max_A of the brake), not {value:g}")
+        braked = joint in device.braked
+        limit = (np.inf if fidelity == "ideal" else device.brakes.current_max[i]) if braked else 0.0
+        for row in np.flatnonzero((values[:, i] < 0.0) | (values[:, i] > limit)):
+            value, place = values[row, i], where(int(row), joint)
+            if not braked:
+                reason = f": {device.name} has no brake at this joint, so it must be 0 or absent"
+            elif value < 0.0:
+                reason = " must not be negative"
+            else:
+                reason = f" must be at most {limit:g} A (current_max_A of the brake)"
+            raise InputError(f"{place}{reason}, not {value:g}")
 
 
 def _force(file: SceneFile, path: Path) -> tuple[np.ndarray, np.ndarray]:

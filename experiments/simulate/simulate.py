@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from core.files import InputError
 from core.mechanism import JOINTS
+from core.simulator.hand import new_hand
+from core.simulator.simulation import ROW_WIDTH, Ledger, Simulation
 from core.tick_log import STUCK_LETTERS
 from experiments.simulate.scene import Scene
 
@@ -32,7 +33,7 @@ CHUNK_STEPS = 500_000
 SURE_WITHIN_M = 3e-4
 
 #: Columns of a chunk: t, x, y, vx, vy, torque of A, E, B, C, stuck (bits 1 A, 2 E, 4 B, 8 C).
-T, X, Y, VX, VY, TORQUE, STUCK, WIDTH = 0, 1, 2, 3, 4, 5, 9, 10
+X, TORQUE, STUCK, WIDTH = 1, 5, 9, ROW_WIDTH
 
 
 @dataclass(frozen=True)
@@ -54,21 +55,12 @@ class SceneRun:
     """A scene being simulated, chunk by chunk."""
 
     def __init__(self, scene: Scene) -> None:
-        from core.simulator.hand import new_hand  # here: the kernels are first needed now
-        from core.simulator.simulation import Simulation
-
+        """Compile, or load, every kernel that a step needs, so that no clock runs meanwhile."""
         self.scene, self.row = scene, 0
-        self.simulation = Simulation(
-            scene.device,
-            (scene.initial_tip[0], scene.initial_tip[1]),
-            (scene.initial_velocity[0], scene.initial_velocity[1]),
-            scene.fidelity,
-            scene.integrator,
-            new_hand(scene.force_t, scene.force),
-            tolerance=scene.tolerance,
-        )
+        self.simulation = new_simulation(scene)
+        new_simulation(scene).rows(1, scene.step_s, 1, scene.schedule_t, scene.schedule, 0, 0)
 
-    def run_chunk(self, rows: int) -> npt.NDArray[np.float64]:
+    def run_chunk(self, rows: int) -> np.ndarray:
         """The next output rows (rows, WIDTH); the first call begins at t = 0."""
         scene, first = self.scene, self.row
         self.row += rows
@@ -76,27 +68,19 @@ class SceneRun:
             rows, scene.step_s, scene.output_every, scene.schedule_t, scene.schedule, first, scene.rows - 1
         )
 
-    def warnings(self) -> tuple[str, ...]:
-        """Why the rows so far may be wrong, a sentence each."""
-        return self.simulation.ledger().warnings()
-
-    @property
-    def events(self) -> int:
-        """Stick-slip events so far."""
-        return self.simulation.ledger().events
-
-    @property
-    def fallbacks(self) -> int:
-        """Steps so far that the event integrator handed to the implicit one."""
-        return self.simulation.ledger().fallbacks
+    def ledger(self) -> Ledger:
+        """Energies and counts so far."""
+        return self.simulation.ledger()
 
 
-def simulate(
-    scene: Scene,
-    out_path: str | Path,
-    source: Callable[[Scene], SceneRun] = SceneRun,
-    progress: Callable[[float], None] | None = None,
-) -> Summary:
+def new_simulation(scene: Scene) -> Simulation:
+    """The scene's device and hand before the first step."""
+    (x, y), (vx, vy) = scene.initial_tip, scene.initial_velocity
+    hand = new_hand(scene.force_t, scene.force)
+    return Simulation(scene.device, (x, y), (vx, vy), scene.fidelity, scene.integrator, hand, tolerance=scene.tolerance)
+
+
+def simulate(scene: Scene, out_path: str | Path, progress: Callable[[float], None] | None = None) -> Summary:
     """Run a scene into a new CSV file. `progress` gets the share done (0 to 1) after each chunk.
 
     InputError if the file exists or cannot be created; OSError if writing fails; FloatingPointError if the motion
@@ -106,15 +90,16 @@ def simulate(
     file = create_file(path)
     try:
         with file:
-            start, check_s = time.perf_counter(), 0.0
-            rows, check = source(scene), _Check(source(scene.finer()))
+            run, check = SceneRun(scene), HalfStep(SceneRun(scene.finer()))
+            start, check_s, done = time.perf_counter(), 0.0, 0
             file.write((",".join(column_names(scene.device.braked)) + "\n").encode())
-            done = 0
             while done < scene.rows:
                 count = min(CHUNK_ROWS, max(CHUNK_STEPS // scene.output_every, 1), scene.rows - done)
-                chunk = rows.run_chunk(count)
-                _refuse_not_finite(chunk, scene.row_times(done, count))
-                write_rows(file, scene.row_times(done, count), chunk, scene.device.braked)
+                chunk, times = run.run_chunk(count), scene.row_times(done, count)
+                if not np.isfinite(chunk).all():  # a force or speed beyond all sense
+                    t = times[np.flatnonzero(~np.isfinite(chunk).all(axis=1))[0]]
+                    raise FloatingPointError(f"the simulated motion is no longer finite at t = {t:g} s")
+                write_rows(file, times, chunk, scene.device.braked)
                 began = time.perf_counter()
                 check.compare(chunk)
                 check_s += time.perf_counter() - began
@@ -125,22 +110,22 @@ def simulate(
     except BaseException:
         path.unlink(missing_ok=True)
         raise
+    ledger = run.ledger()
     return Summary(
-        scene.rows, scene.steps, wall_s, scene.duration_s, int(rows.events), int(rows.fallbacks),
-        check.apart_m if math.isfinite(check.apart_m) else None, check_s, rows.warnings() + check.warnings(scene),
+        scene.rows, scene.steps, wall_s, scene.duration_s, ledger.events, ledger.fallbacks,
+        check.apart_m if math.isfinite(check.apart_m) else None, check_s, ledger.warnings() + check.warnings(scene),
     )  # fmt: skip
 
 
-class _Check:
+class HalfStep:
     """The same scene at half the step, compared row by row."""
 
-    def __init__(self, rows: SceneRun) -> None:
-        self.rows, self.done, self.apart_m, self.first = rows, 0, 0.0, -1
+    def __init__(self, run: SceneRun) -> None:
+        self.run, self.done, self.apart_m, self.first = run, 0, 0.0, -1
 
     def compare(self, chunk: np.ndarray) -> None:
         """Take the run's next rows."""
-        other = self.rows.run_chunk(len(chunk))
-        apart = np.hypot(chunk[:, X] - other[:, X], chunk[:, Y] - other[:, Y])
+        apart = np.hypot(*(chunk - self.run.run_chunk(len(chunk)))[:, X : X + 2].T)
         apart[~np.isfinite(apart)] = np.inf
         beyond = np.flatnonzero(apart > SURE_WITHIN_M)
         if self.first < 0 and len(beyond):
@@ -158,13 +143,6 @@ class _Check:
             f"the tip may be wrong by a millimetre or more from t = {t:g} s on: "
             f"half the step puts it {far}; choose a smaller step_s",
         )
-
-
-def _refuse_not_finite(chunk: np.ndarray, times: np.ndarray) -> None:
-    """A FloatingPointError where the motion has left the finite numbers (a force or speed beyond all sense)."""
-    bad = np.flatnonzero(~np.isfinite(chunk).all(axis=1))
-    if len(bad):
-        raise FloatingPointError(f"the simulated motion is no longer finite at t = {times[bad[0]]:g} s")
 
 
 def create_file(path: Path) -> BinaryIO:
@@ -186,8 +164,7 @@ def column_names(braked: str) -> list[str]:
 
 def write_rows(file: BinaryIO, times: np.ndarray, chunk: np.ndarray, braked: str) -> None:
     """Append rows: shortest decimals that read back as the same doubles, LF line ends."""
-    columns = [times, *(chunk[:, column] for column in (X, Y, VX, VY))]
-    columns += [chunk[:, TORQUE + JOINTS.index(joint)] for joint in braked]
+    columns = [times, *chunk[:, X : X + 4].T, *(chunk[:, TORQUE + JOINTS.index(joint)] for joint in braked)]
     bits = pa.array(chunk[:, STUCK].astype(np.int8))
     stuck = pa.DictionaryArray.from_arrays(bits, list(STUCK_LETTERS)).cast(pa.string())
     arrays = [pa.array(column + 0.0) for column in columns]  # + 0.0: no "-0" where a torque is zero

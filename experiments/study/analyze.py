@@ -12,8 +12,9 @@ from pathlib import Path
 
 from core.control.controllers import Preset
 from core.files import InputError
-from experiments.analysis.boxplots import DRAWN, boxes, draw_boxplots, in_order
+from experiments.analysis.boxplots import boxes, draw_boxplots, in_order
 from experiments.analysis.findings import findings, why_no_findings
+from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import side_by_side, warnings, write_report
 from experiments.analysis.sensitivity import of_recording
 from experiments.analysis.trials_table import COUNTED, TrialRow, read_table, write_table
@@ -35,8 +36,8 @@ from experiments.trial.inputs import OPERATOR
 
 
 @dataclass
-class _Read:
-    """What was read."""
+class Found:
+    """What was read from a folder so far."""
 
     rows: list[TrialRow] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
@@ -47,13 +48,25 @@ class _Read:
     simulated: bool = False  # simulated operators moved the handle, in some trials at least
     keys: dict[str, dict[str, int]] = field(default_factory=dict)  # participant -> key that was opened here
 
+    @property
+    def controllers(self) -> dict[int, str]:
+        """Controller -> its name under a box."""
+        numbers = sorted({row.controller for row in self.rows if isinstance(row.controller, int)})
+        known = {number: label(preset.name) for number, preset in self.presets.items()}
+        return {number: known.get(number, f"controller {number}") for number in numbers}
+
+    @property
+    def coded(self) -> int:
+        """Rows whose session is blind."""
+        return sum(isinstance(row.controller, str) for row in self.rows)
+
 
 def analyze(
     folder: Path,
     out: Path | None = None,
-    progress: Callable[[float], None] | None = None,
     unblind: str = "",
     timeouts: bool = False,
+    progress: Callable[[float], None] | None = None,
 ) -> dict:
     """Write trials.csv, the figures and the report into a new folder (default DIR/analysis-N); the summary.
 
@@ -64,45 +77,52 @@ def analyze(
     """
     folder = Path(folder)
     sessions = {session: recordings_in(session) for session in sorted(folder.glob("sub-*/ses-*"))}
-    count = sum(map(len, sessions.values()))
-    if not count:
+    recordings = sum(map(len, sessions.values()))
+    if not recordings:
         raise InputError(f"{folder}: holds no recordings (sub-*/ses-*/trials/run-*)")
     out = new_folder(folder, out)
-    read = _Read()
+    found, done = Found(), 0
     try:
-        done = 0
         for session, paths in sessions.items():
             journal = journal_summary(session)
             if unblind and journal.key is None:
-                journal = _open_key(session, journal, unblind, out, read)
+                journal = open_key(session, journal, unblind, out, found)
             if journal.key is not None:  # its recordings cannot name their controllers
-                read.presets.update(read_stored(session).protocol.controllers)
-            rows = []
+                found.presets.update(read_stored(session).protocol.controllers)
+            rows: list[TrialRow] = []
             for path in paths:
-                _read_one(folder, path, out, journal, rows, read)
+                rows += read_one(path, folder, out, journal, found)
                 done += 1
                 if progress:
-                    progress(done / count)
+                    progress(done / recordings)
             rows += rows_without_recording(session, journal)
-            read.rows += sorted(rows, key=lambda row: row.run)
-        write_table(out / "trials.csv", read.rows)
-        warned = _conclude(out, read, timeouts) if read.rows else []
+            found.rows += sorted(rows, key=lambda row: row.run)
+        write_table(out / "trials.csv", found.rows)
+        warned = conclude(out, found, timeouts) if found.rows else []
     except BaseException:
         if not any(out.iterdir()):
             out.rmdir()
         raise
     return {
         "out": str(out),
-        "recordings": count,
-        "trials": len(read.rows),
-        "coded": sum(isinstance(row.controller, str) for row in read.rows),
-        "left_out": read.left_out,
-        "changed": changed_boxes(folder / "trials.csv", read.rows, read.keys, _labels(read)) if read.left_out else [],
+        "recordings": recordings,
+        "trials": len(found.rows),
+        "coded": found.coded,
+        "left_out": found.left_out,
+        "changed": changed_boxes(folder / TABLE, found) if found.left_out else [],
         "warnings": warned,
     }
 
 
-def _open_key(session: Path, journal: JournalSummary, who: str, out: Path, read: _Read) -> JournalSummary:
+def new_folder(folder: Path, out: Path | None) -> Path:
+    """The folder for the results: `out`, which must be new or empty, or the first free DIR/analysis-N."""
+    if out is None:
+        out = next(place for n in count(1) if not (place := folder / f"analysis-{n}").exists())
+    make_empty_folder(out, "results are never overwritten")
+    return out
+
+
+def open_key(session: Path, journal: JournalSummary, who: str, out: Path, found: Found) -> JournalSummary:
     """The journal with the key of a blind session, once it is journalled that it was opened."""
     about = read_stored(session).about
     if not about.get("blind"):
@@ -113,43 +133,42 @@ def _open_key(session: Path, journal: JournalSummary, who: str, out: Path, read:
         write_event(session, KEY_OPENED, who=who, analysis=str(out))
     finally:
         lock.release()
-    read.keys[str(about["participant"])] = key
+    found.keys[str(about["participant"])] = key
     return replace(journal, key=key)
 
 
-def _read_one(folder: Path, path: Path, out: Path, journal: JournalSummary, rows: list[TrialRow], read: _Read) -> None:
+def read_one(path: Path, folder: Path, out: Path, journal: JournalSummary, found: Found) -> list[TrialRow]:
+    """The row of a recording, or none; what its figures and report are to name goes into `found`."""
     recording = read_recording(path)
     if not recording.whole:
         why = "; ".join(recording.damaged) or "cut off before its end"
-        read.left_out.append(f"{path.relative_to(folder)} ({why})")
-        return
-    row = recorded_row(recording, out, journal)
-    rows.append(row)
-    about = recording.metadata
+        found.left_out.append(f"{path.relative_to(folder)} ({why})")
+        return []
+    row, about = recorded_row(recording, out, journal), recording.metadata
     operators = operators_from_json(about)
     protocol, hand = about.get("note", "protocol not recorded"), f"hand: {about.get('hand', 'not recorded')}"
-    read.labels.add(f"{protocol}, {operators.label if operators else hand}")
-    read.notes.add(f"{protocol}, {operators.note if operators else hand}")
-    read.simulated |= about.get("hand") == OPERATOR
-    read.protocols.add(str(about.get("protocol", "")))
+    found.labels.add(f"{protocol}, {operators.label if operators else hand}")
+    found.notes.add(f"{protocol}, {operators.note if operators else hand}")
+    found.simulated |= about.get("hand") == OPERATOR
+    found.protocols.add(str(about.get("protocol", "")))
     if isinstance(row.controller, int) and "preset" in about:
-        read.presets[row.controller] = preset_from_json(about["preset"])
+        found.presets[row.controller] = preset_from_json(about["preset"])
+    return [row]
 
 
-def _conclude(out: Path, read: _Read, timeouts: bool) -> list[str]:
-    """Figures and report; the warnings of the report."""
-    without = f", {count_of(read.left_out, 'recording')} left out" if read.left_out else ""
-    label, note = (" / ".join(sorted(said)) + without for said in (read.labels, read.notes))
-    protocol = " and ".join(sorted(read.protocols))
-    rows, labels = told_apart(read.rows), _labels(read)
-    draw_boxplots(rows, out / "figures", label, labels=labels, protocol=protocol, timeouts=timeouts)
-    if not any(row.status in COUNTED for row in read.rows):
+def conclude(out: Path, found: Found, timeouts: bool) -> list[str]:
+    """Draw the figures and write the report; its warnings."""
+    left_out = len(found.left_out)
+    without = f", {left_out} recording{'s' if left_out != 1 else ''} left out" if left_out else ""
+    label, note = (" / ".join(sorted(named)) + without for named in (found.labels, found.notes))
+    protocol, rows = " and ".join(sorted(found.protocols)), told_apart(found.rows)
+    draw_boxplots(rows, out / "figures", label, labels=found.controllers, protocol=protocol, timeouts=timeouts)
+    if not any(row.status in COUNTED for row in found.rows):
         return []
-    controllers = dict(sorted(read.presets.items()))
-    write_report(read.rows, out / "report", note, of_recording(out), controllers, read.simulated, timeouts)
-    coded = any(isinstance(row.controller, str) for row in read.rows)
-    found = [] if why_no_findings(controllers, coded) else findings(read.rows, timeouts)
-    return warnings(read.rows, found, read.simulated)
+    presets = dict(sorted(found.presets.items()))
+    write_report(found.rows, out / "report", note, of_recording(out), presets, found.simulated, timeouts)
+    judged = [] if why_no_findings(presets, bool(found.coded)) else findings(found.rows, timeouts)
+    return warnings(found.rows, judged, found.simulated)
 
 
 def told_apart(rows: Sequence[TrialRow]) -> list[TrialRow]:
@@ -162,47 +181,35 @@ def told_apart(rows: Sequence[TrialRow]) -> list[TrialRow]:
     ]
 
 
-def _labels(read: _Read) -> dict[int, str]:
-    """Controller -> its name under a box."""
-    numbers = {row.controller for row in read.rows if isinstance(row.controller, int)}
-    named = {number: label(preset.name) for number, preset in read.presets.items()}
-    return {number: named.get(number, f"controller {number}") for number in sorted(numbers)}
-
-
-def changed_boxes(
-    table: Path, rows: Sequence[TrialRow], keys: Mapping[str, Mapping[str, int]], labels: Mapping[int, str]
-) -> list[str]:
+def changed_boxes(table: Path, found: Found) -> list[str]:
     """How each box of the figures differs from what `table` gives: its count of trials and its median.
 
-    keys: participant -> key, of sessions that are blind in the table and not in the rows.
+    Rows of sessions whose key was opened here are blind in the table: they are compared opened.
     """
     if not table.exists():
         return [f"{table}: there is no such table, so the figures cannot be compared with it"]
     try:
-        before_rows = [opened(row, keys.get(row.participant, {})) for row in read_table(table)]
+        before_rows = [opened(row, found.keys.get(row.participant, {})) for row in read_table(table)]
     except InputError as error:
         return [f"{error}, so the figures cannot be compared with it"]
-    configurations = tuple(dict.fromkeys(row.configuration for row in (*before_rows, *rows)))
-    changes = []
+    configurations = tuple(dict.fromkeys(row.configuration for row in (*before_rows, *found.rows)))
+    changes, names = [], found.controllers
     for metric in DRAWN:
         before, after = (
-            boxes(told_apart(r), metric.name, configurations, metric.scale) for r in (before_rows, rows)
+            boxes(told_apart(rows), metric.name, configurations, metric.scale) for rows in (before_rows, found.rows)
         )
         for key in sorted({*before, *after}, key=in_order):
             old, new = before.get(key), after.get(key)
             if old and new and (old.count, old.median) == (new.count, new.median):
                 continue
-            controller = key[0] if isinstance(key[0], str) else labels.get(key[0], f"controller {key[0]}")
-            box = f"{metric.title}, {' '.join(controller.split())}, {key[1]}"
-            if old is None or new is None:
-                counts = f"{old.count if old else 0} -> {new.count if new else 0} trials"
-                changes.append(f"{box}: {counts}, {'the box is gone' if old else 'a new box'}")
-                continue
-            share = f" ({(new.median - old.median) / old.median:+.1%})" if old.median else ""
-            changes.append(
-                f"{box}: {old.count} -> {new.count} trials, "
-                f"median {old.median:.4g} -> {new.median:.4g} {metric.shown_unit}{share}"
-            )
+            controller = key[0] if isinstance(key[0], str) else names.get(key[0], f"controller {key[0]}")
+            counts = f"{old.count if old else 0} -> {new.count if new else 0} trials"
+            if old and new:
+                share = f" ({(new.median - old.median) / old.median:+.1%})" if old.median else ""
+                change = f"median {old.median:.4g} -> {new.median:.4g} {metric.shown_unit}{share}"
+            else:
+                change = "the box is gone" if old else "a new box"
+            changes.append(f"{metric.title}, {' '.join(controller.split())}, {key[1]}: {counts}, {change}")
     return changes
 
 
@@ -232,16 +239,3 @@ def write_side_by_side(studies: Mapping[str, Sequence[TrialRow]], out: Path) -> 
     path = out / "side-by-side.md"
     write_new_file(path, side_by_side(studies).encode())
     return path
-
-
-def count_of(things: Sequence, word: str) -> str:
-    """As "1 recording", "2 recordings"."""
-    return f"{len(things)} {word}{'s' if len(things) != 1 else ''}"
-
-
-def new_folder(folder: Path, out: Path | None) -> Path:
-    """The folder for the results: `out`, which must be new or empty, or the first free DIR/analysis-N."""
-    if out is None:
-        out = next(place for n in count(1) if not (place := folder / f"analysis-{n}").exists())
-    make_empty_folder(out, "results are never overwritten")
-    return out

@@ -12,7 +12,7 @@ import pyarrow as pa
 from pyarrow import csv as pa_csv
 
 from core import tick_log
-from core.control.controllers import DECISIONS, Preset
+from core.control.controllers import DECISIONS
 from core.device import Device, load_device
 from core.files import InputError
 from core.path import Path as PathAhead
@@ -23,20 +23,22 @@ from experiments.recording.atomic_files import refuse_existing_files, write_new_
 from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns, recording_of
 from experiments.session.files import STORED
 from experiments.study.decisions import Checked, check_decisions
-from experiments.study.replay_hand import (
-    HANDS,
-    WITH_TARGET,
+from experiments.study.replay_motion import (
+    Recorded,
     RecordedHand,
     force_hand,
     has_arm,
     has_start,
+    read_recorded,
     recorded_arm,
+    run_replay,
     target_hand,
 )
-from experiments.study.replay_run import Recorded, read_recorded, run_replay
-from experiments.trial.inputs import OPERATOR
+from experiments.trial.inputs import INPUTS, OPERATOR
 from experiments.trial.operator import Person
 
+#: Hands, as a recording calls them, whose target is recorded.
+WITH_TARGET = tuple(one.name for one in INPUTS.values() if one.has_target)
 A_PERSON_WOULD_REACT = (
     "A person would feel the difference and react: this is what the recorded hand would have come to, not what a "
     "person would have done."
@@ -62,40 +64,48 @@ def replay(
     out: a new CSV file for the replayed ticks. InputError, and nothing written, for what cannot be replayed.
     """
     trial = read_recorded(Path(file))
-    chosen, number = _choose_controller(trial, controller, protocol)
-    own = trial.stored.protocol.device(trial.row.configuration)
-    onto = own if device is None else _choose_device(trial, device)
-    kind, moved = _choose_hand(trial, hand)
+    recording, row = trial.recording, trial.row
+    recorded_protocol = trial.stored.protocol
+    own = recorded_protocol.device(row.configuration)
+    chosen, number = choose_controller(trial, controller, protocol)
+    preset = chosen.controllers[number]
+    onto = own if device is None else choose_device(trial, device)
+    kind, moved = choose_hand(trial, hand)
     if out is not None:
         refuse_existing_files([out])
     same_device = (onto.text, onto.brake_texts) == (own.text, own.brake_texts)
-    lead = recorded_arm(trial.recording, 0) if same_device and has_start(trial.recording) else None
-    preset = chosen.controllers[number]
+    lead = recorded_arm(recording, 0) if same_device and has_start(recording) else None
     rows, outcome = run_replay(trial, moved, onto, preset, chosen.rules, lead, progress)
-    itself = kind == "target" and same_device and is_own(trial, preset, chosen.rules)
-    doubts = outcome.pop("warnings")
-    difference = first_difference(trial.recording, rows) if lead and itself else None
-    checked = decisions_of(trial, own)
+    difference = None
+    checked: Checked | None = None
+    if not isinstance(row.controller, str):  # a blind session does not say which controller it was
+        own_control = recorded_protocol.controllers[row.controller], recorded_protocol.rules
+        checked = check_decisions(recording, trial.path, own, *own_control)
+        if lead and kind == "target" and (preset, chosen.rules) == own_control:
+            difference = first_difference(recording, rows)
     rows = rows[trial.first :] if lead else rows
     replayed = as_recording(trial, rows, onto)
     if out is not None:
-        _write(replayed, trial.first, out)
+        write_ticks(replayed, trial.first, out)
     return {
         "recording": str(file),
-        "participant": trial.row.participant,
-        "run": trial.row.run,
+        "participant": row.participant,
+        "run": row.run,
         "hand": kind,
         "before": {
-            "device": trial.row.configuration,
-            "controller": _named(trial.stored.protocol, trial.row.controller),
-            "status": trial.row.status,
-            "way_made": way_made(trial.recording, trial.path),
-            "energy_residual_J": trial.row.energy_residual_J,
-            "energy_added_max_J": trial.row.energy_added_max_J,
+            "device": row.configuration,
+            "controller": named(recorded_protocol, row.controller),
+            "status": row.status,
+            "way_made": way_made(recording, trial.path),
+            "energy_residual_J": row.energy_residual_J,
+            "energy_added_max_J": row.energy_added_max_J,
         },
-        "after": {"device": onto.name, "controller": _named(chosen, number)}
-        | {"way_made": way_made(replayed, trial.path)}
-        | outcome,
+        "after": {
+            "device": onto.name,
+            "controller": named(chosen, number),
+            "way_made": way_made(replayed, trial.path),
+            **{key: outcome[key] for key in ("status", "energy_residual_J", "energy_added_max_J")},
+        },
         "metrics": compared(trial, replayed),
         "begins": "start" if lead else "move",
         "equal": None if difference is None else not difference,
@@ -106,15 +116,15 @@ def replay(
         "assumed": onto.assumed,
         "says": A_PERSON_WOULD_REACT,
         "warnings": [
-            *(f"the recording: {doubt}" for doubt in trial.recording.outcome.get("warnings", ())),
-            *(f"the replay: {doubt}" for doubt in doubts),
-            *warnings(trial, bool(lead) or not same_device, difference, checked),
+            *(f"the recording: {doubt}" for doubt in recording.outcome.get("warnings", ())),
+            *(f"the replay: {doubt}" for doubt in outcome["warnings"]),
+            *warnings(same_device and not lead and not recording.sensors, difference, checked),
         ],
         "out": None if out is None else str(out),
     }
 
 
-def _choose_controller(trial: Recorded, controller: int | None, protocol: str | None) -> tuple[Protocol, int]:
+def choose_controller(trial: Recorded, controller: int | None, protocol: str | None) -> tuple[Protocol, int]:
     """The protocol that has the controller, and its number there."""
     if protocol is not None and controller is None:
         raise InputError(f"{protocol}: the protocol is where a controller is looked up, say which")
@@ -128,11 +138,9 @@ def _choose_controller(trial: Recorded, controller: int | None, protocol: str | 
     return chosen, number
 
 
-def _choose_device(trial: Recorded, device: str | None) -> Device:
-    """The device, which can follow the path and can be where the recorded movement begins."""
+def choose_device(trial: Recorded, device: str) -> Device:
+    """A device, shipped or from a file, that can follow the path and be where the recorded movement begins."""
     protocol, segment = trial.stored.protocol, trial.row.segment
-    if device is None:
-        return protocol.device(trial.row.configuration)
     onto = load_device(device)
     paths = {segment: protocol.paths[segment]}
     check_reach([(f"device {device}", onto)], paths, f"the {protocol.name} protocol")
@@ -142,40 +150,23 @@ def _choose_device(trial: Recorded, device: str | None) -> Device:
     return onto
 
 
-def _choose_hand(trial: Recorded, hand: str | None) -> tuple[str, RecordedHand]:
-    """Which of `HANDS` it is, and that hand."""
-    about = trial.recording.metadata
-    whole_arm = has_arm(trial.recording)
-    has_target = whole_arm or about.get("hand") in WITH_TARGET
+def choose_hand(trial: Recorded, hand: str | None) -> tuple[str, RecordedHand]:
+    """Whether it is the "target" or the "force", and that hand."""
+    recording, stored = trial.recording, trial.stored
+    held_by, whole_arm = recording.metadata.get("hand"), has_arm(recording)
+    has_target = whole_arm or held_by in WITH_TARGET
     kind = hand or ("target" if has_target else "force")
-    if kind not in HANDS:
-        raise InputError(f"hand: {kind!r} is not one of {', '.join(HANDS)}")
     if kind == "force":
-        return kind, force_hand(trial.recording, trial.first)
+        return kind, force_hand(recording, trial.first)
     if not has_target:
-        raise InputError(f"{trial.recording.path}: the hand ({about.get('hand')!r}) has no target, replay its force")
+        raise InputError(f"{recording.path}: the hand ({held_by!r}) has no target, replay its force")
     if whole_arm:
-        return kind, recorded_arm(trial.recording, trial.first)
-    stored = trial.stored
+        return kind, recorded_arm(recording, trial.first)
     try:
-        person = Person(**stored.about["person"]) if about["hand"] == OPERATOR else None
+        person = Person(**stored.about["person"]) if held_by == OPERATOR else None
     except (KeyError, TypeError) as error:
-        raise InputError(f"{trial.recording.path}: {STORED} of its session: person: {error}") from None
-    return kind, target_hand(trial.recording, trial.first, trial.path, person, stored.protocol.mouse)
-
-
-def is_own(trial: Recorded, preset: Preset, rules: str) -> bool:
-    """Whether this is what the trial was run with; a blind session does not say."""
-    number, protocol = trial.row.controller, trial.stored.protocol
-    return not isinstance(number, str) and (preset, rules) == (protocol.controllers[number], protocol.rules)
-
-
-def decisions_of(trial: Recorded, own: Device) -> Checked | None:
-    """The recorded decisions, each taken again; None: the session is blind, or an earlier version recorded it."""
-    number, protocol = trial.row.controller, trial.stored.protocol
-    if isinstance(number, str):
-        return None
-    return check_decisions(trial.recording, trial.path, own, protocol.controllers[number], protocol.rules)
+        raise InputError(f"{recording.path}: {STORED} of its session: person: {error}") from None
+    return kind, target_hand(recording, trial.first, trial.path, person, stored.protocol.mouse)
 
 
 def first_difference(recording: Recording, rows: np.ndarray) -> str:
@@ -194,25 +185,20 @@ def first_difference(recording: Recording, rows: np.ndarray) -> str:
     return where or ("" if len(rows) == recording.rows else f"tick {len(rows)}, after which the replay ends")
 
 
-def warnings(trial: Recorded, exact: bool, difference: str | None, checked: Checked | None) -> list[str]:
-    """Why the replay is not the recorded trial though it might be, and what is wrong with the recording.
-
-    exact: it is no replay on the recorded device that had to do without the recorded start.
-    """
-    said = []
-    if not exact and not trial.recording.sensors:
-        said.append(OTHER_VERSION)
+def warnings(without_start: bool, difference: str | None, checked: Checked | None) -> list[str]:
+    """Why the replay is not the recorded trial though it might be, and what is wrong with the recording."""
+    found = [OTHER_VERSION] if without_start else []
     if difference:
-        said.append(
+        found.append(
             f"the replay differs from the recording, first in {difference}: another version of the program or "
             "another kind of machine recorded it"
         )
     if checked and checked.different:
-        said.append(
+        found.append(
             f"{checked.different} of {checked.decisions} recorded decisions are not what the controller decides on "
             "what it was given"
         )
-    return said
+    return found
 
 
 def as_recording(trial: Recorded, rows: np.ndarray, device: Device) -> Recording:
@@ -245,21 +231,20 @@ def way_made(recording: Recording, path: PathAhead) -> float:
 
 def tip_difference(trial: Recorded, rows: np.ndarray) -> float:
     """The largest distance (m) between the recorded and the replayed tip, tick by tick, while both are in `move`."""
-    last = trial.first + len(rows)
-    both = trial.recording.in_phase("move")[trial.first : last] & (rows[:, tick_log.PHASE] == tick_log.MOVE)
-    dx, dy = (
-        rows[:, place] - trial.recording.column(name)[trial.first : last]
-        for name, place in (("tip_x_m", tick_log.TIP_X), ("tip_y_m", tick_log.TIP_Y))
-    )
+    ticks = slice(trial.first, trial.first + len(rows))
+    both = trial.recording.in_phase("move")[ticks] & (rows[:, tick_log.PHASE] == tick_log.MOVE)
+    dx = rows[:, tick_log.TIP_X] - trial.recording.column("tip_x_m")[ticks]
+    dy = rows[:, tick_log.TIP_Y] - trial.recording.column("tip_y_m")[ticks]
     return float(np.max(np.hypot(dx, dy)[both], initial=0.0))
 
 
-def _named(protocol: Protocol, controller: int | str) -> str:
+def named(protocol: Protocol, controller: int | str) -> str:
+    """A controller as a summary names it: number and name, or its code in a blind session."""
     name = protocol.controller_name(controller)
     return name if isinstance(controller, str) else f"{controller} {name}"
 
 
-def _write(replayed: Recording, first: int, out: Path) -> None:
+def write_ticks(replayed: Recording, first: int, out: Path) -> None:
     """The replayed ticks as a new CSV file, whole or not at all."""
     arrays = [
         pa.array(replayed.text(name)[first:].tolist(), pa.string())
@@ -268,8 +253,7 @@ def _write(replayed: Recording, first: int, out: Path) -> None:
         for name in replayed.columns
     ]
     sink = pa.BufferOutputStream()
-    header = ",".join(replayed.columns) + "\n"
-    sink.write(header.encode())
+    sink.write((",".join(replayed.columns) + "\n").encode())
     table = pa.table(arrays, names=list(replayed.columns))
     pa_csv.write_csv(table, sink, pa_csv.WriteOptions(include_header=False, quoting_style="needed"))
     write_new_file(out, sink.getvalue().to_pybytes())

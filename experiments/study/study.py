@@ -22,7 +22,7 @@ from experiments.session.session import Session
 from experiments.session.study_file import STUDY, StudyPlan, read_study, refuse_other, write_study
 from experiments.trial.population import Population
 from experiments.trial.tick import TICK_S
-from experiments.trial.trial import Trial
+from experiments.trial.trial import Trial, load_kernels
 
 #: Ticks run at a time: long enough that a call costs nothing, short enough that an interrupt is heard.
 CHUNK_TICKS = 8192
@@ -72,6 +72,7 @@ class _Run:
 
     def carry_out(self) -> dict:
         """Run what is not done yet, then the table and the figures."""
+        load_kernels()  # no clock runs while they are compiled
         began = time.perf_counter()
         for operator in range(1, self.study.operators + 1):
             with contextlib.closing(self._session(f"{operator:02d}")) as session:

@@ -32,7 +32,6 @@ from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.control.rule_sets import RULE_SETS
 from core.device import Device
 from core.files import InputError, Table, one_of, parse_toml, read_text
-from core.kernel import first_use
 from core.path import PathFile, build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import NO_METRICS, Metrics, trial_metrics
@@ -130,9 +129,9 @@ def load_sweep(path: Path) -> Sweep:
     devices = None if file.devices is None else [_beside(path, name) for name in file.devices]
     protocol = load_protocol(_beside(path, file.protocol), devices=devices)
     populations = [load_population(_beside(path, name)) for name in file.populations]
-    for key, names in (("populations", [one.name for one in populations]),):
-        if len(set(names)) < len(names):
-            raise InputError(f"{path}: {key}: two have the same name ({', '.join(names)})")
+    names = [one.name for one in populations]
+    if len(set(names)) < len(names):
+        raise InputError(f"{path}: populations: two have the same name ({', '.join(names)})")
     presets = [preset for controller in file.controller for preset in controller.presets()]
     if len(set(presets)) < len(presets):
         raise InputError(f"{path}: controller: the same controller stands there twice")
@@ -185,16 +184,19 @@ def run_sweep(
     out = Path(out)
     if not resume:
         make_empty_folder(out, "a sweep needs a new or empty folder (or --resume)", (LOCK, f".{STORED}.partial"))
-    with hold_lock(out) if out.is_dir() else _refuse(f"{out}: holds no sweep to resume"):
+    elif not out.is_dir():
+        raise InputError(f"{out}: holds no sweep to resume")
+    with hold_lock(out):
         (_compare if resume else _store)(out, sweep)
-        waiting = [] if (out / TABLE).exists() else [job for job in sweep.jobs if not _part(out, job).exists()]
+        waiting = [] if (out / TABLE).exists() else [job for job in sweep.jobs if not _part(out, job.number).exists()]
         done, ticks = len(sweep.jobs) - len(waiting), 0
         if waiting:
             (out / PARTS).mkdir(exist_ok=True)
         with _ending_at_once():
             for number, data, more in _results(waiting, cluster):
-                with written_beside(out / PARTS / f"{number:06d}.csv", data, sync=False) as partial:
-                    partial.rename(out / PARTS / f"{number:06d}.csv")
+                part = _part(out, number)
+                with written_beside(part, data, sync=False) as partial:
+                    partial.rename(part)
                 done, ticks = done + 1, ticks + more
                 if progress:
                     progress(done / len(sweep.jobs))
@@ -260,12 +262,11 @@ def _row(job: Job, segment: int, repetition: int, trial: Trial, rows: np.ndarray
 
 def _results(jobs: Sequence[Job], cluster: str | None):
     """The results of the jobs as they come, from all cores or the cluster's workers."""
-    if jobs and first_use():  # compiled once, here, rather than by every worker at the same time
-        yield run_job(jobs[0])
-        jobs = jobs[1:]
     if cluster is None:
-        calls = (joblib.delayed(_run_beside_parent)(job, os.getpid()) for job in jobs)
-        workers = max(1, min(joblib.cpu_count(), len(jobs)))
+        if jobs:  # its kernels are compiled here, if they have to be, rather than by every worker at the same time
+            yield run_job(jobs[0])
+        calls = (joblib.delayed(_run_beside_parent)(job, os.getpid()) for job in jobs[1:])
+        workers = max(1, min(joblib.cpu_count(), len(jobs) - 1))
         yield from joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(calls)
         return
     try:
@@ -283,8 +284,8 @@ def _results(jobs: Sequence[Job], cluster: str | None):
 
 @contextlib.contextmanager
 def _ending_at_once() -> Iterator[None]:
-    """An interrupt ends the process on the spot: what is done is on the disk, and the workers see that it is gone. An
-    orderly end would wait for them, sometimes for ever.
+    """An interrupt ends the process on the spot: finished jobs are on the disk, and the workers see that their parent
+    is gone. An orderly end would wait for them, sometimes for ever.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -317,12 +318,8 @@ def _end_with(parent: int) -> None:
 # ------------------------------------------------------------------------------------------------------------- files
 
 
-def _part(out: Path, job: Job) -> Path:
-    return out / PARTS / f"{job.number:06d}.csv"
-
-
-def _refuse(sentence: str):
-    raise InputError(sentence)
+def _part(out: Path, number: int) -> Path:
+    return out / PARTS / f"{number:06d}.csv"
 
 
 def _store(out: Path, sweep: Sweep) -> None:
@@ -348,11 +345,11 @@ def _gather(out: Path, sweep: Sweep) -> list[dict[str, str]]:
     """The rows of the table, which is written from the parts if it is not there yet."""
     table = out / TABLE
     if not table.exists():
-        data = (",".join(COLUMNS) + "\n").encode() + b"".join(_part(out, job).read_bytes() for job in sweep.jobs)
+        data = (",".join(COLUMNS) + "\n").encode() + b"".join(_part(out, job.number).read_bytes() for job in sweep.jobs)
         with written_beside(table, data) as partial:
             give_new_name(partial, table)
     for job in sweep.jobs:
-        _part(out, job).unlink(missing_ok=True)
+        _part(out, job.number).unlink(missing_ok=True)
     if (out / PARTS).exists():
         (out / PARTS).rmdir()
     with table.open(encoding="utf-8", newline="") as file:

@@ -153,7 +153,7 @@ class Trial:
 
     def run(self, rows: np.ndarray) -> int:
         """Run ticks into rows (n, tick_log.WIDTH) until they are full or the trial is finished; how many were run."""
-        return int(run_ticks(*self.arguments(), rows))
+        return int(run_ticks(*map(plain, self.arguments()), rows))
 
     def arguments(self) -> Arguments:
         """The trial as the kernels see it; what they change is changed here."""

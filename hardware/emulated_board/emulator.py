@@ -21,12 +21,11 @@ from core.files import InputError
 from hardware.emulated_board.board import ZERO, Board
 from hardware.emulated_board.device import TICK_S, EmulatedDevice, EmulatedHand
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault
-from hardware.emulated_board.sensors import CONTROL, EMULATED, capability_of
+from hardware.emulated_board.sensors import CONTROL, EMULATED, FOLDER, capability_of
 from hardware.wire.frames import encode_frame
 from hardware.wire.messages import Home, State, pack
 
 PIECE = 4096  # bytes read at once
-FOLDER = "phd-emulated-"  # begins the name of the folder, among the temporary ones, that holds port and socket
 
 
 class Terminal:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from app.progress import show_compiling
+from app.progress import watch_compiling
 from core.kernel_compiler import watchers
 
 SCENE = Path(__file__).parents[2] / "docs" / "examples" / "locked-brake.toml"
@@ -69,12 +69,12 @@ def test_the_window_compiles_nothing(set_up) -> None:
 
 def test_on_a_terminal_a_bar_says_which_of_how_many_kernels(monkeypatch, capsys) -> None:
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    monkeypatch.setattr("app.progress.time", SimpleNamespace(monotonic=iter((0.0, 2.0)).__next__))
-    show_compiling()
+    monkeypatch.setattr("app.progress.time", SimpleNamespace(monotonic=iter((0.0, 1.0, 2.0, 3.5)).__next__))
+    compiling = watch_compiling()
     try:
         watchers[0](45, 156, "advance_event")
         assert capsys.readouterr().err.endswith("45 of 156")
         watchers[0](156, 156, "")
-        assert capsys.readouterr().err == "\r\033[K"
+        assert capsys.readouterr().err == "\r\033[K" and compiling.seconds == 2.5
     finally:
         watchers.clear()

@@ -162,7 +162,7 @@ def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
     [
         (["--link", "serial:/dev/none"], "--link serial:/dev/none: there is no such port (phd devices lists"),
         (["--link", "usb"], "--link: must be sim or serial:PORT, not 'usb'"),
-        (["--link", "serial:/dev/null", "--input", "operator"], "--input operator: on the bench the force sensor says"),
+        (["--link", "serial:/dev/null", "--input", "operator"], "--input operator: on the bench the force sensor"),
     ],
 )
 def test_a_link_that_cannot_be_is_refused_before_any_window_is_loaded(

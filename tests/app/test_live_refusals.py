@@ -55,7 +55,7 @@ def test_a_folder_that_cannot_be_made_is_one_sentence_and_nothing_is_left(tmp_pa
     assert everything(tmp_path) == {"file"}
 
 
-@pytest.mark.parametrize("step", ["write_key", "written_beside", "hold_lock", "write_event"])
+@pytest.mark.parametrize("step", ["write_key", "write_new_file", "hold_lock", "write_event"])
 def test_a_session_that_the_disk_does_not_take_leaves_no_trace_and_can_be_begun_later(tmp_path, monkeypatch, step):
     def full(*_args, **_more):
         raise OSError(28, "No space left on device")

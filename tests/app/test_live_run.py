@@ -81,7 +81,7 @@ def run_trial(loop: tuple[Ring, LoopProcess], disk: Disk, trial: Trial, ticks: i
         assert time.monotonic() < end
         time.sleep(0.005)
     disk.free.set()
-    run.ended(answers[0], "default")
+    run.returned(answers[0], "default")
     return run
 
 

@@ -2,7 +2,6 @@
 
 import errno
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -10,18 +9,17 @@ import serial
 from fake_client import PLAN, SHORT_BREAK, opened, ready, result
 from screens import Screens, cut_texts, opened_screens, settle
 
-from app.cli import main
 from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus
 from app.session_server.preflight import check_loop, check_real, check_sensor
 from app.session_server.storage import Storage
-from app.verbs.common import in_words, print_summary
+from app.verbs.common import as_text, in_words
 from app.window import words
 from app.window.box_plot import BoxPlot
 from app.window.energy_panel import small_energy
 from app.window.painting import theme
 from app.window.results_window import ResultsWindow
-from experiments.analysis.boxplots import DRAWN
+from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import sentences
 from experiments.analysis.statistics import Result
 from hardware.serial_port import _reason
@@ -108,10 +106,14 @@ def test_one_trial_alone_is_a_point_filled_or_open_in_the_results(screens: Scree
     assert "1 trial a box" in plot.said and "no box below 5 trials" in plot.said
 
 
-def test_a_summary_gives_units_as_units(capsys) -> None:
-    print_summary({"low_gain_N_s_m": 5.0, "wall_s": 2.0, "left_out": 3, "rules": "settled"}, False)
-    lines = [line.split("  ")[0] for line in capsys.readouterr().out.splitlines()]
-    assert lines == ["low gain (N s/m)", "wall (s)", "left out", "rules"]
+def test_a_summary_gives_units_as_units_and_names_what_it_lists() -> None:
+    faults = [{"file": "run-001", "fault": "cut off"}]
+    summary = {"low_gain_N_s_m": 5.0, "wall_s": 2.0, "left_out": ["a", "b"], "rules": "settled", "faults": faults}
+    lines = as_text(summary | {"warnings": ["few people"]}).splitlines()
+    names = [line.split("  ")[0] for line in lines[:5]]
+    assert names == ["low gain (N s/m)", "wall (s)", "left out", "rules", "faults"]
+    assert [line.split()[-1] for line in lines[2:5]] == ["2", "settled", "1"]
+    assert lines[5:] == ["left out: a", "left out: b", "run-001: cut off", "warning: few people"]
     assert in_words("operators") == "operators"
 
 
@@ -156,12 +158,3 @@ def test_an_export_that_succeeded_is_not_shown_as_a_warning(screens: Screens, tm
         assert window.said.objectName() == shown
     window.close()
     window.deleteLater()
-
-
-def test_a_simulation_tells_compiling_from_simulating(tmp_path, monkeypatch, capsys) -> None:
-    scene = str(Path(__file__).parents[2] / "docs" / "examples" / "locked-brake.toml")
-    for first in (True, False):
-        monkeypatch.setattr("app.verbs.simulate.announce_first_use", lambda first=first: first)
-        assert main(["simulate", scene, "--out", str(tmp_path / f"{first}.csv")]) == 0
-        assert ("of compiling, on first use" in capsys.readouterr().out) == first
-    assert (tmp_path / "True.csv").read_bytes() == (tmp_path / "False.csv").read_bytes()

@@ -20,7 +20,7 @@ from experiments.recording.reader import read_recording
 from experiments.recording.schema import recording_columns
 from experiments.session.session import Session
 from experiments.study.replay import A_PERSON_WOULD_REACT, replay
-from experiments.study.replay_run import HAND_ENDED, play_after, read_recorded
+from experiments.study.replay_motion import HAND_ENDED, play_after, read_recorded
 
 
 @pytest.fixture(scope="module")

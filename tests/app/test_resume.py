@@ -79,7 +79,7 @@ def test_a_session_without_a_crash_goes_on_as_planned_with_its_person_and_device
     assert again.next_planned() == session.plan[2] and again.person == session.person
     assert again.rows == session.rows and again.plan == session.plan
     assert again.protocol.text == PAPER.text and again.protocol.note() == PAPER.note()
-    assert {name: device.text for name, device in again.devices.items()} == {d.name: d.text for d in PAPER.devices}
+    assert [d.text for d in again.protocol.devices] == [d.text for d in PAPER.devices]
     again.close()
 
 

@@ -87,7 +87,7 @@ def test_an_exception_in_the_middle_of_a_trial_ends_in_zero_current(error: type[
 
 
 def test_a_session_server_that_is_gone_when_the_loop_reports_leaves_no_current(place: Place) -> None:
-    bench = RealBench(hand=HeldHand(START), device=place.session.devices["four-brake"])
+    bench = RealBench(hand=HeldHand(START), device=place.session.protocol.device("four-brake"))
     answers = Told()
     loop = Loop(Ring(width=tick_log.BENCH_WIDTH), "bench", answers)
     loop.device, answers.broken = bench.link, True

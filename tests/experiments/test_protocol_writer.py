@@ -1,12 +1,14 @@
 """What is written as a protocol reads back as the same protocol; what cannot be run is not written."""
 
+import math
 import tomllib
 
 import pytest
 
 from core.files import InputError
+from core.path import outline, path_from
 from experiments.protocol import SHIPPED_FOLDER, load_protocol, read_protocol, shipped_protocols
-from experiments.protocol_writer import protocol_text, save_protocol
+from experiments.protocol_writer import path_through, points_of, protocol_text, save_protocol
 
 
 def shipped(name: str) -> dict:
@@ -51,3 +53,31 @@ def test_what_cannot_be_run_or_written_leaves_nothing(tmp_path) -> None:
     with pytest.raises(InputError, match="cannot be written"):
         save_protocol(tmp_path / "no" / "mine.toml", shipped("paper"))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", shipped_protocols())
+def test_a_path_is_drawn_again_from_its_points(name: str) -> None:
+    for path in shipped(name)["path"]:
+        again = path_through(path["kind"], points_of(path))
+        before, after = (outline(path_from(one, "path"), 0.01) for one in (without_number(path), again))
+        assert after == pytest.approx(before, abs=1e-5)
+
+
+def without_number(path: dict) -> dict:
+    return {key: value for key, value in path.items() if key != "number"}
+
+
+@pytest.mark.parametrize("turn", [30.0, 170.0, 250.0, -30.0, -200.0])
+@pytest.mark.parametrize("first", [-170.0, 0.0, 95.0])
+def test_an_arc_runs_from_its_first_point_by_the_second_to_the_last(first: float, turn: float) -> None:
+    arc = {"kind": "arc", "centre_m": [0.02, 0.3], "radius_m": 0.1, "from_deg": first, "to_deg": first + turn}
+    again = path_through("arc", points_of(arc))
+    assert again["to_deg"] - again["from_deg"] == pytest.approx(turn, abs=0.01)
+    assert math.dist(points_of(again)[1], points_of(arc)[1]) < 1e-5
+
+
+def test_points_without_a_path_are_refused() -> None:
+    with pytest.raises(InputError, match="lie on a line"):
+        path_through("arc", [(0.0, 0.3), (0.05, 0.3), (0.1, 0.3)])
+    with pytest.raises(InputError, match="needs 2 points"):
+        path_through("polyline", [(0.0, 0.3)])

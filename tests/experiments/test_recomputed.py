@@ -12,7 +12,8 @@ import pytest
 from scipy import signal
 from sessions import session_of
 
-from experiments.analysis.boxplots import DRAWN, boxes
+from experiments.analysis.boxplots import boxes
+from experiments.analysis.metrics import DRAWN
 from experiments.export.export import export
 from experiments.session.files import write_pooled_table
 

@@ -9,8 +9,7 @@ from sessions import new_session, run_trials
 
 from core.path import Polyline, build_path
 from core.simulator.hand import hand_force
-from experiments.study.replay_hand import target_hand, what_is_held
-from experiments.study.replay_run import read_recorded
+from experiments.study.replay_motion import read_recorded, target_hand, what_is_held
 
 BENT = Polyline(((-0.1, 0.4), (0.0, 0.43), (0.1, 0.4)))
 

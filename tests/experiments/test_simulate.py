@@ -2,9 +2,12 @@
 
 import io
 import json
+import re
 import resource
+import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +16,8 @@ from hypothesis import strategies as st
 
 from app.cli import main
 from core.files import InputError
+from core.kernel_compiler import watchers
+from core.simulator import simulation
 from experiments.simulate import simulate as simulate_module
 from experiments.simulate.scene import Scene, read_scene
 from experiments.simulate.simulate import TORQUE, WIDTH, column_names, simulate, write_rows
@@ -36,10 +41,9 @@ class Ramp:
 
     def __init__(self, scene, fails_after: int | None = None, error: BaseException | None = None) -> None:
         self.done, self.fails_after, self.error = 0, fails_after, error
-        self.events, self.fallbacks = 3, 1
 
-    def warnings(self) -> tuple[str, ...]:
-        return ()
+    def ledger(self) -> SimpleNamespace:
+        return SimpleNamespace(events=3, fallbacks=1, warnings=tuple)
 
     def run_chunk(self, rows: int) -> np.ndarray:
         if self.error and self.fails_after is not None and self.done >= self.fails_after:
@@ -49,6 +53,12 @@ class Ramp:
         chunk = k[:, None] + np.arange(WIDTH) / 100
         chunk[:, -1] = k % 16
         return chunk
+
+
+@pytest.fixture
+def ramp(monkeypatch) -> pytest.MonkeyPatch:
+    monkeypatch.setattr(simulate_module, "SceneRun", Ramp)
+    return monkeypatch
 
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=7, max_size=7), st.integers(0, 15))
@@ -65,14 +75,14 @@ def test_every_double_reads_back_as_itself(values, bits):
     assert stuck == "".join(joint for i, joint in enumerate("AEBC") if bits >> i & 1)
 
 
-def test_the_file_holds_every_row_whatever_the_chunks(scene, tmp_path: Path, monkeypatch):
+def test_the_file_holds_every_row_whatever_the_chunks(scene, tmp_path: Path, ramp):
     s = scene("output_interval_s = 2e-3\n")
     written = []
     for chunk_rows, chunk_steps in ((1000, 1000), (3, 1000), (1000, 7), (1, 1)):
-        monkeypatch.setattr(simulate_module, "CHUNK_ROWS", chunk_rows)
-        monkeypatch.setattr(simulate_module, "CHUNK_STEPS", chunk_steps)
+        ramp.setattr(simulate_module, "CHUNK_ROWS", chunk_rows)
+        ramp.setattr(simulate_module, "CHUNK_STEPS", chunk_steps)
         path = tmp_path / f"{chunk_rows}-{chunk_steps}.csv"
-        summary = simulate(s, path, Ramp)
+        summary = simulate(s, path)
         assert (summary.rows, summary.steps, summary.events, summary.fallbacks) == (11, 20, 3, 1)
         written.append(path.read_bytes())
     assert len(set(written)) == 1
@@ -87,39 +97,41 @@ def test_the_file_holds_every_row_whatever_the_chunks(scene, tmp_path: Path, mon
 )
 def test_a_run_that_fails_leaves_no_file(scene, tmp_path: Path, monkeypatch, error):
     monkeypatch.setattr(simulate_module, "CHUNK_ROWS", 4)
+    monkeypatch.setattr(simulate_module, "SceneRun", lambda scene: Ramp(scene, 8, error))
     with pytest.raises(type(error)):
-        simulate(scene(), tmp_path / "out.csv", lambda scene: Ramp(scene, 8, error))
+        simulate(scene(), tmp_path / "out.csv")
     assert not (tmp_path / "out.csv").exists()
 
 
-def test_a_disk_that_fills_leaves_no_file(scene, tmp_path: Path):
+def test_a_disk_that_fills_leaves_no_file(scene, tmp_path: Path, ramp):
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     s = scene(duration_s=2.0)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
     try:
         with pytest.raises(OSError):
-            simulate(s, tmp_path / "out.csv", Ramp)
+            simulate(s, tmp_path / "out.csv")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert not (tmp_path / "out.csv").exists()
 
 
-def test_motion_that_is_not_finite_is_never_written(scene, tmp_path: Path):
+def test_motion_that_is_not_finite_is_never_written(scene, tmp_path: Path, monkeypatch):
     class Diverging(Ramp):
         def run_chunk(self, rows):
             chunk = super().run_chunk(rows)
             chunk[5, 2] = np.nan
             return chunk
 
+    monkeypatch.setattr(simulate_module, "SceneRun", Diverging)
     with pytest.raises(FloatingPointError, match=r"no longer finite at t = 0\.005 s"):
-        simulate(scene(), tmp_path / "out.csv", Diverging)
+        simulate(scene(), tmp_path / "out.csv")
     assert not (tmp_path / "out.csv").exists()
 
 
-def test_an_existing_output_file_is_left_as_it_was(scene, tmp_path: Path):
+def test_an_existing_output_file_is_left_as_it_was(scene, tmp_path: Path, ramp):
     (tmp_path / "out.csv").write_text("mine")
     with pytest.raises(InputError, match="exists already"):
-        simulate(scene(), tmp_path / "out.csv", Ramp)
+        simulate(scene(), tmp_path / "out.csv")
     assert (tmp_path / "out.csv").read_text() == "mine"
 
 
@@ -169,3 +181,28 @@ def test_karnopp_says_that_it_is_for_comparison_before_it_runs(scene, tmp_path: 
     scene("integrator = 'karnopp'\n", 0.1)
     assert main(["simulate", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "verb.csv"), "--json"]) == 0
     assert capsys.readouterr().err.startswith(f"note: {tmp_path / 'scene.toml'}: karnopp, Eq. (6), is for comparison")
+
+
+def test_what_has_to_be_compiled_first_counts_as_compiling_and_not_as_simulating(
+    scene, tmp_path: Path, capsys, monkeypatch
+):
+    """Whatever other verbs have compiled before."""
+    run_rows, called = simulation.run_rows, []
+
+    def compiled_at_first(*arguments):
+        if not called:
+            for watcher in watchers:
+                watcher(1, 1, "run_rows")
+                time.sleep(0.5)
+                watcher(1, 1, "")
+        called.append(arguments)
+        return run_rows(*arguments)
+
+    scene()
+    for first in (True, False):
+        monkeypatch.setattr(simulation, "run_rows", compiled_at_first)
+        assert main(["simulate", str(tmp_path / "scene.toml"), "--out", str(tmp_path / f"{first}.csv")]) == 0
+        said = capsys.readouterr().out
+        assert ("of compiling, on first use" in said) == first
+        assert float(re.search(r"simulated in (\S+) s", said)[1]) < 0.5
+    assert (tmp_path / "True.csv").read_bytes() == (tmp_path / "False.csv").read_bytes()

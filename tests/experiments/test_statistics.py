@@ -1,10 +1,11 @@
-"""Statistics against enumeration by hand, laws, and (where installed) pingouin and statsmodels."""
+"""Statistics against enumeration by hand and laws; how far the order of controllers depends on definitions."""
 
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
+from exports import rows as rows_in
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recorded import record, ticks
@@ -13,7 +14,7 @@ from scipy import stats
 from core import tick_log
 from core.tick_log import PHASES
 from experiments.analysis.metrics import acceleration_dft_sum, tip_acceleration
-from experiments.analysis.participants import shift_interval, signed_rank_distribution
+from experiments.analysis.participants import LEAST_PEOPLE
 from experiments.analysis.report import sentences, write_report
 from experiments.analysis.sensitivity import (
     SMOOTHNESS,
@@ -29,9 +30,11 @@ from experiments.analysis.statistics import (
     friedman,
     holm,
     means,
-    pairs,
+    median_interval,
     rank_biserial,
     rank_biserial_interval,
+    shift_interval,
+    signed_rank_distribution,
     signed_rank_p,
     statistics,
 )
@@ -120,10 +123,20 @@ def test_holm_never_makes_p_smaller_keeps_its_order_and_is_bonferroni_for_the_sm
     order = np.argsort(chances, kind="stable")
     assert np.all(np.diff(np.array(adjusted)[order]) >= 0.0)
     assert adjusted[order[0]] == min(1.0, len(chances) * min(chances))
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02]), "by hand"
 
 
-def test_holm_by_hand():
-    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+@given(st.integers(1, 80))
+def test_the_interval_of_the_median_covers_it_95_times_in_100_and_is_the_shortest_that_does(n):
+    """Of values 1..n: from k to n + 1 - k misses the median with twice the chance of under k heads in n throws."""
+    people, _, low, high = median_interval(np.random.default_rng(n).permutation(n) + 1.0)
+    assert people == n
+    if n >= LEAST_PEOPLE:
+        k = int(low)
+        assert high == n + 1 - k
+        assert 2.0 * stats.binom.cdf(k - 1, n, 0.5) <= 0.05 < 2.0 * stats.binom.cdf(k, n, 0.5)
+    else:
+        assert (low, high) == (-np.inf, np.inf) and 2.0 * stats.binom.cdf(0, n, 0.5) > 0.05
 
 
 def test_friedman_by_hand_and_its_ends():
@@ -141,27 +154,6 @@ def test_friedman_by_hand_and_its_ends():
     assert friedman("m", "d", table_of(np.ones((5, 8)))) == []
 
 
-def test_oracles_agree():
-    """pingouin 0.7.0 and statsmodels 0.15.0: Friedman, Kendall's W, Wilcoxon, rank-biserial, Holm."""
-    pingouin = pytest.importorskip("pingouin")
-    multitest = pytest.importorskip("statsmodels.stats.multitest")
-    pandas = pytest.importorskip("pandas")
-    data = np.random.default_rng(5).normal(size=(5, 12)) + np.arange(5)[:, None] / 4
-    wide = pandas.DataFrame(data.T)
-    oracle = pingouin.friedman(wide)
-    chi, w = friedman("m", "d", table_of(data))
-    assert (chi.value, chi.p) == pytest.approx((oracle["Q"].iloc[0], oracle["p_unc"].iloc[0]))
-    assert w.value == pytest.approx(oracle["W"].iloc[0])
-    found = [r for r in pairs("m", "d", table_of(data)) if r.statistic == "hodges_lehmann"]
-    sizes = [r for r in pairs("m", "d", table_of(data)) if r.statistic == "rank_biserial"]
-    assert len(found) == 10
-    for r, size in zip(found, sizes, strict=True):
-        test = pingouin.wilcoxon(data[int(r.first) - 1], data[int(r.second) - 1])
-        assert r.p == pytest.approx(test["p_val"].iloc[0])
-        assert size.value == pytest.approx(test["RBC"].iloc[0])
-    assert [r.p_holm for r in found] == pytest.approx(multitest.multipletests([r.p for r in found], method="holm")[1])
-
-
 def test_a_participant_counts_once_however_many_trials_they_made():
     rows = study(people=6)
     extra = [replace(rows[0], run=1000 + i) for i in range(50)]
@@ -173,10 +165,9 @@ def test_a_participant_counts_once_however_many_trials_they_made():
 
 
 def test_the_mean_has_students_interval():
-    data = np.random.default_rng(1).normal(size=(1, 7))
-    (found,) = means("m", "d", table_of(data))
-    interval = stats.ttest_1samp(data[0], 0.0).confidence_interval(0.95)
-    assert (found.low, found.high) == pytest.approx((interval.low, interval.high))
+    data = np.random.default_rng(1).normal(size=7)
+    (found,) = means("m", "d", table_of([data]))
+    assert (found.low, found.high) == pytest.approx(tuple(stats.ttest_1samp(data, 0.0).confidence_interval(0.95)))
 
 
 @pytest.mark.parametrize("people", [1, 3, 5, 6])
@@ -275,10 +266,12 @@ def test_definitions_that_order_the_controllers_alike_agree_and_a_reversed_one_i
     assert "the same by acceleration_weighted_rms_m_s2, sparc" in said
 
 
-def test_swapped_pairs_by_hand():
-    assert swapped("1 < 2 < 3", "1 < 2 < 3") == []
-    assert swapped("1 < 2 < 3", "2 < 1 < 3") == [(1, 2)]
-    assert swapped("3 < 1 < 2", "2 < 1") == [(1, 2)]
+@pytest.mark.parametrize(
+    "order, other, pairs",
+    [("1 < 2 < 3", "1 < 2 < 3", []), ("1 < 2 < 3", "2 < 1 < 3", [(1, 2)]), ("3 < 1 < 2", "2 < 1", [(1, 2)])],
+)
+def test_swapped_pairs_by_hand(order, other, pairs):
+    assert swapped(order, other) == pairs
 
 
 def test_smoothness_by_other_definitions_starts_from_the_metrics_own(tmp_path):
@@ -303,18 +296,13 @@ def test_smoothness_by_other_definitions_starts_from_the_metrics_own(tmp_path):
 
 
 def test_the_tables_are_tidy(tmp_path):
-    import csv
-
     write_report(study(people=3), tmp_path, "note")
-    with (tmp_path / "participant_means.csv").open(newline="") as file:
-        lines = list(csv.DictReader(file))
+    lines = rows_in(tmp_path / "participant_means.csv")
     assert len(lines) == 3 * 2 * 5
     assert all(float(line["path_error_m"]) == pytest.approx(1e-3 * int(line["controller"])) for line in lines)
-    with (tmp_path / "statistics.csv").open(newline="") as file:
-        found = list(csv.DictReader(file))
+    found = rows_in(tmp_path / "statistics.csv")
     assert {line["test"] for line in found} == {"mean", "friedman", "difference", "trend", "order"}  # all as fast
     assert all(line["p"] == line["p_holm"] == line["low"] == "" for line in found)
-    with (tmp_path / "findings.csv").open(newline="") as file:
-        numbered = list(csv.DictReader(file))
+    numbered = rows_in(tmp_path / "findings.csv")
     assert [line["number"] for line in numbered] == [str(n) for n in range(1, 12)]
     assert set(numbered[0]) == {"number", "statement", "verdict", "numbers", "sentence"}

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.files import InputError
-from experiments.analysis.metrics import NO_METRICS, Metrics
+from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import COLUMNS, TrialRow, append_row, read_table, table_bytes, write_table
 
 PROMISED = (
@@ -21,8 +21,9 @@ PROMISED = (
 ).split(", ")
 
 ROW = TrialRow("01", 7, 1, "three-brake", 2, 1, 1, "done", recording="trials/run-007.parquet")
+MEASURES = [metric.name for metric in METRICS]
 FULL = replace(
-    ROW.with_metrics(Metrics(*(0.1 * k for k in range(12)))), energy_residual_J=-1e-9, energy_added_max_J=0.0
+    ROW, **{name: 0.1 * k for k, name in enumerate(MEASURES)}, energy_residual_J=-1e-9, energy_added_max_J=0.0
 )
 
 
@@ -32,7 +33,7 @@ def test_columns_are_the_promised_ones_in_order():
 
 
 def test_a_row_stands_in_full_precision_with_empty_cells_where_nothing_was_measured(tmp_path):
-    row = ROW.with_metrics(NO_METRICS._replace(path_error_m=1 / 3, duration_s=2.0))
+    row = replace(ROW, path_error_m=1 / 3, duration_s=2.0)
     line = b"01,7,1,three-brake,2,1,1,done,0.3333333333333333,,,,,,2.0,,,,,,trials/run-007.parquet,,\n"
     assert table_bytes([row]).splitlines(keepends=True)[1] == line
     write_table(tmp_path / "trials.csv", [row])
@@ -41,7 +42,7 @@ def test_a_row_stands_in_full_precision_with_empty_cells_where_nothing_was_measu
 
 @given(st.lists(st.none() | st.floats(allow_nan=False, allow_infinity=False), min_size=12, max_size=12))
 def test_every_double_comes_back_and_the_same_rows_give_the_same_bytes(values):
-    row = ROW.with_metrics(Metrics(*values))
+    row = replace(ROW, **dict(zip(MEASURES, values, strict=True)))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "trials.csv"
         path.write_bytes(table_bytes([row, ROW]))

@@ -70,7 +70,8 @@ class Place(NamedTuple):
     @classmethod
     def make(cls, folder: Path) -> "Place":
         session = Session(folder / "data", "01", fault_protocol(folder), sync=False)
-        plan = {name: [t for t in session.plan if t.configuration == name] for name in session.devices}
+        names = [device.name for device in session.protocol.devices]
+        plan = {name: [t for t in session.plan if t.configuration == name] for name in names}
         return cls(folder, session, plan)
 
 
@@ -89,7 +90,7 @@ class Case:
     def __init__(self, place: Place, fault: Fault, phase: str) -> None:
         self.place, self.fault, self.phase = place, fault, phase
         session = place.session
-        device = session.devices[fault.device]
+        device = session.protocol.device(fault.device)
         self.bench = RealBench(hand=HeldHand(AWAY if phase == "approach" else START), device=device)
         self.board = self.bench.board
         self.ring = Ring(width=tick_log.BENCH_WIDTH)
@@ -246,7 +247,7 @@ class Case:
             self.row = next(r for r in session.rows if r.run == self.run.planned.run)
             self.words = lost(self.run.name)
             return
-        self.run.ended(Done(self.running.changed()), "")
+        self.run.returned(Done(self.running.changed()), "")
         self.words = with_advice(self.run.name, self.run.trial.outcome()["reason"])
         self.row = self.run.keep(session)
 

@@ -87,7 +87,7 @@ def serve() -> None:
     """Do jobs until stdin ends."""
     from sessions import new_session, run
 
-    import app.verbs.recover  # noqa: F401  (everything that a job needs is there before the first)
+    import app.verbs.folders  # noqa: F401  (everything that a job needs is there before the first)
     import experiments.session.recover  # noqa: F401
     import experiments.study.study  # noqa: F401
     from core import tick_log  # noqa: F401

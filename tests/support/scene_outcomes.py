@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pytest
 from random_scenes import INTERVAL_S, STEPS, random_scene, write_scene
 from scene_reference import Reference, solve_scene
 
@@ -79,21 +80,24 @@ def outcomes(
 
 
 def _outcome(name, device, scene, tips, step, integrator, folder: Path) -> Outcome:
-    sources = []
+    runs: list[SceneRun] = []
 
-    def source(asked):
-        sources.append(SceneRun(asked))
-        return sources[-1]
+    class Kept(SceneRun):
+        def __init__(self, asked) -> None:
+            super().__init__(asked)
+            runs.append(self)
 
     out = folder / f"{step!r}.csv"
     path = write_scene(device, scene, step, folder, integrator)
     try:
-        warnings = simulate(read_scene(path), out, source).warnings
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("experiments.simulate.simulate.SceneRun", Kept)
+            warnings = simulate(read_scene(path), out).warnings
         got = np.loadtxt(out, delimiter=",", skiprows=1, usecols=(1, 2))[::THINNED]
         off = float(np.hypot(*(got - tips).T).max())
     except FloatingPointError as error:
         warnings, off = (str(error),), math.inf
-    ledger = sources[0].simulation.ledger()
+    ledger = runs[0].ledger()
     turnover = ledger.kinetic + sum(ledger.heat) + ledger.lost_at_stops
     return Outcome(name, step, scene["fidelity"], off, warnings, ledger.added_by_brakes, ledger.residual, turnover)
 

@@ -10,7 +10,7 @@ from live import Window
 
 from app.ipc import messages as m
 from app.ipc.messages import Done, Prepared, Run, Setup, Tried, Try
-from app.ipc.ring import Ring
+from app.ipc.ring import HAND_BACK, Ring
 from app.loop.real_time import end_early, put, take_aim
 from app.session_server.commands import do
 from app.session_server.server import read_protocol
@@ -39,7 +39,7 @@ class SimulatedLoop:
                 self._trial = trial
                 self._force_max = float(trial.arguments().hand.grips["force_max"][0])
 
-    def receive(self) -> list[object]:
+    def receive(self, wait_s: float = 0.0) -> list[object]:
         if self._trial is not None:
             self._advance()
         answers, self._answers = self._answers, []
@@ -49,6 +49,10 @@ class SimulatedLoop:
         """As `real_time.run_trial`, without waiting."""
         ring, arguments, row = self._ring, self._trial.arguments(), np.zeros((1, tick_log.WIDTH))
         for _ in range(PIECE):
+            if ring.control.stop == HAND_BACK:
+                self._answers.append(Done(self._trial.changed()))
+                self._trial = None
+                return
             end_early(ring.controls, arguments.run, time.monotonic_ns(), len(ring.rows))
             if not arguments.run["simulated_hand"][0]:
                 grip, phase = arguments.hand.grips[0], arguments.run["phase"][0]

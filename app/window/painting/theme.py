@@ -42,6 +42,13 @@ def font(size: int = NORMAL, bold: bool = False) -> QFont:
     return chosen
 
 
+def mono(size: int = NORMAL) -> QFont:
+    """For text in columns."""
+    chosen = QFont(["DejaVu Sans Mono", "monospace"])
+    chosen.setPixelSize(size)
+    return chosen
+
+
 def colour(name: str, alpha: float = 1.0) -> QColor:
     """A colour of the palette, more or less transparent."""
     chosen = QColor(name)
@@ -71,6 +78,7 @@ QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {LINE}; paddin
 QFrame#panel {{ background: {PANEL}; border: 1px solid {LINE}; border-radius: {RADIUS}px; }}
 QFrame#canvas {{ background: {CANVAS}; border: 1px solid {LINE}; border-radius: {RADIUS}px; }}
 QFrame#card {{ background: {PANEL}; border: 1px solid {EDGE}; border-radius: {RADIUS}px; }}
+QWidget#clear {{ background: transparent; }}
 QFrame#line {{ background: {LINE}; border: none; max-height: 1px; min-height: 1px; }}
 QFrame#pill {{ background: {PANEL}; border: 1px solid {LINE}; border-radius: 15px; }}
 QFrame#pill-bad {{ background: {BAD_GROUND}; border: 1px solid {BAD}; border-radius: 15px; }}
@@ -95,6 +103,15 @@ QPushButton#key {{ text-align: left; }}
 QPushButton#key:checked {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
 QPushButton#toggle {{ background: transparent; color: {QUIET}; border-radius: 12px; padding: 3px 12px; }}
 QPushButton#toggle:checked {{ background: {FIELD}; color: {TEXT}; border-color: {EDGE}; }}
+QPushButton#segment:checked {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
+QPushButton::menu-indicator {{ image: none; width: 0; }}
+QProgressBar {{ background: {FIELD}; border: none; border-radius: 3px; min-height: 6px; max-height: 6px; }}
+QProgressBar::chunk {{ background: {ACCENT}; border-radius: 3px; }}
+QProgressBar#done::chunk {{ background: {GOOD}; }}
+QMenu {{ background: {PANEL}; border: 1px solid {EDGE}; padding: 4px; }}
+QMenu::item {{ padding: 6px 18px; }}
+QMenu::item:selected {{ background: {ACCENT_GROUND}; }}
+QMenu::item:disabled {{ color: {BRAKE_OFF}; }}
 QPushButton#small {{ padding: 3px 10px; color: {QUIET}; }}
 QPushButton#small:hover {{ color: {TEXT}; }}
 QLineEdit, QComboBox, QPlainTextEdit {{ background: {GROUND}; border: 1px solid {LINE}; border-radius: 5px;
@@ -125,7 +142,7 @@ def dress(application: QApplication) -> None:
     matplotlib = find_spec("matplotlib")  # not imported, which takes a fifth of a second
     assert matplotlib is not None and matplotlib.origin is not None
     folder = Path(matplotlib.origin).parent / "mpl-data" / "fonts" / "ttf"
-    for name in ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf"):
+    for name in ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf", "DejaVuSansMono.ttf"):
         QFontDatabase.addApplicationFont(str(folder / name))
     application.setStyle("Fusion")
     application.setFont(font())

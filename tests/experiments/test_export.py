@@ -1,28 +1,29 @@
 """`phd export`: BIDS-Motion that the official validator accepts, CSV that gives back every number; all or nothing."""
 
-import csv
 import json
 import shutil
-import subprocess
-import sys
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from exports import errors, table, validate
+from protocols import short
 from recorded import ticks
-from sessions import crash_in_trial, files, session_of
+from sessions import crash_in_trial, files, new_session, run, session_of
 
 from app.cli import main
 from core import tick_log
-from experiments.analysis.trials_table import COLUMNS, TrialRow, read_table, write_table
-from experiments.export.columns import recording_column, trials_column
+from experiments.analysis.trials_table import COLUMNS, DICTIONARY, TrialRow, read_table, write_table
+from experiments.export.columns import recording_column
 from experiments.export.csv import CsvTables
 from experiments.export.export import export
 from experiments.recording.reader import read_recording
-from experiments.recording.schema import recording_columns
+from experiments.recording.schema import Sensors, recording_columns
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
 from experiments.session.files import pooled_rows
+from experiments.session.session import Session
 
 SESSION = Path("sub-01", "ses-01")
 
@@ -70,11 +71,6 @@ def recordings(study):
     return [read_recording(path) for path in sorted(study.glob("sub-*/ses-*/trials/run-*.parquet"))]
 
 
-def table(path, delimiter="\t"):
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.reader(file, delimiter=delimiter))
-
-
 def same_bits(texts, numbers, missing):
     """The texts stand for these doubles, bit by bit; `missing` for one that is not finite."""
     finite = np.isfinite(numbers)
@@ -83,19 +79,7 @@ def same_bits(texts, numbers, missing):
     return np.array_equal(back.view("u8"), np.asarray(numbers, dtype=float)[finite].view("u8"))
 
 
-def validate(folder):
-    """What the official validator says: (severity, code, what) of each issue. It needs no network."""
-    pytest.importorskip("bids_validator_deno")
-    program = shutil.which("bids-validator-deno", path=str(Path(sys.executable).parent))
-    done = subprocess.run(
-        [program, str(folder), "--format", "json", "--max-rows", "-1"], capture_output=True, text=True, check=False
-    )
-    assert done.stdout.startswith("{"), done.stderr
-    issues = json.loads(done.stdout)["issues"]["issues"]
-    return {(issue["severity"], issue["code"], issue.get("subCode", "")) for issue in issues}
-
-
-def test_the_official_validator_finds_no_error_and_misses_only_what_the_experimenter_alone_knows(exported):
+def test_the_official_validator_finds_no_error_and_misses_only_what_the_experimenter_alone_knows(exported, tmp_path):
     assert validate(exported["bids"]) <= {
         ("warning", "TOO_FEW_AUTHORS", ""),
         ("warning", "NO_AUTHORS", "Authors"),
@@ -103,13 +87,10 @@ def test_the_official_validator_finds_no_error_and_misses_only_what_the_experime
         ("warning", "JSON_KEY_RECOMMENDED", "SourceDatasets"),
         ("warning", "JSON_KEY_RECOMMENDED", "HEDVersion"),
     }
-
-
-def test_the_validator_does_find_an_error_where_there_is_one(exported, tmp_path):
     folder = shutil.copytree(exported["bids"], tmp_path / "bids")
     channels = next(folder.rglob("*_channels.tsv"))
     channels.write_text(channels.read_text().replace("LATENCY", "TIME"))
-    assert any(severity == "error" for severity, _, _ in validate(folder))
+    assert errors(folder), "the validator does find an error where there is one"
 
 
 def test_every_number_of_a_recording_comes_back_from_its_bids_files(study, exported):
@@ -175,7 +156,7 @@ def test_the_tables_hold_the_rows_of_the_study(study, exported):
     assert people == {"sub-01": "operator", "sub-p7": "mouse"}
 
 
-def test_file_names_say_device_and_run_and_nothing_of_the_controller(exported):
+def test_file_names_hold_device_and_run_and_nothing_of_the_controller(exported):
     names = sorted(path.name for path in exported["bids"].rglob("*_motion.tsv"))
     tail = [name.split("_task-")[1] for name in names]
     assert tail[0].startswith("pathfollow_tracksys-fivebar_acq-") and tail[0].endswith("_run-01_motion.tsv")
@@ -189,9 +170,8 @@ def test_every_column_that_can_be_recorded_or_tabled_is_described_with_its_unit(
     names = [name for name, _ in recording_columns("AEBC")]
     for name in names:
         said = [unit for end, unit in units.items() if name.endswith(end)]
-        assert recording_column(name).unit == (said[0] if said else "") and recording_column(name).description
-    for field in fields(TrialRow):
-        assert trials_column(field.name).description
+        assert recording_column(name).unit == (said[0] if said else "") and recording_column(name).meaning
+    assert [name for name, column in DICTIONARY.items() if column.meaning] == list(COLUMNS)
     described = json.loads((exported["csv"] / "columns.json").read_text())
     assert set(described["trials.csv"]) == set(COLUMNS)
     ours = described["sub-*/ses-*/run-*.csv"]
@@ -209,8 +189,8 @@ def test_what_is_damaged_or_not_finished_is_left_out_and_named(study, tmp_path, 
     assert main(["export", str(folder), "--bids", str(outs["bids"]), "--csv", str(outs["csv"]), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["trials"] == 2 and len(said["left_out"]) == 3
-    for run, why in (("002", "damaged"), ("003", "not there"), ("009", "cut off")):
-        [entry] = [entry for entry in said["left_out"] if f"run-{run}" in entry]
+    for number, why in (("002", "damaged"), ("003", "not there"), ("009", "cut off")):
+        [entry] = [entry for entry in said["left_out"] if f"run-{number}" in entry]
         assert why in entry
         assert all(entry in (out / "README.md").read_text() for out in outs.values())
     assert [r.run for r in read_table(outs["csv"] / "trials.csv")] == [1, 104]
@@ -231,9 +211,6 @@ def test_a_trial_that_was_redone_or_never_recorded_stands_as_the_sessions_table_
     assert json.loads((out / SESSION / "run-001.json").read_text())["outcome"]["status"] == "redone"
 
 
-@pytest.mark.skipif(
-    next(f for f in fields(TrialRow) if f.name == "controller").type is int, reason="no codes in trials.csv"
-)
 def test_while_a_session_is_blind_nothing_exported_tells_the_controller(study, tmp_path):
     folder = shutil.copytree(study, tmp_path / "copy")
     name = folder / SESSION / "trials.csv"
@@ -247,7 +224,7 @@ def test_while_a_session_is_blind_nothing_exported_tells_the_controller(study, t
         assert not [name for name, content in text.items() if b'"seed"' in content or b"torque" in content]
     assert [r.controller for r in read_table(outs["csv"] / "trials.csv")[:3]] == [r.controller for r in rows]
     assert {type(r.unreachable_share) for r in read_table(outs["csv"] / "trials.csv")[:3]} == {type(None)}
-    assert not any(severity == "error" for severity, _, _ in validate(outs["bids"]))
+    assert not errors(outs["bids"])
 
 
 @pytest.mark.parametrize("existing", [False, True])
@@ -300,3 +277,64 @@ def test_an_empty_folder_is_taken_and_what_a_kill_left_beside_it_is_cleared(stud
     assert main(["export", str(study), "--csv", str(out)]) == 0
     assert "trials" in capsys.readouterr().out
     assert [path.name for path in tmp_path.iterdir()] == ["out"] and "old" not in files(out)
+
+
+# --- who or what moved which device, for every way in which a trial can be recorded
+
+
+def on_the_bench(session: Session, board: str) -> None:
+    """One trial on a device on the bench that never got to its movement."""
+    trial, writer = session.begin(session.next_planned(), Sensors("AB", 6))
+    rows = np.full((300, tick_log.BENCH_WIDTH), np.nan)
+    rows[:, tick_log.T] = np.arange(300) / 1000.0
+    rows[:, [tick_log.PHASE, tick_log.STUCK, tick_log.DECISION, tick_log.FILLED]] = 0.0
+    rows[:, tick_log.COUNT : tick_log.COUNT + 4] = 1234.0
+    writer.write(rows)
+    trial.connect(SimpleNamespace(end_record=lambda: {"link": {"board": board} if board else {}}))
+    session.finish(trial, writer)
+
+
+def record(data: Path, kind: str) -> None:
+    """A session of one trial."""
+    if kind == "operator":
+        session = new_session(data)
+    else:
+        hand = "mouse" if kind.startswith("serial") else kind
+        session = Session(data, "01", short(), None, sync=False, hand=hand)
+    if kind.startswith("serial"):
+        on_the_bench(session, kind.partition(" ")[2])
+    else:
+        trial, writer = session.begin(session.next_planned())
+        if kind != "operator":
+            run(trial, writer, 200)
+            trial.abort("nobody at the handle")
+        run(trial, writer)
+        session.finish(trial, writer)
+    session.close()
+
+
+#: kind of recording -> hand, words of its level, simulated device, simulated operator, number of the board
+KINDS = {
+    "operator": ("operator", "simulated operator", True, True, "n/a"),
+    "mouse": ("mouse", "with the mouse", True, False, "n/a"),
+    "hid": ("hid", "six-axis device", True, False, "n/a"),
+    "serial A17": ("force sensor", "on the bench", False, False, "A17"),
+    "serial EMULATED-3": ("force sensor", "on the bench", True, True, "EMULATED-3"),
+    "serial": ("force sensor", "on the bench", False, False, "unknown"),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_hand_and_device_of_a_recording_stand_in_its_export(tmp_path: Path, kind: str) -> None:
+    hand, words, simulated_device, simulated_operator, number = KINDS[kind]
+    record(tmp_path / "data", kind)
+    export(tmp_path / "data", {"bids": tmp_path / "bids", "csv": tmp_path / "csv"})
+    bids = tmp_path / "bids"
+    about = json.loads(next(bids.glob("sub-01/ses-01/motion/*_motion.json")).read_text())
+    assert (about["SimulatedDevice"], about["SimulatedOperator"]) == (simulated_device, simulated_operator)
+    assert about["DeviceSerialNumber"] == number and about["Trial"]["hand"] == hand
+    header, person = table(bids / "participants.tsv")
+    assert dict(zip(header, person, strict=True))["hand"] == hand
+    levels = json.loads((bids / "participants.json").read_text())["hand"]["Levels"]
+    assert list(levels) == [hand] and words in levels[hand]
+    assert not errors(bids)

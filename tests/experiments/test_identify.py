@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace as replace_struct
+from sessions import files
 from synthetic_steps import BENCH, FALLING, RISING, SPEEDS, synthetic_steps, write_steps
 
 from app.cli import main
@@ -36,12 +38,6 @@ def numbers(steps: list[Step], **how) -> tuple[np.ndarray, np.ndarray]:
     return np.array([row.value for row in rows]), np.array([row.half_width for row in rows])
 
 
-def steps_file(path: Path, **how) -> Path:
-    """A small file that tells everything."""
-    write_steps(synthetic_steps(BRAKE, 1, QUIET, **({"repeats": 1} | how)), path)
-    return path
-
-
 @pytest.fixture(scope="module")
 def quiet() -> list[Step]:
     return synthetic_steps(BRAKE, 1, QUIET, repeats=1)
@@ -51,18 +47,12 @@ def test_quiet_steps_give_back_the_brake(quiet):
     values, half_widths = numbers(quiet)
     assert values == pytest.approx(truth(BRAKE), rel=1e-4)
     assert np.all(half_widths <= 1e-4 * np.abs(values))
-
-
-def test_another_brake_with_another_omega_0_comes_back():
     rise = TimeConstant(a_avg_s=0.05, a=(0.02, -0.05, -0.01, 0.011, 0.002, 0.12))
     fall = TimeConstant(a_avg_s=0.04, a=(0.01, -0.03, -0.002, 0.006, 0.001, 0.09))
-    brake = BrakeFile(
-        name="other", provenance="test", current_max_A=1.0, k=(2.0, 0.5, 1.0, 4.0, 0.06), knee_A=0.2,
-        omega_0_rpm=4.0, floor_rpm=0.125, rise=rise, fall=fall, backlash_deg=0.0,
-    )  # fmt: skip
-    steps = synthetic_steps(brake, 1, QUIET, repeats=1)
+    other = replace_struct(BRAKE, k=(2.0, 0.5, 1.0, 4.0, 0.06), omega_0_rpm=4.0, rise=rise, fall=fall)
+    steps = synthetic_steps(other, 1, QUIET, repeats=1)
     assert identify_steps(steps, "steps.csv").omega_0_rpm == 4.0
-    assert numbers(steps)[0] == pytest.approx(truth(brake), rel=2e-4)
+    assert numbers(steps)[0] == pytest.approx(truth(other), rel=2e-4)
 
 
 def test_95_percent_intervals_cover_the_truth_and_are_narrow_under_ripple_and_noise():
@@ -115,15 +105,14 @@ def test_the_averaged_step_is_the_mean_of_its_repeats_also_on_different_clocks()
     assert mean.torque == pytest.approx(3.0 * mean.t)
 
 
-def test_torque_gain_is_continuous_at_the_knee_and_the_file_is_a_brake(quiet):
-    for seed in range(3):
-        found = identify_steps(synthetic_steps(BRAKE, seed, repeats=1), "steps.csv")
-        brake = parse_brake(brake_text(found, 'my "brake"'), "brake")
-        assert brake.name == 'my "brake"' and brake.provenance.startswith("identified from steps.csv; assumed: ")
-        k1, k2, k3, k4, k5 = brake.k
-        assert k1 * 0.2 + k2 == pytest.approx(k3 * 0.04 + k4 * 0.2 + k5, abs=1e-8)
-        assert np.array(brake.k) == pytest.approx(found.gain.values, rel=1e-4)
-        assert brake.rise.a == pytest.approx(found.constants["rise"].surface.values, rel=1e-5)
+def test_torque_gain_is_continuous_at_the_knee_and_the_file_is_a_brake():
+    found = identify_steps(synthetic_steps(BRAKE, 0, repeats=1), "steps.csv")
+    brake = parse_brake(brake_text(found, 'my "brake"'), "brake")
+    assert brake.name == 'my "brake"' and brake.provenance.startswith("identified from steps.csv; assumed: ")
+    k1, k2, k3, k4, k5 = brake.k
+    assert k1 * 0.2 + k2 == pytest.approx(k3 * 0.04 + k4 * 0.2 + k5, abs=1e-8)
+    assert np.array(brake.k) == pytest.approx(found.gain.values, rel=1e-4)
+    assert brake.rise.a == pytest.approx(found.constants["rise"].surface.values, rel=1e-5)
 
 
 # --- numbers in other units, and what steps do not show
@@ -202,21 +191,20 @@ def test_the_file_calls_assumed_what_steps_do_not_show_and_nothing_else(quiet):
         assert parse_brake(text, "brake").provenance == f"identified from steps.csv; assumed: {', '.join(expected)}"
 
 
-def test_the_command_warns_on_stderr_and_in_json(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_command_warns_on_stderr_and_in_json(folder, capsys):
     quiet = synthetic_steps(BRAKE, 1, QUIET, speeds=(0.5, 1.0, 2.0, 4.0), repeats=1)
-    write_steps(in_other_units(quiet, torque=1e3), tmp_path / "steps.csv")
+    write_steps(in_other_units(quiet, torque=1e3), folder / "steps.csv")
     for out, more in (("one.toml", []), ("two.toml", ["--json"])):
         assert main(["identify", "steps.csv", "--out", out, *more]) == 0
-        said = capsys.readouterr()
-        warnings = [line for line in said.err.splitlines() if line.startswith("warning: ")]
+        printed = capsys.readouterr()
+        warnings = [line for line in printed.err.splitlines() if line.startswith("warning: ")]
         assert [warning.split(":")[1].split()[0] for warning in warnings] == ["torque_N_m", "speed_rpm", "omega_0_rpm"]
         if more:
-            told = json.loads(said.out)
+            told = json.loads(printed.out)
             assert [f"warning: {warning}" for warning in told["warnings"]] == warnings
             assert set(told["assumed"]) == {"current_max_A", "knee_A", "floor_rpm", "omega_0_rpm", "backlash_deg"}
         else:
-            assert "assumed: current_max_A (the largest that was measured); knee_A" in said.out
+            assert "assumed: current_max_A (the largest that was measured); knee_A" in printed.out
 
 
 # --- what steps cannot tell
@@ -250,35 +238,30 @@ def test_steps_that_cannot_tell_a_number_are_refused_with_its_name_and_the_reaso
     assert re.search(f"^steps.csv: {says}", str(refusal.value)), str(refusal.value)
 
 
-def test_without_omega_0_too_few_speeds_are_refused_too(quiet):
-    with pytest.raises(InputError, match=r"Eq. \(4\), rise, cannot be identified"):
-        identify_steps([step for step in quiet if step.speed_rpm in (1.0, 2.0, 8.0)], "steps.csv")
+SPOILT = {
+    "too few speeds": (
+        lambda s: s if s.speed_rpm in (1.0, 2.0, 8.0) else None,
+        r"Eq. \(4\), rise, cannot be identified",
+    ),
+    "cut off": (
+        lambda s: replace(s, t=s.t[:400], torque=s.torque[:400]),
+        r"at 0\.5 rpm cannot be identified: .* before its torque settles",
+    ),
+    "coarse": (lambda s: replace(s, t=s.t[::30], torque=s.torque[::30]), "too few to see"),
+    "turned round": (lambda s: replace(s, torque=-s.torque), "the torque does not fall when the current falls"),
+}
 
 
-def test_steps_that_end_before_the_torque_settles_are_refused(quiet):
-    cut = [replace(step, t=step.t[:400], torque=step.torque[:400]) for step in quiet]
-    with pytest.raises(InputError, match=r"at 0\.5 rpm cannot be identified: .* before its torque settles"):
-        identify_steps(cut, "steps.csv")
-
-
-def test_steps_sampled_too_coarsely_are_refused(quiet):
-    coarse = [replace(step, t=step.t[::30], torque=step.torque[::30]) for step in quiet]
-    with pytest.raises(InputError, match="too few to see"):
-        identify_steps(coarse, "steps.csv")
-
-
-def test_a_brake_that_answers_the_wrong_way_is_refused(quiet):
-    turned = [replace(step, torque=-step.torque) for step in quiet]
-    with pytest.raises(InputError, match="the torque does not fall when the current falls"):
-        identify_steps(turned, "steps.csv")
+@pytest.mark.parametrize("spoil, words", SPOILT.values(), ids=SPOILT)
+def test_steps_that_show_no_brake_are_refused(quiet, spoil, words):
+    with pytest.raises(InputError, match=words):
+        identify_steps([step for step in map(spoil, quiet) if step], "steps.csv")
 
 
 def test_steps_that_say_nothing_but_noise_never_become_a_brake():
     rng = np.random.default_rng(1)
     t = np.arange(2001) / 1000.0
-    steps = [
-        Step(*change, speed, t, rng.standard_normal(len(t))) for change in (*RISING, *FALLING) for speed in SPEEDS
-    ]
+    steps = [Step(*change, speed, t, rng.standard_normal(len(t))) for change in (*RISING, *FALLING) for speed in SPEEDS]
     with pytest.raises(InputError):
         brake_text(identify_steps(steps, "steps.csv"), "noise")
 
@@ -328,9 +311,15 @@ def test_a_written_file_reads_back_with_rows_before_the_step_and_a_running_clock
     assert second.t == pytest.approx(np.arange(40) / 100) and second.torque[0] == 0.0
 
 
-def test_command_writes_a_brake_file_and_figures_and_never_overwrites(tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The folder that commands run in."""
     monkeypatch.chdir(tmp_path)
-    steps_file(tmp_path / "steps.csv")
+    return tmp_path
+
+
+def test_command_writes_a_brake_file_and_figures_and_never_overwrites(folder, quiet, capsys):
+    write_steps(quiet, folder / "steps.csv")
     command = ["identify", "steps.csv", "--out", "mine.toml", "--figures", "figures", "--json"]
     assert main(command) == 0
     told = json.loads(capsys.readouterr().out)
@@ -343,19 +332,15 @@ def test_command_writes_a_brake_file_and_figures_and_never_overwrites(tmp_path, 
     assert names == {"fig06", "fig07", "fig08"} and len(told["figures"]) == 10
     assert all(Path(path).stat().st_size > 5000 for path in told["figures"])
 
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    before = files(folder)
     assert main(command) == 2 and "mine.toml: exists already" in capsys.readouterr().err
     assert main([*command[:3], "other.toml", *command[4:]]) == 2
     assert "fig06_torque_gain.png: exists already" in capsys.readouterr().err
-    assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert files(folder) == before
 
-
-def test_options_of_the_command_reach_the_file(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    steps_file(tmp_path / "steps.csv")
     options = ["--name", "MR 1", "--omega-0", "6", "--backlash-deg", "0"]
-    assert main(["identify", "steps.csv", "--out", "mine.toml", *options]) == 0
-    brake = parse_brake(Path("mine.toml").read_text(), "mine.toml")
+    assert main(["identify", "steps.csv", "--out", "another.toml", *options]) == 0
+    brake = parse_brake(Path("another.toml").read_text(), "another.toml")
     assert (brake.name, brake.omega_0_rpm, brake.backlash_deg) == ("MR 1", 6.0, 0.0)
     assert "rpm, given" in capsys.readouterr().out
 
@@ -376,22 +361,23 @@ WRONG_FILES = {
 }
 
 
-@pytest.mark.parametrize("text, says", WRONG_FILES.values(), ids=WRONG_FILES)
-def test_a_wrong_file_gives_one_sentence_exit_2_and_nothing_written(tmp_path, monkeypatch, capsys, text, says):
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.parametrize("text, words", WRONG_FILES.values(), ids=WRONG_FILES)
+def test_a_wrong_file_gives_one_sentence_exit_2_and_nothing_written(folder, capsys, text, words):
     Path("steps.csv").write_text(text)
     assert main(["identify", "steps.csv", "--out", "mine.toml", "--figures", "figures"]) == 2
-    said = capsys.readouterr()
-    assert said.out == "" and re.fullmatch(rf"phd: .*steps\.csv: {says}.*\n", said.err), said.err
-    assert [path.name for path in tmp_path.iterdir()] == ["steps.csv"]
+    printed = capsys.readouterr()
+    assert printed.out == "" and re.fullmatch(rf"phd: .*steps\.csv: {words}.*\n", printed.err), printed.err
+    assert [path.name for path in folder.iterdir()] == ["steps.csv"]
 
 
-def test_wrong_arguments_are_refused(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    for argument, says in (
+@pytest.mark.parametrize(
+    "argument, words",
+    [
         (["--omega-0", "0"], "--omega-0: must be a number greater than 0"),
         (["--backlash-deg", "nan"], "--backlash-deg: must be at least 0"),
         (["--out", "no/mine.toml"], "its folder does not exist"),
-    ):
-        assert main(["identify", "steps.csv", "--out", "mine.toml", *argument]) == 2
-        assert says in capsys.readouterr().err
+    ],
+)
+def test_wrong_arguments_are_refused(folder, capsys, argument, words):
+    assert main(["identify", "steps.csv", "--out", "mine.toml", *argument]) == 2
+    assert words in capsys.readouterr().err

@@ -1,19 +1,17 @@
 """Answers and notes leave the journal: as CSV, as a BIDS phenotype, with the results; without any, no file."""
 
-import csv
 import json
 import shutil
-from pathlib import Path
 
 import pytest
+from exports import rows, table, validate
 from sessions import files, session_of
-from test_export import table, validate
 
 from app.ipc import messages as m
 from app.window.export import Job, export_results
 from app.window.questionnaire import ITEMS
+from experiments.export.answers import NOTES_CSV, QUESTIONNAIRE_CSV, Answers, answers_and_notes, write_phenotype
 from experiments.export.export import export
-from experiments.export.trial import NOTES_CSV, QUESTIONNAIRE_CSV, Answers, answers_and_notes, write_phenotype
 from experiments.session.files import pooled_rows
 
 SCALES = [item for item, *_ in ITEMS]
@@ -53,14 +51,9 @@ def study(silent, tmp_path):
     return data
 
 
-def read(path: Path) -> list[dict]:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def test_answers_and_notes_are_tables_of_their_own_and_described(study, tmp_path):
     export(study, {"csv": tmp_path / "csv"})
-    answers, notes = read(tmp_path / "csv" / QUESTIONNAIRE_CSV), read(tmp_path / "csv" / NOTES_CSV)
+    answers, notes = rows(tmp_path / "csv" / QUESTIONNAIRE_CSV), rows(tmp_path / "csv" / NOTES_CSV)
     assert [(a["participant"], a["configuration"], a["block"]) for a in answers] == [
         ("01", "three-brake", "1"), ("01", "three-brake", "2"),
     ]  # fmt: skip
@@ -70,13 +63,9 @@ def test_answers_and_notes_are_tables_of_their_own_and_described(study, tmp_path
     described = json.loads((tmp_path / "csv" / "columns.json").read_text())
     for name, lines in ((QUESTIONNAIRE_CSV, answers), (NOTES_CSV, notes)):
         assert set(described[name]) == set(lines[0]) and all(entry["description"] for entry in described[name].values())
-
-
-def test_every_scale_that_is_asked_has_a_description_of_its_own(study, tmp_path):
-    export(study, {"csv": tmp_path / "csv"})
-    described = json.loads((tmp_path / "csv" / "columns.json").read_text())[QUESTIONNAIRE_CSV]
     for item, _, low, high in ITEMS:
-        assert low.split()[0] in described[item]["description"] and high.split()[-1] in described[item]["description"]
+        meaning = described[QUESTIONNAIRE_CSV][item]["description"]
+        assert low.split()[0] in meaning and high.split()[-1] in meaning
 
 
 def test_answers_are_a_phenotype_that_the_official_validator_accepts(study, tmp_path):
@@ -103,10 +92,10 @@ def test_a_block_that_a_participant_was_not_asked_about_is_not_there(tmp_path):
 
 
 def test_the_results_that_a_window_exports_hold_the_same_tables(study, tmp_path):
-    rows = tuple(row for row in pooled_rows(study) if row.participant == "01")
-    count = export_results(Job(rows, study, tmp_path / "results", "note", ("three-brake",), LABELS))
-    assert len(read(tmp_path / "results" / QUESTIONNAIRE_CSV)) == 2
-    [note] = read(tmp_path / "results" / NOTES_CSV)  # of those whose trials are shown
+    shown = tuple(row for row in pooled_rows(study) if row.participant == "01")
+    count = export_results(Job(shown, study, tmp_path / "results", "note", ("three-brake",), LABELS))
+    assert len(rows(tmp_path / "results" / QUESTIONNAIRE_CSV)) == 2
+    [note] = rows(tmp_path / "results" / NOTES_CSV)  # of those whose trials are shown
     assert note["text"] == NOTE and count == len([*(tmp_path / "results").iterdir()])
 
 

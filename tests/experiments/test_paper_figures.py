@@ -20,10 +20,10 @@ from core.linkage import tip_force_map
 from core.mechanism import JOINTS
 from core.workspace import tip_is_free
 from experiments import paper_figures
-from experiments.analysis.figures import STYLE, figure_bytes
+from experiments.analysis.sheet import STYLE, figure_bytes
 from experiments.paper_figures import draw_all, pictures
-from experiments.paper_figures.brake import brake_of
-from experiments.paper_figures.brake_motion import step_response, torque_as_worded, torque_with_play
+from experiments.paper_figures.brake import brake_of, step_response, torque_as_worded, torque_with_play
+from experiments.paper_figures.control import clearest_choice, five_forces
 from experiments.paper_figures.directions import (
     achievable_span,
     force_lines,
@@ -32,7 +32,6 @@ from experiments.paper_figures.directions import (
     worst_unachievable,
 )
 from experiments.paper_figures.release import RELEASE_S, places, release
-from experiments.paper_figures.selection import clearest_choice, five_forces
 from experiments.paper_figures.workspace import sdof_family, workspace_of
 from experiments.recording.atomic_files import write_new_files
 
@@ -212,7 +211,7 @@ def test_the_five_forces_give_the_papers_influence_matrix_and_the_coupling_one_i
 
 @pytest.fixture
 def coarse(monkeypatch):
-    monkeypatch.setattr("experiments.analysis.figures.PNG_DPI", 30)
+    monkeypatch.setattr("experiments.analysis.sheet.PNG_DPI", 30)
 
 
 @pytest.fixture(scope="module")
@@ -220,7 +219,7 @@ def figures(tmp_path_factory):
     """All of both devices, coarse: their folder, what was drawn, and the progress that was told."""
     folder, shares = tmp_path_factory.mktemp("drawn") / "new" / "figures", []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("experiments.analysis.figures.PNG_DPI", 30)
+        patch.setattr("experiments.analysis.sheet.PNG_DPI", 30)
         return folder, draw_all([THREE.device, FOUR.device], folder, shares.append), shares
 
 

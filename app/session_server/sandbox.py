@@ -1,0 +1,258 @@
+"""Try: pass after pass along one path, with controller, brakes and hand as the person at the handle sets them.
+
+A pass is a trial (move to the start, hold, go) of which nothing is written. On a simulated device a change acts at
+once: the loop hands the trial back between two ticks, the same trial (state, tip, velocity, phase) gets another
+controller, other brakes or another spring, and runs on. Only another device or path begins another pass. On a real
+device (our choice, for its hand) a change waits for the next pass, and each pass for a Start.
+"""
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import numpy as np
+
+from app.ipc import messages as m
+from app.ipc.messages import MOUSE, Pass, SandboxSettings, SandboxState
+from app.session_server.device_setup import RealSetup, SimulatedSetup
+from app.session_server.practice import person_at
+from app.session_server.preflight import with_advice
+from app.session_server.trial_runner import TrialRun, TrialRunner
+from core.control.algorithm import Controller
+from core.control.controllers import Preset, make_controller
+from core.control.proportional import GAIN_N_S_M, least_gain_felt
+from core.control.rule_sets import RULE_SETS
+from core.control.velocity_field import BLEND_WIDTH
+from core.device import Device
+from core.files import InputError
+from core.path import build_path, outline
+from core.simulator.simulated_device import SimulatedDevice
+from core.tick_log import APPROACH, PHASE
+from core.workspace import tip_is_free
+from experiments.analysis.metrics import Metrics, trial_metrics
+from experiments.plan import PlannedTrial
+from experiments.protocol import Protocol
+from experiments.recording.schema import recording_of
+from experiments.trial.trial import Trial
+
+MOST_PASSES = 500  # in the table; the oldest go
+PIECES_BEFORE = 100  # looks into the ring, 2 s: of the approach no more is kept, longer than the measures' filter
+SPACING_M = 0.005  # between places of the path where the drag is looked at
+ONLY_SIMULATED = ("device", "spring_N_m", "brake_strength", "backlash_deg")
+NO_GAIN_N_S_M = 1000.0  # where the protocol has no guide
+
+
+class Ticks:
+    """The ticks of one pass, on their way from the ring."""
+
+    def __init__(self) -> None:
+        self._pieces: list[np.ndarray] = []
+
+    def take(self, rows: np.ndarray) -> None:
+        """The next ones (n, width), n > 0."""
+        self._pieces.append(rows)
+        if rows[-1, PHASE] == APPROACH:
+            del self._pieces[:-PIECES_BEFORE]
+
+    def measure(self, trial: Trial) -> Metrics:
+        """The measures of the pass. InputError: ticks are missing."""
+        return trial_metrics(recording_of(np.concatenate(self._pieces), trial.device.braked), trial.path)
+
+
+class Sandbox:
+    """The settings, the running pass, and the table of those that have ended."""
+
+    def __init__(
+        self, setup: m.Setup, protocol: Protocol, runner: TrialRunner,
+        device: SimulatedSetup | RealSetup, say: Callable[[str, bool], None],
+    ) -> None:  # fmt: skip
+        self._setup, self._protocol, self._runner, self._device, self._say = setup, protocol, runner, device, say
+        self.real = isinstance(device, RealSetup)
+        self.on = False
+        self.settings = self._initial(protocol.devices[0].name, next(iter(protocol.paths)))
+        self.simulation: SimulatedDevice | None = None  # None: there has been no pass, or the device is real
+        self._run: TrialRun | None = None
+        self._ticks = Ticks()
+        self._now = self.settings  # those that the running pass has
+        self._changed = self._asked = self._taken = False  # asked: a Start; taken: the pointer still has the handle
+        self._number, self._least_gain = 0, 0.0
+        self._passes: list[Pass] = []
+        self._measuring = ThreadPoolExecutor(1, "measures")  # beside: the first time scipy is imported
+        self._measured: list[tuple[Pass, Future[Metrics]]] = []
+
+    # ------------------------------------------------------------------------------------------- what is asked for
+
+    def want(self, settings: SandboxSettings | None) -> None:
+        """These from now on; None: as protocol and device have them.
+
+        InputError, and nothing has changed: they cannot be.
+        """
+        p, before = self._protocol, self.settings
+        settings = settings or self._initial(before.device, before.path)
+        for what, value, among in (
+            ("device", settings.device, [device.name for device in p.devices]), ("path", settings.path, p.paths),
+            ("controller", settings.controller, p.controllers), ("rules", settings.rules, RULE_SETS),
+        ):  # fmt: skip
+            if value not in among:
+                raise InputError(f"Try: {what} {value!r} is none of {', '.join(map(str, among))}.")
+        for what in ("spring_N_m", "brake_strength", "backlash_deg"):
+            if not 0.0 <= getattr(settings, what) < math.inf:
+                raise InputError(f"Try: {what} {getattr(settings, what)!r} must be finite and not negative.")
+        for what in self.fixed:
+            if getattr(settings, what) != getattr(before, what):
+                raise InputError(f"Try: {what} cannot be changed with this device and hand.")
+        device = p.device(settings.device)
+        self._controller(settings, device)
+        self.settings, self.on = settings, True
+        places = np.asarray(outline(p.paths[settings.path], SPACING_M))
+        self._least_gain = settings.brake_strength * least_gain_felt(device, places)
+
+    def go(self) -> None:
+        """A Start: the next pass on a real device."""
+        self._asked = True
+
+    def leave(self) -> None:
+        """Try is left: the running pass ends."""
+        self.on = self._asked = False
+        if self._run is not None and self.real:
+            self._run.stop("Try was left")
+
+    @property
+    def fixed(self) -> tuple[str, ...]:
+        """The settings that cannot be changed here."""
+        if self.real:
+            return ONLY_SIMULATED
+        return () if self._setup.hand == MOUSE else ("spring_N_m",)
+
+    @property
+    def state(self) -> SandboxState | None:
+        """What the window shows; None: Try is not open."""
+        if not self.on:
+            return None
+        initial = self._initial(self.settings.device, self.settings.path)
+        return SandboxState(self.settings, initial, self.fixed, self.real, self._least_gain, tuple(self._passes))
+
+    @property
+    def waits(self) -> bool:
+        """Whether the next pass is to begin as soon as one may."""
+        return self.on and self._run is None
+
+    def _initial(self, device: str, path: int) -> SandboxSettings:
+        """As protocol and device have them, with the first controller that brakes."""
+        p = self._protocol
+        number = min(p.controllers, key=lambda n: (p.controllers[n].kind == "none", n))
+        gains = [preset.value(GAIN_N_S_M.name) for preset in p.controllers.values()]
+        play = float(np.degrees(p.device(device).brakes.play.max()))
+        return SandboxSettings(
+            device, path, number, p.rules, p.controllers[number].value("gap_m"), max(gains) or NO_GAIN_N_S_M,
+            BLEND_WIDTH, p.mouse.stiffness_N_m, 1.0, round(play, 6),
+        )  # fmt: skip
+
+    # ------------------------------------------------------------------------------------------- the passes
+
+    def watch(self, hindrance: str) -> None:
+        """Begin, change or end the pass as is wanted; take in what has been measured. hindrance: why none may begin."""
+        while self._measured and self._measured[0][1].done():
+            self._add(*self._measured.pop(0))
+        if self._run is None:
+            if self.on and not hindrance and (self._asked or not self.real):
+                self._begin()
+            self._taken = False
+        elif not self.real and not (self.on and self.settings == self._now):
+            self._run.hand_back()
+
+    def owns(self, run: TrialRun) -> bool:
+        """Whether a run is a pass of Try."""
+        return run is self._run
+
+    def lost(self) -> None:
+        """The loop died with the pass: the device is as it was before it."""
+        self._run = None
+
+    def returned(self, run: TrialRun, taken: bool) -> None:
+        """The loop has given the pass back, at its end or to be changed. taken: the pointer has hold of the handle."""
+        same = (self.settings.device, self.settings.path) == (self._now.device, self._now.path)
+        self._changed |= run.trial.phase == "move" and not run.trial.finished and self.on and same
+        if not run.trial.finished and self.on and same:
+            self._tune(run.trial)
+            self._runner.go_on(run)
+            return
+        self._run, self._taken = None, taken
+        run.let_go()
+        status, reason = (run.trial.outcome()[what] for what in ("status", "reason"))
+        if not run.trial.finished or not self.on:
+            return
+        if status == "aborted":
+            self._say(with_advice("This pass", reason), True)
+            return
+        self._number += 1
+        ended = Pass(self._number, self._now, self._changed, status, None, None, None, None)
+        self._measured.append((ended, self._measuring.submit(self._ticks.measure, run.trial)))
+
+    def _add(self, ended: Pass, measured: "Future[Metrics]") -> None:
+        try:
+            found = measured.result()
+        except InputError as error:
+            self._say(f"Pass {ended.number} cannot be measured: {error}.", True)
+            return
+        self._passes.append(
+            ended._replace(
+                path_error_m=found.path_error_m, mean_tip_force_N=found.mean_tip_force_N,
+                roughness_m_s2=found.acceleration_weighted_rms_m_s2, duration_s=found.duration_s,
+            )
+        )  # fmt: skip
+        del self._passes[:-MOST_PASSES]
+
+    def _begin(self) -> None:
+        """The next pass."""
+        p, s = self._protocol, self.settings
+        if not self.real:
+            self.simulation = self._ready_simulation()
+        try:
+            device = self._device.to_practise_on(p, self.simulation)
+        except InputError as error:
+            self._asked = False
+            self._say(str(error), True)
+            return
+        name = device.name if isinstance(device, Device) else device.device.name
+        self.settings = s = s._replace(device=name)  # of a real one: the board's
+        planned = PlannedTrial(0, 0, name, s.controller, s.path, self._number + 1)
+        person, generator = person_at(self._setup, p, "0"), np.random.default_rng(self._number)
+        trial = Trial(device, planned, p.paths[s.path], self._preset(s), s.rules, p.trial, person, generator)
+        self._tune(trial)
+        self._ticks, self._changed, self._asked = Ticks(), False, False
+        self._say("", False)
+        self._run = self._runner.start(planned, trial, None, self._ticks.take, self._taken)
+
+    def _ready_simulation(self) -> SimulatedDevice:
+        """The simulated device of the settings; another one has the handle where it stands, if it reaches there."""
+        p, s, old = self._protocol, self.settings, self.simulation
+        if old is not None and old.device.name == s.device:
+            return old
+        device, path = p.device(s.device), build_path(p.paths[s.path], "path")
+        tip = old.tip if old is not None else (path.x1, path.y1)  # there is a way to go
+        if not tip_is_free(device.mechanism, *tip):
+            tip, self._taken = (path.x1, path.y1), False
+        return SimulatedDevice(device, tip, p.mouse.hand() if self._setup.hand != m.OPERATOR else None)
+
+    def _controller(self, s: SandboxSettings, device: Device) -> Controller:
+        """As the settings have it. InputError for numbers that cannot be."""
+        return make_controller(self._preset(s), device.force_normalised_N * s.brake_strength, s.rules, s.blend_width_m)
+
+    def _preset(self, s: SandboxSettings) -> Preset:
+        chosen = self._protocol.controllers[s.controller]
+        return chosen.replaced("gap_m", s.gap_m).replaced(GAIN_N_S_M.name, s.gain_N_s_m)
+
+    def _tune(self, trial: Trial) -> None:
+        """Controller, brakes and spring of the settings, while everything that moves stays as it is."""
+        s = self._now = self.settings
+        if not isinstance(trial.model, SimulatedDevice):  # its controller knows the noise of its sensing
+            trial.controller = trial.controller._replace(blend_width=s.blend_width_m)
+            return
+        trial.controller = self._controller(s, trial.device)
+        own = s.backlash_deg == self._initial(s.device, s.path).backlash_deg
+        trial.model.retune(s.brake_strength, None if own else math.radians(s.backlash_deg))
+        if "spring_N_m" not in self.fixed:
+            mouse, grip = self._protocol.mouse, trial.model.hand.grips
+            damping = mouse.damping_N_s_m * math.sqrt(s.spring_N_m / mouse.stiffness_N_m)  # of the same damping ratio
+            grip["stiffness"][0], grip["damping"][0] = (s.spring_N_m, 0.0, s.spring_N_m), (damping, 0.0, damping)

@@ -1,0 +1,127 @@
+"""The verbs on models without an operator: `phd simulate` a scene, `phd identify` a brake, draw the paper's figures."""
+
+import argparse
+import math
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+from app.progress import watch_compiling
+from app.verbs.common import DEVICES, add_verb, answer, devices_of, with_progress
+
+KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and diverge; `event` cannot"
+
+
+def add(verbs) -> None:
+    """The three verbs and their arguments."""
+    option = add_verb(
+        verbs, "simulate", simulate_verb, "simulate one scene without an operator",
+        "A scene file names a device, a brake schedule and a hand force; the motion goes to a CSV file.",
+        "phd simulate scene.toml --out motion.csv", prints="the summary",
+    ).add_argument  # fmt: skip
+    option("scene", type=Path, metavar="SCENE.toml", help="the scene file")
+    option("--out", type=Path, required=True, metavar="FILE.csv", help="a new file")
+    option = add_verb(
+        verbs, "identify", identify_verb, "fit a brake to measured current steps",
+        "STEPS.csv: columns t_s (0 where the current changes), current_from_A, current_to_A, speed_rpm, torque_N_m,\n"
+        "step_index (tells repeats apart, which are averaged). Eq. (4) takes the current stepped to: falling steps\n"
+        "that all end at one current do not give its a_1, a_3 and a_5.",
+        "phd identify steps.csv --out brake.toml --figures figures", prints="numbers, intervals and residuals",
+    ).add_argument  # fmt: skip
+    option("steps", type=Path, metavar="STEPS.csv", help="the measured steps")
+    option("--out", type=Path, required=True, metavar="BRAKE.toml", help="a new brake file")
+    option("--figures", type=Path, metavar="DIR", help="draw Figs. 6 to 8 there")
+    option("--name", help="the brake's name (default: that of the file)")
+    option(
+        "--omega-0", type=number_between(0.0, math.inf, "must be a number greater than 0"), metavar="RPM",
+        help="speed from which the time constant is a_avg (default: the measured speed that fits best)",
+    )  # fmt: skip
+    option(
+        "--backlash-deg", type=number_between(-1e-300, 360.0, "must be at least 0 and less than 360 degrees"),
+        metavar="DEG", help="goes into the file as it is: steps do not show it (default: 0.75, assumed)",
+    )  # fmt: skip
+    option = add_verb(
+        verbs, "figures", figures_verb, "remake the paper's Figs. 1 and 4 to 14 from our models",
+        "Each as PNG and PDF. No data of the paper are drawn; what rests on assumed parameters is marked so.\n"
+        "Files that exist are never overwritten. Prints the files.",
+        "phd figures --out figures", prints="names, contents and files",
+    ).add_argument  # fmt: skip
+    option("--device", **DEVICES)
+    option("--out", type=Path, required=True, metavar="DIR", help="the folder for the figures")
+
+
+def number_between(above: float, below: float, reason: str):
+    """The type of an argument: a number between two others, without them."""
+
+    def number(text: str) -> float:
+        try:
+            found = float(text)
+        except ValueError:
+            found = math.nan
+        if not above < found < below:
+            raise argparse.ArgumentTypeError(f"{reason}, not {text!r}")
+        return found
+
+    return number
+
+
+def simulate_verb(args: argparse.Namespace) -> int:
+    from experiments.simulate.scene import read_scene
+
+    scene = read_scene(args.scene)
+    from experiments.simulate.simulate import simulate
+
+    if scene.integrator == "karnopp":
+        print(f"note: {args.scene}: {KARNOPP}", file=sys.stderr)
+    compiling = watch_compiling()
+    device = scene.device
+    done = asdict(with_progress("simulating", simulate, scene, args.out))
+    about = {"device": device.name, "assumed": device.assumed, "fidelity": scene.fidelity}
+    about |= {"integrator": scene.integrator} | done | {"compiling_s": compiling.seconds}
+    compiled = f" (and {compiling.seconds:.3g} s of compiling, on first use)" if compiling.seconds else ""
+    answer(
+        args,
+        about,
+        f"{args.out}: {done['rows']} rows, device {device.name}{' (assumed)' if device.assumed else ''}, "
+        f"{done['simulated_s']:g} s simulated in {done['wall_s']:.3g} s{compiled}: {done['steps']} steps, "
+        f"{done['events']} events, {done['fallbacks']} fallbacks",
+        (f"{args.scene}: {warning}" for warning in done["warnings"]),
+    )
+    return 0
+
+
+def identify_verb(args: argparse.Namespace) -> int:
+    from experiments.identify.identify import identify, summary
+
+    asked = args.steps, args.out, args.name, args.figures, args.omega_0, args.backlash_deg
+    found, brake, figures = with_progress("identifying", identify, *asked)
+    fit = summary(found, args.backlash_deg)
+    lines = [
+        f"{args.out}: {brake.name}, {fit['steps']} steps, averaged to {fit['averaged_steps']}",
+        f"{'':12}{'value':>12}{'95 % interval':>26}",
+    ]
+    for row in fit["parameters"]:
+        interval = f"{row['low']:#.4g} .. {row['high']:#.4g}"
+        lines.append(f"{row['name']:12}{row['value']:#12.4g}{interval:>26}  {row['unit']}")
+    lines += [
+        f"omega_0     {found.omega_0_rpm:12.5g}{'':26}  rpm, {fit['omega_0_by']}",
+        f"residuals (rms): steady torque {fit['torque_residual_rms_N_m']:.3g} N m, "
+        f"time constant {fit['time_constant_residual_rms_s'] * 1e3:.3g} ms",
+        "assumed: " + "; ".join(f"{key} ({why})" for key, why in fit["assumed"].items()),
+    ]
+    if found.set_aside:
+        lines.append(f"without a clear transient, not used for Eq. (4): {', '.join(fit['set_aside'])}")
+    files = [str(path) for path in figures]
+    result = {"brake": brake.name, "out": str(args.out), "figures": files} | fit
+    answer(args, result, "\n".join([*lines, *files]), fit["warnings"])
+    return 0
+
+
+def figures_verb(args: argparse.Namespace) -> int:
+    devices = devices_of(args)
+    from experiments.paper_figures import draw_all
+
+    drawn = with_progress("drawing", draw_all, devices, args.out, compiles=True)
+    found = [figure._asdict() | {"files": [str(file) for file in figure.files]} for figure in drawn]
+    answer(args, found, "\n".join(f"{file}: {figure.shows}" for figure in drawn for file in figure.files))
+    return 0

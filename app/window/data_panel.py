@@ -1,0 +1,264 @@
+"""Your data: the sessions of the data folder, how far each is, and what can be done with them."""
+
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+
+from PySide6.QtCore import QSettings, QTimer, QUrl, Signal
+from PySide6.QtGui import QDesktopServices
+from PySide6.QtWidgets import (
+    QApplication,
+    QFileDialog,
+    QFrame,
+    QMenu,
+    QProgressBar,
+    QPushButton,
+    QVBoxLayout,
+    QWidget,
+)  # fmt: skip
+
+from app.window.background import Background, Verb
+from app.window.page import ANALYSE
+from app.window.painting import theme
+from app.window.painting.labels import OneLine, breakable, line, rule, word
+from app.window.painting.parts import button, clear, row, scrolled
+from experiments.plan import counted
+from experiments.session.files import STORED, recordings_in
+from experiments.session.overview import DataOverview, SessionOverview, look_into
+
+LOOK_MS = 2000  # between two looks at the folder
+RECENT_MOST = 6
+FORMS = {"bids": "BIDS-Motion", "csv": "CSV"}
+
+
+class Recent:
+    """Files or folders that were used last; kept in the user's settings if the application has a name."""
+
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+        self._settings = QSettings() if QApplication.organizationName() else None
+        kept = self._settings.value(kind, []) if self._settings else []
+        self.paths: list[str] = [kept] if isinstance(kept, str) else list(kept or [])
+
+    def add(self, path: str) -> None:
+        """It was used now."""
+        self.paths = [path, *(other for other in self.paths if other != path)][:RECENT_MOST]
+        if self._settings:
+            self._settings.setValue(self._kind, self.paths)
+
+
+class DataPanel(QFrame):
+    """The third column of the home page."""
+
+    folder_chosen = Signal(Path)
+    resume_asked = Signal(str)  # participant: take up their session, unfinished or not
+    page_asked = Signal(str, object)  # as of a page
+
+    def __init__(self, background: Background) -> None:
+        super().__init__(objectName="panel")
+        self.overview: DataOverview | None = None  # None: not looked at yet
+        self._background, self._why, self._open = background, "", ""
+        self._folder: Path | None = None
+        self._recent = Recent("folders")
+        self._export, self._out = Verb(self), Path()
+        self.where, self.count = OneLine("", "quiet", theme.NORMAL), line("", "quiet")
+        self.choose = QPushButton("Choose folder …")
+        self.choose.setMenu(menu := QMenu(self.choose))
+        menu.aboutToShow.connect(lambda: self._offer(menu))
+        self.whole = button("Results of all", lambda: self.page_asked.emit(ANALYSE, self._folder))
+        self.export_as = QPushButton("Export …")
+        self.export_as.setMenu(forms := QMenu(self.export_as))
+        for form, name in FORMS.items():
+            self._entry(forms, f"{name}, into a new folder", lambda form=form: self._ask_export(form))
+        self.exporting, self.bar = line("", "quiet"), QProgressBar(textVisible=False, maximum=1000)
+        self.cancel = button("Cancel", self._export.cancel, "small")
+        self.show_export = button("Show", lambda: show_folder(self._out), "small")
+        self._rows = QVBoxLayout()
+        self._timer = QTimer(self)
+        self._timer.timeout.connect(self.look)
+        self._export.progressed.connect(lambda share: self.bar.setValue(round(1000 * share)))
+        self._export.ended.connect(self._exported)
+        self._lay_out()
+
+    def _lay_out(self) -> None:
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(16, 12, 16, 14)
+        layout.setSpacing(8)
+        layout.addLayout(row(word("Your data", size=theme.HEAD, bold=True), 1, self.choose))
+        layout.addWidget(self.where)
+        layout.addWidget(self.count)
+        layout.addLayout(row(self.whole, self.export_as, 1))
+        layout.addWidget(rule())
+        self._rows.setContentsMargins(0, 0, 6, 0)
+        self._rows.setSpacing(8)
+        inside = QWidget()
+        inside.setLayout(self._rows)
+        layout.addWidget(scrolled(inside), 1)
+        layout.addWidget(self.exporting)
+        layout.addLayout(row(self.bar, self.cancel, self.show_export))
+        for absent in (self.exporting, self.bar, self.cancel, self.show_export, self.whole, self.export_as):
+            absent.hide()
+
+    def showEvent(self, event) -> None:
+        super().showEvent(event)
+        self._timer.start(LOOK_MS)
+        self.look()
+
+    def hideEvent(self, event) -> None:
+        super().hideEvent(event)
+        self._timer.stop()
+
+    def show_folder(self, folder: Path) -> None:
+        """The data folder of the session server."""
+        if folder != self._folder:
+            self._folder, self.overview = folder, None
+            self._recent.add(str(folder))
+            home = Path.home()
+            inside = folder.is_relative_to(home)
+            self.where.setText(f"~/{folder.relative_to(home)}" if inside else str(folder))
+            self.look()
+
+    def show_session(self, participant: str, why_not: str) -> None:
+        """Whose session is open, and why no other one can be opened now."""
+        if (participant, why_not) != (self._open, self._why):
+            self._open, self._why = participant, why_not
+            self.choose.setEnabled(not participant)
+            self._fill()
+
+    def session_of(self, participant: str) -> SessionOverview | None:
+        """A participant's session in this folder, if there is one."""
+        sessions = self.overview.sessions if self.overview else ()
+        return next((one for one in sessions if one.participant == participant), None)
+
+    def look(self) -> None:
+        """See what is in the folder now."""
+        if (folder := self._folder) is not None:
+            self._background.ask("data", lambda: look_into(folder), self._looked)
+
+    def _looked(self, overview: DataOverview) -> None:
+        if overview != self.overview:
+            self.overview = overview
+            self._fill()
+
+    def _fill(self) -> None:
+        """The rows."""
+        overview = self.overview
+        if overview is None:
+            return
+        clear(self._rows)
+        sessions = overview.sessions
+        if overview.problem:
+            self.count.setText(breakable(overview.problem))
+        elif not sessions:
+            self.count.setText("No sessions yet. The first one will appear here.")
+        else:
+            kind = f"Study of {counted(overview.operators, 'simulated operator')}" if overview.operators else ""
+            trials = f"{overview.done} of {counted(overview.planned, 'trial')}"
+            self.count.setText(" · ".join(filter(None, (kind, counted(len(sessions), "session"), trials))))
+        self.whole.setVisible(overview.done > 0)
+        self.export_as.setVisible(overview.done > 0)
+        self.export_as.setEnabled(not self._export.busy)
+        for session in sessions:
+            self._rows.addLayout(self._row(session))
+            self._rows.addWidget(rule())
+        self._rows.addStretch(1)
+
+    def _row(self, session: SessionOverview) -> QVBoxLayout:
+        """A session: who and when, how far, what to do with it."""
+        is_open = session.participant == self._open
+        if session.complete:
+            main = button("Results", lambda: self.page_asked.emit(ANALYSE, session.folder))
+        else:
+            main = button("Resume", lambda: self.resume_asked.emit(session.participant), "main")
+            main.setEnabled(not is_open and not self._why and not session.problem)
+            main.setToolTip("This session is open." if is_open else self._why)
+        bar = QProgressBar(textVisible=False, maximum=max(session.planned, 1), value=session.done)
+        theme.name_anew(bar, "done" if session.complete else "")
+        bar.setFixedHeight(6)
+        far = QVBoxLayout()
+        far.setSpacing(3)
+        far.addWidget(word("cannot be read" if session.problem else f"{session.done} of {session.planned}"))
+        far.addWidget(bar)
+        about = QVBoxLayout()
+        about.setSpacing(1)
+        about.addWidget(name := OneLine(session.participant, "", theme.TITLE, bold=True))
+        when = datetime.fromtimestamp(session.changed_s)
+        about.addWidget(word(f"{when.day} {when:%b %Y}", "quiet"))
+        name.setToolTip(session.problem or f"Participant {session.participant}, {session.protocol} protocol")
+        one = row(main, self._more(session, is_open))
+        one.insertLayout(0, far, 3)
+        one.insertLayout(0, about, 3)
+        layout = QVBoxLayout()
+        layout.addLayout(one)
+        return layout
+
+    def _more(self, session: SessionOverview, is_open: bool) -> QPushButton:
+        """What else can be done with a session."""
+        more = QPushButton("…", objectName="small", accessibleName=f"More about {session.participant}")
+        more.setMenu(menu := QMenu(more))
+        can_open = not is_open and not self._why and not session.problem
+        self._entry(menu, "Open the session", lambda: self.resume_asked.emit(session.participant), can_open)
+        self._entry(menu, "Results", lambda: self.page_asked.emit(ANALYSE, session.folder), session.done > 0)
+        self._entry(menu, "Replay trials", lambda: self._replay(session), session.done > 0)
+        self._entry(menu, "Show the folder", lambda: show_folder(session.folder))
+        return more
+
+    @staticmethod
+    def _entry(menu: QMenu, text: str, do: Callable[[], object], can: bool = True) -> None:
+        menu.addAction(text, lambda: do()).setEnabled(can)
+
+    def _replay(self, session: SessionOverview) -> None:
+        recordings = recordings_in(session.folder)
+        self.page_asked.emit(ANALYSE, recordings[-1] if recordings else session.folder)
+
+    # the folder
+
+    def _offer(self, menu: QMenu) -> None:
+        menu.clear()
+        for path in self._recent.paths:
+            self._entry(menu, path, lambda path=path: self._choose(Path(path)), path != str(self._folder))
+        menu.addSeparator()
+        self._entry(menu, "Another folder …", self._browse)
+
+    def _browse(self) -> None:
+        chosen = QFileDialog.getExistingDirectory(self, "Data folder", str(self._folder or Path.home()))
+        if chosen:
+            self._choose(Path(chosen))
+
+    def _choose(self, folder: Path) -> None:
+        if (folder / STORED).exists():  # a session of a data folder
+            folder = folder.parent.parent
+        self.folder_chosen.emit(folder)
+
+    # export
+
+    def _ask_export(self, form: str) -> None:
+        into = QFileDialog.getExistingDirectory(self, f"Where to put the {FORMS[form]} files", str(Path.home()))
+        if into:
+            self.export(form, Path(into))
+
+    def export(self, form: str, into: Path) -> None:
+        """Write all sessions for other programs into a new folder in this one."""
+        assert self._folder is not None
+        number, self._out = 1, into / f"{self._folder.name}-{form}"
+        while self._out.exists():
+            number += 1
+            self._out = into / f"{self._folder.name}-{form}-{number}"
+        self.exporting.setText(f"Exporting as {FORMS[form]} …")
+        self.bar.setValue(0)
+        for widget, shown in ((self.exporting, True), (self.bar, True), (self.cancel, True), (self.show_export, False)):
+            widget.setVisible(shown)
+        self._export.start("export", str(self._folder), f"--{form}", str(self._out))
+        self._fill()
+
+    def _exported(self, why: str) -> None:
+        self.exporting.setText(breakable(f"Nothing was exported: {why}" if why else f"Exported to {self._out}"))
+        self.bar.hide()
+        self.cancel.hide()
+        self.show_export.setVisible(not why)
+        self._fill()
+
+
+def show_folder(folder: Path) -> None:
+    """In the system's own file manager."""
+    QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))

@@ -1,0 +1,511 @@
+"""Home: try the device, run a session, see the data that are there.
+
+A choice changes nothing by itself: the page keeps the chosen `Setup`, and asks for a session server with it when a
+session starts, a board is connected or a data folder is chosen.
+"""
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+from PySide6.QtCore import QPointF, QRectF, Qt, QTimer
+from PySide6.QtGui import QPainter, QPaintEvent, QPolygonF
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QFileDialog,
+    QGridLayout,
+    QHBoxLayout,
+    QLineEdit,
+    QPlainTextEdit,
+    QSizePolicy,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)  # fmt: skip
+
+from app.ipc import messages as m
+from app.window.background import Background
+from app.window.bench_page import DevicePage
+from app.window.data_panel import DataPanel, Recent
+from app.window.page import RUN, TRY, Page
+from app.window.painting import theme
+from app.window.painting.labels import Choice, OneLine, breakable, line, word
+from app.window.painting.parts import Segments, button, clear, panel, row, scrolled
+from app.window.preflight import Checklist
+from app.window.protocol_editor import TOML, ProtocolEditor
+from core.device import shipped_devices
+from core.files import InputError
+from experiments.plan import counted, make_plan, plan_summary, print_plan
+from experiments.protocol import NUMBER, Protocol, load_protocol, shipped_protocols
+from experiments.session.files import free_participant, session_folder
+from hardware.discovery import PortFound, look_at_ports
+
+DEVICE = "device"  # what `begin` takes to show the device page
+LOOK_MS = 2000  # between two looks at the ports
+SIMULATED, BOARD = "Simulated", "Board"
+FILE, AS_PROTOCOL = "A file …", "As the protocol says"
+HANDS = {m.MOUSE: "Mouse", m.HID: "Six-axis device", m.OPERATOR: "Simulated operator"}
+HAND_WORDS = {
+    m.MOUSE: "pulls the handle by a spring", m.HID: "its deflection is the force", m.OPERATOR: "no person is needed",
+}  # fmt: skip
+
+
+class Loaded(NamedTuple):
+    """A protocol that can be run, and what is to be read of it before anyone sits down."""
+
+    protocol: Protocol
+    summary: str
+    trials: int  # of a participant
+    participant: str  # the first without a session; "": none is left
+
+
+def load(setup: m.Setup) -> Loaded:
+    """The protocol of a setup. InputError if it cannot be run."""
+    protocol = load_protocol(
+        setup.protocol, devices=setup.devices, rules=setup.rules, low_gain=setup.low_gain, seed=setup.seed
+    )
+    participant = setup.participant
+    if not participant or session_folder(setup.data_dir, participant).exists():
+        try:
+            participant = free_participant(setup.data_dir, protocol.participants)
+        except InputError:
+            participant = ""
+    return Loaded(protocol, plan_summary(protocol), len(make_plan(protocol, "1")), participant)
+
+
+class Picture(QWidget):
+    """The device with its handle between start and end: what Try is about."""
+
+    JOINTS = {"A": (0.30, 0.92), "E": (0.10, 0.56), "D": (0.54, 0.30), "C": (0.90, 0.62), "B": (0.62, 0.92)}
+    START, END = (0.30, 0.31), (0.72, 0.30)
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.fillRect(self.rect(), theme.shade(theme.CANVAS))
+        side = 0.9 * min(self.width(), self.height())
+        room = QRectF(0.5 * (self.width() - side), 0.5 * (self.height() - side), side, side)
+
+        def at(place: tuple[float, float]) -> QPointF:
+            return QPointF(room.x() + place[0] * side, room.y() + place[1] * side)
+
+        painter.setPen(theme.pen(theme.ARM_CORE, 6.0, round_cap=True))
+        painter.drawPolyline(QPolygonF([at(place) for place in self.JOINTS.values()]))
+        painter.setPen(theme.pen(theme.HANDLE, 3.0))
+        painter.drawLine(at(self.START), at(self.END))
+        painter.setBrush(theme.shade(theme.CANVAS))
+        rings = [(self.START, theme.START_RING), (self.END, theme.END_RING)]
+        joints = zip("AECB", (theme.BRAKE_OFF, theme.BRAKE_STUCK, theme.BRAKE_OFF, theme.BRAKE_SLIPPING), strict=True)
+        for place, colour in rings + [(self.JOINTS[letter], colour) for letter, colour in joints]:
+            painter.setPen(theme.pen(colour, 3.0))
+            painter.drawEllipse(at(place), 11.0, 11.0)
+        painter.setPen(theme.pen(theme.TEXT, 1.0))
+        painter.setFont(theme.font(theme.NORMAL, bold=True))
+        for letter in "AECB":
+            box = QRectF(at(self.JOINTS[letter]) - QPointF(11.0, 11.0), at(self.JOINTS[letter]) + QPointF(11.0, 11.0))
+            painter.drawText(box, Qt.AlignmentFlag.AlignCenter, letter)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(theme.shade(theme.HANDLE))
+        painter.drawEllipse(at(self.JOINTS["D"]), 8.0, 8.0)
+
+
+class HomePage(Page):
+    """Three columns; in their place the plan of a protocol, its editor, or the device page, until Esc or Back."""
+
+    def __init__(self, send) -> None:
+        super().__init__(send)
+        self.setup: m.Setup | None = None  # of the session server
+        self.chosen: m.Setup | None = None
+        self.loaded: Loaded | InputError | None = None  # the chosen protocol; None: being read
+        self.on_board = False  # whether the board's ports are shown, connected or not
+        self._ports: tuple[PortFound, ...] = ()
+        self._ports_shown: tuple | None = None  # these, and the port that is connected
+        self._typed = False  # the participant was typed, and is not proposed anew
+        self._background, self._looking = Background(self), Background(self)
+        self._recent = Recent("protocols")
+        self.data = DataPanel(self._background)
+        self.device, self.editor = DevicePage(), ProtocolEditor(self._background)
+        self._timer = QTimer(self, singleShot=True, interval=LOOK_MS)
+        self._timer.timeout.connect(self._look_at_ports)
+        self._make_choices()
+        self._lay_out()
+        self.data.folder_chosen.connect(self._take_folder)
+        self.data.resume_asked.connect(lambda participant: self._ask(m.Open(participant, resume=True)))
+        self.data.page_asked.connect(self.page_asked)
+        self.editor.saved.connect(self._take_protocol)
+        for inner in (self.editor, self.device):
+            inner.left.connect(self._show_columns)
+        self.device.asked.connect(lambda command: self.send(command))
+
+    def _make_choices(self) -> None:
+        self.protocol, self.devices, self.hand = Choice(), Choice(), Choice()
+        self.protocol.activated.connect(self._protocol_chosen)
+        self.devices.activated.connect(self._devices_chosen)
+        self.hand.activated.connect(lambda: self._choose(hand=self.hand.currentData()))
+        fill(self.hand, HANDS, m.MOUSE)
+        self.summary, self.hand_words = line("", bold=True), line("", "quiet")
+        self.show_plan, self.edit = button("Show plan", self._ask_plan), button("Edit", self._edit)
+        self.link = Segments((SIMULATED, BOARD), SIMULATED)
+        self.link.chosen.connect(self._link_chosen)
+        self.port = QLineEdit(placeholderText="Another port", accessibleName="Port")
+        self.port.returnPressed.connect(lambda: self._connect(self.port.text()))
+        self._port_rows, self._ports_box = QVBoxLayout(), QWidget(objectName="clear")
+        self.participant = QLineEdit(maxLength=20, accessibleName="Participant")
+        self.participant.textEdited.connect(self._participant_typed)
+        self.participant.returnPressed.connect(self._start)
+        self.standing = word("", "quiet")  # "new", "14 of 60 done"
+        self.blind = QCheckBox("Show codes in place of controller names")
+        self._form = QGridLayout(spacing=8)
+        self.fields: dict[str, QWidget] = {}  # of the form that the protocol asks for
+        self.checks = Checklist()
+        self.why, self.start = line("", "caution"), button("Start session", self._start, "main")
+        self.plan_text = QPlainTextEdit(readOnly=True)
+        self.plan_text.setFont(theme.mono())
+
+    def _lay_out(self) -> None:
+        try_it, left = panel("Try it")
+        left.addWidget(line("Feel the five controllers. Nothing is saved.", "quiet"))
+        left.addWidget(Picture(), 1)
+        self.try_it = button("Try it", lambda: self.page_asked.emit(TRY, None), "main")
+        left.addWidget(self.try_it)
+
+        session, middle = panel("Run a session")
+        ports = QVBoxLayout(self._ports_box)
+        ports.setContentsMargins(0, 0, 0, 0)
+        ports.addLayout(self._port_rows)
+        ports.addLayout(row(self.port, button("Connect", lambda: self._connect(self.port.text()))))
+        for wide in (self.protocol, self.devices, self.port):
+            wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+            wide.setMinimumWidth(110)
+        self.participant.setMaximumWidth(110)
+        grid = QGridLayout()
+        grid.setContentsMargins(0, 0, 6, 0)
+        grid.setHorizontalSpacing(12)
+        grid.setVerticalSpacing(9)
+        grid.setColumnStretch(1, 1)
+        for at, (name, *parts) in enumerate((
+            ("Protocol", self.protocol, self.show_plan, self.edit), ("", self.summary),
+            ("Device", self.link), ("", self._ports_box), ("", self.devices),
+            ("Hand", self.hand, self.hand_words), ("Participant", self.participant, self.standing, 1),
+            ("", self._form), ("Blind", self.blind), ("Ready?", self.checks),
+        )):  # fmt: skip
+            if name:
+                grid.addWidget(word(name, "quiet"), at, 0, Qt.AlignmentFlag.AlignTop)
+            grid.addLayout(self._form if parts == [self._form] else row(*parts), at, 1)
+        grid.setRowStretch(grid.rowCount(), 1)
+        form = QWidget()
+        form.setLayout(grid)
+        middle.addWidget(scrolled(form), 1)
+        middle.addWidget(self.why)
+        middle.addWidget(self.start)
+        for large, height, size in ((self.start, 54, theme.TITLE), (self.try_it, 72, theme.HEAD)):
+            large.setFont(theme.font(size, bold=True))
+            large.setMinimumHeight(height)
+
+        plan, inside = panel("Plan")
+        inside.addWidget(self.plan_text, 1)
+        inside.addLayout(row(1, button("Back  Esc", self._show_columns)))
+        self.plan, self.columns, self.stack = plan, QWidget(), QStackedWidget()
+        columns = QHBoxLayout(self.columns)
+        columns.setContentsMargins(0, 0, 0, 0)
+        columns.setSpacing(theme.GAP)
+        for column, share in ((try_it, 5), (session, 10), (self.data, 9)):
+            column.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+            columns.addWidget(column, share)
+        for inner in (self.columns, self.plan, self.editor, self.device):
+            self.stack.addWidget(inner)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self.stack)
+
+    # --------------------------------------------------------------------------------------- what the window hands on
+
+    def show_setup(self, setup: m.Setup) -> None:
+        self.setup = setup
+        self.data.show_folder(setup.data_dir)
+        if setup != self.chosen:
+            self._typed = False
+            self.on_board = bool(setup.link)
+            self._take(setup)
+        self._show_ports(self._ports)
+
+    def show_opened(self, opened: m.Opened) -> None:
+        ended = self.opened is not None and self.opened.participant and not opened.participant
+        super().show_opened(opened)
+        if ended:  # another participant comes next
+            self._typed = False
+            self._load()
+        self.show_snapshot(self.snapshot)
+
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
+        super().show_snapshot(snapshot)
+        self.checks.show_checks(snapshot.checks)
+        self.device.show_session(self.opened, snapshot)
+        self._refresh()
+
+    def show_pulse(self, pulse: m.Pulse) -> None:
+        self.device.show_status(pulse.device)
+
+    def begin(self, what: object = None) -> None:
+        self.stack.setCurrentWidget(self.device if what == DEVICE else self.columns)
+
+    def cancel(self) -> bool:
+        shown = self.stack.currentWidget()
+        if shown is not self.device or not self.device.leave():
+            self._show_columns()
+        return shown is not self.columns
+
+    def _show_columns(self) -> None:
+        self.stack.setCurrentWidget(self.columns)
+
+    # --------------------------------------------------------------------------------------- the choices
+
+    def _take(self, setup: m.Setup) -> None:
+        """These are the choices now."""
+        self.chosen = setup
+        shipped = {name: f"{name.capitalize()} protocol" for name in shipped_protocols()}
+        files = {path: Path(path).name for path in (setup.protocol, *self._recent.paths) if path not in shipped}
+        fill(self.protocol, {**shipped, **files, None: FILE}, setup.protocol)
+        devices = {AS_PROTOCOL: AS_PROTOCOL, **{(name,): name for name in shipped_devices()}}
+        if setup.devices is not None:
+            devices |= {setup.devices: ", ".join(Path(device).stem for device in setup.devices)}
+        fill(self.devices, {**devices, None: FILE}, setup.devices or AS_PROTOCOL)
+        fill(self.hand, HANDS, setup.hand)
+        self.link.choose(BOARD if self.on_board else SIMULATED)
+        self._load()
+
+    def _choose(self, **changes) -> None:
+        """Another choice; it takes effect when a session starts."""
+        if self.chosen is not None:
+            self._take(self.chosen._replace(**changes))
+
+    def _protocol_chosen(self) -> None:
+        name = self.protocol.currentData() or QFileDialog.getOpenFileName(self, "Protocol", "", TOML)[0]
+        self._take_protocol(name) if name else self._choose()
+
+    def _take_protocol(self, name: str) -> None:
+        """A protocol was chosen or saved: options that stood in place of another one's values are gone."""
+        if name not in shipped_protocols():
+            self._recent.add(name)
+        self._show_columns()
+        self._choose(protocol=name, rules=None, low_gain=None, seed=None)
+
+    def _devices_chosen(self) -> None:
+        chosen = self.devices.currentData()
+        if chosen is None:
+            path, _ = QFileDialog.getOpenFileName(self, "Device", "", TOML)
+            chosen = (path,) if path else self.chosen.devices if self.chosen else None
+        self._choose(devices=None if chosen == AS_PROTOCOL else chosen)
+
+    def _participant_typed(self) -> None:
+        self._typed = True
+        self._refresh()
+
+    def _load(self) -> None:
+        """Read the chosen protocol."""
+        if (chosen := self.chosen) is not None:
+            self.loaded = None
+            self._background.ask("protocol", lambda: load(chosen), self._show_loaded)
+            self._refresh()
+
+    def _show_loaded(self, loaded: Loaded | InputError) -> None:
+        self.loaded = loaded
+        wrong = isinstance(loaded, InputError)
+        theme.name_anew(self.summary, "bad" if wrong else "")
+        self.summary.setText(breakable(str(loaded)) if isinstance(loaded, InputError) else loaded.summary)
+        self.show_plan.setEnabled(not wrong)
+        if isinstance(loaded, Loaded):
+            if not self._typed:
+                self.participant.setText(loaded.participant)
+            self.blind.setChecked(loaded.protocol.blind)
+            self.blind.setEnabled(not loaded.protocol.blind)
+            self._show_form(loaded.protocol.form)
+        self._refresh()
+
+    def _show_form(self, form: dict[str, tuple[str, ...] | str]) -> None:
+        """A field for each thing that the protocol asks of a participant."""
+        clear(self._form)
+        self.fields = {}
+        for at, (name, kind) in enumerate(form.items()):
+            field = QLineEdit(maxLength=200) if isinstance(kind, str) else Segments(kind)
+            field.setAccessibleName(name)
+            (field.textEdited if isinstance(field, QLineEdit) else field.chosen).connect(lambda _: self._refresh())
+            self._form.addWidget(word(name.replace("_", " ").capitalize(), "quiet"), at, 0)
+            self._form.addWidget(field, at, 1)
+            self.fields[name] = field
+
+    def _answers(self) -> dict[str, str | float]:
+        """What the form says; fields that are empty, or no number where one is asked for, are left out."""
+        answers: dict[str, str | float] = {}
+        for name, field in self.fields.items():
+            text = field.text().strip() if isinstance(field, QLineEdit) else field.value()
+            if self.loaded.protocol.form[name] != NUMBER:
+                answers |= {name: text} if text else {}
+            elif (number := number_of(text)) is not None:
+                answers[name] = number
+        return answers
+
+    # --------------------------------------------------------------------------------------- the board
+
+    def _link_chosen(self, which: str) -> None:
+        self.on_board = which == BOARD
+        if not self.on_board and self.setup is not None and self.setup.link and self.chosen is not None:
+            self.setup_asked.emit(self.chosen._replace(link=""), None)  # let the board go
+        else:
+            self._choose(link=self.setup.link if self.on_board and self.setup else "")
+        self._look_at_ports()
+
+    def showEvent(self, event) -> None:
+        super().showEvent(event)
+        self._look_at_ports()
+
+    def _look_at_ports(self) -> None:
+        """See what answers at the ports, again and again while they are shown."""
+        self._show_ports(self._ports)
+        if self.on_board and self.isVisible() and self.setup is not None:
+            before, mine = self._ports, self.setup.link
+            self._looking.ask("ports", lambda: look_at_ports(before, mine), self._looked)
+
+    def _looked(self, ports: tuple[PortFound, ...]) -> None:
+        self._timer.start()
+        self._show_ports(ports)
+
+    def _show_ports(self, ports: tuple[PortFound, ...]) -> None:
+        self._ports, mine = ports, self.setup.link if self.setup else ""
+        if (ports, mine) == self._ports_shown:
+            return
+        self._ports_shown = ports, mine
+        clear(self._port_rows)
+        if mine:
+            own = button("Device page  F3", lambda: self.begin(DEVICE))
+            self._port_rows.addLayout(row(OneLine(mine, size=theme.NORMAL), word("connected", "good"), own))
+        for found in ports:
+            connect = button("Connect", lambda port=found.port: self._connect(port))
+            self._port_rows.addLayout(row(OneLine(found.port, size=theme.NORMAL), word(found.words, "quiet"), connect))
+        if not ports and not mine:
+            self._port_rows.addWidget(line("No board answers on USB. Plug one in, or type its port.", "quiet"))
+
+    def _connect(self, port: str) -> None:
+        if port and self.chosen is not None and not self._session_open:
+            self.setup_asked.emit(self.chosen._replace(link=port, hand=m.MOUSE), None)
+
+    def _take_folder(self, folder: Path) -> None:
+        if self.chosen is not None:
+            self.setup_asked.emit(self.chosen._replace(data_dir=folder, participant=""), None)
+
+    # --------------------------------------------------------------------------------------- start
+
+    @property
+    def _session_open(self) -> str:
+        return self.opened.participant if self.opened is not None else ""
+
+    def _why_not(self) -> str:
+        """Why no session can start or go on, one sentence; "": one can."""
+        snapshot, label = self.snapshot, self.participant.text()
+        if self.setup is None or snapshot.stage == m.PREPARING:
+            return "Preparing …"
+        if self.on_board and not (self.chosen and self.chosen.link):
+            return "Connect to a board first."
+        if not (label.isascii() and label.isalnum()):
+            return "Name the participant, with letters a to z and digits." if label else "Name the participant."
+        there = self.data.session_of(label)
+        if there is not None and there.problem:
+            return there.problem
+        if there is None and (why := self._why_no_new_session(label)):
+            return why
+        if snapshot.stage == m.FAILED:
+            return ""  # the start begins with another session server
+        skipped = () if self._same_setup else ("Device", "Hand")  # of the server that is there, not of the one to come
+        checks = tuple(check for check in snapshot.checks if check.name not in skipped)
+        return snapshot._replace(checks=checks).why_no_session(bool(self.setup.link))
+
+    def _why_no_new_session(self, label: str) -> str:
+        loaded = self.loaded
+        if not isinstance(loaded, Loaded):
+            return "This protocol cannot be run." if loaded else "Reading the protocol …"
+        if loaded.protocol.participants and label not in loaded.protocol.participants:
+            return f"The protocol's participants are {', '.join(loaded.protocol.participants)}."
+        missing = [name.replace("_", " ") for name in self.fields if name not in self._answers()]
+        return f"Fill in {' and '.join(missing)}." if missing else ""
+
+    @property
+    def _same_setup(self) -> bool:
+        """Whether the session server that is there is the chosen one."""
+        return self.setup == self.chosen and self.snapshot.stage != m.FAILED
+
+    def _refresh(self) -> None:
+        """Whether a session can start, and what the button then does."""
+        label, is_open, why = self.participant.text(), self._session_open, self._why_not()
+        there = self.data.session_of(label)
+        trials = self.loaded.trials if isinstance(self.loaded, Loaded) else 0
+        if is_open:
+            text, why = f"Go to the session   {is_open}", ""
+        elif there is None:
+            text = f"Start session   {label} · {counted(trials, 'trial')}" if label and trials else "Start session"
+        elif there.complete:
+            text = f"Open session   {label} · complete"
+        else:
+            text = f"Resume session   {label} · {counted(there.planned - there.done, 'trial')} left"
+        self.standing.setText("" if not label else f"{there.done} of {there.planned} done" if there else "new")
+        self.start.setText(text)
+        self.start.setEnabled(not why)
+        wrong = self.snapshot.said if self.snapshot.said_bad and self.snapshot.stage in (m.NO_SESSION, m.FAILED) else ""
+        self.why.setText(breakable("\n".join(filter(None, (wrong, why)))))
+        self.why.setVisible(bool(wrong or why))
+        for choice in (self.protocol, self.devices, self.hand, self.link, self.port, self.participant):
+            choice.setEnabled(not is_open)
+        self.blind.setVisible(there is None)
+        self._ports_box.setVisible(self.on_board)
+        self.hand.setVisible(not self.on_board)
+        hand_words = HAND_WORDS[self.hand.currentData()]
+        self.hand_words.setText("measured by the force sensor" if self.on_board else hand_words)
+        checked = self.snapshot.why_no_session(bool(self.setup and self.setup.link))
+        self.data.show_session(is_open, "Preparing …" if self.snapshot.stage == m.PREPARING else checked)
+
+    def _start(self) -> None:
+        if self._session_open:
+            self.page_asked.emit(RUN, None)
+        elif self.start.isEnabled():
+            there = self.data.session_of(self.participant.text()) is not None
+            blind, form = (False, {}) if there else (self.blind.isChecked(), self._answers())
+            self._ask(m.Open(self.participant.text(), there, blind, form))
+
+    def _ask(self, command: m.Open) -> None:
+        """Open a session, by the session server that was chosen."""
+        if self._same_setup:
+            self.send(command)
+        else:
+            self.setup_asked.emit(self.chosen, command)
+
+    # --------------------------------------------------------------------------------------- plan and editor
+
+    def _ask_plan(self) -> None:
+        if isinstance(loaded := self.loaded, Loaded):
+            participant = self.participant.text() or "01"
+            self._background.ask("plan", lambda: print_plan(loaded.protocol, participant), self._show_plan)
+
+    def _show_plan(self, text: str | InputError) -> None:
+        self.plan_text.setPlainText(str(text))
+        self.stack.setCurrentWidget(self.plan)
+
+    def _edit(self) -> None:
+        if self.chosen is not None:
+            self.editor.open(self.chosen.protocol)
+            self.stack.setCurrentWidget(self.editor)
+
+
+def fill(choice: Choice, entries: dict, value: object) -> None:
+    """The entries of a choice, data -> text, and which is chosen."""
+    choice.clear()
+    for data, text in entries.items():
+        choice.addItem(text, data)
+    choice.setCurrentIndex(list(entries).index(value))
+
+
+def number_of(text: str) -> float | None:
+    """A number as a person types it; None: it is none."""
+    try:
+        number = float(text.replace(",", "."))
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None

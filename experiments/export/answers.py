@@ -1,0 +1,123 @@
+"""Answers to the questionnaire and the experimenter's notes: from the journals into CSV, or a BIDS phenotype."""
+
+import contextlib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from core.files import InputError
+from experiments.analysis.trials_table import Column
+from experiments.export.columns import NOTES, QUESTIONNAIRE, SCALES, scale_column
+from experiments.export.files import write_json, write_rows
+from experiments.session.files import read_stored
+from experiments.session.journal import ANSWERS, NOTE, read_events
+
+QUESTIONNAIRE_CSV, NOTES_CSV = "questionnaire.csv", "notes.csv"
+_TOOL = {
+    "Description": "after a block: the six scales of the raw NASA-TLX in words of our own, and one on the smoothness "
+    "of the movement; 0 to 100 in steps of 5, nothing set beforehand",
+    "TermURL": "https://doi.org/10.1016/S0166-4115(08)62386-9",
+}
+
+
+class Answers(NamedTuple):
+    """A participant's answers after one block."""
+
+    participant: str
+    configuration: str
+    block: int
+    values: dict[str, float]  # scale -> 0 to 100
+    time: str  # ISO, UTC
+
+
+class Note(NamedTuple):
+    """What the experimenter wrote down."""
+
+    time: str  # ISO, UTC
+    participant: str
+    text: str
+
+
+class AnswersAndNotes(NamedTuple):
+    """All of it, in the order of the sessions."""
+
+    answers: tuple[Answers, ...]
+    notes: tuple[Note, ...]
+
+
+def answers_and_notes(sessions: Iterable[Path]) -> AnswersAndNotes:
+    """What the journals of these session folders (.../sub-01/ses-01) hold, as far as they can be read."""
+    answers, notes = [], []
+    for folder in sessions:
+        participant = folder.parent.name.removeprefix("sub-")
+        for event, at, about in read_events(folder):
+            if event is ANSWERS:
+                answers.append(Answers(participant, about["configuration"], about["block"], about["values"], at))
+            elif event is NOTE:
+                notes.append(Note(at, participant, about["text"]))
+    return AnswersAndNotes(tuple(answers), tuple(notes))
+
+
+class Form(NamedTuple):
+    """What a participant answered before their session."""
+
+    participant: str
+    asked: dict[str, tuple[str, ...] | str]  # as `Protocol.form`
+    answers: dict[str, str | float]
+
+
+def forms_of(sessions: Iterable[Path]) -> list[Form]:
+    """The forms of these session folders, as far as they can be read."""
+    forms = []
+    for folder in sessions:
+        with contextlib.suppress(InputError):  # `phd verify` names what is wrong with it
+            stored = read_stored(folder)
+            forms.append(Form(stored.participant, stored.protocol.form, stored.about.get("form", {})))
+    return forms
+
+
+def write_answers_and_notes(folder: Path, found: AnswersAndNotes) -> dict[str, dict[str, Column]]:
+    """questionnaire.csv and notes.csv into a folder; file -> its columns, of those written."""
+    written = {}
+    if found.answers:
+        scales = _scales(found.answers)
+        names = ["participant", "configuration", "block", *scales, "time"]
+        lines = [
+            [a.participant, a.configuration, str(a.block), *(str(a.values.get(scale, "")) for scale in scales), a.time]
+            for a in found.answers
+        ]
+        write_rows(folder / QUESTIONNAIRE_CSV, [names, *lines], ",")
+        written[QUESTIONNAIRE_CSV] = {name: QUESTIONNAIRE.get(name) or scale_column(name) for name in names}
+    if found.notes:
+        write_rows(folder / NOTES_CSV, [Note._fields, *found.notes], ",")
+        written[NOTES_CSV] = {name: NOTES[name] for name in Note._fields}
+    return written
+
+
+def write_phenotype(folder: Path, answers: Sequence[Answers]) -> None:
+    """The answers as BIDS has them: phenotype/NAME.tsv, a row a participant, and .json. Nothing without answers.
+
+    A participant has one row there, so a column is a scale after one block: "three-brake_block-1_effort".
+    """
+    if not answers:
+        return
+    rows: dict[str, dict[str, str]] = {}
+    about: dict[str, dict[str, str]] = {}
+    scales = _scales(answers)
+    for a in answers:
+        block = f"{a.configuration}_block-{a.block}_"
+        rows.setdefault(f"sub-{a.participant}", {}).update({block + name: str(v) for name, v in a.values.items()})
+        for scale in scales:
+            meaning = f"{scale_column(scale).meaning}; after block {a.block} on {a.configuration}"
+            about[block + scale] = {"Description": meaning}
+    lines = [[person, *(row.get(column, "n/a") for column in about)] for person, row in rows.items()]
+    place = folder / "phenotype"
+    place.mkdir()
+    write_rows(place / "tlxsmoothness.tsv", [["participant_id", *about], *lines])
+    write_json(place / "tlxsmoothness.json", {"MeasurementToolMetadata": _TOOL, **about})
+
+
+def _scales(answers: Iterable[Answers]) -> list[str]:
+    """Every scale that was answered: ours in their order, then any other."""
+    there = dict.fromkeys(scale for a in answers for scale in a.values)
+    return [*(scale for scale in SCALES if scale in there), *(scale for scale in there if scale not in SCALES)]

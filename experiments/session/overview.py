@@ -1,0 +1,92 @@
+"""What a data folder holds, at a glance: each session with how far it is. Reads only; cheap enough to ask again."""
+
+import contextlib
+import json
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+from core.files import InputError
+from experiments.analysis.trials_table import SETTLED
+from experiments.session.files import STORED, TABLE, cell, rows_of, sessions_in
+from experiments.session.study_file import STUDY
+
+
+class SessionOverview(NamedTuple):
+    """One session of a data folder."""
+
+    folder: Path
+    participant: str
+    protocol: str  # its name
+    done: int  # trials of the plan that are settled
+    planned: int
+    changed_s: float  # s since 1970, of the newest trial
+    hand: str = ""  # what moved the handle
+    problem: str = ""  # why it cannot be read, one sentence
+
+    @property
+    def complete(self) -> bool:
+        """Whether no trial of its plan is left."""
+        return not self.problem and self.done >= self.planned
+
+
+class DataOverview(NamedTuple):
+    """The sessions of a data folder, the newest first."""
+
+    folder: Path
+    sessions: tuple[SessionOverview, ...] = ()
+    operators: int = 0  # of a study: simulated operators that it was begun with; 0: it is no study
+    problem: str = ""  # why the folder is not one of sessions, one sentence
+
+    @property
+    def done(self) -> int:
+        """Trials that are settled."""
+        return sum(session.done for session in self.sessions)
+
+    @property
+    def planned(self) -> int:
+        """Trials of all plans; of a study those of the operators to come, too."""
+        plans = [session.planned for session in self.sessions]
+        return sum(plans) + max(self.operators - len(plans), 0) * max(plans, default=0)
+
+
+def look_into(folder: Path) -> DataOverview:
+    """The overview of a folder; one that is not there yet is empty."""
+    if not folder.exists():
+        return DataOverview(folder)
+    try:
+        sessions = [_session(path, *map(_stamp, (path / STORED, path / TABLE))) for path in sessions_in(folder)]
+    except (InputError, OSError) as error:
+        return DataOverview(folder, problem=str(error))
+    operators = 0
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # no study, or one that phd study will refuse
+        operators = int(json.loads((folder / STUDY).read_text(encoding="utf-8"))["operators"])
+    found = (session for session in sessions if session is not None)
+    return DataOverview(folder, tuple(sorted(found, key=lambda one: -one.changed_s)), operators)
+
+
+def _stamp(path: Path) -> int:
+    """Changes when the file does; 0: there is none."""
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+@lru_cache(maxsize=1000)
+def _session(folder: Path, stored: int, table: int) -> SessionOverview | None:
+    """None: a crash came before the session was stored. stored, table: stamps of its files, by which it is kept."""
+    if not stored:
+        return None
+    changed_s, participant = 1e-9 * max(stored, table), folder.parent.name.removeprefix("sub-")
+    try:
+        about = json.loads((folder / STORED).read_text(encoding="utf-8"))
+        planned = len(about["plan"])
+        done = len({cell(row) for row in rows_of(folder) if row.status in SETTLED})
+        protocol, hand = str(about["protocol"]["name"]), str(about.get("hand", ""))
+        return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s, hand)
+    except InputError as error:
+        problem = str(error)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        problem = f"{folder / STORED}: is damaged ({type(error).__name__}: {error})"
+    return SessionOverview(folder, participant, "", 0, 0, changed_s, problem=problem)

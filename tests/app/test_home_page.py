@@ -1,0 +1,281 @@
+"""Home: choices that take effect when a session starts, what keeps it from starting, and the data that are there."""
+
+import os
+from pathlib import Path
+
+import pytest
+from fake_client import GREEN, RED, before, opened, ready
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QFileDialog, QPushButton
+from screens import cut_texts, settle, visible_texts
+from sessions import new_session, run_trials
+from status_messages import ON_BENCH, WELL
+
+from app.ipc import messages as m
+from app.window.home_page import AS_PROTOCOL, BOARD, SIMULATED, HomePage
+from app.window.page import ANALYSE, RUN, TRY
+from app.window.painting import theme
+from experiments.protocol import PAPER, load_protocol
+from experiments.session.overview import DataOverview, SessionOverview
+from hardware.discovery import PortFound
+
+LEFT = Qt.MouseButton.LeftButton
+FORM = '\n[form]\nhandedness = ["right", "left"]\nage = "number"\n'
+SUMMARY = "2 devices × 5 controllers × 2 paths × 3 = 60 trials, about 20 min"
+
+
+class Shown:
+    """A home page, what it sent and what it asked for."""
+
+    def __init__(self, qtbot, folder: Path) -> None:
+        from PySide6.QtWidgets import QApplication
+
+        theme.dress(QApplication.instance())  # type: ignore[arg-type]
+        self.qtbot, self.sent, self.setups, self.pages = qtbot, [], [], []
+        self.page = HomePage(self.sent.append)
+        qtbot.addWidget(self.page)
+        self.page.setup_asked.connect(lambda *asked: self.setups.append(asked))
+        self.page.page_asked.connect(lambda *asked: self.pages.append(asked))
+        self.page.resize(1256, 620)
+        self.page.show()
+        self.setup = m.Setup(folder)
+        self.page.show_setup(self.setup)
+        self.page.show_opened(opened(""))
+        self.page.show_snapshot(before())
+        self.wait()
+
+    def wait(self) -> None:
+        """Until the chosen protocol and the data folder have been read."""
+        page = self.page
+        self.qtbot.waitUntil(lambda: page.loaded is not None and page.data.overview is not None, timeout=20_000)
+
+    def click(self, button) -> None:
+        assert button.isEnabled(), button.text()
+        QTest.mouseClick(button, LEFT)
+
+    def type(self, field, text: str) -> None:
+        field.selectAll()
+        QTest.keyClick(field, Qt.Key.Key_Delete)
+        QTest.keyClicks(field, text)
+
+    def look(self, *sessions: SessionOverview, operators: int = 0) -> None:
+        """The data folder holds these."""
+        self.page.data._looked(DataOverview(self.setup.data_dir, sessions, operators))
+        self.page.show_snapshot(self.page.snapshot)
+
+
+@pytest.fixture
+def shown(qtbot, tmp_path: Path):
+    made = Shown(qtbot, tmp_path / "data")
+    yield made
+    made.page.close()
+
+
+def session(folder: Path, participant: str, done: int, of: int = 60) -> SessionOverview:
+    return SessionOverview(folder / f"sub-{participant}" / "ses-01", participant, "paper", done, of, 1.7e9, "mouse")
+
+
+def texts(shown: Shown) -> str:
+    settle(shown.page)
+    return " | ".join(visible_texts(shown.page)).replace("\u200b", "")
+
+
+def test_a_newcomer_reads_what_the_session_is_and_starts_it_with_one_click(shown: Shown) -> None:
+    page = shown.page
+    assert page.summary.text() == SUMMARY and page.participant.text() == "01"
+    assert all(check.name in texts(shown) and check.text in texts(shown) for check in GREEN)
+    assert "No sessions yet" in texts(shown) and page.standing.text() == "new"
+    shown.click(page.start)
+    assert shown.sent == [m.Open("01")] and shown.setups == []
+    shown.click(page.try_it)
+    assert shown.pages == [(TRY, None)]
+
+
+def test_a_red_check_keeps_the_start_grey_and_says_why_and_what_to_do(shown: Shown) -> None:
+    page = shown.page
+    page.show_snapshot(before(checks=RED))
+    assert not page.start.isEnabled() and "Device: no answer for 3 s" in page.why.text()
+    assert RED[3].advice in texts(shown)
+    page.show_snapshot(m.Snapshot(m.PREPARING))
+    assert not page.start.isEnabled() and page.why.text() == "Preparing …"
+    page.show_snapshot(before(said="participant 01: exists already", said_bad=True))
+    assert "participant 01: exists already" in page.why.text()
+
+
+@pytest.mark.parametrize("label", ["", "a b", "P-1"])
+def test_a_participant_needs_a_label_of_letters_and_digits(shown: Shown, label: str) -> None:
+    shown.type(shown.page.participant, label)
+    assert not shown.page.start.isEnabled() and "Name the participant" in shown.page.why.text()
+
+
+def test_another_choice_starts_another_session_server_only_when_the_session_starts(shown: Shown) -> None:
+    page = shown.page
+    page.protocol.setCurrentIndex(page.protocol.findText("Curves protocol"))
+    page.protocol.activated.emit(page.protocol.currentIndex())
+    page.hand.setCurrentIndex(page.hand.findText("Simulated operator"))
+    page.hand.activated.emit(page.hand.currentIndex())
+    shown.wait()
+    assert shown.setups == [] == shown.sent and page.devices.currentText() == AS_PROTOCOL
+    page.show_snapshot(before(checks=(GREEN[0], m.Check("Hand", m.BAD, "no six-axis device"), *GREEN[2:])))
+    shown.click(page.start)
+    chosen = shown.setup._replace(protocol="curves", hand=m.OPERATOR)
+    assert shown.setups == [(chosen, m.Open("01"))] and shown.sent == []
+    page.show_setup(chosen)
+    page.show_snapshot(before())
+    shown.wait()
+    shown.click(page.start)
+    assert shown.sent == [m.Open("01")], "the session server is the chosen one now"
+
+
+def test_a_protocol_that_cannot_be_run_says_why_and_starts_nothing(shown: Shown, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(load_protocol(PAPER).text.replace("blocks = 3", "blocks = 0"))
+    shown.page._take_protocol(str(tmp_path / "mine.toml"))
+    shown.wait()
+    assert "blocks must be at least 1" in shown.page.summary.text().replace("\u200b", "")
+    assert not shown.page.start.isEnabled() and not shown.page.show_plan.isEnabled()
+
+
+def test_the_form_that_a_protocol_asks_for_comes_with_the_session(shown: Shown, tmp_path: Path) -> None:
+    page = shown.page
+    (tmp_path / "mine.toml").write_text(load_protocol(PAPER).text + FORM)
+    page._take_protocol(str(tmp_path / "mine.toml"))
+    shown.wait()
+    assert not page.start.isEnabled() and page.why.text() == "Fill in handedness and age."
+    right = next(button for button in page.fields["handedness"].findChildren(QPushButton) if button.text() == "right")
+    shown.click(right)
+    shown.type(page.fields["age"], "old")
+    assert page.why.text() == "Fill in age."
+    shown.type(page.fields["age"], "27")
+    shown.click(page.start)
+    ((_, command),) = shown.setups
+    assert command == m.Open("01", form={"handedness": "right", "age": 27.0})
+
+
+def test_the_plan_is_shown_before_anyone_sits_down_and_escape_leads_back(shown: Shown) -> None:
+    page = shown.page
+    shown.click(page.show_plan)
+    shown.qtbot.waitUntil(lambda: page.stack.currentWidget() is page.plan, timeout=10_000)
+    assert page.plan_text.toPlainText().count("path 1") == 30 and "re-rig to" in page.plan_text.toPlainText()
+    assert page.cancel() and page.stack.currentWidget() is page.columns and not page.cancel()
+
+
+# the board
+
+
+def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Shown, monkeypatch) -> None:
+    page = shown.page
+    found = (PortFound("/dev/ttyACM0", "answers, three-brake", True), PortFound("/dev/ttyUSB1", "no answer", False))
+    monkeypatch.setattr("app.window.home_page.look_at_ports", lambda before, mine: found if not mine else ())
+    page.link.choose(BOARD)
+    page._link_chosen(BOARD)
+    shown.qtbot.waitUntil(lambda: "/dev/ttyUSB1" in texts(shown), timeout=5000)
+    assert "answers, three-brake" in texts(shown)
+    assert not page.start.isEnabled() and page.why.text() == "Connect to a board first."
+    shown.type(page.port, "/tmp/port")
+    QTest.keyClick(page.port, Qt.Key.Key_Return)
+    chosen = shown.setup._replace(link="/tmp/port")
+    assert shown.setups == [(chosen, None)]
+    page.show_setup(chosen)
+    page.show_opened(opened("", **ON_BENCH))
+    page.show_snapshot(before(checks=(m.Check("Device", m.BAD, "not homed"), *WELL[1:])))
+    shown.wait()
+    assert "connected" in texts(shown) and page.start.isEnabled(), "the first steps of the session home the encoders"
+    page.link.choose(SIMULATED)
+    page._link_chosen(SIMULATED)
+    assert shown.setups[-1] == (shown.setup, None), "the board is let go"
+
+
+# the data
+
+
+def test_a_folder_with_180_trials_is_never_called_empty(shown: Shown) -> None:
+    folder = shown.setup.data_dir
+    shown.look(*(session(folder, f"0{n}", 60) for n in (3, 2, 1)), operators=3)
+    assert "Study of 3 simulated operators · 3 sessions · 180 of 180 trials" in texts(shown)
+    assert texts(shown).count("60 of 60") == 3 + 1  # and of participant 01, who is typed
+    assert "No sessions" not in texts(shown) and "othing recorded" not in texts(shown)
+    shown.click(shown.page.data.whole)
+    assert shown.pages == [(ANALYSE, folder)]
+
+
+def test_a_session_goes_on_where_it_was_and_a_finished_one_shows_its_results(shown: Shown) -> None:
+    page, folder = shown.page, shown.setup.data_dir
+    done, begun = session(folder, "01", 60), session(folder, "02", 14)
+    shown.look(begun, done)
+    settle(page)
+    buttons = [button for button in page.data.findChildren(QPushButton) if button.isVisible()]
+    resume, results = (next(b for b in buttons if b.text() == text) for text in ("Resume", "Results"))
+    shown.click(resume)
+    shown.click(results)
+    assert shown.sent == [m.Open("02", resume=True)] and shown.pages == [(ANALYSE, done.folder)]
+    shown.type(page.participant, "02")
+    assert page.start.text() == "Resume session   02 · 46 trials left" and page.standing.text() == "14 of 60 done"
+    assert not page.blind.isVisible(), "of a session that is there this was decided when it began"
+    shown.type(page.participant, "01")
+    assert page.start.text() == "Open session   01 · complete"
+    shown.click(page.start)
+    assert shown.sent[-1] == m.Open("01", resume=True)
+
+
+def test_while_a_session_is_open_nothing_else_is_started(shown: Shown) -> None:
+    page, folder = shown.page, shown.setup.data_dir
+    page.show_opened(opened("01"))
+    page.show_snapshot(ready(3))
+    shown.look(session(folder, "02", 14), session(folder, "01", 3))
+    assert not page.protocol.isEnabled() and not page.data.choose.isEnabled()
+    assert not any(b.isEnabled() for b in page.data.findChildren(QPushButton) if b.text() == "Resume" and b.isVisible())
+    assert page.start.text() == "Go to the session   01"
+    shown.click(page.start)
+    assert shown.pages == [(RUN, None)] and shown.sent == []
+
+
+def test_a_folder_is_chosen_by_itself_or_by_a_session_in_it(shown: Shown, tmp_path: Path, monkeypatch) -> None:
+    inside = tmp_path / "other" / "sub-01" / "ses-01"
+    inside.mkdir(parents=True)
+    (inside / "session.json").write_text("{}")
+    for chosen in (tmp_path / "other", inside):
+        monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_, chosen=chosen: str(chosen))
+        shown.page.data._browse()
+        assert shown.setups[-1] == (shown.setup._replace(data_dir=tmp_path / "other"), None)
+    shown.page.show_setup(shown.setups[-1][0])
+    shown.wait()
+    assert "cannot be read" in texts(shown), "the session that is damaged is named, not left out"
+
+
+def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtbot, tmp_path: Path) -> None:
+    data, folder = shown.page.data, shown.setup.data_dir
+    kept = new_session(folder)
+    run_trials(kept, 2)
+    kept.close()
+    shown.look(session(folder, "01", 2))
+    shares: list[float] = []
+    data._export.progressed.connect(shares.append)
+
+    def export(says: str) -> None:
+        data.export("csv", tmp_path)
+        assert data.bar.isVisible() and "Exporting as CSV" in texts(shown) and not data.export_as.isEnabled()
+        qtbot.waitUntil(lambda: not data._export.busy and data.bar.isHidden(), timeout=60_000)
+        assert says in texts(shown)
+
+    for name in ("data-csv", "data-csv-2"):
+        export(f"Exported to {tmp_path / name}")
+        assert data.show_export.isVisible() and (tmp_path / name / "trials.csv").exists() and shares[-1] == 1.0
+    data._folder = tmp_path / "none"
+    export("Nothing was exported: ")
+    assert "holds no recordings" in texts(shown) and not data.show_export.isVisible()
+
+
+@pytest.mark.parametrize("size", [(1000, 490), (1256, 620), (1896, 980)])
+@pytest.mark.parametrize("checks", [GREEN, RED])
+def test_no_text_is_cut(shown: Shown, size: tuple[int, int], checks) -> None:
+    shown.page.resize(*size)
+    shown.look(session(shown.setup.data_dir, "01", 60), session(shown.setup.data_dir, "LongestName1234567890", 14))
+    shown.page.show_snapshot(before(checks=checks))
+    settle(shown.page)
+    area = shown.page.checks.parentWidget()
+    inside_the_form = {text for text in visible_texts(area)}  # which scrolls where the window is low
+    cut = [text for text in cut_texts(shown.page) if size[1] > 600 or text not in inside_the_form]
+    assert cut == []

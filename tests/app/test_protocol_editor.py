@@ -1,0 +1,172 @@
+"""The protocol editor: what is typed and drawn is read as it is changed, and saved as a file that can be run."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QLineEdit, QWidget
+from screens import settle
+
+from app.window.background import Background
+from app.window.painting import theme
+from app.window.protocol_editor import ProtocolEditor, form_of, form_text
+from core.path import Arc, Polyline, Segment
+from experiments.protocol import load_protocol
+
+LEFT, NONE = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
+
+
+class Editing:
+    """An editor, open on the paper's protocol."""
+
+    def __init__(self, qtbot) -> None:
+        theme.dress(QApplication.instance())  # type: ignore[arg-type]
+        self.qtbot, self.holder = qtbot, QWidget()
+        self.background = Background(self.holder)
+        self.editor = ProtocolEditor(self.background)
+        self.editor.setParent(self.holder)
+        self.saved: list[str] = []
+        self.editor.saved.connect(self.saved.append)
+        qtbot.addWidget(self.holder)
+        self.editor.resize(1256, 620)
+        self.holder.resize(1256, 620)
+        self.holder.show()
+        self.editor.open("paper")
+        self.read("60 trials")
+
+    def read(self, says: str = "") -> None:
+        """Until the reader has read what is there: its summary, or its sentence, holds this."""
+        editor = self.editor
+        self.qtbot.waitUntil(lambda: not editor._timer.isActive(), timeout=5000)
+        self.qtbot.waitUntil(lambda: says in (editor.problem or editor.summary.text()), timeout=10_000)
+
+    def field(self, name: str) -> QLineEdit:
+        return next(one for one in self.editor.findChildren(QLineEdit) if one.accessibleName() == name)
+
+    def type(self, name: str, text: str) -> None:
+        field = self.field(name)
+        field.selectAll()
+        QTest.keyClick(field, Qt.Key.Key_Delete)
+        QTest.keyClicks(field, text)
+
+    def mouse(self, do, x: float, y: float) -> None:
+        """Click, press, move .. at a place of the plane, m."""
+        drawing = self.editor.drawing
+        at = drawing.to_screen((x, y)).toPoint()
+        if do is QTest.mouseMove:
+            QTest.mouseMove(drawing, at)
+            QApplication.processEvents()
+        else:
+            do(drawing, LEFT, NONE, QPoint(at))
+
+    def save_as(self, monkeypatch, path: Path) -> None:
+        monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_, **__: (str(path), ""))
+        QTest.mouseClick(self.editor.save_as, LEFT)
+
+
+@pytest.fixture
+def editing(qtbot):
+    made = Editing(qtbot)
+    yield made
+    made.background.close()
+
+
+def test_what_is_typed_is_read_at_once_and_the_plan_follows(editing: Editing) -> None:
+    editing.type("Blocks", "2")
+    editing.read("= 40 trials")
+    assert "40 trials" in editing.editor.plan.toPlainText()
+    four = next(box for box in editing.editor.findChildren(QCheckBox) if box.text() == "four-brake")
+    four.click()
+    editing.read("1 device × 5 controllers × 2 paths × 2 = 20 trials")
+
+
+@pytest.mark.parametrize(
+    ("field", "text", "section", "says"),
+    [("Blocks", "0", "blocks", "blocks must be at least 1"), ("Blocks", "two", "blocks", "must be a whole number"),
+     ("Name", "", "name", "name"), ("Controller 2", "None", "controller", "two controllers have the same name"),
+     ("gain of controller 4", "", "controller", "gain_N_s_m is required"),
+     ("Path 1", "-100 400, 900 400", "path", "cannot follow path 1"), ("Path 1", "-100 400, x", "path", "in mm"),
+     ("Break after trials", "0", "breaks", "breaks")],
+)  # fmt: skip
+def test_the_readers_sentence_stands_where_the_mistake_is(editing: Editing, field, text, section, says) -> None:
+    editing.type(field, text)
+    editing.read(says)
+    shown = [name for name, label in editing.editor.sentences.items() if not label.isHidden()]
+    assert shown == [section] and says in editing.editor.sentences[section].text().replace("\u200b", "")
+    assert not editing.editor.save.isEnabled() and not editing.editor.save_as.isEnabled()
+
+
+def test_paths_are_drawn_and_moved_with_the_mouse_on_a_grid_of_5_mm(editing: Editing, monkeypatch, tmp_path) -> None:
+    editor = editing.editor
+    settle(editing.holder)
+    for kind, places in (
+        ("polyline", [(-0.1, 0.35), (0.0, 0.45), (0.1, 0.35)]), ("arc", [(-0.1, 0.4), (0.0, 0.45), (0.1, 0.4)]),
+        ("segment", [(0.0, 0.3), (0.0, 0.45)]),
+    ):  # fmt: skip
+        editor.drawing.begin(kind)
+        for place in places:
+            editing.mouse(QTest.mouseClick, *place)
+        if kind == "polyline":
+            editing.mouse(QTest.mouseDClick, *places[-1])
+    editing.mouse(QTest.mousePress, 0.0, 0.3)
+    editing.mouse(QTest.mouseMove, 0.021, 0.312)
+    editing.mouse(QTest.mouseRelease, 0.021, 0.312)
+    editing.read("5 paths")
+    editing.save_as(monkeypatch, tmp_path / "drawn.toml")
+    paths = load_protocol(tmp_path / "drawn.toml").paths
+    assert isinstance(paths[3], Polyline) and paths[3].points_m == ((-0.1, 0.35), (0.0, 0.45), (0.1, 0.35))
+    assert isinstance(paths[4], Arc) and paths[4].from_deg > paths[4].to_deg, "over the top: clockwise"
+    assert paths[5] == Segment((0.02, 0.31), (0.0, 0.45))
+
+
+def test_a_protocol_of_ones_own_is_saved_and_can_be_run(editing: Editing, monkeypatch, tmp_path: Path) -> None:
+    editing.type("Name", "pilot")
+    editing.type("gap of controller 3", "7.5")
+    editing.type("Break after trials", "10")
+    editing.type("Break, at least s", "30")
+    editing.editor.form.setFocus()
+    QTest.keyClicks(editing.editor.form, "handedness: right, left; age: number")
+    editing.editor.instructions.setPlainText("Follow the line.\n---\nRest when you like.")
+    editing.read("60 trials")
+    editing.save_as(monkeypatch, tmp_path / "pilot.toml")
+    saved = load_protocol(tmp_path / "pilot.toml")
+    assert editing.saved == [str(tmp_path / "pilot.toml")] and saved.name == "pilot"
+    assert saved.controllers[3].value("gap_m") == 0.0075
+    assert saved.breaks is not None and (saved.breaks.after_trials, saved.breaks.least_s) == (10, 30)
+    assert saved.form == {"handedness": ("right", "left"), "age": "number"}
+    assert [page.text for page in saved.pages] == ["Follow the line.", "Rest when you like."]
+    assert saved.trial == load_protocol().trial, "what the editor does not show stays as it was"
+
+
+def test_no_file_is_replaced_without_asking(editing: Editing, monkeypatch, tmp_path: Path) -> None:
+    editor, file = editing.editor, tmp_path / "mine.toml"
+    file.write_text("precious")
+    editing.save_as(monkeypatch, file)
+    assert editor.card is not None and file.read_text() == "precious" and editing.saved == []
+    QTest.mouseClick(editor.card.buttons[1], LEFT)
+    assert editor.card is None and file.read_text() == "precious"
+    editing.save_as(monkeypatch, file)
+    QTest.mouseClick(editor.card.buttons[0], LEFT)
+    assert editing.saved == [str(file)] and load_protocol(file).name == "paper"
+    QTest.mouseClick(editor.save, LEFT)
+    assert editor.card is not None, "also the file that was opened"
+
+
+def test_another_kind_of_controller_has_other_parameters(editing: Editing) -> None:
+    editing.editor._use_kind(editing.editor.content["controller"][0], "proportional")
+    editing.read("gain_N_s_m is required")
+    editing.type("gain of controller 1", "300")
+    editing.read("60 trials")
+    editing.editor._remove("controller", 1)
+    editing.editor._add_controller()
+    editing.read("= 60 trials")
+    assert [one["number"] for one in editing.editor.content["controller"]] == [1, 2, 3, 4, 5]
+
+
+def test_a_form_reads_back_as_it_was_written() -> None:
+    form = {"handedness": ["right", "left"], "age": "number"}
+    assert form_of(form_text(form)) == form and form_of(" ; ") is None

@@ -1,0 +1,189 @@
+"""Try on the server's side: passes, changes in the middle of one, the table; in simulated time."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from simulated_loop import LocalWindow, local_window
+from synthetic_hand import SyntheticHand
+
+from app.ipc import messages as m
+from app.ipc.messages import Setup
+from core import tick_log
+
+
+@pytest.fixture
+def window(tmp_path: Path):
+    with local_window(Setup(tmp_path / "data", sync=False)) as opened:
+        opened.until_stage(m.NO_SESSION)
+        opened.client.send(m.Sandbox())
+        opened.until(lambda s: s.sandbox and s.running)
+        yield opened
+
+
+def change(window: LocalWindow, **what) -> None:
+    window.client.send(m.Sandbox(window.snapshot.sandbox.settings._replace(**what)))
+
+
+def drive(window: LocalWindow, until) -> None:
+    """A hand that takes the handle along the path again and again, until something is true of snapshot and last row."""
+    hand, number, row = None, 0, None
+    while True:
+        window.look()
+        row = window.ticks[-1][-1] if len(window.ticks[-1]) else row
+        if row is not None and until(window.snapshot, row):
+            return
+        running = window.snapshot.running
+        if row is None or running is None:
+            continue
+        tip, phase = (row[tick_log.TIP_X], row[tick_log.TIP_Y]), int(row[tick_log.PHASE])
+        if hand is None or running.repetition != number:
+            hand, number = SyntheticHand(running.segment, tip), running.repetition
+        window.client.aim(*hand(tip, phase, 0.02))
+
+
+def moves(ticks: int):
+    """Whether the movement has gone on for so long."""
+    seen = []
+
+    def true(_: m.Snapshot, row: np.ndarray) -> bool:
+        seen.append(row[tick_log.T]) if row[tick_log.PHASE] == tick_log.MOVE else seen.clear()
+        return len(seen) > 1 and seen[-1] - seen[0] > 1e-3 * ticks
+
+    return true
+
+
+def test_pass_follows_pass_and_each_is_measured(window: LocalWindow) -> None:
+    drive(window, lambda s, _: len(s.sandbox.passes) == 2)
+    first, second = window.snapshot.sandbox.passes
+    assert (first.number, second.number) == (1, 2) and not first.changed and first.status == "done"
+    for found in first[4:]:
+        assert math.isfinite(found) and found > 0.0
+    assert not list(Path(window.opened.folder).glob("sub-*"))  # nothing is written
+
+
+CHANGES = {
+    "controller": dict(controller=4, gain_N_s_m=10_000.0),
+    "gap": dict(gap_m=0.01),
+    "rules": dict(rules="literal"),
+    "blend width": dict(blend_width_m=0.02),
+    "spring": dict(spring_N_m=600.0),
+    "brake strength": dict(brake_strength=0.3),
+    "no backlash": dict(backlash_deg=0.0),
+    "much backlash": dict(backlash_deg=3.0),
+}
+
+
+@pytest.mark.parametrize("what", CHANGES.values(), ids=CHANGES)
+def test_a_change_in_mid_movement_acts_at_the_next_tick_and_moves_nothing(window: LocalWindow, what: dict) -> None:
+    drive(window, moves(250))
+    window.look()
+    run, before = window.client.state.runner.run, len(window.rows)
+    change(window, **what)
+    drive(window, moves(550))
+    rows, trial = window.rows, run.trial
+    assert window.client.state.runner.run is run  # the same trial
+    assert np.allclose(np.diff(rows[before - 200 :, tick_log.T]), 1e-3, atol=1e-9)  # time does not jump
+    speed = np.hypot(rows[:, tick_log.TIP_VX], rows[:, tick_log.TIP_VY])
+    step = np.hypot(np.diff(rows[:, tick_log.TIP_X]), np.diff(rows[:, tick_log.TIP_Y]))
+    near = slice(before - 20, before + 40)
+    assert np.all(step[near] <= 1.2e-3 * np.maximum(speed[:-1], speed[1:])[near] + 1e-7)
+    assert np.abs(np.diff(rows[near, tick_log.ENERGY_KINETIC])).max() < 0.01  # J: forces of a few N over a tick
+    assert trial.model.ledger().residual == pytest.approx(0.0, abs=1e-6)
+    assert trial.model.ledger().added_by_brakes < 1e-9
+    for name, value in what.items():
+        assert getattr(window.snapshot.sandbox.settings, name) == value
+
+
+def test_a_change_on_the_way_is_noted_and_one_before_the_movement_is_not(window: LocalWindow) -> None:
+    change(window, brake_strength=0.9)
+    drive(window, lambda s, _: len(s.sandbox.passes) == 1)
+    drive(window, moves(100))
+    change(window, brake_strength=0.5)
+    drive(window, lambda s, _: len(s.sandbox.passes) == 2)
+    assert [one.changed for one in window.snapshot.sandbox.passes] == [False, True]
+    assert [one.settings.brake_strength for one in window.snapshot.sandbox.passes] == [0.9, 0.5]
+
+
+def test_weaker_brakes_hold_less(window: LocalWindow) -> None:
+    """The hand leans out at the start of the rails: the brakes' largest torques fall with their strength."""
+    peaks = []
+    for strength in (1.0, 0.2):
+        change(window, brake_strength=strength)
+        begun = len(window.snapshot.sandbox.passes)
+        seen = len(window.rows)
+        drive(window, lambda s, _, begun=begun: len(s.sandbox.passes) == begun + 1)
+        rows = window.rows[seen:]
+        peaks.append(np.abs(rows[:, tick_log.TORQUE : tick_log.TORQUE + 4]).max())
+    assert peaks[1] <= 0.2 * 5.3 + 1e-9 < peaks[0]  # K(I_max) of the shipped brake: 5.3 N m
+
+
+@pytest.mark.parametrize("what", [dict(device="four-brake"), dict(path=2)])
+def test_another_device_or_path_begins_another_pass_where_the_handle_is(window: LocalWindow, what: dict) -> None:
+    drive(window, moves(500))
+    before = len(window.rows)
+    change(window, **what)
+    window.until(lambda s: s.running and all(getattr(s.sandbox.settings, k) == v for k, v in what.items()))
+    drive(window, lambda s, row: row[tick_log.PHASE] == tick_log.HOLD)
+    rows = window.rows
+    again = before - 50 + int(np.argmin(rows[before - 50 :, tick_log.T]))
+    assert rows[again, tick_log.PHASE] == tick_log.APPROACH
+    tips = rows[again - 1 : again + 1, tick_log.TIP_X : tick_log.TIP_Y + 1]
+    assert np.hypot(*np.diff(tips, axis=0)[0]) < 1e-3
+    assert not window.snapshot.sandbox.passes
+
+
+def test_the_pointer_keeps_the_handle_from_pass_to_pass(window: LocalWindow) -> None:
+    drive(window, lambda s, _: len(s.sandbox.passes) == 1)
+    held = window.rows[-100:, tick_log.ARM_FORCE_MAX]
+    assert held.min() > 0.0
+
+
+def test_brakes_off_stops_the_pass_and_the_next_waits_until_they_are_allowed(window: LocalWindow) -> None:
+    drive(window, moves(100))
+    window.client.brakes_off("Esc")
+    window.until(lambda s: not s.running)
+    assert not window.within(0.3, lambda s: s.running) and "Esc" in window.snapshot.said
+    window.client.send(m.AllowBrakes())
+    window.until(lambda s: s.running)
+    assert not window.snapshot.sandbox.passes
+
+
+def test_leaving_ends_the_pass_and_a_session_can_be_opened(window: LocalWindow) -> None:
+    drive(window, moves(100))
+    window.client.send(m.EndSandbox())
+    window.until(lambda s: s.stage == m.NO_SESSION and s.sandbox is None)
+    window.open()
+    window.client.send(m.Sandbox())
+    assert "leave it" in window.until(lambda s: s.said_bad).said and window.snapshot.sandbox is None
+
+
+REFUSED = (
+    (dict(device="two-brake"), "device 'two-brake' is none of"),
+    (dict(path=9), "path 9 is none of 1, 2"),
+    (dict(controller=9), "controller 9 is none of"),
+    (dict(rules="mine"), "rules 'mine' is none of"),
+    (dict(controller=4, gain_N_s_m=-1.0), "gain"),
+    (dict(gap_m=math.nan), "gap"),
+    (dict(blend_width_m=0.0), "blend width"),
+    (dict(brake_strength=-0.5), "brake_strength"),
+    (dict(brake_strength=0.0), "normalised force"),
+    (dict(spring_N_m=math.inf), "spring_N_m"),
+    (dict(backlash_deg=-1.0), "backlash_deg"),
+)
+
+
+def test_settings_that_cannot_be_are_refused_and_nothing_changes(window: LocalWindow) -> None:
+    before = window.snapshot.sandbox.settings
+    for what, says in REFUSED:
+        change(window, **what)
+        assert says in window.until(lambda s, says=says: s.said_bad and says in s.said).said
+        assert window.snapshot.sandbox.settings == before
+
+
+def test_a_guide_below_the_brakes_own_drag_is_known(window: LocalWindow) -> None:
+    least = window.snapshot.sandbox.least_gain_N_s_m
+    assert 5.0 < least < 100.0  # the paper's low gain does nothing, 500 N s/m does
+    change(window, brake_strength=0.5)
+    assert window.until(lambda s: s.sandbox.settings.brake_strength == 0.5).sandbox.least_gain_N_s_m == 0.5 * least

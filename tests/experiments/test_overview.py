@@ -1,0 +1,99 @@
+"""What a data folder holds, at a glance; and the form that a participant fills in, from the session to its export."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from protocols import changed, protocol_of, short
+from sessions import new_session, run_trials
+
+from core.files import InputError
+from experiments.export.export import export
+from experiments.session.files import TABLE
+from experiments.session.overview import look_into
+from experiments.session.session import Session
+
+FORM = '\n[form]\nhandedness = ["right", "left"]\nage = "number"\nfirst_time = ["yes", "no"]\nremarks = "text"\n'
+
+
+def test_sessions_stand_with_how_far_they_are_and_the_newest_first(tmp_path: Path) -> None:
+    for participant, trials in (("01", 20), ("02", 3)):
+        session = new_session(tmp_path, participant, short())
+        if participant == "02":
+            session.skip("short of time")
+            trials -= 1
+        run_trials(session, trials)
+        session.close()
+    overview = look_into(tmp_path)
+    newest, oldest = overview.sessions
+    assert (newest.participant, newest.done, newest.planned, newest.complete) == ("02", 3, 20, False)
+    assert (oldest.participant, oldest.done, oldest.complete, oldest.hand) == ("01", 20, True, "operator")
+    assert (overview.done, overview.planned, overview.operators, overview.problem) == (23, 40, 0, "")
+    session = Session.resume(tmp_path, "02", sync=False)
+    run_trials(session, 1)
+    session.redo(2, "something disturbed the trial")
+    session.close()
+    assert look_into(tmp_path).sessions[0].done == 3, "a trial that comes again is not done"
+
+
+def test_a_study_counts_the_operators_that_are_still_to_come(tmp_path: Path) -> None:
+    session = new_session(tmp_path, "01", short(1))
+    run_trials(session, 2)
+    session.close()
+    (tmp_path / "study.json").write_text(json.dumps({"operators": 3}))
+    overview = look_into(tmp_path)
+    assert (overview.operators, overview.done, overview.planned) == (3, 2, 60)
+
+
+def test_a_folder_without_sessions_and_a_session_that_is_damaged_are_named(tmp_path: Path) -> None:
+    assert look_into(tmp_path / "none").sessions == () and not look_into(tmp_path / "none").problem
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "a.txt").write_text("dear")
+    assert "holds no session" in look_into(tmp_path / "letters").problem
+    session = new_session(tmp_path / "data", "01", short(1))
+    session.close()
+    assert look_into(tmp_path / "data").sessions[0].done == 0
+    (session.folder / TABLE).write_text("participant,run\n01,one\n")
+    (damaged,) = look_into(tmp_path / "data").sessions
+    assert TABLE in damaged.problem and not damaged.complete
+
+
+def test_a_form_is_kept_with_the_session_and_exported_with_the_participants(tmp_path: Path) -> None:
+    protocol = protocol_of(changed(short(1).text, devices='["four-brake"]') + FORM)
+    answers = {"handedness": "left", "age": 27.0, "first_time": "yes", "remarks": "a, b"}
+    session = Session(tmp_path / "data", "01", protocol, sync=False, form=answers)
+    session.close()
+    assert json.loads((session.folder / "session.json").read_text())["form"] == answers
+    operated = new_session(tmp_path / "data", "02", protocol)
+    run_trials(operated, 1)
+    operated.close()
+    shutil.copytree(operated.folder / "trials", session.folder / "trials", dirs_exist_ok=True)
+    text = (operated.folder / TABLE).read_text()
+    (session.folder / TABLE).write_text(text.replace("\n02,", "\n01,"))
+    export(tmp_path / "data", {"bids": tmp_path / "bids"})
+    lines = [line.split("\t") for line in (tmp_path / "bids" / "participants.tsv").read_text().splitlines()]
+    header = ["participant_id", "species", "age", "sex", "handedness", "first_time", "remarks", "hand"]
+    assert lines[0] == header
+    assert lines[1][:-1] == ["sub-01", "n/a", "27", "n/a", "left", "yes", "a, b"]
+    assert lines[2][:-1] == ["sub-02", *["n/a"] * 6]
+    about = json.loads((tmp_path / "bids" / "participants.json").read_text())
+    assert list(about["handedness"]["Levels"]) == ["right", "left"] and "Levels" not in about["age"]
+    program = shutil.which("bids-validator-deno", path=str(Path(sys.executable).parent))
+    if program:
+        command = [program, str(tmp_path / "bids"), "--format", "json", "--max-rows", "-1"]
+        issues = json.loads(subprocess.run(command, capture_output=True, text=True).stdout)["issues"]["issues"]
+        assert [issue for issue in issues if issue["severity"] == "error"] == []
+
+
+@pytest.mark.parametrize(
+    ("form", "says"),
+    [({"age": "old"}, "age must be a number"), ({"handedness": "both"}, "handedness must be one of right, left"),
+     ({"weight": 70.0}, "does not ask for 'weight'"), ({"remarks": 1.0}, "remarks must be a text")],
+)  # fmt: skip
+def test_an_answer_that_the_protocol_does_not_ask_for_makes_no_session(tmp_path: Path, form: dict, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        Session(tmp_path, "01", protocol_of(short(1).text + FORM), sync=False, form=form)
+    assert not list(tmp_path.iterdir())
