@@ -101,21 +101,13 @@ def shipped_brakes() -> list[str]:
     return sorted(file.stem for file in SHIPPED_FOLDER.glob("*.toml"))
 
 
-def find_brake_file(reference: str, folder: Path, where: str) -> Path:
-    """The file of a brake: a shipped name, or a path relative to the device file (`where`)."""
-    if reference in shipped_brakes():
-        return SHIPPED_FOLDER / f"{reference}.toml"
-    path = folder / reference
-    if reference and path.is_file():
-        return path
-    raise InputError(
-        f"{where}: unknown brake {reference!r}: neither a shipped brake ({', '.join(shipped_brakes())}) nor a file"
-    )
-
-
 def read_brake_text(reference: str, folder: Path, where: str) -> str:
-    """The brake file in full."""
-    return read_text(find_brake_file(reference, folder, where))
+    """A brake file in full: of a shipped name, or of a path relative to the device file's folder (`where`)."""
+    path = SHIPPED_FOLDER / f"{reference}.toml" if reference in shipped_brakes() else folder / reference
+    if not reference or not path.is_file():
+        shipped = ", ".join(shipped_brakes())
+        raise InputError(f"{where}: unknown brake {reference!r}: neither a shipped brake ({shipped}) nor a file")
+    return read_text(path)
 
 
 def parse_brake(text: str, where: str) -> BrakeFile:

@@ -129,20 +129,27 @@ def held_limits(brakes, mechanism, state, at, yields, lagged):
 
 
 @kernel
-def event_value(brakes, mechanism, state, scratch, kind, elapsed, lagged):
-    """Value of one kind of event at the end of the tried step, `elapsed` seconds into the step."""
+def event_value(brakes, mechanism, state, scratch, kind, lagged):
+    """Value of one kind of event at the end of the tried step."""
+    turned = scratch.turned[kind - PLAY] if PLAY <= kind < STOP else 0.0
+    return value_at(brakes, mechanism, state, scratch, scratch, scratch.torque_yield[1], turned, kind, lagged)
+
+
+@kernel
+def value_at(brakes, mechanism, state, scratch, at, yields, turned, kind, lagged):
+    """Value of one kind of event in the state or after the tried step (`at`), for its yields; turned (rad): since then."""
     if kind < SPEED:
-        return state.sign[kind] * scratch.rate[kind]
+        return state.sign[kind] * at.rate[kind]
     if kind == SPEED:
-        return path_sense(state) * path_speed(state, scratch)
+        return path_sense(state) * path_speed(state, at)
     if kind < PLAY:
-        plus, minus = held_limits(brakes, mechanism, state, scratch, scratch.torque_yield[1], lagged)
-        return scratch.line_torque + plus if kind == LOOSE_PLUS else minus - scratch.line_torque
+        plus, minus = held_limits(brakes, mechanism, state, at, yields, lagged)
+        return at.line_torque + plus if kind == LOOSE_PLUS else minus - at.line_torque
     if kind < STOP:
         i = kind - PLAY
         left = brakes.play[i] - state.play[i] if state.sign[i] > 0.0 else state.play[i]
-        return left - state.sign[i] * scratch.turned[i]
-    stop_gap(mechanism, state.distal_side, scratch.tip[0], scratch.tip[1], scratch.theta, scratch.gap, scratch.gap_side)
+        return left - state.sign[i] * turned
+    stop_gap(mechanism, state.distal_side, at.tip[0], at.tip[1], scratch.theta, scratch.gap, scratch.gap_side)
     return scratch.gap[kind - STOP]
 
 
@@ -157,23 +164,6 @@ def event_slope(state, scratch, kind):
     if PLAY <= kind < STOP:
         return -state.sign[kind - PLAY] * scratch.rate[kind - PLAY]
     return 0.0
-
-
-@kernel
-def start_value(brakes, mechanism, state, scratch, kind, lagged):
-    """Value of one kind of event at the start of the step."""
-    if kind < SPEED:
-        return state.sign[kind] * state.rate[kind]
-    if kind == SPEED:
-        return path_sense(state) * path_speed(state, state)
-    if kind < PLAY:
-        plus, minus = held_limits(brakes, mechanism, state, state, state.torque_yield, lagged)
-        return state.line_torque + plus if kind == LOOSE_PLUS else minus - state.line_torque
-    if kind < STOP:
-        i = kind - PLAY
-        return brakes.play[i] - state.play[i] if state.sign[i] > 0.0 else state.play[i]
-    stop_gap(mechanism, state.distal_side, state.tip[0], state.tip[1], scratch.theta, scratch.gap, scratch.gap_side)
-    return scratch.gap[kind - STOP]
 
 
 @kernel
@@ -262,7 +252,7 @@ def locate(mechanism, brakes, hand, state, scratch, t, step, kind, guess, lagged
         if guess == 0.0:
             break
         # a graze came close to zero and turned back
-        grazed = event_value(brakes, mechanism, state, scratch, kind, guess, lagged) > GRAZING
+        grazed = event_value(brakes, mechanism, state, scratch, kind, lagged) > GRAZING
         scratch.seen |= 1 << kind
         other, when = first_event(mechanism, brakes, state, scratch, guess, lagged)
         if other == NONE:
@@ -276,7 +266,9 @@ def locate(mechanism, brakes, hand, state, scratch, t, step, kind, guess, lagged
 @kernel
 def locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess, lagged):
     """Time in [0, step] at which the value of one kind of event reaches zero."""
-    low, at_low = 0.0, start_value(brakes, mechanism, state, scratch, kind, lagged)
+    low, at_low = 0.0, value_at(
+        brakes, mechanism, state, scratch, state, state.torque_yield, 0.0, kind, lagged
+    )
     high = step
     if at_low <= ROUNDING:
         # it starts at zero: find a time at which it has risen above, or take the event as present already
@@ -285,7 +277,7 @@ def locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess, la
         for _ in range(MAX_LOCATE):
             s *= 0.5
             if rk4(mechanism, brakes, hand, state, scratch, t, s, lagged):
-                value = event_value(brakes, mechanism, state, scratch, kind, s, lagged)
+                value = event_value(brakes, mechanism, state, scratch, kind, lagged)
                 if value > ROUNDING:
                     risen = True
                     break
@@ -302,7 +294,7 @@ def locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess, la
             high = s
             s = 0.5 * (low + high)
             continue
-        value = event_value(brakes, mechanism, state, scratch, kind, s, lagged)
+        value = event_value(brakes, mechanism, state, scratch, kind, lagged)
         if abs(value) <= LOCATED:
             break
         if value > 0.0:

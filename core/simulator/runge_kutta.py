@@ -226,13 +226,17 @@ def booked(sixth, first, middle, last, w1, later):
 
 
 @kernel
+def kinetic(at):
+    """Kinetic energy (J) of the device in a state or after a tried step, without any arm mass beyond the sensor."""
+    m, v = at.mass, at.tip
+    return 0.5 * (m[0] * v[2] * v[2] + 2.0 * m[1] * v[2] * v[3] + m[2] * v[3] * v[3])
+
+
+@kernel
 def energy_error(state, scratch):
     """What the ledger of the tried step leaves unexplained, share of the energy that changed hands."""
-    m, v, n, u = state.mass, state.tip, scratch.mass, scratch.tip
-    before = 0.5 * (m[0] * v[2] * v[2] + 2.0 * m[1] * v[2] * v[3] + m[2] * v[3] * v[3])
-    after = 0.5 * (n[0] * u[2] * u[2] + 2.0 * n[1] * u[2] * u[3] + n[2] * u[3] * u[3])
     heat = scratch.heat[0] + scratch.heat[1] + scratch.heat[2] + scratch.heat[3]
-    made, work = after - before, scratch.work
+    made, work = kinetic(scratch) - kinetic(state), scratch.work
     return abs(made + heat - work) / (abs(made) + abs(heat) + abs(work) + LEAST_ENERGY)
 
 

@@ -15,7 +15,7 @@ from core.kernel import kernel
 from core.simulator.event import advance_event
 from core.simulator.hand import Hand, new_hand, split_at_knots
 from core.simulator.karnopp import advance_karnopp, resolve_in_band
-from core.simulator.runge_kutta import STEP_SCRATCH
+from core.simulator.runge_kutta import STEP_SCRATCH, kinetic
 from core.simulator.solver_numbers import ADDED_J, DELTA_OMEGA, EDGE_S, UNEXPLAINED, UNEXPLAINED_J
 from core.simulator.state import new_record, new_state, pack_brakes, pack_mechanism
 from core.simulator.stepping import advance_stepping
@@ -66,13 +66,6 @@ def stuck_bits(mechanism, brakes, state):
             if state.held == STILL or (state.held >= 0 and same_line(i, state.held, mechanism.coaxial)):
                 bits |= 1 << i
     return bits
-
-
-@kernel
-def kinetic(state):
-    """Kinetic energy of the device (J), without any arm mass on the hand's side of the sensor."""
-    m, v = state.mass, state.tip
-    return 0.5 * (m[0] * v[2] * v[2] + 2.0 * m[1] * v[2] * v[3] + m[2] * v[3] * v[3])
 
 
 @kernel
@@ -141,21 +134,6 @@ def run_rows(
                 t = until
 
 
-def energy_warnings(work_hand: float, heat: float, lost_at_stops: float, kinetic: float, residual: float,
-                    added_by_brakes: float) -> tuple[str, ...]:  # fmt: skip
-    """What an energy ledger (J) says against the motion that it belongs to, a sentence each; none where it agrees."""
-    found = []
-    changed_hands = abs(work_hand) + heat + lost_at_stops + kinetic
-    if not abs(residual) <= UNEXPLAINED * changed_hands + UNEXPLAINED_J:
-        found.append(
-            f"the energy ledger leaves {residual:.2g} J of {changed_hands:.2g} J unexplained: "
-            "the motion may be wrong; choose a smaller step"
-        )
-    if not added_by_brakes <= ADDED_J:
-        found.append(f"a brake added {added_by_brakes:.2g} J within a step, which no brake can; choose a smaller step")
-    return tuple(found)
-
-
 @dataclass(frozen=True)
 class Ledger:
     """Energies in J since the start, and what happened on the way."""
@@ -173,9 +151,17 @@ class Ledger:
     refined: int
 
     def warnings(self) -> tuple[str, ...]:
-        """Why the motion so far may be wrong, a sentence each; none where nothing speaks against it."""
-        return energy_warnings(self.work_hand, sum(self.heat), self.lost_at_stops, self.kinetic, self.residual,
-                               self.added_by_brakes)  # fmt: skip
+        """What the ledger says against the motion that it belongs to, a sentence each; none where it agrees."""
+        found, added = [], self.added_by_brakes
+        changed_hands = abs(self.work_hand) + sum(self.heat) + self.lost_at_stops + self.kinetic
+        if not abs(self.residual) <= UNEXPLAINED * changed_hands + UNEXPLAINED_J:
+            found.append(
+                f"the energy ledger leaves {self.residual:.2g} J of {changed_hands:.2g} J unexplained: "
+                "the motion may be wrong; choose a smaller step"
+            )
+        if not added <= ADDED_J:
+            found.append(f"a brake added {added:.2g} J within a step, which no brake can; choose a smaller step")
+        return tuple(found)
 
 
 class Simulation:

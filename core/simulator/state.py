@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from core.mechanism import Brakes, Mechanism
+from core.mechanism import Arm, Brakes, Mechanism, no_brakes
 from core.simulator.stick_slip import FREE, STILL
 
 STATE = np.dtype(
@@ -54,8 +54,7 @@ STATE = np.dtype(
 _FILLED_FIRST = ("cost_plus", "cost_minus", "active", "lag")
 CARRIED = tuple(name for name in STATE.names or () if name not in _FILLED_FIRST)
 
-ARM = np.dtype([(name, "f8") for name in ("base_x", "base_y", "length_1", "length_2", "side")]
-               + [(name, "f8") for name in ("proximal", "distal", "coupling", "rotor")])  # fmt: skip
+ARM = np.dtype([(name, "f8") for name in Arm._fields])
 MECHANISM = np.dtype(
     [
         ("arm_1", ARM),
@@ -68,19 +67,7 @@ MECHANISM = np.dtype(
         ("has_theta_stops", "i8"),
     ]
 )
-BRAKES = np.dtype(
-    [
-        ("present", "f8", (4,)),
-        ("current_max", "f8", (4,)),
-        ("k", "f8", (4, 5)),
-        ("knee", "f8", (4,)),
-        ("omega_0", "f8", (4,)),
-        ("floor", "f8", (4,)),
-        ("rise", "f8", (4, 7)),
-        ("fall", "f8", (4, 7)),
-        ("play", "f8", (4,)),
-    ]
-)
+BRAKES = np.dtype([(name, "f8", value.shape) for name, value in no_brakes()._asdict().items()])
 
 
 def new_record(dtype: np.dtype) -> np.recarray:

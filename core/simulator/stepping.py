@@ -11,7 +11,7 @@ import math
 from core.brake import lagged_yield
 from core.kernel import kernel
 from core.simulator.hand import cap_scale, hand_force, spring_force
-from core.simulator.runge_kutta import begin, keep_on_line
+from core.simulator.runge_kutta import begin, keep_on_line, kinetic
 from core.simulator.solver_numbers import (
     CREATED,
     LARGEST_CHANGE,
@@ -160,9 +160,8 @@ def take(mechanism, brakes, hand, state, scratch, h, lagged):
 @kernel
 def balance(state):
     """Energy of the device less what the ledger says it was given (J): constant but for the method's error."""
-    m, v, heat = state.mass, state.tip, state.heat
-    kinetic = 0.5 * (m[0] * v[2] * v[2] + 2.0 * m[1] * v[2] * v[3] + m[2] * v[3] * v[3])
-    return kinetic + heat[0] + heat[1] + heat[2] + heat[3] + state.lost_at_stops - state.work_hand
+    heat = state.heat
+    return kinetic(state) + heat[0] + heat[1] + heat[2] + heat[3] + state.lost_at_stops - state.work_hand
 
 
 @kernel
@@ -171,14 +170,13 @@ def create_nothing(state, before):
     created = balance(state) - before
     if created <= 0.0:
         return
-    m, v = state.mass, state.tip
-    kinetic = 0.5 * (m[0] * v[2] * v[2] + 2.0 * m[1] * v[2] * v[3] + m[2] * v[3] * v[3])
-    if created <= CREATED * kinetic:
+    energy = kinetic(state)
+    if created <= CREATED * energy:
         return
-    square = 1.0 - created / kinetic if created < kinetic else 0.0
+    square = 1.0 - created / energy if created < energy else 0.0
     scale = math.sqrt(square)
     for i in range(2):
-        v[2 + i] *= scale
+        state.tip[2 + i] *= scale
         state.carry[i] *= scale
         state.bias_force[i] *= square
     for j in range(5):

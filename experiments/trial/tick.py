@@ -29,7 +29,8 @@ from core.control.velocity_field import NO_FIELD, TRAVEL
 from core.kernel import inlined, kernel
 from core.path import nearest
 from core.simulator.event import advance_event
-from core.simulator.simulation import MR, apply, kinetic, stuck_bits
+from core.simulator.runge_kutta import kinetic
+from core.simulator.simulation import MR, apply, stuck_bits
 from core.simulator.state import new_record
 from core.simulator.stick_slip_mode import look, resolve
 from core.stops import stop_gap
