@@ -72,12 +72,6 @@ def from_plain(content: Any, kind: Any, where: str) -> Any:
         raise InputError(f"{where}: {_sentence(str(error), content).lstrip()}") from None
 
 
-def read_toml(path: Path, kind: type[T]) -> tuple[T, str]:
-    """The file as a table of the given kind, and its text in full."""
-    text = read_text(path)
-    return parse_toml(text, kind, str(path)), text
-
-
 def one_of(value: str, choices: tuple[str, ...], key: str) -> None:
     """For `__post_init__` of a table: a ValueError (it becomes the file's InputError) unless value is a choice."""
     if value not in choices:

@@ -48,11 +48,7 @@ class Path(NamedTuple):
 
 def line(start: Sequence[float], end: Sequence[float], where: str = "path") -> Path:
     """The segment from start to end (m, two numbers each). InputError if it has no length or is not finite."""
-    try:
-        x0, y0 = (float(value) for value in start)
-        x1, y1 = (float(value) for value in end)
-    except (TypeError, ValueError):
-        raise InputError(f"{where}: start {start!r} and end {end!r} must be two numbers each, in metres") from None
+    (x0, y0), (x1, y1) = start, end
     length = math.hypot(x1 - x0, y1 - y0)
     if not math.isfinite(length):
         raise InputError(f"{where}: start {start!r} and end {end!r} must be finite")

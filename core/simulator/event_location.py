@@ -137,7 +137,7 @@ def event_value(brakes, mechanism, state, scratch, kind, lagged):
 
 @kernel
 def value_at(brakes, mechanism, state, scratch, at, yields, turned, kind, lagged):
-    """Value of one kind of event in the state or after the tried step (`at`), for its yields; turned (rad): since then."""
+    """Value of one kind of event in the state or after the tried step, `at`, for its yields; turned since, rad."""
     if kind < SPEED:
         return state.sign[kind] * at.rate[kind]
     if kind == SPEED:

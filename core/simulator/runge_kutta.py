@@ -14,20 +14,13 @@ from core.dynamics import motion
 from core.kernel import inlined, kernel
 from core.simulator.hand import grip_force, prescribed_force
 from core.simulator.solver_numbers import ENERGY_ERROR, LEAST_ENERGY, NEAR_SINGULAR, REACH, STEP_ERROR
+from core.simulator.state import MOTION
 from core.simulator.stick_slip import solve_mass
 from core.simulator.stick_slip_mode import distal_row, store
 
 STEP_SCRATCH = np.dtype(
     [
-        ("tip", "f8", (4,)),
-        ("acceleration", "f8", (2,)),
-        ("hand_force", "f8", (2,)),
-        ("mass", "f8", (3,)),
-        ("bias_force", "f8", (2,)),
-        ("g", "f8", (5, 2)),
-        ("rate", "f8", (5,)),
-        ("bias", "f8", (5,)),
-        ("line_torque", "f8"),
+        *MOTION,
         ("middle_torque", "f8"),  # N m, what holds the stuck joint in the middle of the step
         ("s_1", "f8"),
         ("s_2", "f8"),
@@ -36,8 +29,6 @@ STEP_SCRATCH = np.dtype(
         ("work", "f8"),  # J, by the hand
         ("error", "f8"),  # m/s2, how far the step's last stage was from its end: its error estimate over its length
         ("torque_yield", "f8", (2, 4)),  # N m, at the middle and end of the step (only where there is a lag)
-        ("held", "i8"),  # `stepping`: the pattern after the step
-        ("sign", "f8", (5,)),
         ("seen", "i8"),  # bits of the kinds of events that need not be looked for any more
         # work space of the stops
         ("theta", "f8", (4,)),
