@@ -10,17 +10,9 @@ import math
 
 from core.brake import lagged_yield
 from core.kernel import kernel
+from core.simulator import solver_numbers as limits
 from core.simulator.hand import cap_scale, hand_force, spring_force
 from core.simulator.runge_kutta import begin, keep_on_line, kinetic
-from core.simulator.solver_numbers import (
-    CREATED,
-    LARGEST_CHANGE,
-    LONGEST_WAY,
-    MOST_HALVINGS,
-    NEAR_SINGULAR,
-    STIFF,
-    TOUCHING,
-)
 from core.simulator.stick_slip import STILL, same_line, solve_at_rest
 from core.simulator.stick_slip_mode import enter_line, look, set_costs, strike
 from core.stops import stop_gap
@@ -32,17 +24,11 @@ def stiffer_than(state, hand, step):
     grip = hand.grips[0]
     if grip.spring == 0:
         return False
-    mass = state.mass
-    least = least_eigenvalue(mass[0], mass[1], mass[2]) + grip.mass
+    xx, xy, yy = state.mass[0], state.mass[1], state.mass[2]
+    least = 0.5 * (xx + yy - math.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy)) + grip.mass  # eigenvalue
     k, d = grip.stiffness, grip.damping
     stiffness, damping = max(k[0], k[2]) + abs(k[1]), max(d[0], d[2]) + abs(d[1])
-    return step * step * stiffness > STIFF * STIFF * least or step * damping > STIFF * least
-
-
-@kernel
-def least_eigenvalue(xx, xy, yy):
-    """The smaller eigenvalue of a symmetric 2 x 2 matrix."""
-    return 0.5 * (xx + yy - math.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy))
+    return step * step * stiffness > limits.STIFF * limits.STIFF * least or step * damping > limits.STIFF * least
 
 
 @kernel
@@ -58,9 +44,9 @@ def advance_stepping(mechanism, brakes, hand, state, scratch, currents, t, h, la
         begin(brakes, state, currents, step, lagged)
         speed = implicit_velocity(mechanism, brakes, hand, state, scratch, t + elapsed, step, lagged)
         singular = near_singular(mechanism, state)
-        if halvings < MOST_HALVINGS and (
-            speed * step > LONGEST_WAY
-            or (singular and singularity_change(mechanism, state, scratch) * step > LARGEST_CHANGE)
+        if halvings < limits.MOST_HALVINGS and (
+            speed * step > limits.LONGEST_WAY
+            or (singular and singularity_change(mechanism, state, scratch) * step > limits.LARGEST_CHANGE)
         ):
             step *= 0.5
             halvings += 1
@@ -78,7 +64,7 @@ def near_singular(mechanism, state):
     g, l_1, l_2 = state.g, mechanism.arm_1.length_1, mechanism.arm_2.length_1
     first = l_1 * l_1 * (g[0, 0] * g[0, 0] + g[0, 1] * g[0, 1])
     second = l_2 * l_2 * (g[2, 0] * g[2, 0] + g[2, 1] * g[2, 1])
-    return max(first, second) * (NEAR_SINGULAR * NEAR_SINGULAR) > 1.0
+    return max(first, second) * (limits.NEAR_SINGULAR * limits.NEAR_SINGULAR) > 1.0
 
 
 @kernel
@@ -171,7 +157,7 @@ def create_nothing(state, before):
     if created <= 0.0:
         return
     energy = kinetic(state)
-    if created <= CREATED * energy:
+    if created <= limits.CREATED * energy:
         return
     square = 1.0 - created / energy if created < energy else 0.0
     scale = math.sqrt(square)
@@ -215,7 +201,7 @@ def move(mechanism, state, scratch, h, arm_mass):
     if beyond_a_stop(mechanism, state, scratch, tip[0], tip[1]):
         retreat(mechanism, state, scratch, x, y)
     for j in range(5):
-        if scratch.gap[j] <= TOUCHING:
+        if scratch.gap[j] <= limits.TOUCHING:
             state.contact[j] = scratch.gap_side[j]
 
 
@@ -266,7 +252,7 @@ def stop_on_the_way(mechanism, state, scratch, x, y, h, arm_mass):
         turn(mechanism, state, struck)
         stop_gap(mechanism, state.distal_side, tip[0], tip[1], scratch.theta, scratch.gap, scratch.gap_side)
         for j in range(5):
-            if scratch.gap[j] < -TOUCHING and not same_line(j, struck, mechanism.coaxial):
+            if scratch.gap[j] < -limits.TOUCHING and not same_line(j, struck, mechanism.coaxial):
                 tip[0], tip[1] = hit_x, hit_y  # another stop: what is left of the step is lost
                 tip[2], tip[3] = tip[2] + state.carry[0], tip[3] + state.carry[1]
                 state.carry[0] = state.carry[1] = 0.0
@@ -279,7 +265,7 @@ def beyond_a_stop(mechanism, state, scratch, x, y):
     """True where (x, y) lies beyond any hard stop; fills the scratch's gaps."""
     stop_gap(mechanism, state.distal_side, x, y, scratch.theta, scratch.gap, scratch.gap_side)
     least = min(min(scratch.gap[0], scratch.gap[1]), min(scratch.gap[2], min(scratch.gap[3], scratch.gap[4])))
-    return least < -TOUCHING
+    return least < -limits.TOUCHING
 
 
 @kernel

@@ -135,7 +135,7 @@ def resolve(mechanism, brakes, hand, state, t):
             state.held = FREE
         for i in range(5):
             rate = state.rate[i]
-            if state.active[i] == 0 or on_held_line(mechanism, state, i):
+            if state.active[i] == 0 or (state.held >= 0 and same_line(i, state.held, mechanism.coaxial)):
                 continue
             at_stop = state.contact[i] != 0.0 and state.contact[i] * rate > -RATE_ROUNDING
             if not at_stop and state.sign[i] * rate >= RATE_ROUNDING:
@@ -159,12 +159,6 @@ def hand_changed(hand, state, t):
     dx = fx - arm_mass * state.acceleration[0] - state.hand_force[0]
     dy = fy - arm_mass * state.acceleration[1] - state.hand_force[1]
     return not abs(dx) + abs(dy) <= HAND_ROUNDING * (1.0 + abs(fx) + abs(fy))
-
-
-@kernel
-def on_held_line(mechanism, state, i):
-    """True where joint i is at rest because a joint on its line is held."""
-    return state.held >= 0 and same_line(i, state.held, mechanism.coaxial)
 
 
 @kernel
