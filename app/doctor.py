@@ -16,7 +16,7 @@ from app.ipc.scheduling import ADVICE
 from app.progress import SCREENS_CODE
 from app.session_server.preflight import check_disk
 from core.files import InputError
-from core.kernel import CACHE_FOLDER, first_use
+from core.kernel import CACHE_FOLDER, is_compiled
 from hardware.discovery import BoardFound, SerialPort, ask_board, hid_devices, serial_ports
 
 #: Text is laid out for these; a smaller screen would clip it.
@@ -105,11 +105,11 @@ def cores() -> Check:
 
 
 def kernels() -> Check:
-    """Whether any kernels of this version are compiled."""
-    if first_use():
-        advice = "The first trial or study compiles them, a quarter of a minute; nothing to do."
-        return check("kernels", f"not compiled yet ({CACHE_FOLDER})", advice)
-    return check("kernels", f"compiled, in {CACHE_FOLDER}")
+    """Whether the kernels of a trial are compiled."""
+    if is_compiled("run_ticks"):
+        return check("kernels", f"compiled, in {CACHE_FOLDER}")
+    advice = "The first trial or study compiles them, a quarter of a minute; nothing to do."
+    return check("kernels", f"not compiled yet ({CACHE_FOLDER})", advice)
 
 
 # ------------------------------------------------------------------------------------- what is attached, and our rights

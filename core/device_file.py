@@ -9,7 +9,7 @@ from typing import Annotated
 
 import msgspec
 
-from core.files import InputError, NotNegative, Pair, Positive, Table, one_of, parse_toml, read_text
+from core.files import InputError, NotNegative, Pair, Positive, Table, choice, parse_toml, read_text
 from core.mechanism import JOINTS
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "brake_files"
@@ -117,7 +117,6 @@ def parse_brake(text: str, where: str) -> BrakeFile:
 
 #: Elbow sides of arm 1 and arm 2, +1: the elbow lies to the left of base -> tip.
 ELBOWS = {"out": (1.0, -1.0), "in": (-1.0, 1.0), "left": (1.0, 1.0), "right": (-1.0, -1.0)}
-SENSOR_BODIES = ("handle", "ED", "CD")
 Counts = Annotated[int, msgspec.Meta(gt=0)]
 
 
@@ -130,10 +129,7 @@ class Geometry(Table, frozen=True):
     L_ED_m: Positive
     L_BC_m: Positive
     L_CD_m: Positive
-    elbows: str
-
-    def __post_init__(self) -> None:
-        one_of(self.elbows, tuple(ELBOWS), "elbows")
+    elbows: Annotated[str, choice(*ELBOWS)]
 
 
 class Link(Table, frozen=True):
@@ -204,13 +200,10 @@ class Encoders(Table, frozen=True):
 class ForceSensor(Table, frozen=True):
     """Which body carries the force sensor, how it is turned, and the mass on the hand's side of it."""
 
-    on: str
+    on: Annotated[str, choice("handle", "ED", "CD")]
     rotation_rad: float = 0.0
     inertia_beyond_kg: NotNegative = 0.0
     calibration: str | None = None  # file of a 6 x 6 matrix, relative to the device file
-
-    def __post_init__(self) -> None:
-        one_of(self.on, SENSOR_BODIES, "on")
 
 
 class Sensing(Table, frozen=True):

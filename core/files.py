@@ -72,12 +72,6 @@ def from_plain(content: Any, kind: Any, where: str) -> Any:
         raise InputError(f"{where}: {_sentence(str(error), content).lstrip()}") from None
 
 
-def one_of(value: str, choices: tuple[str, ...], key: str) -> None:
-    """For `__post_init__` of a table: a ValueError (it becomes the file's InputError) unless value is a choice."""
-    if value not in choices:
-        raise ValueError(f"{key} must be one of {', '.join(choices)}, not {value!r}")
-
-
 def text_of_form(pattern: str, words: str) -> msgspec.Meta:
     """For `Annotated[str, ..]`: text that matches the whole pattern; a refusal says that it must be `words`."""
     whole = rf"^(?:{pattern})\Z"
@@ -121,7 +115,7 @@ def _sentence(message: str, content: dict[str, Any]) -> str:
     if found := _INVALID.match(reason):
         return f"{key} {found[1]!r} is not known"
     if found := _LENGTH.match(reason):
-        return f"{key} must hold {found[1]} values, not {len(_value(content, key))}"
+        return f"{key} must hold {found[1]} value{'s' if found[1] != '1' else ''}, not {len(_value(content, key))}"
     return f"{key}: {reason}" if key else reason
 
 

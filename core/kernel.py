@@ -66,9 +66,9 @@ CACHE_FOLDER = _cache_home() / source_hash()
 numba.config.CACHE_DIR = str(CACHE_FOLDER)
 
 
-def first_use() -> bool:
-    """True while no compiled kernel of these sources is on disk (the next call compiles, some seconds)."""
-    return not any(CACHE_FOLDER.rglob("*.nbi"))
+def is_compiled(name: str) -> bool:
+    """Whether a kernel that Python calls is on disk, compiled from these sources; if not, the next call compiles it."""
+    return any(CACHE_FOLDER.rglob(f"*.{name}-*.nbi"))
 
 
 #: Without the interpreter lock, division by zero gives inf (no hidden branch). No flag that assumes finite numbers.

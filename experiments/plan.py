@@ -12,7 +12,7 @@ import math
 import re
 import zlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import groupby, pairwise
 from typing import NamedTuple
 
@@ -167,13 +167,12 @@ def plan_hash(plan: Sequence[PlannedTrial]) -> str:
 
 # ------------------------------------------------------------------------------------------------------ as printed text
 
-#: Lines of the printed plan between a trial and the next one; of the first one's configuration so many are then done
-#: and left.
-Steps = Callable[[Protocol, PlannedTrial, PlannedTrial, int, int], list[str]]
-
 
 def steps_between(protocol: Protocol, before: PlannedTrial, after: PlannedTrial, done: int, left: int) -> list[str]:
-    """What the printed plan says between two trials: a re-rig, a break."""
+    """The lines between a trial and the next one: a re-rig, a break.
+
+    Of the first one's configuration so many trials are then done and left.
+    """
     if after.configuration != before.configuration:
         return [f"re-rig to {after.configuration}"]
     if protocol.breaks is not None and break_after(protocol, done, left):
@@ -181,20 +180,20 @@ def steps_between(protocol: Protocol, before: PlannedTrial, after: PlannedTrial,
     return []
 
 
-def print_plan(protocol: Protocol, participant: str, steps: Steps = steps_between) -> str:
+def print_plan(protocol: Protocol, participant: str) -> str:
     """The protocol's facts, the estimated duration, then every trial in order with practice and the steps between."""
     plan = make_plan(protocol, participant)
     parts, before = [_head(protocol, participant, plan)], plan[0]
     for configuration, group in groupby(plan, key=lambda trial: trial.configuration):
         trials = list(group)
         if before.configuration != configuration:
-            parts += steps(protocol, before, trials[0], len(trials), 0)
-        parts.append("\n".join([configuration, *_lines(protocol, participant, trials, steps)]))
+            parts += steps_between(protocol, before, trials[0], len(trials), 0)
+        parts.append("\n".join([configuration, *_lines(protocol, participant, trials)]))
         before = trials[-1]
     return "\n\n".join(parts) + "\n"
 
 
-def _lines(protocol: Protocol, participant: str, trials: list[PlannedTrial], steps: Steps) -> list[str]:
+def _lines(protocol: Protocol, participant: str, trials: list[PlannedTrial]) -> list[str]:
     """The trials of one configuration, its practice first."""
     width = max(len(protocol.controller_name(trial.controller)) for trial in trials)
     practice = [
@@ -210,7 +209,7 @@ def _lines(protocol: Protocol, participant: str, trials: list[PlannedTrial], ste
         run = "" if is_practice else trial.run
         lines.append(f"  {run:>5}  {protocol.controller_name(trial.controller):{width}}  path {trial.segment}")
         if 0 < done < len(trials):
-            lines += [f"  {line}" for line in steps(protocol, trial, trials[done], done, len(trials) - done)]
+            lines += [f"  {line}" for line in steps_between(protocol, trial, trials[done], done, len(trials) - done)]
     return lines
 
 
@@ -259,7 +258,7 @@ def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) ->
         "seed": [f"{protocol.seed}, plan {plan_hash(plan)[:16]}"],
         "participant sees": [_seen(protocol)],
         "experimenter": [f"sees codes, K1 to K{len(protocol.controllers)}"] if protocol.blind else [],
-        "questionnaire": ["after each block"] if protocol.questionnaire.on else [],
+        "questionnaire": [f"after each {protocol.questionnaire.each}"] if protocol.questionnaire.on else [],
     }
     lines = [
         f"{protocol.name} protocol, participant {participant}: {_length(protocol, plan)} "

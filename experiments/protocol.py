@@ -17,18 +17,7 @@ import msgspec
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.control.rule_sets import RULE_SETS
 from core.device import Device, build_device, load_device
-from core.files import (
-    InputError,
-    NotNegative,
-    Positive,
-    Table,
-    choice,
-    from_plain,
-    one_of,
-    parse_toml,
-    read_text,
-    text_of_form,
-)
+from core.files import InputError, NotNegative, Positive, Table, choice, from_plain, parse_toml, read_text, text_of_form
 from core.path import PathFile, build_path, outline, path_from, point_at
 from core.simulator.hand import Hand, spring_hand
 from core.workspace import tip_is_free
@@ -160,9 +149,9 @@ class Settings(Table, frozen=True, kw_only=True):
         for name, kind in self.form.items():
             if not (name.isascii() and name.isidentifier()):
                 raise ValueError(f"form: {name!r} must be of letters, digits and _")
-            if isinstance(kind, str):
-                one_of(kind, (NUMBER, TEXT), f"form.{name}")
-            elif len(set(kind)) < 2:
+            if isinstance(kind, str) and kind not in (NUMBER, TEXT):
+                raise ValueError(f"form.{name} must be one of {NUMBER}, {TEXT}, or a list of choices, not {kind!r}")
+            if not isinstance(kind, str) and len(set(kind)) < 2:
                 raise ValueError(f"form.{name} must offer at least two different choices")
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from core.files import InputError, Pair
+from core.path import Polyline, Segment, path_from
 from experiments.protocol import read_protocol
 from experiments.recording.atomic_files import reason_of, write_new_file, written_beside
 
@@ -73,12 +74,19 @@ def _value(value: Any) -> str:
 
 
 def points_of(path: Mapping[str, Any]) -> list[Pair]:
-    """The points (m) by which a path, as it stands in a file, is drawn: ends, corners, and the middle of an arc."""
-    if path["kind"] == "segment":
-        return [tuple(path["start_m"]), tuple(path["end_m"])]
-    if path["kind"] == "polyline":
-        return [tuple(point) for point in path["points_m"]]
-    (x, y), r, first, last = path["centre_m"], path["radius_m"], path["from_deg"], path["to_deg"]
+    """The points (m) by which a path, as it stands in a file, is drawn: ends, corners, and the middle of an arc.
+
+    None where it is not a path.
+    """
+    try:
+        found = path_from({key: value for key, value in path.items() if key != "number"}, "path")
+    except InputError:
+        return []
+    if isinstance(found, Segment):
+        return [found.start_m, found.end_m]
+    if isinstance(found, Polyline):
+        return list(found.points_m)
+    (x, y), r, first, last = found.centre_m, found.radius_m, found.from_deg, found.to_deg
     angles = (math.radians(angle) for angle in (first, 0.5 * (first + last), last))
     return [(x + r * math.cos(angle), y + r * math.sin(angle)) for angle in angles]
 

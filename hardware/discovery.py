@@ -11,12 +11,12 @@ from serial.tools import list_ports
 from core.device_interface import DeviceError
 from core.files import InputError
 from core.mechanism import JOINTS
-from hardware.connection import HELLO_S, Connection
 from hardware.emulated_board.sensors import FOLDER
 from hardware.hid import attached, list_hid
 from hardware.sensing.samples import fault_words
+from hardware.serial_device import Connection
 from hardware.serial_port import Port, usb_ports
-from hardware.wire.messages import VERSION, AskHello, Hello, State, joints_of
+from hardware.wire.messages import Hello, State, joints_of
 
 
 class SerialPort(NamedTuple):
@@ -87,8 +87,7 @@ def ask_board(port: str) -> BoardFound:
     except DeviceError as error:
         return nobody._replace(problem=_without_name(error, port))
     try:
-        wire.write(b"\0")
-        hello = Connection(wire).ask(AskHello(VERSION), Hello, HELLO_S)
+        hello = Connection(wire).hello()
     except DeviceError as error:
         return nobody._replace(problem=_without_name(error, port))
     finally:

@@ -14,51 +14,147 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from core.device import Device
 from core.device_interface import DeviceError, DeviceSample, RealDevice, ZeroRecord
 from core.faults import after, cause, cause_of
 from core.files import InputError
 from core.mechanism import JOINTS
-from hardware.connection import Connection, FreshnessWatch, Wire
+from hardware.handshake import check_hello, limits_of, rewire_emulated, shortened, wired_to
+from hardware.sensing.board_clock import FreshnessWatch
 from hardware.sensing.encoders import load_kernels
 from hardware.sensing.force_sensor import ZERO_SAMPLES, zero_of
 from hardware.sensing.net_ft import CHANNELS, COUNT_UN, NET_FT, NetFT
 from hardware.sensing.samples import BoardSensing, fault_words
 from hardware.serial_port import Identity, Port, find_port, identity_of
-from hardware.wire.frames import FrameCounts
-from hardware.wire.messages import (
-    TYPES,
-    Bye,
-    Command,
-    FaultReport,
-    Flag,
-    Heartbeat,
-    HeartbeatReply,
-    Hello,
-    Home,
-    Homed,
-    Limits,
-    Refusal,
-    Refused,
-    ResetFault,
-    Sample,
-    State,
-    Stop,
-    joints_of,
-)
+from hardware.wire import messages as m
+from hardware.wire.frames import FrameCounts, FrameDecoder, encode_frame
+from hardware.wire.messages import Four, Hello, Refusal, joints_of
 
+ANSWER_S = 0.5  # longest wait for an answer
+HELLO_S = 1.5  # .. for a board that may just be starting
 SILENCE_S = 0.2  # without a sample: the link is lost
 SAMPLE_S = 0.004  # longest wait of `exchange` for a sample
-AGAIN_S = 0.1  # between attempts to reach the board again
+AGAIN_S = 0.1  # between questions that were not answered, and between attempts to reach the board again
 HEARTBEAT_S = 0.5
-MOST_KEPT = 2000  # samples that wait for whoever asks for all of them
+MOST_KEPT = 2000  # samples that wait for `samples`
 WRAP = 1 << 32
-NOT_CONNECTED = Refused(TYPES[Command], Refusal.WRONG_STATE)
+NOT_CONNECTED = m.Refused(m.TYPES[m.Command], Refusal.WRONG_STATE)
 NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
 
-Reached = tuple[Connection, BoardSensing, Limits]
+REFUSAL_WORDS = {
+    Refusal.WRONG_STATE: "it does not do that in the state it is in",
+    Refusal.BAD_VALUE: "it cannot take what it was told",
+    Refusal.FAULT_STANDS: "what caused its fault is still there",
+    Refusal.VERSION: "it speaks another version of the protocol",
+}
+#: what a board refuses to do
+ASKED_WORDS = {
+    m.SetLimits: "take the limits of the brakes",
+    m.Home: "take the homing",
+    m.ResetFault: "forget its fault",
+    m.AskHello: "connect",
+}
+
+Answer = TypeVar("Answer")
+
+
+class Wire(Protocol):
+    """What a connection needs of a port; all raise DeviceError where it has died."""
+
+    name: str
+    not_taken: int  # writes that found no room in time
+
+    def read(self) -> bytes:
+        """What has come; waits at most some ms."""
+
+    def write(self, data: bytes) -> None:
+        """Send."""
+
+    def close(self) -> None:
+        """Close; never waits for long."""
+
+
+class Connection:
+    """Messages to and from one board, from Hello to Bye."""
+
+    def __init__(self, wire: Wire, clock: Callable[[], float] = time.monotonic) -> None:
+        self.wire, self._clock = wire, clock
+        self._decoder = FrameDecoder()
+        self._layout: m.SampleLayout | None = None
+        self.not_understood = 0  # whole frames that hold no message of this protocol
+
+    @property
+    def frames(self) -> FrameCounts:
+        """What came over the wire."""
+        return self._decoder.counts
+
+    def send(self, message: tuple) -> None:
+        """One message to the board."""
+        self.wire.write(encode_frame(m.pack(message)))
+
+    def read(self) -> list[tuple]:
+        """The messages that have come, samples among them once limits were set; waits some ms for the first byte."""
+        messages = []
+        for payload in self._decoder.feed(self.wire.read()):
+            message = (self._layout.unpack(payload) if self._layout else None) or m.unpack(payload)
+            if message is not None:
+                messages.append(message)
+            elif self._layout:  # before, a sample's layout is not known
+                self.not_understood += 1
+        return messages
+
+    def ask(self, question: tuple, kind: type[Answer], patience_s: float = ANSWER_S) -> Answer:
+        """The board's answer of this kind; what else comes meanwhile is dropped. DeviceError: refused, or none came."""
+        end = self._clock() + patience_s
+        again, late = -math.inf, False
+        while not late:
+            now = self._clock()
+            late = now >= end  # a host that was held up for so long still reads what has come
+            if now >= again:
+                self.send(question)
+                again = now + AGAIN_S
+            for message in self.read():
+                if isinstance(message, kind):
+                    return message
+                if isinstance(message, m.Refused) and message.message == m.pack(question)[0]:
+                    raise DeviceError(refusal(question, message.reason))
+        raise DeviceError(cause("no-board", name=self.wire.name))
+
+    def hello(self) -> Hello:
+        """Who is there; ends what connection there was."""
+        self._layout = None
+        self.wire.write(b"\0")
+        return self.ask(m.AskHello(m.VERSION), Hello, HELLO_S)
+
+    def set_limits(self, hello: Hello, device: Device) -> Four:
+        """Let samples flow; the limits of the currents that are in force, mA."""
+        asked = limits_of(hello, device)
+        limits = self.ask(asked, m.Limits)
+        if limits.current_mA != asked.current_mA:
+            raise DeviceError(
+                f"the board has set other current limits, {limits.current_mA} mA, than {asked.current_mA}"
+            )
+        self._layout = m.layout_of(hello)
+        return limits.current_mA
+
+
+def refusal(question: tuple, reason: int) -> str:
+    """That the board would not do what it was asked, in one sentence."""
+    asked = ASKED_WORDS.get(type(question), f"answer {type(question).__name__}")
+    words = {int(known): text for known, text in REFUSAL_WORDS.items()}
+    return f"the board would not {asked}: {words.get(reason, f'its reason, {reason}, is not known here')}"
+
+
+def clamped(currents: Sequence[float], most_mA: Four) -> tuple[Four, bool]:
+    """mA for currents (4,), A: each within 0 and its limit, 0 where it is not finite; and whether one was put right.
+
+    The last line before the wire.
+    """
+    asked = [round(1000.0 * min(current, 1e3)) if 0.0 < current < math.inf else 0 for current in currents]
+    a, e, b, c = map(min, most_mA, asked)
+    return (a, e, b, c), asked != [a, e, b, c] or not all(0.0 <= current < math.inf for current in currents)
 
 
 @dataclass
@@ -79,23 +175,34 @@ class Health:
 
     def report(self, sensing: BoardSensing | None, connection: Connection | None) -> dict:
         """All of it, with the clock model and what the board says of itself, as JSON holds it."""
-        about = {name: value for name, value in vars(self).items() if name not in ("frames", "round_trip_s")}
-        about["round_trip_s"] = self.round_trip_s if math.isfinite(self.round_trip_s) else None
-        about["frames"] = {**vars(self.frames), "bad": self.frames.bad}
+        about = vars(self) | {
+            "round_trip_s": self.round_trip_s if math.isfinite(self.round_trip_s) else None,
+            "frames": {**vars(self.frames), "bad": self.frames.bad},
+        }
         if connection is not None:
-            about["not_understood"], about["not_taken"] = connection.not_understood, connection.wire.not_taken
+            about |= {"not_understood": connection.not_understood, "not_taken": connection.wire.not_taken}
         if sensing is not None:
-            about["zero"] = sensing.zero._asdict() if sensing.zero.samples else None
-            about["clock"] = sensing.clock.fit._asdict()
-            about["board_time_back"] = sensing.clock.went_back  # since the board's last start
             hello = sensing.hello
-            about["board"] = hello.serial.decode(errors="replace")
-            about["firmware"] = ".".join(map(str, hello.firmware))
-            about["protocol"] = hello.version
-            about["starts"] = hello.starts
-            about["state"] = State(sensing.state).name if sensing.state in set(State) else f"state {sensing.state}"
-            about["counts_per_rev"] = [hello.counts_per_rev[i] for i in joints_of(hello.encoders)]
+            about |= {
+                "zero": sensing.zero._asdict() if sensing.zero.samples else None,
+                "clock": sensing.clock.fit._asdict(),
+                "board_time_back": sensing.clock.went_back,  # since the board's last start
+                "board": hello.serial.decode(errors="replace"),
+                "firmware": ".".join(map(str, hello.firmware)),
+                "protocol": hello.version,
+                "starts": hello.starts,
+                "state": m.State(sensing.state).name if sensing.state in set(m.State) else f"state {sensing.state}",
+                "counts_per_rev": [hello.counts_per_rev[i] for i in joints_of(hello.encoders)],
+            }
         return about
+
+
+class Reached(NamedTuple):
+    """A board that has been reached."""
+
+    connection: Connection
+    sensing: BoardSensing
+    limits_mA: Four
 
 
 class SerialDevice:
@@ -126,7 +233,7 @@ class SerialDevice:
         self._last: int | None = None  # sequence of the last sample
         self._watch = FreshnessWatch()  # of the present connection
         self._taken: deque[DeviceSample] = deque(maxlen=MOST_KEPT)  # since `samples` was called
-        self._limits = Limits((0, 0, 0, 0), (0, 0, 0, 0))
+        self._limits_mA: Four = (0, 0, 0, 0)
         self._identity: Identity | None = None
 
     @property
@@ -134,25 +241,99 @@ class SerialDevice:
         """Why there are no samples; "" while they come."""
         return self._problem or self._trouble
 
+    @property
+    def zeroed(self) -> bool:
+        """Whether the zero of this board, since its last start, is known; a board without force sensor needs none."""
+        return self.sensing is not None and (self.sensing.zero.samples > 0 or self.force_channels == 0)
+
+    # ----------------------------------------------------------------------------------------- from first to last
+
     def open(self) -> None:
         """Reach the force sensor, then the board, which does not wait. InputError: not there, or another board."""
         if self._net_force:
             self._force_sensor = NetFT(self._net_force)
         try:
-            self._open()
-        except InputError:
+            load_kernels(self.device)
+            self.port = find_port(self.port)
+            self._identity = identity_of(self.port)
+            self._begin(self._reach())
+        except (DeviceError, InputError) as error:
             if self._force_sensor:
                 self._force_sensor.close()
+            raise InputError(cause_of(error)) from None
+
+    def _reach(self) -> Reached:
+        """Open the port and shake hands."""
+        connection = Connection(self._open_port(find_port(self.port, self._identity)), self.clock)
+        try:
+            return self._shake_hands(connection)
+        except BaseException:
+            connection.wire.close()
             raise
 
-    def _open(self) -> None:
-        load_kernels(self.device)
-        self.port = find_port(self.port)
-        self._identity = identity_of(self.port)
-        try:
-            self._begin(*self._reach())
-        except DeviceError as error:
-            raise InputError(cause_of(error)) from None
+    def _shake_hands(self, connection: Connection) -> Reached:
+        """DeviceError: no answer, or refused. InputError: another board than the device file says."""
+        device, hello = self.device, connection.hello()
+        if wired_to(hello) != shortened(device) and rewire_emulated(hello, connection.wire.name, device):
+            hello = connection.hello()
+        check_hello(hello, device)
+        limits_mA = connection.set_limits(hello, device)
+        if self._net_force:
+            hello = hello._replace(force_channels=CHANNELS, force_unit=COUNT_UN)
+            device = replace(device, calibration=None)
+        return Reached(connection, BoardSensing(device, hello, self.sensing), limits_mA)
+
+    def _begin(self, reached: Reached) -> None:
+        """A connection begins: everything that does not outlive one is new."""
+        self._connection, self.sensing, self._limits_mA = reached
+        hello = self.sensing.hello
+        self.encoders = "".join(JOINTS[i] for i in joints_of(hello.encoders))
+        self.force_channels = hello.force_channels
+        self._back = self._bringing = self._last = self._beat = None
+        self._watch, self._sequence = FreshnessWatch(), 0
+        self._heard = self.clock()
+        self.health.frames = self._connection.frames
+        self._problem = ""
+
+    def _lose(self, reason: str) -> None:
+        """The link is lost: a thread brings it back."""
+        self._problem = reason
+        self.health.lost_links += 1
+        lost, self._connection = self._connection, None
+        self._bringing = threading.Thread(
+            target=self._bring_back, args=(lost,), name="bring the board back", daemon=True
+        )
+        self._bringing.start()
+
+    def _bring_back(self, lost: Connection) -> None:
+        lost.wire.close()
+        while not self._closing.is_set():
+            try:
+                self._back = self._reach()
+                return
+            except (DeviceError, InputError) as error:
+                self._problem = cause_of(error)
+            self._closing.wait(AGAIN_S)
+
+    def close(self) -> None:
+        """Zero currents and leave; within a second, whatever hangs."""
+        self._closing.set()
+        if self._bringing is not None:
+            self._bringing.join(2.0)
+        for connection in (self._connection, self._back and self._back.connection):
+            if connection is not None:
+                try:
+                    self._command(connection, (0, 0, 0, 0))
+                    connection.send(m.Bye())
+                except DeviceError:
+                    pass  # gone already: its watchdog has made the currents zero
+                connection.wire.close()
+        self._connection = self._back = None
+        self._problem = "closed"
+        if self._force_sensor:
+            self._force_sensor.close()
+
+    # ------------------------------------------------------------------------------------------------- every tick
 
     def exchange(self, currents: Sequence[float]) -> DeviceSample | None:
         """Currents (4,), A, to the brakes; the newest sample, or None: nothing came, see `problem`."""
@@ -163,30 +344,83 @@ class SerialDevice:
     def _exchange(self, currents: Sequence[float]) -> DeviceSample | None:
         now = self.clock()
         if now - self._asked > SILENCE_S / 2:
-            self._heard = max(self._heard, now)  # nobody listened for a while: that is no silence
+            self._heard = max(self._heard, now)  # this host did not listen for a while: that is no silence
         self._asked = now
         if self._back is not None:
-            self._begin(*self._back)
-        connection, sensing = self._connection, self.sensing
-        if connection is None or sensing is None:
+            self._begin(self._back)
+        connection = self._connection
+        if connection is None:
             self._sleep(SAMPLE_S)
             return None
         try:
-            milliamperes = self._clamped(currents)
-            self._sequence = self._sequence % (WRAP - 1) + 1
-            connection.send(Command(self._sequence, round(1e6 * now), int(any(milliamperes)), milliamperes))
+            milliamperes, put_right = clamped(currents, self._limits_mA)
+            self.health.clamped += put_right
+            self._command(connection, milliamperes)
             if now >= self._beat_at:
-                self._send_heartbeat(connection, now)
-            return self._listen(connection, sensing, now + SAMPLE_S)
+                self._token = (self._token + 1) % WRAP
+                self._beat, self._beat_at = (self._token, now), now + HEARTBEAT_S
+                connection.send(m.Heartbeat(self._token))
+            return self._listen(connection, now + SAMPLE_S)
         except DeviceError as error:
             self._lose(cause_of(error))
             return None
+
+    def _command(self, connection: Connection, milliamperes: Four) -> None:
+        self._sequence = self._sequence % (WRAP - 1) + 1
+        now_us = round(1e6 * self.clock())
+        connection.send(m.Command(self._sequence, now_us, int(any(milliamperes)), milliamperes))
+
+    def _listen(self, connection: Connection, until: float) -> DeviceSample | None:
+        """Take in what comes until there is a sample, or the time is over."""
+        newest = None
+        while newest is None:
+            messages = connection.read()
+            now = self.clock()
+            for message in messages:
+                if isinstance(message, m.Sample):
+                    newest = self._sample(message, now) or newest
+                elif isinstance(message, m.HeartbeatReply):
+                    if self._beat is not None and self._beat[0] == message.token:
+                        self.health.round_trip_s = min(self.health.round_trip_s, now - self._beat[1])
+                elif isinstance(message, m.Refused):
+                    self.health.refused += 1
+                    if message == NOT_CONNECTED:
+                        raise DeviceError(cause("board-left"))
+            if now - self._heard > SILENCE_S:
+                raise DeviceError(cause("no-sample", ms=1e3 * SILENCE_S))
+            if now >= until:
+                break
+        return newest
+
+    def _sample(self, sample: m.Sample, now: float) -> DeviceSample | None:
+        """A sample in SI units; None for one that came before. DeviceError: the connection must begin anew."""
+        if self._last is not None:
+            ahead = (sample.sequence - self._last) % WRAP
+            if not 0 < ahead < WRAP // 2:
+                self.health.repeated += 1
+                return None
+            self.health.lost += ahead - 1
+        self._last, self._heard = sample.sequence, now
+        self.health.samples += 1
+        self.health.late_commands += bool(sample.flags & m.Flag.LATE)
+        if self._force_sensor:
+            sample = sample._replace(force=self._force_sensor.read())
+        taken = self.sensing.take(sample, now)
+        self.health.not_closed += not taken.closed
+        self._taken.append(taken)
+        if doubt := self._watch.doubt(sample, now):
+            self.health.begun_anew += 1
+            self.sensing.clock.begin()
+            raise DeviceError(doubt)
+        return taken
 
     def samples(self) -> list[DeviceSample]:
         """Every sample since the last call, oldest first (the newest two seconds of them)."""
         taken = list(self._taken)
         self._taken.clear()
         return taken
+
+    # ------------------------------------------------------------------------------------- trials, and between them
 
     def begin(self) -> None:
         """A trial begins: samples from before are not its own."""
@@ -201,17 +435,12 @@ class SerialDevice:
         report = self.health.report(self.sensing, self._connection)
         return report | ({"force_sensor": self._force_sensor.report()} if self._force_sensor else {})
 
-    @property
-    def zeroed(self) -> bool:
-        """Whether the zero of this board, since its last start, is known; a board without force sensor needs none."""
-        return self.sensing is not None and (self.sensing.zero.samples > 0 or self.force_channels == 0)
-
     def home(self, tip: tuple[float, float]) -> None:
         """The handle is held at `tip` (m) now: set the encoders. DeviceError if the board did not."""
         self.exchange(NO_CURRENT)
-        connection, sensing = self._there()
-        connection.ask(Home(sensing.hello.encoders, sensing.pose.counts_at(tip)), Homed)
-        sensing.moved()
+        connection = self._there()
+        connection.ask(m.Home(self.sensing.hello.encoders, self.sensing.pose.counts_at(tip)), m.Homed)
+        self.sensing.moved()
         self._last = None
 
     def zero(self) -> ZeroRecord:
@@ -219,8 +448,8 @@ class SerialDevice:
 
         DeviceError, and the zero before holds: the handle moved, samples are missing, the board was away meanwhile.
         """
-        sensing = self._there()[1]
-        taken: list[DeviceSample] = []
+        self._there()
+        sensing, taken = self.sensing, []
         for _ in range(2 * ZERO_SAMPLES):
             if (sample := self.exchange(NO_CURRENT)) is not None:
                 taken.append(sample)
@@ -239,150 +468,22 @@ class SerialDevice:
         """Brakes off, latched on the board; where it cannot be reached, its watchdog does it."""
         if self._connection is not None:
             try:
-                self._connection.send(Stop())
+                self._connection.send(m.Stop())
             except DeviceError as error:
                 self._lose(cause_of(error))
 
     def reset(self) -> None:
         """Forget the board's faults. DeviceError: a condition still stands, or the board is not there."""
-        connection = self._there()[0]
-        report = connection.ask(ResetFault(), FaultReport)
+        connection = self._there()
+        report = connection.ask(m.ResetFault(), m.FaultReport)
         if report.faults:
             raise DeviceError(after("the board keeps its fault: ", fault_words(report.cause)))
-        self._begin(*self._shake_hands(connection))
+        self._begin(self._shake_hands(connection))
 
-    def close(self) -> None:
-        """Zero currents and leave; within a second, whatever hangs."""
-        self._closing.set()
-        if self._bringing is not None:
-            self._bringing.join(2.0)
-        for connection in (self._connection, self._back[0] if self._back else None):
-            if connection is not None:
-                try:
-                    self._sequence = self._sequence % (WRAP - 1) + 1
-                    connection.send(Command(self._sequence, round(1e6 * self.clock()), 0, (0, 0, 0, 0)))
-                    connection.send(Bye())
-                except DeviceError:
-                    pass  # gone already: its watchdog has made the currents zero
-                connection.wire.close()
-        self._connection = self._back = None
-        self._problem = "closed"
-        if self._force_sensor:
-            self._force_sensor.close()
-
-    def _clamped(self, currents: Sequence[float]) -> tuple[int, int, int, int]:
-        """mA, each within 0 and the limit of its brake: the last line before the wire. What is not finite is 0."""
-        asked = [round(1000.0 * min(current, 1e3)) if 0.0 < current < math.inf else 0 for current in currents]
-        a, e, b, c = (min(most, now) for most, now in zip(self._limits.current_mA, asked, strict=True))
-        wrong = asked != [a, e, b, c] or not all(0.0 <= current < math.inf for current in currents)
-        self.health.clamped += wrong
-        return a, e, b, c
-
-    def _there(self) -> tuple[Connection, BoardSensing]:
-        if self._connection is None or self.sensing is None:
+    def _there(self) -> Connection:
+        if self._connection is None:
             raise DeviceError(after("the board cannot be reached: ", self.problem))
-        return self._connection, self.sensing
-
-    def _shake_hands(self, connection: Connection) -> Reached:
-        hello = connection.hello(self.device)
-        return connection, self._sensing(hello), connection.set_limits(hello, self.device)
-
-    def _sensing(self, hello: Hello) -> BoardSensing:
-        if not self._net_force:
-            return BoardSensing(self.device, hello, self.sensing)
-        hello = hello._replace(force_channels=CHANNELS, force_unit=COUNT_UN)
-        return BoardSensing(replace(self.device, calibration=None), hello, self.sensing)
-
-    def _reach(self) -> Reached:
-        """Open the port and shake hands."""
-        connection = Connection(self._open_port(find_port(self.port, self._identity)))
-        try:
-            return self._shake_hands(connection)
-        except BaseException:
-            connection.wire.close()
-            raise
-
-    def _begin(self, connection: Connection, sensing: BoardSensing, limits: Limits) -> None:
-        """A connection begins: everything that does not outlive one is new."""
-        self.sensing, self._limits = sensing, limits
-        self.encoders = "".join(JOINTS[i] for i in joints_of(sensing.hello.encoders))
-        self.force_channels = sensing.hello.force_channels
-        self._connection, self._back, self._bringing = connection, None, None
-        self._last, self._watch = None, FreshnessWatch()
-        self._sequence, self._beat = 0, None
-        self._heard = self.clock()
-        self.health.frames = connection.frames
-        self._problem = ""
-
-    def _lose(self, reason: str) -> None:
-        """The link is lost: a thread brings it back."""
-        self._problem = reason
-        self.health.lost_links += 1
-        lost, self._connection = self._connection, None
-        self._bringing = threading.Thread(
-            target=self._bring_back, args=(lost,), name="bring the board back", daemon=True
-        )
-        self._bringing.start()
-
-    def _bring_back(self, lost: Connection | None) -> None:
-        if lost is not None:
-            lost.wire.close()
-        while not self._closing.is_set():
-            try:
-                self._back = self._reach()
-                return
-            except (DeviceError, InputError) as error:
-                self._problem = cause_of(error)
-            self._closing.wait(AGAIN_S)
-
-    def _send_heartbeat(self, connection: Connection, now: float) -> None:
-        self._token = (self._token + 1) % WRAP
-        self._beat, self._beat_at = (self._token, now), now + HEARTBEAT_S
-        connection.send(Heartbeat(self._token))
-
-    def _listen(self, connection: Connection, sensing: BoardSensing, until: float) -> DeviceSample | None:
-        """Take in what comes until there is a sample, or the time is over."""
-        newest = None
-        while newest is None:
-            messages = connection.read()
-            now = self.clock()
-            for message in messages:
-                if isinstance(message, Sample):
-                    newest = self._sample(sensing, message, now) or newest
-                elif isinstance(message, HeartbeatReply):
-                    if self._beat is not None and self._beat[0] == message.token:
-                        self.health.round_trip_s = min(self.health.round_trip_s, now - self._beat[1])
-                elif isinstance(message, Refused):
-                    self.health.refused += 1
-                    if message == NOT_CONNECTED:
-                        raise DeviceError(cause("board-left"))
-            if now - self._heard > SILENCE_S:
-                raise DeviceError(cause("no-sample", ms=1e3 * SILENCE_S))
-            if now >= until:
-                break
-        return newest
-
-    def _sample(self, sensing: BoardSensing, sample: Sample, now: float) -> DeviceSample | None:
-        """A sample in SI units; None for one that came before. DeviceError: the connection must begin anew."""
-        if self._last is not None:
-            ahead = (sample.sequence - self._last) % WRAP
-            if not 0 < ahead < WRAP // 2:
-                self.health.repeated += 1
-                return None
-            self.health.lost += ahead - 1
-        self._last, self._heard = sample.sequence, now
-        self.health.samples += 1
-        self.health.late_commands += bool(sample.flags & Flag.LATE)
-        if self._force_sensor:
-            sample = sample._replace(force=self._force_sensor.read())
-        taken = sensing.take(sample, now)
-        self.health.not_closed += not taken.closed
-        self._taken.append(taken)
-        if doubt := self._watch.doubt(sample, now):
-            self.health.begun_anew += 1
-            sensing.clock.begin()
-            raise DeviceError(doubt)
-        return taken
+        return self._connection
 
 
 def device_at(device: Device, where: str) -> RealDevice:

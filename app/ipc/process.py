@@ -8,7 +8,7 @@ from typing import Any
 
 from app.ipc.scheduling import program_cores
 
-ROOT = str(Path(__file__).resolve().parent.parent.parent)
+_ROOT = str(Path(__file__).resolve().parent.parent.parent)
 
 
 def start_python(
@@ -21,7 +21,7 @@ def start_python(
     if sys.platform == "linux":
         program_cores()  # handed down
     path = os.environ.get("PYTHONPATH", "")
-    found = {"PYTHONPATH": f"{ROOT}{os.pathsep}{path}" if path else ROOT}
+    found = {"PYTHONPATH": f"{_ROOT}{os.pathsep}{path}" if path else _ROOT}
     command = [sys.executable, "-c", f"from {module} import main; main()", *arguments]
     return subprocess.Popen(command, env=os.environ | found | (environment or {}), **options)
 

@@ -22,16 +22,15 @@ LIVE = 500  # looks into the ring, 10 s: the percentiles of a trial that runs ar
 
 
 class Recorder:
-    """Takes every tick of one trial until `close`; the writer stays open for whoever knows the outcome."""
+    """Takes every tick of one trial until `close`; the writer stays open until the trial's outcome is known."""
 
     def __init__(self, ring: Ring, writer: RecordingWriter | None, take: Take | None = None) -> None:
         """writer: None for a trial that is not kept. take: gets the ticks (n, width), too."""
         self.writer, self._take = writer, take
         self.error = ""  # why the recording takes no more
-        self._ring = ring
+        self._ring, self._core = ring, int(ring.control.core)
         self._lateness: list[np.ndarray] = []
-        self._stolen_ms, self._stolen_before_ms = 0.0, stolen_ms(int(ring.control.core))
-        self._max_us, self._missed = 0.0, 0
+        self._stolen_before_ms, self._max_us, self._missed = stolen_ms(self._core), 0.0, 0
         self._bytes, self._last_write = 0, time.monotonic()
         self._beside: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._end = threading.Event()
@@ -52,7 +51,6 @@ class Recorder:
         """Take what is left in the ring and end the thread."""
         self._end.set()
         self._thread.join()
-        self._look_at_host()
 
     def proof(self) -> Proof | None:
         """What is in the file by now; None: nothing is kept."""
@@ -72,14 +70,10 @@ class Recorder:
         """The lateness of all ticks; while the trial runs, the percentiles of its last 10 s. None: there are none."""
         if not self._lateness:
             return None
-        if self._end.is_set():
-            return timing_of(self.lateness_us, scheduling, self._stolen_ms)
-        self._look_at_host()
-        now = timing_of(np.concatenate(self._lateness[-LIVE:]), scheduling, self._stolen_ms)
-        return now._replace(max_us=self._max_us, missed=self._missed)
-
-    def _look_at_host(self) -> None:
-        self._stolen_ms = stolen_ms(int(self._ring.control.core)) - self._stolen_before_ms
+        live = not self._end.is_set()
+        newest = np.concatenate(self._lateness[-LIVE:]) if live else self.lateness_us
+        stolen = stolen_ms(self._core) - self._stolen_before_ms
+        return timing_of(newest, scheduling, stolen)._replace(max_us=self._max_us, missed=self._missed)
 
     def _work(self) -> None:
         ending = False

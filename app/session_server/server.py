@@ -44,8 +44,7 @@ class SessionServer:
 
         self._ring, self._window = ring, window
         self._state = State(setup, protocol, ring, loop)
-        self._shown: m.Snapshot | None = None
-        self._opened: m.Opened | None = None
+        self._shown: dict[type, object] = {}  # the newest Opened and Snapshot that the window has got
         self._pulse_s = 0.0
         self._alone = False  # the window is gone
         self.end = ""  # why to end
@@ -105,14 +104,10 @@ class SessionServer:
     def _tell(self) -> None:
         if self._window.behind:  # it hangs; once it reads again it gets the newest state
             return
-        opened = self._state.opened()
-        if opened != self._opened:
-            self._window.send(opened)
-            self._opened = opened
-        shown = self._state.snapshot()
-        if shown != self._shown:
-            self._window.send(shown)
-            self._shown = shown
+        for shown in (self._state.opened(), self._state.snapshot()):
+            if shown != self._shown.get(type(shown)):
+                self._window.send(shown)
+                self._shown[type(shown)] = shown
         now = time.monotonic()
         if now - self._pulse_s >= PULSE_S:
             self._window.send(self._state.pulse())

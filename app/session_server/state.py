@@ -40,10 +40,6 @@ class State:
         self.broken = ""  # why no more trials can be run
         self.storage = Storage(setup.data_dir, self.runner, self.say)
         self._said, self._said_bad = "", False
-        self._resumable: tuple[str, ...] = ()
-        self._finished: tuple[str, ...] = ()
-        self._otherwise: tuple[tuple[str, str], ...] = ()
-        self._next_participant = ""
         self.look_for_participants()
         self._next_participant = setup.participant or self._next_participant
         self._disk, self._free = check_disk(setup.data_dir)

@@ -1,6 +1,7 @@
 """The steps of a session between two trials: when each is due, what is to be done then, and which command ends it.
 
-Declared once: the stage and the card of a snapshot, the commands and the printed plan read this table.
+Declared once: the stage and the card of a snapshot and the commands read this table. What the printed plan has
+between two trials stands in `experiments.plan.steps_between`.
 """
 
 import math
@@ -10,8 +11,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from app.ipc import messages as m
 from app.ipc.messages import Card
 from core.files import InputError
-from experiments.plan import PlannedTrial, break_after
-from experiments.protocol import Protocol
 from experiments.session.journal import ANSWERS, BREAK_ENDED
 
 if TYPE_CHECKING:
@@ -27,10 +26,6 @@ class Step(NamedTuple):
     due: "Callable[[SessionProgress], Card | None]"  # what is to be done; None: it is not due
     ended_by: type  # the command that ends it
     end: "Callable[[SessionProgress, Write, Any], None]"  # what that command does; InputError: it is not over yet
-    planned: Callable[[Protocol, PlannedTrial, PlannedTrial, int, int], str]
-    """Its line in the printed plan, "" where it is not due, between a trial and the next one of the plan; of the first
-    one's configuration so many trials are then done and left.
-    """
 
 
 def _questions(progress: "SessionProgress") -> Card | None:
@@ -57,40 +52,19 @@ def _end_break(progress: "SessionProgress", write: Write, _: m.Confirm) -> None:
     write(BREAK_ENDED, settled=progress.session.settled)
 
 
-def _break_line(protocol: Protocol, before: PlannedTrial, after: PlannedTrial, done: int, left: int) -> str:
-    if protocol.breaks is None or not break_after(protocol, done, left):
-        return ""
-    return f"-- break of at least {protocol.breaks.least_s:g} s --"
-
-
 #: in the order in which they come
 STEPS = (
-    Step(
-        m.QUESTIONS,
-        due=_questions,
-        ended_by=m.Answers,
-        end=_answer,
-        planned=lambda protocol, before, after, done, left: "",  # the plan's head says "after each block"
-    ),
+    Step(m.QUESTIONS, due=_questions, ended_by=m.Answers, end=_answer),
     Step(
         m.RERIG,
         due=lambda progress: progress.device.card(progress),
         ended_by=m.Confirm,
         end=lambda progress, write, _: progress.device.confirm(progress, write),
-        planned=lambda protocol, before, after, done, left: (
-            f"re-rig to {after.configuration}" if after.configuration != before.configuration else ""
-        ),
     ),
-    Step(m.BREAK, due=_break, ended_by=m.Confirm, end=_end_break, planned=_break_line),
+    Step(m.BREAK, due=_break, ended_by=m.Confirm, end=_end_break),
 )
 
 
 def ended_by(command: type) -> tuple[str, ...]:
     """The stages that a command ends."""
     return tuple(step.name for step in STEPS if step.ended_by is command)
-
-
-def planned_steps(protocol: Protocol, before: PlannedTrial, after: PlannedTrial, done: int, left: int) -> list[str]:
-    """The lines of the printed plan between two trials."""
-    lines = (step.planned(protocol, before, after, done, left) for step in STEPS)
-    return [line for line in lines if line]

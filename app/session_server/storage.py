@@ -1,7 +1,7 @@
-"""What the open session has to bring to the disk: its trials, its journal, the tables.
+"""Brings the open session to the disk: its trials, its journal, the tables.
 
-What the disk does not take is said, kept in mind and tried again: no trial starts meanwhile, and nothing is lost. A
-recording that is whole but does not become a Parquet file stops nothing: it is converted later.
+What the disk does not take is kept in mind and tried again, and the experimenter reads so: no trial starts meanwhile,
+and nothing is lost. A recording that is whole but does not become a Parquet file stops nothing: it is converted later.
 """
 
 import sys
@@ -23,22 +23,27 @@ AGAIN_S = 5.0  # between two attempts
 
 
 class Storage:
-    """Brings one session after the other to the disk."""
+    """One session after the other."""
 
     def __init__(self, data_dir: Path, runner: TrialRunner, say: Callable[..., None]) -> None:
         """say: to the experimenter."""
-        self.progress: SessionProgress | None = None  # the open session
-        self._failed = ""  # what of it the disk has not taken yet ..
-        self.undone = ""  # .. and why
-        self.verified = ""  # what was recorded last
         self._data_dir, self._runner, self._say = data_dir, runner, say
-        self._late: list[tuple[Event, str, dict]] = []  # lines of the journal
-        self._tried_s = time.monotonic()
+        self.take(None)
 
     def take(self, progress: SessionProgress | None) -> None:
-        """A session to keep."""
-        self.progress, self.verified, self._late = progress, "", []
-        self.undone = self._failed = ""
+        """A session to keep; None: there is none."""
+        self.progress = progress
+        self.verified = ""  # what was recorded last
+        self._failed = ""  # what the disk has not taken yet ..
+        self.undone = ""  # .. and why, one sentence without its full stop
+        self._late: list[tuple[Event, str, dict]] = []  # lines of the journal that it has not taken
+        self._tried_s = time.monotonic()
+
+    @property
+    def streams(self) -> int:
+        """Trials whose recording is whole but no Parquet file yet."""
+        rows = self.progress.session.rows if self.progress else []
+        return sum(row.recording.endswith(STREAM_SUFFIX) for row in rows)
 
     def leave(self) -> None:
         """The session is closed. OSError, and it stays open: the disk does not take the journal's last lines.
@@ -49,23 +54,17 @@ class Storage:
         self.let_go()
 
     def let_go(self) -> None:
-        """The session is closed, whatever the disk says: lines that it does not take go to the log."""
+        """The session is closed, whatever the disk does: lines that it does not take go to the log."""
         if self.progress is None:
             return
+        session = self.progress.session
         try:
             self._write_late()
         except OSError as error:
-            folder = self.progress.session.folder
             for event, at, about in self._late:
-                print(f"{folder}: not in the journal ({error}): {at} {event.name} {about}", file=sys.stderr)
-        self.progress.session.close()
+                print(f"{session.folder}: not in the journal ({error}): {at} {event.name} {about}", file=sys.stderr)
+        session.close()
         self.take(None)
-
-    @property
-    def streams(self) -> int:
-        """Trials whose recording is whole but no Parquet file yet."""
-        rows = self.progress.session.rows if self.progress else []
-        return sum(row.recording.endswith(STREAM_SUFFIX) for row in rows)
 
     def write(self, event: Event, **about: Any) -> None:
         """A line in the journal of the session, if there is one; never while the control loop waits for us."""
@@ -92,30 +91,29 @@ class Storage:
     def _write_late(self) -> None:
         """Lines of the journal that the disk has not taken, with their own times. OSError."""
         while self._late:
-            assert self.progress is not None
             event, at, about = self._late[0]
             self.progress.session.journal(event, time=at, **about)
             self._late.pop(0)
 
     def fail(self, what: str, error: Exception) -> None:
         """The disk took no more."""
-        self._failed = what
         reason = (getattr(error, "strerror", None) or str(error)).rstrip(".")
+        self._failed, self._tried_s = what, time.monotonic()
         self.undone = f"{what}: {reason}. What was recorded is kept; it is tried again every {AGAIN_S:.0f} s"
-        self._tried_s = time.monotonic()
         self._say(f"{self.undone}.", bad=True)
 
     def keep(self, run: TrialRun) -> None:
         """A trial has come to its end."""
-        said = with_advice(run.name, run.trial.outcome()["reason"])
+        reason = run.trial.outcome()["reason"]
+        said = with_advice(run.name, reason)
         if self.progress is None:
             self._say(said)
             return
         try:
             row = run.keep(self.progress.session)
             self.verified = run.name.lower() if row.recording else self.verified
-            if row.status == "aborted":  # the experimenter decided so: their reason alone would not say it
-                said = with_advice(f"{run.name} was aborted", run.trial.outcome()["reason"])
+            if row.status == "aborted":  # the experimenter decided so: their reason alone would not tell that
+                said = with_advice(f"{run.name} was aborted", reason)
             if row.status == "stopped":
                 said += " It comes again: start it, or skip it." if row.block else " It comes again: start it."
             if row.recording.endswith(STREAM_SUFFIX):
@@ -143,7 +141,6 @@ class Storage:
 
     def changed(self, said: str, bad: bool = False) -> None:
         """A row has been added or marked: what comes, the table of all participants, and what to say. OSError."""
-        assert self.progress is not None
         self.progress.look_ahead()
         self._say(" ".join(filter(None, (said, self.progress.without_valid_trial()))), bad=bad)
         try:

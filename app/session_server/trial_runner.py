@@ -82,7 +82,6 @@ class TrialRun:
 
     def keep(self, session: Session) -> TrialRow:
         """Close and verify the recording and make its row. OSError or InputError if it is not whole."""
-        assert self.recorder.writer is not None
         if self.recorder.error:
             raise OSError(self.recorder.error)
         decided = self._decided and int(self._ring.control.cause) == STOPPED
@@ -92,7 +91,7 @@ class TrialRun:
         """The recording gets no more: its stream stays as it is."""
         self.recorder.close()
         if self.recorder.writer is not None:
-            with contextlib.suppress(OSError, ValueError):  # what the disk does not take is said already
+            with contextlib.suppress(OSError, ValueError):  # the experimenter knows already that the disk is full
                 self.recorder.writer.abandon()
 
     def rescue(self, session: Session) -> None:
@@ -101,23 +100,16 @@ class TrialRun:
         if self.recorder.writer is not None:
             session.put_in_order()
 
-    def timing(self, scheduling: str) -> Timing | None:
-        """How late its ticks have been so far."""
-        return self.recorder.timing(scheduling)
-
     def _why(self) -> str:
         """Why the loop ended it early; "": it did not."""
+        off = self._ring.why_off
         reasons = {
             STOPPED: self._reason,
-            BRAKES_OFF: self._brakes_off(),
+            BRAKES_OFF: after("brakes off: ", off) if isinstance(off, Cause) else cause("brakes-off", why=off),
             SERVER_SILENT: cause("server-silent"),
             RING_FULL: cause("disk-too-slow", seconds=len(self._ring.rows) // 1000),
         }
         return reasons.get(int(self._ring.control.cause), "")
-
-    def _brakes_off(self) -> str:
-        why = self._ring.why_off
-        return after("brakes off: ", why) if isinstance(why, Cause) else cause("brakes-off", why=why)
 
 
 class TrialRunner:
@@ -177,10 +169,9 @@ class TrialRunner:
                 case Tried(lateness_us):
                     self._tried = timing_of(lateness_us, self._scheduling)
                 case Done():
-                    assert self.run is not None
                     ended, self.run = self.run, None
                     ended.returned(answer, self._scheduling)
-                    self._last = ended.timing(self._scheduling)
+                    self._last = ended.recorder.timing(self._scheduling)
                 case _:
                     self._told.append(answer)
         if ended is None and (self._loop.dead or self._loop.hung):
@@ -201,7 +192,7 @@ class TrialRunner:
     @property
     def timing(self) -> Timing | None:
         """The loop's lateness over the running trial, or the last, or the time without one."""
-        now = self.run.timing(self._scheduling) if self.run else None
+        now = self.run.recorder.timing(self._scheduling) if self.run else None
         return now or self._last or self._tried
 
     @property

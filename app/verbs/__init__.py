@@ -1,1 +1,1 @@
-"""The verbs of the command line, one light module each: what a verb needs is imported when it runs."""
+"""The verbs of the command line, in light modules: what a verb needs is imported when it runs."""

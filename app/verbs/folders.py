@@ -71,7 +71,7 @@ def analyze_verb(args: argparse.Namespace) -> int:
 def export_verb(args: argparse.Namespace) -> int:
     outs = {form: out for form, out in (("bids", args.bids), ("csv", args.csv)) if out is not None}
     if not outs:
-        raise InputError("export: nothing to write, --bids OUT or --csv OUT says what (see phd export --help)")
+        raise InputError("export: nothing to write, give --bids OUT or --csv OUT (see phd export --help)")
     from experiments.export.export import export
 
     summary = with_progress("exporting", export, args.dir, outs)

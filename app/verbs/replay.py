@@ -55,9 +55,9 @@ def play(recording: Path) -> int:
     if not read_recording(recording).rows:
         raise InputError(f"{recording}: there are no ticks to play")
     display = Display("play it on", "--json needs none")
-    replay_window = import_screen("replay_window")
+    trial_view = import_screen("trial_view")
     display.check()
-    return replay_window.run(recording)
+    return trial_view.run(recording)
 
 
 def table(summary: dict) -> str:

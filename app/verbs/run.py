@@ -119,7 +119,6 @@ def protocol_of(args: argparse.Namespace):
 
 def print_plan(args: argparse.Namespace) -> int:
     """Print every trial of the participant."""
-    from app.session_server.steps import planned_steps
     from experiments.plan import print_plan
     from experiments.session.files import free_participant
 
@@ -127,7 +126,7 @@ def print_plan(args: argparse.Namespace) -> int:
     participant = args.participant or free_participant(args.data_dir, protocol.participants)
     if args.input != "operator":
         protocol.refuse_stranger(participant)
-    print(print_plan(protocol, participant, planned_steps), end="")
+    print(print_plan(protocol, participant), end="")
     return 0
 
 

@@ -1,24 +1,25 @@
-"""Box plots on screen, with each trial as a point; the numbers are those of the figures for print."""
+"""The charts of results on screen, with each trial as a point that can be read and opened."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 
 from app.window.painting import theme
-from app.window.painting.labels import OneLine
-from app.window.plots import Plot, range_for
-from experiments.analysis.boxplots import Box, boxes
-from experiments.analysis.metrics import Metric
-from experiments.analysis.trials_table import COUNTED, TrialRow
+from app.window.painting.labels import OneLine, line
+from app.window.plots import Plot
+from experiments.analysis.charts import Chart, Point, View, legend
+from experiments.analysis.trials_table import TrialRow
 
-#: short names of Table I's controllers; others stand under their boxes as the protocol names them
+POINT_PX, HOVER_PX, RING_PX, CROSS_PX = 6, 10, 15, 11
+FOOT = 0.03  # of the plot's height, under the scale
+BAND = 0.08  # of the plot's height, above the scale: crosses of trials whose time was up
+#: Short names of Table I's controllers; others stand under their boxes as the protocol has them.
 SHORT = {
-    "SDOF with gap": "SDOF gap", "Proportional, high gain": "Prop. high", "Proportional, low gain": "Prop. low"
+    "SDOF with gap": "SDOF\ngap", "Proportional,\nhigh gain": "Prop.\nhigh", "Proportional,\nlow gain": "Prop.\nlow",
 }  # fmt: skip
-LEAST_IN_A_BOX = 5  # Our choice: fewer values are points without a box
-GOLDEN = 0.6180339887  # run * GOLDEN modulo 1: a jitter that is fixed and even
 
 
 def colour_of(controller: int | str) -> str:
@@ -28,105 +29,147 @@ def colour_of(controller: int | str) -> str:
     return theme.CONTROLLER[(controller - 1) % len(theme.CONTROLLER) + 1]
 
 
-class BoxPlot(Plot):
-    """One measure: a group for each controller, a box for each configuration (the first filled, the second open).
-
-    controllers: number -> the protocol's name of it. Each trial is a point; a click on it emits `chosen`.
-    """
+class ChartPlot(Plot):
+    """One chart. A click on a point emits `chosen` with its trial; a double click zooms out."""
 
     chosen = Signal(object)  # a TrialRow
 
-    def __init__(self, metric: Metric, configurations: Sequence[str], controllers: Mapping[int, str]) -> None:
-        super().__init__(metric.title)
-        self._metric, self._configurations = metric, tuple(configurations)
-        self._names = {number: SHORT.get(name, name) for number, name in controllers.items()}
-        self.found: dict[tuple[int | str, str], Box] = {}
-        self.controllers: tuple[int | str, ...] = tuple(self._names)
-        self.caption = OneLine("", "quiet", theme.SMALL)
+    def __init__(self) -> None:
+        super().__init__("")
+        self.chart: Chart | None = None
+        self._logarithmic = False
+        self._ringed: tuple[str, int] | None = None  # participant, run
+        title = OneLine("", "", theme.NORMAL, bold=True, dots=Qt.TextElideMode.ElideRight)
+        self.head.replaceWidget(self.title, title)
+        self.title.deleteLater()
+        self.title = title
+        self.head.setStretch(0, 4)
+        self.caption = line("", "quiet", theme.SMALL)
+        self.warning = line("", "caution", theme.SMALL)
         self.rows.addWidget(self.caption)
-        self.points = pg.ScatterPlotItem(size=5, hoverable=True, hoverSize=9, tip=self._tip)
-        self.points.sigClicked.connect(self._clicked)
-        self.figures.show_parts((metric.shown_unit, theme.QUIET))
-        self.setMinimumSize(240, 170)
+        self.rows.addWidget(self.warning)
+        self.points, self.crosses = (pg.ScatterPlotItem(hoverable=True, tip=self._tip) for _ in range(2))
+        self.ring = pg.ScatterPlotItem(size=RING_PX, pen=pg.mkPen(theme.HANDLE, width=2), brush=None)
+        for marks in (self.points, self.crosses):
+            marks.sigClicked.connect(self._clicked)
+        self.item.vb.sigYRangeChanged.connect(self._place_crosses)
+        self.item.showGrid(y=True, alpha=0.15)
+        self.setMinimumSize(180, 150)
 
-    def show_rows(self, rows: Sequence[TrialRow]) -> None:
-        """The trials of these rows; codes of a blind session stand in place of controllers."""
-        self.found = boxes(rows, self._metric.name, self._configurations, self._metric.scale)
-        there = tuple(dict.fromkeys(controller for controller, _ in self.found))
-        coded = tuple(controller for controller in there if controller not in self._names)
-        self.controllers = coded if there and coded == there else (*self._names, *coded)
+    def show_chart(self, chart: Chart, view: View, warning: str = "") -> None:
+        """Another chart, or the same with other trials. warning: what it leaves out, in words."""
+        self.chart, self._logarithmic = chart, view.logarithmic
+        self.title.setText(chart.title)
+        self.figures.show_parts((chart.unit, theme.QUIET))
+        self.caption.setText(" ".join(legend(chart, view)))
+        self.warning.setText(warning)
+        self.warning.setVisible(bool(warning))
         self.item.clear()
-        for (controller, configuration), box in self.found.items():
-            if box.count >= LEAST_IN_A_BOX:
-                self._add_box(box, self._place(controller, configuration), self._width, controller, configuration)
-        self._add_points(rows)
-        highest = max((max(box.high, *box.outliers, box.q3) for box in self.found.values()), default=0.0)
-        self.item.setYRange(0.0, range_for(1.02 * highest, 1.0), padding=0.02)
-        self.item.setXRange(-0.5, max(len(self.controllers), 1) - 0.5, padding=0.0)
-        self.item.getAxis("bottom").setTicks(
-            [[(i, self._names.get(controller, f"{controller}")) for i, controller in enumerate(self.controllers)]]  # type: ignore[call-overload]
-        )
-        self.caption.setText(self.said)
+        if chart.boxes:
+            self._add_boxes()
+        if chart.curve:
+            x, y = np.array(chart.curve).T
+            self.item.addItem(pg.PlotCurveItem(x, self._scaled(y), pen=pg.mkPen(theme.HANDLE, width=1)))
+        self.points.setData([self._spot(point) for point in (*chart.points, *chart.others) if self._fits(point)])
+        for marks in (self.points, self.crosses, self.ring):
+            self.item.addItem(marks)
+        left, bottom = self.item.getAxis("left"), self.item.getAxis("bottom")
+        left.setTicks([self._decades(chart.highest)] if self._logarithmic else None)
+        bottom.setTicks([[(x, SHORT.get(text, text)) for x, text in chart.ticks]] if chart.ticks else None)
+        bottom.setLabel(chart.x_title or None)
+        bottom.showLabel(bool(chart.x_title))
+        lines = max((SHORT.get(text, text).count("\n") + 1 for _, text in chart.ticks), default=0)
+        bottom.setHeight(6 + lines * (theme.SMALL + 5) if lines else None)
+        self.show_all()
+        self.show_ring(self._ringed)
 
-    @property
-    def said(self) -> str:
-        """What the boxes are, under them."""
-        drawn = zip(("filled", "open", "third", "fourth"), self._configurations, strict=False)
-        parts = [f"{how} {name}" for how, name in drawn]
-        counts = {box.count for box in self.found.values()}
-        if len(counts) == 1:
-            parts.append(f"{min(counts)} trial{'s' if counts != {1} else ''} a box")
-        elif counts:
-            parts.append(f"{min(counts)} to {max(counts)} trials a box")
-        if counts and min(counts) < LEAST_IN_A_BOX:
-            parts.append(f"no box below {LEAST_IN_A_BOX} trials")
-        return " · ".join(parts)
+    def show_all(self) -> None:
+        """Zoom out to all of it."""
+        if self.chart is None:
+            return
+        low, high = 0.0, self.chart.highest or 1.0
+        if self._logarithmic:
+            least = min((point.y for point in self.chart.points if self._fits(point)), default=0.1)
+            low, high = np.log10(0.8 * least), np.log10(1.1 * high)
+        self.item.setYRange(low - FOOT * (high - low), low + (high - low) / (1.0 - BAND), padding=0.0)
+        self.item.setXRange(*self.chart.span, padding=0.0)
+        self._place_crosses()
 
-    @property
-    def _width(self) -> float:
-        return 0.76 / len(self._configurations)
+    def show_ring(self, trial: tuple[str, int] | None) -> None:
+        """Ring a trial, by participant and run; None: none."""
+        self._ringed = trial
+        marks = (*self.points.points(), *self.crosses.points())
+        found = [m for m in marks if (row := m.data().row) is not None and (row.participant, row.run) == trial]
+        self.ring.setData([{"pos": mark.pos(), "data": None} for mark in found])
 
-    def _place(self, controller: int | str, configuration: str) -> float:
-        j = self._configurations.index(configuration)
-        return self.controllers.index(controller) + (j - 0.5 * (len(self._configurations) - 1)) * self._width
+    def mouseDoubleClickEvent(self, event) -> None:
+        self.show_all()
+        super().mouseDoubleClickEvent(event)
 
-    def _add_box(self, box: Box, x: float, width: float, controller: int | str, configuration: str) -> None:
-        colour = colour_of(controller)
-        filled = configuration == self._configurations[0]
-        line, half = pg.mkPen(colour, width=1), 0.42 * width
-        brush = pg.mkBrush(theme.colour(colour, 0.45 if filled else 0.08))
-        self.item.addItem(
-            pg.BarGraphItem(x0=[x - half], x1=[x + half], y0=[box.q1], y1=[box.q3], pen=line, brush=brush)
-        )
-        ends_x, ends_y = [], []
-        for inner, outer in ((box.q1, box.low), (box.q3, box.high)):
-            ends_x += [x, x, x - 0.5 * half, x + 0.5 * half]
-            ends_y += [inner, outer, outer, outer]
-        self.item.addItem(pg.PlotCurveItem(np.array(ends_x), np.array(ends_y), pen=line, connect="pairs"))
-        median = pg.mkPen(theme.HANDLE if filled else colour, width=2)
-        self.item.addItem(pg.PlotCurveItem(np.array([x - half, x + half]), np.full(2, box.median), pen=median))
+    def _decades(self, highest: float) -> list[tuple[float, str]]:
+        """Ticks of a logarithmic axis: 1, 2 and 5 times the powers of ten."""
+        least = min((point.y for point in self.chart.points if point.y > 0.0), default=0.1)
+        powers = range(math.floor(math.log10(least)) - 1, math.ceil(math.log10(highest or 1.0)) + 1)
+        values = [digit * 10.0**power for power in powers for digit in (1.0, 2.0, 5.0)]
+        return [(math.log10(value), f"{value:g}") for value in values]
 
-    def _add_points(self, rows: Sequence[TrialRow]) -> None:
-        spots = []
-        for row in rows:
-            value = getattr(row, self._metric.name)
-            if value is None or row.status not in COUNTED or (row.controller, row.configuration) not in self.found:
-                continue
-            jitter = (row.run * GOLDEN % 1.0 - 0.5) * 0.6 * self._width
-            colour = colour_of(row.controller)
-            filled = row.configuration == self._configurations[0]
-            spots.append({
-                "pos": (self._place(row.controller, row.configuration) + jitter, self._metric.scale * value),
-                "symbol": "x" if row.status == "timeout" else "o", "data": row, "pen": pg.mkPen(colour, width=1),
-                "brush": pg.mkBrush(colour if filled else theme.PANEL),
-            })  # fmt: skip
-        self.points.setData(spots)
-        self.item.addItem(self.points)
+    def _scaled(self, value: float | np.ndarray) -> float | np.ndarray:
+        return np.log10(value) if self._logarithmic else value
 
-    def _tip(self, x: float, y: float, data: TrialRow) -> str:
-        timed_out = " · timed out" if data.status == "timeout" else ""
-        return f"Participant {data.participant} · run {data.run} · {y:.3g} {self._metric.shown_unit}{timed_out}"
+    def _fits(self, point: Point) -> bool:
+        return point.y > 0.0 or not self._logarithmic
 
-    def _clicked(self, _points: object, found: Sequence, _event: object) -> None:
-        if len(found):
-            self.chosen.emit(found[0].data())
+    def _spot(self, point: Point) -> dict:
+        counts = point.row is None or point.row.status in ("done", "timeout")
+        colour = colour_of(point.controller) if counts else theme.QUIET
+        return {
+            "pos": (point.x, self._scaled(point.y)), "data": point, "size": POINT_PX, "symbol": "o" if counts else "+",
+            "pen": pg.mkPen(colour, width=1), "brush": pg.mkBrush(colour if point.filled else theme.PANEL),
+        }  # fmt: skip
+
+    def _place_crosses(self, *_: object) -> None:
+        """They stay above whatever part of the scale is seen."""
+        if self.chart is None:
+            return
+        low, high = self.item.viewRange()[1]
+        y, pen = high - 0.4 * BAND * (high - low), pg.mkPen(theme.CAUTION, width=2)
+        self.crosses.setData([
+            {"pos": (point.x, y), "data": point, "symbol": "x", "size": CROSS_PX, "pen": pen, "brush": theme.CAUTION}
+            for point in self.chart.timeouts
+        ])  # fmt: skip
+        if self._ringed is not None:
+            self.show_ring(self._ringed)
+
+    def _add_boxes(self) -> None:
+        """All bodies in one item, whiskers and medians in one for each colour: hundreds of boxes cost no more."""
+        boxes = [at for at in self.chart.boxes if at.box.low > 0.0 or not self._logarithmic]
+        ends = [self._scaled(np.array([b.box.low, b.box.q1, b.box.median, b.box.q3, b.box.high])) for b in boxes]
+        fill = [theme.colour(colour_of(b.controller), 0.4 if b.filled else 0.06) for b in boxes]
+        pens = [pg.mkPen(colour_of(b.controller), width=1) for b in boxes]
+        self.item.addItem(pg.BarGraphItem(
+            x0=[b.x - b.half for b in boxes], x1=[b.x + b.half for b in boxes],
+            y0=[y[1] for y in ends], y1=[y[3] for y in ends], pens=pens, brushes=[pg.mkBrush(shade) for shade in fill],
+        ))  # fmt: skip
+        for controller in dict.fromkeys(b.controller for b in boxes):
+            of_it = [(b, y) for b, y in zip(boxes, ends, strict=True) if b.controller == controller]
+            x, y = [], []
+            for b, (low, q1, _, q3, high) in of_it:
+                x += 2 * [b.x, b.x, b.x - 0.5 * b.half, b.x + 0.5 * b.half]
+                y += [q1, low, low, low, q3, high, high, high]
+            pen = pg.mkPen(colour_of(controller), width=1)
+            self.item.addItem(pg.PlotCurveItem(np.array(x), np.array(y), pen=pen, connect="pairs"))
+        x = np.array([[b.x - b.half, b.x + b.half] for b in boxes]).ravel()
+        y = np.repeat([middle[2] for middle in ends], 2)
+        self.item.addItem(pg.PlotCurveItem(x, y, pen=pg.mkPen(theme.HANDLE, width=2), connect="pairs"))
+
+    def _tip(self, x: float, y: float, data: Point) -> str:
+        return data.text
+
+    def _clicked(self, _points: object, found: Sequence, event) -> None:
+        if len(found) and found[0].data().row is not None and event.button() == Qt.MouseButton.LeftButton:
+            self.chosen.emit(found[0].data().row)
+
+
+def trial_of(row: TrialRow | None) -> tuple[str, int] | None:
+    """What tells a trial from all others of a data folder."""
+    return None if row is None else (row.participant, row.run)

@@ -188,11 +188,11 @@ class Commands:
         self._results.escaped.connect(self._escape_results)
         show_whole(self._results, *LARGEST)
 
-    def _escape_results(self, in_list: bool) -> None:
-        """In any window: brakes off while a trial runs; with nothing to stop the results go, or their list alone."""
+    def _escape_results(self) -> None:
+        """In any window: brakes off while a trial runs; with nothing to stop the results go."""
         if self._running():
             self.escape("Esc on the results")
-        elif not in_list:
+        else:
             self.close_results()
 
     def close_results(self) -> None:

@@ -17,11 +17,12 @@ from PySide6.QtWidgets import (
     QWidget,
 )  # fmt: skip
 
-from app.window.background import Background, Verb
 from app.window.page import ANALYSE
 from app.window.painting import theme
 from app.window.painting.labels import OneLine, breakable, line, rule, word
 from app.window.painting.parts import button, clear, row, scrolled
+from app.window.work import Verb, Work
+from core.files import InputError
 from experiments.plan import counted
 from experiments.session.files import STORED, recordings_in
 from experiments.session.overview import DataOverview, SessionOverview, look_into
@@ -54,13 +55,14 @@ class DataPanel(QFrame):
     resume_asked = Signal(str)  # participant: take up their session, unfinished or not
     page_asked = Signal(str, object)  # as of a page
 
-    def __init__(self, background: Background) -> None:
+    def __init__(self) -> None:
         super().__init__(objectName="panel")
         self.overview: DataOverview | None = None  # None: not looked at yet
-        self._background, self._why, self._open = background, "", ""
+        self._why, self._open = "", ""
         self._folder: Path | None = None
         self._recent = Recent("folders")
-        self._export, self._out = Verb(self), Path()
+        self._looking, self._export, self._out = Work(), Verb(), Path()
+        self._looking.done.connect(self._looked)
         self.where, self.count = OneLine("", "quiet", theme.NORMAL), line("", "quiet")
         self.choose = QPushButton("Choose folder …")
         self.choose.setMenu(menu := QMenu(self.choose))
@@ -71,13 +73,13 @@ class DataPanel(QFrame):
         for form, name in FORMS.items():
             self._entry(forms, f"{name}, into a new folder", lambda form=form: self._ask_export(form))
         self.exporting, self.bar = line("", "quiet"), QProgressBar(textVisible=False, maximum=1000)
-        self.cancel = button("Cancel", self._export.cancel, "small")
+        self.cancel = button("Cancel", self._export.stop, "small")
         self.show_export = button("Show", lambda: show_folder(self._out), "small")
         self._rows = QVBoxLayout()
         self._timer = QTimer(self)
         self._timer.timeout.connect(self.look)
         self._export.progressed.connect(lambda share: self.bar.setValue(round(1000 * share)))
-        self._export.ended.connect(self._exported)
+        self._export.done.connect(self._exported)
         self._lay_out()
 
     def _lay_out(self) -> None:
@@ -133,7 +135,7 @@ class DataPanel(QFrame):
     def look(self) -> None:
         """See what is in the folder now."""
         if (folder := self._folder) is not None:
-            self._background.ask("data", lambda: look_into(folder), self._looked)
+            self._looking.ask(look_into, folder)
 
     def _looked(self, overview: DataOverview) -> None:
         if overview != self.overview:
@@ -248,14 +250,15 @@ class DataPanel(QFrame):
         self.bar.setValue(0)
         for widget, shown in ((self.exporting, True), (self.bar, True), (self.cancel, True), (self.show_export, False)):
             widget.setVisible(shown)
-        self._export.start("export", str(self._folder), f"--{form}", str(self._out))
+        self._export.begin("export", str(self._folder), f"--{form}", str(self._out))
         self._fill()
 
-    def _exported(self, why: str) -> None:
-        self.exporting.setText(breakable(f"Nothing was exported: {why}" if why else f"Exported to {self._out}"))
+    def _exported(self, result: str | InputError) -> None:
+        failed = isinstance(result, InputError)
+        self.exporting.setText(breakable(f"Nothing was exported: {result}" if failed else f"Exported to {self._out}"))
         self.bar.hide()
         self.cancel.hide()
-        self.show_export.setVisible(not why)
+        self.show_export.setVisible(not failed)
         self._fill()
 
 

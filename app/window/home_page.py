@@ -24,7 +24,6 @@ from PySide6.QtWidgets import (
 )  # fmt: skip
 
 from app.ipc import messages as m
-from app.window.background import Background
 from app.window.bench_page import DevicePage
 from app.window.data_panel import DataPanel, Recent
 from app.window.page import RUN, TRY, Page
@@ -33,6 +32,7 @@ from app.window.painting.labels import Choice, OneLine, breakable, line, word
 from app.window.painting.parts import Segments, button, clear, panel, row, scrolled
 from app.window.preflight import Checklist
 from app.window.protocol_editor import TOML, ProtocolEditor
+from app.window.work import Work
 from core.device import shipped_devices
 from core.files import InputError
 from experiments.plan import counted, make_plan, plan_summary, print_plan
@@ -121,11 +121,15 @@ class HomePage(Page):
         self._ports: tuple[PortFound, ...] = ()
         self._ports_shown: tuple | None = None  # these, and the port that is connected
         self._typed = False  # the participant was typed, and is not proposed anew
-        self._background, self._looking = Background(self), Background(self)
+        self._loading, self._planning, self._looking = Work(), Work(), Work()
+        for work, show in (
+            (self._loading, self._show_loaded), (self._planning, self._show_plan), (self._looking, self._show_ports)
+        ):  # fmt: skip
+            work.done.connect(show)
         self._recent = Recent("protocols")
-        self.data = DataPanel(self._background)
-        self.device, self.editor = DevicePage(), ProtocolEditor(self._background)
-        self._timer = QTimer(self, singleShot=True, interval=LOOK_MS)
+        self.data = DataPanel()
+        self.device, self.editor = DevicePage(), ProtocolEditor()
+        self._timer = QTimer(self, interval=LOOK_MS)
         self._timer.timeout.connect(self._look_at_ports)
         self._make_choices()
         self._lay_out()
@@ -305,7 +309,7 @@ class HomePage(Page):
         """Read the chosen protocol."""
         if (chosen := self.chosen) is not None:
             self.loaded = None
-            self._background.ask("protocol", lambda: load(chosen), self._show_loaded)
+            self._loading.ask(load, chosen)
             self._refresh()
 
     def _show_loaded(self, loaded: Loaded | InputError) -> None:
@@ -357,18 +361,13 @@ class HomePage(Page):
 
     def showEvent(self, event) -> None:
         super().showEvent(event)
-        self._look_at_ports()
+        self._timer.start()
 
     def _look_at_ports(self) -> None:
         """See what answers at the ports, again and again while they are shown."""
         self._show_ports(self._ports)
-        if self.on_board and self.isVisible() and self.setup is not None:
-            before, mine = self._ports, self.setup.link
-            self._looking.ask("ports", lambda: look_at_ports(before, mine), self._looked)
-
-    def _looked(self, ports: tuple[PortFound, ...]) -> None:
-        self._timer.start()
-        self._show_ports(ports)
+        if self.on_board and self.isVisible() and self.setup is not None and not self._looking.busy:
+            self._looking.ask(look_at_ports, self._ports, self.setup.link)
 
     def _show_ports(self, ports: tuple[PortFound, ...]) -> None:
         self._ports, mine = ports, self.setup.link if self.setup else ""
@@ -482,7 +481,7 @@ class HomePage(Page):
     def _ask_plan(self) -> None:
         if isinstance(loaded := self.loaded, Loaded):
             participant = self.participant.text() or "01"
-            self._background.ask("plan", lambda: print_plan(loaded.protocol, participant), self._show_plan)
+            self._planning.ask(print_plan, loaded.protocol, participant)
 
     def _show_plan(self, text: str | InputError) -> None:
         self.plan_text.setPlainText(str(text))

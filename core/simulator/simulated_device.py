@@ -1,4 +1,7 @@
-"""The simulated device that trials run on: full brake model, and it stays as the last trial left it."""
+"""The simulated device that trials run on: full brake model, and it stays as the last trial left it.
+
+A trial's ticks are made by the tick kernel itself; the emulated board takes its ticks one by one (`settle`, `move`).
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -6,15 +9,16 @@ from typing import Any
 import numpy as np
 
 from core.device import Device
+from core.kernel import kernel
 from core.simulator.hand import Hand
-from core.simulator.simulation import Ledger, Simulation
+from core.simulator.simulation import Ledger, Simulation, advance, apply
 from core.simulator.state import CARRIED, STATE, pack_brakes
 from core.simulator.stick_slip import STILL
-from core.simulator.stick_slip_mode import look
+from core.simulator.stick_slip_mode import look, resolve
 
 
 class SimulatedDevice(Simulation):
-    """Implements `core.device_interface.AnyDevice`; its ticks are made by the tick kernel itself."""
+    """Implements `core.device_interface.AnyDevice`."""
 
     def __init__(self, device: Device, tip: tuple[float, float], hand: Hand | None = None) -> None:
         """At rest at `tip` (m), brakes off. hand: whose spring or force moves it; None: a hand without force."""
@@ -36,6 +40,14 @@ class SimulatedDevice(Simulation):
         state["added_by_brakes"][0] = 0.0
         look(self.mechanism[0], state[0])
         self._before = self.ledger()
+
+    def settle(self, currents: np.ndarray, t: float) -> None:
+        """What moves and what rests at t (s) with these currents (4,), A: forces and acceleration are then known."""
+        settle(*self.arguments(), currents, t, self.fidelity, self.integrator)
+
+    def move(self, currents: np.ndarray, t: float, step: float) -> None:
+        """A step from t on, s; the currents may be other ones than it was settled with."""
+        move(*self.arguments(), currents, t, step, self.fidelity, self.integrator)
 
     def retune(self, strength: float, backlash_rad: float | None) -> None:
         """Other brakes from now on, the motion as it is: `strength` times the K(I) of the device's, all with this play.
@@ -75,6 +87,22 @@ class SimulatedDevice(Simulation):
             "energy_added_max_J": now.added_by_brakes,
             "warnings": ledger_warnings(before, now),
         }
+
+
+@kernel
+def settle(mechanisms, brakes, hand, states, scratches, currents, t, fidelity, integrator):
+    """See `SimulatedDevice.settle`."""
+    apply(brakes[0], states[0], currents, fidelity)
+    resolve(mechanisms[0], brakes[0], hand, states[0], t)
+
+
+@kernel
+def move(mechanisms, brakes, hand, states, scratches, currents, t, step, fidelity, integrator):
+    """See `SimulatedDevice.move`."""
+    settle(mechanisms, brakes, hand, states, scratches, currents, t, fidelity, integrator)
+    advance(
+        mechanisms[0], brakes[0], hand, states[0], scratches[0], currents, t, step, fidelity, integrator
+    )  # fmt: skip
 
 
 def ledger_warnings(before: Ledger, after: Ledger) -> list[str]:

@@ -204,6 +204,7 @@ def results(windows: Windows, study: Path) -> None:
     folder = study / "sub-01" / "ses-01"
     shown = ResultsWindow(opened._replace(participant="01", folder=str(folder)), m.Snapshot(m.FINISHED))
     shown.show()
+    until(lambda: shown.page.results is not None)
     shoot(shown, "results")
     shown.close()
 

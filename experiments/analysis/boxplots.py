@@ -4,7 +4,6 @@ import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import matplotlib
 import numpy as np
@@ -14,6 +13,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from core.files import InputError
+from experiments.analysis.charts import QUARTILE_METHOD, WHISKER, Box, box_statistics, controllers_shown, left_out
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.sheet import (
     CHARACTERS_PER_INCH,
@@ -30,8 +30,6 @@ from experiments.analysis.trials_table import TrialRow, by_controller, to_compar
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
 FORMATS = ("png", "svg", "pdf")
-WHISKER = 1.5  # box lengths
-QUARTILE_METHOD = "linear"  # NumPy's name; MATLAB's is "hazen" and differs
 PAPER = "paper"  # the protocol whose figures these are
 LABEL_IN, LINE_IN = 10.5 / 72.0, 0.16  # inches: a line of a controller's name, of the small print
 LEFT_IN, RIGHT_IN, BETWEEN_IN, TOP_IN = 0.6, 0.15, 0.7, 0.72
@@ -49,31 +47,7 @@ CONTROLLER_COLOURS = ("#6f7b87", "#d98200", "#c9a11a", "#2f7fc4", "#6cb0e6")
 TIMEOUT_COLOUR = "#c47400"
 
 
-class Box(NamedTuple):
-    """What one box shows. Whiskers end at the furthest values within 1.5 box lengths."""
-
-    count: int
-    median: float
-    q1: float
-    q3: float
-    low: float  # end of the lower whisker
-    high: float  # end of the upper whisker
-    outliers: tuple[float, ...]  # beyond the whiskers, rising
-
-
 Boxes = dict[tuple[int | str, str], Box]  # by controller and configuration
-
-
-def box_statistics(values: Iterable[float]) -> Box:
-    """Median, quartiles (NumPy's "linear" method), whiskers and outliers of at least one finite value."""
-    data = np.sort(np.asarray(list(values), dtype=float))
-    if not len(data) or not np.all(np.isfinite(data)):
-        raise ValueError("a box needs at least one value, all finite")
-    q1, median, q3 = (float(q) for q in np.quantile(data, (0.25, 0.5, 0.75), method=QUARTILE_METHOD))
-    reach = WHISKER * (q3 - q1)
-    inside = data[(data >= q1 - reach) & (data <= q3 + reach)]
-    low, high = min(float(inside[0]), q1), max(float(inside[-1]), q3)
-    return Box(len(data), median, q1, q3, low, high, tuple(data[(data < low) | (data > high)].tolist()))
 
 
 def boxes(
@@ -149,7 +123,7 @@ def draw(
     timeouts: bool = False,
 ) -> Figure:
     """One figure with a panel for each metric; more than five controllers make it wider."""
-    shown = _controllers_shown(rows, labels)
+    shown = controllers_shown(rows, labels)
     names = max((len(name.splitlines()) for name in shown.values()), default=0)
     room = LABEL_IN * max(0, names - 2)  # what names of more than two lines need besides
     width, height = width_in * max(1.0, len(shown) / 5.0), 4.5 + room
@@ -176,24 +150,6 @@ def draw(
         for i, line in enumerate(reversed(lines)):
             figure.text(LEFT_IN / width, (0.12 + LINE_IN * i) / height, line, fontsize=SMALL, color=QUIET)
     return figure
-
-
-def left_out(rows: Iterable[TrialRow], timeouts: bool = False) -> str:
-    """How many trials the boxes leave out, and why, as a caption has it; "": none."""
-    count = Counter(row.status for row in rows)
-    where = "in the boxes" if timeouts else "crosses above the scale, not in the boxes"
-    parts = (("timeout", f"timed out: {where}."), ("excluded", "excluded by the experimenter, not shown."))
-    return " ".join(
-        f"{count[status]} trial{'s' if count[status] != 1 else ''} {what}" for status, what in parts if count[status]
-    )
-
-
-def _controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> dict[int | str, str]:
-    """Controller or code -> what stands under its box, in order: all that have a label, and every code of the rows."""
-    there = {row.controller for row in rows}
-    coded = {controller: controller for controller in there if isinstance(controller, str)}
-    named = {} if there and len(coded) == len(there) else labels
-    return {controller: {**named, **coded}[controller] for controller in sorted({*named, *coded}, key=by_controller)}
 
 
 def _method(counts: set[int]) -> str:
@@ -234,9 +190,7 @@ def _draw_panel(
     width = 0.62 / len(configurations)
     for (controller, configuration), box in found.items():
         x = place(controller, configuration)
-        coded = isinstance(controller, str)
-        colour = QUIET if coded else CONTROLLER_COLOURS[(controller - 1) % len(CONTROLLER_COLOURS)]
-        _draw_box(axes, box, x, width, colour, filled=configuration == configurations[0])
+        draw_box(axes, box, x, width, colour_of(controller), filled=configuration == configurations[0])
         if show_counts:
             under(x, f"{box.count}", 4, va="top", fontsize=SMALL, color=QUIET)
     for cell, count in late.items():
@@ -258,7 +212,12 @@ def _draw_panel(
     axes.set_title(f"{metric.title} ({metric.shown_unit})", loc="left", fontsize=10.5, pad=9)
 
 
-def _draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, filled: bool) -> None:
+def colour_of(controller: int | str) -> str:
+    """Table I's five colours, which begin again for further controllers; a code has none of its own."""
+    return QUIET if isinstance(controller, str) else CONTROLLER_COLOURS[(controller - 1) % len(CONTROLLER_COLOURS)]
+
+
+def draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, filled: bool) -> None:
     """Our choice: one trial, whose box would be a line and neither filled nor open, is a square that is."""
     face = colour if filled else "white"
     if box.count == 1:

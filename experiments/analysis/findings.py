@@ -47,13 +47,16 @@ from experiments.analysis.participants import (
 )
 from experiments.analysis.trials_table import TrialRow, to_compare
 
-THREE, FOUR = PAPER_CONFIGURATIONS
-
 BELOW, SIMILAR, AT_MOST = "below", "similar", "at most"
+SIMILAR_SHARE = 0.15  # of the uncontrolled median
+NEGLIGIBLE_M = 0.0005
+LEAST_FINISHED = 0.9  # share of the trials of each controller compared
+HOLDS, FAILS, CANNOT_TELL = "holds", "does not hold", "cannot tell"
 
 ERROR, FORCE, ROUGHNESS = (compared_for(thing) for thing in ("accuracy", "force", "smoothness"))
 CONTROLLER = {1: "none", 2: "SDOF", 3: "SDOF with gap", 4: "proportional high gain", 5: "proportional low gain"}
 GROUP = {(2, 3): "SDOF, both", (4, 5): "proportional, both", (2, 3, 4, 5): "all controllers"}
+Controllers = tuple[int, ...]  # several: their mean
 
 
 class Claim(NamedTuple):
@@ -61,11 +64,11 @@ class Claim(NamedTuple):
 
     kind: str  # BELOW, SIMILAR, AT_MOST
     measures: tuple[str, ...]
-    first: tuple[int, ...]  # controllers; several: their mean
-    second: tuple[int, ...]
+    first: Controllers
+    second: Controllers
     spread: bool = False  # compare how far trials lie from the middle of the box, not the trials
     negligible: bool = False  # the band is 0.5 mm, not 15 %
-    devices: tuple[str, str] | None = None  # first and second stand for these; None: same device, each in turn
+    devices: bool = False  # first on the three-brake device, second on the four-brake one; else each device in turn
 
 
 class Statement(NamedTuple):
@@ -76,65 +79,56 @@ class Statement(NamedTuple):
     claims: tuple[Claim, ...]
 
 
-def _each(kind: str, measures: tuple[str, ...], pairs: Sequence[tuple[int, int]], **more: bool) -> tuple[Claim, ...]:
-    return tuple(Claim(kind, measures, (a,), (b,), **more) for a, b in pairs)
+def _each(
+    kind: str, measures: tuple[str, ...], *pairs: tuple[int | Controllers, int | Controllers], **more: bool
+) -> tuple[Claim, ...]:
+    """A claim for each pair of controllers, or of groups of them."""
+    both = ((one if isinstance(one, tuple) else (one,) for one in pair) for pair in pairs)
+    return tuple(Claim(kind, measures, first, second, **more) for first, second in both)
 
 
-def _devices(kind: str, measures: tuple[str, ...], controllers: tuple[int, ...], **more: bool) -> Claim:
-    return Claim(kind, measures, controllers, controllers, devices=(THREE, FOUR), **more)
-
-
-_CONTROLLED = (2, 3, 4, 5)
+_ALL = (2, 3, 4, 5)  # the controllers that brake
 STATEMENTS = (
-    Statement(1, "SDOF control (without and with gap) reduces path error", _each(BELOW, ERROR, [(2, 1), (3, 1)])),
-    Statement(2, "Proportional control reduces path error at either gain", _each(BELOW, ERROR, [(4, 1), (5, 1)])),
+    Statement(1, "SDOF control (without and with gap) reduces path error", _each(BELOW, ERROR, (2, 1), (3, 1))),
+    Statement(2, "Proportional control reduces path error at either gain", _each(BELOW, ERROR, (4, 1), (5, 1))),
     Statement(
         3,
         "SDOF with gap is the most consistent in accuracy",
-        _each(BELOW, ERROR, [(3, 1), (3, 2), (3, 4), (3, 5)], spread=True),
+        _each(BELOW, ERROR, (3, 1), (3, 2), (3, 4), (3, 5), spread=True),
     ),
-    Statement(4, "The gap makes SDOF smoother", _each(BELOW, ROUGHNESS, [(3, 2)])),
-    Statement(5, "The gap lowers the force of SDOF", _each(BELOW, FORCE, [(3, 2)])),
-    Statement(6, "The gap costs a negligible amount of accuracy", _each(AT_MOST, ERROR, [(3, 2)], negligible=True)),
+    Statement(4, "The gap makes SDOF smoother", _each(BELOW, ROUGHNESS, (3, 2))),
+    Statement(5, "The gap lowers the force of SDOF", _each(BELOW, FORCE, (3, 2))),
+    Statement(6, "The gap costs a negligible amount of accuracy", _each(AT_MOST, ERROR, (3, 2), negligible=True)),
     Statement(
         7,
         "The low gain lowers force and is smoother, with little change in accuracy",
-        _each(BELOW, FORCE, [(5, 4)])
-        + _each(BELOW, ROUGHNESS, [(5, 4)])
-        + _each(SIMILAR, ERROR, [(5, 4)], negligible=True),
+        _each(BELOW, FORCE, (5, 4)) + _each(BELOW, ROUGHNESS, (5, 4)) + _each(SIMILAR, ERROR, (5, 4), negligible=True),
     ),
     Statement(
         8,
         "Low-gain proportional control is about as light and smooth as none",
-        _each(SIMILAR, FORCE, [(5, 1)]) + _each(SIMILAR, ROUGHNESS, [(5, 1)]),
+        _each(SIMILAR, FORCE, (5, 1)) + _each(SIMILAR, ROUGHNESS, (5, 1)),
     ),
     Statement(
         9,
         "Proportional control is lighter and smoother than SDOF",
-        (Claim(BELOW, FORCE, (4, 5), (2, 3)), Claim(BELOW, ROUGHNESS, (4, 5), (2, 3))),
+        _each(BELOW, FORCE, ((4, 5), (2, 3))) + _each(BELOW, ROUGHNESS, ((4, 5), (2, 3))),
     ),
     Statement(
         10,
         "Four brakes gain nothing over three, and their uncontrolled error spreads wider",
-        (
-            _devices(AT_MOST, ERROR, _CONTROLLED, negligible=True),
-            _devices(AT_MOST, FORCE, _CONTROLLED),
-            _devices(AT_MOST, ROUGHNESS, _CONTROLLED),
-            _devices(BELOW, ERROR, (1,), spread=True),
-        ),
+        _each(AT_MOST, ERROR, (_ALL, _ALL), negligible=True, devices=True)
+        + _each(AT_MOST, FORCE, (_ALL, _ALL), devices=True)
+        + _each(AT_MOST, ROUGHNESS, (_ALL, _ALL), devices=True)
+        + _each(BELOW, ERROR, (1, 1), spread=True, devices=True),
     ),
     Statement(
         11,
         "All controllers improve accuracy by a similar amount",
-        _each(BELOW, ERROR, [(k, 1) for k in _CONTROLLED])
-        + _each(SIMILAR, ERROR, [(j, k) for k in _CONTROLLED for j in _CONTROLLED if k < j]),
+        _each(BELOW, ERROR, *((k, 1) for k in _ALL))
+        + _each(SIMILAR, ERROR, *((j, k) for k in _ALL for j in _ALL if k < j)),
     ),
 )
-
-
-def name(controllers: tuple[int, ...]) -> str:
-    """A controller, or several, in words."""
-    return CONTROLLER[controllers[0]] if len(controllers) == 1 else GROUP[controllers]
 
 
 def why_no_findings(controllers: Mapping[int, Preset], coded: bool = False) -> str:
@@ -145,22 +139,14 @@ def why_no_findings(controllers: Mapping[int, Preset], coded: bool = False) -> s
     if coded:
         return "The controllers are coded, the session is blind: nothing is compared until the key is opened."
     kinds = {1: "none", 2: "sdof", 3: "sdof", 4: "proportional", 5: "proportional"}
-    gap = {number: preset.value("gap_m") for number, preset in controllers.items()}
     gain = {number: preset.value("gain_N_s_m") for number, preset in controllers.items()}
-    same = (
-        all(preset.kind == kinds.get(number) for number, preset in controllers.items())
-        and all((gap[number] > 0.0) == (number == 3) for number in gap)
-        and gain.get(5, 0.0) < gain.get(4, float("inf"))
+    same = all(
+        preset.kind == kinds.get(number) and (preset.value("gap_m") > 0.0) == (number == 3)
+        for number, preset in controllers.items()
     )
-    if same:
+    if same and gain.get(5, 0.0) < gain.get(4, float("inf")):
         return ""
     return "The controllers are not those of the paper's Table I, so its statements are not tested."
-
-
-SIMILAR_SHARE = 0.15  # of the uncontrolled median
-NEGLIGIBLE_M = 0.0005
-LEAST_FINISHED = 0.9  # share of the trials of each controller compared
-HOLDS, FAILS, CANNOT_TELL = "holds", "does not hold", "cannot tell"
 
 
 class Comparison(NamedTuple):
@@ -178,9 +164,11 @@ class Comparison(NamedTuple):
     @property
     def what(self) -> str:
         """What is compared with what."""
-        measure = f"spread of {BY_NAME[self.measure].short}" if self.claim.spread else BY_NAME[self.measure].short
-        against = "" if self.claim.devices else f" against {name(self.claim.second)}"
-        return f"{measure}, {name(self.claim.first)}{against}"
+        first, second = (
+            CONTROLLER[side[0]] if len(side) == 1 else GROUP[side] for side in (self.claim.first, self.claim.second)
+        )
+        spread = "spread of " if self.claim.spread else ""
+        return f"{spread}{BY_NAME[self.measure].short}, {first}" + ("" if self.claim.devices else f" against {second}")
 
     @property
     def numbers(self) -> str:
@@ -191,6 +179,24 @@ class Comparison(NamedTuple):
         middle, low, high = (f"{round(value, digits) + 0.0:+.{digits}f}" for value in self.found[1:])
         interval = f" ({low} to {high})" if self.found.is_bounded else ""
         return f"{self.where} {middle} {self.unit}{interval}"
+
+    @property
+    def needed(self) -> str:
+        """What the difference must be for the claim."""
+        if self.claim.kind == BELOW:
+            return "less than 0"
+        band = f"{1e3 * NEGLIGIBLE_M:g} mm" if self.claim.negligible else f"{100 * SIMILAR_SHARE:g} %"
+        return f"at most +{band}" if self.claim.kind == AT_MOST else f"within {band} either way"
+
+    @property
+    def margin(self) -> float:
+        """How far a true comparison is from not being so, in bands."""
+        if self.found is None or not self.band:
+            return 0.0
+        if self.claim.kind == BELOW:
+            return -self.found.high / self.band
+        outermost = self.found.high if self.claim.kind == AT_MOST else max(self.found.high, -self.found.low)
+        return (self.band - outermost) / self.band
 
 
 class Finding(NamedTuple):
@@ -214,13 +220,12 @@ def findings(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Finding]:
     people, configurations = people_of(rows), configurations_of(rows)
     found = []
     for statement in STATEMENTS:
-        compared = []
-        for claim in statement.claims:
-            places = [claim.devices] if claim.devices else [(one, one) for one in configurations]
-            for place in places:
-                for measure in claim.measures:
-                    table = error_spread if claim.spread else by_measure[measure]
-                    compared.append(_compare(claim, measure, place, table, finished, people))
+        compared = [
+            _compare(claim, measure, place, error_spread if claim.spread else by_measure[measure], finished, people)
+            for claim in statement.claims
+            for place in ([PAPER_CONFIGURATIONS] if claim.devices else [(one, one) for one in configurations])
+            for measure in claim.measures
+        ]
         fewest = min((one.found.people for one in compared if one.found), default=len(people))
         found.append(Finding(statement, *_decide(statement, compared), fewest, tuple(compared)))
     return found
@@ -234,37 +239,49 @@ def _compare(
     finished: dict[tuple[str, int | str], float],
     people: Sequence[str],
 ) -> Comparison:
-    first_place, second_place = place
-    where = first_place if first_place == second_place else f"{first_place} against {second_place}"
-    sides = ((first_place, claim.first), (second_place, claim.second), (first_place, (1,)))
-    measured = {cell[1:] for cell in table}
-    for side in dict.fromkeys((device, k) for device, controllers in sides for k in controllers):
-        share = finished.get(side)
-        of_it = f"trials of {CONTROLLER[side[1]]!r} on {side[0]}"
-        if share is None:
-            return Comparison(claim, measure, where, None, f"no {of_it}")
-        if share < LEAST_FINISHED:
-            return Comparison(claim, measure, where, None, f"only {100 * share:.0f} % of the {of_it} reached the end")
-        if side not in measured:
-            return Comparison(claim, measure, where, None, f"nothing measured in the {of_it}")
-
-    uncontrolled = float(np.median([v for (_, device, k), v in table.items() if (device, k) == (first_place, 1)]))
+    """A claim by one measure: first on the first device of `place`, second on the second."""
+    here, there = place
+    where = here if here == there else f"{here} against {there}"
+    uncontrolled = [value for (_, device, k), value in table.items() if (device, k) == (here, 1)]
+    reason = _why_not(measure, ((here, claim.first), (there, claim.second), (here, (1,))), table, finished)
     differences = []
     for person in people:
-        a = [table.get((person, first_place, k)) for k in claim.first]
-        b = [table.get((person, second_place, k)) for k in claim.second]
+        a = [table.get((person, here, k)) for k in claim.first]
+        b = [table.get((person, there, k)) for k in claim.second]
         if None not in a and None not in b:
             differences.append(float(np.mean(a) - np.mean(b)))  # type: ignore[arg-type]
-    if not differences:
-        return Comparison(claim, measure, where, None, f"no participant tried both sides ({where})")
-    if not uncontrolled > 0.0:
-        reason = f"{BY_NAME[measure].short} without control is 0 on {first_place}"
+    if not reason and not differences:
+        reason = f"no participant tried both sides ({where})"
+    if not reason and not np.median(uncontrolled) > 0.0:
+        reason = f"{BY_NAME[measure].short} without control is 0 on {here}"
+    if reason:
         return Comparison(claim, measure, where, None, reason)
+    middle = float(np.median(uncontrolled))
     in_mm = measure in ERROR and (claim.negligible or claim.kind == BELOW)
-    scale, unit = (1e3, "mm") if in_mm else (100.0 / uncontrolled, "%")
-    band = scale * (NEGLIGIBLE_M if claim.negligible else SIMILAR_SHARE * uncontrolled)
+    scale, unit = (1e3, "mm") if in_mm else (100.0 / middle, "%")
+    band = scale * (NEGLIGIBLE_M if claim.negligible else SIMILAR_SHARE * middle)
     interval = mean_interval(scale * np.array(differences))
     return Comparison(claim, measure, where, answer(claim.kind, interval, band), "", interval, band, unit)
+
+
+def _why_not(
+    measure: str,
+    sides: Sequence[tuple[str, Controllers]],
+    table: Scores,
+    finished: dict[tuple[str, int | str], float],
+) -> str:
+    """Why trials with these controllers on these devices cannot be compared; "": they can."""
+    measured = {cell[1:] for cell in table}
+    for device, controller in dict.fromkeys((device, k) for device, controllers in sides for k in controllers):
+        share = finished.get((device, controller))
+        of_it = f"trials of {CONTROLLER[controller]!r} on {device}"
+        if share is None:
+            return f"no {of_it}"
+        if share < LEAST_FINISHED:
+            return f"only {100 * share:.0f} % of the {of_it} reached the end"
+        if (device, controller) not in measured:
+            return f"nothing measured in the {of_it}"
+    return ""
 
 
 def answer(kind: str, found: Interval, band: float) -> bool | None:
@@ -279,25 +296,23 @@ def answer(kind: str, found: Interval, band: float) -> bool | None:
 
 def _decide(statement: Statement, compared: Sequence[Comparison]) -> tuple[str, str]:
     """The verdict and its sentence: about the first false claim, or the first unclear one, or the narrowest."""
-    sorted_out: dict[bool | None, list[list[Comparison]]] = {True: [], False: [], None: []}
+    if not compared:
+        return CANNOT_TELL, "There are no trials."
+    by_answer: dict[bool | None, list[list[Comparison]]] = {True: [], False: [], None: []}
     for claim in statement.claims:
         of_it = [comparison for comparison in compared if comparison.claim is claim]
         answers = {comparison.answer for comparison in of_it}
-        sorted_out[answers.pop() if len(answers) == 1 else None].append(of_it)
-    several = len(statement.claims) > 1
-    true, false, unclear = sorted_out[True], sorted_out[False], sorted_out[None]
-    if not compared:
-        return CANNOT_TELL, "There are no trials."
+        by_answer[answers.pop() if len(answers) == 1 else None].append(of_it)
+    true, false, unclear = by_answer[True], by_answer[False], by_answer[None]
+    count = len(statement.claims)
     if false:
-        count = (
-            f"{len(false)} of {len(statement.claims)} claims fail{'s' if len(false) == 1 else ''}. " if several else ""
-        )
-        return FAILS, f"{count}{_listed(false[0])}; needed: {_needed(false[0][0])}."
+        how_many = f"{len(false)} of {count} claims fail{'s' if len(false) == 1 else ''}. " if count > 1 else ""
+        return FAILS, f"{how_many}{_listed(false[0])}; needed: {false[0][0].needed}."
     if unclear:
-        count = f"{len(unclear)} of {len(statement.claims)} claims unclear. " if several else ""
-        return CANNOT_TELL, count + _why_unclear(unclear[0])
-    closest = min(true, key=lambda of_it: min(map(_margin, of_it)))
-    return HOLDS, f"{'Closest. ' if several else ''}{_listed(closest)}."
+        how_many = f"{len(unclear)} of {count} claims unclear. " if count > 1 else ""
+        return CANNOT_TELL, how_many + _why_unclear(unclear[0])
+    closest = min(true, key=lambda of_it: min(one.margin for one in of_it))
+    return HOLDS, f"{'Closest. ' if count > 1 else ''}{_listed(closest)}."
 
 
 def _listed(compared: Sequence[Comparison]) -> str:
@@ -306,13 +321,6 @@ def _listed(compared: Sequence[Comparison]) -> str:
         places.setdefault(one.what, []).append(one.numbers)
     text = "; ".join(f"{what}: {', '.join(numbers)}" for what, numbers in places.items())
     return text[:1].upper() + text[1:]
-
-
-def _needed(comparison: Comparison) -> str:
-    if comparison.claim.kind == BELOW:
-        return "less than 0"
-    band = f"{1e3 * NEGLIGIBLE_M:g} mm" if comparison.claim.negligible else f"{100 * SIMILAR_SHARE:g} %"
-    return f"at most +{band}" if comparison.claim.kind == AT_MOST else f"within {band} either way"
 
 
 def _why_unclear(compared: Sequence[Comparison]) -> str:
@@ -325,18 +333,7 @@ def _why_unclear(compared: Sequence[Comparison]) -> str:
         why = "one participant has no interval"
     else:
         why = "an interval is too wide"
-    return f"{_listed(compared)}; needed: {_needed(compared[0])}, but {why}."
-
-
-def _margin(comparison: Comparison) -> float:
-    """How far a true comparison is from not being so, in bands."""
-    found, band = comparison.found, comparison.band
-    if found is None or not band:
-        return 0.0
-    if comparison.claim.kind == BELOW:
-        return -found.high / band
-    room = band - found.high if comparison.claim.kind == AT_MOST else band - max(found.high, -found.low)
-    return room / band
+    return f"{_listed(compared)}; needed: {compared[0].needed}, but {why}."
 
 
 def description_only(found: Sequence[Finding]) -> str:

@@ -5,13 +5,13 @@ Plain sentences and tables; the same rows and note give the same bytes.
 
 import csv
 import io
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from core.control.controllers import Preset
 from core.files import InputError
-from experiments.analysis.findings import CONTROLLER, Finding, description_only, findings, why_no_findings
-from experiments.analysis.metrics import BY_NAME, METRICS
+from experiments.analysis.findings import CONTROLLER, HOLDS, Finding, description_only, findings, why_no_findings
+from experiments.analysis.metrics import BY_NAME, DRAWN
 from experiments.analysis.participants import configurations_of, finished_share, people_of, scores, too_few
 from experiments.analysis.sensitivity import Variants, sensitivity, swapped
 from experiments.analysis.statistics import MEASURES, POOLED, Result, least_p_holm, statistics
@@ -19,7 +19,7 @@ from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller, 
 from experiments.recording.atomic_files import write_new_files
 
 #: The measures that the report leads with, those of the figures.
-SHOWN = {metric.name: metric for metric in METRICS if metric.figure}
+SHOWN = tuple(metric.name for metric in DRAWN)
 SIMULATED = "The operators are simulated: read it as what this model says, not as people."
 READ = (
     "A difference is taken within each participant; then stands the mean participant's, in brackets its 95 % interval "
@@ -54,16 +54,19 @@ def write_report(
     refusal = why_no_findings(controllers or {}, coded)
     names = CONTROLLER if controllers is None or not refusal else {k: one.name for k, one in controllers.items()}
     none = 1 if controllers is None else next((k for k, one in controllers.items() if one.kind == "none"), 0)
-    texts = {"participant_means.csv": means_csv(to_compare(rows, timeouts))}
-    if coded:
-        texts["report.md"] = report(rows, refusal, [], [], note, names, none, simulated, timeouts)
-    else:
-        found = [] if refusal else findings(rows, timeouts)
+    found = [] if refusal else findings(rows, timeouts)
+    parts = ["# Report", f"{note[:1].upper()}{note[1:].rstrip('.')}. {_trials(rows, names, timeouts)}"]
+    parts += [f"**{warning}**" for warning in warnings(rows, found, simulated)]
+    parts.append("## The paper's findings")
+    parts += [refusal] if refusal else [_findings_table(found), READ]
+    texts = {"participant_means.csv": _means_csv(to_compare(rows, timeouts))}
+    if not coded:
         results = [*statistics(rows, timeouts), *sensitivity(rows, variants, timeouts)]
-        if found:
-            texts["findings.csv"] = findings_csv(found)
+        texts |= {"findings.csv": _findings_csv(found)} if found else {}
         texts["statistics.csv"] = _csv(Result._fields, results)
-        texts["report.md"] = report(rows, refusal, found, results, note, names, none, simulated, timeouts)
+        parts += ["## Against no control", *_against_none(results, names, none), "## What else to know"]
+        parts.append("\n".join(f"- {sentence}" for sentence in sentences(results, names)))
+    texts["report.md"] = "\n\n".join(parts) + "\n"
     write_new_files({folder / name: text.encode() for name, text in texts.items()})
     return [folder / name for name in texts]
 
@@ -78,20 +81,20 @@ def _csv(header: Sequence[str], lines: Iterable[Sequence[object]]) -> str:
     return text.getvalue()
 
 
-def findings_csv(found: Sequence[Finding]) -> str:
+def _findings_csv(found: Sequence[Finding]) -> str:
     """One line a statement: its number, words, verdict, every number behind it, and the deciding ones in a sentence."""
-    said = {True: "yes", False: "no", None: "unclear"}
+    words = {True: "yes", False: "no", None: "unclear"}
     lines = []
     for one in found:
         numbers = "; ".join(
-            f"{c.what}: {c.numbers}{f', n = {c.found.people}' if c.found else ''}: {said[c.answer]}"
+            f"{c.what}: {c.numbers}{f', n = {c.found.people}' if c.found else ''}: {words[c.answer]}"
             for c in one.comparisons
         )
         lines.append((one.statement.number, one.statement.text, one.verdict, numbers, one.sentence))
     return _csv(("number", "statement", "verdict", "numbers", "sentence"), lines)
 
 
-def means_csv(rows: Sequence[TrialRow]) -> str:
+def _means_csv(rows: Sequence[TrialRow]) -> str:
     """One line a participant, configuration and controller: the means that the tests are made of."""
     tables = [scores(rows, measure) for measure in MEASURES]
     cells = [
@@ -104,33 +107,6 @@ def means_csv(rows: Sequence[TrialRow]) -> str:
     return _csv(("participant", "configuration", "controller", *MEASURES), lines)
 
 
-def report(
-    rows: Sequence[TrialRow],
-    refusal: str,
-    found: Sequence[Finding],
-    results: Sequence[Result],
-    note: str,
-    names: Mapping[int, str],
-    none: int,
-    simulated: bool,
-    timeouts: bool,
-) -> str:
-    """The page. refusal: why there are no findings; names: of the controllers; none: the uncontrolled one."""
-    parts = ["# Report", f"{note[:1].upper()}{note[1:].rstrip('.')}. {_trials(rows, names, timeouts)}"]
-    parts += [f"**{warning}**" for warning in warnings(rows, found, simulated)]
-    parts.append("## The paper's findings")
-    if refusal:
-        parts.append(refusal)
-    else:
-        table = ["| | the paper says | here | why |", "|---|---|---|---|"]
-        table += [f"| {f.statement.number} | {f.statement.text} | **{f.verdict}** | {f.sentence} |" for f in found]
-        parts += ["\n".join(table), READ]
-    if results:
-        parts += ["## Against no control", _against_none(results, names, none), "## What else to know"]
-        parts.append("\n".join(f"- {sentence}" for sentence in sentences(results, names)))
-    return "\n\n".join(parts) + "\n"
-
-
 def warnings(rows: Sequence[TrialRow], found: Sequence[Finding], simulated: bool) -> list[str]:
     """What a reader must know before the findings: that people are few, and that they are none."""
     few = (description_only(found) if found else "") or too_few(len(people_of(rows)))
@@ -138,18 +114,18 @@ def warnings(rows: Sequence[TrialRow], found: Sequence[Finding], simulated: bool
 
 
 def _trials(rows: Sequence[TrialRow], names: Mapping[int, str], timeouts: bool) -> str:
-    people, counted = len(people_of(rows)), [row for row in rows if row.status in COUNTED]
-    late = sum(row.status == "timeout" for row in counted)
-    text = f"{people} participant{'s' if people != 1 else ''}, {len(counted)} trials that count"
-    if len(rows) > len(counted):
-        text += f", {len(rows) - len(counted)} that do not (aborted, stopped, redone, recovered, skipped or excluded)"
+    people, counted = len(people_of(rows)), sum(row.status in COUNTED for row in rows)
+    late = sum(row.status == "timeout" for row in rows)
+    text = f"{people} participant{'s' if people != 1 else ''}, {counted} trials that count"
+    if len(rows) > counted:
+        text += f", {len(rows) - counted} that do not (aborted, stopped, redone, recovered, skipped or excluded)"
     if not late:
         return text + "; all reached the end."
     text += f"; {late} of them ran out of time and {'count in' if timeouts else 'are left out of'} the statistics."
     if any(isinstance(row.controller, str) for row in rows):
         return text
-    worst = [(s, cell) for cell, s in finished_share(rows).items() if s < 1.0]
-    listed = ", ".join(f"{_name(k, names)} on {device} {100 * s:.0f} %" for s, (device, k) in sorted(worst))
+    worst = sorted((share, cell) for cell, share in finished_share(rows).items() if share < 1.0)
+    listed = ", ".join(f"{_name(k, names)} on {device} {100 * share:.0f} %" for share, (device, k) in worst)
     return f"{text} Reached the end: {listed}; all others 100 %."
 
 
@@ -157,30 +133,46 @@ def _name(controller: int | str, names: Mapping[int, str]) -> str:
     return names.get(int(controller), f"controller {controller}")
 
 
-def _against_none(results: Sequence[Result], names: Mapping[int, str], none: int) -> str:
-    """Table: each controller's change against the uncontrolled one, by device."""
+def _number(result: Result, scale: float, digits: int) -> str:
+    """A number with its sign and, if it has one, its interval."""
+    text = f"{scale * (result.value or 0.0):+.{digits}f}"
+    if result.low is None or result.high is None:
+        return text
+    low, high = sorted((scale * result.low, scale * result.high))
+    return f"{text} ({low:+.{digits}f} to {high:+.{digits}f})"
+
+
+def _findings_table(found: Sequence[Finding]) -> str:
+    table = ["| | the paper says | here | why |", "|---|---|---|---|"]
+    table += [f"| {f.statement.number} | {f.statement.text} | **{f.verdict}** | {f.sentence} |" for f in found]
+    return "\n".join(table)
+
+
+def _against_none(results: Sequence[Result], names: Mapping[int, str], none: int) -> list[str]:
+    """Table of each controller's change against the uncontrolled one, by device, and how to read it."""
     chosen: dict[tuple[str, str, str], Result] = {}
     for r in results:
-        if r.statistic != "hodges_lehmann" or r.configuration == POOLED or f"{none}" not in (r.first, r.second):
-            continue
-        if r.first == f"{none}":
-            chosen[r.configuration, r.second, r.measure] = r
-        else:
-            chosen[r.configuration, r.first, r.measure] = reversed_pair(r)
+        if r.statistic == "hodges_lehmann" and r.configuration != POOLED and f"{none}" in (r.first, r.second):
+            chosen[r.configuration, r.second if r.first == f"{none}" else r.first, r.measure] = r
     if not chosen:
-        return "No participant tried a controller and no control on the same device."
-    heads = [f"{metric.title.lower()} ({metric.shown_unit})" for metric in SHOWN.values()]
+        return ["No participant tried a controller and no control on the same device."]
+    heads = [f"{metric.title.lower()} ({metric.shown_unit})" for metric in DRAWN]
     lines = [f"| device | controller | {' | '.join(heads)} |", "|---" * (2 + len(heads)) + "|"]
     for configuration, controller in dict.fromkeys(key[:2] for key in chosen):
-        cells = [_change(chosen.get((configuration, controller, measure)), measure) for measure in SHOWN]
+        cells = []
+        for metric in DRAWN:
+            pair = chosen.get((configuration, controller, metric.name))
+            star = "*" if pair and pair.p_holm is not None and pair.p_holm < 0.05 else ""
+            scale = -metric.scale if pair and pair.first == f"{none}" else metric.scale  # controller minus none
+            cells.append(_number(pair, scale, metric.decimals) + star if pair else "")
         lines.append(f"| {configuration} | {_name(controller, names)} | {' | '.join(cells)} |")
     few = any(r.p_holm is None for r in chosen.values())
     how = "Change of the participants' means (Hodges-Lehmann"
     how += ")." if few else ", 95 % interval). *: Wilcoxon p < 0.05 after Holm's correction for all pairs."
-    return "\n\n".join(["\n".join(lines), how, *_out_of_reach(results, {key[0] for key in chosen})])
+    return ["\n".join(lines), how, *_out_of_reach(results, {key[0] for key in chosen})]
 
 
-def _out_of_reach(results: Sequence[Result], configurations: Collection[str]) -> list[str]:
+def _out_of_reach(results: Sequence[Result], configurations: set[str]) -> list[str]:
     """Where too few people for it can get a star in the table, a sentence for each number of people and pairs."""
     families: dict[tuple[str, str], list[Result]] = {}
     for r in results:
@@ -190,58 +182,43 @@ def _out_of_reach(results: Sequence[Result], configurations: Collection[str]) ->
     for (configuration, _), pairs in families.items():
         if (least := least_p_holm(pairs)) >= 0.05:
             people = max(pair.people for pair in pairs)
-            where.setdefault(
+            why = (
                 f"no *, however they differ: the smallest p of Wilcoxon's test with {people} participants is "
-                f"{2.0 * 0.5**people:.3g}, after Holm's correction for {len(pairs)} pairs {least:.2g}",
-                [],
-            ).append(configuration)
+                f"{2.0 * 0.5**people:.3g}, after Holm's correction for {len(pairs)} pairs {least:.2g}"
+            )
+            where.setdefault(why, []).append(configuration)
     return [f"On {' and '.join(dict.fromkeys(devices))} {why}." for why, devices in where.items()]
-
-
-def reversed_pair(result: Result) -> Result:
-    """A difference the other way round."""
-    low, high = (None if end is None else -end for end in (result.high, result.low))
-    value = None if result.value is None else -result.value
-    return result._replace(first=result.second, second=result.first, value=value, low=low, high=high)
-
-
-def _change(result: Result | None, measure: str) -> str:
-    if result is None or result.value is None:
-        return ""
-    scale, digits = SHOWN[measure].scale, SHOWN[measure].decimals
-    text = f"{-scale * result.value:+.{digits}f}"  # the pair is none minus controller
-    if result.low is not None and result.high is not None:
-        text += f" ({-scale * result.high:+.{digits}f} to {-scale * result.low:+.{digits}f})"
-    return text + ("*" if result.p_holm is not None and result.p_holm < 0.05 else "")
 
 
 def sentences(results: Sequence[Result], names: Mapping[int, str] = CONTROLLER) -> list[str]:
     """Differences, trend, speed and the order of controllers, each in a sentence or two."""
-    said = [*_differ(results), *_trend(results), *_speed(results, names), *_order(results, names)]
-    return said or ["There is nothing to compare."]
+    written = [*_differ(results), *_trend(results), *_speed(results, names), *_order(results, names)]
+    return written or ["There is nothing to compare."]
 
 
 def _differ(results: Sequence[Result]) -> Iterable[str]:
-    for measure, metric in SHOWN.items():
-        of_it = [r for r in results if r.measure == measure and r.statistic == "chi_square" and r.p is not None]
-        if of_it:
-            listed = ", ".join(f"{r.configuration} {_p(r.p)}" for r in of_it)
-            differs = "differs" if all((r.p or 0.0) < 0.05 for r in of_it) else "does not everywhere differ"
+    for metric in DRAWN:
+        chances = {
+            r.configuration: r.p
+            for r in results
+            if r.measure == metric.name and r.statistic == "chi_square" and r.p is not None
+        }
+        if chances:
+            listed = ", ".join(
+                f"{where} {'p < 0.001' if p < 0.001 else f'p = {p:.3f}'}" for where, p in chances.items()
+            )
+            differs = "differs" if all(p < 0.05 for p in chances.values()) else "does not everywhere differ"
             yield f"{metric.title} {differs} between controllers (Friedman: {listed})."
 
 
-def _p(p: float | None) -> str:
-    return "p < 0.001" if p is not None and p < 0.001 else f"p = {p:.3f}"
-
-
 def _trend(results: Sequence[Result]) -> Iterable[str]:
-    found = {r.measure: r for r in results if r.test == "trend" and r.value is not None}
+    found = {r.measure: r for r in results if r.test == "trend"}
     shown = [found[measure] for measure in (*SHOWN, "duration_s") if measure in found]
     if shown:
+        changes = [_number(r, 1.0, 1).partition(" ") for r in shown]
         listed = "; ".join(
-            f"{BY_NAME[r.measure].title.lower()} {r.value:+.1f} %"
-            + (f" ({r.low:+.1f} to {r.high:+.1f})" if r.low is not None else "")
-            for r in shown
+            f"{BY_NAME[r.measure].title.lower()} {value} %{space}{interval}"
+            for r, (value, space, interval) in zip(shown, changes, strict=True)
         )
         yield f"Over ten trials, in the same task, the median participant changed (learning or fatigue): {listed}."
 
@@ -250,11 +227,14 @@ def _speed(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]
     speed = [r for r in results if r.test == "speed" and r.value is not None]
     for r in speed:
         if r.statistic == "m_per_doubling":
-            interval = f" ({1e3 * r.low:+.2f} to {1e3 * r.high:+.2f})" if r.low is not None else ""
-            clear = r.low is not None and (r.low > 0.0 or r.high < 0.0)
-            slow = "slow trials do look accurate" if r.value > 0.0 else "fast trials are the more accurate ones"
-            judged = slow if clear else "no clear effect of speed" if r.low is not None else "too few people to judge"
-            yield f"Twice the speed, same person and task: path error {1e3 * r.value:+.2f} mm{interval}; {judged}."
+            value, space, interval = _number(r, 1e3, 2).partition(" ")
+            if r.low is None or r.high is None:
+                judged = "too few people to judge"
+            elif r.low <= 0.0 <= r.high:
+                judged = "no clear effect of speed"
+            else:
+                judged = "slow trials do look accurate" if r.low > 0.0 else "fast trials are the more accurate ones"
+            yield f"Twice the speed, same person and task: path error {value} mm{space}{interval}; {judged}."
     for configuration in dict.fromkeys(r.configuration for r in speed if r.configuration != "all"):
         raw, adjusted = (
             {r.first: r.value for r in speed if (r.configuration, r.statistic) == (configuration, statistic)}
@@ -284,20 +264,16 @@ def _order(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]
 
 
 def side_by_side(choices: Mapping[str, Sequence[TrialRow]]) -> str:
-    """Markdown: the verdicts of several studies in columns, then why those that do not hold do not."""
+    """Markdown: the verdicts of several studies (at least one) in columns, then why those that do not hold do not."""
     found = {label: findings(rows) for label, rows in choices.items()}
-    if not found:
-        raise ValueError("side by side: no study is named")
     lines = [f"| | the paper says | {' | '.join(found)} |", "|---" * (2 + len(found)) + "|"]
     for of_all in zip(*found.values(), strict=True):
         statement = of_all[0].statement
         lines.append(f"| {statement.number} | {statement.text} | {' | '.join(one.verdict for one in of_all)} |")
     parts = ["\n".join(lines)]
     for label, of_it in found.items():
-        why = [f"- {f.statement.number}, {f.verdict}: {f.sentence}" for f in of_it if f.verdict != "holds"]
-        refusal = description_only(of_it)
-        if refusal:
-            why.insert(0, f"- {refusal}")
+        why = [f"- {refusal}" for refusal in [description_only(of_it)] if refusal]
+        why += [f"- {f.statement.number}, {f.verdict}: {f.sentence}" for f in of_it if f.verdict != HOLDS]
         if why:
             parts += [f"**{label}**", "\n".join(why)]
     return "\n\n".join(parts) + "\n"

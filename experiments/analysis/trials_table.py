@@ -102,7 +102,7 @@ def _columns() -> tuple[str, ...]:
 COLUMNS = _columns()
 _LEAST = COLUMNS[: COLUMNS.index("recording") + 1]  # the columns of the first version: any table has them
 _TYPES = {one.name: get_args(one.type) for one in fields(TrialRow)}
-#: The data dictionary: an empty cell of a measure, which is over the phase `move`: nothing to measure.
+#: The data dictionary. Measures are taken over the phase `move`; an empty cell: there was nothing to measure.
 DICTIONARY: Mapping[str, Column] = {name: Column(*_TYPES[name][1:]) for name in COLUMNS}
 
 

@@ -1,9 +1,9 @@
-"""`phd bench`: speed against error of each integrator (DESIGN section 6), and where the time goes.
+"""`phd bench`: speed against error of each integrator (DESIGN section 6).
 
 Every time is the least of several repeats inside compiled loops over whole scenes; the four closed-form accelerations
 that a step cannot do without are timed between the repeats, so that the ratio of the two does not hang on what else
 the machine does. Errors are against `event` at a tiny step, itself checked here against an independent solution
-(bench_reference).
+(`reference`).
 """
 
 import math
@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from core.simulator.simulation import Simulation, run_rows
-from experiments.benchmark.costs import fallback_costs, part_costs, tick_cost
+from experiments.benchmark.costs import fallback_costs, tick_cost
 from experiments.benchmark.kernels import accelerations
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import reference_tips
@@ -53,7 +53,7 @@ class Row:
     order: float | None  # None where fewer than two errors stand above rounding
 
 
-def run_bench(quick: bool = False, progress: Callable[[float], None] | None = None) -> dict:
+def run_bench(quick: bool = False, progress: Callable[[float], None] = lambda share: None) -> dict:
     """All of it; the JSON of DESIGN section 6 with more beside the rows. quick: fewer repeats, steps and devices."""
     devices = bench_devices()[1:] if quick else bench_devices()
     steps = (2e-3, 1e-3) if quick else STEPS_S
@@ -62,8 +62,7 @@ def run_bench(quick: bool = False, progress: Callable[[float], None] | None = No
     rows: list[Row] = []
     checks, band = [], []
     for n, scene in enumerate(scenes):
-        if progress:
-            progress(0.9 * n / len(scenes))
+        progress(0.9 * n / len(scenes))
         tips = {fidelity: simulated(scene, "event", fidelity, TINY_S)[1] for fidelity in ("ideal", "mr")}
         if scene.name != "S3":
             apart = np.linalg.norm(tips["ideal"] - reference_tips(scene), axis=1)
@@ -74,15 +73,13 @@ def run_bench(quick: bool = False, progress: Callable[[float], None] | None = No
         if mujoco_version():
             rows += with_order([peer(scene, step, tips["ideal"], repeats) for step in steps])
         band += [row for delta in DELTA_OMEGAS for row in band_rows(scene, delta, tips["ideal"])]
-    if progress:
-        progress(0.9)
+    progress(0.9)
     return {
         "machine": machine(),
         "rows": [asdict(row) for row in rows],
         "reference": {"step_s": TINY_S, "against": "scipy DOP853 on Eq. (5)", "checks": checks},
         "karnopp": band,
         "fallback": fallback_costs(repeats),
-        "parts_ns": part_costs(repeats),
         "tick": tick_cost(quick),
     }
 

@@ -1,9 +1,7 @@
-"""What `phd bench` times beside the scenes: parts of a step, a whole control tick, a study, the fall-back."""
+"""What `phd bench` times beside the scenes: a whole control tick, a study, the fall-back."""
 
 import math
 import time
-from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from msgspec.structs import replace
@@ -12,33 +10,11 @@ from core import tick_log
 from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
-from experiments.benchmark import kernels
 from experiments.benchmark.scenes import START, bench_devices, bench_scenes
 from experiments.plan import make_plan
 from experiments.protocol import load_protocol
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial, load_kernels
-
-_COUNT = 5000
-
-
-def part_costs(repeats: int) -> dict:
-    """Least time (ns) of each part of a 1 ms step of S1 and S2 on the four-brake bench device, ideal brakes."""
-    device = bench_devices()[1]
-    parts: dict[str, dict[str, float]] = {}
-    for scene in bench_scenes(device)[:2]:
-        s, spare = (Simulation(device, START, hand=scene.hand()) for _ in range(2))
-        for simulation in (s, spare):
-            simulation.run(0.1, 1e-3, scene.torques[0])
-        device_of, step = (s.mechanism, s.brakes), (1e-3, 0, _COUNT)  # s, no lag, passes
-        parts[scene.name] = {
-            "rk4": _best(partial(kernels.smooth_steps, *device_of, s.hand, s.state, s.step_scratch, *step), repeats),
-            "look_for_events": _best(
-                partial(kernels.looks_for_events, *device_of, s.state, s.step_scratch, *step), repeats
-            ),
-            "accept": _best(partial(kernels.acceptances, *device_of, spare.state, s.step_scratch, *step), repeats),
-        }
-    return parts
 
 
 def tick_cost(quick: bool) -> dict:
@@ -54,7 +30,7 @@ def tick_cost(quick: bool) -> dict:
         protocol = replace(protocol, blocks=1)
     rows = np.empty((8192, tick_log.WIDTH))
     spent = {device.name: np.zeros(2) for device in protocol.devices}  # s, ticks
-    trials: list[Trial] = []
+    trials = 0
     for operator in range(1, operators + 1):
         person = load_population().draw(np.random.default_rng(operator))
         simulations = {device.name: SimulatedDevice(device, (0.0, 0.40)) for device in protocol.devices}
@@ -64,31 +40,18 @@ def tick_cost(quick: bool) -> dict:
                 simulations[planned.configuration], planned, protocol.paths[planned.segment],
                 protocol.controllers[int(planned.controller)], protocol.rules, protocol.trial, person, generator,
             )  # fmt: skip
-            trials.append(trial)
+            trials += 1
             while not trial.finished:
                 start = time.perf_counter()
                 n = trial.run(rows)
                 spent[planned.configuration] += time.perf_counter() - start, n
     seconds, ticks = sum(spent.values())
     return {
-        "trials": len(trials),
+        "trials": trials,
         "ticks": round(ticks),
         "study_simulation_s": seconds,
         "us_per_tick": seconds / ticks * 1e6,
         "us_per_tick_by_device": {name: 1e6 * s / n for name, (s, n) in spent.items()},
-        "parts_ns": _tick_parts(trials[-1], rows),
-    }
-
-
-def _tick_parts(trial: Trial, rows: np.ndarray) -> dict:
-    """Least time (ns) of the parts of a tick that are not the device's: the rest of a tick is brakes, step, pattern."""
-    a = trial.arguments()
-    run, operator, memory = a.run.copy(), a.operator.copy(), a.memory.copy()
-    run["phase"][0] = tick_log.MOVE
-    return {
-        "operator": _best(lambda: kernels.operations(operator, a.hand, a.path, run, a.state, a.noise, _COUNT), 5),
-        "decide": _best(lambda: kernels.decisions(a.controller, a.brakes, a.path, memory, a.state, run, _COUNT), 5),
-        "log_row": _best(lambda: kernels.log_rows(a.mechanism, a.brakes, a.state, a.hand, run, rows, _COUNT), 5),
     }
 
 
@@ -118,14 +81,3 @@ def fallback_costs(repeats: int) -> list[dict]:
         found.append({"case": name, "steps": ledger.steps, "events": ledger.events, "fallbacks": ledger.fallbacks,
                       "us_per_step": wall / 2000 * 1e6})  # fmt: skip
     return found
-
-
-def _best(loop: Callable[[], object], repeats: int) -> float:
-    """Least time of one of the `_COUNT` passes of a compiled loop (ns)."""
-    loop()
-    least = math.inf
-    for _ in range(repeats):
-        start = time.perf_counter()
-        loop()
-        least = min(least, time.perf_counter() - start)
-    return least / _COUNT * 1e9

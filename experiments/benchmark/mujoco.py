@@ -35,17 +35,17 @@ _MODEL = """
 """
 _ARM = """
 <body pos="{base[0]!r} {base[1]!r} 0">
-  <joint name="{near}" armature="{rotor_near!r}" frictionloss="1"/>
-  <inertial pos="{com_1!r} 0 0" mass="{mass_1!r}" diaginertia="{inertia_1!r} {inertia_1!r} {inertia_1!r}"/>
-  <body pos="{length_1!r} 0 0">
-    <joint name="{far}" armature="{rotor_far!r}" frictionloss="1"/>
-    <inertial pos="{com_2!r} 0 0" mass="{mass_2!r}" diaginertia="{inertia_2!r} {inertia_2!r} {inertia_2!r}"/>
-    <site name="end_{arm}" pos="{length_2!r} 0 0"/>{handle}
+  <joint name="{joints[0]}" armature="{rotor[0]!r}" frictionloss="1"/>
+  <inertial pos="{com[0]!r} 0 0" mass="{mass[0]!r}" diaginertia="{inertia[0]!r} {inertia[0]!r} {inertia[0]!r}"/>
+  <body pos="{length[0]!r} 0 0">
+    <joint name="{joints[1]}" armature="{rotor[1]!r}" frictionloss="1"/>
+    <inertial pos="{com[1]!r} 0 0" mass="{mass[1]!r}" diaginertia="{inertia[1]!r} {inertia[1]!r} {inertia[1]!r}"/>
+    <site name="end_{arm}" pos="{length[1]!r} 0 0"/>{handle}
   </body>
 </body>
 """
 _HANDLE = """
-    <body name="handle" pos="{length!r} 0 0">
+    <body name="handle" pos="{length[1]!r} 0 0">
       <inertial pos="0 0 0" mass="{mass!r}" diaginertia="{point} {point} {point}"/>
     </body>"""
 
@@ -60,15 +60,10 @@ def model_text(scene: BenchScene, step: float) -> str:
     b = bodies_of(scene.device)
     arms = ""
     for arm in range(2):
-        near, far = 2 * arm, 2 * arm + 1
-        arms += _ARM.format(
-            arm=arm + 1, base=b.base[arm].tolist(), near=JOINTS[near], far=JOINTS[far],
-            rotor_near=float(b.rotor[near]), rotor_far=float(b.rotor[far]),
-            length_1=float(b.length[near]), com_1=float(b.com[near]), mass_1=float(b.mass[near]),
-            inertia_1=float(b.inertia[near]), length_2=float(b.length[far]), com_2=float(b.com[far]),
-            mass_2=float(b.mass[far]), inertia_2=float(b.inertia[far]),
-            handle=_HANDLE.format(length=float(b.length[far]), mass=b.tip_mass, point=_POINT) if arm == 0 else "",
-        )  # fmt: skip
+        links = slice(2 * arm, 2 * arm + 2)
+        own = {name: getattr(b, name)[links].tolist() for name in ("rotor", "length", "com", "mass", "inertia")}
+        handle = "" if arm else _HANDLE.format(length=own["length"], mass=b.tip_mass, point=_POINT)
+        arms += _ARM.format(arm=arm + 1, base=b.base[arm].tolist(), joints=JOINTS[links], handle=handle, **own)
     return _MODEL.format(step=step, stiff=f"{2 * step!r} 1", imp="0.9999 0.9999 0.001 0.5 2", arms=arms)
 
 
@@ -99,8 +94,7 @@ class MujocoRun:
         for k in range(self.scene.comparisons):
             row = min(int(np.searchsorted(self.scene.times, k * COMPARE_S + 1e-9, "right")) - 1, len(self.scene.times))
             self.model.dof_frictionloss[:] = self.scene.torques[row]
-            states = self._roll(state, self.forces[k * every : (k + 1) * every])
-            state = states[-1]
+            state = self._roll(state, self.forces[k * every : (k + 1) * every])[-1]
             q.append(state[1:5])
         angle = np.array(q)
         length = self.bodies.length

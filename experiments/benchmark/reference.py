@@ -1,7 +1,7 @@
 """An independent solution of a bench scene: scipy DOP853 on the ten-coordinate form, Eq. (5), patterns by trial.
 
 Nothing of the simulator's own solver is used: which brakes stick is found by trying every pattern on Eq. (5) and
-keeping the one that contradicts nothing, and the moment of an event is where scipy's dense output says it is.
+keeping the one that contradicts nothing, and the moment of an event is that of scipy's dense output.
 """
 
 from functools import partial

@@ -8,7 +8,7 @@ from experiments.analysis.sheet import STYLE, figure_bytes, new_figure
 
 #: step of the rows that the table shows
 TABLE_STEP_S = 1e-3
-#: Integrator and fidelity -> colour and marker: colour-blind safe, and the shape says it too.
+#: Integrator and fidelity -> colour and marker: colour-blind safe, and told apart by shape too.
 _LOOKS = {
     ("event", "ideal"): ("#0072b2", "o"),
     ("event", "mr"): ("#56b4e9", "s"),
@@ -49,22 +49,17 @@ def table(result: dict) -> str:
         f"{f['us_per_step']:.2f} us a step"
         for f in result["fallback"]
     ]
-    tick, parts = result["tick"], result["parts_ns"]
-    lines += ["", f"a whole control tick  {tick['us_per_tick']:.2f} us, of which (ns) {_parts(tick['parts_ns'])}"]
+    tick = result["tick"]
+    lines += ["", f"a whole control tick  {tick['us_per_tick']:.2f} us"]
     lines += [
         f"{tick['trials']} trials of a study    {tick['study_simulation_s']:.2f} s of computing, {tick['ticks']} ticks"
     ]
-    lines += [f"a step of {name}, ns       {_parts(of)}" for name, of in parts.items()]
     return "\n".join(lines)
 
 
 def _or_blank(value, form: str) -> str:
     width = form.split(".")[0].rstrip("d")
     return f"{'-':>{width}}" if value is None else f"{value:{form}}"
-
-
-def _parts(parts: dict) -> str:
-    return ", ".join(f"{name.replace('_', ' ')} {value:.0f}" for name, value in parts.items())
 
 
 def _compared(rows: Iterable[dict]) -> list[str]:

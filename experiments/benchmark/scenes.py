@@ -3,12 +3,12 @@
 import math
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
 from core.brake import current_for_torque
-from core.device import SHIPPED_FOLDER, Device, build_device
-from core.device_file import read_brake_text
+from core.device import Device, load_device
 from core.mechanism import JOINTS
 from core.simulator.hand import Hand, new_hand, wave_hand
 from core.simulator.state import pack_brakes
@@ -20,41 +20,12 @@ COMPARE_S = 1e-2
 ORDER_SWITCHED = "ABEC"  # S4 alone counts its brakes in this order
 LOCKED, SLIPPING, SWITCHED, SWITCH_S = 5.6, 0.3, 5.0, 0.01  # N m, s
 
-_DEVICE = """
-name = "{name}"
-provenance = "assumed"
-[geometry]
-base_A_m = [{a}, 0.0]
-base_B_m = [{b}, 0.0]
-L_AE_m = {proximal}
-L_ED_m = 0.30
-L_BC_m = {proximal}
-L_CD_m = 0.30
-elbows = "out"
-[mass]
-AE = {{mass_kg = 0.3}}
-ED = {{mass_kg = 0.3}}
-BC = {{mass_kg = 0.3}}
-CD = {{mass_kg = 0.3}}
-tip_kg = 0.3
-rotor_inertia_kg_m2 = 1e-4
-[brakes]
-{brakes}
-"""
-_BRAKE = "mrb-2107-3"
-
 
 @cache
 def bench_devices() -> tuple[Device, Device]:
-    """Three-brake with all arms 0.30 m, four-brake with bases 0.10 m apart: uniform rods, no elbow mass."""
-    texts = {_BRAKE: read_brake_text(_BRAKE, SHIPPED_FOLDER, "bench")}
-
-    def device(name: str, half: float, proximal: float, braked: str) -> Device:
-        brakes = "\n".join(f'{joint} = "{_BRAKE}"' for joint in braked)
-        text = _DEVICE.format(name=name, a=-half, b=half, proximal=proximal, brakes=brakes)
-        return build_device(text, texts, f"bench device {name}")
-
-    return device("bench-three-brake", 0.0, 0.30, "AEB"), device("bench-four-brake", 0.05, 0.27, "AEBC")
+    """Three-brake with all arms 0.30 m, four-brake with bases 0.10 m apart: the device files beside this one."""
+    folder = Path(__file__).parent
+    return load_device(folder / "bench-three-brake.toml"), load_device(folder / "bench-four-brake.toml")
 
 
 @dataclass(frozen=True)

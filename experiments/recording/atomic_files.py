@@ -34,6 +34,17 @@ def refusing(path: Path, what: str) -> Iterator[None]:
         raise InputError(f"{path}: {what} ({reason_of(error)})") from None
 
 
+@contextlib.contextmanager
+def reading_stored(path: Path) -> Iterator[None]:
+    """Turns what can go wrong with a file that the program has stored into an InputError with its path."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({reason_of(error)})") from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: is damaged ({type(error).__name__}: {error})") from None
+
+
 def refuse_existing_files(files: Iterable[Path]) -> None:
     """InputError if one of them is there."""
     for file in files:

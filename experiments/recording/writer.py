@@ -14,7 +14,14 @@ import pyarrow.parquet as pq
 from core import tick_log
 from core.control.controllers import DECISIONS
 from core.files import InputError
-from experiments.recording.atomic_files import append_whole, give_new_name, is_wrong_path, sync_folder, written_beside
+from experiments.recording.atomic_files import (
+    append_whole,
+    give_new_name,
+    refuse_existing_files,
+    refusing,
+    sync_folder,
+    written_beside,
+)
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_parquet, read_recording
 from experiments.recording.schema import (
     SEAL,
@@ -68,14 +75,9 @@ class RecordingWriter:
         self._sync = sync
         self._stream.write_batch(self._batch(self._none))
         header = seal(_before_first_batch(self._taken()))
-        try:
+        refuse_existing_files([self.path])
+        with refusing(self.path, "the recording cannot be created"):
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
-        except FileExistsError:
-            raise InputError(f"{self.path}: exists already, a recording is never overwritten") from None
-        except OSError as error:
-            if not is_wrong_path(error):
-                raise
-            raise InputError(f"{self.path}: the recording cannot be created: {error.strerror}") from None
         self._open = True
         try:
             self._put(header)

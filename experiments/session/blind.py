@@ -19,7 +19,7 @@ from core.files import InputError
 from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, codes
-from experiments.recording.atomic_files import reason_of, written_beside
+from experiments.recording.atomic_files import reading_stored, written_beside
 
 KEY = "key.json"
 #: Measures that reveal a controller by themselves.
@@ -46,13 +46,11 @@ def write_key(session: Path, key: Mapping[str, int], sync: bool = True) -> str:
 def read_key(session: Path, sha256: str) -> dict[str, int]:
     """The key of a session. InputError if it is not there or not the one that session.json names."""
     path = session / KEY
-    try:
+    with reading_stored(path):
         data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: the key cannot be read ({reason_of(error)})") from None
-    if hashlib.sha256(data).hexdigest() != sha256:
-        raise InputError(f"{path}: does not match key_sha256 of session.json, it was changed")
-    return {str(code): int(number) for code, number in json.loads(data)["controllers"].items()}
+        if hashlib.sha256(data).hexdigest() != sha256:
+            raise InputError(f"{path}: does not match key_sha256 of session.json, it was changed")
+        return {str(code): int(number) for code, number in json.loads(data)["controllers"].items()}
 
 
 def opened(thing: Coded, key: Mapping[str, int]) -> Coded:

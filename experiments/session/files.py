@@ -27,7 +27,7 @@ from core.files import InputError
 from experiments.analysis.trials_table import SETTLED, TrialRow, read_table, write_table
 from experiments.plan import PlannedTrial, plan_from_json, plan_hash
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
-from experiments.recording.atomic_files import reason_of
+from experiments.recording.atomic_files import reading_stored
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX
 
 LOCK = ".lock"
@@ -156,16 +156,12 @@ class StoredSession:
 def read_stored(session: Path) -> StoredSession:
     """The session as it was stored. InputError if it cannot be read or its plan was changed."""
     path = session / STORED
-    try:
+    with reading_stored(path):
         about = json.loads(path.read_text(encoding="utf-8"))
         plan = plan_from_json(about["plan"])
         if plan_hash(plan) != about["plan_sha256"]:
             raise InputError(f"{path}: plan: does not match plan_sha256, it was changed")
         return StoredSession(about["participant"], protocol_from_json(about["protocol"], str(path)), plan, about)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({reason_of(error)})") from None
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{path}: is damaged ({type(error).__name__}: {error})") from None
 
 
 def _stored_protocol(session: Path) -> dict[str, Any]:

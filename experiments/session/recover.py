@@ -7,8 +7,8 @@ that lags behind the journal (redone, excluded, unblinded) follows it. Half-writ
 the making). Every step can be cut short by another crash and is then taken up where it was left.
 """
 
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -18,28 +18,7 @@ from experiments.recording.atomic_files import PARTIAL_FILES, set_aside
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Recording
 from experiments.recording.writer import convert_to_parquet, save_as_parquet
-from experiments.session.files import (
-    CRASHED,
-    DAMAGED,
-    PRACTICE,
-    TABLE,
-    TRIALS,
-    hold_lock,
-    pooled_rows,
-    rows_of,
-    runs_on_disk,
-    seen_from,
-    sessions_in,
-    write_pooled_table,
-)
-from experiments.session.journal import (
-    PUT_IN_ORDER,
-    journal_summary,
-    recorded_row,
-    rows_as_journalled,
-    rows_without_recording,
-    write_event,
-)
+from experiments.session import files, journal
 from experiments.session.verify import verify
 
 RECOVERED = "recovered"
@@ -58,6 +37,14 @@ class Rescue:
     removed: list[str] = field(default_factory=list)  # half-written copies
     not_rescued: list[str] = field(default_factory=list)  # what cannot be helped, and why
 
+    @contextmanager
+    def rescuing(self, session: Path) -> Iterator[None]:
+        """What turns out to be wrong with one file of a session is kept; the others are rescued all the same."""
+        try:
+            yield
+        except InputError as error:
+            self.not_rescued.append(files.seen_from(session, str(error)))
+
 
 def recover(folder: Path, progress: Callable[[float], None] | None = None) -> dict:
     """Put every session of a data folder in order; what was done, by file names relative to it, and what is left.
@@ -66,18 +53,18 @@ def recover(folder: Path, progress: Callable[[float], None] | None = None) -> di
     of its sessions.
     """
     folder = Path(folder)
-    sessions = sessions_in(folder)
+    sessions = files.sessions_in(folder)
     total = Rescue()
     with ExitStack() as locks:
         for place in dict.fromkeys([folder, *sessions]) if sessions else []:
-            locks.enter_context(hold_lock(place))
+            locks.enter_context(files.hold_lock(place))
         for number, session in enumerate(sessions, start=1):
             inside = "" if session == folder else f"{session.relative_to(folder).as_posix()}/"
             for name, entries in vars(recover_session(session)).items():
                 getattr(total, name).extend(f"{inside}{entry}" for entry in entries)
             if progress:
                 progress(0.5 * number / len(sessions))
-        if folder not in sessions and (folder / TABLE).exists():
+        if folder not in sessions and (folder / files.TABLE).exists():
             _settle_pooled_table(folder, total)
     found = verify(folder, progress and (lambda share: progress(0.5 + 0.5 * share)))
     return {"dir": str(folder), "sessions": len(sessions), **vars(total), "faults": found["faults"]}
@@ -87,37 +74,35 @@ def _settle_pooled_table(folder: Path, done: Rescue) -> None:
     """Rewrite the table of all participants where it lags; one that names trials that no session has stays."""
     there = []
     try:
-        there = read_table(folder / TABLE)
+        there = read_table(folder / files.TABLE)
     except InputError:
-        done.set_aside.append(set_aside(folder / TABLE, DAMAGED).name)
+        done.set_aside.append(set_aside(folder / files.TABLE, files.DAMAGED).name)
     try:
-        rows = pooled_rows(folder)
+        rows = files.pooled_rows(folder)
     except InputError:  # a session's table cannot be read: it is named among the faults
         return
     if there != rows and {(row.participant, row.run) for row in there} <= {(row.participant, row.run) for row in rows}:
-        write_pooled_table(folder)
+        files.write_pooled_table(folder)
         added = len(rows) - len(there)
-        done.rows_changed.append(f"{TABLE}: {f'{added} trials added' if added > 0 else 'as the sessions say'}")
+        done.rows_changed.append(f"{files.TABLE}: {f'{added} trials added' if added > 0 else 'as the sessions say'}")
 
 
 def recover_session(session: Path, sync: bool = True) -> Rescue:
     """Put one session in order; the caller holds its lock. A session that is in order is not touched."""
     done = Rescue()
-    for partial in sorted(path for place in ("", TRIALS, PRACTICE) for path in (session / place).glob(PARTIAL_FILES)):
+    places = (session, session / files.TRIALS, session / files.PRACTICE)
+    for partial in sorted(path for place in places for path in place.glob(PARTIAL_FILES)):
         partial.unlink()
         done.removed.append(partial.relative_to(session).as_posix())
-    for files in (*runs_on_disk(session).values(), *runs_on_disk(session, PRACTICE).values()):
-        if STREAM_SUFFIX in files:
-            try:
-                _settle_stream(session, files[STREAM_SUFFIX], done, sync)
-            except InputError as error:
-                done.not_rescued.append(seen_from(session, str(error)))
-    try:
+    for folder in (files.TRIALS, files.PRACTICE):
+        for of_run in files.runs_on_disk(session, folder).values():
+            if STREAM_SUFFIX in of_run:
+                with done.rescuing(session):
+                    _settle_stream(session, of_run[STREAM_SUFFIX], done, sync)
+    with done.rescuing(session):
         _settle_table(session, done)
-    except InputError as error:
-        done.not_rescued.append(seen_from(session, str(error)))
     if any(entries for name, entries in vars(done).items() if name != "not_rescued"):
-        write_event(session, PUT_IN_ORDER, sync, **vars(done))
+        journal.write_event(session, journal.PUT_IN_ORDER, sync, **vars(done))
     return done
 
 
@@ -126,7 +111,7 @@ def _settle_stream(session: Path, path: Path, done: Rescue, sync: bool) -> None:
     target = path.with_suffix(PARQUET_SUFFIX)
     stream = read_recording(path)
     if target.exists() and not read_recording(target).whole:  # the disk failed it: the stream still has all
-        done.set_aside.append(set_aside(target, DAMAGED).relative_to(session).as_posix())
+        done.set_aside.append(set_aside(target, files.DAMAGED).relative_to(session).as_posix())
     if stream.whole:
         convert_to_parquet(path, sync)
         done.completed.append(name)
@@ -134,7 +119,7 @@ def _settle_stream(session: Path, path: Path, done: Rescue, sync: bool) -> None:
     if stream.columns and not (target.exists() and _is_closed_form(read_recording(target), stream)):
         save_as_parquet(as_recovered(stream), target, sync)
     done.recovered.append(f"{name} ({'; '.join([f'{stream.rows} ticks kept', *stream.damaged])})")
-    done.set_aside.append(set_aside(path, CRASHED).relative_to(session).as_posix())
+    done.set_aside.append(set_aside(path, files.CRASHED).relative_to(session).as_posix())
 
 
 def _is_closed_form(parquet: Recording, stream: Recording) -> bool:
@@ -150,35 +135,33 @@ def as_recovered(stream: Recording) -> Recording:
 
 def _settle_table(session: Path, done: Rescue) -> None:
     """Add the rows that are missing, then change those that lag behind the journal."""
-    table = session / TABLE
+    table = session / files.TABLE
     try:
-        rows, is_spoilt = rows_of(session), False
+        rows, is_spoilt = files.rows_of(session), False
     except InputError:  # every row can be had again
         rows, is_spoilt = [], True
-    journal = journal_summary(session)
-    bare = {row.run: row for row in rows_without_recording(session, journal)}
-    on_disk = runs_on_disk(session)
+    summary = journal.journal_summary(session)
+    bare = {row.run: row for row in journal.rows_without_recording(session, summary)}
+    on_disk = files.runs_on_disk(session)
     missing = {*on_disk, *bare} - {row.run for row in rows}
     if is_spoilt or (missing and table.exists() and table.read_bytes() != table_bytes(rows)):  # or changed by hand
-        done.set_aside.append(set_aside(table, DAMAGED).name)
+        done.set_aside.append(set_aside(table, files.DAMAGED).name)
         missing = {*on_disk, *bare}
     for run in sorted(missing):
-        row = bare.get(run)
-        if (path := on_disk.get(run, {}).get(PARQUET_SUFFIX)) is not None:
-            try:
+        row, path = bare.get(run), on_disk.get(run, {}).get(PARQUET_SUFFIX)
+        with done.rescuing(session):
+            if path is not None:
+                row = None
                 recording = read_recording(path)
                 if not recording.whole:
                     raise InputError(f"{path}: {'; '.join(recording.damaged)}")
-                row = recorded_row(recording, session, journal)
-            except InputError as error:  # other trials get their rows
-                done.not_rescued.append(seen_from(session, str(error)))
-                continue
+                row = journal.recorded_row(recording, session, summary)
         if row is not None:
             append_row(table, row)
-            done.rows_added.append(f"{TABLE}: run {run}, {row.status}")
-    rows = rows_of(session)
-    right = rows_as_journalled(session, rows, journal)
+            done.rows_added.append(f"{files.TABLE}: run {run}, {row.status}")
+    rows = files.rows_of(session)
+    right = journal.rows_as_journalled(session, rows, summary)
     if right != rows:
         write_table(table, right, replacing=True)
         changed = [str(new.run) for old, new in zip(rows, right, strict=True) if new != old]
-        done.rows_changed.append(f"{TABLE}: run {', '.join(changed)}, as the journal says")
+        done.rows_changed.append(f"{files.TABLE}: run {', '.join(changed)}, as the journal says")

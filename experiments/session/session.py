@@ -34,38 +34,13 @@ from experiments.plan import (
     practice_trial,
 )
 from experiments.protocol import Protocol, protocol_to_json
-from experiments.recording.atomic_files import refusing, write_new_file
+from experiments.recording.atomic_files import reading_stored, refusing, write_new_file
 from experiments.recording.reader import STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
+from experiments.session import files
 from experiments.session import journal as events
 from experiments.session.blind import KEY, new_key, read_key, write_key
-from experiments.session.files import (
-    LOCK,
-    PRACTICE,
-    STORED,
-    TABLE,
-    TRIALS,
-    hold_lock,
-    open_trials,
-    read_stored,
-    refuse_existing,
-    remove_empty,
-    rows_of,
-    run_path,
-    runs_used,
-    session_folder,
-    write_pooled_table,
-)
-from experiments.session.journal import (
-    Event,
-    JournalSummary,
-    journal_summary,
-    recorded_row,
-    rows_as_journalled,
-    unmeasured_row,
-    write_event,
-)
 from experiments.session.recover import recover_session
 from experiments.trial.inputs import OPERATOR, SENSOR
 from experiments.trial.operator import Person
@@ -79,17 +54,10 @@ class Session:
     """One participant's session in progress; it holds the session's lock until `close` or the end of the process."""
 
     def __init__(
-        self,
-        data_dir: Path,
-        participant: str,
-        protocol: Protocol,
-        person: Person | None = None,
-        sync: bool = True,
-        blind: bool | None = None,
-        hand: str = "mouse",
-        operators: Operators | None = None,
+        self, data_dir: Path, participant: str, protocol: Protocol, person: Person | None = None, sync: bool = True,
+        blind: bool | None = None, hand: str = "mouse", operators: Operators | None = None,
         form: Mapping[str, str | float] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Create the folder and store the plan. person: a simulated operator; None: a hand at the mouse or device.
 
         blind: whether the controllers stand as codes (None: as in the protocol; a simulated operator's never do).
@@ -103,19 +71,19 @@ class Session:
         protocol.refuse_answers(form or {})
         is_blind = (protocol.blind and person is None) if blind is None else blind
         plan = make_plan(protocol, participant, is_blind)
-        refuse_existing(data_dir, participant)
+        files.refuse_existing(data_dir, participant)
         self._take_up(data_dir, participant, protocol, person, sync)
         self.hand, self.operators, self.blind = OPERATOR if person else hand, operators, is_blind
         self.plan, self.plan_sha256 = plan, plan_hash(plan)
         with refusing(self.folder, "cannot be created"):
             try:
-                (self.folder / TRIALS).mkdir(parents=True, exist_ok=True)
-                self._lock = hold_lock(self.folder)
+                (self.folder / files.TRIALS).mkdir(parents=True, exist_ok=True)
+                self._lock = files.hold_lock(self.folder)
             except OSError:
-                remove_empty(self.folder)
+                files.remove_empty(self.folder)
                 raise
         try:
-            refuse_existing(data_dir, participant)  # another process was faster
+            files.refuse_existing(data_dir, participant)  # another process was faster
         except InputError:
             self.close()
             raise
@@ -124,14 +92,15 @@ class Session:
                 self._key = new_key(protocol.controllers)
             about = self._about(write_key(self.folder, self._key, sync) if self.blind else "")
             about |= {"form": dict(form)} if form else {}
-            write_new_file(self.folder / STORED, json.dumps(about, indent=1, sort_keys=True).encode() + b"\n", sync)
+            text = json.dumps(about, indent=1, sort_keys=True) + "\n"
+            write_new_file(self.folder / files.STORED, text.encode(), sync)
             self.journal(events.CREATED, plan=self.plan_sha256)
         except BaseException:
-            for name in (STORED, KEY, events.NAME, LOCK):
+            for name in (files.STORED, KEY, events.NAME, files.LOCK):
                 with contextlib.suppress(OSError):  # the first error is the one to report
                     (self.folder / name).unlink()
             self.close()
-            remove_empty(self.folder)
+            files.remove_empty(self.folder)
             raise
 
     @classmethod
@@ -143,24 +112,22 @@ class Session:
         on: so the trials after a crash are not the ones that an uninterrupted session would have run, bit by bit.
         InputError if there is no such session, it cannot be read, or a live process has it.
         """
-        folder = session_folder(data_dir, participant)
-        stored = read_stored(folder)
+        folder = files.session_folder(data_dir, participant)
+        stored = files.read_stored(folder)
         session = cls.__new__(cls)
-        try:
+        with reading_stored(folder / files.STORED):
             person = Person(**stored.about["person"]) if stored.about["person"] else None
             session._take_up(data_dir, participant, stored.protocol, person, sync)
             session.hand, session.operators = str(stored.about["hand"]), operators_from_json(stored.about)
             was_blind, key_sha256 = bool(stored.about["blind"]), str(stored.about["key_sha256"])
-        except (KeyError, TypeError) as error:
-            raise InputError(f"{folder / STORED}: is damaged ({type(error).__name__}: {error})") from None
-        session._lock = hold_lock(folder)
+        session._lock = files.hold_lock(folder)
         try:
             recover_session(folder, sync)
-            session._summary = summary = journal_summary(folder)
+            session._summary = summary = events.journal_summary(folder)
             session.plan, session.plan_sha256 = summary.plan(stored.plan), plan_hash(stored.plan)
             session.blind = was_blind and summary.key is None
             session._key = read_key(folder, key_sha256) if session.blind else summary.key or {}
-            session.rows = rows_of(folder)
+            session.rows = files.rows_of(folder)
             if session._waiting:
                 session.journal(events.RESUMED, open=len(session._waiting))
         except BaseException:
@@ -171,10 +138,10 @@ class Session:
     def _take_up(self, data_dir: Path, participant: str, protocol: Protocol, person: Person | None, sync: bool) -> None:
         """What a new session and a resumed one begin with."""
         self.data_dir, self.participant, self.protocol, self.person = data_dir, participant, protocol, person
-        self.folder = session_folder(data_dir, participant)
+        self.folder = files.session_folder(data_dir, participant)
         self.rows: list[TrialRow] = []
         self._key: dict[str, int] = {}  # code -> controller
-        self._summary = JournalSummary()
+        self._summary = events.JournalSummary()
         self._sync = sync
         self._simulations: dict[str, SimulatedDevice] = {}
 
@@ -182,9 +149,9 @@ class Session:
         """Let other processes have the session."""
         self._lock.release()
 
-    def journal(self, event: Event, **about: Any) -> None:
+    def journal(self, event: events.Event, **about: Any) -> None:
         """Append one line: what happened, and when (`time`: if not now)."""
-        write_event(self.folder, event, self._sync, **about)
+        events.write_event(self.folder, event, self._sync, **about)
 
     def note(self, text: str) -> None:
         """Keep a remark of the experimenter, with the time."""
@@ -195,7 +162,7 @@ class Session:
     @property
     def _waiting(self) -> list[PlannedTrial]:
         """The planned trials, in order, that are not settled."""
-        return open_trials(self.plan, self.rows)
+        return files.open_trials(self.plan, self.rows)
 
     @property
     def settled(self) -> int:
@@ -215,7 +182,7 @@ class Session:
         due = self._summary.practised[coming.configuration] < self.protocol.practice_trials
         if due and self.person is None and not is_begun:
             return self.next_practice()
-        used = runs_used(self.folder) | {row.run for row in self.rows}
+        used = files.runs_used(self.folder) | {row.run for row in self.rows}
         if coming.run not in used:
             return coming
         return coming._replace(run=max(used | {trial.run for trial in self.plan}) + 1)
@@ -227,7 +194,7 @@ class Session:
         configuration = waiting[0].configuration
         number = self._summary.practised[configuration] + 1
         planned = practice_trial(self.protocol, self.participant, configuration, number, bool(self._key))
-        run = max(runs_used(self.folder, PRACTICE), default=0) + 1
+        run = max(files.runs_used(self.folder, files.PRACTICE), default=0) + 1
         return planned._replace(run=run, controller=planned.controller if self.blind else self._number(planned))
 
     @property
@@ -277,10 +244,10 @@ class Session:
             None if sensors else self.person, generator,
         )  # fmt: skip
         is_practice = planned.block == PRACTICE_BLOCK
-        folder = PRACTICE if is_practice else TRIALS
+        folder = files.PRACTICE if is_practice else files.TRIALS
         (self.folder / folder).mkdir(exist_ok=True)
         writer = RecordingWriter(
-            run_path(self.folder, planned.run, STREAM_SUFFIX, folder), file.braked, self._metadata(trial, preset),
+            files.run_path(self.folder, planned.run, STREAM_SUFFIX, folder), file.braked, self._metadata(trial, preset),
             sync=self._sync, sensors=sensors,
         )  # fmt: skip
         try:
@@ -310,7 +277,7 @@ class Session:
             if not raw_will_do:
                 raise
             self.journal(events.LEFT_AS_STREAM, file=path.name, reason=error.strerror or str(error))
-        row = recorded_row(read_recording(path), self.folder, self._summary)
+        row = events.recorded_row(read_recording(path), self.folder, self._summary)
         ended = {"run": row.run, "status": row.status, "reason": outcome["reason"]}
         if trial.planned.block == PRACTICE_BLOCK:
             self.journal(events.PRACTICE_ENDED, **ended, configuration=row.configuration)
@@ -326,7 +293,7 @@ class Session:
         Nothing may be running. Returns what cannot be helped; OSError: the disk still takes no more.
         """
         done = recover_session(self.folder, self._sync)
-        self.rows[:] = rows_of(self.folder)
+        self.rows[:] = files.rows_of(self.folder)
         return done.not_rescued
 
     # ------------------------------------------------------------------------------------ what the experimenter decides
@@ -337,7 +304,7 @@ class Session:
         if planned is None:
             raise InputError("all trials of the plan are done, there is none to skip")
         self.journal(events.SKIPPED, **planned._asdict(), reason=reason)
-        row = unmeasured_row(self.folder, planned._asdict(), "skipped")
+        row = events.unmeasured_row(self.folder, planned._asdict(), "skipped")
         if planned.block == PRACTICE_BLOCK:
             self._summary.practised[planned.configuration] += 1
         else:
@@ -362,7 +329,7 @@ class Session:
         otherwise = "it does not count anyway, there is nothing to exclude"
         return self._mark(run, events.EXCLUDED, reason, COUNTED, otherwise)
 
-    def _mark(self, run: int, event: Event, reason: str, of: tuple[str, ...], otherwise: str) -> TrialRow:
+    def _mark(self, run: int, event: events.Event, reason: str, of: tuple[str, ...], otherwise: str) -> TrialRow:
         """Journal that a run, whose status must be one `of` these, is redone or excluded; its row."""
         found = next((row for row in self.rows if row.run == run), None)
         if found is None:
@@ -384,19 +351,19 @@ class Session:
         if not who.strip():
             raise InputError(f"{self.folder}: say who opens the key")
         self.journal(events.UNBLINDED, who=who, key=self._key)
-        self._summary, self.blind = journal_summary(self.folder), False
+        self._summary, self.blind = events.journal_summary(self.folder), False
         self.plan = self._summary.plan(self.plan)
-        self._replace_rows(rows_as_journalled(self.folder, self.rows, self._summary))
-        if (self.data_dir / TABLE).exists():
-            write_pooled_table(self.data_dir)
+        self._replace_rows(events.rows_as_journalled(self.folder, self.rows, self._summary))
+        if (self.data_dir / files.TABLE).exists():
+            files.write_pooled_table(self.data_dir)
 
     def _add(self, row: TrialRow) -> None:
-        append_row(self.folder / TABLE, row)
+        append_row(self.folder / files.TABLE, row)
         self.rows.append(row)
 
     def _replace_rows(self, rows: list[TrialRow]) -> None:
-        if (self.folder / TABLE).exists():
-            write_table(self.folder / TABLE, rows, replacing=True)
+        if (self.folder / files.TABLE).exists():
+            write_table(self.folder / files.TABLE, rows, replacing=True)
         self.rows = rows
 
     # ------------------------------------------------------------------------------- what session and recordings store

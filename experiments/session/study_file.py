@@ -11,7 +11,7 @@ from pathlib import Path
 
 from core.files import InputError
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
-from experiments.recording.atomic_files import reason_of, write_new_file
+from experiments.recording.atomic_files import reading_stored, write_new_file
 from experiments.trial.population import Population, population_of
 
 STUDY = "study.json"
@@ -39,16 +39,12 @@ def write_study(folder: Path, study: StudyPlan) -> None:
 def read_study(folder: Path) -> StudyPlan:
     """The study that a folder was begun with. InputError if there is none or it cannot be read."""
     path = folder / STUDY
-    try:
+    if not path.exists():
+        raise InputError(f"{folder}: holds no study to resume (no {STUDY})")
+    with reading_stored(path):
         about = json.loads(path.read_text(encoding="utf-8"))
         population = population_of(about["population"]["text"], f"{path}: population")
         return StudyPlan(int(about["operators"]), protocol_from_json(about["protocol"], str(path)), population)
-    except FileNotFoundError:
-        raise InputError(f"{folder}: holds no study to resume (no {STUDY})") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({reason_of(error)})") from None
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: is damaged ({type(error).__name__}: {error})") from None
 
 
 def refuse_other(folder: Path, study: StudyPlan, asked: Mapping[str, object]) -> None:

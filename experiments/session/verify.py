@@ -15,20 +15,8 @@ from core.files import InputError
 from experiments.analysis.trials_table import COLUMNS, TrialRow, read_table
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Recording
+from experiments.session import files
 from experiments.session.blind import KEY, read_key
-from experiments.session.files import (
-    PRACTICE,
-    STORED,
-    TABLE,
-    is_half_created,
-    is_in_use,
-    pooled_rows,
-    read_stored,
-    rows_of,
-    runs_on_disk,
-    seen_from,
-    sessions_in,
-)
 from experiments.session.journal import journal_summary, recorded_row, rows_without_recording
 from experiments.session.study_file import STUDY, read_study
 
@@ -43,7 +31,7 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
     InputError if there is no such folder or it holds no session but other files.
     """
     folder = Path(folder)
-    sessions = sessions_in(folder)
+    sessions = files.sessions_in(folder)
     checks = []
     faults: list[tuple[str, str]] = []
     warnings: list[tuple[str, str]] = []
@@ -51,7 +39,7 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
         try:
             read_study(folder)
         except InputError as error:
-            faults.append((STUDY, seen_from(folder, str(error))))
+            faults.append((STUDY, files.seen_from(folder, str(error))))
     for number, session in enumerate(sessions, start=1):
         checks.append(_SessionCheck(session))
         inside = "" if session == folder else f"{session.relative_to(folder).as_posix()}/"
@@ -60,8 +48,8 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
         if progress:
             progress(number / len(sessions))
     in_use = sum(check.live for check in checks)
-    if folder not in sessions and (folder / TABLE).exists() and not in_use and not is_in_use(folder):
-        faults += [(TABLE, fault) for fault in _pooled_faults(folder)]
+    if folder not in sessions and (folder / files.TABLE).exists() and not in_use and not files.is_in_use(folder):
+        faults += [(files.TABLE, fault) for fault in _pooled_faults(folder)]
     return {
         "dir": str(folder),
         "sessions": len(sessions),
@@ -78,23 +66,23 @@ class _SessionCheck:
     def __init__(self, session: Path) -> None:
         """Check it."""
         self.session = session
-        self.live = is_in_use(session)  # a process is writing in it
+        self.live = files.is_in_use(session)  # a process is writing in it
         self.whole = self.recovered = self.in_progress = 0  # recordings
         self.faults: list[tuple[str, str]] = []  # file (relative to the session), what is wrong
         self.warnings: list[tuple[str, str]] = []  # file, why its motion may be wrong, though it is whole
-        if is_half_created(session):
+        if files.is_half_created(session):
             return
         self.journal = journal_summary(session)
         self.rows: dict[int, TrialRow] = {}
         self._check_stored()
-        on_disk = runs_on_disk(session)
-        recordings = [found for files in on_disk.values() if (found := self._check_files(files)) is not None]
-        for files in runs_on_disk(session, PRACTICE).values():
-            self._check_files(files)
+        on_disk = files.runs_on_disk(session)
+        recordings = [found for of_run in on_disk.values() if (found := self._check_files(of_run)) is not None]
+        for of_run in files.runs_on_disk(session, files.PRACTICE).values():
+            self._check_files(of_run)
         try:
-            self.rows = {row.run: row for row in rows_of(session)}
+            self.rows = {row.run: row for row in files.rows_of(session)}
         except InputError as error:
-            self._fault(TABLE, error)
+            self._fault(files.TABLE, error)
         else:
             for recording in recordings:
                 self._check_row(recording)
@@ -103,30 +91,28 @@ class _SessionCheck:
             if not any(session.glob(f"trials/run-{run:03d}.*")):
                 self._fault(f"trials/run-{run:03d}", "missing: the journal says that this trial was begun")
             elif not self.live:
-                self._fault(TABLE, f"has no row for run {run}, which the journal says was begun")
+                self._fault(files.TABLE, f"has no row for run {run}, which the journal says was begun")
 
     def _fault(self, file: str | Path, what: str | InputError) -> None:
         name = file.relative_to(self.session).as_posix() if isinstance(file, Path) else file
-        self.faults.append((name, seen_from(self.session, str(what))))
+        self.faults.append((name, files.seen_from(self.session, str(what))))
 
     def _check_stored(self) -> None:
         """session.json, and the key of a session that is still blind."""
+        file = files.STORED
         try:
-            about = read_stored(self.session).about
-        except InputError as error:
-            self._fault(STORED, error)
-            return
-        if about.get("blind") and self.journal.key is None:
-            try:
+            about = files.read_stored(self.session).about
+            if about.get("blind") and self.journal.key is None:
+                file = KEY
                 read_key(self.session, str(about.get("key_sha256")))
-            except InputError as error:
-                self._fault(KEY, error)
+        except InputError as error:
+            self._fault(file, error)
 
-    def _check_files(self, files: dict[str, Path]) -> Recording | None:
+    def _check_files(self, of_run: dict[str, Path]) -> Recording | None:
         """Check the files of one trial; the recording that its row must match, None where there is none to trust."""
         result = None
         for suffix in (PARQUET_SUFFIX, STREAM_SUFFIX):
-            if (path := files.get(suffix)) is None:
+            if (path := of_run.get(suffix)) is None:
                 continue
             try:
                 recording = read_recording(path)
@@ -168,7 +154,7 @@ class _SessionCheck:
             self._compare(row, right, "its recording")
         elif not self.live:
             name = recording.path.relative_to(self.session).as_posix()
-            self._fault(TABLE, f"has no row for run {right.run} ({name}): recover it")
+            self._fault(files.TABLE, f"has no row for run {right.run} ({name}): recover it")
 
     def _check_rows_without_recording(self) -> None:
         """Rows without a recording against the journal, both ways; rows whose recording is gone."""
@@ -177,12 +163,12 @@ class _SessionCheck:
             if run in self.rows:
                 self._compare(self.rows[run], right, "the journal")
             elif not self.live and run in self.journal.skipped:
-                self._fault(TABLE, f"has no row for run {run}, which the journal says was skipped: recover it")
+                self._fault(files.TABLE, f"has no row for run {run}, which the journal says was skipped: recover it")
         for run, row in sorted(self.rows.items()):
             if not row.recording and run not in bare:
-                self._fault(TABLE, f"run {run}: is {row.status} without a recording, the journal does not say so")
+                self._fault(files.TABLE, f"run {run}: is {row.status} without a recording, the journal does not say so")
             if row.recording and not (self.session / row.recording).is_file():
-                self._fault(row.recording, f"missing: {TABLE} names it as the recording of run {run}")
+                self._fault(row.recording, f"missing: {files.TABLE} names it as the recording of run {run}")
 
     def _compare(self, row: TrialRow, right: TrialRow, source: str) -> None:
         """Where a row differs from the right one."""
@@ -195,25 +181,25 @@ class _SessionCheck:
                 is_same = math.isclose(there, true, rel_tol=TOLERANCE, abs_tol=1e-12)
             if not is_same:
                 shown, right_shown = ("empty" if value in (None, "") else value for value in (there, true))
-                self._fault(TABLE, f"run {row.run}: {column} is {shown}, {source} gives {right_shown}")
+                self._fault(files.TABLE, f"run {row.run}: {column} is {shown}, {source} gives {right_shown}")
 
 
 def _pooled_faults(folder: Path) -> Iterator[str]:
     """How DATA/trials.csv differs from the tables of the sessions."""
     try:
-        pooled = {(row.participant, row.run): row for row in read_table(folder / TABLE)}
+        pooled = {(row.participant, row.run): row for row in read_table(folder / files.TABLE)}
     except InputError as error:
-        yield seen_from(folder, str(error))
+        yield files.seen_from(folder, str(error))
         return
     try:
-        rows = {(row.participant, row.run): row for row in pooled_rows(folder)}
+        rows = {(row.participant, row.run): row for row in files.pooled_rows(folder)}
     except InputError:  # named already
         return
     for key in sorted({*pooled, *rows}):
         trial = f"run {key[1]} of participant {key[0]}"
         if key not in rows:
-            yield f"{trial}: no session's {TABLE} has it"
+            yield f"{trial}: no session's {files.TABLE} has it"
         elif key not in pooled:
-            yield f"{trial}: is missing, the session's {TABLE} has it: recover it"
+            yield f"{trial}: is missing, the session's {files.TABLE} has it: recover it"
         elif pooled[key] != rows[key]:
-            yield f"{trial}: differs from the session's {TABLE}"
+            yield f"{trial}: differs from the session's {files.TABLE}"

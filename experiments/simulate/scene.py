@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from core.device import Device, load_device
-from core.files import InputError, NotNegative, Pair, Positive, Table, one_of, parse_toml, read_text
+from core.files import InputError, NotNegative, Pair, Positive, Table, choice, parse_toml, read_text
 from core.mechanism import JOINTS
 from core.workspace import tip_is_free
 
@@ -84,9 +84,6 @@ def _first_fault(body: str, columns: tuple[str, ...]) -> str:
     return "cannot be read as numbers"
 
 
-FIDELITIES = ("ideal", "static", "mr")
-INTEGRATORS = ("event", "stepping", "karnopp")
-
 #: Relative. duration and output interval may miss a whole number of output intervals and steps by this much.
 WHOLE_WITHIN = 1e-9
 #: s. Times closer than this are one time (schedule row and step edge, end of a force file and of the scene).
@@ -129,15 +126,13 @@ class SceneFile(Table, frozen=True):
     step_s: Annotated[float, msgspec.Meta(gt=TIME_WITHIN)]
     initial_tip_m: Pair
     output_interval_s: Positive | None = None
-    integrator: str = "event"
+    integrator: Annotated[str, choice("event", "stepping", "karnopp")] = "event"
     initial_tip_velocity_m_s: Pair = (0.0, 0.0)
-    fidelity: str = "ideal"
+    fidelity: Annotated[str, choice("ideal", "static", "mr")] = "ideal"
     brakes: BrakeTable = BrakeTable()
     force: ForceTable = ForceTable()
 
     def __post_init__(self) -> None:
-        one_of(self.fidelity, FIDELITIES, "fidelity")
-        one_of(self.integrator, INTEGRATORS, "integrator")
         right, wrong = "torque_N_m", "current_amperes"
         if self.fidelity != "ideal":
             right, wrong = wrong, right

@@ -80,7 +80,7 @@ def new_simulation(scene: Scene) -> Simulation:
     return Simulation(scene.device, (x, y), (vx, vy), scene.fidelity, scene.integrator, hand, tolerance=scene.tolerance)
 
 
-def simulate(scene: Scene, out_path: str | Path, progress: Callable[[float], None] | None = None) -> Summary:
+def simulate(scene: Scene, out_path: str | Path, progress: Callable[[float], None] = lambda share: None) -> Summary:
     """Run a scene into a new CSV file. `progress` gets the share done (0 to 1) after each chunk.
 
     InputError if the file exists or cannot be created; OSError if writing fails; FloatingPointError if the motion
@@ -104,8 +104,7 @@ def simulate(scene: Scene, out_path: str | Path, progress: Callable[[float], Non
                 check.compare(chunk)
                 check_s += time.perf_counter() - began
                 done += count
-                if progress:
-                    progress(done / scene.rows)
+                progress(done / scene.rows)
             wall_s = time.perf_counter() - start - check_s
     except BaseException:
         path.unlink(missing_ok=True)

@@ -13,6 +13,7 @@ from pathlib import Path
 from core.control.controllers import Preset
 from core.files import InputError
 from experiments.analysis.boxplots import boxes, draw_boxplots, in_order
+from experiments.analysis.charts import told_apart
 from experiments.analysis.findings import findings, why_no_findings
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import side_by_side, warnings, write_report
@@ -66,7 +67,7 @@ def analyze(
     out: Path | None = None,
     unblind: str = "",
     timeouts: bool = False,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> dict:
     """Write trials.csv, the figures and the report into a new folder (default DIR/analysis-N); the summary.
 
@@ -93,8 +94,7 @@ def analyze(
             for path in paths:
                 rows += read_one(path, folder, out, journal, found)
                 done += 1
-                if progress:
-                    progress(done / recordings)
+                progress(done / recordings)
             rows += rows_without_recording(session, journal)
             found.rows += sorted(rows, key=lambda row: row.run)
         write_table(out / "trials.csv", found.rows)
@@ -169,16 +169,6 @@ def conclude(out: Path, found: Found, timeouts: bool) -> list[str]:
     write_report(found.rows, out / "report", note, of_recording(out), presets, found.simulated, timeouts)
     judged = [] if why_no_findings(presets, bool(found.coded)) else findings(found.rows, timeouts)
     return warnings(found.rows, judged, found.simulated)
-
-
-def told_apart(rows: Sequence[TrialRow]) -> list[TrialRow]:
-    """Rows whose codes name their participant, if there are several: each blind session has a key of its own."""
-    if len({row.participant for row in rows if isinstance(row.controller, str)}) < 2:
-        return list(rows)
-    return [
-        replace(row, controller=f"{row.participant} {row.controller}") if isinstance(row.controller, str) else row
-        for row in rows
-    ]
 
 
 def changed_boxes(table: Path, found: Found) -> list[str]:

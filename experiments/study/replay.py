@@ -21,7 +21,6 @@ from experiments.analysis.metrics import along_path, trial_metrics
 from experiments.protocol import Protocol, check_reach, load_protocol
 from experiments.recording.atomic_files import refuse_existing_files, write_new_file
 from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns, recording_of
-from experiments.session.files import STORED
 from experiments.study.decisions import Checked, check_decisions
 from experiments.study.replay_motion import (
     Recorded,
@@ -32,20 +31,15 @@ from experiments.study.replay_motion import (
     read_recorded,
     recorded_arm,
     run_replay,
-    target_hand,
 )
-from experiments.trial.inputs import INPUTS, OPERATOR
-from experiments.trial.operator import Person
 
-#: Hands, as a recording calls them, whose target is recorded.
-WITH_TARGET = tuple(one.name for one in INPUTS.values() if one.has_target)
 A_PERSON_WOULD_REACT = (
     "A person would feel the difference and react: this is what the recorded hand would have come to, not what a "
     "person would have done."
 )
 OTHER_VERSION = (
-    "another version recorded the trial, without all that an equal replay needs: it begins with the movement and comes "
-    "near the recorded motion, mostly to rounding"
+    "another version recorded the trial, without all that an equal replay needs: it begins with the movement and only "
+    "comes near the recorded motion"
 )
 
 
@@ -56,7 +50,7 @@ def replay(
     protocol: str | None = None,
     hand: str | None = None,
     out: Path | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> dict[str, Any]:
     """Replay a recording; the summary. None: as recorded; for `hand`, the target where there is one, else the force.
 
@@ -74,16 +68,16 @@ def replay(
     if out is not None:
         refuse_existing_files([out])
     same_device = (onto.text, onto.brake_texts) == (own.text, own.brake_texts)
-    lead = recorded_arm(recording, 0) if same_device and has_start(recording) else None
-    rows, outcome = run_replay(trial, moved, onto, preset, chosen.rules, lead, progress)
+    whole = same_device and has_start(recording)
+    rows, outcome = run_replay(trial, moved, onto, preset, chosen.rules, whole, progress)
     difference = None
     checked: Checked | None = None
     if not isinstance(row.controller, str):  # a blind session does not say which controller it was
         own_control = recorded_protocol.controllers[row.controller], recorded_protocol.rules
         checked = check_decisions(recording, trial.path, own, *own_control)
-        if lead and kind == "target" and (preset, chosen.rules) == own_control:
+        if whole and kind == "target" and (preset, chosen.rules) == own_control:
             difference = first_difference(recording, rows)
-    rows = rows[trial.first :] if lead else rows
+    rows = rows[trial.first :] if whole else rows
     replayed = as_recording(trial, rows, onto)
     if out is not None:
         write_ticks(replayed, trial.first, out)
@@ -107,7 +101,7 @@ def replay(
             **{key: outcome[key] for key in ("status", "energy_residual_J", "energy_added_max_J")},
         },
         "metrics": compared(trial, replayed),
-        "begins": "start" if lead else "move",
+        "begins": "start" if whole else "move",
         "equal": None if difference is None else not difference,
         "decisions": checked._asdict() if checked else None,
         "largest_tip_difference_m": tip_difference(trial, rows),
@@ -118,7 +112,7 @@ def replay(
         "warnings": [
             *(f"the recording: {doubt}" for doubt in recording.outcome.get("warnings", ())),
             *(f"the replay: {doubt}" for doubt in outcome["warnings"]),
-            *warnings(same_device and not lead and not recording.sensors, difference, checked),
+            *warnings(same_device and not whole and not recording.sensors, difference, checked),
         ],
         "out": None if out is None else str(out),
     }
@@ -152,21 +146,13 @@ def choose_device(trial: Recorded, device: str) -> Device:
 
 def choose_hand(trial: Recorded, hand: str | None) -> tuple[str, RecordedHand]:
     """Whether it is the "target" or the "force", and that hand."""
-    recording, stored = trial.recording, trial.stored
-    held_by, whole_arm = recording.metadata.get("hand"), has_arm(recording)
-    has_target = whole_arm or held_by in WITH_TARGET
-    kind = hand or ("target" if has_target else "force")
-    if kind == "force":
-        return kind, force_hand(recording, trial.first)
-    if not has_target:
-        raise InputError(f"{recording.path}: the hand ({held_by!r}) has no target, replay its force")
-    if whole_arm:
-        return kind, recorded_arm(recording, trial.first)
-    try:
-        person = Person(**stored.about["person"]) if held_by == OPERATOR else None
-    except (KeyError, TypeError) as error:
-        raise InputError(f"{recording.path}: {STORED} of its session: person: {error}") from None
-    return kind, target_hand(recording, trial.first, trial.path, person, stored.protocol.mouse)
+    recording = trial.recording
+    if hand == "force" or (hand is None and not has_arm(recording)):
+        return "force", force_hand(recording, trial.first)
+    if not has_arm(recording):
+        held_by = recording.metadata.get("hand")
+        raise InputError(f"{recording.path}: no target of the hand ({held_by}) was recorded, replay its force")
+    return "target", recorded_arm(recording)
 
 
 def first_difference(recording: Recording, rows: np.ndarray) -> str:

@@ -3,7 +3,7 @@
 The hand is one of two:
 target   the recorded arm (spring-damper and mass), pulled by the recorded target: it gives way to another motion as an
          arm does, and wants what it wanted. What the recorded force has besides (noise, tremor, effort) is held over
-         each tick as it was. A recording of an earlier version has the target alone: its arm is worked out.
+         each tick as it was. Recorded of every hand that moved the simulated device.
 force    the recorded force over time, whatever the handle does. Nothing holds the handle near the recorded motion, and
          it drifts off by millimetres to centimetres.
 It is over at the recording's last tick.
@@ -12,7 +12,7 @@ On the device of the recording the replay begins with the trial's first tick, th
 and the arm as it was at every tick. Through its own controller the trial comes out as it was, in every column and to
 the last bit (by the same version of the program on the same kind of machine).
 
-On another device, and where an earlier version recorded neither start nor arm, it begins with the first tick of `move`:
+On another device, and where the start was not recorded as this version has it, it begins with the first tick of `move`:
 the tip where it was and as fast as it was, each brake as it is without current, and its play where the recorded way to
 there leaves it on this device. The trial comes out as it was to rounding, or, where a brake's lag or play was another,
 to fractions of a millimetre.
@@ -29,8 +29,8 @@ from core import tick_log
 from core.control.controllers import Preset
 from core.device import Device
 from core.files import InputError
-from core.path import CURVATURE, PathFile, build_path, nearest, path_from
 from core.path import Path as PathAhead
+from core.path import PathFile, build_path, path_from
 from core.simulator.hand import Hand, new_hand
 from core.simulator.simulated_device import SimulatedDevice, is_start, start_again
 from core.simulator.simulation import start
@@ -39,12 +39,11 @@ from core.workspace import arm_pose
 from experiments.analysis.metrics import check_samples
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
-from experiments.protocol import MouseHand
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session.files import STORED, StoredSession, read_stored
 from experiments.session.journal import journal_summary, recorded_row
-from experiments.trial.operator import TICK_S, Person, take_handle, turn_arm
+from experiments.trial.operator import TICK_S
 from experiments.trial.trial import Trial
 
 HAND_ENDED = "hand ended"  # the recorded hand is over and the end of the path was not reached
@@ -93,28 +92,36 @@ def read_recorded(file: Path) -> Recorded:
 
 
 class RecordedHand(NamedTuple):
-    """A hand for the simulator; of a target, also what the hand wants at each of n ticks."""
+    """A hand for the simulator, and what it wants at each tick of the recording."""
 
     hand: Hand
-    first: int = 0  # tick of the recording to which the arrays' first row belongs
-    target: np.ndarray | None = None  # (n, 4) m, m/s
-    stiffness: np.ndarray | None = None  # (n, 3) N/m
-    held: np.ndarray | None = None  # (n, 2) N
-    force_max: np.ndarray | None = None  # (n,) N
+    wants: dict[str, np.ndarray]  # field of the grip -> its value at each tick; empty: a force alone
 
     def take(self, tick: int) -> None:
-        """Want what the recorded hand wanted at a tick of the recording."""
+        """Want what the recorded hand wanted at a tick."""
         grip = self.hand.grips.view(np.ndarray)[0]
-        for name in ("target", "stiffness", "held", "force_max"):
-            wanted = getattr(self, name)
-            if wanted is not None:
-                grip[name] = wanted[tick - self.first]
+        for name, values in self.wants.items():
+            grip[name] = values[tick]
 
 
 def force_hand(recording: Recording, first: int) -> RecordedHand:
     """The recorded force from tick `first` on, linear between the ticks. It carries no mass: a sensor read it."""
-    force = _columns(recording, first, "hand_fx_N", "hand_fy_N")
-    return RecordedHand(new_hand((first + np.arange(len(force))) * TICK_S, force))
+    force = _finite(recording, first, "hand_fx_N", "hand_fy_N")
+    return RecordedHand(new_hand((first + np.arange(len(force))) * TICK_S, force), {})
+
+
+def recorded_arm(recording: Recording) -> RecordedHand:
+    """The recorded arm, exactly as it was. InputError if a number of it is not finite."""
+    hand = new_hand()
+    for name, value in recording.metadata["start"]["arm"].items():
+        hand.grips[name][0] = value
+    wants = {
+        "target": _finite(recording, 0, "target_x_m", "target_y_m", "target_vx_m_s", "target_vy_m_s"),
+        "stiffness": _finite(recording, 0, *(f"arm_stiffness_{axes}_N_per_m" for axes in ("xx", "xy", "yy"))),
+        "held": _finite(recording, 0, "arm_held_x_N", "arm_held_y_N"),
+        "force_max": recording.column("arm_force_max_N"),
+    }
+    return RecordedHand(hand, wants)
 
 
 def has_arm(recording: Recording) -> bool:
@@ -127,75 +134,8 @@ def has_start(recording: Recording) -> bool:
     return has_arm(recording) and is_start(recording.metadata["start"])
 
 
-def recorded_arm(recording: Recording, first: int) -> RecordedHand:
-    """The recorded arm from tick `first` on, exactly as it was. InputError if a number of it is not finite."""
-    hand = new_hand()
-    for name, value in recording.metadata["start"]["arm"].items():
-        hand.grips[name][0] = value
-    return RecordedHand(
-        hand,
-        first,
-        _columns(recording, first, "target_x_m", "target_y_m", "target_vx_m_s", "target_vy_m_s"),
-        _columns(recording, first, *(f"arm_stiffness_{axes}_N_per_m" for axes in ("xx", "xy", "yy"))),
-        _columns(recording, first, "arm_held_x_N", "arm_held_y_N"),
-        recording.column("arm_force_max_N")[first:],
-    )
-
-
-def target_hand(recording: Recording, first: int, path: PathAhead, person: Person | None,
-                mouse: MouseHand) -> RecordedHand:  # fmt: skip
-    """The arm and target of an earlier version's recording, from tick `first` on.
-
-    person: whose arm; None: the mouse's. The target's velocity is not recorded: central differences, for an operator
-    (a pointer's counts as zero). Where that is not what it was, and at a bend, where the arm is turned at once, the
-    difference goes into what is held.
-    InputError for a target or an acceleration that is not finite.
-    """
-    tip = _columns(recording, first, "tip_x_m", "tip_y_m")
-    velocity = _columns(recording, first, "tip_vx_m_s", "tip_vy_m_s")
-    acceleration = _columns(recording, first, "tip_ax_m_s2", "tip_ay_m_s2")
-    target = np.zeros((len(tip), 4))
-    target[:, :2] = _columns(recording, first, "target_x_m", "target_y_m")
-    hand = mouse.hand() if person is None else new_hand()
-    grip = hand.grips[0]
-    if person is None:
-        stiffness = np.tile(grip.stiffness, (len(tip), 1))
-    else:
-        take_handle(person, path, hand.grips)
-        stiffness = np.tile(grip.stiffness, (len(tip), 1))
-        if len(path.pieces) > 1 or path.pieces[0, CURVATURE] != 0.0:  # soft along the path where the target is
-            for row, (x, y, _, _) in zip(stiffness, target, strict=True):
-                _, _, tx, ty = nearest(path, float(x), float(y))
-                turn_arm(grip, person.stiffness_along_N_m, person.stiffness_across_N_m, tx, ty)
-                row[:] = grip.stiffness
-        if len(target) > 1:
-            target[:, 2:] = np.gradient(target[:, :2], TICK_S, axis=0)
-    force = _columns(recording, first, "hand_fx_N", "hand_fy_N") + grip.mass * acceleration  # of the arm itself
-    damping = np.tile(grip.damping, (len(tip), 1))
-    spring = _times(stiffness, target[:, :2] - tip) + _times(damping, target[:, 2:] - velocity)
-    return RecordedHand(hand, first, target, stiffness, *what_is_held(force, spring, float(grip.force_max)))
-
-
-def what_is_held(force: np.ndarray, spring: np.ndarray, clip: float) -> tuple[np.ndarray, np.ndarray]:
-    """Splits the arm's force (n, 2), N, into spring-damper and what is held: held (n, 2), and the cap left (n,).
-
-    spring (n, 2): of the spring-damper before its cap. The rule of the operator: both together never exceed `clip`,
-    cap = clip - |held|. Below the cap held = force - spring. At it, with u along the spring, force = cap u + held, so
-    that G = force - clip u gives |held| = -G.G / (2 G.u).
-    """
-    size = np.hypot(*spring.T)
-    held = np.hypot(*(force - spring).T)
-    u = spring / np.where(size > 0.0, size, 1.0)[:, None]
-    rest = force - clip * u
-    along = np.sum(rest * u, axis=1)
-    at_cap = np.where(along < 0.0, np.sum(rest * rest, axis=1) / np.where(along < 0.0, -2.0 * along, 1.0), 0.0)
-    held = np.where(size + held <= clip, held, at_cap)
-    cap = np.maximum(clip - held, 0.0)
-    scale = cap / np.maximum(np.maximum(size, cap), 1e-300)  # 1 below the cap
-    return force - scale[:, None] * spring, cap
-
-
-def _columns(recording: Recording, first: int, *names: str) -> np.ndarray:
+def _finite(recording: Recording, first: int, *names: str) -> np.ndarray:
+    """Columns from a tick on (n, columns). InputError where one is missing or not finite."""
     found = np.column_stack([recording.column(name)[first:] for name in names])
     bad = np.flatnonzero(~np.isfinite(found).all(axis=1))
     if len(bad):
@@ -203,28 +143,21 @@ def _columns(recording: Recording, first: int, *names: str) -> np.ndarray:
     return found
 
 
-def _times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Symmetric matrices (n, 3) as xx, xy, yy times vectors (n, 2)."""
-    xx, xy, yy = matrix.T
-    x, y = vector.T
-    return np.column_stack((xx * x + xy * y, xy * x + yy * y))
-
-
 # -------------------------------------------------------------------------------------------------- device and run
 
 
 class ReplayedDevice(SimulatedDevice):
-    """Begins its trial where the recording says, and not where an earlier trial has left it."""
+    """Begins its trial where the recording begins, and not where an earlier trial has left it."""
 
     def __init__(self, trial: Recorded, device: Device, hand: Hand, whole: bool) -> None:
         """whole: from the trial's first tick, on the device that it was recorded on; else from the first of `move`."""
         x, y = (float(trial.recording.column(name)[0 if whole else trial.first]) for name in ("tip_x_m", "tip_y_m"))
         super().__init__(device, (x, y), hand)
-        self.trial_recorded, self.whole = trial, whole
+        self.recorded, self.whole = trial, whole
 
     def begin(self) -> None:
-        """As the trial before had left it; or as the recorded movement found it, as far as tip and hand tell."""
-        recording, first, state = self.trial_recorded.recording, self.trial_recorded.first, self.state
+        """As the trial before had left it; or as the recorded movement found it, as far as tip and hand show it."""
+        recording, first, state = self.recorded.recording, self.recorded.first, self.state
         if self.whole:
             start_again(self, recording.metadata["start"])
         else:
@@ -244,35 +177,35 @@ def run_replay(
     device: Device,
     preset: Preset,
     rules: str,
-    lead: RecordedHand | None,
-    progress: Callable[[float], None] | None = None,
+    whole: bool,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """The replayed ticks (n, tick_log.WIDTH), and how the trial ended, as `Trial.outcome`.
 
-    lead: the recorded arm from the first tick on, on the recorded device; the hand takes over with `move`. None: the
-    replay begins with `move`. FloatingPointError if the motion is no longer finite.
+    whole: from the first tick, on the recorded device, moved by the recorded arm until `move`, when the hand takes
+    over; else from the first tick of `move`. FloatingPointError if the motion is no longer finite.
     """
     recording, row = trial.recording, trial.row
-    simulated = ReplayedDevice(trial, device, (lead or hand).hand, whole=lead is not None)
+    moved_by = recorded_arm(recording) if whole and not hand.wants else hand
+    simulated = ReplayedDevice(trial, device, moved_by.hand, whole)
     planned = PlannedTrial(row.run, row.block, device.name, row.controller, row.segment, row.repetition)
     again = Trial(simulated, planned, trial.path_file, preset, rules, trial.stored.protocol.trial)
-    run, first = again.arguments().run, 0
-    if lead is None:
-        run["phase"][0], run["tick"][0] = tick_log.MOVE, trial.first
-        first = trial.first
+    run, first = again.arguments().run, 0 if whole else trial.first
+    if not whole:
+        run["phase"][0], run["tick"][0] = tick_log.MOVE, first
     away, stopped = recording.in_phase("approach"), stopped_at(recording)
     rows = np.empty((recording.rows - first, tick_log.WIDTH))
     done = 0
     while done < len(rows):
         tick = first + done
-        if tick == trial.first and simulated.hand is not hand.hand:
-            simulated.hand, simulated.state["settled"][0] = hand.hand, 0
-        (hand if tick >= trial.first or lead is None else lead).take(tick)
+        if tick == trial.first and moved_by is not hand:
+            moved_by, simulated.hand, simulated.state["settled"][0] = hand, hand.hand, 0
+        moved_by.take(tick)
         run["held"][0], run["stop"][0] = not away[tick], tick >= stopped
         if not again.run(rows[done : done + 1]):
             break
         done += 1
-        if progress and done % PROGRESS_EVERY == 0:
+        if done % PROGRESS_EVERY == 0:
             progress(done / len(rows))
     rows = rows[:done]
     if not np.isfinite(rows[:, : tick_log.SENSED_FY + 1]).all():

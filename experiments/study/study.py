@@ -3,6 +3,7 @@
 import contextlib
 import shutil
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import is_wrong_path, make_empty_folder
+from experiments.recording.writer import RecordingWriter
 from experiments.session.files import LOCK, STORED, hold_lock, session_folder, write_pooled_table
 from experiments.session.journal import TRIAL_CUT_OFF
 from experiments.session.session import Session
@@ -34,7 +36,7 @@ def run_study(
     operators: int,
     protocol: Protocol,
     population: Population,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> dict:
     """Run every operator's session into `out`, a new or empty folder; the summary. InputError for wrong input."""
     out = Path(out)
@@ -42,10 +44,12 @@ def run_study(
     with hold_lock(out):
         study = StudyPlan(operators, protocol, population)
         write_study(out, study)
-        return _Run(out, study, progress).carry_out()
+        return Run(out, study, progress).carry_out()
 
 
-def resume_study(out: Path, asked: Mapping[str, object], progress: Callable[[float], None] | None = None) -> dict:
+def resume_study(
+    out: Path, asked: Mapping[str, object], progress: Callable[[float], None] = lambda share: None
+) -> dict:
     """Go on with an interrupted study as it was begun: what a crash left is recovered, then every trial of the plan
     that is not settled is run. A study that is complete is left as it is. The summary.
 
@@ -58,13 +62,13 @@ def resume_study(out: Path, asked: Mapping[str, object], progress: Callable[[flo
     study = read_study(out)
     refuse_other(out, study, asked)
     with hold_lock(out):
-        return _Run(out, study, progress).carry_out()
+        return Run(out, study, progress).carry_out()
 
 
-class _Run:
+class Run:
     """One call's part of a study."""
 
-    def __init__(self, out: Path, study: StudyPlan, progress: Callable[[float], None] | None) -> None:
+    def __init__(self, out: Path, study: StudyPlan, progress: Callable[[float], None]) -> None:
         self.out, self.study, self.progress = out, study, progress
         self.rows = np.empty((CHUNK_TICKS, tick_log.WIDTH))
         self.simulating, self.ticks, self.trials = 0.0, 0, 0
@@ -74,53 +78,51 @@ class _Run:
         """Run what is not done yet, then the table and the figures."""
         load_kernels()  # no clock runs while they are compiled
         began = time.perf_counter()
-        for operator in range(1, self.study.operators + 1):
-            with contextlib.closing(self._session(f"{operator:02d}")) as session:
+        protocol, population, operators = self.study.protocol, self.study.population, self.study.operators
+        for operator in range(1, operators + 1):
+            with contextlib.closing(self.session(f"{operator:02d}")) as session:
                 while planned := session.next_planned():
-                    self._run_trial(session, planned)
-                    settled = session.settled / len(session.plan)
-                    if self.progress:
-                        self.progress((operator - 1 + settled) / self.study.operators)
+                    self.run_trial(session, planned)
+                    self.progress((operator - 1 + session.settled / len(session.plan)) / operators)
         table = write_pooled_table(self.out)
         if self.trials or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
-            self._conclude(table)
-        protocol = self.study.protocol
+            self.conclude(table)
         refusal = why_no_findings(protocol.controllers)
         found = [] if refusal else findings(table)
         return {
             "out": str(self.out),
             "trials": len(table),
             **{f"done_controller_{number}": share_done(table, number) for number in protocol.controllers},
-            "recovered": sum(r.status == "recovered" for r in table),
+            "recovered": sum(row.status == "recovered" for row in table),
             "in_doubt": self.doubted,
             "findings": refusal or verdicts(found),
             "protocol": protocol.name,
-            "population": self.study.population.name,
-            "operators_changed_after_findings": list(self.study.population.changed_after_findings) or "nothing",
+            "population": population.name,
+            "operators_changed_after_findings": list(population.changed_after_findings) or "nothing",
             "rules": protocol.rules,
             "low_gain_N_s_m": protocol.low_gain,
-            "parameters": "assumed" if protocol.assumed or self.study.population.assumed else "as in the files",
+            "parameters": "assumed" if protocol.assumed or population.assumed else "as in the files",
             "simulated_s": self.ticks * TICK_S,
             "simulation_wall_s": self.simulating,
             "wall_s": time.perf_counter() - began,
             "warnings": warnings(table, found, simulated=True),
         }
 
-    def _session(self, label: str) -> Session:
+    def session(self, label: str) -> Session:
+        """An operator's session: a new one, or the one that was begun."""
         if (session_folder(self.out, label) / STORED).exists():
             return Session.resume(self.out, label, sync=False)
-        protocol = self.study.protocol
+        protocol, population = self.study.protocol, self.study.population
         generator = np.random.default_rng(np.random.SeedSequence([protocol.seed, participant_index(label)]))
-        population = self.study.population
         person = population.draw(generator)
         return Session(self.out, label, protocol, person, sync=False, operators=population.operators)
 
-    def _run_trial(self, session: Session, planned: PlannedTrial) -> None:
+    def run_trial(self, session: Session, planned: PlannedTrial) -> None:
         """One trial, from its first tick to its row. OSError, as one sentence, if the disk takes no more."""
         try:
             trial, writer = session.begin(planned)
             with writer:
-                self._run_ticks(trial, writer)
+                self.run_ticks(trial, writer)
                 session.finish(trial, writer)
         except OSError as error:
             if is_wrong_path(error):
@@ -136,7 +138,8 @@ class _Run:
         self.trials += 1
         self.doubted += bool(trial.outcome()["warnings"])
 
-    def _run_ticks(self, trial: Trial, writer) -> None:
+    def run_ticks(self, trial: Trial, writer: RecordingWriter) -> None:
+        """Every tick of a trial into its recording."""
         while not trial.finished:
             start = time.perf_counter()
             n = trial.run(self.rows)
@@ -144,17 +147,18 @@ class _Run:
             writer.write(self.rows[:n])
         self.ticks += trial.ticks
 
-    def _conclude(self, table: Sequence[TrialRow]) -> None:
+    def conclude(self, table: Sequence[TrialRow]) -> None:
         """Box plots and report; each folder appears whole, in place of one from before a crash."""
         protocol, operators = self.study.protocol, self.study.population.operators
-        note = f"{protocol.note()}, {operators.label}"
+        note = protocol.note()
         for name in (FIGURES, REPORT):
             folder = self.out / f".{name}.partial"
             shutil.rmtree(folder, ignore_errors=True)
             if name == FIGURES:
-                draw_boxplots(table, folder, note, labels=protocol.labels(), protocol=protocol.name)
+                label = f"{note}, {operators.label}"
+                draw_boxplots(table, folder, label, labels=protocol.labels(), protocol=protocol.name)
             else:
-                about = f"{protocol.note()}, {operators.note}"
+                about = f"{note}, {operators.note}"
                 write_report(table, folder, about, controllers=protocol.controllers, simulated=True)
             shutil.rmtree(self.out / name, ignore_errors=True)
             folder.rename(self.out / name)
@@ -162,12 +166,12 @@ class _Run:
 
 def verdicts(found: Sequence[Finding]) -> str:
     """How many of the paper's statements the data support, in words."""
-    said = [finding.verdict for finding in found]
-    counts = [f"{verdict}: {said.count(verdict)}" for verdict in (HOLDS, FAILS, CANNOT_TELL)]
-    return ", ".join(counts) + f" (of the paper's {len(found)}; why: {REPORT}/report.md)"
+    counted = Counter(finding.verdict for finding in found)
+    counts = ", ".join(f"{verdict}: {counted[verdict]}" for verdict in (HOLDS, FAILS, CANNOT_TELL))
+    return f"{counts} (of the paper's {len(found)}; why: {REPORT}/report.md)"
 
 
 def share_done(rows: Sequence[TrialRow], controller: int) -> float:
     """Share of a controller's trials that reached the end."""
-    of_it = [r.status == "done" for r in rows if r.controller == controller]
-    return float(np.mean(of_it)) if of_it else 0.0
+    done = [row.status == "done" for row in rows if row.controller == controller]
+    return float(np.mean(done)) if done else 0.0

@@ -29,14 +29,13 @@ import numpy as np
 
 from core import tick_log
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
-from core.control.rule_sets import RULE_SETS
 from core.device import Device
-from core.files import InputError, Table, one_of, parse_toml, read_text
+from core.files import InputError, Table, choice, parse_toml, read_text
 from core.path import PathFile, build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import NO_METRICS, Metrics, trial_metrics
 from experiments.plan import PlannedTrial
-from experiments.protocol import PARAMETER_TYPES, Count, Text, TrialRules, load_protocol, plain_text
+from experiments.protocol import PARAMETER_TYPES, Count, Rules, Text, TrialRules, load_protocol, plain_text
 from experiments.recording.atomic_files import give_new_name, make_empty_folder, written_beside
 from experiments.recording.schema import recording_of
 from experiments.session.files import LOCK, hold_lock
@@ -51,10 +50,9 @@ MOST_JOBS = 1_000_000
 class _SweptKind(Table, frozen=True):
     """What every swept controller has."""
 
-    kind: str
+    kind: Annotated[str, choice(*ALGORITHMS)]
 
     def __post_init__(self) -> None:
-        one_of(self.kind, tuple(ALGORITHMS), "kind")
         self.presets()
 
     def presets(self) -> list[Preset]:
@@ -84,12 +82,10 @@ class SweepFile(Table, frozen=True):
     seed: Annotated[int, msgspec.Meta(ge=0)] = 1
     populations: Names = ("average",)
     devices: Names | None = None
-    rules: Names | None = None
+    rules: Annotated[tuple[Rules, ...], msgspec.Meta(min_length=1)] | None = None
 
     def __post_init__(self) -> None:
         plain_text(self.name, "name")
-        for one in self.rules or ():
-            one_of(one, tuple(RULE_SETS), "rules")
         for key in ("populations", "devices", "rules"):
             values = getattr(self, key) or ()
             if len(set(values)) < len(values):
@@ -101,10 +97,10 @@ class Job:
     """What one process does at a time: every path and repetition of one person in one cell."""
 
     number: int  # in the order of the table
-    preset: Preset
-    device: Device
     population: Population
+    device: Device
     rules: str
+    preset: Preset
     operator: int
     seed: int
     repetitions: int
@@ -136,15 +132,12 @@ def load_sweep(path: Path) -> Sweep:
     if len(set(presets)) < len(presets):
         raise InputError(f"{path}: controller: the same controller stands there twice")
     rules = file.rules or (protocol.rules,)
-    cells = itertools.product(populations, protocol.devices, rules, presets, range(1, file.operators + 1))
-    count = len(populations) * len(protocol.devices) * len(rules) * len(presets) * file.operators
+    varied = populations, protocol.devices, rules, presets, range(1, file.operators + 1)
+    count = math.prod(map(len, varied))
     if count > MOST_JOBS:
         raise InputError(f"{path}: {count} people in cells are more than the {MOST_JOBS} that one sweep may have")
-    jobs = tuple(
-        Job(number, preset, device, population, ruled, operator, file.seed, file.repetitions, protocol.paths,
-            protocol.trial)
-        for number, (population, device, ruled, preset, operator) in enumerate(cells, start=1)
-    )  # fmt: skip
+    alike = file.seed, file.repetitions, protocol.paths, protocol.trial
+    jobs = tuple(Job(number, *cell, *alike) for number, cell in enumerate(itertools.product(*varied), start=1))
     texts = {"sweep": text, f"protocol {protocol.name}": protocol.text}
     texts |= {f"population {one.name}": one.text for one in populations}
     for device in protocol.devices:
@@ -163,10 +156,11 @@ def _beside(path: Path, name: str) -> str | Path:
 STORED, TABLE, PARTS = "sweep.json", "sweep.csv", "parts"
 CHUNK_TICKS = 65_536
 LOOK_S = 0.5  # how often a worker looks whether its parent lives
-PLACE = (
+ENERGIES = ("energy_residual_J", "energy_added_max_J")
+COLUMNS = (
     "population", "configuration", "rules", "kind", *PARAMETERS, "operator", "segment", "repetition", "status",
+    *Metrics._fields, *ENERGIES,
 )  # fmt: skip
-COLUMNS = (*PLACE, *Metrics._fields, "energy_residual_J", "energy_added_max_J")
 
 
 def run_sweep(
@@ -174,7 +168,7 @@ def run_sweep(
     out: Path,
     resume: bool = False,
     cluster: str | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> dict:
     """Run every job that is not done yet, then write the table; the summary. InputError for wrong input.
 
@@ -187,31 +181,33 @@ def run_sweep(
     elif not out.is_dir():
         raise InputError(f"{out}: holds no sweep to resume")
     with hold_lock(out):
-        (_compare if resume else _store)(out, sweep)
-        waiting = [] if (out / TABLE).exists() else [job for job in sweep.jobs if not _part(out, job.number).exists()]
+        (compare if resume else store)(out, sweep)
+        parts = {job.number: out / PARTS / f"{job.number:06d}.csv" for job in sweep.jobs}
+        waiting = [] if (out / TABLE).exists() else [job for job in sweep.jobs if not parts[job.number].exists()]
         done, ticks = len(sweep.jobs) - len(waiting), 0
         if waiting:
             (out / PARTS).mkdir(exist_ok=True)
-        with _ending_at_once():
-            for number, data, more in _results(waiting, cluster):
-                part = _part(out, number)
-                with written_beside(part, data, sync=False) as partial:
-                    partial.rename(part)
+        with ending_at_once():
+            for number, data, more in results(waiting, cluster):
+                with written_beside(parts[number], data, sync=False) as partial:
+                    partial.rename(parts[number])
                 done, ticks = done + 1, ticks + more
-                if progress:
-                    progress(done / len(sweep.jobs))
-        rows = _gather(out, sweep)
+                progress(done / len(sweep.jobs))
+        rows = gather(out / TABLE, list(parts.values()))
     return {
         "out": str(out / TABLE),
         "name": sweep.name,
         "jobs": len(sweep.jobs),
         "already_done": len(sweep.jobs) - len(waiting),
         "trials": len(rows),
-        "share_done": float(np.mean([r["status"] == "done" for r in rows])),
+        "share_done": float(np.mean([row["status"] == "done" for row in rows])),
         "parameters": "assumed" if sweep.assumed else "as in the files",
         "simulated_s": ticks * TICK_S,
         "wall_s": time.perf_counter() - began,
     }
+
+
+# -------------------------------------------------------------------------------------------------------------- a job
 
 
 def run_job(job: Job) -> tuple[int, bytes, int]:
@@ -221,23 +217,20 @@ def run_job(job: Job) -> tuple[int, bytes, int]:
     x, y, _, _ = point_at(first, 0.5 * first.length)
     simulation = SimulatedDevice(job.device, (x, y))
     text, ticks = io.StringIO(), 0
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer = csv.writer(text, lineterminator="\n")
     for repetition in range(1, job.repetitions + 1):
-        for segment in job.paths:
+        for segment, path in job.paths.items():
             # as in a study: the same noise for every controller, device and rule set
-            key = [job.seed, job.operator, segment, repetition]
+            generator = np.random.default_rng(np.random.SeedSequence([job.seed, job.operator, segment, repetition]))
             planned = PlannedTrial(1, 1, job.device.name, 1, segment, repetition)
-            trial = Trial(
-                simulation, planned, job.paths[segment], job.preset, job.rules, job.trial, person,
-                np.random.default_rng(np.random.SeedSequence(key)),
-            )  # fmt: skip
-            rows = _all_rows(trial)
-            writer.writerow(_row(job, segment, repetition, trial, rows))
+            trial = Trial(simulation, planned, path, job.preset, job.rules, job.trial, person, generator)
+            rows = run_trial(trial)
+            writer.writerow(table_row(job, trial, rows))
             ticks += len(rows)
     return job.number, text.getvalue().encode(), ticks
 
 
-def _all_rows(trial: Trial) -> np.ndarray:
+def run_trial(trial: Trial) -> np.ndarray:
     """Every tick of a trial (n, tick_log.WIDTH)."""
     blocks = []
     while not trial.finished:
@@ -246,26 +239,28 @@ def _all_rows(trial: Trial) -> np.ndarray:
     return np.concatenate(blocks)
 
 
-def _row(job: Job, segment: int, repetition: int, trial: Trial, rows: np.ndarray) -> dict[str, object]:
-    outcome = trial.outcome()
+def table_row(job: Job, trial: Trial, rows: np.ndarray) -> list[object]:
+    """A trial's row of the table, in the order of `COLUMNS`; a measure that is missing or not finite is empty."""
+    outcome, preset = trial.outcome(), job.preset
     recording = recording_of(rows, job.device.braked)
     metrics = trial_metrics(recording, trial.path) if recording.in_phase("move").any() else NO_METRICS
-    place = (
-        job.population.name, job.device.name, job.rules, job.preset.kind, *map(job.preset.value, PARAMETERS),
-        job.operator, segment, repetition, outcome["status"],
-    )  # fmt: skip
-    measured = {**metrics._asdict(), **{key: outcome[key] for key in COLUMNS[-2:]}}
-    return dict(zip(PLACE, place, strict=True)) | {
-        key: "" if value is None or not math.isfinite(value) else repr(float(value)) for key, value in measured.items()
-    }
+    measured = (*metrics, *(outcome[name] for name in ENERGIES))
+    return [
+        job.population.name, job.device.name, job.rules, preset.kind, *map(preset.value, PARAMETERS), job.operator,
+        trial.planned.segment, trial.planned.repetition, outcome["status"],
+        *("" if value is None or not math.isfinite(value) else repr(float(value)) for value in measured),
+    ]  # fmt: skip
 
 
-def _results(jobs: Sequence[Job], cluster: str | None):
+# --------------------------------------------------------------------------------------------------------- the workers
+
+
+def results(jobs: Sequence[Job], cluster: str | None) -> Iterator[tuple[int, bytes, int]]:
     """The results of the jobs as they come, from all cores or the cluster's workers."""
     if cluster is None:
         if jobs:  # its kernels are compiled here, if they have to be, rather than by every worker at the same time
             yield run_job(jobs[0])
-        calls = (joblib.delayed(_run_beside_parent)(job, os.getpid()) for job in jobs[1:])
+        calls = (joblib.delayed(run_beside_parent)(job, os.getpid()) for job in jobs[1:])
         workers = max(1, min(joblib.cpu_count(), len(jobs) - 1))
         yield from joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(calls)
         return
@@ -278,12 +273,11 @@ def _results(jobs: Sequence[Job], cluster: str | None):
     except (OSError, ValueError) as error:
         raise InputError(f"--cluster: no Dask scheduler answers at {cluster} ({error})") from None
     with client, joblib.parallel_config(backend="dask"):
-        calls = (joblib.delayed(run_job)(job) for job in jobs)
-        yield from joblib.Parallel(return_as="generator_unordered")(calls)
+        yield from joblib.Parallel(return_as="generator_unordered")(joblib.delayed(run_job)(job) for job in jobs)
 
 
 @contextlib.contextmanager
-def _ending_at_once() -> Iterator[None]:
+def ending_at_once() -> Iterator[None]:
     """An interrupt ends the process on the spot: finished jobs are on the disk, and the workers see that their parent
     is gone. An orderly end would wait for them, sometimes for ever.
     """
@@ -298,15 +292,17 @@ def _ending_at_once() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _run_beside_parent(job: Job, parent: int) -> tuple[int, bytes, int]:
+def run_beside_parent(job: Job, parent: int) -> tuple[int, bytes, int]:
     """A job in a worker of this machine, which ends when the sweep does, however that ends."""
     if os.getpid() != parent:
-        _end_with(parent)
+        end_with(parent)
     return run_job(job)
 
 
 @functools.cache
-def _end_with(parent: int) -> None:
+def end_with(parent: int) -> None:
+    """From now on this process ends when its parent does."""
+
     def look() -> None:
         while os.getppid() == parent:
             time.sleep(LOOK_S)
@@ -315,20 +311,17 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=look, name="looks at its parent", daemon=True).start()
 
 
-# ------------------------------------------------------------------------------------------------------------- files
+# ----------------------------------------------------------------------------------------------------------- the files
 
 
-def _part(out: Path, number: int) -> Path:
-    return out / PARTS / f"{number:06d}.csv"
-
-
-def _store(out: Path, sweep: Sweep) -> None:
+def store(out: Path, sweep: Sweep) -> None:
+    """Write what the sweep is into its folder."""
     about = json.dumps({"name": sweep.name, "texts": sweep.texts}, indent=1, sort_keys=True).encode() + b"\n"
     with written_beside(out / STORED, about) as partial:
         give_new_name(partial, out / STORED)
 
 
-def _compare(out: Path, sweep: Sweep) -> None:
+def compare(out: Path, sweep: Sweep) -> None:
     """InputError unless the folder's sweep is this one: a changed file would mix two sweeps in one table."""
     try:
         stored = json.loads((out / STORED).read_text(encoding="utf-8"))["texts"]
@@ -341,16 +334,15 @@ def _compare(out: Path, sweep: Sweep) -> None:
         raise InputError(f"{out / STORED}: the sweep was begun with another {', '.join(changed)}; use a new folder")
 
 
-def _gather(out: Path, sweep: Sweep) -> list[dict[str, str]]:
-    """The rows of the table, which is written from the parts if it is not there yet."""
-    table = out / TABLE
+def gather(table: Path, parts: Sequence[Path]) -> list[dict[str, str]]:
+    """The rows of the table, which is written from the parts if it is not there yet; the parts then go."""
     if not table.exists():
-        data = (",".join(COLUMNS) + "\n").encode() + b"".join(_part(out, job.number).read_bytes() for job in sweep.jobs)
+        data = (",".join(COLUMNS) + "\n").encode() + b"".join(part.read_bytes() for part in parts)
         with written_beside(table, data) as partial:
             give_new_name(partial, table)
-    for job in sweep.jobs:
-        _part(out, job.number).unlink(missing_ok=True)
-    if (out / PARTS).exists():
-        (out / PARTS).rmdir()
+    for part in parts:
+        part.unlink(missing_ok=True)
+    with contextlib.suppress(FileNotFoundError):
+        parts[0].parent.rmdir()
     with table.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))

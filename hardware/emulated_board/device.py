@@ -7,10 +7,8 @@ import numpy as np
 
 from core.device import Device
 from core.files import InputError
-from core.kernel import kernel
 from core.simulator.hand import Hand, new_hand, spring_hand
-from core.simulator.simulation import Simulation, advance, apply
-from core.simulator.stick_slip_mode import resolve
+from core.simulator.simulated_device import SimulatedDevice
 from core.workspace import tip_is_free
 from hardware.emulated_board.board import TICK_US, Capability, Readings
 from hardware.emulated_board.line_faults import SENSED, LineFault
@@ -72,7 +70,7 @@ def pair(value: object, name: str, most: float) -> tuple[float, float]:
 
 
 class EmulatedDevice:
-    """What the board's wires lead to."""
+    """The simulated device at the board's wires, with its sensors and the hand that holds it."""
 
     def __init__(
         self, device: Device, capability: Capability, hand: EmulatedHand, tip: tuple[float, float], seed: int
@@ -82,19 +80,11 @@ class EmulatedDevice:
             raise InputError(f"device {device.name}: the handle cannot be at ({tip[0]:g}, {tip[1]:g}) m")
         self.hand = hand
         self.sensors = EmulatedSensors(device, capability, tip, seed)
-        s = Simulation(device, tip, fidelity="mr", hand=hand.hand)
-        self._how = s.fidelity, s.integrator
-        # plain arrays: calls from Python take longer with the other kind
-        self._parts = (
-            s.mechanism.view(np.ndarray), s.brakes.view(np.ndarray),
-            s.hand._replace(grips=s.hand.grips.view(np.ndarray)), s.state.view(np.ndarray),
-            s.step_scratch.view(np.ndarray),
-        )  # fmt: skip
+        self._simulated = SimulatedDevice(device, tip, hand.hand)
         #: views of the state: tip x, y, vx, vy (m, m/s), acceleration (m/s2), hand force (N)
         self.motion, self.acceleration, self.hand_force = (
-            s.state[name].view(np.ndarray)[0] for name in ("tip", "acceleration", "hand_force")
+            self._simulated.state[name].view(np.ndarray)[0] for name in ("tip", "acceleration", "hand_force")
         )
-        self._commands = np.zeros(4)  # A
         self._ticks = 0
 
     @property
@@ -105,8 +95,7 @@ class EmulatedDevice:
     def sense(self, currents: Four, faults: Iterable[LineFault]) -> Readings:
         """The hand's next tick begins; what the sensors read while these currents (mA) flow."""
         self.hand.tick(*self.tip)
-        self._command(currents)
-        settle(*self._parts, self._commands, self._ticks * TICK_S, *self._how)
+        self._simulated.settle(1e-3 * np.array(currents), self._ticks * TICK_S)
         joints: dict[str, set[int]] = {kind: set() for kind in SENSED}
         for fault in faults:
             if fault.kind in joints:
@@ -118,28 +107,5 @@ class EmulatedDevice:
 
     def advance(self, currents: Four) -> None:
         """The device moves for a tick with these currents (mA)."""
-        self._command(currents)
-        move(*self._parts, self._commands, self._ticks * TICK_S, *self._how)
+        self._simulated.move(1e-3 * np.array(currents), self._ticks * TICK_S, TICK_S)
         self._ticks += 1
-
-    def _command(self, currents: Four) -> None:
-        """currents, mA, as the brakes' commands."""
-        commands = self._commands
-        commands[0], commands[1], commands[2], commands[3] = currents
-        commands *= 1e-3
-
-
-@kernel
-def settle(mechanisms, brakes, hand, states, trials, commands, t, fidelity, integrator):
-    """What moves and what rests at t (s) with these commands (4,), A: forces and acceleration are then known."""
-    apply(brakes[0], states[0], commands, fidelity)
-    resolve(mechanisms[0], brakes[0], hand, states[0], t)
-
-
-@kernel
-def move(mechanisms, brakes, hand, states, trials, commands, t, fidelity, integrator):
-    """A tick from t (s) on; commands may be other ones than were settled with."""
-    settle(mechanisms, brakes, hand, states, trials, commands, t, fidelity, integrator)
-    advance(
-        mechanisms[0], brakes[0], hand, states[0], trials[0], commands, t, TICK_S, fidelity, integrator
-    )  # fmt: skip

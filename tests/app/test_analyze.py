@@ -45,6 +45,8 @@ def test_a_damaged_recording_is_left_out_and_its_boxes_alone_are_said_to_change(
     said = json.loads(capsys.readouterr().out)
     assert said["trials"] == 19 and f"run-{lost.run:03d}" in said["left_out"][0]
     assert files(folder).items() >= before.items()
+    analyzed = read_table(folder / "analysis-1" / "trials.csv")
+    assert [row.run for row in analyzed] == [row.run for row in rows if row is not lost]
 
     same_box = [r for r in rows if (r.controller, r.configuration) == (lost.controller, lost.configuration)]
     assert len(said["changed"]) == 3 and all(lost.configuration in line for line in said["changed"])

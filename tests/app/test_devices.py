@@ -79,7 +79,7 @@ def test_rights_that_are_missing_come_with_what_to_type(nothing, tmp_path: Path)
 
 
 def test_a_dead_port_says_that_no_board_answers(nothing, dead_port: str, capsys: pytest.CaptureFixture) -> None:
-    nothing.setattr(discovery, "HELLO_S", 0.3)
+    nothing.setattr("hardware.serial_device.HELLO_S", 0.3)
     code, out = said(capsys, "--port", dead_port)
     assert code == 1 and out.splitlines() == [f"board           {dead_port}  no board answers there"]
 
@@ -92,7 +92,7 @@ def at_ports(_folder: Path, ports: list[str]) -> list:
 def test_the_doctor_says_what_to_do_about_a_port_at_which_nobody_is(
     nothing, dead_port: str, capsys: pytest.CaptureFixture
 ) -> None:
-    nothing.setattr(discovery, "HELLO_S", 0.3)
+    nothing.setattr("hardware.serial_device.HELLO_S", 0.3)
     nothing.setattr(doctor, "examine", at_ports)
     assert main(["doctor", "--port", dead_port]) == 1
     out = capsys.readouterr().out
@@ -134,7 +134,7 @@ def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
         [sys.executable, "-m", "app.cli", "emulate", "--device", "three-brake", "--seed", "9"],
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
     )  # fmt: skip
-    monkeypatch.setattr(discovery, "HELLO_S", 60.0)
+    monkeypatch.setattr("hardware.serial_device.HELLO_S", 60.0)
     try:
         assert emulated.stdout is not None
         port = emulated.stdout.readline().strip()
@@ -157,24 +157,24 @@ def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
             emulated.stdout.close()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["--link", "serial:/dev/none"], "--link serial:/dev/none: there is no such port (phd devices lists"),
-        (["--link", "usb"], "--link: must be sim or serial:PORT, not 'usb'"),
-        (["--link", "serial:/dev/null", "--input", "operator"], "--input operator: on the bench the force sensor"),
-    ],
-)
-def test_a_link_that_cannot_be_is_refused_before_any_window_is_loaded(
-    arguments: list[str], says: str, tmp_path: Path
-) -> None:
+WRONG_LINKS = [
+    (["--link", "usb"], "--link: must be sim or serial:PORT, not 'usb'"),
+    (["--link", "serial:/dev/null", "--input", "operator"], "--input operator: on the bench the force sensor"),
+    (["--link", "serial:/dev/none"], "--link serial:/dev/none: there is no such port (phd devices lists"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "says"), WRONG_LINKS)
+def test_a_link_that_cannot_be_is_one_sentence(arguments: list[str], says: str, tmp_path: Path, capsys) -> None:
+    assert main(["run", *arguments, "--data-dir", str(tmp_path / "data")]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and says in err and err.count("\n") == 1 and not (tmp_path / "data").exists()
+
+
+def test_a_link_that_cannot_be_is_refused_before_any_window_is_loaded() -> None:
     code = (
-        "import sys; from app.cli import main; code = main(sys.argv[1:]);"
+        "import sys; from app.cli import main; code = main(['run', '--link', 'serial:/dev/none']);"
         "print(code, any(name.startswith('PySide6') for name in sys.modules))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, "run", *arguments, "--data-dir", str(tmp_path / "data")],
-        cwd=ROOT, capture_output=True, text=True, timeout=200, check=False,
-    )  # fmt: skip
-    assert done.stdout == "2 False\n" and says in done.stderr and done.stderr.count("\n") == 1
-    assert not (tmp_path / "data").exists()
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=200)
+    assert done.stdout == "2 False\n"

@@ -100,3 +100,9 @@ def test_without_a_screen_that_is_bad_and_says_what_still_works(monkeypatch: pyt
     monkeypatch.setattr(doctor.subprocess, "run", lambda *_, **__: tried)
     (line,) = doctor.screens()
     assert line.state == BAD and "without" in line.advice
+
+
+def test_kernels_are_compiled_once_those_of_a_trial_are_whatever_else_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, state in (("start", CAUTION), ("run_ticks", GOOD)):
+        monkeypatch.setattr(doctor, "is_compiled", lambda kernel, name=name: kernel == name)
+        assert doctor.kernels().state == state

@@ -13,7 +13,7 @@ from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
 from core.files import InputError
-from experiments.session import session as session_module
+from experiments.session import files as files_module
 from experiments.session.files import other_protocol, refuse_existing
 from experiments.session.journal import NAME as JOURNAL
 from experiments.session.session import Session
@@ -55,13 +55,15 @@ def test_a_folder_that_cannot_be_made_is_one_sentence_and_nothing_is_left(tmp_pa
     assert everything(tmp_path) == {"file"}
 
 
-@pytest.mark.parametrize("step", ["write_key", "write_new_file", "hold_lock", "write_event"])
+@pytest.mark.parametrize(
+    "step", ["session.write_key", "session.write_new_file", "files.hold_lock", "journal.write_event"]
+)
 def test_a_session_that_the_disk_does_not_take_leaves_no_trace_and_can_be_begun_later(tmp_path, monkeypatch, step):
     def full(*_args, **_more):
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(session_module, step, full)
+        patch.setattr(f"experiments.session.{step}", full)
         with pytest.raises(OSError, match="No space left"):
             new_session(tmp_path, blind=True)
     assert everything(tmp_path) == set()
@@ -81,7 +83,7 @@ def test_a_session_that_another_process_begins_meanwhile_is_not_touched(tmp_path
     other.close()
     before = files(tmp_path)
     seen = []
-    monkeypatch.setattr(session_module, "refuse_existing", lambda *a: seen and refuse_existing(*a) or seen.append(1))
+    monkeypatch.setattr(files_module, "refuse_existing", lambda *a: seen and refuse_existing(*a) or seen.append(1))
     with pytest.raises(InputError, match="exists already"):
         new_session(tmp_path)
     assert files(tmp_path) == before and (tmp_path / "sub-01" / "ses-01" / JOURNAL).exists()

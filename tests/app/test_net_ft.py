@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from played_net_ft import HOST, PlayedSensor
 from real_bench import RealBench
-from simulated_bench import BenchWire, reach
+from simulated_bench import BenchWire
 
 from app.cli import main
 from core import tick_log
@@ -59,7 +59,7 @@ def connected(bench: RealBench, sensor: PlayedSensor, **mounting) -> SerialDevic
     link = SerialDevice(
         device, "bench", sensor.where, clock=bench.now, open_port=lambda name: BenchWire(bench.board, name)
     )
-    reach(link)
+    link.open()
     link.home(bench.board.device.tip)
     bench.link = link
     return link

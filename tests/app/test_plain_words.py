@@ -15,11 +15,7 @@ from app.session_server.preflight import check_loop, check_real, check_sensor
 from app.session_server.storage import Storage
 from app.verbs.common import as_text, in_words
 from app.window import words
-from app.window.box_plot import BoxPlot
 from app.window.energy_panel import small_energy
-from app.window.painting import theme
-from app.window.results_window import ResultsWindow
-from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import sentences
 from experiments.analysis.statistics import Result
 from hardware.serial_port import _reason
@@ -94,18 +90,6 @@ def test_small_energies_are_said_in_units_that_fit(energy: float, said: str) -> 
     assert small_energy(energy) == said
 
 
-def test_one_trial_alone_is_a_point_filled_or_open_in_the_results(screens: Screens) -> None:
-    first, second = opened().devices
-    alone = [result(next(t for t in PLAN if t.configuration == one.name)) for one in (first, second)]
-    alone = [replace(row, controller=2, path_error_m=0.002) for row in alone]
-    plot = BoxPlot(DRAWN[0], [first.name, second.name], {2: "wall"})
-    plot.show_rows(alone)
-    filled, hollow = plot.points.points()
-    assert filled.brush().color().name() == theme.CONTROLLER[2].lower() == hollow.pen().color().name()
-    assert hollow.brush().color().name() == theme.PANEL.lower() and filled.pos().x() < hollow.pos().x()
-    assert "1 trial a box" in plot.said and "no box below 5 trials" in plot.said
-
-
 def test_a_summary_gives_units_as_units_and_names_what_it_lists() -> None:
     faults = [{"file": "run-001", "fault": "cut off"}]
     summary = {"low_gain_N_s_m": 5.0, "wall_s": 2.0, "left_out": ["a", "b"], "rules": "settled", "faults": faults}
@@ -150,11 +134,3 @@ def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(
     assert heard == [said]
 
 
-def test_an_export_that_succeeded_is_not_shown_as_a_warning(screens: Screens, tmp_path) -> None:
-    window = ResultsWindow(opened(folder=str(tmp_path / "sub-01" / "ses-01")), ready(3))
-    for folder, shown in ((tmp_path, "good"), (tmp_path / "none", "caution")):
-        window._folder = folder
-        window._exported("what has come of it")
-        assert window.said.objectName() == shown
-    window.close()
-    window.deleteLater()

@@ -9,7 +9,6 @@ from msgspec.structs import asdict, replace
 from protocols import PAPER, changed, protocol_of, short
 
 from app.cli import main
-from app.session_server.steps import planned_steps
 from core.device import SHIPPED_FOLDER
 from core.files import InputError
 from core.path import Arc, Polyline, Segment
@@ -29,7 +28,7 @@ def test_the_papers_protocol_is_the_experiment_of_section_v():
 def test_every_shipped_protocol_can_be_followed_by_its_devices_and_printed(name):
     protocol = load_protocol(name)
     assert protocol.name == name and protocol.assumed
-    assert print_plan(protocol, "07", planned_steps).startswith(f"{name} protocol, participant 07: ")
+    assert print_plan(protocol, "07").startswith(f"{name} protocol, participant 07: ")
 
 
 def test_a_file_of_ones_own_needs_little_and_the_rest_has_its_default(tmp_path):
@@ -204,7 +203,7 @@ def listed(text: str) -> list[tuple[str, str]]:
 def test_the_printed_plan_holds_every_trial_in_order_the_re_rig_and_the_breaks():
     text = changed(PAPER.text, practice_trials="2") + "\n[breaks]\nafter_trials = 12\nleast_s = 90.0\n"
     protocol = protocol_of(text)
-    said = print_plan(protocol, "02", planned_steps)
+    said = print_plan(protocol, "02")
     assert listed(said) == [(str(t.run), str(t.segment)) for t in make_plan(protocol, "02")]
     four, three = said.index("\nfour-brake\n"), said.index("\nthree-brake\n")
     assert four < said.index("re-rig to three-brake") < three  # participant 2 begins with the other
@@ -214,21 +213,21 @@ def test_the_printed_plan_holds_every_trial_in_order_the_re_rig_and_the_breaks()
     after = [lines[i - 1].split()[0] for i, line in enumerate(lines) if "-- break" in line]
     assert after == ["12", "24", "42", "54"]
     minutes = int(re.search(r"about (\d+) min", said)[1])
-    longer = print_plan(protocol_of(changed(text, blocks="6")), "02", planned_steps)
+    longer = print_plan(protocol_of(changed(text, blocks="6")), "02")
     assert int(re.search(r"about (\d+) min", longer)[1]) - minutes == pytest.approx((60 * 15 + 4 * 90) / 60, abs=1.1)
     assert "assumed: 15 s a trial" in said
 
 
 def test_the_plan_of_a_blind_protocol_shows_codes():
-    said = print_plan(replace(PAPER, blind=True), "01", planned_steps)
+    said = print_plan(replace(PAPER, blind=True), "01")
     plan = said[said.index("\nthree-brake\n") :]
     assert re.findall(r"K[1-5]", plan) and not any(preset.name in plan for preset in PAPER.controllers.values())
 
 
 def test_a_single_controller_is_allowed_and_the_printed_plan_says_that_it_repeats():
     text = re.sub(r"\[\[controller\]\].*\s*number = [1345]\n(.+\n)+", "", PAPER.text)
-    assert "only one controller" in print_plan(protocol_of(text), "01", planned_steps)
-    assert "only one controller" not in print_plan(PAPER, "01", planned_steps)
+    assert "only one controller" in print_plan(protocol_of(text), "01")
+    assert "only one controller" not in print_plan(PAPER, "01")
 
 
 def test_no_break_comes_at_the_end_of_a_configuration_where_the_re_rig_is_one():

@@ -11,7 +11,6 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QLineEdit, QWidget
 from screens import settle
 
-from app.window.background import Background
 from app.window.painting import theme
 from app.window.protocol_editor import ProtocolEditor, form_of, form_text
 from core.path import Arc, Polyline, Segment
@@ -26,10 +25,10 @@ class Editing:
     def __init__(self, qtbot) -> None:
         theme.dress(QApplication.instance())  # type: ignore[arg-type]
         self.qtbot, self.holder = qtbot, QWidget()
-        self.background = Background(self.holder)
-        self.editor = ProtocolEditor(self.background)
+        self.editor = ProtocolEditor()
         self.editor.setParent(self.holder)
         self.saved: list[str] = []
+        self.asked: list[tuple] = []  # of the dialog of files
         self.editor.saved.connect(self.saved.append)
         qtbot.addWidget(self.holder)
         self.editor.resize(1256, 620)
@@ -64,15 +63,13 @@ class Editing:
             do(drawing, LEFT, NONE, QPoint(at))
 
     def save_as(self, monkeypatch, path: Path) -> None:
-        monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_, **__: (str(path), ""))
-        QTest.mouseClick(self.editor.save_as, LEFT)
+        monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *asked: self.asked.append(asked) or (str(path), ""))
+        QTest.mouseClick(self.editor.save, LEFT)
 
 
 @pytest.fixture
 def editing(qtbot):
-    made = Editing(qtbot)
-    yield made
-    made.background.close()
+    return Editing(qtbot)
 
 
 def test_what_is_typed_is_read_at_once_and_the_plan_follows(editing: Editing) -> None:
@@ -97,7 +94,7 @@ def test_the_readers_sentence_stands_where_the_mistake_is(editing: Editing, fiel
     editing.read(says)
     shown = [name for name, label in editing.editor.sentences.items() if not label.isHidden()]
     assert shown == [section] and says in editing.editor.sentences[section].text().replace("\u200b", "")
-    assert not editing.editor.save.isEnabled() and not editing.editor.save_as.isEnabled()
+    assert not editing.editor.save.isEnabled()
 
 
 def test_paths_are_drawn_and_moved_with_the_mouse_on_a_grid_of_5_mm(editing: Editing, monkeypatch, tmp_path) -> None:
@@ -143,17 +140,24 @@ def test_a_protocol_of_ones_own_is_saved_and_can_be_run(editing: Editing, monkey
 
 
 def test_no_file_is_replaced_without_asking(editing: Editing, monkeypatch, tmp_path: Path) -> None:
-    editor, file = editing.editor, tmp_path / "mine.toml"
+    file = tmp_path / "mine.toml"
     file.write_text("precious")
+    editing.save_as(monkeypatch, tmp_path / "mine")  # the dialog has not asked about mine.toml
+    assert file.read_text() == "precious" and editing.saved == []
+    assert "exists already" in editing.editor.sentences[""].text()
+    editing.editor.open("paper")
+    editing.read("60 trials")
     editing.save_as(monkeypatch, file)
-    assert editor.card is not None and file.read_text() == "precious" and editing.saved == []
-    QTest.mouseClick(editor.card.buttons[1], LEFT)
-    assert editor.card is None and file.read_text() == "precious"
-    editing.save_as(monkeypatch, file)
-    QTest.mouseClick(editor.card.buttons[0], LEFT)
     assert editing.saved == [str(file)] and load_protocol(file).name == "paper"
-    QTest.mouseClick(editor.save, LEFT)
-    assert editor.card is not None, "also the file that was opened"
+    assert all(len(asked) == 4 for asked in editing.asked), "without options: the dialog asks before it gives a file"
+
+
+@pytest.mark.parametrize("text", ["name = ", 'name = "x"\n[[path]]\nkind = "spiral"\n', ""])
+def test_a_file_that_cannot_be_run_is_opened_with_what_is_wrong(editing: Editing, tmp_path: Path, text: str) -> None:
+    (tmp_path / "mine.toml").write_text(text)
+    editing.editor.open(str(tmp_path / "mine.toml"))
+    editing.read("devices must hold 1 value, not 0")
+    assert not editing.editor.save.isEnabled()
 
 
 def test_another_kind_of_controller_has_other_parameters(editing: Editing) -> None:

@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 from protocols import PAPER, PEOPLE, short
-from sessions import crash_in_trial, files, new_session, run_trials, session_of
+from sessions import Killed, crash_in_trial, files, new_session, of, run_trials, session_of
 
 from app.cli import main
 from core.files import InputError
@@ -19,13 +19,9 @@ from experiments.study import study as studies
 from experiments.study.study import resume_study, run_study
 
 
-class Killed(BaseException):
-    """Stands for a kill: nothing that tidies up after exceptions of the program may hear it."""
-
-
 def kill_in_run(monkeypatch, run: int, participant: str = "01") -> None:
     """The study dies in the middle of this run."""
-    real = studies._Run._run_ticks
+    real = studies.Run.run_ticks
 
     def run_ticks(self, trial, writer):
         if trial.planned.run == run and writer.path.parts[-4] == f"sub-{participant}":
@@ -33,7 +29,7 @@ def kill_in_run(monkeypatch, run: int, participant: str = "01") -> None:
             raise Killed
         real(self, trial, writer)
 
-    monkeypatch.setattr(studies._Run, "_run_ticks", run_ticks)
+    monkeypatch.setattr(studies.Run, "run_ticks", run_ticks)
 
 
 def high():
@@ -72,14 +68,16 @@ def test_a_crashed_trial_is_kept_and_its_cell_is_run_again_under_the_next_free_n
     second.close()
 
 
-def test_a_session_without_a_crash_goes_on_as_planned_with_its_person_and_devices(tmp_path):
-    with session_of(tmp_path, 2) as session:
-        pass
+def test_a_session_without_a_crash_goes_on_as_it_was_stored_whatever_the_protocols_file_says_today(tmp_path):
+    session = new_session(tmp_path, protocol=short(rules='"literal"'))
+    run_trials(session, 2)
+    session.close()
     again = Session.resume(tmp_path, "01", sync=False)
     assert again.next_planned() == session.plan[2] and again.person == session.person
-    assert again.rows == session.rows and again.plan == session.plan
-    assert again.protocol.text == PAPER.text and again.protocol.note() == PAPER.note()
-    assert [d.text for d in again.protocol.devices] == [d.text for d in PAPER.devices]
+    assert again.rows == session.rows and again.plan == session.plan and len(again.plan) == 20
+    assert again.protocol.text == session.protocol.text and again.protocol.rules == "literal"
+    assert again.protocol.note() == session.protocol.note() and again.protocol.paths == PAPER.paths
+    assert [device.text for device in again.protocol.devices] == [device.text for device in PAPER.devices]
     again.close()
 
 
@@ -93,13 +91,15 @@ def test_a_session_that_a_live_process_holds_is_not_resumed(tmp_path):
         new_session(tmp_path)
 
 
-def test_a_session_that_was_hardly_created_is_created_anew(tmp_path):
-    folder = tmp_path / "sub-01" / "ses-01"
-    (folder / "trials").mkdir(parents=True)
-    (folder / ".session.json.partial").write_text('{"plan')
-    session = new_session(tmp_path)
-    assert session.next_planned().run == 1 and not list(folder.glob(".*.partial"))
+@pytest.mark.parametrize("left, blind", [(".session.json.partial", False), ("key.json", True)])
+def test_a_session_that_was_hardly_created_is_created_anew(tmp_path, left, blind):
+    (of(tmp_path) / "trials").mkdir(parents=True)
+    (of(tmp_path) / left).write_text('{"plan')
+    session = new_session(tmp_path, protocol=short(), blind=blind)
+    assert session.next_planned().run == 1 and not list(session.folder.glob(".*.partial"))
+    assert session.preset(session.plan[0]) in PAPER.controllers.values()
     session.close()
+    Session.resume(tmp_path, "01", sync=False).close()
 
 
 def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, tmp_path, capsys, request):

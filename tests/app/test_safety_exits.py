@@ -23,8 +23,10 @@ from app.loop.loop import Loop
 from core import tick_log
 from hardware.emulated_board.board import Capability
 from hardware.emulated_board.device import HeldHand
+from hardware.serial_device import clamped
 from hardware.wire.messages import State
 
+MOST_MA = (1000, 800, 0, 1000)
 FOUR = st.lists(st.floats(allow_nan=True, allow_infinity=True, width=32), min_size=4, max_size=4)
 
 
@@ -118,35 +120,24 @@ def test_a_reset_that_finds_another_board_is_told_and_ends_nothing(place: Place)
 @settings(max_examples=100)
 @given(FOUR)
 def test_no_current_leaves_the_host_that_is_not_a_number_from_zero_to_its_limit(asked: list[float]) -> None:
-    link = bench_link()
-    before = link.health.clamped
-    sent = link._clamped(asked)
-    for current, milliamperes, most in zip(asked, sent, link._limits.current_mA, strict=True):
+    sent, put_right = clamped(asked, MOST_MA)
+    for current, milliamperes, most in zip(asked, sent, MOST_MA, strict=True):
         assert isinstance(milliamperes, int) and 0 <= milliamperes <= most
         assert milliamperes == (min(most, round(1000.0 * current)) if 0.0 < current < math.inf else 0)
         struct.pack("<H", milliamperes)
     right = all(
         0.0 <= c < math.inf and round(1000.0 * c) <= most
-        for c, most in zip(asked, link._limits.current_mA, strict=True)
+        for c, most in zip(asked, MOST_MA, strict=True)
     )
-    assert link.health.clamped - before == (not right)
+    assert put_right == (not right)
 
 
 def test_what_was_put_right_is_counted_in_the_recordings_record() -> None:
-    link = bench_link()
+    link = RealBench(hand=HeldHand(START)).link
     before = link.report()["clamped"]
     link.exchange((math.nan, -1.0, 5.0, math.inf))
     assert link.report()["clamped"] == before + 1
-
-
-_LINKS: list = []
-
-
-def bench_link():
-    """One link for many examples."""
-    if not _LINKS:
-        _LINKS.append(RealBench(hand=HeldHand(START)))
-    return _LINKS[0].link
+    link.close()
 
 
 def test_a_session_server_that_is_killed_leaves_zero_currents_on_the_board_and_no_process(tmp_path: Path) -> None:

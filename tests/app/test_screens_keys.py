@@ -36,24 +36,15 @@ def shown_results(screens: Screens, tmp_path) -> ResultsWindow:
 # ------------------------------------------------------------------------------------------------- brakes off
 
 
-@pytest.mark.parametrize("dropped_down", [False, True])
 def test_escape_on_the_results_is_brakes_off_while_a_trial_runs_and_else_closes_them(
-    screens: Screens, tmp_path, dropped_down: bool
+    screens: Screens, tmp_path
 ) -> None:
     results = shown_results(screens, tmp_path)
     screens.hear(running(3))
-    if dropped_down:
-        results.whose.showPopup()
-        QTest.keyClick(results.whose.view(), KEY.Key_Escape)
-    else:
-        screens.press(KEY.Key_Escape, results)
+    screens.press(KEY.Key_Escape, results)
     (cause,) = screens.client.off_causes
     assert "results" in cause and results.isVisible()
     screens.hear(ready(4, brakes_off=cause))
-    if dropped_down:
-        results.whose.showPopup()
-        QTest.keyClick(results.whose.view(), KEY.Key_Escape)
-        assert results.isVisible()
     screens.press(KEY.Key_Escape, results)
     assert not results.isVisible() and len(screens.client.off_causes) == 1
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from protocols import PAPER, protocol_of, short
-from sessions import crash_in_trial, new_session, run, run_trials
+from protocols import protocol_of, short
+from sessions import Killed, new_session, of, run, run_trials
 from synthetic_hand import SyntheticHand
 
 from app.cli import main
@@ -15,22 +15,12 @@ from core.files import InputError
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
 from experiments.session import session as sessions
-from experiments.session.files import (
-    cell,
-    free_participant,
-    kept_sessions,
-    rows_of,
-    write_pooled_table,
-)
+from experiments.session.files import cell, free_participant, kept_sessions, rows_of, write_pooled_table
 from experiments.session.journal import EXCLUDED, NOTE, REDONE, read_events
 from experiments.session.recover import recover
 from experiments.session.session import Session
 from experiments.session.verify import verify
 from experiments.study.analyze import analyze
-
-
-class Killed(BaseException):
-    """Stands for a kill."""
 
 
 def statuses(session):
@@ -57,10 +47,6 @@ def kept(tmp_path_factory):
 def data(kept, tmp_path):
     """A copy to spoil."""
     return shutil.copytree(kept, tmp_path / "data")
-
-
-def of(data):
-    return data / "sub-01" / "ses-01"
 
 
 def test_a_redone_trial_is_run_again_next_under_the_next_free_number_and_its_recording_stays(tmp_path):
@@ -141,7 +127,7 @@ def test_when_all_is_settled_nothing_can_be_skipped(tmp_path):
     assert main(["verify", str(tmp_path)]) == 0
 
 
-def test_a_resumed_session_knows_what_was_skipped_and_redone(data):
+def test_a_resumed_session_knows_what_was_skipped_redone_and_noted(data):
     before = rows_of(of(data))
     assert kept_sessions(data) == {"01": True}
     session = Session.resume(data, "01", sync=False)
@@ -149,6 +135,8 @@ def test_a_resumed_session_knows_what_was_skipped_and_redone(data):
     assert session.rows == before
     assert statuses(session) == [(1, "done"), (2, "skipped"), (3, "redone"), (21, "done"), (4, "done")]
     assert session.next_planned() == session.plan[4]
+    (noted,) = (entry for entry in read_events(session.folder) if entry.event is NOTE)
+    assert noted.about == {"text": "asked to move a little slower"} and noted.time > "2020"
     session.close()
 
 
@@ -205,11 +193,6 @@ def test_a_table_that_hides_a_redo_or_makes_up_a_skip_is_named(data):
     assert any("run 2: is skipped without a recording" in fault["fault"] for fault in verify(data)["faults"])
 
 
-def test_a_note_stands_in_the_journal_with_its_time(data):
-    (noted,) = (entry for entry in read_events(of(data)) if entry.event is NOTE)
-    assert noted.about == {"text": "asked to move a little slower"} and noted.time > "2020"
-
-
 def practising(tmp_path, **values):
     """A session of a hand at the mouse, with two practice trials a configuration."""
     return Session(tmp_path, "01", short(paths=1, practice_trials="2", **values), sync=False)
@@ -242,7 +225,9 @@ def test_practice_comes_before_each_configuration_is_recorded_apart_and_counts_n
     session.close()
     found = verify(tmp_path)
     assert found["faults"] == [] and found["whole"] == 2
-    assert analyze_refuses(tmp_path)
+    with pytest.raises(InputError, match="no recordings"):
+        analyze(tmp_path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
     session = Session.resume(tmp_path, "01", sync=False)
     assert session.next_planned() == session.plan[0]
     while session.next_planned().configuration == first:
@@ -253,13 +238,6 @@ def test_practice_comes_before_each_configuration_is_recorded_apart_and_counts_n
     assert session.next_planned() == session.plan[5] and len(session.rows) == 5
     session.close()
     assert verify(tmp_path)["faults"] == []
-
-
-def analyze_refuses(folder):
-    """There is nothing to analyze but practice."""
-    with pytest.raises(InputError, match="no recordings"):
-        analyze(folder, folder / "out")
-    return not (folder / "out").exists()
 
 
 def test_a_practice_trial_that_a_crash_cut_off_is_recovered_and_practised_again(tmp_path):
@@ -315,12 +293,3 @@ def test_a_session_is_for_one_of_the_protocols_participants(tmp_path):
     Session(tmp_path, "berta", protocol, sync=False).close()
     with pytest.raises(InputError, match="every participant"):
         free_participant(tmp_path, protocol.participants)
-
-
-def test_a_session_goes_on_by_its_stored_protocol_whatever_the_file_says_today(tmp_path):
-    session = new_session(tmp_path, protocol=short(rules='"literal"'))
-    crash_in_trial(session)
-    again = Session.resume(tmp_path, "01", sync=False)
-    assert again.protocol.rules == "literal" and again.plan == session.plan and len(again.plan) == 20
-    assert again.protocol.paths == PAPER.paths
-    again.close()

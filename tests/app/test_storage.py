@@ -107,7 +107,7 @@ def test_a_stream_that_does_not_become_parquet_is_the_recording_until_it_does(st
 
 def test_lines_that_the_disk_did_not_take_are_written_before_a_session_is_left(storage, session, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr("experiments.session.session.write_event", full)
+        patch.setattr("experiments.session.journal.write_event", full)
         storage.write(ANSWERS, configuration="three-brake", block=1, values={"effort": 70})
         with pytest.raises(OSError, match="No space left"):
             storage.leave()
@@ -119,7 +119,7 @@ def test_lines_that_the_disk_did_not_take_are_written_before_a_session_is_left(s
 
 
 def test_lines_that_the_disk_never_takes_are_in_the_log(storage, session, monkeypatch, capsys):
-    monkeypatch.setattr("experiments.session.session.write_event", full)
+    monkeypatch.setattr("experiments.session.journal.write_event", full)
     storage.write(NOTE, text="the lamp flickers")
     storage.let_go()
     assert storage.progress is None and "the lamp flickers" in capsys.readouterr().err

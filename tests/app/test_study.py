@@ -110,30 +110,11 @@ def test_the_last_lines_of_study_and_analyze_are_the_warnings_of_the_report(stud
     assert json.loads(capsys.readouterr().out)["warnings"] == warnings
 
 
-def test_a_damaged_recording_is_named_and_left_out(study, tmp_path, capsys):
-    import shutil
-
-    shutil.copytree(study, tmp_path / "copy")
-    victim = tmp_path / "copy" / "sub-01" / "ses-01" / "trials" / "run-007.parquet"
-    data = bytearray(victim.read_bytes())
-    data[len(data) // 2] ^= 4
-    victim.write_bytes(data)
-    assert main(["analyze", str(tmp_path / "copy"), "--json"]) == 0
-    summary = json.loads(capsys.readouterr().out)
-    assert summary["trials"] == 59 and "run-007" in summary["left_out"][0]
-    assert {row.run for row in read_table(tmp_path / "copy" / "analysis-1" / "trials.csv")} == set(range(1, 61)) - {7}
-
-
 @pytest.mark.parametrize(
     "arguments, said",
     [
         (["study", "--out", "{full}"], "not empty"),
         (["study", "--out", "{file}/sub"], "cannot be used"),
-        (["study", "--device", "nowhere", "--out", "{new}"], "nowhere"),
-        (["study", "--operators", "0", "--out", "{new}"], "operators"),
-        (["study", "--rules", "lenient", "--out", "{new}"], "rules"),
-        (["study", "--low-gain", "7", "--out", "{new}"], "low-gain"),
-        (["study", "--seed", "-1", "--out", "{new}"], "seed"),
         (["analyze", "{empty}"], "no recordings"),
         (["analyze", "{new}"], "no recordings"),
     ],

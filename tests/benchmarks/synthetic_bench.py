@@ -6,12 +6,13 @@ import time
 import numpy as np
 
 from app.ipc import messages as m
-from app.window.painting.layers import fill_field, force_map
+from app.window.painting.layers import force_map
 from core import tick_log
 from core.device import Device, load_device
 from core.path import PathFile, Segment, build_path, outline
 from experiments.plan import make_plan
 from experiments.protocol import load_protocol
+from experiments.session.playback import fill_field
 
 TICKS_PER_S = 1000
 TRIAL_S, PULSE_S = 4.0, 0.1  # so short that every measurement sees a trial begin

@@ -35,7 +35,8 @@ def small_tree(folder: Path) -> Path:
 def answer(tree: Path) -> tuple[float, bool]:
     """What the caller's kernel gives for 1.0 in a new process, and whether it had to be compiled."""
     code = (
-        "from core.kernel import first_use\ncold = first_use()\nfrom core.caller import outer\nprint(outer(1.0), cold)"
+        "from core.kernel import is_compiled\ncold = not is_compiled('outer')\n"
+        "from core.caller import outer\nprint(outer(1.0), cold)"
     )
     value, cold = run(tree, code).split()
     return float(value), cold == "True"

@@ -8,10 +8,12 @@ from exports import rows, table, validate
 from sessions import files, session_of
 
 from app.ipc import messages as m
-from app.window.export import Job, export_results
 from app.window.questionnaire import ITEMS
+from experiments.analysis.charts import POOLED, View
 from experiments.export.answers import NOTES_CSV, QUESTIONNAIRE_CSV, Answers, answers_and_notes, write_phenotype
 from experiments.export.export import export
+from experiments.export.results import Job
+from experiments.export.results_files import write_results
 from experiments.session.files import pooled_rows
 
 SCALES = [item for item, *_ in ITEMS]
@@ -91,9 +93,15 @@ def test_a_block_that_a_participant_was_not_asked_about_is_not_there(tmp_path):
         assert (other == "n/a") == (name != "a_block-2_effort")
 
 
+def job(shown, data, folder, sessions):
+    """What the page Analyse exports."""
+    view = View(("three-brake",), LABELS)
+    return Job(POOLED, tuple(shown), (), view, "note", data, tuple(sessions), folder)
+
+
 def test_the_results_that_a_window_exports_hold_the_same_tables(study, tmp_path):
     shown = tuple(row for row in pooled_rows(study) if row.participant == "01")
-    count = export_results(Job(shown, study, tmp_path / "results", "note", ("three-brake",), LABELS))
+    count = write_results(job(shown, study, tmp_path / "results", [study / "sub-01" / "ses-01"]))
     assert len(rows(tmp_path / "results" / QUESTIONNAIRE_CSV)) == 2
     [note] = rows(tmp_path / "results" / NOTES_CSV)  # of those whose trials are shown
     assert note["text"] == NOTE and count == len([*(tmp_path / "results").iterdir()])
@@ -101,7 +109,7 @@ def test_the_results_that_a_window_exports_hold_the_same_tables(study, tmp_path)
 
 def test_where_nothing_was_said_nothing_is_written(silent, tmp_path):
     export(silent, {form: tmp_path / form for form in ("bids", "csv")})
-    export_results(Job(tuple(pooled_rows(silent)), silent, tmp_path / "results", "note", ("three-brake",), LABELS))
+    write_results(job(pooled_rows(silent), silent, tmp_path / "results", silent.glob("sub-*/ses-*")))
     assert not [name for name in files(tmp_path) if any(w in name for w in ("questionnaire", "notes", "phenotype"))]
     described = json.loads((tmp_path / "csv" / "columns.json").read_text())
     assert QUESTIONNAIRE_CSV not in described and answers_and_notes(silent.glob("sub-*/ses-*")) == ((), ())

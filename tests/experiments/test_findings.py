@@ -81,7 +81,6 @@ def test_all_eleven_hold_in_data_made_as_the_paper_found_them():
     assert set(verdicts(study()).values()) == {HOLDS}
 
 
-SEVERAL = ("mean_tip_force_N", "force_over_progress_N", "acceleration_dft_sum", "acceleration_weighted_rms_m_s2")
 FORCES = ("mean_tip_force_N", "force_over_progress_N")
 ACCELERATIONS = ("acceleration_dft_sum", "acceleration_weighted_rms_m_s2")
 BROKEN = {
@@ -210,7 +209,7 @@ def test_leaving_a_person_out_widens_the_interval_in_the_mean_over_who_is_left_o
     n = len(differences)
     less = [mean_interval(np.delete(differences, i)) for i in range(n)]
     half, less_half = half_width(mean_interval(differences)), np.sqrt(np.mean([half_width(one) ** 2 for one in less]))
-    assert less_half >= half
+    assert less_half >= half - 1e-9
     factor = stats.t.ppf(0.975, n - 2) / stats.t.ppf(0.975, n - 1) * np.sqrt(n / (n - 1))
     assert less_half == pytest.approx(factor * half, abs=1e-9) and factor > 1.0
 
@@ -240,22 +239,6 @@ def test_similarity_gets_no_easier_with_fewer_people():
             assert wrong <= 0.025 + 3 * np.sqrt(0.025 * 0.975 / len(draws))
             right.append(np.mean([answer(kind, mean_interval(group[:n]), 1.0) is True for group in draws]))
         assert right == sorted(right) and right[0] < 0.15 < 0.6 < right[-1]
-
-
-def test_over_groups_of_the_same_people_fewer_leave_more_open():
-    """Statement 8, similarity by four measures, in trials of people who take to each controller differently."""
-    generator = np.random.default_rng(5)
-    own = generator.lognormal(0.0, 0.06, (13, 6, 4))
-    rows = []
-    for row in study():
-        factors = zip(SEVERAL, own[int(row.participant), row.controller], strict=True)
-        rows.append(replace(row, **{column: factor * getattr(row, column) for column, factor in factors}))
-    said = []
-    for n in (2, 3, 5, 12):
-        groups = [set(generator.permutation(12)[:n] + 1) for _ in range(8)]
-        found = [verdicts([row for row in rows if int(row.participant) in group]) for group in groups]
-        said.append(np.mean([one[8] != CANNOT_TELL for one in found]))
-    assert said == sorted(said) and said[1] < 0.3 < 0.9 < said[-1], said
 
 
 @pytest.mark.parametrize("people", [5, 6, 7, 8, 9])

@@ -14,9 +14,8 @@ from core.files import InputError
 from core.path import Arc, Polyline, build_path, line, point_at
 from experiments.analysis import metrics as m
 from experiments.analysis.sensitivity import DEFINITIONS
-from experiments.analysis.trials_table import COLUMNS
 from experiments.recording.reader import read_recording
-from experiments.recording.schema import Recording, column_words, recording_columns
+from experiments.recording.schema import Recording, recording_of
 from experiments.recording.writer import RecordingWriter
 
 USE_SDOF = control.DECISIONS.index("sdof A")
@@ -38,15 +37,7 @@ def hand_made(x=None, y=None, braked="AEB", n=5200, **columns):
     rows[:, tick_log.TIP_VY] = np.gradient(rows[:, tick_log.TIP_Y], 1e-3)
     for name, values in columns.items():
         rows[:, getattr(tick_log, name)] = values
-    words = column_words(control.DECISIONS)
-    return Recording(
-        Path("hand-made"),
-        braked=braked,
-        columns={name: rows[:, at].astype(int) if name in words else rows[:, at].copy()
-                 for name, at in recording_columns(braked)},
-        words=words,
-        complete=True,
-    )  # fmt: skip
+    return recording_of(rows, braked)
 
 
 def measured(recording, path=PATH):
@@ -60,19 +51,40 @@ def test_what_each_figure_shows_is_the_definition_of_one_thing():
     assert all(metric.compared for metric in drawn)
 
 
-def test_each_measure_has_its_column_of_the_trials_table_later_ones_at_the_end():
-    first, recorded = COLUMNS.index("path_error_m"), COLUMNS.index("recording")
-    assert (*COLUMNS[first:recorded], *COLUMNS[recorded + 3 :]) == m.Metrics._fields
+ARC = build_path(Arc((0.0, 0.3), 0.1, 150.0, 30.0), "arc")
+CORNER = build_path(Polyline(((-0.1, 0.3), (0.0, 0.3), (0.0, 0.4))), "corner")
+SHARES = np.linspace(0.0, 1.0, MOVE_TO - MOVE_FROM)
+
+
+def moved(path, shares=SHARES, offset=0.0):
+    """A recording whose tip in `move` is at these shares of the path, offset (m) to its left."""
+    x, y, tx, ty = np.array([point_at(path, share * path.length) for share in shares]).T
+    held = [np.pad(values, (MOVE_FROM, 5200 - MOVE_TO), "edge") for values in (x - offset * ty, y + offset * tx)]
+    return hand_made(*held)
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_constant_offset_is_the_path_error_however_it_is_averaged(side):
-    result = measured(hand_made(y=0.4 + side * 0.003))
-    assert result.path_error_m == pytest.approx(0.003, rel=1e-12)
-    assert result.path_error_time_m == pytest.approx(0.003, rel=1e-12)
-    assert result.peak_error_m == pytest.approx(0.003, rel=1e-12)
-    assert result.path_length_ratio == pytest.approx(1.0, rel=1e-9)
+@pytest.mark.parametrize("path, longer", [(PATH, 0.0), (ARC, 0.03)], ids=["straight", "arc"])
+def test_a_constant_offset_is_the_path_error_however_it_is_averaged(path, longer, side):
+    result = measured(moved(path, SHARES**2, 0.003 * side), path)  # at any speed
+    assert result.path_error_m == pytest.approx(0.003, rel=1e-9)
+    assert result.path_error_time_m == pytest.approx(0.003, rel=1e-9)
+    assert result.peak_error_m == pytest.approx(0.003, rel=1e-9)
+    assert result.path_length_ratio == pytest.approx(1.0 + side * longer, rel=1e-5), "left of a clockwise arc: outside"
     assert result.duration_s == 3.999
+
+
+def test_the_height_of_an_arc_over_its_chord_is_the_peak_error_on_the_chord():
+    straight = measured(moved(ARC), line((ARC.x0, ARC.y0), (ARC.x1, ARC.y1)))
+    assert straight.peak_error_m == pytest.approx(0.05, rel=1e-6)
+
+
+@pytest.mark.parametrize("path", [PATH, ARC], ids=["straight", "arc"])
+def test_way_gone_back_has_no_weight_and_error_over_progress_is_error_over_the_path(path):
+    ticks = np.arange(MOVE_TO - MOVE_FROM)
+    shares = np.interp(ticks, [0, 1500, 2000, 3999], [0.0, 0.5, 0.25, 1.0])
+    offset = np.where(ticks <= 1500, 0.001, np.where(ticks <= 2666, 0.02, 0.003))  # 2666: half of the way again
+    assert measured(moved(path, shares, offset), path).path_error_m == pytest.approx(0.002, rel=1e-2)
 
 
 def test_dwelling_off_the_path_counts_over_time_and_not_over_progress():
@@ -94,17 +106,12 @@ def test_error_rising_linearly_along_the_way_averages_to_its_half_at_any_speed()
     assert result.path_error_time_m == pytest.approx(0.0025, rel=1e-3)
 
 
-def test_way_that_is_gone_back_and_way_beyond_the_ends_have_no_weight():
+def test_way_beyond_the_ends_has_no_weight():
     ticks = np.arange(5200) - MOVE_FROM
-    x = np.interp(ticks, [0, 500, 1500, 2000, 3000, 3999], [-0.12, -0.1, 0.0, -0.05, 0.1, 0.15])
-    y = np.select(
-        [ticks < 500, ticks <= 1500, ticks <= 2000, ticks <= 2333, ticks <= 3000],
-        [0.5, 0.401, 0.45, 0.42, 0.403],  # before the start, forth, back, forth again, on
-        0.5,  # beyond the end
-    )
-    result = measured(hand_made(x=x, y=y))  # 1 mm on the first half, 3 mm on the second
-    assert result.path_error_m == pytest.approx(0.002, rel=1e-2)
-    assert result.peak_error_m == pytest.approx(0.1)
+    x = np.interp(ticks, [0, 500, 3000, 3999], [-0.12, -0.1, 0.1, 0.15])
+    y = np.select([ticks < 500, ticks <= 3000], [0.5, 0.401], 0.5)
+    result = measured(hand_made(x=x, y=y))
+    assert result.path_error_m == pytest.approx(0.001, rel=3e-2) and result.peak_error_m == pytest.approx(0.1)
 
 
 @given(st.floats(0, 2 * np.pi), st.floats(-1, 1), st.floats(-1, 1), st.integers(0, 100))
@@ -121,39 +128,8 @@ def test_measures_of_the_way_do_not_depend_on_where_the_path_lies(angle, dx, dy,
     )
 
 
-ARC = build_path(Arc((0.0, 0.3), 0.1, 150.0, 30.0), "arc")
-CORNER = build_path(Polyline(((-0.1, 0.3), (0.0, 0.3), (0.0, 0.4))), "corner")
-
-
-def moved(path, shares, offset=0.0):
-    """A recording whose tip in `move` is at these shares of the path, offset (m) to its left."""
-    x, y, tx, ty = np.array([point_at(path, share * path.length) for share in shares]).T
-    held = [np.pad(values, (MOVE_FROM, 5200 - MOVE_TO), "edge") for values in (x - offset * ty, y + offset * tx)]
-    return hand_made(*held)
-
-
-@pytest.mark.parametrize("side", [1, -1])
-def test_on_an_arc_a_constant_offset_is_the_path_error_and_the_way_is_the_arc(side):
-    shares = np.linspace(0.0, 1.0, MOVE_TO - MOVE_FROM) ** 2  # at any speed
-    result = measured(moved(ARC, shares, 0.003 * side), ARC)
-    assert result.path_error_m == pytest.approx(0.003, rel=1e-9)
-    assert result.path_error_time_m == pytest.approx(0.003, rel=1e-9)
-    assert result.peak_error_m == pytest.approx(0.003, rel=1e-9)
-    assert result.path_length_ratio == pytest.approx(1.0 + 0.03 * side, rel=1e-5), "left of a clockwise arc is outside"
-    straight = measured(moved(ARC, shares, 0.0), line((ARC.x0, ARC.y0), (ARC.x1, ARC.y1)))
-    assert straight.peak_error_m == pytest.approx(0.05, rel=1e-6), "the height of the arc over its chord"
-
-
-def test_on_an_arc_way_gone_back_has_no_weight_and_error_over_progress_is_error_over_the_arc():
-    ticks = np.arange(MOVE_TO - MOVE_FROM)
-    shares = np.interp(ticks, [0, 1500, 2000, 3999], [0.0, 0.5, 0.25, 1.0])
-    offset = np.where(ticks <= 1500, 0.001, np.where(ticks <= 2666, 0.02, 0.003))  # 2666: half of the way again
-    result = measured(moved(ARC, shares, offset), ARC)
-    assert result.path_error_m == pytest.approx(0.002, rel=1e-2)
-
-
 def test_round_a_corner_progress_runs_through_and_a_cut_corner_counts_with_its_length():
-    exact = measured(moved(CORNER, np.linspace(0.0, 1.0, MOVE_TO - MOVE_FROM)), CORNER)
+    exact = measured(moved(CORNER), CORNER)
     assert exact.peak_error_m == pytest.approx(0.0, abs=1e-12)
     assert exact.path_length_ratio == pytest.approx(1.0, rel=1e-3)
     tip = np.array([-0.1, 0.3]) + 0.1 * np.linspace(0.0, 1.0, 4000)[:, None]  # straight to the end
@@ -284,3 +260,91 @@ def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
     assert from_file.acceleration_dft_sum == m.acceleration_dft_sum(m.tip_acceleration(tip)[move])
     assert from_file.sparc == m.sparc(rows[move, tick_log.TIP_VX])
     assert all(value is not None for value in from_file)
+
+
+# --- smoothness: acceleration, its weighted DFT, SPARC, on signals whose answers are known
+
+
+TONES = {
+    "1 Hz": ([(1.0, 0.5)], 0.5, 0.5),
+    "7 Hz": ([(7.0, 2.0)], 14.0, 14.0),
+    "100 Hz": ([(100.0, 0.3)], 30.0, 30.0),
+    "several add, none above 100 Hz": ([(2.0, 1.0), (30.0, 0.1), (101.0, 50.0)], 5.0, 13.0**0.5),
+}
+
+
+@pytest.mark.parametrize("tones, total, root", TONES.values(), ids=TONES)
+def test_dft_sum_of_sinusoids_is_that_of_their_frequencies_times_amplitudes(tones, total, root):
+    t = np.arange(3000) / 1000.0
+    wave = sum(a * np.cos(2 * np.pi * f * t) for f, a in tones)
+    for acceleration in (np.column_stack([wave, 0 * t]), np.column_stack([5.0 - 0.6 * wave, 0.8 * wave - 3.0])):
+        assert m.acceleration_dft_sum(acceleration) == pytest.approx(total, rel=1e-9)
+        assert m.acceleration_weighted_rms(acceleration) == pytest.approx(root / 2**0.5, rel=1e-9)
+
+
+def test_dft_sum_matches_the_definition_summed_term_by_term():
+    acceleration = np.random.default_rng(3).normal(size=(307, 2))  # a prime number of samples
+    n, total, squares = 307, 0.0, 0.0
+    centred = acceleration - acceleration.mean(axis=0)
+    for k in range(1, n):
+        f = k * 1000.0 / n
+        if f <= 100.0:
+            wave = np.exp(-2j * np.pi * k * np.arange(n) / n)
+            a = np.sqrt(abs(2 / n * centred[:, 0] @ wave) ** 2 + abs(2 / n * centred[:, 1] @ wave) ** 2)
+            total, squares = total + f * a, squares + f**2 * a**2
+    assert m.acceleration_dft_sum(acceleration) == pytest.approx(total, rel=1e-12)
+    assert m.acceleration_weighted_rms(acceleration) == pytest.approx(np.sqrt(0.5 * squares), rel=1e-12)
+
+
+def test_longer_noise_raises_the_dft_sum_but_not_the_weighted_rms():
+    noise = np.random.default_rng(4).normal(size=(16000, 2))
+    short, long = noise[:4000], noise
+    assert m.acceleration_dft_sum(long) / m.acceleration_dft_sum(short) == pytest.approx(2.0, rel=0.05)
+    assert m.acceleration_weighted_rms(long) / m.acceleration_weighted_rms(short) == pytest.approx(1.0, rel=0.05)
+
+
+def test_acceleration_of_the_tip_is_that_of_a_slow_motion_and_forgets_steps_of_an_encoder():
+    t = np.arange(6000) / 1000.0
+    w = 2 * np.pi * 1.0
+    tip = np.column_stack([0.05 * np.sin(w * t), 0.3 + 0.02 * np.cos(w * t)])
+    true = -w * w * (tip - (0.0, 0.3))
+    inside = slice(500, 5500)
+    assert m.tip_acceleration(tip)[inside] == pytest.approx(true[inside], abs=1e-3 * w * w * 0.05)
+    coarse = np.round(tip / 20e-6) * 20e-6
+    assert m.tip_acceleration(coarse)[inside] == pytest.approx(true[inside], abs=0.1)
+    assert m.tip_acceleration(tip[:10]) is None
+
+
+def test_acceleration_filter_halves_the_power_twice_at_20_hz():
+    """Forward and backward: at the cut-off the gain is 1/2, with no delay."""
+    t = np.arange(8000) / 1000.0
+    w = 2 * np.pi * 20.0
+    tip = np.column_stack([1e-3 * np.sin(w * t), 0 * t])
+    step = 2e-3
+    two_differences = -((2 * np.sin(w * step / 2) / step) ** 2) * tip  # exact gain of two central differences
+    inside = slice(1000, 7000)
+    assert m.tip_acceleration(tip)[inside, 0] == pytest.approx(0.5 * two_differences[inside, 0], abs=1e-3)
+
+
+def test_sparc_agrees_with_monalysa():
+    smoothness = pytest.importorskip("monalysa.quality.smoothness")
+    generator = np.random.default_rng(5)
+    for n in (150, 700, 1024, 4001):
+        t = np.arange(n) / 1000.0
+        bell = 30 * (t / 4) ** 2 * (1 - t / 4) ** 2 + 0.01
+        for speed in (bell, np.abs(bell + 0.2 * generator.normal(size=n)), bell * (1 + 0.5 * np.sin(40 * t))):
+            oracle, _, _ = smoothness.sparc(speed, fs=1000.0, padlevel=4, fc=10.0, amp_th=0.05)
+            assert m.sparc(speed) == pytest.approx(oracle, rel=1e-9)
+
+
+def test_sparc_of_a_minimum_jerk_motion_is_that_of_the_literature_and_shaking_worsens_it():
+    """Minimum jerk gives about -1.4 whatever duration and scale (Balasubramanian et al. 2015)."""
+    values = []
+    for duration in (1.0, 2.0, 4.0):
+        r = np.arange(int(1000 * duration)) / (1000 * duration)
+        speed = 30 * r**2 * (1 - r) ** 2
+        values.append(m.sparc(speed))
+        assert m.sparc(7.0 * speed) == pytest.approx(values[-1], rel=1e-12)
+        assert m.sparc(speed * (1 + 0.5 * np.sin(2 * np.pi * 4 * r * duration))) < values[-1] - 0.1
+    assert np.ptp(values) < 0.02 and all(-1.5 < value < -1.38 for value in values)
+    assert m.sparc(np.zeros(100)) is None

@@ -1,44 +1,34 @@
-"""Three measures and the box plots again, from an exported CSV and from the words of their definitions alone.
+"""Three measures again, from an exported CSV and from the words of their definitions alone.
 
 Nothing of ours computes here: csv, json, plain Python, numpy arrays and SciPy's filter. Ours is only asked at the end.
 """
 
-import csv
 import json
 import math
 
 import numpy as np
 import pytest
+from exports import rows as csv_rows
 from scipy import signal
 from sessions import session_of
 
-from experiments.analysis.boxplots import boxes
-from experiments.analysis.metrics import DRAWN
 from experiments.export.export import export
-from experiments.session.files import write_pooled_table
 
 
 @pytest.fixture(scope="module")
-def tables(tmp_path_factory):
-    """A whole session of a simulated operator: its own rows, and the folder of its CSV."""
+def out(tmp_path_factory):
+    """A whole session of a simulated operator as CSV."""
     data = tmp_path_factory.mktemp("recomputed") / "study"
     with session_of(data, 60) as session:
         assert session.next_planned() is None
-    rows = write_pooled_table(data)
-    out = data.parent / "csv"
-    export(data, {"csv": out})
-    return rows, out
-
-
-def read_csv(path):
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
+    export(data, {"csv": data.parent / "csv"})
+    return data.parent / "csv"
 
 
 def movement(folder, trial):
     """Ticks, numbers of the ticks of `move`, start and end of the path."""
     path = folder / trial["recording"]
-    ticks = read_csv(path)
+    ticks = csv_rows(path)
     about = json.loads(path.with_suffix(".json").read_text())["trial"]
     move = [i for i, tick in enumerate(ticks) if tick["phase"] == "move"]
     return ticks, move, about["start_m"], about["end_m"]
@@ -91,20 +81,6 @@ def acceleration_dft_sum(ticks, move, *_):
     return total
 
 
-def box(values):
-    """Median, quartiles (at (n - 1) q, linear in between), furthest values within 1.5 box lengths, those beyond."""
-    ordered = sorted(values)
-
-    def quantile(q):
-        place = (len(ordered) - 1) * q
-        k = min(int(place), len(ordered) - 2)
-        return ordered[k] + (place - k) * (ordered[k + 1] - ordered[k])
-
-    q1, q3 = quantile(0.25), quantile(0.75)
-    inside = [v for v in ordered if q1 - 1.5 * (q3 - q1) <= v <= q3 + 1.5 * (q3 - q1)]
-    return quantile(0.5), q1, q3, min(*inside, q1), max(*inside, q3), [v for v in ordered if v not in inside]
-
-
 @pytest.mark.parametrize(
     ("column", "again", "rounding"),
     [
@@ -113,25 +89,8 @@ def box(values):
         ("acceleration_dft_sum", acceleration_dft_sum, 1e-11),
     ],
 )
-def test_every_trial_of_a_box_has_the_measure_that_its_ticks_give(tables, column, again, rounding):
-    _, out = tables
-    trials = [t for t in read_csv(out / "trials.csv") if (t["controller"], t["configuration"]) == ("4", "four-brake")]
+def test_every_trial_of_a_box_has_the_measure_that_its_ticks_give(out, column, again, rounding):
+    trials = [t for t in csv_rows(out / "trials.csv") if (t["controller"], t["configuration"]) == ("4", "four-brake")]
     assert len(trials) == 6
     for trial in trials:
         assert again(*movement(out, trial)) == pytest.approx(float(trial[column]), rel=rounding), trial["recording"]
-
-
-@pytest.mark.parametrize("measure", DRAWN, ids=lambda measure: measure.name)
-def test_every_box_is_what_the_table_gives(tables, measure):
-    rows, out = tables
-    drawn = boxes(rows, measure.name, ("three-brake", "four-brake"), measure.scale)
-    groups = {}
-    for trial in read_csv(out / "trials.csv"):
-        if trial["status"] in ("done", "timeout") and trial[measure.name]:
-            key = int(trial["controller"]), trial["configuration"]
-            groups.setdefault(key, []).append(measure.scale * float(trial[measure.name]))
-    assert set(drawn) == set(groups) and len(groups) == 10
-    for key, values in groups.items():
-        median, q1, q3, low, high, outliers = box(values)
-        assert drawn[key][:6] == pytest.approx((len(values), median, q1, q3, low, high), rel=1e-14)
-        assert list(drawn[key].outliers) == outliers

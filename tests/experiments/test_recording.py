@@ -1,10 +1,12 @@
-"""A recording gives back what was written, every tick of it, or says plainly what is missing."""
+"""A recording gives back what was written, every tick of it, or names what is missing; as Parquet it is the same."""
 
+import json
 import os
 import zlib
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from recorded import NAMES, assert_holds, batch_ends, record, ticks
 
@@ -13,24 +15,36 @@ from core.control.controllers import DECISIONS
 from core.files import InputError
 from experiments.recording import writer as recording_writer
 from experiments.recording.reader import read_recording
+from experiments.recording.schema import same_content
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
 
 
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "run-001.arrows"
+
+
+def flip(data: bytes, place: int, bit: int) -> bytes:
+    flipped = bytearray(data)
+    flipped[place] ^= 1 << bit
+    return bytes(flipped)
+
+
 @pytest.mark.parametrize("braked", ["AEBC", "AEB", "A", "", "BC"])
-def test_columns_are_the_promised_ones_without_those_of_missing_brakes(tmp_path, braked):
+def test_columns_are_the_promised_ones_without_those_of_missing_brakes(path, braked):
     rows = ticks(50)
-    recording = read_recording(record(tmp_path / "run-001.arrows", rows, braked))
+    recording = read_recording(record(path, rows, braked))
     missing = {f"{kind}_{joint}_{unit}" for joint in "AEBC" if joint not in braked
                for kind, unit in (("current", "A"), ("torque", "N_m"))}  # fmt: skip
     assert list(recording.columns) == [name for name in NAMES if name not in missing]
     assert_holds(recording, rows)
 
 
-def test_reading_back_gives_every_tick_the_words_and_what_was_said_about_the_trial(tmp_path):
+def test_reading_back_gives_every_tick_the_words_metadata_and_outcome(path):
     rows = ticks(3456)
     rows[7, tick_log.HAND_FX] = np.nan  # a sensor that failed is recorded as it was
     rows[8, tick_log.HAND_FX] = -np.inf
-    recording = read_recording(record(tmp_path / "run-001.arrows", rows, pieces=7, outcome={"status": "timeout"}))
+    recording = read_recording(record(path, rows, pieces=7, outcome={"status": "timeout"}))
     assert recording.whole and recording.rows == 3456
     assert_holds(recording, rows)
     assert recording.metadata == {"participant": "01"} and recording.outcome == {"status": "timeout"}
@@ -41,45 +55,28 @@ def test_reading_back_gives_every_tick_the_words_and_what_was_said_about_the_tri
         recording.column("current_C_A")
 
 
-def test_any_arrow_program_reads_the_stream_and_finds_its_end_record(tmp_path):
-    path = record(tmp_path / "run-001.arrows", ticks(2500))
-    with pa.ipc.open_stream(path) as stream:
-        batches = []
-        with pytest.raises(StopIteration):
-            while True:
-                batches.append(stream.read_next_batch_with_custom_metadata())
+def test_any_arrow_program_reads_the_stream_its_end_record_and_the_zip_checksum_of_each_batch(path):
+    data = record(path, ticks(2500)).read_bytes()
+    source = pa.BufferReader(data)
+    stream, start, batches = pa.ipc.open_stream(source), batch_ends(path)[0][0], []
+    with pytest.raises(StopIteration):
+        while True:
+            batches.append(stream.read_next_batch_with_custom_metadata())
+            message, start = data[start : source.tell()], source.tell()
+            digits = batches[-1][1]["crc32"]
+            assert message.count(digits) == 1
+            assert int(digits, 16) == zlib.crc32(message.replace(digits, b"\x18" * 8))
     *ticks_of, (last, about) = batches
     assert [batch.num_rows for batch, _ in ticks_of] == [1000, 1000, 500]
     assert last.num_rows == 0 and last.schema == ticks_of[0][0].schema and about["end"] == b"end"
     assert [int(about["sequence"]) for _, about in batches] == [0, 1, 2, 3]
-    assert all(set(about) >= {b"crc32", b"rows", b"first_row"} for _, about in batches)
+    assert [int(about["first_row"]) for _, about in batches] == [0, 1000, 2000, 2500]
     assert ticks_of[0][0].schema.field("phase").type == pa.dictionary(pa.int8(), pa.string())
 
 
-def test_checksum_of_a_batch_is_the_zip_checksum_of_its_bytes_without_the_digits(tmp_path):
-    path = record(tmp_path / "run-001.arrows", ticks(1500))
-    data = path.read_bytes()
-    source = pa.BufferReader(data)
-    stream = pa.ipc.open_stream(source)
-    start = batch_ends(path)[0][0]
-    for _ in range(3):
-        _, about = stream.read_next_batch_with_custom_metadata()
-        message = data[start : source.tell()]
-        start = source.tell()
-        digits = about["crc32"]
-        assert message.count(digits) == 1
-        assert int(digits, 16) == zlib.crc32(message.replace(digits, b"\x18" * 8))
-
-
-def test_a_stream_cut_anywhere_gives_back_every_whole_batch_and_lacks_its_end(tmp_path):
+def test_a_stream_cut_anywhere_gives_back_every_whole_batch_and_lacks_its_end(path):
     rows = ticks(700)
-    path = tmp_path / "run-001.arrows"
-    with RecordingWriter(path, "AEB", {}, sync=False) as writer:
-        for piece in np.array_split(rows, 5):
-            writer.write(piece)
-            writer.flush()
-    data = path.read_bytes()
-    ends = batch_ends(path)
+    data, ends = record(path, rows, pieces=5, flush=True).read_bytes(), batch_ends(path)
     generator = np.random.default_rng(1)
     edges = [end + shift for end, _ in ends for shift in (-1, 0, 1)]
     cuts = {0, 1, len(data) - 1, len(data) - 8, *edges, *map(int, generator.integers(0, len(data), 120))}
@@ -87,8 +84,7 @@ def test_a_stream_cut_anywhere_gives_back_every_whole_batch_and_lacks_its_end(tm
         path.write_bytes(data[:cut])
         recording = read_recording(path)
         whole = max((count for end, count in ends if end <= cut), default=0)
-        assert not recording.complete and not recording.whole, cut
-        assert recording.rows == whole, cut
+        assert not recording.complete and not recording.whole and recording.rows == whole, cut
         if whole:
             assert_holds(recording, rows[:whole])
         if cut >= ends[0][0]:
@@ -97,15 +93,18 @@ def test_a_stream_cut_anywhere_gives_back_every_whole_batch_and_lacks_its_end(tm
             convert_to_parquet(path)
 
 
+def test_a_parquet_file_cut_anywhere_is_not_whole(path):
+    path = convert_to_parquet(record(path, ticks(600)))
+    data = path.read_bytes()
+    for cut in np.random.default_rng(7).integers(0, len(data), 150):
+        path.write_bytes(data[:cut])
+        assert not read_recording(path).whole, cut
+
+
 @pytest.mark.parametrize("suffix", [".arrows", ".parquet"])
-def test_no_changed_bit_goes_unnoticed_and_no_changed_row_is_returned(tmp_path, suffix):
+def test_no_changed_bit_goes_unnoticed_and_no_changed_row_is_returned(path, suffix):
     rows = ticks(300)
-    path = tmp_path / "run-001.arrows"
-    with RecordingWriter(path, "AEB", {"participant": "01"}, sync=False) as writer:
-        for piece in np.array_split(rows, 3):
-            writer.write(piece)
-            writer.flush()
-        writer.close({"status": "done"})
+    record(path, rows, pieces=3, flush=True)
     header_end = batch_ends(path)[0][0]
     if suffix == ".parquet":
         path = convert_to_parquet(path)
@@ -115,9 +114,7 @@ def test_no_changed_bit_goes_unnoticed_and_no_changed_row_is_returned(tmp_path, 
     if suffix == ".arrows":
         places |= {*range(0, header_end, 29), *range(header_end, header_end + 2000, 13)}
     for place in sorted(places):
-        flipped = bytearray(data)
-        flipped[place] ^= 1 << int(generator.integers(8))
-        path.write_bytes(flipped)
+        path.write_bytes(flip(data, place, int(generator.integers(8))))
         recording = read_recording(path)
         assert not recording.whole, place
         if suffix == ".arrows" and recording.rows:  # what is returned is a selection of the true rows
@@ -126,28 +123,18 @@ def test_no_changed_bit_goes_unnoticed_and_no_changed_row_is_returned(tmp_path, 
             assert_holds(recording, rows[kept])
 
 
-def test_damage_inside_costs_one_batch_and_names_it(tmp_path):
+def test_damage_inside_costs_one_batch_and_names_it(path):
     rows = ticks(500)
-    path = tmp_path / "run-001.arrows"
-    with RecordingWriter(path, "AEB", {}, sync=False) as writer:
-        for piece in np.array_split(rows, 5):
-            writer.write(piece)
-            writer.flush()
-    data = bytearray(path.read_bytes())
-    ends = batch_ends(path)
+    data, ends = record(path, rows, pieces=5, flush=True).read_bytes(), batch_ends(path)
     for place in (ends[2][0] - 30, ends[1][0] + 5, ends[1][0]):  # a value, the message's length, its marker
-        flipped = bytearray(data)
-        flipped[place] ^= 0x40
-        path.write_bytes(flipped)
+        path.write_bytes(flip(data, place, 6))
         recording = read_recording(path)
-        assert recording.complete and not recording.whole
-        assert recording.damaged == ["batch 1 (rows 100 to 199): damaged"]
+        assert recording.complete and recording.damaged == ["batch 1 (rows 100 to 199): damaged"]
         assert_holds(recording, np.delete(rows, np.s_[100:200], axis=0))
 
 
-def test_an_existing_file_is_never_overwritten(tmp_path):
-    path = record(tmp_path / "run-001.arrows", ticks(10))
-    before = path.read_bytes()
+def test_an_existing_file_is_never_overwritten(path, tmp_path):
+    before = record(path, ticks(10)).read_bytes()
     with pytest.raises(InputError, match="exists already"):
         RecordingWriter(path, "AEB", {})
     assert path.read_bytes() == before
@@ -156,29 +143,30 @@ def test_an_existing_file_is_never_overwritten(tmp_path):
 
 
 @pytest.mark.parametrize("braked, metadata", [("BA", {}), ("X", {}), ("AA", {}), ("A", {"x": object()})])
-def test_a_recording_that_cannot_be_described_is_refused_before_a_file_exists(tmp_path, braked, metadata):
+def test_a_recording_that_cannot_be_described_is_refused_before_a_file_exists(path, braked, metadata):
     with pytest.raises(InputError, match="recording"):
-        RecordingWriter(tmp_path / "run-001.arrows", braked, metadata)
-    assert not list(tmp_path.iterdir())
+        RecordingWriter(path, braked, metadata)
+    assert not path.exists()
 
 
-def test_an_exception_in_the_trial_keeps_its_ticks_without_an_end(tmp_path):
+def test_an_exception_in_the_trial_keeps_its_ticks_without_an_end(path):
     rows = ticks(150)
-    path = tmp_path / "run-001.arrows"
+    ring = rows.copy()
     with pytest.raises(ZeroDivisionError), RecordingWriter(path, "AEB", {}) as writer:
-        writer.write(rows)
+        writer.write(ring)
+        ring[:] = np.nan  # what was given was copied
         raise ZeroDivisionError
     recording = read_recording(path)
-    assert not recording.complete and recording.damaged == [] and recording.rows == 150
+    assert not recording.complete and recording.damaged == []
+    assert_holds(recording, rows)
     with pytest.raises(ValueError, match="closed"):
         writer.write(rows)
 
 
-def test_rows_reach_the_file_in_time_for_a_kill_and_the_disk_in_time_for_a_power_cut(tmp_path, monkeypatch):
+def test_rows_reach_the_file_in_time_for_a_kill_and_the_disk_in_time_for_a_power_cut(path, monkeypatch):
     now, syncs = [100.0], []
     monkeypatch.setattr(recording_writer.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(recording_writer.os, "fsync", lambda handle: syncs.append(now[0]))
-    path = tmp_path / "run-001.arrows"
     writer = RecordingWriter(path, "AEB", {})
     syncs.clear()
     for chunk in np.array_split(ticks(2000), 100):  # 20 ticks every 20 ms, as while a person moves
@@ -192,17 +180,8 @@ def test_rows_reach_the_file_in_time_for_a_kill_and_the_disk_in_time_for_a_power
     assert read_recording(path).rows == 2000
 
 
-def test_rows_given_are_copied(tmp_path):
-    ring, path = ticks(10), tmp_path / "run-001.arrows"
-    rows = ring.copy()
-    with RecordingWriter(path, "AEB", {}, sync=False) as writer:
-        writer.write(ring)
-        ring[:] = np.nan
-    assert_holds(read_recording(path), rows)
-
-
-def test_a_full_disk_is_said_and_leaves_whole_batches(tmp_path, monkeypatch):
-    rows, path = ticks(3000), tmp_path / "run-001.arrows"
+def test_a_full_disk_is_an_error_and_leaves_whole_batches(path, monkeypatch):
+    rows = ticks(3000)
     writer = RecordingWriter(path, "AEB", {}, sync=False)
     writer.write(rows[:2000])
     write, room = os.write, [5000]
@@ -222,15 +201,71 @@ def test_a_full_disk_is_said_and_leaves_whole_batches(tmp_path, monkeypatch):
     assert recording.rows == 2000 and not recording.complete and recording.damaged == []
 
 
-def test_a_tick_with_a_code_without_a_word_is_refused(tmp_path):
-    for column, value in (
-        (tick_log.DECISION, len(DECISIONS)),
-        (tick_log.PHASE, 0.5),
-        (tick_log.STUCK, -1),
-        (tick_log.PHASE, np.nan),
-    ):
-        rows = ticks(1500)
-        rows[3, column] = value
-        writer = RecordingWriter(tmp_path / f"run-{column}-{value}.arrows", "AEB", {}, sync=False)
-        with pytest.raises(ValueError, match="without a word"):
-            writer.write(rows)
+@pytest.mark.parametrize("column, value", [
+    (tick_log.DECISION, len(DECISIONS)), (tick_log.PHASE, 0.5), (tick_log.STUCK, -1), (tick_log.PHASE, np.nan)
+])  # fmt: skip
+def test_a_tick_with_a_code_without_a_word_is_refused(path, column, value):
+    rows = ticks(1500)
+    rows[3, column] = value
+    with pytest.raises(ValueError, match="without a word"):
+        RecordingWriter(path, "AEB", {}, sync=False).write(rows)
+
+
+# ---------------------------------------------------------------------------------------------------------- as Parquet
+
+
+def test_parquet_holds_the_same_as_the_stream_which_then_goes(path, tmp_path):
+    rows = ticks(2345)
+    rows[5, tick_log.HAND_FX], rows[6, tick_log.HAND_FX] = np.nan, -0.0
+    stream = read_recording(record(path, rows, "AEBC"))
+    target = convert_to_parquet(path)
+    assert target == tmp_path / "run-001.parquet" and sorted(tmp_path.iterdir()) == [target]
+    back = read_recording(target)
+    assert back.whole and same_content(back, stream)
+    table = pq.read_table(target)  # any Parquet reader
+    assert table.column_names == list(NAMES) and table.num_rows == 2345
+    assert table.column("decision").to_pylist() == list(stream.text("decision"))
+    assert json.loads(table.schema.metadata[b"phd"])["metadata"] == {"participant": "01"}
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_a_recording_of_hardly_anything_survives_conversion(path, count):
+    assert read_recording(record(path, ticks(count))).whole
+    back = read_recording(convert_to_parquet(path))
+    assert back.whole and back.rows == count and back.words["decision"] == DECISIONS
+
+
+def test_conversion_never_overwrites_and_finishes_what_a_crash_left(path, tmp_path):
+    data = record(path, ticks(100)).read_bytes()
+    target = convert_to_parquet(path)
+    kept = target.read_bytes()
+    path.write_bytes(data)  # as if killed between naming the new file and removing the stream
+    (tmp_path / ".run-001.parquet.partial").write_bytes(b"half")
+    assert convert_to_parquet(path) == target
+    assert target.read_bytes() == kept and not path.exists()
+    record(path, ticks(100, seed=5))
+    with pytest.raises(InputError, match="differs"):
+        convert_to_parquet(path)
+    assert target.read_bytes() == kept and path.exists()
+
+
+def test_same_content_looks_at_every_bit_and_word(tmp_path):
+    recordings = []
+    for k, change in enumerate([None, (tick_log.TIP_X, 1e-300), (tick_log.TIP_X, -0.0), (tick_log.DECISION, 1.0)]):
+        rows = ticks(20)
+        rows[3, [tick_log.TIP_X, tick_log.DECISION]] = 0.0
+        if change:
+            rows[3, change[0]] = change[1]
+        recordings.append(read_recording(record(tmp_path / f"run-{k}.arrows", rows)))
+    first, *others = recordings
+    assert same_content(first, first) and not any(same_content(first, other) for other in others)
+
+
+def test_what_is_no_recording_is_refused_in_one_sentence(tmp_path):
+    (tmp_path / "x.txt").write_text("x")
+    for path in (tmp_path / "x.txt", tmp_path / "none.arrows", tmp_path / "none.parquet"):
+        with pytest.raises(InputError, match=path.name):
+            read_recording(path)
+    pq.write_table(pa.table({"t_s": [0.0]}), tmp_path / "foreign.parquet")
+    foreign = read_recording(tmp_path / "foreign.parquet")
+    assert foreign.rows == 0 and foreign.damaged and not foreign.complete

@@ -177,20 +177,32 @@ def test_a_decision_that_does_not_follow_from_what_is_recorded_is_counted(sessio
         assert any("recorded decisions are not" in warning for warning in told["warnings"]), name
 
 
-def as_an_earlier_version_had_it(recording):
+def without_start(recording):
+    """As a version recorded it whose device had another state."""
+    start = recording.metadata["start"]
+    state = {name: value for name, value in start["state"].items() if name != "carry"}
+    return replace(recording, metadata={**recording.metadata, "start": {**start, "state": state}})
+
+
+def without_arm(recording):
     later = {"sensed_fx_N", "sensed_fy_N", *ARM_COLUMNS}
     columns = {name: column for name, column in recording.columns.items() if name not in later}
     metadata = {name: value for name, value in recording.metadata.items() if name != "start"}
     return replace(recording, columns=columns, metadata=metadata)
 
 
-def test_a_recording_of_an_earlier_version_is_replayed_from_its_movement_and_that_is_said(session, tmp_path, capsys):
-    path = copied(recordings(session.folder)[0], tmp_path, as_an_earlier_version_had_it)
+def test_a_recording_of_another_version_is_replayed_from_its_movement_and_that_is_said(session, tmp_path, capsys):
+    path = copied(recordings(session.folder)[0], tmp_path / "start", without_start)
     told, said = replayed(path)
-    assert said == ("move", None, None) and told["warnings"] == [OTHER_VERSION]
+    assert said == ("move", None, 0) and told["hand"] == "target" and told["warnings"] == [OTHER_VERSION]
     assert 0.0 < told["largest_tip_difference_m"] < NEAR_M
+    path = copied(recordings(session.folder)[0], tmp_path / "arm", without_arm)
+    told, said = replayed(path)
+    assert said == ("move", None, None) and told["hand"] == "force" and told["warnings"] == [OTHER_VERSION]
     assert main(["replay", str(path), "--controller", "4", "--json"]) == 0
     assert OTHER_VERSION in capsys.readouterr().err
+    assert main(["replay", str(path), "--hand", "target"]) == 2
+    assert "no target of the hand (operator) was recorded" in capsys.readouterr().err
 
 
 def test_another_controller_starts_from_the_same_approach_and_makes_no_promise_of_equality(session):

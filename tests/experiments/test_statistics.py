@@ -29,7 +29,6 @@ from experiments.analysis.statistics import (
     POOLED,
     friedman,
     holm,
-    means,
     median_interval,
     rank_biserial,
     rank_biserial_interval,
@@ -162,12 +161,6 @@ def test_a_participant_counts_once_however_many_trials_they_made():
     )
     before, after = (only(statistics(r), **wanted) for r in (rows, rows + extra))
     assert (after.people, after.value) == (6, pytest.approx(before.value))
-
-
-def test_the_mean_has_students_interval():
-    data = np.random.default_rng(1).normal(size=7)
-    (found,) = means("m", "d", table_of([data]))
-    assert (found.low, found.high) == pytest.approx(tuple(stats.ttest_1samp(data, 0.0).confidence_interval(0.95)))
 
 
 @pytest.mark.parametrize("people", [1, 3, 5, 6])

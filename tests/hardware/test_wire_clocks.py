@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from real_bench import RealBench
+from simulated_bench import WRAP_US
 
 from core import tick_log
-from hardware.connection import FreshnessWatch
 from hardware.emulated_board.line_faults import read_fault
+from hardware.sensing.board_clock import FreshnessWatch
 from hardware.wire.messages import Sample, State
-
-WRAP_US = 1 << 32
 
 
 class Stopping:
@@ -95,15 +94,7 @@ def test_one_command_that_is_taken_in_now_and_then_is_no_reason_to_begin_anew() 
 
 
 def test_board_time_that_goes_back_is_counted_and_the_clock_model_begins_anew() -> None:
-    bench = RealBench()
-    bench.idle(10)
-    off = WRAP_US - 1000 * (bench.board.ticks + 2500)  # goes round in 2.5 s, as 32 bits of microseconds do
-    real = bench.link._sample
-    bench.link.sensing.clock.begin()
-    bench.link.sensing.clock._newest_us = 0
-    bench.link._sample = lambda sensing, one, now: real(
-        sensing, one._replace(board_us=(one.board_us + off) % WRAP_US), now
-    )
+    bench = RealBench(board_began_us=WRAP_US - 2_700_000)  # goes round in 2.7 s, as 32 bits of microseconds do
     bench.idle(2000)
     assert bench.link.report()["board_time_back"] == 0
     trial = bench.trial()

@@ -10,11 +10,10 @@ from simulated_bench import NO, TIP, Bench, homed_link, reached, run
 
 from core.device_interface import DeviceError
 from core.files import InputError
-from hardware.connection import Connection
 from hardware.emulated_board.line_faults import read_fault
-from hardware.serial_device import SerialDevice
+from hardware.serial_device import Connection, SerialDevice
 from hardware.serial_port import find_port, usb_ports
-from hardware.wire.messages import Limits, State
+from hardware.wire.messages import Command, Limits, State
 
 
 @pytest.fixture
@@ -63,12 +62,11 @@ def test_a_current_that_makes_no_sense_is_zero_on_the_wire(bench: Bench, link: S
 
 @pytest.mark.parametrize("current", [1.0004, 5.0, 1e300])
 def test_no_current_above_the_brake_files_limit_reaches_the_wire(
-    bench: Bench, link: SerialDevice, current: float, monkeypatch: pytest.MonkeyPatch
+    bench: Bench, link: SerialDevice, current: float
 ) -> None:
-    sent = []
-    monkeypatch.setattr(link._connection, "send", lambda message: sent.append(message))
+    bench.sent.clear()
     run(link, 3, (current, 0.0, 0.25, -current))
-    assert {command.current_mA for command in sent if len(command) == 4} == {(1000, 0, 250, 0)}
+    assert {command.current_mA for command in bench.sent if isinstance(command, Command)} == {(1000, 0, 250, 0)}
 
 
 @pytest.mark.parametrize(
@@ -89,8 +87,7 @@ def test_another_board_than_the_device_file_says_is_refused(capability: dict, sa
         reached(bench)
 
 
-def test_a_port_where_nothing_answers_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.connection.HELLO_S", 0.2)
+def test_a_port_where_nothing_answers_is_one_sentence() -> None:
     bench = Bench()
     bench.fault("drop=1")
     with pytest.raises(InputError, match="bench: no board answers there"):
@@ -118,17 +115,14 @@ def test_a_bad_wire_is_counted_and_survived(bench: Bench, link: SerialDevice, ki
     assert all(math.dist(sample.tip, TIP) < 0.01 for sample in came)
 
 
-def test_silence_is_noticed_in_200_ms_and_the_board_is_safe_within_50(
-    bench: Bench, link: SerialDevice, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_silence_is_noticed_in_200_ms_and_the_board_is_safe_within_50(bench: Bench, link: SerialDevice) -> None:
     run(link, 50, (0.5,) * 4)
-    began, lose, noticed = bench.ticks, link._lose, []
-    monkeypatch.setattr(link, "_lose", lambda reason: (noticed.append((bench.ticks - began, reason)), lose(reason)))
+    began = bench.ticks
     bench.fault("stall+0.4")
-    while not noticed:
+    while not link.problem:
+        noticed = bench.ticks - began
         assert link.exchange((0.5,) * 4) is None
-    ((after_ms, reason),) = noticed
-    assert after_ms <= 206 and reason == "no sample for 200 ms"
+    assert noticed <= 206 and link.problem == "no sample for 200 ms"
     assert bench.last_current - began < 50
     until(link, lambda: not link.problem)
     (sample,) = run(link, 1)

@@ -1,6 +1,6 @@
 """The zero of force sensor and amplifiers: what it is taken from, and how long it holds."""
 
-import time
+import threading
 from collections.abc import Iterator
 
 import numpy as np
@@ -88,12 +88,13 @@ def test_a_board_that_was_away_for_a_moment_while_its_zero_was_taken_has_none(
             bench.plugged = False
             assert exchange(currents) is None
             bench.plugged = True
-            until(link, lambda: link._back is not None)
+            until_reached()
         return exchange(currents)
 
-    def until(link: SerialDevice, done) -> None:
-        while not done():
-            time.sleep(0.001)
+    def until_reached() -> None:
+        for thread in threading.enumerate():
+            if thread.name == "bring the board back":
+                thread.join()
 
     monkeypatch.setattr(link, "exchange", away_at_the_hundredth)
     with pytest.raises(DeviceError, match="the board was away meanwhile"):

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from app.window.painting.layers import fill_field
 from core import tick_log
 from core.device import Device
 from core.path import Segment, build_path
+from experiments.session.playback import fill_field
 from tests.benchmarks.synthetic_bench import synthetic_trial
 
 ALONG = Segment((-0.10, 0.40), (0.10, 0.40))

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from fault_kinds import AWAY, BETWEEN, END, LOCKED_TICKS, PULL, START, Fault, Killed
 from real_bench import RealBench
-from simulated_bench import reach
 
 from app.ipc.messages import GOOD, DeviceStatus, Done, HomeAt, Reset
 from app.ipc.ring import Ring
@@ -84,6 +83,9 @@ def lost(name: str = "") -> str:
     return f"{said} {name} is recovered and its trial comes again." if name else said
 
 
+SETTLED_TICKS = 700  # the handle has come to rest where the hand holds it
+
+
 class Case:
     """One trial, or the time between two, with one fault in one phase."""
 
@@ -103,7 +105,7 @@ class Case:
         self.flowing = self.killed = self.past = False
         self.words, self.afterwards, self.again_s = "", "", 0.0
         self.row = None  # of the table
-        self.idle(lambda: self.look() is not None and self.look().state == GOOD)
+        self.idle(lambda: self.board.ticks >= SETTLED_TICKS and self.look() is not None and self.look().state == GOOD)
         self.between() if phase == BETWEEN else self.trial()
 
     # between trials
@@ -270,7 +272,7 @@ class Case:
             self.loop.device = SerialDevice(
                 self.bench.device, "bench", clock=self.bench.now, open_port=self.bench.open_port
             )
-            reach(self.loop.device)
+            self.loop.device.open()
             self.bench.link = self.loop.device
         began, link = self.board.ticks, self.bench.link
         while True:

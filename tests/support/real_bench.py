@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 from protocols import PAPER, PEOPLE
-from simulated_bench import TIP, Bench, BenchWire, reach
+from simulated_bench import TIP, Bench, BenchWire
 
 from app.emulated_operator import EmulatedOperator
 from core import tick_log
@@ -47,7 +47,10 @@ def drawn(seed: int) -> tuple[Person, np.random.Generator]:
 class RealBench:
     """A board with an operator at the handle, or another hand, and the link to it."""
 
-    def __init__(self, device: str | Device = "four-brake", seed: int = 3, hand: EmulatedHand | None = None) -> None:
+    def __init__(
+        self, device: str | Device = "four-brake", seed: int = 3, hand: EmulatedHand | None = None,
+        board_began_us: int = 0,
+    ) -> None:  # fmt: skip
         self.device = load_device(device) if isinstance(device, str) else device
         self.operator: EmulatedOperator | None = None
         if hand is None:
@@ -55,10 +58,10 @@ class RealBench:
             self.operator = EmulatedOperator(person, build_path(PATH, "path"), TIP, generator)
             self.operator.go_on = lambda x, y: None  # it goes by the phases of the trial alone
             hand = Late(self.operator)
-        self.board = Bench(self.device, hand)
+        self.board = Bench(self.device, hand, board_began_us)
         self.hand = hand
         self.link = SerialDevice(self.device, "bench", clock=self.now, open_port=self.open_port)
-        reach(self.link)
+        self.link.open()
         self.link.home(self.board.device.tip)
 
     def open_port(self, name: str) -> BenchWire:

@@ -29,10 +29,13 @@ def ticks(n, seed=0):
     return rows
 
 
-def record(path, rows, braked="AEB", outcome=None, pieces=1):
+def record(path, rows, braked="AEB", outcome=None, pieces=1, flush=False):
+    """A closed stream of these rows; flush: a batch a piece."""
     with RecordingWriter(path, braked, {"participant": "01"}, sync=False) as writer:
         for piece in np.array_split(rows, pieces):
             writer.write(piece)
+            if flush:
+                writer.flush()
         writer.close(outcome or {"status": "done"})
     return path
 

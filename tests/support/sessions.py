@@ -12,6 +12,15 @@ from experiments.session.session import Session
 from experiments.trial.population import load_population
 
 
+class Killed(BaseException):
+    """Stands for a kill: nothing that tidies up after exceptions of the program may catch it."""
+
+
+def of(data: Path) -> Path:
+    """The folder of the first participant's session."""
+    return data / "sub-01" / "ses-01"
+
+
 def new_session(data: Path, participant: str = "01", protocol: Protocol = PAPER, blind: bool = False) -> Session:
     """A session of a simulated operator, not yet begun."""
     population = load_population()

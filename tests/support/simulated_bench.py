@@ -8,28 +8,35 @@ from dataclasses import replace
 from core.device import Device, load_device
 from core.device_interface import DeviceError
 from core.faults import cause
-from core.files import InputError
 from hardware.emulated_board.board import Board
 from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, HeldHand
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault
 from hardware.emulated_board.sensors import capability_of
 from hardware.serial_device import SerialDevice
+from hardware.wire.frames import FrameDecoder
+from hardware.wire.messages import unpack
 
 DEVICE = load_device("four-brake")
 TIP = (0.02, 0.40)
 NO = (0.0,) * 4  # currents
+WRAP_US = 1 << 32
 
 
 class Bench:
     """A board with a simulated device, and the wires that are plugged into it; each read of a wire takes a tick."""
 
-    def __init__(self, behind: Device = DEVICE, hand: EmulatedHand | None = None, **capability) -> None:
+    def __init__(
+        self, behind: Device = DEVICE, hand: EmulatedHand | None = None, board_began_us: int = 0, **capability
+    ) -> None:
         self.board = Board(replace(capability_of(behind, "TEST"), **capability))
         self.hand = hand or HeldHand(TIP)
         self.device = EmulatedDevice(behind, self.board.capability, self.hand, TIP, seed=1)
         self.faults: list[LineFault] = []
         self.to_host, self.to_board = Line(self.faults, 1, 0), Line(self.faults, 1, 1)
         self.ticks = self.last_current = 0
+        self.board_began_us = board_began_us  # by its own clock
+        self.sent: list[tuple] = []  # every message of the host
+        self._decoder = FrameDecoder()
         self.plugged = self.powered = True
         self.backlog = b""  # what waits for a host that was late
         self._acting: set[str] = set()  # kinds of faults
@@ -43,7 +50,7 @@ class Bench:
     def tick(self) -> bytes:
         """A millisecond; what arrives at the host's end."""
         self.ticks += 1
-        now_us = 1000 * self.ticks
+        now_us = (self.board_began_us + 1000 * self.ticks) % WRAP_US
         acting = [fault for fault in self.faults if fault.acts(self.now_s)]
         self._plug_and_power({fault.kind for fault in acting}, now_us)
         if (data := self.to_board.take(self.now_s)) and self.powered:
@@ -75,19 +82,11 @@ class Bench:
         for frame in data.split(b"\0")[:-1]:
             self.to_host.put(frame + b"\0", self.now_s)
 
+    def hear(self, data: bytes) -> None:
+        self.sent += filter(None, map(unpack, self._decoder.feed(data)))
+
     def fault(self, text: str) -> None:
         self.faults.append(read_fault(text, self.now_s))
-
-
-def reach(link: SerialDevice) -> None:
-    """Open a link; again where this machine held us up for longer than a board may take to answer."""
-    for left in (3, 2, 1, 0):
-        try:
-            link.open()
-            return
-        except InputError as error:
-            if not left or "no board answers" not in str(error):
-                raise
 
 
 class BenchWire:
@@ -112,6 +111,7 @@ class BenchWire:
         self.check()
         with self.bench.lock:
             self.bench.to_board.put(data, self.bench.now_s)
+            self.bench.hear(data)
 
     def close(self) -> None:
         self.closed = True
@@ -123,7 +123,7 @@ def reached(bench: Bench) -> SerialDevice:
         DEVICE, "bench", clock=lambda: bench.now_s, open_port=lambda name: BenchWire(bench, name),
         sleep=lambda seconds: time.sleep(0.1 * seconds),
     )  # fmt: skip
-    reach(link)
+    link.open()
     return link
 
 

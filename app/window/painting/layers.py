@@ -89,18 +89,6 @@ def field_at_rest(path: Path, tip: Point, sense: float) -> Field:
     return Field(*(float(part[0]) for part in field_around(path, np.array([tip]), sense)))
 
 
-def fill_field(path: Path, rows: np.ndarray) -> None:
-    """Into ticks (n, tick_log.WIDTH) that lack it: as if the hand had never turned back; NaN outside `move`."""
-    rows[:, tick_log.PATH_DISTANCE : tick_log.DESIRED_Y + 1] = math.nan
-    rows[:, tick_log.TRAVEL_SENSE] = 1.0
-    moves = rows[:, tick_log.PHASE] == tick_log.MOVE
-    field = field_around(path, rows[moves, tick_log.TIP_X : tick_log.TIP_Y + 1], 1.0)
-    rows[moves, tick_log.PATH_DISTANCE] = np.copysign(field.distance, field.t_y * field.n_x - field.t_x * field.n_y)
-    rows[moves, tick_log.FORWARD_X : tick_log.DESIRED_Y + 1] = np.column_stack(
-        (field.t_x, field.t_y, field.beta_x, field.beta_y)
-    )
-
-
 def needles(path: Path, sense: float, device: Device, low: Point, high: Point, step: float) -> np.ndarray:
     """The field on a grid (m) between two corners, wherever the tip can be: rows x, y, beta_x, beta_y (n, 4)."""
     x, y = (step * np.arange(math.ceil(a / step), math.floor(b / step) + 1) for a, b in zip(low, high, strict=True))

@@ -89,6 +89,7 @@ class Plane(QWidget):
         self.force_N, self.taken = 0.0, False
         self.trail: list[Point] = []
         self.trail_shown = True
+        self._beside: tuple[np.ndarray, str] | None = None  # another way (n, 2), m, and its colour
         self.dirty = QRect()  # what is being painted anew, px
         self._moving = QRegion()  # where things that move were last, px
         self._follows_mouse, self._pointer_moved = follows_mouse, False
@@ -101,9 +102,10 @@ class Plane(QWidget):
 
     # what to show
 
-    def set_extent(self, extent: QRectF) -> None:
-        """What must be seen, m."""
+    def set_extent(self, extent: QRectF, keep_free: QMarginsF | None = None) -> None:
+        """What must be seen, m; keep_free: px at each side that stay clear of it (None: as before)."""
         self._extent = extent
+        self._keep_free = keep_free or self._keep_free
         self._fit()
 
     def show_path(self, path: PathFile | None) -> None:
@@ -138,6 +140,11 @@ class Plane(QWidget):
     def show_way(self, tips: np.ndarray) -> None:
         """The whole way so far at once: tips (n, 2), m."""
         self.trail = [(x, y) for x, y in tips[:: len(tips) // TRAIL_MOST + 1].tolist()]
+        self.repaint_still()
+
+    def show_beside(self, tips: np.ndarray, colour: str) -> None:
+        """Another way beside the trail, whatever is shown: tips (n, 2), m; none of them: no other way."""
+        self._beside = (tips, colour) if len(tips) else None
         self.repaint_still()
 
     def clear_trail(self) -> None:
@@ -273,6 +280,10 @@ class Plane(QWidget):
         self.paint_under_path(painter)
         if len(self.outline):
             self._paint_path(painter)
+        if self._beside is not None:
+            tips, colour = self._beside
+            painter.setPen(pen(colour, self.sizes.trail))
+            painter.drawPolyline(QPolygonF([self.to_screen(tip) for tip in tips[:: len(tips) // TRAIL_MOST + 1]]))
         painter.end()
         if self.trail_shown and len(self.trail) > 1:
             self._paint_trail(pixmap, self.trail)

@@ -1,0 +1,329 @@
+"""A recorded trial: its workspace, its curves with one cursor, its measures, and its hand through another controller.
+
+The side of the page Analyse, or (`phd replay RECORDING`) a window of its own.
+"""
+
+import gc
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from PySide6.QtCore import QMarginsF, Qt, QTimer, Signal
+from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
+from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
+
+from app.window.box_plot import colour_of
+from app.window.painting import theme
+from app.window.painting.labels import Choice, OneLine, line, word
+from app.window.painting.layers import extent_of_paths
+from app.window.painting.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
+from app.window.painting.theme import show_whole
+from app.window.trial_traces import BESIDE, TrialTraces
+from app.window.work import Replay, Replayed
+from core import tick_log
+from core.files import InputError
+from experiments.analysis.metrics import BY_NAME, DRAWN, METRICS
+from experiments.analysis.trials_table import TrialRow
+from experiments.session.playback import Playback, read_playback
+
+FRAME_MS = 16
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+STEP_S = 0.1  # of an arrow key
+NEAR_S = 0.12  # what brakes do, and the words on the workspace, are taken from the newest ticks
+STRIDE = 8  # of the ticks before: all of them would take too long
+AROUND_M = 0.03  # what is seen around the path
+LARGEST = (1280, 720)  # px, as a window of its own opens
+MEASURES = (*DRAWN, BY_NAME["duration_s"])
+COMPARE = "Compare with …"
+
+
+def measured(values: dict[str, float | None]) -> str:
+    """The measures of a trial in a line: "1.9 mm · 2.7 N · 24.1 m/s² · 3.20 s"."""
+    known = ((metric, values.get(metric.name)) for metric in MEASURES)
+    return " · ".join(f"{m.scale * v:.{m.decimals}f} {m.shown_unit}" for m, v in known if v is not None)
+
+
+class TrialView(QFrame):
+    """One trial at one moment; time goes on while it plays. What was asked for and cannot be read is a sentence."""
+
+    closed = Signal()
+    stepped = Signal(int)  # -1, 1: the trial before, the next one
+
+    def __init__(self, whole: bool = False) -> None:
+        """whole: a window of its own, with the buttons of the workspace and without those of the page."""
+        super().__init__(objectName="panel")
+        self.trial: Playback | None = None
+        self.at = 0  # the tick that is shown
+        self._whole, self._played_s, self._clock_s = whole, 0.0, 0.0
+        self._timer = QTimer(self)
+        self._timer.setTimerType(Qt.TimerType.PreciseTimer)
+        self._timer.timeout.connect(self.frame)
+        self.dot, self.title = word("●", size=theme.TITLE), word("", size=theme.TITLE, bold=True)
+        self.about, self.measures, self.beside_measures = OneLine(""), OneLine(""), OneLine("")
+        self.beside_measures.setStyleSheet(f"color: {BESIDE}")
+        self.note = line("", "quiet", theme.SMALL)
+        self.workspace: Workspace | None = None
+        self.traces = TrialTraces()
+        self.traces.asked.connect(self.go_to)
+        self.play_button, self.clock = QPushButton(), word("")
+        self.play_button.clicked.connect(self.play_or_pause)
+        self.decision = OneLine("", "quiet")
+        self.speed, self.beside = Choice(), Choice()
+        for speed in SPEEDS:
+            self.speed.addItem(f"{speed:g} ×", speed)
+        self.speed.setCurrentIndex(SPEEDS.index(1.0))
+        self.beside.setToolTip("The recorded hand, simulated through another controller")
+        self.beside.activated.connect(self._compare)
+        self.replay = Replay()
+        self.replay.done.connect(self._show_beside)
+        self.steps = [QPushButton(text, objectName="small") for text in ("‹", "›", "×")]
+        for button, tip in zip(self.steps, ("The trial before", "The next trial", "Close"), strict=True):
+            button.setToolTip(tip)
+        self.steps[0].clicked.connect(lambda: self.stepped.emit(-1))
+        self.steps[1].clicked.connect(lambda: self.stepped.emit(1))
+        self.steps[2].clicked.connect(self.closed)
+        for widget in (self.play_button, self.speed, self.beside, *self.steps):
+            widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
+        self._lay_out()
+        self._show_playing()
+
+    def _lay_out(self) -> None:
+        head, foot, self._middle = QHBoxLayout(), QHBoxLayout(), QHBoxLayout() if self._whole else QVBoxLayout()
+        head.addWidget(self.dot)
+        head.addWidget(self.title, 1)
+        for button in self.steps:
+            head.addWidget(button)
+            button.setVisible(not self._whole)
+        self._middle.setSpacing(6)
+        self._middle.addWidget(self.traces, 4)
+        self.clock.setMinimumWidth(100)
+        for widget, stretch in ((self.play_button, 0), (self.speed, 0), (self.clock, 0), (self.beside, 1)):
+            foot.addWidget(widget, stretch)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(12, 8, 12, 10)
+        layout.setSpacing(5)
+        layout.addLayout(head)
+        for widget in (self.about, self.measures, self.beside_measures):
+            layout.addWidget(widget)
+        layout.addLayout(self._middle, 1)
+        layout.addWidget(self.decision)
+        layout.addLayout(foot)
+        layout.addWidget(self.note)
+        self.beside_measures.hide()
+        self.note.hide()
+
+    # which trial
+
+    def show_trial(self, trial: Playback | InputError) -> None:
+        """Another trial, from its beginning; or why it cannot be shown."""
+        self._stop()
+        self.replay.stop()
+        if isinstance(trial, InputError):
+            self.note_that(str(trial), bad=True)
+            return
+        self.trial = trial
+        row = trial.row
+        self.dot.setStyleSheet(f"color: {theme.QUIET if row is None else colour_of(row.controller)}")
+        self.title.setText(trial.title)
+        self.about.setText(f"{trial.controller} · {trial.about}")
+        status = row.status if row is not None else "in no table"
+        damaged = " · damaged: some ticks are missing" if trial.damaged else ""
+        values = {m.name: getattr(row, m.name) for m in METRICS} if row is not None else {}
+        self.measures.setText(" · ".join(filter(None, (measured(values), f"{status}{damaged}"))))
+        self.measures.setToolTip("\n".join(
+            f"{m.title}: {m.scale * v:.3g} {m.shown_unit}" for m in METRICS if (v := values.get(m.name)) is not None
+        ))  # fmt: skip
+        self.beside_measures.hide()
+        self.note_that("")
+        self._put_workspace()
+        self.workspace.view.show_beside(np.empty((0, 2)), BESIDE)
+        self.traces.show_trial(trial)
+        self.beside.clear()
+        self.beside.addItem(COMPARE)
+        for number, name in ({} if trial.blind else trial.controllers).items():
+            self.beside.addItem(name, number)
+        self.beside.setEnabled(self.beside.count() > 1)
+        self.go_to(0.0)
+
+    def show_row(self, row: TrialRow) -> None:
+        """A trial is being read, or has no recording: its row is all there is."""
+        self.dot.setStyleSheet(f"color: {colour_of(row.controller)}")
+        self.title.setText(f"P{row.participant} run {row.run}")
+        if not row.recording:
+            self.note_that(f"This trial was {row.status}: there is no recording.", bad=True)
+
+    def note_that(self, text: str, bad: bool = False) -> None:
+        """A sentence under the trial."""
+        theme.name_anew(self.note, "caution" if bad else "quiet")
+        self.note.setText(text)
+        self.note.setVisible(bool(text))
+
+    def _put_workspace(self) -> None:
+        trial = self.trial
+        if self.workspace is None:
+            self.workspace = Workspace((trial.device,), {1: trial.way})
+            self._middle.insertWidget(0, self.workspace, 5)
+            if not self._whole:
+                self.workspace.view.setMinimumSize(200, 110)
+                for layer in (FIELD, REACHABLE, LINKAGE):
+                    self.workspace.view.show_layer(layer, False)
+        self.workspace.set_blind(trial.blind)
+        if not self._whole:
+            for button in self.workspace.buttons.values():
+                button.hide()
+            self.workspace.view.set_extent(extent_of_paths([trial.way], AROUND_M), QMarginsF(8.0, 8.0, 8.0, 8.0))
+
+    # which moment
+
+    @property
+    def playing(self) -> bool:
+        """Whether time goes on by itself."""
+        return self._timer.isActive()
+
+    def play_or_pause(self) -> None:
+        """Space; at the end it begins anew."""
+        if self.playing or self.trial is None:
+            self._stop()
+            return
+        if self.at >= len(self.trial.ticks) - 1:
+            self.go_to(0.0)
+        self._clock_s = time.perf_counter()
+        self._timer.start(FRAME_MS)
+        self._show_playing()
+
+    def frame(self) -> None:
+        """Time goes on: show the ticks until now."""
+        now = time.perf_counter()
+        self.go_on(self.speed.currentData() * (now - self._clock_s))
+        self._clock_s = now
+        if self.at >= len(self.trial.ticks) - 1:
+            self._stop()
+
+    def go_on(self, seconds: float) -> None:
+        """So much further in the trial (s, > 0)."""
+        self._played_s += seconds
+        at = min(int(np.searchsorted(self.trial.t, self._played_s, side="right")), len(self.trial.ticks)) - 1
+        if at > self.at:
+            self._add(self.trial.ticks[self.at + 1 : at + 1])
+            self._show_place(at)
+
+    def go_to(self, seconds: float) -> None:
+        """Any moment (s since the first tick): as if the ticks until then had just been played."""
+        if self.trial is None:
+            return
+        ticks, t = self.trial.ticks, self.trial.t
+        self._played_s = float(np.clip(seconds, 0.0, t[-1]))
+        at = int(np.clip(np.searchsorted(t, self._played_s, side="right") - 1, 0, len(t) - 1))
+        near = int(np.searchsorted(t, t[at] - NEAR_S))
+        tips = ticks[:, (tick_log.TIP_X, tick_log.TIP_Y)]
+        moved = ticks[: at + 1, tick_log.PHASE] == tick_log.MOVE
+        self.workspace.show_trial(self.trial.device, self.trial.way, tuple(tips[0].tolist()))
+        self.workspace.view.show_way(tips[: at + 1][moved][::STRIDE])
+        if near:
+            self._add(ticks[:near:STRIDE])
+        self._add(ticks[near : at + 1])
+        self._show_place(at)
+
+    def _add(self, rows: np.ndarray) -> None:
+        """Ticks (n, WIDTH) onto the workspace; a small one has no room for words."""
+        (self.workspace if self._whole else self.workspace.view).add(rows)
+
+    def _show_place(self, at: int) -> None:
+        self.at = at
+        self.traces.show_cursor(at)
+        self.clock.setText(f"{self._played_s:.2f} / {self.trial.t[-1]:.2f} s")
+        word_of = self.trial.decisions[int(self.trial.ticks[at, tick_log.DECISION])]
+        self.decision.setText("" if self.trial.blind else f"Decision: {word_of}")
+
+    def _stop(self) -> None:
+        self._timer.stop()
+        self._show_playing()
+
+    def _show_playing(self) -> None:
+        self.play_button.setText("Pause" if self.playing else "Play")
+        self.play_button.setToolTip("Space; arrows: 0.1 s; Home, End; up and down: faster, slower")
+
+    # the same hand through another controller
+
+    def _compare(self, index: int) -> None:
+        if index == 0:
+            self.replay.stop()
+            self.note_that("")
+            self._show_beside(None)
+            return
+        number, name = self.beside.itemData(index), self.beside.itemText(index)
+        self.note_that(f"The recorded hand is being simulated through “{name}” …")
+        self.replay.begin(self.trial.path, number, name)
+
+    def _show_beside(self, other: Replayed | InputError | None) -> None:
+        if isinstance(other, InputError):
+            self.note_that(str(other), bad=True)
+            other = None
+        self.traces.show_beside(other, float(self.trial.ticks[0, tick_log.T]))
+        self.beside_measures.setVisible(other is not None)
+        tips = np.empty((0, 2))
+        if other is not None:
+            values = {name: change["after"] for name, change in other.metrics.items()}
+            self.beside_measures.setText(f"{measured(values)} · {other.status} · {other.controller}")
+            self.note_that(other.text)
+            tips = other.ticks[:, (tick_log.TIP_X, tick_log.TIP_Y)]
+        self.workspace.view.show_beside(tips, BESIDE)
+
+    # keys and the end
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Keys of a player, while the focus is here."""
+        key, index = event.key(), self.speed.currentIndex()
+        end = float(self.trial.t[-1]) if self.trial is not None else 0.0
+        actions = {
+            Qt.Key.Key_Space: self.play_or_pause,
+            Qt.Key.Key_Left: lambda: self.go_to(self._played_s - STEP_S),
+            Qt.Key.Key_Right: lambda: self.go_to(self._played_s + STEP_S),
+            Qt.Key.Key_Home: lambda: self.go_to(0.0),
+            Qt.Key.Key_End: lambda: self.go_to(end),
+            Qt.Key.Key_Up: lambda: self.speed.setCurrentIndex(min(index + 1, len(SPEEDS) - 1)),
+            Qt.Key.Key_Down: lambda: self.speed.setCurrentIndex(max(index - 1, 0)),
+        }
+        if key in actions:
+            actions[Qt.Key(key)]()
+        else:
+            super().keyPressEvent(event)
+
+    def end(self) -> None:
+        """Nothing plays, nothing is computed."""
+        self._stop()
+        self.replay.stop()
+
+
+class TrialWindow(QWidget):
+    """A trial in a window of its own."""
+
+    def __init__(self, path: Path) -> None:
+        """InputError if there is nothing to play."""
+        super().__init__()
+        self.setWindowTitle(f"phd: {path.name}")
+        self.view = TrialView(whole=True)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(10, 10, 10, 10)
+        layout.addWidget(self.view)
+        self.view.show_trial(read_playback(path))
+        self.setFocusProxy(self.view)
+        QShortcut(QKeySequence(Qt.Key.Key_Escape), self, self.close)
+        self.resize(*LARGEST)
+
+    def closeEvent(self, event) -> None:
+        self.view.end()
+        super().closeEvent(event)
+
+
+def run(path: Path) -> int:
+    """Play a recording in a window of its own until it is closed. InputError if there is nothing to play."""
+    application = QApplication(sys.argv[:1])
+    theme.dress(application)
+    window = TrialWindow(path)
+    show_whole(window, *LARGEST)
+    gc.collect()
+    gc.freeze()  # else looking through all that was imported costs 50 ms now and then
+    return application.exec()

@@ -1,0 +1,97 @@
+"""The charts of the pages of results, printed: what is seen on the screen as PNG, SVG and PDF."""
+
+import textwrap
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from experiments.analysis.boxplots import FORMATS, TIMEOUT_COLOUR, colour_of, draw_box
+from experiments.analysis.charts import GROUP_SHARE, Chart, View, left_out, legend
+from experiments.analysis.sheet import (
+    CHARACTERS_PER_INCH,
+    LINE,
+    LINE_IN,
+    QUIET,
+    SMALL,
+    STYLE,
+    TEXT,
+    figure_bytes,
+    new_figure,
+)
+from experiments.analysis.trials_table import TrialRow
+from experiments.recording.atomic_files import write_new_files
+
+LEAST_WIDTH, BOX_IN, HEIGHT = 6.4, 0.24, 4.8  # inches; a box takes so much of the width
+
+
+def draw_charts(
+    shown: Sequence[Chart],
+    rows: Sequence[TrialRow],
+    folder: Path,
+    note: str,
+    view: View,
+    progress: Callable[[float], None] = lambda share: None,
+) -> list[Path]:
+    """Each chart of these rows as PNG, SVG and PDF; the paths. note: what was used, it stands on every figure.
+
+    progress: called with the share that is drawn. InputError before anything is written if a file exists.
+    """
+    files: dict[Path, bytes] = {}
+    for chart in shown:
+        figure = chart_figure(chart, rows, note, view)
+        for form in FORMATS:
+            files[folder / f"{chart.name}.{form}"] = figure_bytes(figure, form)
+            progress(len(files) / (len(shown) * len(FORMATS)))
+    write_new_files(files)
+    return list(files)
+
+
+def chart_figure(chart: Chart, rows: Sequence[TrialRow], note: str, view: View) -> Figure:
+    """A figure of one chart, with what a reader must know under it."""
+    boxes = len(chart.ticks) * GROUP_SHARE / (2.0 * chart.boxes[0].half) if chart.boxes else 0.0
+    width = max(LEAST_WIDTH, BOX_IN * boxes)
+    texts = (" ".join(legend(chart, view)), left_out(rows, *view.timeouts_on(chart)), note)
+    lines = [line for text in texts for line in textwrap.wrap(text, int((width - 0.75) * CHARACTERS_PER_INCH))]
+    bottom = (0.75 + LINE_IN * len(lines)) / HEIGHT
+    with matplotlib.rc_context(STYLE):
+        figure = new_figure(width, HEIGHT)
+        axes = figure.add_axes((0.6 / width, bottom, (width - 0.75) / width, 0.88 - bottom))
+        draw_chart(axes, chart, view.logarithmic)
+        for i, line in enumerate(reversed(lines)):
+            figure.text(0.6 / width, (0.12 + LINE_IN * i) / HEIGHT, line, fontsize=SMALL, color=QUIET)
+    return figure
+
+
+def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
+    """One chart on `axes`: its points show what lies beyond the whiskers."""
+    for at in chart.boxes:
+        colour = colour_of(at.controller)
+        draw_box(axes, at.box._replace(outliers=()), at.x, 2.0 * at.half, colour, at.filled)
+    for controller, filled in {(point.controller, point.filled): None for point in chart.points}:
+        of_it = [p for p in chart.points if (p.controller, p.filled) == (controller, filled)]
+        colour = colour_of(controller)
+        face = colour if filled and not chart.boxes else "white"  # else boxes would swallow it
+        axes.scatter([p.x for p in of_it], [p.y for p in of_it], 9.0, face, edgecolors=colour, linewidths=0.8, zorder=5)
+    axes.scatter([p.x for p in chart.others], [p.y for p in chart.others], 16.0, QUIET, marker="+", zorder=5)
+    above = axes.get_xaxis_transform()
+    late = [p.x for p in chart.timeouts]
+    axes.scatter(late, [1.02] * len(late), 25.0, TIMEOUT_COLOUR, marker="x", transform=above, clip_on=False)
+    if chart.curve:
+        axes.plot(*zip(*chart.curve, strict=True), color=TEXT, linewidth=1.2, zorder=6)
+    if logarithmic:
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(0.0, 1.06 * chart.highest or 1.0)
+        axes.yaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 2.5, 5, 10]))
+    axes.set_xlim(*chart.span)
+    if chart.ticks:
+        axes.set_xticks([x for x, _ in chart.ticks], [text for _, text in chart.ticks], fontsize=8.0)
+    axes.set_xlabel(chart.x_title)
+    axes.grid(axis="y", color=LINE, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_title(f"{chart.title} ({chart.unit})", loc="left", fontsize=10.5, pad=14)

@@ -1,0 +1,313 @@
+"""The pages of results as points, boxes and curves: one description for the screen and for print.
+
+A page has a chart for each measure of the figures. Every trial is a point, whose place is the same on the screen and on
+paper; fewer than five have no box. A trial whose time was up is a cross above the scale, unless it is asked into the
+boxes; any other that does not count is shown only if its row is among those given, in grey, and is in no box.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from experiments.analysis.metrics import DRAWN, Metric
+from experiments.analysis.participants import people_of
+from experiments.analysis.trials_table import TrialRow, by_controller, to_compare
+
+POOLED, PERSON, ORDER, SPEED, QUESTIONS = "pooled", "by_participant", "by_run", "by_speed", "questionnaire"
+WHISKER = 1.5  # box lengths
+QUARTILE_METHOD = "linear"  # NumPy's name; MATLAB's is "hazen" and differs
+LEAST_IN_A_BOX = 5  # Our choice: fewer values are points without a box
+GOLDEN = 0.6180339887  # run * GOLDEN modulo 1: a place beside the middle that is even, and always the same
+BOX_SHARE = 0.42  # half a box's width, of the room that it has
+GROUP_SHARE = 0.8  # of the room between two groups, for boxes
+WINDOW_RUNS = 5  # the curve over runs is the median of this run and so many before and after it
+
+
+class Box(NamedTuple):
+    """What one box shows. Whiskers end at the furthest values within 1.5 box lengths."""
+
+    count: int
+    median: float
+    q1: float
+    q3: float
+    low: float  # end of the lower whisker
+    high: float  # end of the upper whisker
+    outliers: tuple[float, ...]  # beyond the whiskers, rising
+
+
+def box_statistics(values: Iterable[float]) -> Box:
+    """Median, quartiles (NumPy's "linear" method), whiskers and outliers of at least one finite value."""
+    data = np.sort(np.asarray(list(values), dtype=float))
+    if not len(data) or not np.all(np.isfinite(data)):
+        raise ValueError("a box needs at least one value, all finite")
+    q1, median, q3 = (float(q) for q in np.quantile(data, (0.25, 0.5, 0.75), method=QUARTILE_METHOD))
+    reach = WHISKER * (q3 - q1)
+    inside = data[(data >= q1 - reach) & (data <= q3 + reach)]
+    low, high = min(float(inside[0]), q1), max(float(inside[-1]), q3)
+    outliers = data[(data < low) | (data > high)]
+    return Box(len(data), median, q1, q3, low, high, tuple(float(value) for value in outliers))
+
+
+class Point(NamedTuple):
+    """One trial, or one answer."""
+
+    x: float
+    y: float  # in the chart's unit
+    controller: int | str  # whose colour it has; "": none
+    filled: bool  # of the first configuration
+    text: str  # what it is, in words
+    row: TrialRow | None = None
+
+
+class PlacedBox(NamedTuple):
+    """A box and where it stands."""
+
+    x: float
+    half: float  # of its width
+    box: Box
+    controller: int | str
+    filled: bool
+
+
+class Chart(NamedTuple):
+    """What one plot shows."""
+
+    name: str  # of its file
+    title: str
+    unit: str
+    ticks: tuple[tuple[float, str], ...]  # places with names along the axis; none: numbers
+    x_title: str
+    span: tuple[float, float]  # of the axis
+    points: tuple[Point, ...]
+    timeouts: tuple[Point, ...] = ()  # crosses above the scale
+    others: tuple[Point, ...] = ()  # that do not count
+    boxes: tuple[PlacedBox, ...] = ()
+    curve: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def highest(self) -> float:
+        """The largest value of its points and boxes; 0 if there is none."""
+        return max((point.y for point in (*self.points, *self.others)), default=0.0)
+
+
+class View(NamedTuple):
+    """How results are to be shown."""
+
+    configurations: tuple[str, ...]  # the first is drawn filled, the others open
+    names: Mapping[int, str]  # controller -> what stands under its boxes
+    lengths: Mapping[int, float] = {}  # segment -> length of the path, m
+    timeouts: bool = False  # in boxes and statistics
+    logarithmic: bool = False
+
+    def timeouts_on(self, chart: Chart) -> tuple[bool, bool]:
+        """Whether trials whose time was up are in a chart's boxes, and else above its scale: they have no speed."""
+        has_speed = chart.name.endswith(SPEED)
+        return self.timeouts and not has_speed, not has_speed
+
+
+class Answer(NamedTuple):
+    """An answer to a question after a block."""
+
+    participant: str
+    configuration: str
+    controller: int | str  # "": the block had several
+    block: int
+    question: str
+    value: float  # 0 to 100
+
+
+def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> dict[int | str, str]:
+    """Controller or code -> what stands under its box, in order: all that have a label, and every code of the rows."""
+    there = {row.controller for row in rows}
+    coded = {controller: controller for controller in there if isinstance(controller, str)}
+    named = {} if there and len(coded) == len(there) else labels
+    return {controller: {**named, **coded}[controller] for controller in sorted({*named, *coded}, key=by_controller)}
+
+
+def told_apart(rows: Sequence[TrialRow]) -> list[TrialRow]:
+    """Rows whose codes name their participant, if there are several: each blind session has a key of its own."""
+    if len({row.participant for row in rows if isinstance(row.controller, str)}) < 2:
+        return list(rows)
+    return [
+        replace(row, controller=f"{row.participant} {row.controller}") if isinstance(row.controller, str) else row
+        for row in rows
+    ]
+
+
+def left_out(rows: Iterable[TrialRow], timeouts: bool = False, crosses: bool = True) -> str:
+    """How many trials the boxes leave out, and why, as a caption has it; "": none.
+
+    timeouts: those whose time was up are in the boxes. crosses: else they are shown above the scale.
+    """
+    count = Counter(row.status for row in rows)
+    late, excluded = (f"{n} trial{'s' if n != 1 else ''}" for n in (count["timeout"], count["excluded"]))
+    parts = []
+    if count["timeout"]:
+        where = "in the boxes" if timeouts else "crosses above the scale, not in the boxes" if crosses else "not shown"
+        parts.append(f"{late} timed out: {where}.")
+    if count["excluded"]:
+        parts.append(f"{excluded} excluded by the experimenter, not shown.")
+    return " ".join(parts)
+
+
+def charts(page: str, rows: Sequence[TrialRow], view: View, answers: Sequence[Answer] = ()) -> list[Chart]:
+    """A page's charts of these rows, which are those that are chosen."""
+    if page == QUESTIONS:
+        return [_questionnaire(answers, view)] if answers else []
+    rows = told_apart(rows)
+    make = {POOLED: _pooled, PERSON: _by_participant, ORDER: _by_run, SPEED: _by_speed}[page]
+    return [make(rows, metric, view) for metric in DRAWN]
+
+
+def _pooled(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
+    groups = controllers_shown(rows, view.names)
+
+    def place(row: TrialRow) -> tuple:
+        return row.controller, row.configuration
+
+    return _boxed(POOLED, rows, metric, view, groups, view.configurations, place)
+
+
+def _by_participant(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
+    controllers = [c for c in controllers_shown(rows, view.names) if any(row.controller == c for row in rows)]
+    members = [(c, configuration) for c in controllers for configuration in view.configurations]
+
+    def place(row: TrialRow) -> tuple:
+        return row.participant, (row.controller, row.configuration)
+
+    return _boxed(PERSON, rows, metric, view, {who: f"P{who}" for who in people_of(rows)}, members, place)
+
+
+def _boxed(
+    page: str,
+    rows: Sequence[TrialRow],
+    metric: Metric,
+    view: View,
+    groups: Mapping,
+    members: Sequence,
+    place: Callable[[TrialRow], tuple],
+) -> Chart:
+    """Boxes in groups. groups: each with its name; members: of a group; place: which of both a trial belongs to."""
+    order, room = list(groups), GROUP_SHARE / max(len(members), 1)
+
+    def middle(row: TrialRow) -> float:
+        group, member = place(row)
+        return order.index(group) + (members.index(member) - 0.5 * (len(members) - 1)) * room
+
+    def x(row: TrialRow) -> float:
+        return middle(row) + (row.run * GOLDEN % 1.0 - 0.5) * 1.5 * BOX_SHARE * room
+
+    rows = [row for row in rows if row.configuration in view.configurations]
+    compared = to_compare(rows, view.timeouts)
+    found: dict[float, list[TrialRow]] = {}
+    for row in compared:
+        if getattr(row, metric.name) is not None:
+            found.setdefault(middle(row), []).append(row)
+    boxes = tuple(
+        PlacedBox(
+            at, BOX_SHARE * room, box_statistics(metric.scale * getattr(row, metric.name) for row in inside),
+            inside[0].controller, inside[0].configuration == view.configurations[0],
+        )
+        for at, inside in found.items() if len(inside) >= LEAST_IN_A_BOX
+    )  # fmt: skip
+    ticks = tuple((float(i), groups[group]) for i, group in enumerate(order))
+    span = (-0.5, max(len(order), 1) - 0.5)
+    return _chart(page, rows, compared, metric, view, x)._replace(ticks=ticks, span=span, boxes=boxes)
+
+
+def _by_run(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
+    compared = to_compare(rows, view.timeouts)
+    chart = _chart(ORDER, rows, compared, metric, view, lambda row: float(row.run))
+    runs, values = (np.array([getattr(point, axis) for point in chart.points]) for axis in ("x", "y"))
+    curve = []
+    for run in np.unique(runs):
+        near = values[np.abs(runs - run) <= WINDOW_RUNS]
+        if len(near) >= LEAST_IN_A_BOX:
+            curve.append((float(run), float(np.median(near))))
+    last = max((row.run for row in rows), default=1)
+    return chart._replace(x_title="Run", span=(0.0, last + 1.0), curve=tuple(curve))
+
+
+def _by_speed(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
+    """Mean speed along the path: a trial whose time was up did not come to its end, and has none."""
+    rows = [row for row in to_compare(rows) if row.duration_s and row.segment in view.lengths]
+
+    def speed(row: TrialRow) -> float:
+        return 1e3 * view.lengths[row.segment] / row.duration_s
+
+    speeds = [speed(row) for row in rows] or [1.0]
+    chart = _chart(SPEED, rows, rows, metric, view, speed)
+    return chart._replace(x_title="Mean speed (mm/s)", span=(0.95 * min(speeds), 1.05 * max(speeds)))
+
+
+def _chart(
+    page: str,
+    rows: Sequence[TrialRow],
+    compared: Sequence[TrialRow],
+    metric: Metric,
+    view: View,
+    x: Callable[[TrialRow], float],
+) -> Chart:
+    def points(chosen: Sequence[TrialRow]) -> tuple[Point, ...]:
+        found = []
+        for row in chosen:
+            value = getattr(row, metric.name)
+            if value is not None:
+                value *= metric.scale
+                status = {"done": "", "timeout": " · time was up"}.get(row.status, f" · {row.status}")
+                text = f"Participant {row.participant} · run {row.run} · {value:.3g} {metric.shown_unit}{status}"
+                filled = row.configuration == view.configurations[0]
+                found.append(Point(x(row), value, row.controller, filled, text, row))
+        return tuple(found)
+
+    inside = {id(row) for row in compared}
+    late = [row for row in rows if row.status == "timeout" and id(row) not in inside]
+    others = [row for row in rows if row.status not in ("done", "timeout")]
+    content = metric.figure.partition("_")[2]
+    return Chart(
+        content if page == POOLED else f"{content}_{page}", metric.title, metric.shown_unit, (), "", (0.0, 1.0),
+        points(compared), points(late), points(others),
+    )  # fmt: skip
+
+
+def _questionnaire(answers: Sequence[Answer], view: View) -> Chart:
+    questions = list(dict.fromkeys(answer.question for answer in answers))
+    members = sorted({(answer.configuration, answer.controller) for answer in answers}, key=str)
+    room = GROUP_SHARE / len(members)
+    points: list[Point] = []
+    found: dict[float, list[Point]] = {}
+    for n, a in enumerate(answers):
+        member = members.index((a.configuration, a.controller))
+        middle = questions.index(a.question) + (member - 0.5 * (len(members) - 1)) * room
+        x = middle + (n * GOLDEN % 1.0 - 0.5) * 1.5 * BOX_SHARE * room
+        text = f"Participant {a.participant} · after block {a.block} on {a.configuration} · {a.value:g}"
+        points.append(Point(x, a.value, a.controller, a.configuration == view.configurations[0], text))
+        found.setdefault(middle, []).append(points[-1])
+    boxes = tuple(
+        PlacedBox(at, BOX_SHARE * room, box_statistics(p.y for p in inside), inside[0].controller, inside[0].filled)
+        for at, inside in found.items()
+        if len(inside) >= LEAST_IN_A_BOX
+    )
+    ticks = tuple((float(i), question.replace("_", "\n")) for i, question in enumerate(questions))
+    span = (-0.5, len(questions) - 0.5)
+    return Chart(QUESTIONS, "Answers after each block", "0 to 100", ticks, "", span, tuple(points), boxes=boxes)
+
+
+def legend(chart: Chart, view: View) -> list[str]:
+    """What a reader must know about a chart's marks, in short sentences."""
+    parts = []
+    if len(view.configurations) > 1:
+        parts.append(f"Filled: {view.configurations[0]}. Open: {' and '.join(view.configurations[1:])}.")
+    parts.append("A point is one answer." if chart.name == QUESTIONS else "A point is one trial.")
+    if counts := {placed.box.count for placed in chart.boxes}:
+        parts.append(f"{min(counts)}{'' if len(counts) == 1 else f' to {max(counts)}'} a box.")
+    if chart.points and chart.ticks and len(chart.boxes) < len({(p.controller, p.filled) for p in chart.points}):
+        parts.append(f"No box below {LEAST_IN_A_BOX}.")
+    if chart.curve:
+        parts.append(f"Line: median of {2 * WINDOW_RUNS + 1} runs.")
+    if chart.others:
+        parts.append("Grey: trials that do not count.")
+    return parts

@@ -1,0 +1,165 @@
+"""The results of a data folder: everything that was recorded there, as far as it is in the tables."""
+
+import contextlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from core.control.controllers import Preset
+from core.files import InputError
+from core.path import build_path
+from experiments.analysis.charts import Answer, View
+from experiments.analysis.findings import CONTROLLER, Finding, findings, why_no_findings
+from experiments.analysis.report import sentences, warnings
+from experiments.analysis.sensitivity import sensitivity
+from experiments.analysis.statistics import statistics
+from experiments.analysis.trials_table import TrialRow, read_table, to_compare
+from experiments.export.answers import answers_and_notes
+from experiments.protocol import label
+from experiments.session.files import STORED, TABLE, read_stored, rows_of, sessions_in
+
+PARTIAL = ".partial"  # ends the name of a folder that is not complete yet
+
+
+class Results(NamedTuple):
+    """What a data folder holds."""
+
+    folder: Path
+    sessions: tuple[Path, ...] = ()
+    rows: tuple[TrialRow, ...] = ()  # recordings are named from the folder
+    answers: tuple[Answer, ...] = ()
+    planned: dict[str, int] = {}  # participant -> trials of the plan
+    controllers: dict[int, Preset] = {}
+    labels: dict[int, str] = {}  # controller -> what stands under its boxes
+    configurations: tuple[str, ...] = ()
+    lengths: dict[int, float] = {}  # segment -> length of the path, m
+    note: str = ""  # what every figure says
+    protocol: str = ""  # its name
+    problems: tuple[str, ...] = ()  # what could not be read
+
+
+class Conclusions(NamedTuple):
+    """What the trials at hand say."""
+
+    refusal: str  # why the paper's statements are not tested; "": they are
+    found: tuple[Finding, ...]
+    sentences: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def conclude(rows: Sequence[TrialRow], controllers: Mapping[int, Preset], timeouts: bool = False) -> Conclusions:
+    """Findings and statistics of these rows; of codes nothing is compared. timeouts: they count as well."""
+    coded = any(isinstance(row.controller, str) for row in rows)
+    refusal = why_no_findings(controllers, coded)
+    if not to_compare(rows, timeouts):
+        return Conclusions("No trial is done: there is nothing to compare yet.", (), (), ())
+    if coded:
+        return Conclusions(refusal, (), (), ())
+    found = () if refusal else tuple(findings(rows, timeouts))
+    names = {number: preset.name for number, preset in controllers.items()} or CONTROLLER
+    said = sentences([*statistics(rows, timeouts), *sensitivity(rows, timeouts=timeouts)], names)
+    return Conclusions(refusal, found, tuple(said), tuple(warnings(rows, found, simulated=False)))
+
+
+def read_results(folder: Path) -> Results:
+    """Everything that stands in the tables of a data folder, of a study, or of one session; a bare table of trials too.
+
+    What cannot be read is left out and named in `problems`. InputError if there is no such folder.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: {'is no folder' if folder.exists() else 'there is no such folder'}")
+    with contextlib.suppress(InputError):  # it holds other files as well, maybe a table
+        if sessions := sessions_in(folder):
+            return _of_sessions(folder, sessions)
+    if (folder / TABLE).exists():
+        rows = tuple(read_table(folder / TABLE))
+        return Results(folder, (), rows, labels=_labels(rows), configurations=_configurations(rows))
+    return Results(folder)
+
+
+def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
+    rows: list[TrialRow] = []
+    problems: list[str] = []
+    planned: dict[str, int] = {}
+    texts: dict[str, Path] = {}  # a protocol, as stored -> a session that follows it
+    for session in sessions:
+        place = Path(os.path.relpath(session, folder)).as_posix()
+        try:
+            rows += [row.seen_from(place) for row in sorted(rows_of(session), key=lambda row: row.run)]
+        except InputError as error:
+            problems.append(str(error))
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # `phd verify` names what is wrong with it
+            about = json.loads((session / STORED).read_text(encoding="utf-8"))
+            planned[str(about["participant"])] = len(about["plan"])
+            texts.setdefault(json.dumps(about["protocol"], sort_keys=True), session)
+    protocols = [read_stored(session).protocol for session in texts.values()]
+    presets = {number: preset for one in reversed(protocols) for number, preset in one.controllers.items()}
+    lengths = {
+        number: build_path(path, f"path {number}").length
+        for one in reversed(protocols)
+        for number, path in one.paths.items()
+    }
+    if len(protocols) > 1:
+        problems.append(f"The sessions follow {len(protocols)} different protocols: compare their results with care.")
+    devices = dict.fromkeys(device.name for one in protocols for device in one.devices)
+    return Results(
+        folder,
+        tuple(sessions),
+        tuple(rows),
+        tuple(_answers(sessions)),
+        planned,
+        presets,
+        _labels(rows) | {number: label(preset.name) for number, preset in presets.items()},
+        tuple(dict.fromkeys((*devices, *_configurations(rows)))),
+        lengths,
+        " / ".join(dict.fromkeys(one.note() for one in protocols)),
+        " and ".join(dict.fromkeys(one.name for one in protocols)),
+        tuple(problems),
+    )
+
+
+def _labels(rows: Sequence[TrialRow]) -> dict[int, str]:
+    """Of controllers of which only the number is known."""
+    numbers = sorted({row.controller for row in rows if isinstance(row.controller, int)})
+    return {number: f"controller\n{number}" for number in numbers}
+
+
+def _configurations(rows: Sequence[TrialRow]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(row.configuration for row in rows))
+
+
+def _answers(sessions: Sequence[Path]) -> list[Answer]:
+    return [
+        Answer(a.participant, a.configuration, "", a.block, question, value)
+        for a in answers_and_notes(sessions).answers
+        for question, value in a.values.items()
+    ]
+
+
+class Job(NamedTuple):
+    """What is seen, and where it is to be written."""
+
+    page: str  # of `charts`
+    rows: tuple[TrialRow, ...]  # their recordings are named from the data folder
+    answers: tuple[Answer, ...]
+    view: View
+    note: str  # stands on every figure
+    data_dir: Path
+    sessions: tuple[Path, ...]  # whose answers and notes come along, or of which a report is written
+    folder: Path  # must be new
+    report: bool = False  # of each session, in place of figures and tables
+
+    @property
+    def partial(self) -> Path:
+        """Where the files are until they are all there."""
+        return self.folder.with_name(self.folder.name + PARTIAL)
+
+
+def new_folder(data_dir: Path) -> Path:
+    """DATA/results-1, -2, ..: the first that is not there."""
+    number = 1
+    while (data_dir / f"results-{number}").exists():
+        number += 1
+    return data_dir / f"results-{number}"

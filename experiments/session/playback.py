@@ -1,0 +1,136 @@
+"""A recorded trial as it is looked at: its ticks, its device and path, its row, and its distance from the path."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pyarrow import csv
+
+from core import tick_log
+from core.control.velocity_field import field_around
+from core.device import Device, load_device
+from core.files import InputError
+from core.mechanism import JOINTS
+from core.path import Path as Way
+from core.path import PathFile, Segment, build_path, path_from
+from experiments.analysis.trials_table import TrialRow, is_code
+from experiments.recording.reader import read_recording
+from experiments.recording.schema import TEXT_COLUMNS, Recording, recording_columns
+from experiments.session.files import STORED, StoredSession, read_stored, rows_of
+
+
+@dataclass(frozen=True)
+class Playback:
+    """One trial."""
+
+    path: Path  # of its recording
+    ticks: np.ndarray  # (n, tick_log.WIDTH), n > 0
+    error: np.ndarray  # (n,) m, distance from the path; NaN outside the movement
+    device: Device
+    way: PathFile  # the path to follow
+    row: TrialRow | None  # None: the recording is in no table
+    title: str  # "P03 run 27"
+    controller: str  # its name, or its code in a blind session
+    about: str  # device, path, block
+    blind: bool  # what would tell the controller must not be seen
+    damaged: bool  # some ticks are missing
+    decisions: tuple[str, ...]  # words of the column
+    controllers: dict[int, str]  # of its protocol; empty where no session is there to ask
+
+    @property
+    def t(self) -> np.ndarray:
+        """Time since the first tick (n,), s."""
+        return self.ticks[:, tick_log.T] - self.ticks[0, tick_log.T]
+
+
+def read_playback(path: Path) -> Playback:
+    """A trial from its recording, with what its session says of it. InputError if there is nothing to look at."""
+    recording = read_recording(path)
+    if not recording.rows:
+        raise InputError(f"{path}: there are no ticks to play")
+    session = path.resolve().parent.parent
+    stored = read_stored(session) if (session / STORED).exists() else None
+    way = way_of(recording)
+    ticks = ticks_of(recording, way)
+    about = recording.metadata
+    row = next((row for row in rows_of(session) if row.recording and session / row.recording == path.resolve()), None)
+    controller = about.get("controller", "?") if row is None else row.controller
+    controllers = {number: preset.name for number, preset in stored.protocol.controllers.items()} if stored else {}
+    named = about.get("preset", {}).get("name") or f"controller {controller}"
+    place = (about.get("configuration"), f"path {about.get('segment', '?')}", f"block {about.get('block', '?')}")
+    return Playback(
+        path=path,
+        ticks=ticks,
+        error=errors(ticks),
+        device=device_of(recording, stored),
+        way=way,
+        row=row,
+        title=f"P{about.get('participant', '?')} run {about.get('run', '?')}",
+        controller=str(controller) if is_code(str(controller)) else controllers.get(controller, named),
+        about=" · ".join(str(part) for part in place if part),
+        blind=is_code(str(controller)),
+        damaged=not recording.whole,
+        decisions=recording.words["decision"],
+        controllers=controllers,
+    )
+
+
+def ticks_of(recording: Recording, way: PathFile) -> np.ndarray:
+    """The tick log (n, tick_log.WIDTH) of a recording of this path; text columns with the codes of this program."""
+    rows = np.zeros((recording.rows, tick_log.WIDTH))
+    for name, place in recording_columns(recording.braked):
+        if name in recording.columns:  # earlier versions recorded fewer
+            rows[:, place] = recording.column(name)
+    for name, place, words in (
+        ("phase", tick_log.PHASE, tick_log.PHASES),
+        ("stuck", tick_log.STUCK, tick_log.STUCK_LETTERS),
+    ):
+        codes = np.array([words.index(text) for text in recording.words[name]], dtype=float)
+        rows[:, place] = codes[recording.column(name)]
+    if "travel_sense" not in recording.columns:
+        fill_field(build_path(way, "path"), rows)
+    return rows
+
+
+def device_of(recording: Recording, stored: StoredSession | None) -> Device:
+    """The device as its session stored it; a recording by itself: the shipped device of that name."""
+    name = str(recording.metadata.get("configuration", ""))
+    return next((d for d in stored.protocol.devices if d.name == name), None) if stored else load_device(name)
+
+
+def way_of(recording: Recording) -> PathFile:
+    """The path of the trial."""
+    about = recording.metadata
+    if "path" in about:
+        return path_from(about["path"], f"{recording.path}: path")
+    if "start_m" not in about or "end_m" not in about:
+        raise InputError(f"{recording.path}: the metadata lack the path")
+    return Segment(tuple(about["start_m"]), tuple(about["end_m"]))
+
+
+def errors(ticks: np.ndarray) -> np.ndarray:
+    """Distance of the tip from the path (n,), m, in ticks (n, tick_log.WIDTH); NaN outside the movement."""
+    return np.where(ticks[:, tick_log.PHASE] == tick_log.MOVE, np.abs(ticks[:, tick_log.PATH_DISTANCE]), np.nan)
+
+
+def fill_field(path: Way, rows: np.ndarray) -> None:
+    """Into ticks (n, tick_log.WIDTH) that lack it: as if the hand had never turned back; NaN outside `move`."""
+    rows[:, tick_log.PATH_DISTANCE : tick_log.DESIRED_Y + 1] = np.nan
+    rows[:, tick_log.TRAVEL_SENSE] = 1.0
+    moves = rows[:, tick_log.PHASE] == tick_log.MOVE
+    field = field_around(path, rows[moves, tick_log.TIP_X : tick_log.TIP_Y + 1], 1.0)
+    rows[moves, tick_log.PATH_DISTANCE] = np.copysign(field.distance, field.t_y * field.n_x - field.t_x * field.n_y)
+    rows[moves, tick_log.FORWARD_X : tick_log.DESIRED_Y + 1] = np.column_stack(
+        (field.t_x, field.t_y, field.beta_x, field.beta_y)
+    )
+
+
+def replayed_ticks(path: Path) -> np.ndarray:
+    """The tick log (n, tick_log.WIDTH) of a table that `phd replay --out` has written; without texts but the phase."""
+    table = csv.read_csv(path)
+    rows = np.zeros((table.num_rows, tick_log.WIDTH))
+    for name, place in recording_columns(JOINTS):
+        if name in table.column_names and name not in TEXT_COLUMNS:
+            rows[:, place] = table[name].to_numpy()
+    rows[:, tick_log.PHASE] = [tick_log.PHASES.index(phase) for phase in table["phase"].to_pylist()]
+    return rows

@@ -1,0 +1,85 @@
+"""Whether the board that answers is the one that the device file describes, and what it shall enforce."""
+
+import json
+import math
+import socket
+import time
+from pathlib import Path
+
+from core.device import Device
+from core.files import InputError
+from core.mechanism import JOINTS
+from hardware.emulated_board.sensors import CONTROL, EMULATED, sensing_of
+from hardware.wire.messages import SAMPLE_HZ, VERSION, WATCHDOG_US, Four, Hello, SetLimits, joints_of
+
+#: rad/s, at which a joint is too fast (assumed; 9 m/s at the end of a 0.3 m link)
+SPEED_MAX = 30.0
+REWIRE_S = 0.2  # an emulated board is wired to another device and has started. Our choice
+
+
+def check_hello(hello: Hello, device: Device) -> None:
+    """InputError, in one sentence, where this board is not what the device file says."""
+    where = f"the board ({hello.serial.decode(errors='replace') or 'without a number'})"
+    if hello.version != VERSION:
+        raise InputError(f"{where} speaks version {hello.version} of the protocol, this program version {VERSION}")
+    if hello.sample_hz != SAMPLE_HZ or not 0 < hello.watchdog_ms <= WATCHDOG_US // 1000:
+        raise InputError(f"{where} samples at {hello.sample_hz} Hz with a watchdog of {hello.watchdog_ms} ms")
+    wired = wired_to(hello)
+    if not wired:
+        raise InputError(f"{where} does not say which device it is wired to: its firmware must name {device.name!r}")
+    if wired != shortened(device):
+        raise InputError(f"{where} is wired to the device {wired!r}, not to {device.name!r}")
+    encoders = sensing_of(device)[0]
+    wanted = tuple(getattr(encoders, joint) or 0 for joint in JOINTS)
+    has = tuple(n if hello.encoders >> i & 1 else 0 for i, n in enumerate(hello.counts_per_rev))
+    if has != wanted or hello.encoders > 0b1111:
+        raise InputError(f"{where} has encoders {_listed(has)}, device {device.name} says {_listed(wanted)}")
+    missing = [JOINTS[i] for i in range(4) if device.brakes.present[i] and i not in joints_of(hello.brakes)]
+    if missing or hello.brakes > 0b1111 or hello.force_channels > 6:
+        raise InputError(f"{where} drives no brake at {', '.join(missing) or 'those joints'}")
+    for joint, wanted_mA, most_mA in zip(JOINTS, currents_of(device), hello.current_max_mA, strict=True):
+        if wanted_mA > most_mA:  # it would brake less than the controllers count on
+            raise InputError(
+                f"{where} gives the brake at {joint} at most {1e-3 * most_mA:g} A, the brake file of device "
+                f"{device.name} says {1e-3 * wanted_mA:g} A"
+            )
+
+
+def _listed(counts: tuple[int, ...]) -> str:
+    return ", ".join(f"{JOINTS[i]} = {n}" for i, n in enumerate(counts) if n) or "none"
+
+
+def limits_of(hello: Hello, device: Device) -> SetLimits:
+    """What the board shall enforce: the currents of the brake files, and a speed for each encoder."""
+    a, e, b, c = (round(SPEED_MAX / (2.0 * math.pi) * n) for n in hello.counts_per_rev)
+    return SetLimits(currents_of(device), (a, e, b, c))
+
+
+def currents_of(device: Device) -> Four:
+    """The brake files' largest currents, mA; 0 at joints without a brake."""
+    a, e, b, c = (round(1000.0 * float(most)) for most in device.brakes.current_max)
+    return a, e, b, c
+
+
+def wired_to(hello: Hello) -> str:
+    """The name of the device that a board is wired to."""
+    return hello.device.decode(errors="replace")
+
+
+def shortened(device: Device) -> str:
+    """A device's name as a board has room for it."""
+    return device.name.encode()[:24].decode(errors="replace")
+
+
+def rewire_emulated(hello: Hello, port: str, device: Device) -> bool:
+    """Ask an emulated board, by the socket beside its port, to be wired to a device; False: it is a real board."""
+    control = Path(port).with_name(CONTROL)
+    if not hello.serial.startswith(EMULATED.encode()) or not control.is_socket():
+        return False
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as orders:
+            orders.sendto(json.dumps({"device": device.name}).encode(), str(control))
+    except OSError:  # it has just ended: the board that answered is the one to be refused
+        return False
+    time.sleep(REWIRE_S)
+    return True

@@ -1,0 +1,333 @@
+"""The page Analyse: points that can be read and opened, filters, timeouts above the scale, an export that is whole."""
+
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import fake_client
+import numpy as np
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+from PySide6.QtCore import QEvent, QObject, QPointF, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QLabel, QPushButton
+
+from app.ipc.process import start_python
+from app.window.analyse_page import FINDINGS, PAGES, AnalysePage
+from app.window.box_plot import ChartPlot, colour_of
+from app.window.export import DIED
+from app.window.painting import theme
+from app.window.painting.labels import OneLine
+from experiments.analysis.charts import PERSON, POOLED, QUESTIONS
+from experiments.analysis.findings import FAILS
+from experiments.analysis.trials_table import TrialRow, read_table, write_table
+
+
+def results_of(participant: str, seed: int) -> list[TrialRow]:
+    """A participant's sixty trials, with scores that depend on the controller and a little on chance."""
+    generator = np.random.default_rng(seed)
+    return [
+        replace(
+            fake_client.result(trial, error=1e-3 * trial.controller + 1e-4 * generator.random()),
+            participant=participant,
+            mean_tip_force_N=trial.controller + generator.random(),
+            acceleration_dft_sum=30.0 * trial.controller + generator.random(),
+        )
+        for trial in fake_client.PLAN
+    ]
+
+
+def table_of(data: Path, participant: str) -> Path:
+    return data / f"sub-{participant}" / "ses-01" / "trials.csv"
+
+
+def change(data: Path, participant: str, **what: TrialRow) -> None:
+    """Rows of a table otherwise: run_3=the row."""
+    rows = read_table(table_of(data, participant))
+    changed = {row.run: row for row in what.values()}
+    write_table(table_of(data, participant), [changed.get(row.run, row) for row in rows], replacing=True)
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    for i, participant in enumerate(("01", "02", "03")):
+        table_of(tmp_path, participant).parent.mkdir(parents=True)
+        write_table(table_of(tmp_path, participant), results_of(participant, i))
+    return tmp_path
+
+
+def page_on(qtbot, data: Path, size: tuple[int, int] = (1280, 640)) -> AnalysePage:
+    theme.dress(QApplication.instance())
+    page = AnalysePage(lambda command: None)
+    qtbot.addWidget(page)
+    page.resize(*size)
+    page.show()
+    page.begin(data)
+    qtbot.waitUntil(lambda: page.results is not None, timeout=60_000)
+    return page
+
+
+def click(plot: ChartPlot, x: float, y: float) -> None:
+    """A click on a place of the plot, in its own units."""
+    QApplication.processEvents()
+    place = plot.graph.mapFromScene(plot.item.vb.mapViewToScene(QPointF(x, y)))
+    QTest.mouseClick(plot.graph.viewport(), Qt.MouseButton.LeftButton, pos=place)
+
+
+def ringed(plot: ChartPlot) -> list[tuple[float, float]]:
+    return [(mark.pos().x(), mark.pos().y()) for mark in plot.ring.points()]
+
+
+# ------------------------------------------------------------------------------------------------------ what is shown
+
+
+def test_a_data_folder_of_180_trials_shows_them_all(qtbot, data: Path) -> None:
+    page = page_on(qtbot, data)
+    assert [len(plot.points.points()) for plot in page.plots] == [180, 180, 180]
+    assert "3 participants · 180 trials" in page.summary.text() and page.stack.currentWidget() is page._charts
+    assert all(len(plot.chart.boxes) == 10 for plot in page.plots)
+
+
+def test_without_a_folder_it_shows_that_of_the_open_session_and_follows_it(qtbot, data: Path) -> None:
+    rows = read_table(table_of(data, "02"))
+    write_table(table_of(data, "02"), rows[:-1], replacing=True)
+    theme.dress(QApplication.instance())
+    page = AnalysePage(lambda command: None)
+    qtbot.addWidget(page)
+    page.show()
+    page.begin()
+    assert "No data folder is open" in page.empty.text()
+    page.show_opened(fake_client.opened("02", folder=str(data / "sub-02" / "ses-01")))
+    page.begin()
+    qtbot.waitUntil(lambda: len(page.rows) == 179, timeout=60_000)
+    write_table(table_of(data, "02"), rows, replacing=True)
+    page.show_snapshot(fake_client.ready(60))
+    qtbot.waitUntil(lambda: len(page.rows) == 180, timeout=60_000)
+
+
+def test_a_chip_takes_a_participant_a_device_or_a_status_away(qtbot, data: Path) -> None:
+    row = read_table(table_of(data, "02"))[7]
+    change(data, "02", row=replace(row, status="excluded"))
+    page = page_on(qtbot, data)
+    assert len(page.plots[0].points.points()) == 179 and page.statuses.chosen == {"done", "timeout"}
+    QTest.mouseClick(page.statuses.chips["excluded"], Qt.MouseButton.LeftButton)
+    assert len(page.plots[0].points.points()) == 180 and sum(b.box.count for b in page.plots[0].chart.boxes) == 179
+    QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
+    assert len(page.plots[0].points.points()) == 120 and {row.participant for row in page.rows} == {"01", "03"}
+    QTest.mouseClick(page.devices.chips["four-brake"], Qt.MouseButton.LeftButton)
+    assert len(page.plots[0].points.points()) == 60 and page.view.configurations == ("three-brake",)
+
+
+def test_a_timeout_is_a_cross_above_the_scale_and_goes_into_the_boxes_only_if_asked(qtbot, data: Path) -> None:
+    row = read_table(table_of(data, "01"))[3]
+    change(data, "01", row=replace(row, status="timeout", path_error_m=0.065))
+    page = page_on(qtbot, data)
+    plot = page.plots[0]
+    (cross,) = plot.crosses.points()
+    assert plot.chart.highest < cross.pos().y() < plot.item.viewRange()[1][1] < 10.0
+    assert cross.brush().color().name() == theme.CAUTION.lower() and "1 timed out" in page.summary.text()
+    assert "not in the boxes" in plot.warning.text() and "65 mm · time was up" in plot._tip(0.0, 0.0, cross.data())
+    plot.item.setYRange(1.0, 2.0, padding=0.0)
+    assert 1.0 < plot.crosses.points()[0].pos().y() < 2.0  # it stays above whatever part of the scale is seen
+    QTest.mouseClick(page.timeouts, Qt.MouseButton.LeftButton)
+    assert not len(plot.crosses.points()) and plot.item.viewRange()[1][1] > 65.0
+
+
+def test_a_logarithmic_axis_shows_the_same_trials(qtbot, data: Path) -> None:
+    page = page_on(qtbot, data)
+    QTest.mouseClick(page.logarithmic, Qt.MouseButton.LeftButton)
+    values = sorted(point.pos().y() for point in page.plots[0].points.points())
+    wanted = sorted(np.log10(1e3 * row.path_error_m) for row in page.rows)
+    assert values == pytest.approx(wanted) and len(page.plots[0].chart.boxes) == 10
+
+
+def test_codes_of_a_blind_session_have_one_colour_and_nothing_is_claimed(qtbot, data: Path) -> None:
+    for who in ("01", "02", "03"):
+        rows = [replace(row, controller=f"K{row.controller}") for row in read_table(table_of(data, who))]
+        write_table(table_of(data, who), rows, replacing=True)
+    page = page_on(qtbot, data)
+    assert {point.pen().color().name() for point in page.plots[0].points.points()} == {theme.QUIET.lower()}
+    assert colour_of("K3") == theme.QUIET
+    page.show_page(FINDINGS)
+    qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
+    assert "blind" in page.verdicts.shown.refusal and not page.verdicts.shown.found
+
+
+def test_the_statements_are_judged_on_what_is_shown(qtbot, data: Path) -> None:
+    page = page_on(qtbot, data)
+    page.show_page(FINDINGS)
+    qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
+    by_number = {finding.statement.number: finding.verdict for finding in page.verdicts.shown.found}
+    assert len(by_number) == 11 and by_number[1] == FAILS  # "SDOF reduces path error": here it is larger than without
+    QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
+    assert "Two people" in page.verdicts.shown.warnings[0]
+
+
+def test_a_page_without_anything_says_so(qtbot, data: Path, tmp_path: Path) -> None:
+    page = page_on(qtbot, data)
+    page.show_page(QUESTIONS)
+    assert "No questionnaire" in page.empty.text() and page.stack.currentWidget() is page.empty
+    page.begin(tmp_path / "none")
+    qtbot.waitUntil(lambda: "no such folder" in page.empty.text(), timeout=60_000)
+    (tmp_path / "new").mkdir()
+    page.begin(tmp_path / "new")
+    qtbot.waitUntil(lambda: "Nothing is recorded" in page.empty.text(), timeout=60_000)
+    assert not page.export_button.isEnabled()
+
+
+# -------------------------------------------------------------------------------------------------------- one trial
+
+
+def test_a_click_on_a_point_opens_its_trial_and_rings_it_in_all_plots(qtbot, data: Path) -> None:
+    page = page_on(qtbot, data)
+    row = replace(page.rows[100], recording="")
+    page.results = page.results._replace(rows=tuple(row if r is page.rows[100] else r for r in page.results.rows))
+    page._show()
+    point = next(p for p in page.plots[1].chart.points if p.row is row)
+    click(page.plots[1], point.x, point.y)
+    assert page.chosen == row and page.side.isVisible() and page.side.title.text() == f"P02 run {row.run}"
+    assert "no recording" in page.side.note.text()
+    for plot in page.plots:
+        (x, y), wanted = ringed(plot)[0], next(p for p in plot.chart.points if p.row is row)
+        assert (x, y) == pytest.approx((wanted.x, wanted.y))
+    page.show_page(PERSON)
+    assert len(ringed(page.plots[2])) == 1
+    page.show_page(POOLED)
+    assert page.cancel() and not page.side.isVisible() and not page.cancel() and not ringed(page.plots[0])
+
+
+def test_what_is_under_the_pointer_is_named_by_participant_run_and_value(qtbot, data: Path) -> None:
+    page = page_on(qtbot, data)
+    row = page.rows[60]
+    point = next(p for p in page.plots[0].points.points() if p.data().row == row)
+    tip = page.plots[0]._tip(0.0, 0.0, point.data())
+    assert tip == f"Participant 02 · run {row.run} · {1e3 * row.path_error_m:.3g} mm"
+
+
+def test_the_next_trial_and_the_one_before_are_those_that_are_shown(qtbot, data: Path) -> None:
+    page = page_on(qtbot, data)
+    QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
+    last = max((row for row in page.rows if row.participant == "01"), key=lambda row: row.run)
+    page.open_trial(last)
+    page.step(1)
+    assert (page.chosen.participant, page.chosen.run) == ("03", 1)
+    page.step(-1)
+    assert page.chosen == last
+
+
+# ------------------------------------------------------------------------------------------------------------- export
+
+
+def test_an_export_is_whole_and_in_a_new_folder(qtbot, data: Path) -> None:
+    (data / "results-1").mkdir()
+    page = page_on(qtbot, data)
+    QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
+    page.keys()["export"]()
+    assert page.cancel_button.isVisible() and not page.export_button.isEnabled()
+    qtbot.waitUntil(lambda: "results-2" in page.message.text(), timeout=120_000)
+    folder = data / "results-2"
+    assert {path.suffix for path in folder.iterdir()} == {".png", ".svg", ".pdf", ".csv"}
+    exported = read_table(folder / "trials.csv")
+    assert len(exported) == 120 and page.folder_button.isVisible() and page.message.objectName() == "good"
+    assert (folder / exported[0].recording).resolve() == data / "sub-01" / "ses-01" / "trials" / "run-001.parquet"
+
+
+class Held:
+    """What a process says; after its first line it waits, for a machine may hold us up for longer than it takes."""
+
+    def __init__(self, process: subprocess.Popen) -> None:
+        self._process, self._lines = process, process.stdout
+        process.stdout = self  # type: ignore[assignment]
+
+    def __iter__(self) -> Iterator[bytes]:
+        for number, line in enumerate(self._lines):
+            if number == 0:
+                self._process.send_signal(signal.SIGSTOP)
+            yield line
+
+    def close(self) -> None:
+        self._lines.close()
+
+
+def begun(qtbot, page: AnalysePage, monkeypatch: pytest.MonkeyPatch) -> subprocess.Popen:
+    """The process of an export that has begun, and waits."""
+
+    def start(*arguments: str, **how: object) -> subprocess.Popen:
+        process = start_python(*arguments, **how)
+        Held(process)
+        return process
+
+    monkeypatch.setattr("app.window.export.start_python", start)
+    with qtbot.waitSignal(page._export.progressed, timeout=120_000):
+        page.export()
+    return page._export._process
+
+
+@pytest.mark.parametrize("end", ["cancelled", "killed", "closed"])
+def test_an_export_that_does_not_end_leaves_nothing(
+    qtbot, data: Path, monkeypatch: pytest.MonkeyPatch, end: str
+) -> None:
+    page = page_on(qtbot, data)
+    before = sorted(data.iterdir())
+    process = begun(qtbot, page, monkeypatch)
+    if end == "killed":
+        process.kill()
+    elif end == "cancelled":
+        QTest.mouseClick(page.cancel_button, Qt.MouseButton.LeftButton)
+        process.send_signal(signal.SIGCONT)
+    else:
+        process.send_signal(signal.SIGCONT)
+        page.close()
+        assert not page._export.busy and process.poll() is not None
+    said = DIED if end == "killed" else "cancelled"
+    qtbot.waitUntil(lambda: said in page.message.text(), timeout=60_000)
+    assert sorted(data.iterdir()) == before and not page.cancel_button.isVisibleTo(page)
+
+
+# --------------------------------------------------------------------------------------------------------------- look
+
+
+@pytest.mark.parametrize("size", [(1000, 490), (1256, 610), (1896, 970)])
+@pytest.mark.parametrize("name", [POOLED, FINDINGS])
+def test_no_text_is_cut(qtbot, data: Path, size: tuple[int, int], name: str) -> None:
+    page = page_on(qtbot, data, size)
+    page.show_page(name)
+    if name == FINDINGS:
+        qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
+    QTest.qWait(50)
+    assert (page.width(), page.height()) == size and set(page.tabs) == set(PAGES)
+    for label in page.findChildren(QLabel):
+        if label.isVisible() and not isinstance(label, OneLine) and not label.wordWrap():
+            assert label.width() >= label.sizeHint().width(), label.text()
+    for button in page.findChildren(QPushButton):
+        if button.isVisible():
+            assert button.width() >= button.sizeHint().width(), button.text()
+            assert page.rect().contains(button.mapTo(page, button.rect().bottomRight())), button.text()
+
+
+class Painted(QObject):
+    """Counts what is painted."""
+
+    count = 0
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        self.count += event.type() == QEvent.Type.Paint
+        return False
+
+
+def test_an_idle_page_paints_nothing(qtbot, data: Path) -> None:
+    page, painted = page_on(qtbot, data), Painted()
+    QTest.qWait(300)
+    for widget in (page, *(plot.graph.viewport() for plot in page.plots)):
+        widget.installEventFilter(painted)
+    page.plots[0].graph.viewport().update()
+    QTest.qWait(200)
+    assert painted.count > 0
+    painted.count = 0
+    QTest.qWait(500)
+    assert painted.count == 0

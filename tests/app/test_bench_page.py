@@ -1,0 +1,183 @@
+"""The device page: what it shows of a device on the bench, what is wrong, and the steps that make it ready."""
+
+import math
+import os
+
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+from fake_client import DEVICES, PRESETS, opened, ready, running
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+from screens import cut_texts, settle, visible_texts
+from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status
+
+from app.ipc import messages as m
+from app.window.bench_page import RECENT_S, SIMULATED, DevicePage, Recent, counters_of, quantisation, worth_a_look
+from app.window.painting import theme
+
+LEFT = Qt.MouseButton.LeftButton
+DEVICE = next(device for device in DEVICES if device.name == "four-brake")
+
+
+@pytest.fixture
+def page(qtbot):
+    theme.dress(QApplication.instance())  # type: ignore[arg-type]
+    made = DevicePage()
+    qtbot.addWidget(made)
+    made.resize(1256, 620)
+    made.show()
+    made.sent = []  # type: ignore[attr-defined]
+    made.asked.connect(made.sent.append)  # type: ignore[attr-defined]
+    made.show_session(opened(**ON_BENCH), ready(3, checks=WELL))
+    made.show_status(status())
+    return made
+
+
+def texts(page: DevicePage) -> str:
+    settle(page)
+    return " | ".join(visible_texts(page)).replace("\u200b", "")
+
+
+def test_of_a_simulated_device_one_sentence_is_shown(page: DevicePage) -> None:
+    page.show_session(opened(), ready(3))
+    assert SIMULATED in texts(page) and not page.bench.isVisible()
+
+
+def test_a_device_that_is_well_shows_all_that_its_board_and_link_report(page: DevicePage) -> None:
+    shown = texts(page)
+    for what in (
+        "All is well.", "four-brake", "B-7", "/dev/ttyACM0", "0.9.0, protocol 1", "ready: no current", "homed at",
+        "6 channels, zeroed at", "34\u202f512 counts", "120.32°", "computed", "x 20.0 mm   y 380.0 mm",
+        "5.0 N   x 3.0   y -4.0", "1.6 ms at best", "12 of 812\u202f357 samples", "+12 ppm", "± 35 µs",
+    ):  # fmt: skip
+        assert what in shown, what
+
+
+def test_what_is_not_known_is_a_dash_and_never_an_old_value(page: DevicePage) -> None:
+    page.show_status(status(problem="no sample for 200 ms", homed=False, counts=(), theta=()))
+    sensors = [label.text() for name, label in page.values.items() if name.startswith("Joint") or name == "Handle"]
+    assert set(sensors) == {"–"} and page.values["State"].text() == "not connected"
+    page.show_status(status(homed=False, tip=(math.nan, math.nan), hand_force=(math.nan, math.nan)))
+    assert page.values["Hand force"].text() == page.values["Handle"].text() == "–"
+    assert page.values["Joint A"].text() == "34\u202f512 counts"
+
+
+def test_what_keeps_trials_from_starting_is_the_servers_own_check_with_what_to_do(page: DevicePage) -> None:
+    bad = m.Check("Device", m.BAD, "not homed", "Home the encoders: until then the place of the handle is unknown.")
+    page.show_session(opened(**ON_BENCH), ready(3, checks=(bad, *WELL[1:])))
+    assert "not homed. Home the encoders: until then" in texts(page) and "All is well." not in texts(page)
+
+
+@pytest.mark.parametrize(
+    ("counter", "says"),
+    [("lost", "lost"), ("frames_bad", "damaged"), ("late_commands", "late"), ("not_closed", "contradict"),
+     ("refused", "refuses")],
+)  # fmt: skip
+def test_a_counter_that_rises_is_worth_a_word_and_an_old_count_is_not(counter: str, says: str) -> None:
+    recent, quiet = Recent(), dict.fromkeys(counters_of(status().report), 0)
+    assert recent.rates(0.0, quiet) == {}
+    noisy = {**quiet, "samples": 1000, counter: 9}
+    (found,) = worth_a_look(status(), recent.rates(1.0, noisy))
+    assert says in found.text and found.advice and found.state == m.CAUTION
+    for second in range(2, 2 * int(RECENT_S)):
+        noisy = {**noisy, "samples": noisy["samples"] + 1000}
+        rates = recent.rates(float(second), noisy)
+    assert worth_a_look(status(), rates) == []
+    assert recent.rates(99.0, {**quiet, "samples": 100}) == {}, "another connection counts anew"
+
+
+def test_few_samples_and_clocks_that_run_apart_are_worth_a_word() -> None:
+    slow = {**dict.fromkeys(counters_of(status().report), 0.0), "samples": 900.0}
+    assert "Only 900 of 1000" in worth_a_look(status(), slow)[0].text
+    apart = {"offset_s": 0.0, "drift": 1e-3, "residual_s": 1e-5, "blocks": 9}
+    assert "unevenly" in worth_a_look(status({"clock": apart}), {})[0].text
+
+
+@pytest.mark.parametrize(
+    ("counted", "says"),
+    [({"lost_links": 2}, ["lost since the start: 2"]), ({"board_time_back": 1}, ["board's clock: 1"]),
+     ({"lost_links": 3, "begun_anew": 2}, ["lost since the start: 3", "clock stood still: 2"])],
+)  # fmt: skip
+def test_why_a_connection_was_lost_is_told_apart(counted: dict, says: list[str]) -> None:
+    found = worth_a_look(status(counted), {})
+    assert len(found) == len(says) and all(what in one.text for what, one in zip(says, found, strict=True))
+    assert all(one.advice for one in found)
+
+
+def test_samples_are_counted_by_the_clock_of_the_loop(page: DevicePage) -> None:
+    for second in range(1, 4):
+        page.show_status(status({"samples": 812_345 + 1000 * second}, told_s=float(second)))
+    assert page.values["Samples"].text() == "1000 a second"
+
+
+def test_what_encoders_give_before_they_are_homed_is_no_contradiction(page: DevicePage) -> None:
+    def hear(second: int, not_closed: int, homed: bool) -> str:
+        report = {"samples": 1000 * second, "not_closed": not_closed}
+        page.show_status(status(report, homed=homed, told_s=float(second)))
+        return texts(page)
+
+    hear(0, 0, False)
+    assert "contradict" not in hear(1, 900, False)
+    hear(2, 950, True)
+    assert "contradict" not in hear(3, 950, True)
+    assert "contradict" in hear(4, 999, True)
+
+
+def test_a_step_is_taken_after_a_question_that_says_what_it_needs(page: DevicePage) -> None:
+    for button, step, says in zip(
+        page.steps.values(), (m.HOME, m.ZERO, m.CONNECT), (" mm", "Let go", "closed and made again"), strict=True
+    ):
+        QTest.mouseClick(button, LEFT)
+        assert page.sent == [] and says in page.card.text.text()
+        assert page.leave() and page.card is None and not page.leave()
+        QTest.mouseClick(button, LEFT)
+        QTest.mouseClick(page.card.buttons[0], LEFT)
+        assert page.sent == [m.Rig(step)] and page.card is None
+        page.sent.clear()
+
+
+def test_faults_are_reset_as_the_brakes_are_allowed(page: DevicePage) -> None:
+    assert not page.reset.isEnabled()
+    page.show_session(opened(**ON_BENCH), ready(3, checks=WELL, brakes_off="the board: no command for 50 ms"))
+    QTest.mouseClick(page.reset, LEFT)
+    assert page.sent == [m.AllowBrakes()]
+
+
+@pytest.mark.parametrize(
+    ("session", "snapshot", "says"),
+    [("", m.Snapshot(m.NO_SESSION, checks=NOT_ZEROED), "Start a session first"),
+     ("01", running(3), "between two trials"), ("01", ready(60), "All trials")],
+)  # fmt: skip
+def test_steps_are_for_the_time_between_two_trials_of_a_session(page: DevicePage, session, snapshot, says: str) -> None:
+    page.show_session(opened(session, **ON_BENCH), snapshot)
+    assert says in page.why.text() and not any(button.isEnabled() for button in page.steps.values())
+
+
+def test_a_fault_on_the_board_is_reset_before_a_step(page: DevicePage) -> None:
+    page.show_status(status(fault="no command for 50 ms"))
+    home, zero, reconnect = page.steps.values()
+    assert not home.isEnabled() and not zero.isEnabled() and reconnect.isEnabled()
+
+
+def test_a_gain_feels_the_encoders_as_far_as_their_steps_are_coarse(page: DevicePage) -> None:
+    gain, step, noise, force = quantisation(DEVICE, status(), PRESETS)
+    coarse = quantisation(DEVICE, status({"counts_per_rev": [48_000, 48_000]}), PRESETS)
+    assert coarse[1] == pytest.approx(2.0 * step) and coarse[3] == pytest.approx(2.0 * force)
+    assert gain == max(preset.value("gain_N_s_m") for preset in PRESETS.values())
+    assert force == pytest.approx(gain * noise) and quantisation(DEVICE, status(homed=False), PRESETS) is None
+    assert "can be felt" in texts(page)
+    gentle = {n: one._replace(values=tuple(0.001 * value for value in one.values)) for n, one in PRESETS.items()}
+    page.show_session(opened(controllers=gentle, **ON_BENCH), ready(3, checks=WELL))
+    assert "can be felt" not in texts(page) and "One encoder count is" in texts(page)
+
+
+@pytest.mark.parametrize("size", [(1256, 620), (1000, 490), (1896, 980)])
+@pytest.mark.parametrize("bad", [False, True])
+def test_no_text_is_cut(page: DevicePage, size: tuple[int, int], bad: bool) -> None:
+    page.resize(*size)
+    if bad:
+        page.show_session(opened(**ON_BENCH), ready(3, checks=LOST, brakes_off="the board: an encoder's signal is bad"))
+    settle(page)
+    assert cut_texts(page) == []

@@ -1,0 +1,199 @@
+"""A recorded trial on the screen: any moment of it looks as if it had been played; a click goes where it was made."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_ticks import ALONG, trial
+from sessions import new_session, run_trials
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+from protocols import short
+from PySide6.QtCore import QPointF, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from app.window.painting import theme
+from app.window.trial_view import SPEEDS, STRIDE, TrialView, TrialWindow
+from core import tick_log
+from core.device import load_device
+from core.files import InputError
+from experiments.recording.reader import read_recording
+from experiments.recording.writer import RecordingWriter
+from experiments.session.playback import read_playback, ticks_of
+
+THREE = load_device("three-brake")
+ABOUT = {
+    "participant": "03", "run": 7, "configuration": "three-brake", "controller": 3, "segment": 1, "rules": "settled",
+    "preset": {"name": "SDOF with gap"}, "start_m": ALONG.start_m, "end_m": ALONG.end_m, "block": 2,
+}  # fmt: skip
+
+
+def recorded(path: Path, rows: np.ndarray, **about) -> Path:
+    with RecordingWriter(path, "AEB", {**ABOUT, **about}, sync=False) as writer:
+        writer.write(rows)
+        writer.close({"status": "done"})
+    return path
+
+
+@pytest.fixture
+def rows() -> np.ndarray:
+    return trial(THREE, ALONG, 3.0)
+
+
+@pytest.fixture
+def window(qtbot, tmp_path: Path, rows: np.ndarray) -> TrialWindow:
+    theme.dress(QApplication.instance())
+    window = TrialWindow(recorded(tmp_path / "run-007.arrows", rows))
+    qtbot.addWidget(window)
+    window.show()
+    return window
+
+
+@pytest.fixture
+def view(window: TrialWindow) -> TrialView:
+    return window.view
+
+
+def test_the_ticks_of_a_recording_are_those_that_were_recorded(tmp_path: Path, rows: np.ndarray) -> None:
+    rows[:, tick_log.STUCK] = np.arange(len(rows)) % 8  # three brakes
+    back = ticks_of(read_recording(recorded(tmp_path / "run-001.arrows", rows)), ALONG)
+    unbraked = [tick_log.CURRENT + 3, tick_log.TORQUE + 3]
+    kept = [i for i in range(tick_log.WIDTH) if i not in unbraked]
+    assert np.array_equal(back[:, kept], rows[:, kept], equal_nan=True)
+
+
+def test_it_says_which_trial_it_is(view: TrialView) -> None:
+    text = " · ".join(label.text() for label in (view.title, view.about, view.measures))
+    for part in ("P03 run 7", "SDOF with gap", "three-brake", "path 1", "block 2", "in no table"):
+        assert part in text
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.93])
+def test_a_click_on_a_curve_goes_to_the_place_of_the_click(view: TrialView, share: float) -> None:
+    QApplication.processEvents()
+    for trace in view.traces.all():
+        wanted = share * view.trial.t[-1]
+        height = 0.4 * trace.item.viewRange()[1][1]
+        place = trace.graph.mapFromScene(trace.item.vb.mapViewToScene(QPointF(wanted, height)))
+        view.go_to(0.0)
+        QTest.mouseClick(trace.graph.viewport(), Qt.MouseButton.LeftButton, pos=place)
+        pixel = view.trial.t[-1] / trace.item.vb.width()
+        assert view.trial.t[view.at] == pytest.approx(wanted, abs=2.0 * pixel)
+        assert {line.cursor.value() for line in view.traces.all()} == {view.trial.t[view.at]}  # one cursor in all
+
+
+def test_space_and_the_button_play_and_pause(qtbot, window: TrialWindow, view: TrialView) -> None:
+    QTest.keyClick(view, Qt.Key.Key_Space)
+    assert view.playing and view.play_button.text() == "Pause"
+    qtbot.waitUntil(lambda: view.at > 50, timeout=60_000)
+    QTest.mouseClick(view.play_button, Qt.MouseButton.LeftButton)
+    assert not view.playing
+    at = view.at
+    QTest.qWait(50)
+    assert view.at == at and view.traces.error.cursor.value() == view.trial.t[at]
+
+
+def test_it_stops_at_the_end_and_begins_anew(view: TrialView) -> None:
+    view.go_to(view.trial.t[-2])
+    view.play_or_pause()
+    view.go_on(1.0)
+    view.frame()
+    assert view.at == len(view.trial.ticks) - 1 and not view.playing
+    view.play_or_pause()
+    assert view.at <= 1 and view.playing
+    view.play_or_pause()
+
+
+def test_any_moment_looks_as_if_it_had_been_played(view: TrialView, rows: np.ndarray) -> None:
+    for _ in range(125):
+        view.go_on(0.016)
+    played, at = view.workspace.view, view.at
+    tip, sense, moves = played.tip, played.sense, rows[: at + 1, tick_log.PHASE] == tick_log.MOVE
+    view.go_to(0.0)
+    assert played.tip == tuple(rows[0, 2:4]) and not played.trail
+    view.go_to(view.trial.t[at])
+    assert view.at == at and played.tip == tip == tuple(rows[at, 2:4])
+    assert played.sense == sense and len(played.trail) > np.count_nonzero(moves) / STRIDE / 10 > 5
+
+
+def test_what_brakes_do_is_that_of_the_moment_and_not_of_all_that_was_before(view: TrialView, rows: np.ndarray) -> None:
+    rows[:, tick_log.CURRENT : tick_log.CURRENT + 3] = 0.0
+    rows[-150:, tick_log.CURRENT] = 1.0
+    view.trial.ticks[:] = rows
+    view.go_to(view.trial.t[-1])
+    states = {joint: doing.state for joint, doing in view.workspace.view.labels.doing.items()}
+    assert states["A"] != "off" and states["E"] == "off"
+
+
+def test_keys_step_jump_and_change_the_speed(view: TrialView) -> None:
+    last = len(view.trial.ticks) - 1
+    for key, at in ((Qt.Key.Key_End, last), (Qt.Key.Key_Home, 0), (Qt.Key.Key_Right, 100)):
+        QTest.keyClick(view, key)
+        assert view.at == pytest.approx(at, abs=2)
+    speed = view.speed.currentData()
+    QTest.keyClick(view, Qt.Key.Key_Up)
+    assert view.speed.currentData() == SPEEDS[SPEEDS.index(speed) + 1]
+
+
+def test_a_current_that_chatters_is_a_band_about_its_mean_and_no_solid_block(view: TrialView) -> None:
+    t = 0.001 * np.arange(3000)
+    currents = np.zeros((3, 3000))
+    currents[0, ::4] = 0.8  # on in one tick of four
+    trace = view.traces.currents
+    trace.show_currents(t, currents, hidden=False)
+    x, mean = trace.means[0].getData()
+    assert len(x) <= trace.graph.width() and mean[1:-1] == pytest.approx(0.2, abs=0.07)
+    low, high = (curve.getData()[1] for curve in trace.bands[0])
+    assert np.all(low[1:-1] == 0.0) and np.all(high[1:-1] == 0.8)
+    trace.show_cursor(1500)
+    assert "A 0.80 A 2" in trace.value and "E 0.00 A 0 %" in trace.value  # 25 % of the time, within a tick
+    trace.show_currents(t, currents, hidden=True)
+    trace.show_cursor(1500)
+    assert "blind" in trace.value and trace.means[0].getData()[0] is None
+
+
+def test_zooming_one_curve_zooms_all_and_shows_every_tick(view: TrialView) -> None:
+    view.traces.force.item.setXRange(1.0, 1.05, padding=0.0)
+    for trace in view.traces.all():
+        assert trace.item.viewRange()[0] == pytest.approx([1.0, 1.05])
+    seen = view.traces.force.curve.getData()[0]
+    assert len(seen) >= 50 and np.diff(seen).max() == pytest.approx(0.001)
+
+
+def test_the_same_hand_through_another_controller_stands_beside(qtbot, tmp_path: Path) -> None:
+    session = new_session(tmp_path / "data", protocol=short())
+    run_trials(session, 1)
+    session.close()
+    theme.dress(QApplication.instance())
+    window = TrialWindow(session.folder / session.rows[0].recording)
+    qtbot.addWidget(window)
+    window.show()
+    view = window.view
+    row = view.trial.row
+    other = 4 if row.controller != 4 else 2  # with the low gain it would come out as without
+    index = view.beside.findData(other)
+    view.beside.setCurrentIndex(index)
+    view.beside.activated.emit(index)
+    assert "is being simulated" in view.note.text()
+    qtbot.waitUntil(lambda: not view.replay.busy, timeout=120_000)
+    assert view.trial.controllers[other] in view.beside_measures.text()
+    assert "would feel the difference" in view.note.text()
+    assert view.beside_measures.text().split(" · ")[:3] != view.measures.text().split(" · ")[:3]
+    assert np.nanmax(view.traces.error.curve_beside.getData()[1]) > 0.0
+    view.beside.activated.emit(0)
+    assert not view.beside_measures.isVisible() and not len(view.traces.error.curve_beside.getData()[1] or [])
+
+
+def test_a_recording_by_itself_plays_on_the_shipped_device_of_its_name(tmp_path: Path, rows: np.ndarray) -> None:
+    assert read_playback(recorded(tmp_path / "a.arrows", rows)).device.name == "three-brake"
+    with pytest.raises(InputError, match="unknown device"):
+        read_playback(recorded(tmp_path / "b.arrows", rows, configuration="nobody-knows"))
+
+
+def test_nothing_to_play_is_one_sentence(qtbot, tmp_path: Path, rows: np.ndarray) -> None:
+    with pytest.raises(InputError, match="no ticks"):
+        TrialWindow(recorded(tmp_path / "empty.arrows", rows[:0]))
+    with pytest.raises(InputError):
+        TrialWindow(tmp_path / "missing.parquet")

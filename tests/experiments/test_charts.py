@@ -1,0 +1,183 @@
+"""The charts of results: each trial a point, the same for screen and print; who is in a box and who is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fake_client import PLAN, result
+from protocols import short
+from sessions import new_session, run_trials
+
+from core.files import InputError
+from experiments.analysis.charts import (
+    LEAST_IN_A_BOX,
+    ORDER,
+    PERSON,
+    POOLED,
+    QUESTIONS,
+    SPEED,
+    Answer,
+    View,
+    charts,
+    left_out,
+    legend,
+)
+from experiments.analysis.trials_table import write_table
+from experiments.export.results import Job, new_folder, read_results
+from experiments.export.results_files import write_results
+from experiments.export.session_report import session_lines
+from experiments.session.playback import read_playback
+
+DEVICES = ("three-brake", "four-brake")
+VIEW = View(DEVICES, {number: f"controller {number}" for number in range(1, 6)}, {1: 0.2, 2: 0.25})
+
+
+def study():
+    """Three participants' sixty trials."""
+    generator = np.random.default_rng(1)
+    return [
+        replace(result(trial, error=1e-3 * (trial.controller + generator.random())), participant=who)
+        for who in ("01", "02", "03")
+        for trial in PLAN
+    ]
+
+
+@pytest.mark.parametrize("page", [POOLED, PERSON, ORDER, SPEED])
+def test_every_trial_that_is_done_is_a_point_on_every_page(page):
+    rows = study()
+    for chart in charts(page, rows, VIEW):
+        assert len(chart.points) == 180 and not chart.timeouts and not chart.others
+        assert all(chart.span[0] <= point.x <= chart.span[1] for point in chart.points)
+    error = charts(page, rows, VIEW)[0]
+    assert sorted(point.y for point in error.points) == pytest.approx(sorted(1e3 * row.path_error_m for row in rows))
+    assert charts(page, rows, VIEW) == charts(page, rows, VIEW)  # the places are fixed: the screen's are the print's
+
+
+def test_a_trial_whose_time_was_up_is_a_cross_and_flattens_no_box_unless_it_is_asked_into_them():
+    rows = study()
+    rows[3] = replace(rows[3], status="timeout", path_error_m=0.065)
+    chart = charts(POOLED, rows, VIEW)[0]
+    assert [point.row for point in chart.timeouts] == [rows[3]] and chart.highest < 7.0
+    assert max(at.box.high for at in chart.boxes) < 7.0
+    assert left_out(rows) == "1 trial timed out: crosses above the scale, not in the boxes."
+    asked = VIEW._replace(timeouts=True)
+    chart = charts(POOLED, rows, asked)[0]
+    assert not chart.timeouts and chart.highest == pytest.approx(65.0)
+    assert left_out(rows, timeouts=True) == "1 trial timed out: in the boxes."
+    speed = charts(SPEED, rows, asked)[0]
+    assert len(speed.points) == 179 and not speed.timeouts  # it did not come to the end: it has no mean speed
+    assert left_out(rows, *asked.timeouts_on(speed)) == "1 trial timed out: not shown."
+
+
+def test_what_does_not_count_is_grey_and_in_no_box():
+    rows = study()
+    rows[0] = replace(rows[0], status="excluded", path_error_m=0.5)
+    rows[1] = replace(rows[1], status="redone", path_error_m=0.5)
+    chart = charts(POOLED, rows, VIEW)[0]
+    assert [point.row for point in chart.others] == rows[:2]
+    assert "Grey: trials that do not count." in legend(chart, VIEW)
+    assert sum(at.box.count for at in chart.boxes) == len(chart.points) == 178
+    assert "1 trial excluded by the experimenter" in left_out(rows)
+
+
+def test_fewer_than_five_trials_have_no_box():
+    rows = [row for row in study() if row.controller == 2 and row.configuration == "three-brake"]
+    for count in (LEAST_IN_A_BOX - 1, LEAST_IN_A_BOX):
+        chart = charts(POOLED, rows[:count], VIEW)[0]
+        assert len(chart.points) == count and len(chart.boxes) == (count == LEAST_IN_A_BOX)
+    assert "No box below 5." in legend(charts(POOLED, rows[:4], VIEW)[0], VIEW)
+
+
+def test_codes_stand_in_place_of_controllers_and_tell_their_participants_apart():
+    rows = [replace(row, controller=f"K{row.controller}") for row in study()]
+    one = charts(POOLED, [row for row in rows if row.participant == "01"], VIEW)[0]
+    assert [text for _, text in one.ticks] == ["K1", "K2", "K3", "K4", "K5"]
+    several = charts(POOLED, rows, VIEW)[0]
+    assert len(several.ticks) == 15 and several.ticks[0][1] == "01 K1"
+
+
+def test_a_curve_over_the_runs_is_the_median_of_those_around_each():
+    rows = [replace(row, path_error_m=1e-3 * row.run) for row in study() if row.participant == "01"]
+    curve = dict(charts(ORDER, rows, VIEW)[0].curve)
+    assert curve[30.0] == pytest.approx(30.0) and curve[1.0] == pytest.approx(3.5)
+
+
+def test_answers_stand_by_question_and_device():
+    answers = [
+        Answer(f"{n:02d}", device, "", 1, question, 5.0 * n)
+        for n in range(6) for device in DEVICES for question in ("effort", "mental_demand")
+    ]  # fmt: skip
+    (chart,) = charts(QUESTIONS, study(), VIEW, answers)
+    assert [text for _, text in chart.ticks] == ["effort", "mental\ndemand"] and len(chart.points) == 24
+    assert {at.box.median for at in chart.boxes} == {12.5} and charts(QUESTIONS, study(), VIEW) == []
+
+
+# ------------------------------------------------------------------------------------------------ a folder's results
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """A session of twenty trials: three run, of which one was repeated and one excluded, and one note."""
+    folder = tmp_path_factory.mktemp("analyse") / "data"
+    session = new_session(folder, protocol=short())
+    run_trials(session, 3)
+    session.redo(1, "looked away")
+    session.exclude(2, "the participant sneezed")
+    session.note("asked to move a little slower")
+    session.close()
+    return folder
+
+
+def test_a_data_folder_a_session_and_a_bare_table_can_all_be_looked_at(data, tmp_path):
+    whole, one = read_results(data), read_results(data / "sub-01" / "ses-01")
+    assert [row.status for row in whole.rows] == ["redone", "excluded", "done"] and whole.planned == {"01": 20}
+    assert whole.controllers and whole.lengths[1] > 0.0 and "assumed" in whole.note and not whole.problems
+    for results in (whole, one):
+        assert all((results.folder / row.recording).exists() for row in results.rows)
+    write_table(tmp_path / "trials.csv", study())
+    bare = read_results(tmp_path)
+    assert len(bare.rows) == 180 and bare.labels[3] == "controller\n3" and bare.configurations == DEVICES
+    assert read_results(tmp_path / "..").rows == () and pytest.raises(InputError, read_results, tmp_path / "none")
+
+
+def test_a_damaged_table_is_named_and_the_rest_is_shown(tmp_path):
+    for who in ("01", "02"):
+        (tmp_path / f"sub-{who}" / "ses-01").mkdir(parents=True)
+    write_table(tmp_path / "sub-01" / "ses-01" / "trials.csv", study()[:60])
+    (tmp_path / "sub-02" / "ses-01" / "trials.csv").write_text("nonsense")
+    results = read_results(tmp_path)
+    assert len(results.rows) == 60 and "sub-02" in results.problems[0]
+
+
+@pytest.mark.parametrize(("page", "name"), [(POOLED, "path_error"), (ORDER, "path_error_by_run")])
+def test_an_export_holds_what_is_seen_named_for_its_content_and_never_writes_over_anything(tmp_path, page, name):
+    rows = tuple(study())
+    job = Job(page, rows, (), VIEW, "a note", tmp_path, (), new_folder(tmp_path))
+    assert write_results(job) == 10
+    there = {path.name for path in job.folder.iterdir()}
+    assert {f"{name}.{form}" for form in ("png", "svg", "pdf")} <= there and not any("fig" in one for one in there)
+    with pytest.raises(InputError, match="exists already"):
+        write_results(job)
+    assert new_folder(tmp_path).name == "results-2" and {path.name for path in job.folder.iterdir()} == there
+
+
+def test_a_report_of_a_session_says_who_when_plan_measures_decisions_and_notes(data, tmp_path):
+    session = data / "sub-01" / "ses-01"
+    text = "\n".join(text for _, text in session_lines(session))
+    for part in (
+        "Session of participant 01", "Protocol ", "20 trials planned; 3 rows: 1 done, 1 redone, 1 excluded.",
+        "1 trial excluded by the experimenter", "path error", "The trials did not run in real time.",
+        "run 1 repeated: looked away", "run 2 excluded: the participant sneezed", "asked to move a little slower",
+    ):  # fmt: skip
+        assert part in text
+    job = Job(POOLED, (), (), VIEW, "", data, (session,), tmp_path / "reports", report=True)
+    assert write_results(job) == 1
+    assert (tmp_path / "reports" / "sub-01_ses-01_report.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_a_recorded_trial_is_looked_at_with_its_row_and_its_distance_from_the_path(data):
+    trial = read_playback(data / "sub-01" / "ses-01" / "trials" / "run-003.parquet")
+    assert trial.title == "P01 run 3" and trial.row.run == 3 and len(trial.error) == len(trial.ticks) == len(trial.t)
+    moving = ~np.isnan(trial.error)
+    assert 1e3 * trial.error[moving].mean() == pytest.approx(1e3 * trial.row.path_error_time_m)
+    assert trial.controllers[trial.row.controller] == trial.controller and not trial.blind
