@@ -31,7 +31,7 @@ class Device:
     brakes: Brakes
     braked: str  # letters of the braked joints in the order A, E, B, C, e.g. "AEB"
     force_normalised_N: float
-    assumed: bool  # some of its numbers are assumed: say so wherever they are shown
+    assumed: bool  # some of its numbers are assumed: marked wherever they are shown
     text: str  # the device file in full
     brake_texts: dict[str, str]  # name (as in [brakes]) -> the brake file in full
     sensing: Sensing | None

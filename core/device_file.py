@@ -1,4 +1,4 @@
-"""The format of device files: what a file may say, and the rules that one file can break by itself.
+"""The format of device files: their keys, and the rules that one file can break by itself.
 
 Lengths in m, masses in kg, angles in rad (joint order A, E, B, C).
 """
@@ -33,7 +33,7 @@ class TimeConstant(Table, frozen=True):
 
 
 class BrakeFile(Table, frozen=True):
-    """One brake as its file says it."""
+    """A brake file."""
 
     name: Annotated[str, msgspec.Meta(min_length=1)]
     current_max_A: Positive
@@ -215,7 +215,7 @@ class Sensing(Table, frozen=True):
 
 
 class DeviceFile(Table, frozen=True):
-    """One device as its file says it."""
+    """A device file."""
 
     name: Annotated[str, msgspec.Meta(min_length=1)]
     geometry: Geometry
@@ -223,7 +223,7 @@ class DeviceFile(Table, frozen=True):
     brakes: BrakeNames
     limits: Limits = Limits()
     sensing: Sensing | None = None
-    provenance: str = ""  # "assumed": nobody measured these numbers, and everything that shows them says so
+    provenance: str = ""  # "assumed": not measured, and marked so wherever these numbers are shown
 
     def __post_init__(self) -> None:
         if not self.name.isprintable() or any(letter in ',;"/\\' for letter in self.name):

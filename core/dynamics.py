@@ -35,7 +35,7 @@ class ArmMotion(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Everything that the equations of motion say about one tip position and velocity (SI, radians)."""
+    """The terms of the equations of motion at one tip position and velocity (SI, radians)."""
 
     mass_xx: float  # kg, M
     mass_xy: float

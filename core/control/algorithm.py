@@ -48,7 +48,7 @@ GAP_M = Parameter("gap_m", "gap", "mm", 1e3, 0.0)
 
 # Decisions that are open to every algorithm: one code a tick.
 NONE = 0  # no control
-OFF = 1  # brakes off outside the movement; `decide` itself never says so
+OFF = 1  # brakes off outside the movement; never an answer of `decide`
 NOT_FINITE = 2
 IN_GAP = 3
 RELEASE_NO_VALID = 4

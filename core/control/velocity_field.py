@@ -57,7 +57,7 @@ def travel_sense(last, force_along, speed_along, rules):
 def side_of_path(last, distance, sense, rules):
     """+1 left of the path's own tangent, -1 right of it; on the path the last side, at first the left of t.
 
-    Our choice, in both rule sets: the paper does not say which side a tip on the path is on.
+    Our choice, in both rule sets: the paper leaves open on which side a tip on the path is.
     """
     if distance > rules.on_path:
         return 1.0

@@ -1,6 +1,6 @@
 """The `event` integrator: smooth RK4 between events, each located to rounding, the exact solver after each.
 
-Feasible by construction: after an event the motion is what the stick-slip problem says, with no tolerance and no creep.
+Feasible by construction: after an event the motion solves the stick-slip problem, with no tolerance and no creep.
 A step whose own error estimate is too large is cut: near singular positions, where a lag's time constant changes
 quickly, and where a brake would give energy. Too many events within a short time (chatter) or a hand too stiff for RK4
 are given to `stepping`, and that is counted.
@@ -162,7 +162,7 @@ def accept(mechanism, brakes, state, scratch, step, lagged):
 
 @kernel
 def happen(mechanism, brakes, hand, state, scratch, kind, t):
-    """Take up the pattern after an event at time t: the exact solver says which joint sticks, which slips on."""
+    """Take up the pattern after an event at time t: the exact solver decides which joint sticks, which slips on."""
     tip, arm_mass = state.tip, hand.grips[0].mass
     fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
     set_costs(brakes, state)

@@ -67,7 +67,7 @@ class SimulatedDevice(Simulation):
         self.brakes[0] = fresh[0]
 
     def recorded_start(self) -> dict[str, Any]:
-        """What a trial that begins now depends on and its ticks do not tell, as JSON holds it without rounding.
+        """What a trial that begins now depends on beside its ticks, as JSON holds it without rounding.
 
         state: the device as the trial before left it (yields, backlash, stops, ledger); arm: what of the hand stays.
         """
@@ -106,7 +106,7 @@ def move(mechanisms, brakes, hand, states, scratches, currents, t, step, fidelit
 
 
 def ledger_warnings(before: Ledger, after: Ledger) -> list[str]:
-    """What the simulator's ledger says against its motion between two of its states; none where it agrees."""
+    """Why the motion between two of the simulator's ledgers may be wrong; none where they agree with it."""
     between = replace(
         after,
         work_hand=after.work_hand - before.work_hand,

@@ -77,7 +77,7 @@ def energy_residual(state):
 
 @kernel
 def start(mechanisms, brake_records, states, fidelity):
-    """Set up a new state: what its position says, brakes off, the play in the middle of the backlash."""
+    """A new state: rows and mass at its position, brakes off, the play in the middle of the backlash."""
     mechanism, brakes, state = mechanisms[0], brake_records[0], states[0]
     state.distal_side = 1.0 if distal_sine(mechanism, state.tip[0], state.tip[1]) > 0.0 else -1.0
     look(mechanism, state)
@@ -151,7 +151,7 @@ class Ledger:
     refined: int
 
     def warnings(self) -> tuple[str, ...]:
-        """What the ledger says against the motion that it belongs to, a sentence each; none where it agrees."""
+        """Why the motion that the ledger belongs to may be wrong, a sentence each; none where it agrees."""
         found, added = [], self.added_by_brakes
         changed_hands = abs(self.work_hand) + sum(self.heat) + self.lost_at_stops + self.kinetic
         if not abs(self.residual) <= UNEXPLAINED * changed_hands + UNEXPLAINED_J:

@@ -145,7 +145,7 @@ def take(mechanism, brakes, hand, state, scratch, h, lagged):
 
 @kernel
 def balance(state):
-    """Energy of the device less what the ledger says it was given (J): constant but for the method's error."""
+    """Energy of the device less what it was given by the ledger (J): constant but for the method's error."""
     heat = state.heat
     return kinetic(state) + heat[0] + heat[1] + heat[2] + heat[3] + state.lost_at_stops - state.work_hand
 

@@ -25,7 +25,7 @@ from core.simulator.stick_slip import (
 
 @kernel
 def look(mechanism, state):
-    """Stage: everything that position and velocity say (rows, rates, mass, velocity terms) into the state."""
+    """Stage: what follows from position and velocity (rows, rates, mass, velocity terms) into the state."""
     tip = state.tip
     store(state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))
 
@@ -370,6 +370,6 @@ def strike(mechanism, state, j, side, arm_mass):
     state.held = STILL if tip[2] == 0.0 and tip[3] == 0.0 else FREE
     for i in range(5):
         if same_line(i, j, mechanism.coaxial):
-            state.rate[i] = 0.0  # exactly: `meet` says how it goes on
+            state.rate[i] = 0.0  # exactly: `meet` decides how it goes on
         rate = state.rate[i]
         state.sign[i] = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)

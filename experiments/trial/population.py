@@ -120,7 +120,7 @@ class Population:
 
     @property
     def assumed(self) -> bool:
-        """Whether some of its numbers are assumed: say so wherever they are shown."""
+        """Whether some of its numbers are assumed: marked wherever they are shown."""
         return any(spread.source.startswith(ASSUMED) for spread in self.spreads.values())
 
     def draw(self, generator: np.random.Generator) -> Person:

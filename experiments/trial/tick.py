@@ -10,10 +10,10 @@
     STEP     the simulated device moves on by a tick
 
 A simulated device passes SENSE and GUARD unchanged: its state is the truth. A real one passes SETTLE and STEP: its
-wires get the currents after the tick, and its next sample says what came of them.
+wires get the currents after the tick, and its next sample shows their effect.
 
 The brakes' torques of a real device cannot be sensed. The column is an estimate: what the brake model (Eqs. 1, 2 and 4,
-without backlash) says that a brake does at the measured current while its joint turns; 0 while the joint rests, for the
+without backlash) gives for a brake at the measured current while its joint turns; 0 while the joint rests, for the
 torque of a resting brake is not known.
 """
 
@@ -91,7 +91,7 @@ RUN = np.dtype(
         ("status", "i8"),
         ("reason", "i8"),
         ("stop", "i8"),  # set to 1 from outside: abort
-        ("held", "i8"),  # set to 0 from outside: nobody has the handle, and no start is held without a hand
+        ("held", "i8"),  # set to 0 from outside: no hand is at the handle, and the start is not held
         ("finished", "i8"),
         ("decision", "i8"),
         ("current", "f8", (4,)),  # A
@@ -200,7 +200,7 @@ def sense(mechanism, brakes, state, grip, run, row):
 
 @kernel
 def estimate_energies(brakes, state, run, row):
-    """A real device's ledger over the last tick and its torques, as well as sensors and brake model tell them."""
+    """A real device's ledger over the last tick and its torques, estimated from sensors and brake model."""
     power = state.hand_force[0] * state.tip[2] + state.hand_force[1] * state.tip[3]
     state.work_hand += 0.5 * (power + run.power) * TICK_S
     run.power = power
