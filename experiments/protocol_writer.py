@@ -3,14 +3,20 @@
 import cmath
 import json
 import math
+import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
+from core.control.controllers import ALGORITHMS, Preset
+from core.device import Device, build_device, load_device, shipped_devices
 from core.files import InputError, Pair
 from core.path import Polyline, Segment, path_from
-from experiments.protocol import read_protocol
-from experiments.recording.atomic_files import reason_of, write_new_file, written_beside
+from experiments.language import shipped_languages
+from experiments.protocol import MouseHand, Protocol, read_protocol
+from experiments.recording.atomic_files import reason_of, write_new_file, write_new_files, written_beside
 
 #: kind of path -> how many points draw it; a polyline takes any number from two on
 POINTS = {"segment": 2, "polyline": 2, "arc": 3}
@@ -40,6 +46,69 @@ def save_protocol(path: Path, content: Mapping[str, Any], replacing: bool = Fals
             write_new_file(path, text.encode(), sync=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({reason_of(error)})") from None
+
+
+def save_variant(
+    path: Path, protocol: Protocol, device: Device, segment: int, controllers: Mapping[int, Preset], rules: str,
+    mouse: MouseHand, strength: float = 1.0, backlash_deg: float | None = None,
+) -> None:  # fmt: skip
+    """Write a protocol like another one, of one device and one path. InputError as above; no file is overwritten.
+
+    strength, backlash_deg: of its brakes, as a share of K(I) and of all brakes (None: each brake's own). Where they are
+    not the device's, or the device is not a shipped one, device and brake files are written beside. Instructions and a
+    translation are left out: they stand in files beside the other protocol.
+    """
+    content = {key: value for key, value in tomllib.loads(protocol.text).items() if key != "instruction"}
+    if protocol.language not in shipped_languages():
+        content.pop("language", None)
+    paths = {entry.get("number", place): entry for place, entry in enumerate(content["path"], start=1)}
+    changed = strength != 1.0 or backlash_deg is not None
+    files, variant = {}, device
+    if changed or device.name not in shipped_devices() or load_device(device.name).text != device.text:
+        files, variant = _device_files(path, device, strength, backlash_deg)
+    content |= {
+        "name": path.stem,
+        "rules": rules,
+        "devices": [f"{path.stem}-device.toml" if files else device.name],
+        "path": [paths[segment]],
+        "controller": [_controller(number, preset) for number, preset in controllers.items()],
+        "mouse": msgspec.to_builtins(mouse),
+    }
+    text = protocol_text(content)
+    read_protocol(text, path.parent, str(path), devices=[variant])
+    try:
+        write_new_files({path.parent / name: made.encode() for name, made in {**files, path.name: text}.items()})
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({reason_of(error)})") from None
+
+
+def _controller(number: int, preset: Preset) -> dict[str, Any]:
+    parameters = [one.name for one in ALGORITHMS[preset.kind].parameters]
+    about = {"number": number, "name": preset.name, "kind": preset.kind}
+    return about | dict(zip(parameters, preset.values, strict=True))
+
+
+def _device_files(
+    path: Path, device: Device, strength: float, backlash_deg: float | None
+) -> tuple[dict[str, str], Device]:
+    """The files of a device with other brakes, by their names, and the device that they make."""
+    about, brakes = tomllib.loads(device.text), {}
+    for number, (reference, text) in enumerate(device.brake_texts.items(), start=1):
+        brake = tomllib.loads(text)
+        if strength != 1.0 or backlash_deg is not None:
+            brake |= {"k": [strength * k for k in brake["k"]], "provenance": "assumed"}
+            brake["backlash_deg"] = brake["backlash_deg"] if backlash_deg is None else backlash_deg
+        named = f"{path.stem}-brake-{number}.toml"
+        brakes[named] = "\n".join(_table(brake, "")) + "\n"
+        for joint, other in about["brakes"].items():
+            about["brakes"][joint] = named if other == reference else other
+    about["name"], files = f"{path.stem}-{device.name}", dict(brakes)
+    if device.calibration_text is not None:
+        about["sensing"]["force"]["calibration"] = f"{path.stem}-calibration.txt"
+        files[f"{path.stem}-calibration.txt"] = device.calibration_text
+    made = "\n".join(_table(about, "")).strip("\n") + "\n"
+    files[f"{path.stem}-device.toml"] = made
+    return files, build_device(made, brakes, f"{path.stem}-device.toml", device.calibration_text)
 
 
 def _table(content: Mapping[str, Any], name: str) -> list[str]:

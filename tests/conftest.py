@@ -22,6 +22,12 @@ def _name(bar: FiveBar) -> str:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def own_settings(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """An app that a test starts does not remember its folders for the user."""
+    os.environ["XDG_CONFIG_HOME"] = str(tmp_path_factory.mktemp("config"))
+
+
+@pytest.fixture(scope="session", autouse=True)
 def application() -> Iterator[object]:
     """Qt takes its scale from the environment once: before any test changes it, whichever test comes first."""
     from PySide6.QtWidgets import QApplication

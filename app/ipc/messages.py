@@ -16,7 +16,9 @@ if TYPE_CHECKING:  # else each process imports all of this before it can start t
     from core.device_interface import ZeroRecord
     from core.path import PathFile
     from experiments.analysis.trials_table import TrialRow
+    from experiments.language import Language
     from experiments.plan import PlannedTrial
+    from experiments.protocol import Page, TrialRules
     from experiments.trial.trial import Changed, Trial
 
 Point = tuple[float, float]  # m
@@ -78,10 +80,18 @@ class Abort(NamedTuple):
     """End the running trial at once, brakes off, for this reason; its recording is kept."""
 
     reason: str
+    again: str = "never"  # its trial comes again: "now" (next), at the "end" of its configuration, "never"
 
 
 class Redo(NamedTuple):
     """Run the cell of this run again, next; the original is kept and marked."""
+
+    run: int
+    reason: str
+
+
+class Exclude(NamedTuple):
+    """Take this run out of every result but the table, for this reason; its recording is kept."""
 
     run: int
     reason: str
@@ -168,8 +178,7 @@ class EndSandbox(NamedTuple):
 class SaveAsProtocol(NamedTuple):
     """Write the settings of Try as a protocol file, with all the protocol's controllers."""
 
-    path: str
-    name: str  # of the new protocol
+    path: str  # of the new file; the protocol is named after it
 
 
 class Quit(NamedTuple):
@@ -249,6 +258,10 @@ class Opened(NamedTuple):
     hand: str  # what moves the handle: "mouse", "operator"
     next_participant: str  # to be offered: the first without a session, or with an unfinished one; "": none is left
     rules: str  # by which the controllers decide: "settled", "literal"
+    trial: "TrialRules"  # of the protocol
+    language: "Language"  # the participant's
+    instructions: "tuple[Page, ...]"  # that the participant reads first
+    tones: bool  # at "go" and at the end
     blind: bool = False  # a new session is blind whether that is asked for or not
 
 
@@ -298,6 +311,7 @@ class Snapshot(NamedTuple):
     resumable: tuple[str, ...] = ()  # participants whose session in the data folder is unfinished
     finished: tuple[str, ...] = ()  # .. is done: it can be opened again, to redo a trial or write a note
     otherwise: tuple[tuple[str, str], ...] = ()  # of these: whose protocol is not the one of new sessions, and its name
+    ended_here: int = 0  # trials that have ended since the session was opened
 
     @property
     def why_not(self) -> str:
@@ -305,7 +319,7 @@ class Snapshot(NamedTuple):
         if self.stage not in (READY, NO_SESSION):
             return NOT_NOW[self.stage]
         if self.paused:
-            return "The session is paused: resume it first (P)."
+            return "The session is paused: resume it first (Ctrl+P)."
         if self.brakes_off:
             return f"Brakes are off: {self.brakes_off}"
         for state in (BAD, WAITING):

@@ -21,23 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from app.ipc.messages import (
-    REAL_TIME,
-    Connect,
-    DeviceStatus,
-    Done,
-    HomeAt,
-    Homed,
-    Looked,
-    NotDone,
-    Prepared,
-    Reset,
-    Run,
-    TakeZero,
-    Tried,
-    Try,
-    Zeroed,
-)
+from app.ipc import messages as m
 from app.ipc.process import spare_scipy
 from app.ipc.ring import CONTROL, Ring
 from app.ipc.scheduling import take_scheduling
@@ -68,9 +52,13 @@ class Loop:
     def __init__(
         self, ring: Ring, port: str, answers: Any,
         clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep,
+        make_device: Callable[[Device, str], RealDevice] = device_at,
     ) -> None:  # fmt: skip
-        """port: of a real device; "": the device is simulated. answers: the pipe to the server."""
-        self.ring, self.port, self._answers = ring, port, answers
+        """port: of a real device; "": the device is simulated. answers: the pipe to the server.
+
+        clock, sleep, make_device: of the machine, but for tests.
+        """
+        self.ring, self.port, self._answers, self._make_device = ring, port, answers, make_device
         self.device: RealDevice | None = None  # the real one, once it was reached
         self.sample: DeviceSample | None = None  # its newest
         self.jobs: queue.SimpleQueue = queue.SimpleQueue()  # None: there will be no more
@@ -97,7 +85,7 @@ class Loop:
             run_stopped_trial()
         scheduling, core = take_scheduling(real_time)
         self.ring.control.core = core
-        self._answer(Prepared(scheduling, core))
+        self._answer(m.Prepared(scheduling, core))
 
     def work(self, jobs: Any) -> None:
         """Jobs from a pipe, until it ends."""
@@ -134,30 +122,30 @@ class Loop:
         """One job, and the answer to it."""
         try:
             match job:
-                case Try(ticks):
+                case m.Try(ticks):
                     lateness = np.empty(ticks)
                     run_idle(lateness, self._timespec)
-                    self._answer(Tried(lateness))
-                case Run(trial):
+                    self._answer(m.Tried(lateness))
+                case m.Run(trial):
                     self.run(trial)
-                    self._answer(Done(trial.changed()))
+                    self._answer(m.Done(trial.changed()))
                     if trial.finished:  # else it comes back at once
                         gc.collect()
-                case Connect(devices):
+                case m.Connect(devices):
                     self._devices, self._tried_s, self._looking = devices, 0.0, True
                     self._leave()
-                case HomeAt(tip):
+                case m.HomeAt(tip):
                     self._there().home(tip)
                     self._homed_at = time.time()
-                    self._answer(Homed(tip))
-                case TakeZero():
+                    self._answer(m.Homed(tip))
+                case m.TakeZero():
                     record = self._there().zero()
                     self._zeroed_at = time.time()
-                    self._answer(Zeroed(record))
-                case Reset(presses):
+                    self._answer(m.Zeroed(record))
+                case m.Reset(presses):
                     self._reset(presses)
         except (DeviceError, InputError) as error:
-            self._answer(NotDone(str(error)))
+            self._answer(m.NotDone(str(error)))
         self._told_s = 0.0
 
     # ------------------------------------------------------------------------------------------------ a trial
@@ -214,7 +202,7 @@ class Loop:
         self._answer(self._status())
         if self._looking:
             self._looking = False
-            self._answer(Looked())
+            self._answer(m.Looked())
 
     def _latch(self, device: RealDevice, sample: DeviceSample) -> None:
         """Brakes-off here is brakes-off on the board, and the other way round."""
@@ -230,7 +218,7 @@ class Loop:
             return
         problem = ""
         for file in self._devices:
-            device = device_at(file, self.port)
+            device = self._make_device(file, self.port)
             self.ring.control.loop_beat = self._now_ns()  # one that does not answer takes more than a second
             try:
                 device.open()
@@ -269,12 +257,12 @@ class Loop:
                 raise
             self.sample = None
 
-    def _status(self) -> DeviceStatus:
+    def _status(self) -> m.DeviceStatus:
         device, sample = self.device, self.sample
         if device is None:
-            return DeviceStatus(problem=self._problem, port=self.port)
+            return m.DeviceStatus(problem=self._problem, port=self.port)
         report = device.report()
-        status = DeviceStatus(
+        status = m.DeviceStatus(
             device.device.name, report.get("board", ""), device.problem, zeroed=device.zeroed, encoders=device.encoders,
             force_channels=device.force_channels, report=report, port=device.port, homed_at=self._homed_at,
             zeroed_at=self._zeroed_at if device.zeroed else 0.0, told_s=self._clock(),
@@ -315,7 +303,7 @@ def main() -> None:
     jobs, answers = sys.stdin.buffer, sys.stdout.buffer
     sys.stdout = sys.stderr
     spare_scipy()
-    ring, real_time, port = Ring(sys.argv[1]), sys.argv[2] == REAL_TIME, sys.argv[3]
+    ring, real_time, port = Ring(sys.argv[1]), sys.argv[2] == m.REAL_TIME, sys.argv[3]
     with contextlib.suppress(BrokenPipeError):
         loop = Loop(ring, port, answers)
         loop.prepare(real_time)

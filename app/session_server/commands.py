@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from app.ipc import messages as m
@@ -144,16 +145,22 @@ def _need_no_hindrance(state: State) -> None:
 def _abort(state: State, command: m.Abort) -> None:
     if state.runner.run is not None:
         state.runner.run.stop(command.reason or "no reason given", decided=True)
+        state.runner.run.again = command.again
 
 
 def _redo(state: State, command: m.Redo) -> None:
     row = state.session.redo(command.run, command.reason)
-    state.storage.changed(f"The trial of run {row.run} comes again; what was recorded is kept.")
+    state.storage.changed(f"The trial of run {row.run} is repeated next; its recording is kept.")
+
+
+def _exclude(state: State, command: m.Exclude) -> None:
+    row = state.session.exclude(command.run, command.reason)
+    state.storage.changed(f"Run {row.run} is excluded from the results; its recording is kept.")
 
 
 def _skip(state: State, command: m.Skip) -> None:
     row = state.session.skip(command.reason)
-    state.storage.changed(f"Run {row.run} is left out." if row.block else "A practice trial is left out.")
+    state.storage.changed(f"The trial of run {row.run} is skipped." if row.block else "A practice trial is skipped.")
 
 
 def _pause(state: State, command: m.Pause) -> None:
@@ -214,9 +221,11 @@ COMMANDS = {
     m.Practice: Command(_practise, (m.READY, m.NO_SESSION), session=False),
     m.Sandbox: Command(_try, session=False),
     m.EndSandbox: Command(lambda state, _: state.sandbox.leave(), session=False),
+    m.SaveAsProtocol: Command(lambda state, command: state.sandbox.save(Path(command.path)), session=False),
     m.Start: Command(_start, (m.READY, m.NO_SESSION), session=False),
     m.Abort: Command(_abort, session=False),
     m.Redo: Command(_redo, IDLE, stored=True),
+    m.Exclude: Command(_exclude, IDLE, stored=True),
     m.Skip: Command(_skip, IDLE, stored=True),
     m.Pause: Command(_pause),
     m.Note: Command(_note),

@@ -10,25 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from app.ipc import messages as m
-from app.ipc.messages import (
-    BAD,
-    CONNECT,
-    DONE,
-    GOOD,
-    HID,
-    HOME,
-    ZERO,
-    Card,
-    Check,
-    Connect,
-    DeviceStatus,
-    HomeAt,
-    Homed,
-    NotDone,
-    Reset,
-    TakeZero,
-    Zeroed,
-)
+from app.ipc.messages import CONNECT, DONE, HOME, ZERO, Card, Check, DeviceStatus
 from app.ipc.ring import Ring
 from app.session_server.preflight import check_device, check_hand, check_real, check_sensor
 from core.device import Device
@@ -59,7 +41,7 @@ class SimulatedSetup:
     def __init__(self, ring: Ring, hand: str, hid: Callable[[], HidHand] = HidHand) -> None:
         """hand: what moves it, `messages.MOUSE` .. InputError: it is a six-axis device, and none is attached."""
         self.hand, self._ring = hand, ring
-        self._hid = HidInput(ring, hid()) if hand == HID else None
+        self._hid = HidInput(ring, hid()) if hand == m.HID else None
 
     def card(self, progress: "SessionProgress") -> Card | None:
         """What is to be done before the coming trial; None: nothing."""
@@ -136,8 +118,8 @@ class HidInput:
         """For the pre-flight row: which device, and that it is no force sensor."""
         reading = self._hand.read()
         if reading.connected:
-            return Check("Hand", GOOD, reading.text)
-        return Check("Hand", BAD, "unplugged", f"{reading.text[0].upper()}{reading.text[1:]}.")
+            return Check("Hand", m.GOOD, reading.text)
+        return Check("Hand", m.BAD, "unplugged", f"{reading.text[0].upper()}{reading.text[1:]}.")
 
     def close(self) -> None:
         """No force from now on."""
@@ -155,7 +137,7 @@ class RealSetup:
     def __init__(self, protocol: Protocol, send: Callable[[object], None]) -> None:
         """protocol: whose devices are looked for at first. send: a job to the loop."""
         self.status: DeviceStatus | None = None  # None: the loop has not told yet
-        self._send, self._connect = send, Connect(tuple(protocol.devices))
+        self._send, self._connect = send, m.Connect(tuple(protocol.devices))
         self._home = home_of(protocol.devices[0], protocol.paths)
         self.connect_anew()
 
@@ -204,10 +186,10 @@ class RealSetup:
             return
         device = self._device(progress)
         if step == CONNECT:
-            self._connect = Connect((device,))
-        home = HomeAt(home_of(device, progress.session.protocol.paths))
+            self._connect = m.Connect((device,))
+        home = m.HomeAt(home_of(device, progress.session.protocol.paths))
         self._busy = True
-        self._send({CONNECT: self._connect, HOME: home, ZERO: TakeZero()}[step])
+        self._send({CONNECT: self._connect, HOME: home, ZERO: m.TakeZero()}[step])
 
     def _device(self, progress: "SessionProgress") -> Device:
         """That of the coming trial."""
@@ -221,11 +203,11 @@ class RealSetup:
             match answer:
                 case DeviceStatus():
                     self.status = answer
-                case Homed(tip):
+                case m.Homed(tip):
                     write(HOMED, tip_m=tip, board=self.status.board if self.status else "")
-                case Zeroed(record):
+                case m.Zeroed(record):
                     write(ZEROED, **record._asdict())
-                case NotDone(why):
+                case m.NotDone(why):
                     say(f"{why[0].upper()}{why[1:]}.", bad=True)
 
     def checks(self, why_off: str) -> tuple[Check, Check]:
@@ -237,7 +219,7 @@ class RealSetup:
 
         The board has latched the brakes-off, too, and a fault that the board latches is a brakes-off.
         """
-        self._send(Reset(presses))
+        self._send(m.Reset(presses))
 
     def tip(self, progress: "SessionProgress | None", practice: SimulatedDevice | None) -> m.Point:
         """Where the handle is, rounded, m: a hand that rests changes no snapshot. Before homing: where the jig is."""

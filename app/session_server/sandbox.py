@@ -9,8 +9,10 @@ device (our choice, for its hand) a change waits for the next pass, and each pas
 import math
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace
 
 from app.ipc import messages as m
 from app.ipc.messages import MOUSE, Pass, SandboxSettings, SandboxState
@@ -32,6 +34,7 @@ from core.workspace import tip_is_free
 from experiments.analysis.metrics import Metrics, trial_metrics
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
+from experiments.protocol_writer import save_variant
 from experiments.recording.schema import recording_of
 from experiments.trial.trial import Trial
 
@@ -104,12 +107,25 @@ class Sandbox:
         device = p.device(settings.device)
         self._controller(settings, device)
         self.settings, self.on = settings, True
+        self._say("", False)
         places = np.asarray(outline(p.paths[settings.path], SPACING_M))
         self._least_gain = settings.brake_strength * least_gain_felt(device, places)
 
     def go(self) -> None:
         """A Start: the next pass on a real device."""
         self._asked = True
+
+    def save(self, path: Path) -> None:
+        """The settings as a protocol file, with all the protocol's controllers. InputError: nothing was written."""
+        p, s = self._protocol, self.settings
+        device = p.device(s.device)
+        chosen, mouse = {**p.controllers, s.controller: self._preset(s)}, p.mouse
+        if s.spring_N_m != mouse.stiffness_N_m:
+            mouse = replace(mouse, stiffness_N_m=s.spring_N_m, damping_N_s_m=self._damping())
+        backlash = None if self._own_backlash() else s.backlash_deg
+        save_variant(path, p, device, s.path, chosen, s.rules, mouse, s.brake_strength, backlash)
+        left_out = "" if s.blend_width_m == BLEND_WIDTH else " A protocol has no blend width: it is left out."
+        self._say(f"Saved as {path}.{left_out}", False)
 
     def leave(self) -> None:
         """Try is left: the running pass ends."""
@@ -202,6 +218,7 @@ class Sandbox:
             )
         )  # fmt: skip
         del self._passes[:-MOST_PASSES]
+        self._say("", False)
 
     def _begin(self) -> None:
         """The next pass."""
@@ -221,7 +238,6 @@ class Sandbox:
         trial = Trial(device, planned, p.paths[s.path], self._preset(s), s.rules, p.trial, person, generator)
         self._tune(trial)
         self._ticks, self._changed, self._asked = Ticks(), False, False
-        self._say("", False)
         self._run = self._runner.start(planned, trial, None, self._ticks.take, self._taken)
 
     def _ready_simulation(self) -> SimulatedDevice:
@@ -250,9 +266,16 @@ class Sandbox:
             trial.controller = trial.controller._replace(blend_width=s.blend_width_m)
             return
         trial.controller = self._controller(s, trial.device)
-        own = s.backlash_deg == self._initial(s.device, s.path).backlash_deg
-        trial.model.retune(s.brake_strength, None if own else math.radians(s.backlash_deg))
+        trial.model.retune(s.brake_strength, None if self._own_backlash() else math.radians(s.backlash_deg))
         if "spring_N_m" not in self.fixed:
-            mouse, grip = self._protocol.mouse, trial.model.hand.grips
-            damping = mouse.damping_N_s_m * math.sqrt(s.spring_N_m / mouse.stiffness_N_m)  # of the same damping ratio
+            grip, damping = trial.model.hand.grips, self._damping()
             grip["stiffness"][0], grip["damping"][0] = (s.spring_N_m, 0.0, s.spring_N_m), (damping, 0.0, damping)
+
+    def _own_backlash(self) -> bool:
+        """Whether each brake has the backlash of its file."""
+        return self.settings.backlash_deg == self._initial(self.settings.device, self.settings.path).backlash_deg
+
+    def _damping(self) -> float:
+        """Of the hand, N s/m: its damping ratio is the protocol's, whatever the spring."""
+        mouse = self._protocol.mouse
+        return mouse.damping_N_s_m * math.sqrt(self.settings.spring_N_m / mouse.stiffness_N_m)

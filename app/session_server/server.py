@@ -127,23 +127,22 @@ def main() -> None:
         loop = LoopProcess(ring, setup.real_time, setup.link)  # it takes its time, and so do all the imports below
         left.callback(lambda: loop.closed or loop.kill())
         try:
-            server = _start(setup, ring, loop, window, early, left)
-        except InputError as error:
-            window.send(m.Refused(str(error)))
+            protocol = take_folder(setup, left)
+            _log_into(setup.data_dir / LOG, early, left)
+        except (InputError, OSError) as error:
+            window.send(m.Refused(in_words(error, setup.data_dir)))
             return
-        except OSError as error:
-            why = (error.strerror or str(error)).lower()
-            window.send(m.Refused(f"{setup.data_dir}: cannot be written to ({why})"))
-            return
+        server = SessionServer(setup, protocol, ring, loop, window)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: setattr(server, "end", TERMINATED))
         server.serve()
 
 
-def _start(
-    setup: Setup, ring: Ring, loop: LoopProcess, window: Pipe, early: BinaryIO, left: contextlib.ExitStack
-) -> SessionServer:
-    """The server, while the data folder is locked; `left` undoes that. InputError or OSError if it cannot serve."""
+def take_folder(setup: Setup, left: contextlib.ExitStack) -> "Protocol":
+    """Lock the data folder and read the protocol of new sessions; `left` undoes that, and what is empty then is gone.
+
+    InputError or OSError if it cannot be served.
+    """
     from app.ipc.process import spare_scipy
     from experiments.session.files import LOCK, hold_lock
 
@@ -153,13 +152,23 @@ def _start(
     data_dir.mkdir(parents=True, exist_ok=True)
     left.callback(hold_lock(data_dir, LOCK_S).release)
     spare_scipy()
-    protocol = read_protocol(setup)
-    left.callback(_close_log, data_dir / LOG, early)
-    log = os.open(data_dir / LOG, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    return read_protocol(setup)
+
+
+def in_words(error: Exception, data_dir: Path) -> str:
+    """Why the session server cannot serve, one sentence."""
+    if isinstance(error, OSError):
+        return f"{data_dir}: cannot be written to ({(error.strerror or str(error)).lower()})"
+    return str(error)
+
+
+def _log_into(path: Path, early: BinaryIO, left: contextlib.ExitStack) -> None:
+    """Errors that should not happen go into the data folder from now on. OSError."""
+    left.callback(_close_log, path, early)
+    log = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     for number in (1, 2):
         os.dup2(log, number)
     faulthandler.enable()
-    return SessionServer(setup, protocol, ring, loop, window)
 
 
 def read_protocol(setup: Setup) -> "Protocol":

@@ -3,17 +3,18 @@
 import statistics
 import time
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from app.ipc import messages as m
 from app.ipc.messages import OPERATOR
 from app.session_server.steps import STEPS, Step
-from experiments.analysis.trials_table import COUNTED, SETTLED
-from experiments.plan import PlannedTrial
+from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow
+from experiments.plan import PlannedTrial, break_after
 from experiments.session.files import cell, open_trials
 from experiments.session.journal import (
     ANSWERS,
     BREAK_ENDED,
+    CONTROLLER_ANSWERS,
     ENDED,
     NOTE,
     PAUSED,
@@ -29,6 +30,14 @@ if TYPE_CHECKING:
 MOST_NAMED = 8  # trials in one sentence
 
 
+class Asked(NamedTuple):
+    """What the questions are about: a block, or a controller, of a configuration."""
+
+    configuration: str
+    block: int = 0
+    controller: int | str = 0  # a code in a blind session
+
+
 class SessionProgress:
     """An open session, and where it stands between two trials."""
 
@@ -40,7 +49,8 @@ class SessionProgress:
         self.rested_at = -1  # trials that were settled when the last break ended
         self.notes: list[str] = []
         self._rest_from_s = time.monotonic()  # when the last trial ended
-        self._answered: set[tuple[str, int]] = set()
+        self.ended_here = 0  # trials, since it was taken up
+        self._answered: set[Asked] = set()
         self._lengths: list[float] = []  # s, from the end of one trial to the end of the next
         for event, at, about in read_events(session.folder):
             self.take_in(event, at, about)
@@ -60,8 +70,11 @@ class SessionProgress:
         elif event is NOTE:
             self.notes.append(f"{datetime.fromisoformat(at).astimezone():%H:%M} {about['text']}")
         elif event is ANSWERS:
-            self._answered.add((about["configuration"], about["block"]))
-            self.asked_block = self._block_to_ask()
+            self._answered.add(Asked(about["configuration"], block=about["block"]))
+            self.asked = self._to_ask()
+        elif event is CONTROLLER_ANSWERS:
+            self._answered.add(Asked(about["configuration"], controller=about["controller"]))
+            self.asked = self._to_ask()
         elif event is PAUSED:
             self.paused_s = time.monotonic()
         elif event is RESUMED_AFTER_PAUSE:
@@ -71,7 +84,7 @@ class SessionProgress:
         """A trial has been added, skipped or marked: what comes now."""
         session = self.session
         self.coming, self._settled, self._break_due = session.next_planned(), session.settled, session.break_due
-        self.asked_block = self._block_to_ask()
+        self.asked = self._to_ask()
 
     def due(self) -> tuple[Step, m.Card] | None:
         """The first step that is due, and what is to be done then; None: the next trial may start, or none is left."""
@@ -111,24 +124,38 @@ class SessionProgress:
         return f"The plan is done, but {len(without)} of its {len(session.plan)} trials have no result: {named}."
 
     def seconds_left(self) -> float | None:
-        """Of the whole session, from the trials so far; None: not known yet."""
+        """Of the whole session: the median length of its trials so far, and planned breaks; None: not known yet."""
         if not self._lengths:
             return None
-        return statistics.median(self._lengths) * (len(self.session.plan) - self._settled)
+        session, waiting = self.session, open_trials(self.session.plan, self.session.rows)
+        breaks = 0
+        for configuration in {trial.configuration for trial in waiting}:
+            whole = sum(trial.configuration == configuration for trial in session.plan)
+            left = sum(trial.configuration == configuration for trial in waiting)
+            breaks += sum(break_after(session.protocol, done, whole - done) for done in range(whole - left + 1, whole))
+        rest_s = session.protocol.breaks.least_s if session.protocol.breaks else 0.0
+        return statistics.median(self._lengths) * len(waiting) + breaks * rest_s
 
     def trial_ended(self) -> None:
         """Count the time since the one before."""
         now = time.monotonic()
+        self.ended_here += 1
         if self.last_end_s is not None:
             self._lengths.append(now - self.last_end_s)
         self.last_end_s = self._rest_from_s = now
 
-    def _block_to_ask(self) -> tuple[str, int] | None:
-        """Configuration and block of the first finished block whose questions wait; left out where all was skipped."""
-        session = self.session
-        if not session.protocol.questionnaire.on or session.hand == OPERATOR:  # there is no person to answer
+    def _to_ask(self) -> Asked | None:
+        """The first finished block or controller whose questions wait; none where all was skipped."""
+        session, asks = self.session, self.session.protocol.questionnaire
+        if not asks.on or session.hand == OPERATOR:  # there is no person to answer
             return None
-        still_open = {(trial.configuration, trial.block) for trial in open_trials(session.plan, session.rows)}
-        over = {(row.configuration, row.block) for row in session.rows if row.status != "skipped"}
+
+        def part(trial: PlannedTrial | TrialRow) -> Asked:
+            if asks.each == "controller":
+                return Asked(trial.configuration, controller=trial.controller)
+            return Asked(trial.configuration, block=trial.block)
+
+        still_open = set(map(part, open_trials(session.plan, session.rows)))
+        over = {part(row) for row in session.rows if row.status != "skipped" and row.block}
         waiting = over - still_open - self._answered
-        return next((block for trial in session.plan if (block := (trial.configuration, trial.block)) in waiting), None)
+        return next((part(trial) for trial in session.plan if part(trial) in waiting), None)

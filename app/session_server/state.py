@@ -103,6 +103,10 @@ class State:
             hand=self.device.hand,
             next_participant=self._next_participant,
             rules=protocol.rules,
+            trial=protocol.trial,
+            language=protocol.sentences,
+            instructions=protocol.pages,
+            tones=protocol.tones,
             blind=protocol.blind and self.setup.hand != OPERATOR,
         )
 
@@ -137,6 +141,7 @@ class State:
             resumable=() if session else self._resumable,
             finished=() if session else self._finished,
             otherwise=() if session else self._otherwise,
+            ended_here=progress.ended_here if progress else 0,
         )
 
     def pulse(self) -> m.Pulse:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from app.ipc import messages as m
 from app.ipc.messages import Card
 from core.files import InputError
-from experiments.session.journal import ANSWERS, BREAK_ENDED
+from experiments.session.journal import ANSWERS, BREAK_ENDED, CONTROLLER_ANSWERS
 
 if TYPE_CHECKING:
     from app.session_server.session_progress import SessionProgress
@@ -29,15 +29,19 @@ class Step(NamedTuple):
 
 
 def _questions(progress: "SessionProgress") -> Card | None:
-    if progress.asked_block is None:
+    if progress.asked is None:
         return None
     return Card("Questions", "The participant answers them on the other screen.", "")
 
 
 def _answer(progress: "SessionProgress", write: Write, command: m.Answers) -> None:
-    assert progress.asked_block is not None
-    configuration, block = progress.asked_block
-    write(ANSWERS, configuration=configuration, block=block, values=dict(command.values))
+    assert progress.asked is not None
+    configuration, block, controller = progress.asked
+    values = dict(command.values)
+    if controller:
+        write(CONTROLLER_ANSWERS, configuration=configuration, controller=controller, values=values)
+    else:
+        write(ANSWERS, configuration=configuration, block=block, values=values)
 
 
 def _break(progress: "SessionProgress") -> Card | None:

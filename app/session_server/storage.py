@@ -114,6 +114,9 @@ class Storage:
             self.verified = run.name.lower() if row.recording else self.verified
             if row.status == "aborted":  # the experimenter decided so: their reason alone would not tell that
                 said = with_advice(f"{run.name} was aborted", reason)
+                if run.again != "never" and row.block:
+                    self.progress.session.redo(row.run, reason, at_end=run.again == "end")
+                    said += " It is repeated next." if run.again == "now" else " It is repeated at the end."
             if row.status == "stopped":
                 said += " It comes again: start it, or skip it." if row.block else " It comes again: start it."
             if row.recording.endswith(STREAM_SUFFIX):

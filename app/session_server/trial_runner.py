@@ -32,6 +32,7 @@ class TrialRun:
         taken: the pointer still holds the handle.
         """
         self.planned, self.trial = planned, trial
+        self.again = "never"  # as `messages.Abort` has it
         self.tip = trial.tip  # where it begins
         self._ring, self._reason, self._decided = ring, "", False
         ring.begin_trial(taken)

@@ -13,13 +13,12 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from app.ipc.messages import Done, Prepared
 from app.ipc.process import start_python
 from app.ipc.ring import Ring
-from app.ipc.scheduling import leave_core, program_cores, stolen_ms
+from app.ipc.scheduling import leave_core, program_cores
 from app.session_server.loop_process import LoopProcess
 from app.session_server.recorder import timing_of
-from app.session_server.trial_runner import TrialRun
+from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.path import build_path
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
@@ -52,53 +51,45 @@ def measure(
     busy: processes beside it that do nothing but compute. real_time: try scheduling that needs a privilege.
     OSError if the loop dies or does not answer.
     """
-    most, ticks, pieces = round(1000 * seconds), 0, []
+    most, ticks, pieces, stolen_ms = round(1000 * seconds), 0, [], 0.0
     ring = Ring()
-    loop = LoopProcess(ring, real_time)
+    runner = TrialRunner(ring, LoopProcess(ring, real_time), real_time)
     try:
-        prepared = wait_for(loop, ring)
-        assert isinstance(prepared, Prepared)
-        leave_core(prepared.core)
-        before_ms = stolen_ms(prepared.core)
+        wait(ring, runner, lambda: runner.ready)
         trials = endless_trials()
         with hogs(busy):
             while ticks < most:
                 trial = next(trials)
-                run = TrialRun(ring, loop, trial.planned, trial, None)
+                run = runner.start(trial.planned, trial, None)
 
-                def look(run: TrialRun = run, before: int = ticks) -> None:
+                def over(run: TrialRun = run, before: int = ticks) -> bool:
                     now = before + len(run.recorder.lateness_us)
                     if now >= most:
                         run.stop("measured for long enough")
                     progress(min(1.0, now / most))
+                    return runner.run is None
 
-                try:
-                    done = wait_for(loop, ring, look)
-                finally:
-                    run.recorder.close()
-                assert isinstance(done, Done)
-                run.returned(done, prepared.scheduling)
+                wait(ring, runner, over)
                 pieces.append(run.recorder.lateness_us)
-                ticks += len(pieces[-1])
-        timing = timing_of(np.concatenate(pieces), prepared.scheduling, stolen_ms(prepared.core) - before_ms)
+                ticks, stolen_ms = ticks + len(pieces[-1]), stolen_ms + runner.timing.stolen_ms
+        timing = timing_of(np.concatenate(pieces), runner.timing.scheduling, stolen_ms)
         return {**timing._asdict(), "ticks": ticks, "busy": busy}
     finally:
+        if runner.run:
+            runner.run.let_go()
         leave_core(-1)
-        loop.close()
+        runner.close()
 
 
-def wait_for(loop: LoopProcess, ring: Ring, look: Callable[[], None] = lambda: None):
-    """The loop's next answer; look: called while there is none. OSError if none comes."""
+def wait(ring: Ring, runner: TrialRunner, over: Callable[[], bool]) -> None:
+    """Watch the loop until something is over. OSError if the loop is lost, or it takes too long."""
     deadline = time.monotonic() + WAIT_S
-    while time.monotonic() < deadline:
+    while not over():
         ring.beat()
-        if answers := loop.receive():
-            return answers[0]
-        if loop.dead or loop.hung:
-            raise OSError("the control loop died" if loop.dead else "the control loop hung")
-        look()
+        _, lost = runner.watch()
+        if lost or time.monotonic() > deadline:
+            raise OSError(lost or "the control loop does not answer")
         time.sleep(LOOK_S)
-    raise OSError("the control loop does not answer")
 
 
 def endless_trials() -> Iterator[Trial]:

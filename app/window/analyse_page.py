@@ -1,11 +1,14 @@
 """The page Analyse: what was recorded in a data folder, as points and boxes, and any trial of it beside them."""
 
+import pickle
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import Qt, QUrl, Signal
 from PySide6.QtGui import QDesktopServices, QResizeEvent
 from PySide6.QtWidgets import (
+    QApplication,
     QButtonGroup,
     QFrame,
     QGridLayout,
@@ -21,13 +24,12 @@ from PySide6.QtWidgets import (
 
 from app.ipc import messages as m
 from app.window.box_plot import ChartPlot, trial_of
-from app.window.export import Export
 from app.window.flow import Flow
 from app.window.page import Page
 from app.window.painting import theme
 from app.window.painting.labels import OneLine, line, word
 from app.window.trial_view import TrialView
-from app.window.work import Work
+from app.window.work import Verb, Work
 from core.files import InputError
 from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED, View, charts, left_out
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS
@@ -47,6 +49,7 @@ SHOWN_FIRST = ("done", "timeout")  # of the statuses
 MOST_CHIPS = 8  # more are a menu
 SIDE_SHARE, SIDE_PX = 0.36, (400, 620)  # of the width, and at least and at most: the trial beside the charts
 ROOM_PX = 1100  # a narrower page shows either the charts or the trial
+CANCELLED = "The export was cancelled, nothing was written."
 NO_FOLDER = "No data folder is open: choose one on Home."
 
 
@@ -159,8 +162,6 @@ class AnalysePage(Page):
         self._asked: Path | None = None  # a folder, in place of the open session's
         self._folder = Path()  # that is shown or being read
         self._reading, self._opening, self._concluding = Work(), Work(), Work()
-        self._reading.done.connect(self._show_results)
-        self._concluding.done.connect(self._show_conclusions)
         self.tabs: dict[str, QPushButton] = {}
         self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
         self.timeouts, self.logarithmic = (
@@ -175,6 +176,8 @@ class AnalysePage(Page):
         self.plots = [ChartPlot() for _ in range(3)]
         self.empty, self.verdicts, self.stack = line("", "quiet", theme.TITLE), Verdicts(), QStackedWidget()
         self.side = TrialView()
+        self._reading.done.connect(self._show_results)
+        self._concluding.done.connect(self.verdicts.show_conclusions)
         self._opening.done.connect(self.side.show_trial)
         self.side.closed.connect(self.close_trial)
         self.side.stepped.connect(self.step)
@@ -188,12 +191,14 @@ class AnalysePage(Page):
         self.bar, self.cancel_button = QProgressBar(textVisible=False), QPushButton("Cancel", objectName="small")
         self.folder_button = QPushButton("Open folder", objectName="small")
         self.folder_button.clicked.connect(
-            lambda: QDesktopServices.openUrl(QUrl.fromLocalFile(str(self._written)))
+            lambda: QDesktopServices.openUrl(QUrl.fromLocalFile(str(self._job.folder)))
         )
-        self._export, self._written = Export(self), Path()
+        self._export, self._cancelled = Verb(), False
+        self._job: Job | None = None  # the newest
         self._export.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
-        self._export.ended.connect(self._exported)
-        self.cancel_button.clicked.connect(self._export.cancel)
+        self._export.done.connect(self._exported)
+        self.cancel_button.clicked.connect(self.cancel_export)
+        QApplication.instance().aboutToQuit.connect(self.cancel_export)
         self._lay_out()
         self._show_busy(False)
         self.side.hide()
@@ -377,10 +382,6 @@ class AnalysePage(Page):
         for plot in self.plots:
             plot.setVisible(plot in self.plots[: len(shown)])
 
-    def _show_conclusions(self, said: Conclusions | InputError) -> None:
-        if isinstance(said, Conclusions):
-            self.verdicts.show_conclusions(said)
-
     def _show_empty(self, text: str) -> None:
         self.empty.setText(text)
         self.stack.setCurrentWidget(self.empty)
@@ -447,18 +448,27 @@ class AnalysePage(Page):
         sessions = [one for one in results.sessions if one.parent.name.removeprefix("sub-") in people]
         answers = tuple(answer for answer in results.answers if answer.participant in people)
         page = self.page if self.page != FINDINGS else POOLED
-        self._written = new_folder(results.folder)  # there when all of it has been written
+        folder = new_folder(results.folder)  # there when all of it has been written
+        self._job = Job(page, rows, answers, self.view, results.note, results.folder, tuple(sessions), folder, report)
         self._show_busy(True)
-        self._export.start(Job(
-            page, rows, answers, self.view, results.note, results.folder, tuple(sessions), self._written, report,
-        ))  # fmt: skip
+        self._cancelled = False
+        self._export.begin(module="app.window.export", given=pickle.dumps(self._job))
 
-    def _exported(self, sentence: str) -> None:
-        self._export.wait()
+    def cancel_export(self) -> None:
+        """Stop now; nothing is left behind."""
+        self._cancelled = True
+        self._export.stop(wait=True)
+
+    def _exported(self, end: str | InputError) -> None:
+        folder = self._job.folder
+        done = folder.exists()
+        if not done:  # killed: what it had begun is removed in its place
+            shutil.rmtree(self._job.partial, ignore_errors=True)
         self._show_busy(False)
-        self.message.setText(sentence)
-        theme.name_anew(self.message, "good" if self._written.exists() else "caution")
-        self.folder_button.setVisible(self._written.exists())
+        failed = CANCELLED if self._cancelled else f"Nothing was written: {end}"
+        self.message.setText(str(end) if done else failed)
+        theme.name_anew(self.message, "good" if done else "caution")
+        self.folder_button.setVisible(done)
 
     def _show_busy(self, busy: bool) -> None:
         self.bar.setValue(0)
@@ -470,8 +480,7 @@ class AnalysePage(Page):
 
     def closeEvent(self, event) -> None:
         self.side.end()
-        self._export.cancel()
-        self._export.wait()
+        self.cancel_export()
         super().closeEvent(event)
 
 

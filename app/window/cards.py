@@ -1,22 +1,32 @@
 """Which card is up: a question that the experimenter has asked for, else what the session waits for."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLineEdit, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QButtonGroup,
+    QFrame,
+    QGridLayout,
+    QHBoxLayout,
+    QLineEdit,
+    QPushButton,
+    QVBoxLayout,
+    QWidget,
+)
 
 from app.ipc import messages as m
+from app.window.keys import Key
 from app.window.painting import theme
-from app.window.painting.labels import KeyButton, breakable, line
-from app.window.plan_grid import statuses
+from app.window.painting.labels import KeyButton, breakable, line, word
+from app.window.plan_grid import newest_rows
 from app.window.words import clock
 from experiments.analysis.trials_table import COUNTED
 
 WIDTH_PX = 400
 ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
-LEAVE, LEAVE_RUNNING = ("Leave it", "Esc"), ("Leave it", "Alt+0")  # while a trial runs Esc is brakes off
+AGAIN = {"now": "Repeat it now", "end": "Repeat it at the end", "never": "Do not repeat it"}  # an aborted trial
 
 ABORT_REASONS = ("the participant asked", "the participant was distracted", "something was wrong with the device")
 REDO_REASONS = ("the participant was distracted", "the participant had not understood", "something disturbed the trial")
@@ -28,6 +38,7 @@ class Card(QFrame):
 
     def __init__(self, title: str, text: str, parent: QWidget) -> None:
         super().__init__(parent, objectName="card")
+        self.wide = WIDTH_PX  # where there is room
         self.title, self.text = line(title, size=theme.HEAD, bold=True), line(breakable(text), "quiet")
         self.text.setVisible(bool(text))
         self.inside = QVBoxLayout(self)
@@ -60,7 +71,7 @@ class Card(QFrame):
     def place(self) -> None:
         """Into the middle of the parent."""
         parent = self.parentWidget()
-        self.setFixedWidth(min(WIDTH_PX, max(parent.width() - 2 * theme.GAP, 280)))
+        self.setFixedWidth(min(self.wide, max(parent.width() - 2 * theme.GAP, 280)))
         height = self.heightForWidth(self.width()) if self.hasHeightForWidth() else self.sizeHint().height()
         self.setFixedHeight(min(max(height, self.minimumSizeHint().height()), max(parent.height() - 8, 120)))
         self.move((parent.width() - self.width()) // 2, max((parent.height() - self.height()) // 2, 4))
@@ -111,11 +122,19 @@ class Question(Card):
         reasons: Sequence[str],
         do: str,
         parent: QWidget,
-        leave: tuple[str, str] = LEAVE,
+        choices: Mapping[str, str] | None = None,
     ) -> None:
-        """do: what the button says; leave: what the other one says, and its key."""
+        """do: the words of the button; choices: of these one is chosen besides, the first unless another is clicked."""
         super().__init__(title, text, parent)
         self.reasons = tuple(reasons)
+        self.choices = QButtonGroup(self)
+        for name, words in (choices or {}).items():
+            choice = QPushButton(words, objectName="choice", checkable=True)
+            choice.setChecked(not self.choices.buttons())
+            choice.setProperty("choice", name)
+            choice.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+            self.choices.addButton(choice)
+            self.inside.addWidget(choice)
         for number, reason in enumerate(self.reasons, start=1):
             button = KeyButton(reason[0].upper() + reason[1:], f"Alt+{number}")
             button.clicked.connect(lambda _=False, chosen=reason: self.answered.emit(chosen))
@@ -129,9 +148,7 @@ class Question(Card):
         self.own.returnPressed.connect(self._answer)
         self.confirm = self.button(f"{do}  Enter", self._answer, main=True)
         self.confirm.setEnabled(False)
-        self.cancel = self.button("  ".join(leave), self.left.emit)
-        if leave != LEAVE:  # Esc is the window's
-            self.key(leave[1], self.left.emit)
+        self.cancel = self.button("Cancel  Esc", self.left.emit)
         row = QHBoxLayout()
         row.setSpacing(8)
         row.addWidget(self.cancel)
@@ -145,6 +162,12 @@ class Question(Card):
         self.own.setFocus()
 
     enter = take_focus
+
+    @property
+    def choice(self) -> str:
+        """The chosen one of the choices; "" where there are none."""
+        chosen = self.choices.checkedButton()
+        return chosen.property("choice") if chosen else ""
 
     def _answer(self) -> None:
         if reason := self.own.text().strip():
@@ -178,7 +201,8 @@ class Notice(Card):
             self.buttons[0].click()
 
 
-UNBLIND = ("Open the key?", "The controllers become visible here and in the tables. Who asks is kept in the journal.")
+ABORT = ("Abort this trial?", "It goes on until you answer. Its recording is kept and marked as aborted.")
+UNBLIND = ("Open the key?", "The controllers become visible here and in the tables. The journal keeps who asked.")
 RESTED = "Go on when the participant is ready."
 CLOSE = (
     "A trial is being recorded",
@@ -203,17 +227,40 @@ class Cards:
         self, kind: str, title: str, text: str, reasons: Sequence[str], do: str, then: Callable[[str], None]
     ) -> None:
         """Put a question, in place of another one."""
+        self._put(kind, Question(title, text, reasons, do, self._parent), lambda reason, _: then(reason))
+
+    def ask_abort(self, reasons: Sequence[str], then: Callable[[str, str], None]) -> None:
+        """Why the running trial is aborted, and whether it comes again (a key of AGAIN)."""
+        self._put("abort", Question(*ABORT, reasons, "Abort", self._parent, AGAIN), then)
+
+    def _put(self, kind: str, question: Question, then: Callable[[str, str], None]) -> None:
         self.leave()
-        question = Question(title, text, reasons, do, self._parent, LEAVE_RUNNING if kind == "abort" else LEAVE)
 
         def answered(reason: str) -> None:
+            choice = question.choice
             self.leave()
-            then(reason)
+            then(reason, choice)
 
         question.answered.connect(answered)
         question.left.connect(self.leave)
         self._question, self._kind = question, kind
         question.appear()
+
+    def show_keys(self, keys: Mapping[str, Key]) -> None:
+        """All keys of the windows."""
+        self.leave()
+        card = Notice("Keys", "", [("Close  Enter", self.leave)], self._parent)
+        card.wide = 2 * WIDTH_PX
+        grid = QGridLayout()
+        grid.setHorizontalSpacing(14)
+        half = -(-len(keys) // 2)
+        for place, key in enumerate(keys.values()):
+            column, row = divmod(place, half)
+            grid.addWidget(word(" or ".join(key.keys), bold=True), row, 2 * column)
+            grid.addWidget(word(key.does, "quiet"), row, 2 * column + 1)
+        card.inside.insertLayout(2, grid)
+        self._question = card
+        card.appear()
 
     def ask_to_close(self, close: Callable[[], None]) -> None:
         """Whether to close while a trial is recorded."""
@@ -302,7 +349,7 @@ class Cards:
             return Notice(card.title, card.text, buttons, self._parent)
         kept = sum(bool(row.recording) for row in snapshot.rows)
         text = f"{kept} runs are recorded and verified in {opened.folder}."
-        lacking = sum(status not in COUNTED for status in statuses(opened.plan, snapshot.rows).values())
+        lacking = sum(row.status not in COUNTED for row in newest_rows(opened.plan, snapshot.rows).values())
         if lacking:
             text += f" {lacking} of {len(opened.plan)} trials have no result: × (aborted) or – (skipped) in the plan."
         buttons = [("Results  F2", do.results)]

@@ -37,9 +37,11 @@ class Recent:
 
     def __init__(self, kind: str) -> None:
         self._kind = kind
-        self._settings = QSettings() if QApplication.organizationName() else None
+        user = QSettings.Format.IniFormat, QSettings.Scope.UserScope, QApplication.organizationName()
+        self._settings = QSettings(*user) if QApplication.organizationName() else None
         kept = self._settings.value(kind, []) if self._settings else []
-        self.paths: list[str] = [kept] if isinstance(kept, str) else list(kept or [])
+        kept = [kept] if isinstance(kept, str) else kept or []  # a list of one comes back as a text
+        self.paths: list[str] = [path for path in kept if Path(path).exists()]
 
     def add(self, path: str) -> None:
         """It was used now."""
@@ -91,11 +93,12 @@ class DataPanel(QFrame):
         layout.addWidget(self.count)
         layout.addLayout(row(self.whole, self.export_as, 1))
         layout.addWidget(rule())
-        self._rows.setContentsMargins(0, 0, 6, 0)
+        self._rows.setContentsMargins(0, 0, 4, 0)
         self._rows.setSpacing(8)
         inside = QWidget()
         inside.setLayout(self._rows)
-        layout.addWidget(scrolled(inside), 1)
+        self.area = scrolled(inside)
+        layout.addWidget(self.area, 1)
         layout.addWidget(self.exporting)
         layout.addLayout(row(self.bar, self.cancel, self.show_export))
         for absent in (self.exporting, self.bar, self.cancel, self.show_export, self.whole, self.export_as):
@@ -187,7 +190,7 @@ class DataPanel(QFrame):
         when = datetime.fromtimestamp(session.changed_s)
         about.addWidget(word(f"{when.day} {when:%b %Y}", "quiet"))
         name.setToolTip(session.problem or f"Participant {session.participant}, {session.protocol} protocol")
-        one = row(main, self._more(session, is_open))
+        one = row(main, self._more(session, is_open), spacing=6)
         one.insertLayout(0, far, 3)
         one.insertLayout(0, about, 3)
         layout = QVBoxLayout()

@@ -1,160 +1,234 @@
-"""The device page: how the device on the bench is, what is not well, what to do, and the steps that make it ready."""
+"""The device on the bench: what is wrong and what to do about it, its figures, and the steps that make it ready."""
 
-from typing import TYPE_CHECKING
+import math
+from collections import deque
+from datetime import datetime
 
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QGridLayout, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
 from app.window.cards import Notice
-from app.window.device_words import (
-    Rates,
-    Recent,
-    Word,
-    board_values,
-    counters_of,
-    link_values,
-    not_well,
-    quantisation,
-    sensor_values,
-)
 from app.window.painting import theme
 from app.window.painting.labels import OneLine, breakable, line, word
-from app.window.preflight import COLOURS, MARKS
+from app.window.painting.parts import button, panel, row
+from app.window.preflight import Checklist
 from app.window.words import grouped
+from core.control.controllers import Preset
 from core.device import Device
+from core.device_interface import VELOCITY_NOISE_HZ, encoder_step
 from core.mechanism import JOINTS
 from experiments.protocol import home_of
 
-if TYPE_CHECKING:
-    from app.ipc.messages import DeviceStatus
-
+RECENT_S = 10.0  # what is counted as happening now
+SAMPLE_HZ, LEAST_HZ = 1000.0, 990.0  # samples a second; fewer than the second are worth a word. Our choice
+RESIDUAL_S, DRIFT = 1e-3, 200e-6  # our choice: a quartz drifts by less, a quiet USB port is ten times as regular
+FELT_SHARE = 0.05  # of what the brakes can do, from where a noise may be felt. Our choice
 SIMULATED = (
-    "The device is simulated: it is computed on this computer, with no board and no sensors, and is always ready. "
-    "A device on the bench is reached with: phd run --link serial:PORT (phd devices lists the ports)."
+    "The device is simulated on this computer and is always ready. To use a real one, choose Board on the Home page "
+    "and connect to its port."
 )
 NOTHING = "–"
+BUSY = "Close other programs; phd doctor names what stands in the way."
+#: counter -> how often a second is worth a word (our choice), the word, and what to do about it
+RISING = {
+    "lost": (1.0, "Samples are lost: {:.2g} a second.", "Plug the board in without a hub."),
+    "frames_bad": (0.0, "Messages arrive damaged: {:.2g} a second.", "Keep the cable short and away from the brakes."),
+    "late_commands": (0.0, "Commands reach the board too late, so it does not obey them.", BUSY),
+    "not_closed": (
+        0.0, "The encoders contradict each other: their angles belong to no position of the linkage.",
+        "Home the encoders again; if that does not help, check their plugs.",
+    ),
+    "refused": (0.0, "The board refuses commands.", "Reconnect it."),
+}  # fmt: skip
+#: counter of a report -> its word, and what to do about it: each is worth a look as long as the connection lasts
+COUNTED = {
+    "lost_links": ("Connections lost since the start: {}.", "Check cable and plug."),
+    "begun_anew": (
+        "Of these, because this computer's clock stood still: {}.",
+        "Do not suspend the computer, or pause a virtual machine, while the device is in use.",
+    ),
+    "board_time_back": ("Jumps back of the board's clock: {}.", "Its firmware must count microseconds in 64 bits."),
+}
+STATES = {
+    "BOOT": "starting", "IDLE": "idle: waits for the limits", "READY": "ready: no current",
+    "ACTIVE": "active: currents may flow", "FAULT": "fault: no current until it is reset",
+}  # fmt: skip
+BOARD = ("Device", "Board", "Port", "Firmware", "State", "Fault", "Encoders", "Force sensor")
+SENSORS = (*(f"Joint {joint}" for joint in JOINTS), "Handle", "Hand force", "Samples", "Round trip")
+#: name -> counters, as they are shown
+LINK = {
+    "Lost": "{lost} of {all} samples", "Repeated": "{repeated} samples",
+    "Damaged": "{frames_bad} messages of this connection", "Gaps": "{frames_resyncs} after damage",
+    "Too late": "{late_commands} commands", "Refused": "{refused} messages", "No position": "{not_closed} samples",
+    "Lost links": "{lost_links}",
+}  # fmt: skip
 CLOCK = ("Clock offset", "Clock drift")
+#: button -> the step it asks for, and what its question says
+STEPS = {
+    "Home the encoders …": (m.HOME, "Hold the handle in its jig at {}, then go on."),
+    "Take the zero …": (m.ZERO, "Let go of the handle, go on, and do not touch it for a second."),
+    "Reconnect …": (m.CONNECT, "The connection is closed and made again. The zero must be taken again afterwards."),
+}
 
 
-class Figures(QFrame):
-    """A panel of names and values; a value that is not known is a dash."""
+class Recent:
+    """The counters of the last seconds."""
 
-    def __init__(self, title: str, names: tuple[str, ...], parent: QWidget | None = None) -> None:
-        super().__init__(parent, objectName="panel")
-        self.values = {name: OneLine(NOTHING, size=theme.NORMAL) for name in names}
-        self.inside = QVBoxLayout(self)
-        self.inside.setContentsMargins(16, 10, 16, 12)
-        self.inside.setSpacing(8)
-        self.inside.addWidget(word(title, size=theme.TITLE, bold=True))
-        grid = QGridLayout()
-        grid.setHorizontalSpacing(14)
-        grid.setVerticalSpacing(8)
-        for at, (name, value) in enumerate(self.values.items()):
-            grid.addWidget(word(name, "quiet"), at, 0)
-            grid.addWidget(value, at, 1)
-        grid.setColumnStretch(1, 1)
-        self.inside.addLayout(grid)
+    def __init__(self) -> None:
+        self._taken: deque[tuple[float, dict[str, int]]] = deque()
 
-    def show_values(self, values: dict[str, str]) -> None:
-        """What is known now."""
-        for name, label in self.values.items():
-            label.setText(values.get(name) or NOTHING)
+    def rates(self, now_s: float, counters: dict[str, int]) -> dict[str, float]:
+        """How often a second each has risen since the oldest that is not older than RECENT_S; {}: not known yet."""
+        taken = self._taken
+        if taken and any(counters.get(name, 0) < value for name, value in taken[-1][1].items()):
+            taken.clear()  # another connection, which counts anew
+        taken.append((now_s, counters))
+        while len(taken) > 2 and taken[1][0] <= now_s - RECENT_S:
+            taken.popleft()
+        before_s, before = taken[0]
+        if now_s - before_s < 0.5:
+            return {}
+        return {name: (value - before.get(name, 0)) / (now_s - before_s) for name, value in counters.items()}
+
+
+def counters_of(report: dict) -> dict[str, int]:
+    """The whole numbers of a report of hardware.serial_device.Health, those of frames among them."""
+    counted = ("samples", "lost", "repeated", "late_commands", "refused", "not_closed", "lost_links")
+    frames = {f"frames_{name}": report.get("frames", {}).get(name, 0) for name in ("bad", "resyncs")}
+    return {name: report.get(name, 0) for name in counted} | frames
+
+
+def worth_a_look(status: m.DeviceStatus, rates: dict[str, float]) -> list[m.Check]:
+    """What does not keep trials from starting, but makes them worse."""
+    found, report, clock = [], status.report, status.report.get("clock", {})
+    for name, (least, what, advice) in RISING.items():
+        if rates.get(name, 0.0) > least and (status.homed or name != "not_closed"):
+            found.append((what.format(rates[name]), advice))
+    if rates and rates["samples"] < LEAST_HZ and rates["lost"] <= RISING["lost"][0]:
+        found.append((f"Only {rates['samples']:.0f} of {SAMPLE_HZ:.0f} samples a second arrive.", BUSY))
+    found += [(what.format(report[name]), advice) for name, (what, advice) in COUNTED.items() if report.get(name, 0)]
+    if clock.get("residual_s", 0.0) > RESIDUAL_S or abs(clock.get("drift", 0.0)) > DRIFT:
+        what = "The clocks of the board and of this computer run unevenly, so times are less exact."
+        found.append((what, "Close other programs, and plug the board in without a hub."))
+    return [m.Check("", m.CAUTION, *one) for one in found]
+
+
+def quantisation(device: Device, status: m.DeviceStatus, controllers: dict[int, Preset]) -> tuple[float, ...] | None:
+    """What the encoders' steps do to the proportional controller of greatest gain, where the handle is.
+
+    The gain (N s/m), a count at the tip where it is coarsest (m), the noise of the filtered velocity (m/s) and of the
+    force (N). None where there is no such controller, or the board has not reported enough.
+    """
+    counts, joints = status.report.get("counts_per_rev", ()), [JOINTS.index(letter) for letter in status.encoders]
+    gain = max((preset.value("gain_N_s_m") for preset in controllers.values()), default=0.0)
+    if gain <= 0.0 or not status.homed or len(counts) != len(joints) or not all(counts):
+        return None
+    per_joint = dict(zip(joints, counts, strict=True))
+    step = encoder_step(device, status.tip, [per_joint.get(i, 0) for i in range(4)])
+    noise = VELOCITY_NOISE_HZ * step
+    return (gain, step, noise, noise * gain) if math.isfinite(step) else None
+
+
+def figures_of(status: m.DeviceStatus, rates: dict[str, float]) -> dict[str, str]:
+    """Everything that is known, by the names of BOARD, SENSORS, LINK and CLOCK."""
+    report, reached = status.report, bool(status.device) and not status.problem
+    state = STATES.get(report.get("state", ""), report.get("state", ""))
+    figures = {
+        "Device": status.device, "Board": status.board, "Port": status.port,
+        "State": state if reached else "not connected",
+    }  # fmt: skip
+    if reached:
+        homed = f"homed{at(status.homed_at) or ' before this program began'}" if status.homed else "not homed"
+        zeroed = f"zeroed{at(status.zeroed_at)}" if status.zeroed else "no zero yet"
+        figures |= {
+            "Fault": status.fault or "none", "Encoders": f"{' '.join(status.encoders)}: {homed}",
+            "Force sensor": f"{status.force_channels} channels, {zeroed}" if status.force_channels else "none",
+        }  # fmt: skip
+    if reached and status.counts:
+        encoders = dict(zip(status.encoders, status.counts, strict=False))
+        for i, joint in enumerate(JOINTS):
+            angle = f"{math.degrees(status.theta[i]):.2f}°" if status.homed and len(status.theta) == 4 else ""
+            count = f"{grouped(encoders[joint])} counts" if joint in encoders else "computed" if angle else ""
+            figures[f"Joint {joint}"] = "   ".join(filter(None, (angle, count)))
+        fx, fy = status.hand_force
+        if status.homed and math.isfinite(sum(status.tip)):
+            figures["Handle"] = f"x {1e3 * status.tip[0]:.1f} mm   y {1e3 * status.tip[1]:.1f} mm"
+        if status.force_channels and math.isfinite(fx + fy):
+            figures["Hand force"] = f"{math.hypot(fx, fy):.1f} N   x {fx:.1f}   y {fy:.1f}"
+        if rates:
+            figures["Samples"] = f"{rates['samples']:.0f} a second"
+    if report:
+        counts = counters_of(report)
+        shown = {name: grouped(count) for name, count in counts.items()}
+        shown["all"] = grouped(counts["samples"] + counts["lost"])
+        figures |= {name: text.format_map(shown) for name, text in LINK.items()}
+        figures["Firmware"] = f"{report.get('firmware', NOTHING)}, protocol {report.get('protocol', NOTHING)}"
+        if report.get("round_trip_s") is not None:
+            figures["Round trip"] = f"{1e3 * report['round_trip_s']:.1f} ms at best"
+        if (clock := report.get("clock")) and clock["blocks"]:
+            figures["Clock offset"] = f"{clock['offset_s']:+.4f} s, ± {1e6 * clock['residual_s']:.0f} µs"
+            figures["Clock drift"] = f"{1e6 * clock['drift']:+.0f} ppm" if clock["blocks"] >= 3 else ""
+    return figures
+
+
+def at(when: float) -> str:
+    """ " at 13:02" of a time (s since 1970); "" of none."""
+    return f" at {datetime.fromtimestamp(when):%H:%M}" if when else ""
 
 
 class DevicePage(QWidget):
-    """Board, sensors and link in figures; above them what is not well; the steps as buttons."""
+    """What is wrong; board, sensors and link in figures; the steps as buttons."""
 
-    rig_asked = Signal(str)  # CONNECT, HOME or ZERO of the messages
-    reset_asked = Signal()
-    back_asked = Signal()
+    asked = Signal(object)  # a command for the session server
+    left = Signal()
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._opened: m.Opened | None = None
         self._snapshot = m.Snapshot(m.PREPARING)
-        self._status: DeviceStatus | None = None
-        self._rates, self._recent = Rates(), Recent()
-        self._card: Notice | None = None
-        self.title = word("Device", size=theme.HEAD, bold=True)
-        self.where = OneLine("", "quiet", theme.NORMAL)
-        self.back = QPushButton("Back  F3", objectName="small")
-        self.back.setFont(theme.font(theme.SMALL))
-        self.back.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.back.clicked.connect(self.back_asked)
-        self.simulated = line(SIMULATED, size=theme.TITLE)
-        self.marks = [word("●") for _ in range(5)]
-        self.sentences = [line() for _ in self.marks]
-        self.quantised = line("", "quiet")
-        self.board = Figures(
-            "Board", ("Device", "Board", "Port", "Firmware", "State", "Fault", "Encoders", "Force sensor")
-        )
-        self.sensors = Figures(
-            "Sensors", (*(f"Joint {joint}" for joint in JOINTS), "Handle", "Hand force", "Samples", "Answer takes")
-        )
-        self.link = Figures(
-            "Link since it was opened",
-            ("Lost", "Repeated", "Damaged", "Put right", "Too late", "Refused", "No position", "Cut off", *CLOCK),
-        )
-        self.home, self.zero, self.reset, self.reconnect = (
-            self._button(text) for text in ("Home the encoders …", "Take the zero …", "Reset faults  B", "Reconnect …")
-        )
-        self.home.clicked.connect(self._ask_home)
-        self.zero.clicked.connect(self._ask_zero)
-        self.reset.clicked.connect(self.reset_asked)
-        self.reconnect.clicked.connect(self._ask_connect)
-        self.why = line("", "quiet", theme.SMALL)
+        self._status: m.DeviceStatus | None = None
+        self._rates, self._recent = {}, Recent()
+        self.card: Notice | None = None  # the question that is up
+        self.simulated, self.health = line(SIMULATED, size=theme.TITLE), Checklist()
+        self.why, self.quantised = line("", "quiet"), line("", "quiet")
+        self.values = {name: OneLine(NOTHING, size=theme.NORMAL) for name in (*BOARD, *SENSORS, *LINK, *CLOCK)}
+        self.steps = {text: button(text, lambda text=text: self._ask(text)) for text in STEPS}
+        self.reset = button("Reset faults  Ctrl+B", lambda: self.asked.emit(m.AllowBrakes()))
         self._lay_out()
         self._refresh()
 
-    @staticmethod
-    def _button(text: str) -> QPushButton:
-        made = QPushButton(text)
-        made.setMinimumHeight(32)
-        made.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        return made
-
     def _lay_out(self) -> None:
-        head = QHBoxLayout()
-        head.setSpacing(theme.GAP)
-        head.addWidget(self.title)
-        head.addWidget(self.where, 1)
-        head.addWidget(self.back)
-        self.health = QFrame(objectName="panel")
-        said = QGridLayout(self.health)
-        said.setContentsMargins(16, 12, 16, 12)
-        said.setHorizontalSpacing(10)
-        said.setVerticalSpacing(6)
-        for at, (mark, sentence) in enumerate(zip(self.marks, self.sentences, strict=True)):
-            said.addWidget(mark, at, 0, Qt.AlignmentFlag.AlignTop)
-            said.addWidget(sentence, at, 1)
-        said.setColumnStretch(1, 1)
-        steps = QGridLayout()
-        steps.setSpacing(8)
-        for at, button in enumerate((self.home, self.zero, self.reconnect, self.reset)):
-            steps.addWidget(button, at // 2, at % 2)
-        self.board.inside.addStretch(1)
-        self.board.inside.addWidget(self.why)
-        self.board.inside.addLayout(steps)
-        self.sensors.inside.addStretch(1)
-        self.sensors.inside.addWidget(self.quantised)
-        self.link.inside.addStretch(1)
-        self.figures = QWidget()
-        columns = QHBoxLayout(self.figures)
-        columns.setContentsMargins(0, 0, 0, 0)
-        columns.setSpacing(theme.GAP)
-        for panel in (self.board, self.sensors, self.link):
-            columns.addWidget(panel, 1)
+        self.bench = QWidget(objectName="clear")
+        bench = QGridLayout(self.bench)
+        bench.setContentsMargins(0, 0, 0, 0)
+        bench.setSpacing(theme.GAP)
+        state, inside = panel("Is it ready?")
+        inside.addWidget(self.health)
+        inside.addWidget(self.why)
+        inside.addLayout(row(*self.steps.values(), self.reset, 1))
+        bench.addWidget(state, 0, 0, 1, 3)
+        groups = {"Board": BOARD, "Sensors": SENSORS, "Link since it was opened": (*LINK, *CLOCK)}
+        for column, (title, names) in enumerate(groups.items()):
+            frame, inside = panel(title)
+            grid = QGridLayout()
+            grid.setColumnStretch(1, 1)
+            for place, name in enumerate(names):
+                grid.addWidget(word(name, "quiet"), place, 0)
+                grid.addWidget(self.values[name], place, 1)
+            inside.addLayout(grid)
+            if names == SENSORS:
+                inside.addWidget(self.quantised)
+            inside.addStretch(1)
+            bench.addWidget(frame, 1, column)
+            bench.setColumnStretch(column, 1)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(theme.GAP)
-        layout.addLayout(head)
+        layout.addLayout(row(word("Device", size=theme.HEAD, bold=True), 1, button("Back  Esc", self.left.emit)))
         layout.addWidget(self.simulated)
-        layout.addWidget(self.health)
-        layout.addWidget(self.figures)
+        layout.addWidget(self.bench, 1)
         layout.addStretch(1)
-
-    # what the server says
 
     def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
         """What may be done now."""
@@ -163,126 +237,86 @@ class DevicePage(QWidget):
         self._opened, self._snapshot = opened, snapshot
         self._refresh()
 
-    def show_status(self, status: "DeviceStatus | None") -> None:
+    def show_status(self, status: m.DeviceStatus | None) -> None:
         """How the device is, about ten times a second."""
         if status is None or status != self._status:
             before, self._status = self._status, status
             if before is None or status is None or status.homed != before.homed:
-                self._recent = Recent()  # what the encoders said before they were homed means nothing
-            self._rates = self._recent.add(status.told_s, counters_of(status.report)) if status else Rates()
-            if self.isVisible():
-                self._refresh()
+                self._recent = Recent()  # what the encoders gave before they were homed means nothing
+            self._rates = self._recent.rates(status.told_s, counters_of(status.report)) if status else {}
+            self._refresh()
 
     def showEvent(self, event) -> None:
         super().showEvent(event)
         self._refresh()
 
-    @property
-    def on_bench(self) -> bool:
-        """Whether there is a device to make ready."""
-        return self._opened is not None and self._opened.real_device
-
     def _refresh(self) -> None:
-        status, on_bench = self._status, self.on_bench
+        status, snapshot, on_bench = self._status, self._snapshot, bool(self._opened and self._opened.real_device)
         self.simulated.setVisible(not on_bench)
-        self.health.setVisible(on_bench)
-        self.figures.setVisible(on_bench)
-        if not on_bench:
-            self.where.setText("")
+        self.bench.setVisible(on_bench)
+        if not on_bench or not self.isVisible():
             return
-        found = not_well(status, self._rates)
-        self._show_words(found or [Word(m.GOOD, "All is well.")])
-        self.where.setText(status.port if status else "")
-        if status is None:
-            return
-        self.board.show_values(board_values(status))
-        self.sensors.show_values(sensor_values(status, self._rates))
-        self.link.show_values(link_values(status.report))
-        self.quantised.setText(self._quantised(status))
-        self._allow(status)
-
-    def _show_words(self, words: list[Word]) -> None:
-        for at, (mark, sentence) in enumerate(zip(self.marks, self.sentences, strict=True)):
-            there = at < len(words)
-            mark.setVisible(there)
-            sentence.setVisible(there)
-            if there:
-                mark.setText(MARKS[words[at].state])
-                mark.setStyleSheet(f"color: {COLOURS[words[at].state]}")
-                sentence.setText(breakable(" ".join(filter(None, words[at][1:]))))
-
-    def _quantised(self, status: "DeviceStatus") -> str:
-        device, opened = self._device(status.device), self._opened
-        found = quantisation(device, status, opened.controllers) if device and opened else None
-        if found is None:
-            return ""
-        text = (
-            f"One count is {1e6 * found.step_m:.0f} µm at the handle: the velocity is known to "
-            f"{1e3 * found.noise_m_s:.2g} mm/s, which a gain of {grouped(round(found.gain))} N s/m turns into "
-            f"{found.force_N:.1f} N, of {found.range_N:.0f} N that every brake reaches"
-        )
-        return f"{text}: such a controller feels the encoders' steps." if found.felt else f"{text}."
-
-    def _device(self, name: str) -> Device | None:
-        devices = self._opened.devices if self._opened else ()
-        return next((device for device in devices if device.name == name), None)
-
-    # the steps
-
-    def _why_not(self) -> str:
-        """Why no step can be taken now."""
-        snapshot = self._snapshot
-        if self._opened is None or not self._opened.participant:
-            return "Open a session first: its journal keeps what is done here."
-        if snapshot.coming is None:
-            return "The plan is done."
-        return "" if snapshot.stage in (m.READY, m.RERIG, m.BREAK, m.QUESTIONS) else "Not now."
-
-    def _allow(self, status: "DeviceStatus") -> None:
+        found = [check for check in snapshot.checks if check.name in ("Device", "Hand") and check.state != m.GOOD]
+        found += worth_a_look(status, self._rates) if status and not status.problem else []
+        self.health.show_checks(tuple(found) or (m.Check("", m.GOOD, "All is well."),))
+        figures = figures_of(status, self._rates) if status else {}
+        for name, label in self.values.items():
+            label.setText(figures.get(name) or NOTHING)
+        self.quantised.setText(breakable(self._quantised(status) if status else ""))
         why = self._why_not()
         self.why.setText(why)
         self.why.setVisible(bool(why))
-        there = not why and not status.problem and bool(status.device)
-        self.home.setEnabled(there and not status.fault)
-        self.zero.setEnabled(there and not status.fault and status.force_channels > 0)
-        self.reconnect.setEnabled(not why)
-        self.reset.setEnabled(bool(self._snapshot.brakes_off) and self._snapshot.stage != m.RUNNING)
+        there = not why and status is not None and not status.problem and not status.fault and bool(status.device)
+        home, zero, reconnect = self.steps.values()
+        home.setEnabled(there)
+        zero.setEnabled(there and status.force_channels > 0)
+        reconnect.setEnabled(not why)
+        self.reset.setEnabled(bool(snapshot.brakes_off) and snapshot.stage != m.RUNNING)
 
-    def _ask_home(self) -> None:
-        coming, opened = self._snapshot.coming, self._opened
-        device = self._device(coming.configuration) if coming else None
-        if device is not None and opened is not None:
-            x, y = home_of(device, opened.paths)
-            place = f"x = {1e3 * x:.0f} mm, y = {1e3 * y:.0f} mm"
-            self._ask("Home the encoders", f"Hold the handle in its jig at {place}, then go on.", m.HOME)
+    def _why_not(self) -> str:
+        """Why no step can be taken now."""
+        if not self._opened.participant:
+            return "Start a session first: its journal records these steps."
+        if self._snapshot.coming is None:
+            return "All trials of the plan are done."
+        between = self._snapshot.stage in (m.READY, m.RERIG, m.BREAK, m.QUESTIONS)
+        return "" if between else "These steps are taken between two trials."
 
-    def _ask_zero(self) -> None:
-        self._ask("Take the zero", "Let go of the handle, go on, and do not touch it for a second.", m.ZERO)
+    def _quantised(self, status: m.DeviceStatus) -> str:
+        device = self._device(status.device)
+        found = quantisation(device, status, self._opened.controllers) if device else None
+        if found is None:
+            return ""
+        gain, step, noise, force = found
+        return (
+            f"One encoder count is {1e6 * step:.0f} µm at the handle. The velocity is known to {1e3 * noise:.2g} mm/s, "
+            f"which a gain of {grouped(round(gain))} N s/m turns into {force:.1f} N (every brake reaches "
+            f"{device.force_normalised_N:.0f} N)"
+            f"{': the encoder steps can be felt.' if force > FELT_SHARE * device.force_normalised_N else '.'}"
+        )
 
-    def _ask_connect(self) -> None:
-        self._ask("Reconnect", "The connection is closed and made again; the zero has to be taken after it.", m.CONNECT)
+    def _device(self, name: str) -> Device | None:
+        return next((one for one in self._opened.devices if one.name == name), None)
 
-    def _ask(self, title: str, text: str, step: str) -> None:
+    def _ask(self, text: str) -> None:
+        """Say what the step needs before it is taken."""
         self.leave()
+        step, says = STEPS[text]
+        if step == m.HOME:
+            x, y = home_of(self._device(self._snapshot.coming.configuration), self._opened.paths)
+            says = says.format(f"x = {1e3 * x:.0f} mm, y = {1e3 * y:.0f} mm")
 
         def do() -> None:
             self.leave()
-            self.rig_asked.emit(step)
+            self.asked.emit(m.Rig(step))
 
-        self._card = Notice(title, text, [("Go on  Enter", do), ("Leave it  Esc", self.leave)], self)
-        self._card.appear()
+        self.card = Notice(text.removesuffix(" …"), says, [("Go on  Enter", do), ("Cancel  Esc", self.leave)], self)
+        self.card.appear()
 
     def leave(self) -> bool:
         """Take the question away; whether there was one."""
-        card, self._card = self._card, None
-        if card is None:
-            return False
-        card.hide()
-        card.deleteLater()
-        self.window().setFocus()
-        return True
-
-    @property
-    def card(self) -> Notice | None:
-        """The question that is up."""
-        return self._card
+        card, self.card = self.card, None
+        if card is not None:
+            card.hide()
+            card.deleteLater()
+        return card is not None

@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
-from PySide6.QtCore import QPointF, QRectF, Qt, QTimer
+from PySide6.QtCore import QPointF, Qt, QTimer
 from PySide6.QtGui import QPainter, QPaintEvent, QPolygonF
 from PySide6.QtWidgets import (
     QCheckBox,
@@ -24,8 +24,8 @@ from PySide6.QtWidgets import (
 )  # fmt: skip
 
 from app.ipc import messages as m
-from app.window.bench_page import DevicePage
 from app.window.data_panel import DataPanel, Recent
+from app.window.device_page import DevicePage
 from app.window.page import RUN, TRY, Page
 from app.window.painting import theme
 from app.window.painting.labels import Choice, OneLine, breakable, line, word
@@ -76,37 +76,30 @@ def load(setup: m.Setup) -> Loaded:
 class Picture(QWidget):
     """The device with its handle between start and end: what Try is about."""
 
-    JOINTS = {"A": (0.30, 0.92), "E": (0.10, 0.56), "D": (0.54, 0.30), "C": (0.90, 0.62), "B": (0.62, 0.92)}
-    START, END = (0.30, 0.31), (0.72, 0.30)
+    JOINTS = ((0.30, 0.92), (0.10, 0.56), (0.54, 0.30), (0.90, 0.62), (0.62, 0.92))  # A, E, handle, C, B
+    RINGS = {  # place -> colour
+        (0.30, 0.31): theme.START_RING, (0.72, 0.30): theme.END_RING, JOINTS[0]: theme.BRAKE_OFF,
+        JOINTS[1]: theme.BRAKE_STUCK, JOINTS[3]: theme.BRAKE_OFF, JOINTS[4]: theme.BRAKE_SLIPPING,
+    }  # fmt: skip
 
     def paintEvent(self, event: QPaintEvent) -> None:
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.fillRect(self.rect(), theme.shade(theme.CANVAS))
         side = 0.9 * min(self.width(), self.height())
-        room = QRectF(0.5 * (self.width() - side), 0.5 * (self.height() - side), side, side)
-
-        def at(place: tuple[float, float]) -> QPointF:
-            return QPointF(room.x() + place[0] * side, room.y() + place[1] * side)
-
+        painter.translate(0.5 * (self.width() - side), 0.5 * (self.height() - side))
+        places = [QPointF(x, y) * side for x, y in (*self.JOINTS, *self.RINGS)]
         painter.setPen(theme.pen(theme.ARM_CORE, 6.0, round_cap=True))
-        painter.drawPolyline(QPolygonF([at(place) for place in self.JOINTS.values()]))
+        painter.drawPolyline(QPolygonF(places[:5]))
         painter.setPen(theme.pen(theme.HANDLE, 3.0))
-        painter.drawLine(at(self.START), at(self.END))
+        painter.drawLine(places[5], places[6])
         painter.setBrush(theme.shade(theme.CANVAS))
-        rings = [(self.START, theme.START_RING), (self.END, theme.END_RING)]
-        joints = zip("AECB", (theme.BRAKE_OFF, theme.BRAKE_STUCK, theme.BRAKE_OFF, theme.BRAKE_SLIPPING), strict=True)
-        for place, colour in rings + [(self.JOINTS[letter], colour) for letter, colour in joints]:
-            painter.setPen(theme.pen(colour, 3.0))
-            painter.drawEllipse(at(place), 11.0, 11.0)
-        painter.setPen(theme.pen(theme.TEXT, 1.0))
-        painter.setFont(theme.font(theme.NORMAL, bold=True))
-        for letter in "AECB":
-            box = QRectF(at(self.JOINTS[letter]) - QPointF(11.0, 11.0), at(self.JOINTS[letter]) + QPointF(11.0, 11.0))
-            painter.drawText(box, Qt.AlignmentFlag.AlignCenter, letter)
+        for place, ring in zip(places[5:], self.RINGS.values(), strict=True):
+            painter.setPen(theme.pen(ring, 3.0))
+            painter.drawEllipse(place, 11.0, 11.0)
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(theme.shade(theme.HANDLE))
-        painter.drawEllipse(at(self.JOINTS["D"]), 8.0, 8.0)
+        painter.drawEllipse(places[2], 8.0, 8.0)
 
 
 class HomePage(Page):
@@ -114,18 +107,16 @@ class HomePage(Page):
 
     def __init__(self, send) -> None:
         super().__init__(send)
-        self.setup: m.Setup | None = None  # of the session server
-        self.chosen: m.Setup | None = None
+        self.setup = self.chosen = m.Setup(Path())  # of the session server, and for the next one
         self.loaded: Loaded | InputError | None = None  # the chosen protocol; None: being read
         self.on_board = False  # whether the board's ports are shown, connected or not
         self._ports: tuple[PortFound, ...] = ()
         self._ports_shown: tuple | None = None  # these, and the port that is connected
         self._typed = False  # the participant was typed, and is not proposed anew
         self._loading, self._planning, self._looking = Work(), Work(), Work()
-        for work, show in (
-            (self._loading, self._show_loaded), (self._planning, self._show_plan), (self._looking, self._show_ports)
-        ):  # fmt: skip
-            work.done.connect(show)
+        self._loading.done.connect(self._show_loaded)
+        self._planning.done.connect(self._show_plan)
+        self._looking.done.connect(self._show_ports)
         self._recent = Recent("protocols")
         self.data = DataPanel()
         self.device, self.editor = DevicePage(), ProtocolEditor()
@@ -145,8 +136,8 @@ class HomePage(Page):
         self.protocol, self.devices, self.hand = Choice(), Choice(), Choice()
         self.protocol.activated.connect(self._protocol_chosen)
         self.devices.activated.connect(self._devices_chosen)
-        self.hand.activated.connect(lambda: self._choose(hand=self.hand.currentData()))
-        fill(self.hand, HANDS, m.MOUSE)
+        self.hand.activated.connect(lambda: self._choose(hand=self.hand.value()))
+        self.hand.fill(HANDS, m.MOUSE)
         self.summary, self.hand_words = line("", bold=True), line("", "quiet")
         self.show_plan, self.edit = button("Show plan", self._ask_plan), button("Edit", self._edit)
         self.link = Segments((SIMULATED, BOARD), SIMULATED)
@@ -158,9 +149,10 @@ class HomePage(Page):
         self.participant.textEdited.connect(self._participant_typed)
         self.participant.returnPressed.connect(self._start)
         self.standing = word("", "quiet")  # "new", "14 of 60 done"
-        self.blind = QCheckBox("Show codes in place of controller names")
+        self.blind = QCheckBox("Hide the names of the controllers")
         self._form = QGridLayout(spacing=8)
-        self.fields: dict[str, QWidget] = {}  # of the form that the protocol asks for
+        self._asked: dict = {}  # the form that the protocol asks for, and its fields
+        self.fields: dict[str, QWidget] = {}
         self.checks = Checklist()
         self.why, self.start = line("", "caution"), button("Start session", self._start, "main")
         self.plan_text = QPlainTextEdit(readOnly=True)
@@ -180,7 +172,7 @@ class HomePage(Page):
         ports.addLayout(row(self.port, button("Connect", lambda: self._connect(self.port.text()))))
         for wide in (self.protocol, self.devices, self.port):
             wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-            wide.setMinimumWidth(110)
+            wide.setMinimumWidth(90)
         self.participant.setMaximumWidth(110)
         grid = QGridLayout()
         grid.setContentsMargins(0, 0, 6, 0)
@@ -199,7 +191,8 @@ class HomePage(Page):
         grid.setRowStretch(grid.rowCount(), 1)
         form = QWidget()
         form.setLayout(grid)
-        middle.addWidget(scrolled(form), 1)
+        self.form = scrolled(form)
+        middle.addWidget(self.form, 1)
         middle.addWidget(self.why)
         middle.addWidget(self.start)
         for large, height, size in ((self.start, 54, theme.TITLE), (self.try_it, 72, theme.HEAD)):
@@ -213,7 +206,7 @@ class HomePage(Page):
         columns = QHBoxLayout(self.columns)
         columns.setContentsMargins(0, 0, 0, 0)
         columns.setSpacing(theme.GAP)
-        for column, share in ((try_it, 5), (session, 10), (self.data, 9)):
+        for column, share in ((try_it, 5), (session, 11), (self.data, 10)):
             column.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
             columns.addWidget(column, share)
         for inner in (self.columns, self.plan, self.editor, self.device):
@@ -269,22 +262,20 @@ class HomePage(Page):
         self.chosen = setup
         shipped = {name: f"{name.capitalize()} protocol" for name in shipped_protocols()}
         files = {path: Path(path).name for path in (setup.protocol, *self._recent.paths) if path not in shipped}
-        fill(self.protocol, {**shipped, **files, None: FILE}, setup.protocol)
-        devices = {AS_PROTOCOL: AS_PROTOCOL, **{(name,): name for name in shipped_devices()}}
-        if setup.devices is not None:
-            devices |= {setup.devices: ", ".join(Path(device).stem for device in setup.devices)}
-        fill(self.devices, {**devices, None: FILE}, setup.devices or AS_PROTOCOL)
-        fill(self.hand, HANDS, setup.hand)
+        self.protocol.fill({**shipped, **files, "": FILE}, setup.protocol)
+        devices = {None: AS_PROTOCOL, **{(name,): name for name in shipped_devices()}}
+        devices.setdefault(setup.devices, ", ".join(Path(device).stem for device in setup.devices or ()))
+        self.devices.fill({**devices, (): FILE}, setup.devices)
+        self.hand.fill(HANDS, setup.hand)
         self.link.choose(BOARD if self.on_board else SIMULATED)
         self._load()
 
     def _choose(self, **changes) -> None:
         """Another choice; it takes effect when a session starts."""
-        if self.chosen is not None:
-            self._take(self.chosen._replace(**changes))
+        self._take(self.chosen._replace(**changes))
 
     def _protocol_chosen(self) -> None:
-        name = self.protocol.currentData() or QFileDialog.getOpenFileName(self, "Protocol", "", TOML)[0]
+        name = self.protocol.value() or QFileDialog.getOpenFileName(self, "Protocol", "", TOML)[0]
         self._take_protocol(name) if name else self._choose()
 
     def _take_protocol(self, name: str) -> None:
@@ -295,11 +286,11 @@ class HomePage(Page):
         self._choose(protocol=name, rules=None, low_gain=None, seed=None)
 
     def _devices_chosen(self) -> None:
-        chosen = self.devices.currentData()
-        if chosen is None:
+        chosen = self.devices.value()
+        if chosen == ():
             path, _ = QFileDialog.getOpenFileName(self, "Device", "", TOML)
-            chosen = (path,) if path else self.chosen.devices if self.chosen else None
-        self._choose(devices=None if chosen == AS_PROTOCOL else chosen)
+            chosen = (path,) if path else self.chosen.devices
+        self._choose(devices=chosen)
 
     def _participant_typed(self) -> None:
         self._typed = True
@@ -307,10 +298,9 @@ class HomePage(Page):
 
     def _load(self) -> None:
         """Read the chosen protocol."""
-        if (chosen := self.chosen) is not None:
-            self.loaded = None
-            self._loading.ask(load, chosen)
-            self._refresh()
+        self.loaded = None
+        self._loading.ask(load, self.chosen)
+        self._refresh()
 
     def _show_loaded(self, loaded: Loaded | InputError) -> None:
         self.loaded = loaded
@@ -319,17 +309,19 @@ class HomePage(Page):
         self.summary.setText(breakable(str(loaded)) if isinstance(loaded, InputError) else loaded.summary)
         self.show_plan.setEnabled(not wrong)
         if isinstance(loaded, Loaded):
-            if not self._typed:
+            if not self._typed and loaded.participant != self.participant.text():
                 self.participant.setText(loaded.participant)
+                self._asked = {}  # of another participant
             self.blind.setChecked(loaded.protocol.blind)
             self.blind.setEnabled(not loaded.protocol.blind)
-            self._show_form(loaded.protocol.form)
+            if loaded.protocol.form != self._asked:
+                self._show_form(loaded.protocol.form)
         self._refresh()
 
     def _show_form(self, form: dict[str, tuple[str, ...] | str]) -> None:
         """A field for each thing that the protocol asks of a participant."""
         clear(self._form)
-        self.fields = {}
+        self._asked, self.fields = form, {}
         for at, (name, kind) in enumerate(form.items()):
             field = QLineEdit(maxLength=200) if isinstance(kind, str) else Segments(kind)
             field.setAccessibleName(name)
@@ -343,7 +335,7 @@ class HomePage(Page):
         answers: dict[str, str | float] = {}
         for name, field in self.fields.items():
             text = field.text().strip() if isinstance(field, QLineEdit) else field.value()
-            if self.loaded.protocol.form[name] != NUMBER:
+            if self._asked[name] != NUMBER:
                 answers |= {name: text} if text else {}
             elif (number := number_of(text)) is not None:
                 answers[name] = number
@@ -353,10 +345,10 @@ class HomePage(Page):
 
     def _link_chosen(self, which: str) -> None:
         self.on_board = which == BOARD
-        if not self.on_board and self.setup is not None and self.setup.link and self.chosen is not None:
+        if self.setup.link and not self.on_board:
             self.setup_asked.emit(self.chosen._replace(link=""), None)  # let the board go
         else:
-            self._choose(link=self.setup.link if self.on_board and self.setup else "")
+            self._choose(link=self.setup.link)
         self._look_at_ports()
 
     def showEvent(self, event) -> None:
@@ -365,12 +357,11 @@ class HomePage(Page):
 
     def _look_at_ports(self) -> None:
         """See what answers at the ports, again and again while they are shown."""
-        self._show_ports(self._ports)
-        if self.on_board and self.isVisible() and self.setup is not None and not self._looking.busy:
+        if self.on_board and self.isVisible() and not self._looking.busy:
             self._looking.ask(look_at_ports, self._ports, self.setup.link)
 
     def _show_ports(self, ports: tuple[PortFound, ...]) -> None:
-        self._ports, mine = ports, self.setup.link if self.setup else ""
+        self._ports, mine = ports, self.setup.link
         if (ports, mine) == self._ports_shown:
             return
         self._ports_shown = ports, mine
@@ -385,12 +376,11 @@ class HomePage(Page):
             self._port_rows.addWidget(line("No board answers on USB. Plug one in, or type its port.", "quiet"))
 
     def _connect(self, port: str) -> None:
-        if port and self.chosen is not None and not self._session_open:
+        if port and not self._session_open:
             self.setup_asked.emit(self.chosen._replace(link=port, hand=m.MOUSE), None)
 
     def _take_folder(self, folder: Path) -> None:
-        if self.chosen is not None:
-            self.setup_asked.emit(self.chosen._replace(data_dir=folder, participant=""), None)
+        self.setup_asked.emit(self.chosen._replace(data_dir=folder, participant=""), None)
 
     # --------------------------------------------------------------------------------------- start
 
@@ -400,11 +390,7 @@ class HomePage(Page):
 
     def _why_not(self) -> str:
         """Why no session can start or go on, one sentence; "": one can."""
-        snapshot, label = self.snapshot, self.participant.text()
-        if self.setup is None or snapshot.stage == m.PREPARING:
-            return "Preparing …"
-        if self.on_board and not (self.chosen and self.chosen.link):
-            return "Connect to a board first."
+        label = self.participant.text()
         if not (label.isascii() and label.isalnum()):
             return "Name the participant, with letters a to z and digits." if label else "Name the participant."
         there = self.data.session_of(label)
@@ -412,6 +398,15 @@ class HomePage(Page):
             return there.problem
         if there is None and (why := self._why_no_new_session(label)):
             return why
+        return self._hindrance()
+
+    def _hindrance(self) -> str:
+        """Why no session can be opened whatever it is, one sentence; "": nothing stands in the way."""
+        snapshot = self.snapshot
+        if snapshot.stage == m.PREPARING:
+            return "Preparing …"
+        if self.on_board and not self.chosen.link:
+            return "Connect to a board first."
         if snapshot.stage == m.FAILED:
             return ""  # the start begins with another session server
         skipped = () if self._same_setup else ("Device", "Hand")  # of the server that is there, not of the one to come
@@ -456,10 +451,8 @@ class HomePage(Page):
         self.blind.setVisible(there is None)
         self._ports_box.setVisible(self.on_board)
         self.hand.setVisible(not self.on_board)
-        hand_words = HAND_WORDS[self.hand.currentData()]
-        self.hand_words.setText("measured by the force sensor" if self.on_board else hand_words)
-        checked = self.snapshot.why_no_session(bool(self.setup and self.setup.link))
-        self.data.show_session(is_open, "Preparing …" if self.snapshot.stage == m.PREPARING else checked)
+        self.hand_words.setText("measured by the force sensor" if self.on_board else HAND_WORDS[self.hand.value()])
+        self.data.show_session(is_open, self._hindrance())
 
     def _start(self) -> None:
         if self._session_open:
@@ -480,25 +473,15 @@ class HomePage(Page):
 
     def _ask_plan(self) -> None:
         if isinstance(loaded := self.loaded, Loaded):
-            participant = self.participant.text() or "01"
-            self._planning.ask(print_plan, loaded.protocol, participant)
+            self._planning.ask(print_plan, loaded.protocol, self.participant.text() or "01")
 
     def _show_plan(self, text: str | InputError) -> None:
         self.plan_text.setPlainText(str(text))
         self.stack.setCurrentWidget(self.plan)
 
     def _edit(self) -> None:
-        if self.chosen is not None:
-            self.editor.open(self.chosen.protocol)
-            self.stack.setCurrentWidget(self.editor)
-
-
-def fill(choice: Choice, entries: dict, value: object) -> None:
-    """The entries of a choice, data -> text, and which is chosen."""
-    choice.clear()
-    for data, text in entries.items():
-        choice.addItem(text, data)
-    choice.setCurrentIndex(list(entries).index(value))
+        self.editor.open(self.chosen.protocol)
+        self.stack.setCurrentWidget(self.editor)
 
 
 def number_of(text: str) -> float | None:

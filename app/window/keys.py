@@ -1,30 +1,46 @@
-"""The keys of both windows: one table, the same everywhere."""
+"""The keys of both windows: one table, from which F1 shows them all."""
 
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
-from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QWidget
 
+
+class Key(NamedTuple):
+    """What a key does; letters act with Ctrl only, so that nothing that is typed sets anything off."""
+
+    keys: tuple[str, ...]
+    does: str
+
+
 KEYS = {
-    "start": (Qt.Key.Key_Space,),
-    "escape": (Qt.Key.Key_Escape,),
-    "allow brakes": (Qt.Key.Key_B,),
-    "redo": (Qt.Key.Key_R,),
-    "skip": (Qt.Key.Key_S,),
-    "pause": (Qt.Key.Key_P,),
-    "abort": (Qt.Key.Key_A,),
-    "note": (Qt.Key.Key_N,),
-    "results": (Qt.Key.Key_F2,),
-    "device": (Qt.Key.Key_F3,),
-    "participant": (Qt.Key.Key_F11,),
+    "start": Key(("Space",), "start the next trial; keep the trial on the card and go on"),
+    "escape": Key(("Esc",), "close a question; else brakes off at once"),
+    "allow brakes": Key(("Ctrl+B",), "let the brakes act again"),
+    "redo": Key(("Ctrl+R",), "repeat the last trial, or the one on the card"),
+    "exclude": Key(("Ctrl+X",), "exclude the trial on the card"),
+    "skip": Key(("Ctrl+S",), "skip the next trial"),
+    "pause": Key(("Ctrl+P",), "pause after this trial, or resume"),
+    "abort": Key(("Ctrl+A",), "abort the running trial"),
+    "note": Key(("Ctrl+N",), "write a note"),
+    "export": Key(("Ctrl+E",), "export what is shown"),
+    "home": Key(("Ctrl+1",), "Home"),
+    "try": Key(("Ctrl+2",), "Try"),
+    "run": Key(("Ctrl+3",), "Run"),
+    "analyse": Key(("Ctrl+4", "F2"), "Analyse"),
+    "device": Key(("F3",), "the page of the device on the bench"),
+    "participant": Key(("F11",), "show or hide the participant's view"),
+    "larger": Key(("Ctrl++", "Ctrl+="), "larger text"),
+    "smaller": Key(("Ctrl+-",), "smaller text"),
+    "keys": Key(("F1", "?"), "show all keys"),
 }
 
 
-def bind(window: QWidget, commands: Mapping[str, Callable[[], None]]) -> None:
+def bind(window: QWidget, commands: Mapping[str, Callable[[], object]]) -> None:
     """Let the keys of these commands act in a window; a key held down acts once, a text field keeps its letters."""
     for command, do in commands.items():
-        for key in KEYS[command]:
+        for key in KEYS[command].keys:
             shortcut = QShortcut(QKeySequence(key), window)
             shortcut.setAutoRepeat(False)
             shortcut.activated.connect(do)

@@ -2,6 +2,8 @@
 says so: no numbers, no controller's name, no brake's colour.
 """
 
+import time
+
 import numpy as np
 from PySide6.QtCore import QMarginsF, QRectF, Qt, Signal
 from PySide6.QtGui import QCloseEvent, QMouseEvent, QPainter, QRegion, QResizeEvent
@@ -13,17 +15,20 @@ from app.window.painting import theme
 from app.window.painting.layers import extent_of_linkages, extent_of_paths, joints_at
 from app.window.painting.plane import FROM_AFAR, Plane, Sizes
 from app.window.painting.theme import pen
-from app.window.questionnaire import Questionnaire
-from app.window.words import Said, hand_is_mouse
+from app.window.questionnaire import Instructions, Questionnaire
+from app.window.tone import Tones
+from app.window.words import Shown, hand_is_mouse
 from core import tick_log
 from core.device import Device
+from experiments.language import Language
 from experiments.plan import PlannedTrial
 
 LARGE_SHARE, SMALL_SHARE = 0.085, 0.032  # of the height: legible from two metres
 TEXT_SHARE = 0.30  # of the height, at the bottom: for the text
-TEXT_TOP, TEXT_ALONE = 0.735, 0.40  # of the height: where the text begins, under the path and without one
+TEXT_TOP, TEXT_ALONE, TEXT_ABOVE = 0.735, 0.40, 0.04  # of the height: under the path, without one, over it
 EDGE_SHARE = 0.06
-MARGIN_M = 0.045  # around the paths
+MARGIN_M = 0.012  # around the paths: the ring at the end, so that the path is as long as it can be
+LEFT_EARLY_S = 1.5  # the hint that the start was left too early stands at least so long
 
 
 class ParticipantView(Plane):
@@ -31,14 +36,30 @@ class ParticipantView(Plane):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(QRectF(-0.15, 0.2, 0.3, 0.25), FROM_AFAR, parent=parent)
-        self.said = Said("")
+        self.shown = Shown("")
+        self.held = 0.0  # share of the hold at the start that is over
+        self.above = False  # the text stands over the path, out of the handle's way
         self.mouse = True
         self._device: Device | None = None  # whose linkage is shown
 
-    def say(self, said: Said) -> None:
+    def write(self, shown: Shown) -> None:
         """The line of large text, and the quiet one under it."""
-        if said != self.said:
-            self.said = said
+        if shown != self.shown:
+            self.shown = shown
+            self.repaint_still()
+
+    def show_hold(self, share: float) -> None:
+        """How much of the hold at the start is over."""
+        if share != self.held:
+            self.held = share
+            self.repaint_moved()
+
+    def show_handle(self, tip, taken: bool = False, force_N: float = 0.0) -> None:
+        super().show_handle(tip, taken, force_N)
+        down = self.to_screen(tip).y() / max(self.height(), 1) if tip is not None else 0.0
+        above = down > TEXT_TOP - 0.02 or (self.above and down > TEXT_TOP - 0.1)  # the text is never under the dot
+        if above != self.above:
+            self.above = above
             self.repaint_still()
 
     def show_linkage(self, device: Device | None) -> None:
@@ -57,15 +78,17 @@ class ParticipantView(Plane):
             super().mouseMoveEvent(event)
 
     def moving(self) -> QRegion:
-        return super().moving() if self._device is None else QRegion(self.rect())
+        if self._device is not None:
+            return QRegion(self.rect())
+        return super().moving() + self.start_box() if len(self.outline) else super().moving()
 
     def paint_under_path(self, painter: QPainter) -> None:
         height = float(self.height())
         centre = Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignVCenter
-        top = TEXT_TOP if len(self.outline) else TEXT_ALONE
+        top = TEXT_ALONE if not len(self.outline) else TEXT_ABOVE if self.above else TEXT_TOP
         for text, share, down, bold, colour in (
-            (self.said.large, LARGE_SHARE, 0.0, True, theme.TEXT),
-            (self.said.small, SMALL_SHARE, 1.3 * LARGE_SHARE, False, theme.QUIET),
+            (self.shown.large, LARGE_SHARE, 0.0, True, theme.TEXT),
+            (self.shown.small, SMALL_SHARE, 1.3 * LARGE_SHARE, False, theme.QUIET),
         ):
             size = round(share * height)
             chosen = theme.font(size, bold)
@@ -78,6 +101,8 @@ class ParticipantView(Plane):
             painter.drawText(QRectF(0.0, (top + down) * height, self.width(), 1.4 * share * height), centre, text)
 
     def paint_under_handle(self, painter: QPainter) -> None:
+        if self.held > 0.0 and len(self.outline):
+            self.paint_hold(painter, self.held)
         if self._device is None or self.tip is None:
             return
         at = {joint: self.to_screen(place) for joint, place in joints_at(self._device.mechanism, self.tip).items()}
@@ -94,7 +119,7 @@ def scaled(sizes: Sizes, share: float) -> Sizes:
 
 
 class ParticipantWindow(QWidget):
-    """The picture and, after a block that asks for it, the questions."""
+    """The picture; before it the pages of instructions, and after a block or a controller the questions."""
 
     aimed = Signal(float, float)  # m
     left = Signal()  # the pointer has left the picture: the hand lets the handle go
@@ -103,26 +128,32 @@ class ParticipantWindow(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setWindowTitle("phd: participant")
+        self.setWindowTitle("PHD: participant")
         self.setMinimumSize(480, 320)
         self.view = ParticipantView()
-        self.questions = Questionnaire()
+        self.questions, self.instructions = Questionnaire(), Instructions()
+        self.tones = Tones()
         self._opened: m.Opened | None = None
         self._snapshot = m.Snapshot(m.PREPARING)
         self.own_start = False  # the person who reads this has the space bar too
         self.leaving = False
-        self._tried = False  # a practice trial without a session was the last thing that happened
+        self._rest_until_s = 0.0
+        self._phase, self._hold_from_s, self._early_s = -1, 0.0, -LEFT_EARLY_S
         self._stack = QStackedLayout(self)
-        self._stack.addWidget(self.view)
-        self._stack.addWidget(self.questions)
+        for widget in (self.view, self.questions, self.instructions):
+            self._stack.addWidget(widget)
         self.view.pointer_moved.connect(self.aimed)
         self.view.pointer_left.connect(self.left)
         self.questions.answered.connect(self.answered)
 
     def show_opened(self, opened: m.Opened) -> None:
         """A session, or a protocol before one."""
+        if self._opened is None or opened.folder != self._opened.folder:
+            self.instructions.show_pages(opened.instructions if opened.participant else (), opened.language)
         self._opened = opened
+        self.questions.show_language(opened.language)
         self.view.mouse = hand_is_mouse(opened)
+        self.view.radii_m = (opened.trial.start_radius_m, opened.trial.end_radius_m)
         if not self.view.mouse:
             self.view.show_pointer(None)
         paths = opened.paths.values()
@@ -130,46 +161,65 @@ class ParticipantWindow(QWidget):
             extent_of_linkages(opened.devices, paths) if opened.show_linkage else extent_of_paths(paths, MARGIN_M)
         )
 
+    def start(self) -> bool:
+        """Space: the next page of the instructions; whether there was one."""
+        turned = self._stack.currentWidget() is self.instructions and self.instructions.turn()
+        self._choose_page()
+        return turned
+
+    def _choose_page(self) -> None:
+        instructs = self._snapshot.stage == m.READY and not self._snapshot.rows and not self.instructions.over
+        page = self.questions if self._snapshot.stage == m.QUESTIONS else self.instructions if instructs else self.view
+        self._stack.setCurrentWidget(page)
+
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         """Where the session is."""
         before, self._snapshot = self._snapshot, snapshot
         if (snapshot.stage == m.QUESTIONS) != (before.stage == m.QUESTIONS):
             self.questions.clear()
         self.questions.show_feedback(words.feedback(snapshot, self._opened))
-        self._stack.setCurrentWidget(self.questions if snapshot.stage == m.QUESTIONS else self.view)
+        self._choose_page()
         if snapshot.running is not None:
             if snapshot.running != before.running or before.stage != m.RUNNING:
                 self._show_trial(snapshot.running, snapshot.tip)
-                self.view.say(words.moving(tick_log.APPROACH, False) or Said(""))
+                self._write(words.moving(tick_log.APPROACH, False, self._language))
             return
         self.view.show_handle(snapshot.tip)
+        self.view.show_hold(0.0)
         if snapshot.stage in (m.RERIG, m.BREAK, m.FINISHED, m.FAILED, m.NO_SESSION, m.PREPARING):
             self.view.show_path(None)
             self.view.show_handle(None)
             self.view.show_pointer(None)
         elif snapshot.coming is not None and (not snapshot.rows or self.view.path is None):
             self._show_trial(snapshot.coming, snapshot.tip)
-        if snapshot.stage != m.NO_SESSION:
-            self._tried = False
-        elif before.stage == m.RUNNING:
-            self._tried = before.practice
-        self._say(words.practised(snapshot, self.own_start) if self._tried else self._between())
+        if snapshot.stage == m.BREAK and before.stage != m.BREAK:
+            self._rest_until_s = time.monotonic() + (snapshot.card.wait_s if snapshot.card else 0.0)
+        self._write_between()
 
-    def leave_practice(self) -> None:
-        """Back from practice: the page before a session stands on the console."""
-        self._tried = False
-        self._say(self._between())
+    @property
+    def _language(self) -> Language:
+        return words.language_of(self._opened)
 
-    def _between(self) -> Said:
-        return words.between(self._snapshot, self._opened, self.own_start)
+    def _write_between(self) -> None:
+        shown = words.between(self._snapshot, self._opened, self.own_start)
+        if self._snapshot.stage == m.BREAK and (left := self._rest_until_s - time.monotonic()) > 0.0:
+            how = self._language["break_left"].format(time=words.clock(left))
+            shown = shown._replace(small=shown.small.replace(self._language["break_how"], how))
+        self._write(words.with_keys(shown, self._snapshot, self._language) if self.own_start else shown)
 
-    def _say(self, said: Said) -> None:
-        """Between trials."""
-        self.view.say(words.with_keys(said, self._snapshot) if self.own_start else said)
+    def show_time(self) -> None:
+        """What only the clock changes: the rest that is left."""
+        if self._snapshot.stage == m.BREAK:
+            self._write_between()
+
+    def _write(self, shown: Shown | None) -> None:
+        if shown is not None:
+            self.view.write(shown)
 
     def _show_trial(self, planned: PlannedTrial, tip: m.Point) -> None:
         if self._opened is None:
             return
+        self._phase = -1
         self.view.show_path(self._opened.paths[planned.segment])
         device = next((one for one in self._opened.devices if one.name == planned.configuration), None)
         self.view.show_linkage(device if self._opened.show_linkage else None)
@@ -188,9 +238,26 @@ class ParticipantWindow(QWidget):
             self.view.show_pointer((float(now[tick_log.TARGET_X]), float(now[tick_log.TARGET_Y])))
         if now[tick_log.PHASE] == tick_log.MOVE:
             self.view.extend_trail(tip)
-        said = words.moving(int(now[tick_log.PHASE]), held)
-        if said is not None:
-            self.view.say(said)
+        self._follow_phase(rows)
+        early = float(now[tick_log.T]) < self._early_s + LEFT_EARLY_S
+        self._write(words.moving(self._phase, held, self._language, early))
+
+    def _follow_phase(self, rows: np.ndarray) -> None:
+        """Tones, the sweep of the hold, and whether the start was left too early."""
+        now, t = int(rows[-1, tick_log.PHASE]), float(rows[-1, tick_log.T])
+        if now != self._phase:
+            if now == tick_log.HOLD:
+                self._hold_from_s = float(rows[np.argmax(rows[:, tick_log.PHASE] == now), tick_log.T])
+            if self._phase == tick_log.HOLD and now == tick_log.APPROACH:
+                self._early_s = t
+            elif self._phase == -1:
+                self._early_s = -LEFT_EARLY_S
+            if self._opened is not None and self._opened.tones and now in (tick_log.MOVE, tick_log.END):
+                self.tones.play("go" if now == tick_log.MOVE else "end")
+            self._phase = now
+        hold_s = self._opened.trial.hold_s if self._opened is not None else 0.0
+        holds = now == tick_log.HOLD and hold_s > 0.0
+        self.view.show_hold(min((t - self._hold_from_s) / hold_s, 1.0) if holds else 0.0)
 
     def show_dead(self) -> None:
         """The session server has ended."""
@@ -198,10 +265,10 @@ class ParticipantWindow(QWidget):
         self.view.show_handle(None)
         self.view.show_path(None)
         self._stack.setCurrentWidget(self.view)
-        self.view.say(words.between(self._snapshot, self._opened))
+        self._write_between()
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Closing is the console's: it asks while something is recorded."""
+        """Closing is the main window's: it asks while something is recorded."""
         if not self.leaving:
             event.ignore()
             self.close_asked.emit()

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from PySide6.QtCore import QEvent, QRectF, QSize, Qt
-from PySide6.QtGui import QHelpEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QHelpEvent, QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
 
 from app.ipc import messages as m
@@ -22,7 +22,9 @@ MARKS = {
 
 
 class PlanGrid(QWidget):
-    """All trials at a glance; a cell's tooltip says which trial it is."""
+    """All trials at a glance; a cell's tooltip says which trial it is, a click opens what was recorded of it."""
+
+    clicked = Signal(object)  # the newest TrialRow of a cell
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -30,6 +32,7 @@ class PlanGrid(QWidget):
         self._blind = False
         self._groups: dict[str, dict[int, list[PlannedTrial]]] = {}
         self.statuses: dict[int, str] = {}  # run of the plan -> status of its cell
+        self._newest: dict[int, TrialRow] = {}  # run of the plan -> newest row of its cell
         self.marked: int | None = None  # run of the plan: next or running
         self.running = False
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Maximum)
@@ -40,7 +43,8 @@ class PlanGrid(QWidget):
         self._groups = {}
         for trial in opened.plan:
             self._groups.setdefault(trial.configuration, {}).setdefault(trial.block, []).append(trial)
-        self.statuses = statuses(opened.plan, snapshot.rows)
+        self._newest = newest_rows(opened.plan, snapshot.rows)
+        self.statuses = {run: row.status for run, row in self._newest.items()}
         now = snapshot.running or snapshot.coming
         self.marked = None if now is None or now.block == 0 or not opened.plan else (
             opened.plan[min(place(now, opened.plan), len(opened.plan)) - 1].run
@@ -90,18 +94,27 @@ class PlanGrid(QWidget):
 
     def event(self, event: QEvent) -> bool:
         if event.type() == QEvent.Type.ToolTip and isinstance(event, QHelpEvent) and self._opened:
-            cells = self.cells()
-            for trial in self._opened.plan:
-                if cells[trial.run].contains(event.pos()):
-                    status = self.statuses.get(trial.run, "")
-                    if trial.run == self.marked:
-                        status = "running" if self.running else "next"
-                    said = f"Trial {trial.run} · {describe(trial, self._opened, self._blind)} · {status or 'to come'}"
-                    QToolTip.showText(event.globalPos(), said, self)
-                    return True
-            QToolTip.hideText()
+            trial = self._at(event.pos().toPointF())
+            if trial is None:
+                QToolTip.hideText()
+                return True
+            status = self.statuses.get(trial.run, "not done yet")
+            if trial.run == self.marked:
+                status = "running" if self.running else "next"
+            text = f"Trial {trial.run} · {describe(trial, self._opened, self._blind)} · {status}"
+            QToolTip.showText(event.globalPos(), text, self)
             return True
         return super().event(event)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        trial = self._at(event.position())
+        if trial is not None and (row := self._newest.get(trial.run)) is not None and row.recording:
+            self.clicked.emit(row)
+
+    def _at(self, place: QPointF) -> PlannedTrial | None:
+        cells = self.cells()
+        plan = self._opened.plan if self._opened else ()
+        return next((trial for trial in plan if cells[trial.run].contains(place)), None)
 
     def paintEvent(self, event: QPaintEvent) -> None:
         painter = QPainter(self)
@@ -139,15 +152,15 @@ class PlanGrid(QWidget):
             painter.drawText(cell, Qt.AlignmentFlag.AlignCenter, MARKS[status])
 
 
-def statuses(plan: Sequence[PlannedTrial], rows: Sequence[TrialRow]) -> dict[int, str]:
-    """Run of the plan -> the status of the newest row of its cell. Rows of a blind session carry a code in place of
-    the controller: such a row is found by its run number."""
-    found: dict[int, str] = {}
+def newest_rows(plan: Sequence[PlannedTrial], rows: Sequence[TrialRow]) -> dict[int, TrialRow]:
+    """Run of the plan -> the newest row of its cell. Rows of a blind session carry a code in place of the controller:
+    such a row is found by its run number."""
+    found: dict[int, TrialRow] = {}
     by_run = {trial.run: trial for trial in plan}
     for row in rows:
         planned = by_run.get(row.run)
         if planned is None:  # a redo or a resumed trial has a run number of its own
             planned = next((trial for trial in plan if same_cell(trial, row)), None)
         if planned is not None:
-            found[planned.run] = row.status
+            found[planned.run] = row
     return found

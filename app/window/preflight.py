@@ -1,14 +1,13 @@
-"""The top of the console: who and which trial, the pre-flight row, and the brakes-off button with its cause."""
+"""The header's pre-flight row, and the brakes-off button; what is wrong and what to do about it in a banner."""
 
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QMouseEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtGui import QMouseEvent, QResizeEvent
+from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.painting import theme
-from app.window.painting.labels import OneLine, breakable, line, word
+from app.window.painting.labels import breakable, line, word
 from app.window.painting.parts import clear
-from app.window.words import where
 
 COLOURS = {m.GOOD: theme.GOOD, m.CAUTION: theme.CAUTION, m.BAD: theme.BAD, m.WAITING: theme.BRAKE_OFF}
 #: Said by shape too, not by colour alone.
@@ -47,13 +46,19 @@ class Pill(QFrame):
         self.setCursor(Qt.CursorShape.PointingHandCursor if leads else Qt.CursorShape.ArrowCursor)
         self.setToolTip(" ".join(filter(None, (f"{check.name}: {check.text}.", check.advice, leads))))
 
+    @property
+    def wide(self) -> int:
+        """How wide it is with its text, px."""
+        words = sum(label.sizeHint().width() for label in (self.mark, self.name, self.text))
+        return words + 9 + 10 + 2 * 4 + 2
+
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         if self.rect().contains(event.position().toPoint()):
             self.clicked.emit(self.name.text())
 
 
 class Preflight(QWidget):
-    """Title, pills, brakes-off; under them, in red, what is wrong and what to do about it."""
+    """Pills and brakes-off; `advice`, which the window places, says what is wrong."""
 
     brakes_off_asked = Signal()
     brakes_allowed = Signal()
@@ -61,8 +66,6 @@ class Preflight(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.title = OneLine("phd", size=theme.HEAD, bold=True, dots=Qt.TextElideMode.ElideRight)
-        self.where = OneLine("", "quiet", dots=Qt.TextElideMode.ElideRight)
         self.pills: list[Pill] = []
         self.brakes = QPushButton("Brakes off  Esc", objectName="brakes")
         self.brakes.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -72,27 +75,17 @@ class Preflight(QWidget):
         self.advice = line("", "banner", theme.NORMAL)
         self.advice.hide()
         self._off = False
-        titles = QVBoxLayout()
-        titles.setSpacing(1)
-        titles.addWidget(self.title)
-        titles.addWidget(self.where)
         self._row = QHBoxLayout()
         self._row.setSpacing(5)
-        row = QHBoxLayout()
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(theme.GAP)
-        row.addLayout(titles, 1)
+        row.addStretch(1)
         row.addLayout(self._row)
         row.addWidget(self.brakes)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(8)
-        layout.addLayout(row)
-        layout.addWidget(self.advice)
 
     def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
-        """Where the session is and whether all is well."""
-        self.title.setText(f"Participant {opened.participant}" if opened and opened.participant else "phd")
-        self.where.setText(where(snapshot, opened) if opened else "")
+        """Whether all is well."""
         while len(self.pills) < len(snapshot.checks):
             self.pills.append(Pill())
             self._row.addWidget(self.pills[-1])
@@ -101,13 +94,30 @@ class Preflight(QWidget):
             pill.setVisible(i < len(snapshot.checks))
             if i < len(snapshot.checks):
                 pill.show_check(snapshot.checks[i])
+        self._fit()
         self._show_advice(snapshot, opened is not None and opened.real_device)
         self._off = bool(snapshot.brakes_off)
         theme.name_anew(self.brakes, "brakes-off" if self._off else "brakes")
-        self.brakes.setText("Allow brakes  B" if self._off else "Brakes off  Esc")
+        self.brakes.setText("Allow brakes  Ctrl+B" if self._off else "Brakes off  Esc")
         self.brakes.setToolTip(
             "Let currents flow again" if self._off else "Zero current at once; a running trial ends and is kept"
         )
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Where there is no room for all texts, names and marks alone stay; the tooltips say the rest."""
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        pills = [pill for pill in self.pills if not pill.isHidden()]
+        needed = self.brakes.sizeHint().width() + theme.GAP + sum(pill.wide + 5 for pill in pills)
+        for pill in pills:
+            pill.text.setVisible(needed <= self.width())
+
+    def minimumSizeHint(self) -> QSize:
+        """As wide as it is without the texts."""
+        narrow = sum(pill.wide - pill.text.sizeHint().width() + 5 for pill in self.pills if not pill.isHidden())
+        return QSize(self.brakes.sizeHint().width() + theme.GAP + narrow, super().minimumSizeHint().height())
 
     def _asked(self, name: str) -> None:
         if name == DEVICE:
@@ -130,7 +140,7 @@ def advice(snapshot: m.Snapshot) -> list[str]:
     said = []
     if snapshot.brakes_off:
         cause = sentence(snapshot.brakes_off)
-        said.append(f"Brakes are off: {cause} B or the button lets them act again.")
+        said.append(f"Brakes are off: {cause} Ctrl+B or the button lets them act again.")
     for check in snapshot.checks:
         if check.state == m.BAD and not (snapshot.brakes_off and check.name == "Device"):
             said.append(" ".join(filter(None, (f"{check.name}: {sentence(check.text)}", check.advice))))

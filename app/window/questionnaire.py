@@ -1,24 +1,27 @@
-"""A short questionnaire after a block: the six raw NASA-TLX scales (Hart and Staveland 1988) and one on smoothness.
+"""A short questionnaire: the six raw NASA-TLX scales (Hart and Staveland 1988) and one on smoothness; instructions.
 
 Each scale has 21 marks, 0 to 100; none is set before it is touched, and all are to be answered.
 """
 
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QResizeEvent, QShowEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QPushButton, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPixmap, QResizeEvent, QShowEvent
+from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 
 from app.window.painting import theme
 from app.window.painting.labels import line, word
 from app.window.painting.theme import pen
+from experiments.language import ENGLISH_WORDS, Language
+from experiments.protocol import Instruction
 
+#: item, whose question is the language's sentence of that name, and the keys of what stands at both ends
 ITEMS = (
-    ("mental_demand", "How much thinking did it take?", "very little", "very much"),
-    ("physical_demand", "How much strength did it take?", "very little", "very much"),
-    ("temporal_demand", "How hurried did you feel?", "not at all", "very"),
-    ("performance", "How well did you follow the lines?", "perfectly", "not at all"),
-    ("effort", "How hard did you have to work?", "very little", "very hard"),
-    ("frustration", "How irritated or discouraged were you?", "not at all", "very"),
-    ("smoothness", "How did the movement feel?", "smooth", "jerky"),
+    ("mental_demand", "very_little", "very_much"),
+    ("physical_demand", "very_little", "very_much"),
+    ("temporal_demand", "not_at_all", "very"),
+    ("performance", "perfectly", "not_at_all"),
+    ("effort", "very_little", "very_hard"),
+    ("frustration", "not_at_all", "very"),
+    ("smoothness", "smooth", "jerky"),
 )
 STEPS = 20
 LARGEST = 1.8  # times the size in a small window
@@ -103,12 +106,13 @@ class Questionnaire(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._by = 0.0  # how much larger than in a small window
-        self.scales = {item: Scale(question) for item, question, *_ in ITEMS}
+        self._language = ENGLISH_WORDS
+        self.scales = {item: Scale(item) for item, *_ in ITEMS}
         self.done, self.lacking = Done(), word("", "quiet")
         self.done.clicked.connect(self._answer)
         self._card = card = QFrame(objectName="panel")
         self._grid = grid = QGridLayout(card)
-        self._title = word("A few questions about the last trials", bold=True)
+        self._title = word("", bold=True)
         self._feedback = line("", "quiet")  # of the trial before, which nothing else shows now
         self._feedback.hide()
         title = QVBoxLayout()
@@ -116,9 +120,9 @@ class Questionnaire(QWidget):
         title.addWidget(self._feedback)
         grid.addLayout(title, 0, 0, 1, 4)
         self._asked, self._ends = [], []
-        for at, (item, question, low, high) in enumerate(ITEMS, start=1):
-            self._asked.append(line(question))
-            self._ends += [word(low, "quiet"), word(high, "quiet")]
+        for at, (item, *_) in enumerate(ITEMS, start=1):
+            self._asked.append(line(""))
+            self._ends += [word("", "quiet"), word("", "quiet")]
             grid.addWidget(self._asked[-1], at, 0)
             grid.addWidget(self._ends[-2], at, 1, Qt.AlignmentFlag.AlignRight)
             grid.addWidget(self.scales[item], at, 2)
@@ -137,6 +141,19 @@ class Questionnaire(QWidget):
         layout.addLayout(across)
         layout.addStretch(1)
         self._enlarge(1.0)
+        self.show_language(ENGLISH_WORDS)
+
+    def show_language(self, language: Language) -> None:
+        """The participant's language."""
+        self._language = language
+        self._title.setText(language["questions_controller"])
+        self.done.setText(language["questions_done"])
+        ends = iter(self._ends)
+        for (item, low, high), asked in zip(ITEMS, self._asked, strict=True):
+            asked.setText(language[item])
+            self.scales[item].setAccessibleName(language[item])
+            for key in (low, high):
+                next(ends).setText(language[key])
         self._allow()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -167,7 +184,7 @@ class Questionnaire(QWidget):
 
     def show_feedback(self, feedback: str) -> None:
         """What the protocol gives back of the trial before; "": nothing."""
-        self._feedback.setText(feedback and f"The last trial: {feedback}")
+        self._feedback.setText(feedback)
         self._feedback.setVisible(bool(feedback))
 
     def clear(self) -> None:
@@ -181,10 +198,66 @@ class Questionnaire(QWidget):
         next(iter(self.scales.values())).setFocus()
 
     def _allow(self) -> None:
-        answered = sum(scale.value is not None for scale in self.scales.values())
-        whole = answered == len(ITEMS)
-        self.done.setEnabled(whole)
-        self.lacking.setText("" if whole else f"{answered} of {len(ITEMS)} answered")
+        left = sum(scale.value is None for scale in self.scales.values())
+        self.done.setEnabled(not left)
+        self.lacking.setText(self._language["questions_left"].format(count=left) if left else "")
 
     def _answer(self) -> None:
         self.answered.emit({item: float(scale.value) for item, scale in self.scales.items() if scale.value is not None})
+
+
+class Instructions(QWidget):
+    """What the participant reads before the first trial: page by page, a text and perhaps a picture."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._pages: tuple[Instruction, ...] = ()
+        self._language = ENGLISH_WORDS
+        self.at = 0
+        self.text, self.picture = line("", size=theme.LARGE), QLabel()
+        self.place = word("", "quiet", theme.HEAD)
+        middle = Qt.AlignmentFlag.AlignHCenter
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(60, 40, 60, 40)
+        layout.addStretch(1)
+        layout.addWidget(self.picture, 0, middle)
+        layout.addWidget(self.text)
+        layout.addStretch(1)
+        layout.addWidget(self.place, 0, middle)
+        self.text.setAlignment(middle)
+
+    @property
+    def over(self) -> bool:
+        """Whether all of them have been read."""
+        return self.at >= len(self._pages)
+
+    def show_pages(self, pages: tuple[Instruction, ...], language: Language) -> None:
+        """From the first page on."""
+        self._pages, self._language, self.at = pages, language, 0
+        self._show()
+
+    def turn(self) -> bool:
+        """To the next page; whether there was one to turn."""
+        if self.over:
+            return False
+        self.at += 1
+        self._show()
+        return True
+
+    def _show(self) -> None:
+        if self.over:
+            return
+        page, count = self._pages[self.at], self._language["page"].format(page=self.at + 1, pages=len(self._pages))
+        self.text.setText(page.text)
+        self.place.setText(f"{count} · {self._language['page_space']}")
+        pixmap = QPixmap()
+        pixmap.loadFromData(page.picture)
+        room = QSize(round(0.8 * self.width()), round(0.55 * self.height()))
+        larger = pixmap.width() > room.width() or pixmap.height() > room.height()
+        how = Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation
+        self.picture.setPixmap(pixmap.scaled(room, *how) if larger else pixmap)
+        self.picture.setVisible(not pixmap.isNull())
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._show()

@@ -1,6 +1,6 @@
 """The left panel: the plan, what comes next, what can be asked for, the notes.
 
-It shows what it is told and tells what is asked for; it decides nothing.
+It shows the snapshot and emits what is asked for; it decides nothing.
 """
 
 from PySide6.QtCore import Qt, Signal
@@ -22,9 +22,9 @@ from app.window.painting.labels import KeyButton, OneLine, breakable, line, word
 from app.window.plan_grid import PlanGrid
 from app.window.preflight import advice
 from app.window.words import cell, minutes, place
-from experiments.analysis.trials_table import COUNTED, SETTLED
+from experiments.analysis.trials_table import SETTLED
 
-WIDTH_PX = 276
+WIDTH_PX = 256
 
 
 class SessionPanel(QFrame):
@@ -36,23 +36,24 @@ class SessionPanel(QFrame):
     pause_asked = Signal()
     abort_asked = Signal()
     noted = Signal(str)
+    cell_asked = Signal(object)  # the newest TrialRow of a cell of the plan that was clicked
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent, objectName="panel")
         self.setFixedWidth(WIDTH_PX)
-        self.head = word("Plan", size=theme.TITLE, bold=True)
-        self.done = word("", "quiet", theme.SMALL)
+        self.head = word("", size=theme.HEAD, bold=True)
+        self.done, self.left = word("", "quiet"), word("", size=theme.TITLE, bold=True)
         self.grid = PlanGrid()
         self.coming_head = word("Next", "quiet")
         self.coming = word("", bold=True)
         self.cell = OneLine("", "quiet")
         self.notice = line("", "caution", theme.SMALL)
         self.start = KeyButton("Start", "Space", "main")
-        self.redo = KeyButton("Redo last …", "R")
-        self.skip = KeyButton("Skip …", "S")
-        self.pause = KeyButton("Pause after this trial", "P")
+        self.redo = KeyButton("Repeat last trial …", "Ctrl+R")
+        self.skip = KeyButton("Skip next trial …", "Ctrl+S")
+        self.pause = KeyButton("Pause after this trial", "Ctrl+P")
         self.pause.setCheckable(True)
-        self.abort = KeyButton("Abort trial …", "A")
+        self.abort = KeyButton("Abort trial …", "Ctrl+A")
         for button, asked in (
             (self.start, self.start_asked),
             (self.redo, self.redo_asked),
@@ -63,6 +64,7 @@ class SessionPanel(QFrame):
             button.clicked.connect(asked)
         self.note = NoteLine()
         self.note.written.connect(self.noted)
+        self.grid.clicked.connect(self.cell_asked)
         self.notes = QPlainTextEdit(readOnly=True)
         self.notes.setFont(theme.font(theme.SMALL))
         self.notes.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -74,10 +76,6 @@ class SessionPanel(QFrame):
         self._lay_out()
 
     def _lay_out(self) -> None:
-        head = QHBoxLayout()
-        head.addWidget(self.head)
-        head.addStretch(1)
-        head.addWidget(self.done)
         scroll = QScrollArea()
         scroll.setWidget(self.grid)
         scroll.setWidgetResizable(True)
@@ -88,18 +86,16 @@ class SessionPanel(QFrame):
         self._scroll = scroll
         buttons = QGridLayout()
         buttons.setSpacing(6)
-        buttons.addWidget(self.start, 0, 0, 1, 2)
-        buttons.addWidget(self.redo, 1, 0)
-        buttons.addWidget(self.skip, 1, 1)
-        buttons.addWidget(self.pause, 2, 0, 1, 2)
-        buttons.addWidget(self.abort, 3, 0, 1, 2)
-        buttons.setColumnStretch(0, 3)
-        buttons.setColumnStretch(1, 2)
+        buttons.addWidget(self.start, 0, 0)
+        for row, button in enumerate((self.pause, self.abort, self.redo, self.skip), start=1):
+            buttons.addWidget(button, row, 0)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(14, 10, 14, 12)
         layout.setSpacing(5)
-        layout.addLayout(head)
+        layout.addWidget(self.head)
+        layout.addWidget(self.done)
         layout.addWidget(scroll, 1000)
+        layout.addWidget(self.left)
         layout.addSpacing(2)
         coming = QHBoxLayout()
         coming.setSpacing(8)
@@ -115,24 +111,25 @@ class SessionPanel(QFrame):
         layout.addWidget(self.notes, 20)
         layout.addStretch(1)
 
-    def show_session(self, opened: m.Opened, snapshot: m.Snapshot, trying: bool = False) -> None:
-        """Where the session stands and what can be asked for. trying: practice without a session."""
-        self.head.setText("Plan" if opened.participant else "Practice")
+    def write_note(self) -> None:
+        """The keyboard is the line for notes."""
+        if self.note.isEnabled():
+            self.note.setFocus()
+
+    def show_session(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
+        """Where the session stands and what can be asked for."""
+        self.head.setText(f"Participant {opened.participant}" if opened.participant else "No session is open")
         self.grid.show_session(opened, snapshot)
         self._scroll.setMaximumHeight(max(self.grid.sizeHint().height() + 2, 96))
         statuses = list(self.grid.statuses.values())
-        over, valid = (sum(status in those for status in statuses) for those in (SETTLED, COUNTED))
-        done = f"{valid} done" if opened.participant else ""
-        done += f", {over - valid} missing" if over > valid else ""
-        self.done.setToolTip("Missing: aborted (×) or skipped (–), so without a result" if over > valid else "")
-        left = minutes(snapshot.seconds_left) if snapshot.stage != m.FINISHED else ""
-        if over > valid:
-            left = left.removeprefix("about ")  # there is no room for both
-        self.done.setText(" · ".join(filter(None, (done, left))))
+        over, valid = sum(status in SETTLED for status in statuses), statuses.count("done")
+        missing = f" · {over - valid} without a result" if over > valid else ""
+        self.done.setText(f"{valid} of {len(opened.plan)} trials done{missing}" if opened.participant else "")
+        self.done.setToolTip("Without a result: timed out, aborted (×), skipped (–) or excluded" if missing else "")
+        self.left.setText(minutes(snapshot.seconds_left) if snapshot.stage != m.FINISHED else "")
         self._show_coming(opened, snapshot)
         self._say(snapshot)
-        self._allow(snapshot, trying)
-        self.pause.setEnabled(self.pause.isEnabled() and bool(opened.participant))
+        self._allow(snapshot)
         text = "\n".join(snapshot.notes)
         if text != self.notes.toPlainText():
             self.notes.setPlainText(text)
@@ -145,8 +142,7 @@ class SessionPanel(QFrame):
         self.coming_head.setVisible(now is not None)
         self.coming_head.setText("Now" if snapshot.running else "Next")
         if now is None:
-            done = "The plan is done" if snapshot.stage == m.FINISHED else ""
-            self.coming.setText(done if opened.plan else "Another one")
+            self.coming.setText("The plan is done" if snapshot.stage == m.FINISHED else "")
             self.cell.setText("")
             return
         self.coming.setText("Practice" if now.block == 0 else f"Trial {place(now, opened.plan)}")
@@ -161,10 +157,10 @@ class SessionPanel(QFrame):
         self.notice.setText(breakable(said))
         self.notice.setVisible(bool(said) and snapshot.stage != m.FAILED)  # there a banner says it
 
-    def _allow(self, snapshot: m.Snapshot, trying: bool) -> None:
-        ready, runs = snapshot.stage == m.READY, snapshot.stage == m.RUNNING
-        another = trying and snapshot.stage == m.NO_SESSION
-        self.start.setEnabled(not snapshot.why_not and (another or ready and snapshot.coming is not None))
+    def _allow(self, snapshot: m.Snapshot) -> None:
+        ready = snapshot.stage == m.READY
+        runs = snapshot.stage == m.RUNNING
+        self.start.setEnabled(not snapshot.why_not and ready and snapshot.coming is not None)
         self.redo.setEnabled((ready or snapshot.stage == m.FINISHED) and any(map(can_be_redone, snapshot.rows)))
         self.skip.setEnabled(ready and snapshot.coming is not None and not snapshot.practice)
         self.pause.setEnabled(ready or runs)
@@ -183,13 +179,13 @@ def can_be_redone(row) -> bool:
 
 
 class NoteLine(QLineEdit):
-    """One line for a note: N goes here, Enter keeps it."""
+    """One line for a note: Ctrl+N goes here, Enter keeps it."""
 
     written = Signal(str)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setPlaceholderText("Note …  N")
+        self.setPlaceholderText("Note …  Ctrl+N")
         self.setAccessibleName("Note, kept with the time")
         self.setMaxLength(500)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)

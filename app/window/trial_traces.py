@@ -9,10 +9,9 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.window.painting import theme
 from app.window.plots import HIDDEN, NOTHING, Plot, envelope, range_for
-from app.window.work import Replayed
 from core import tick_log
 from core.mechanism import JOINTS
-from experiments.session.playback import Playback
+from experiments.session.playback import Beside, Playback
 
 BESIDE = theme.WEDGE  # the colour of the hand through another controller
 DUTY_S = 0.05  # currents are read over so much time about the cursor: they chatter at 1 kHz
@@ -171,7 +170,7 @@ class TrialTraces(QWidget):
         self._end = float(t[-1])
         self.show_all()
 
-    def show_beside(self, other: Replayed | None, began_s: float) -> None:
+    def show_beside(self, other: Beside | None, began_s: float) -> None:
         """The same hand through another controller; began_s: time of the trial's first tick in its recording."""
         ticks = other.ticks if other is not None else np.empty((0, tick_log.WIDTH))
         t = ticks[:, tick_log.T] - began_s

@@ -5,6 +5,7 @@ The side of the page Analyse, or (`phd replay RECORDING`) a window of its own.
 
 import gc
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -20,12 +21,12 @@ from app.window.painting.layers import extent_of_paths
 from app.window.painting.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
 from app.window.painting.theme import show_whole
 from app.window.trial_traces import BESIDE, TrialTraces
-from app.window.work import Replay, Replayed
+from app.window.work import Verb, Work
 from core import tick_log
 from core.files import InputError
 from experiments.analysis.metrics import BY_NAME, DRAWN, METRICS
 from experiments.analysis.trials_table import TrialRow
-from experiments.session.playback import Playback, read_playback
+from experiments.session.playback import Beside, Playback, read_beside, read_playback
 
 FRAME_MS = 16
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
@@ -74,9 +75,11 @@ class TrialView(QFrame):
             self.speed.addItem(f"{speed:g} ×", speed)
         self.speed.setCurrentIndex(SPEEDS.index(1.0))
         self.beside.setToolTip("The recorded hand, simulated through another controller")
-        self.beside.activated.connect(self._compare)
-        self.replay = Replay()
-        self.replay.done.connect(self._show_beside)
+        self.beside.activated.connect(lambda index: self.compare(self.beside.itemData(index)))
+        self.replay, self._reading = Verb(), Work()
+        self.replay.done.connect(self._replayed)
+        self._reading.done.connect(self._show_beside)
+        self._folder: tempfile.TemporaryDirectory | None = None  # of the replayed ticks
         self.steps = [QPushButton(text, objectName="small") for text in ("‹", "›", "×")]
         for button, tip in zip(self.steps, ("The trial before", "The next trial", "Close"), strict=True):
             button.setToolTip(tip)
@@ -118,8 +121,7 @@ class TrialView(QFrame):
 
     def show_trial(self, trial: Playback | InputError) -> None:
         """Another trial, from its beginning; or why it cannot be shown."""
-        self._stop()
-        self.replay.stop()
+        self.end()
         if isinstance(trial, InputError):
             self.note_that(str(trial), bad=True)
             return
@@ -141,7 +143,7 @@ class TrialView(QFrame):
         self.workspace.view.show_beside(np.empty((0, 2)), BESIDE)
         self.traces.show_trial(trial)
         self.beside.clear()
-        self.beside.addItem(COMPARE)
+        self.beside.addItem(COMPARE, 0)
         for number, name in ({} if trial.blind else trial.controllers).items():
             self.beside.addItem(name, number)
         self.beside.setEnabled(self.beside.count() > 1)
@@ -247,26 +249,40 @@ class TrialView(QFrame):
 
     # the same hand through another controller
 
-    def _compare(self, index: int) -> None:
-        if index == 0:
-            self.replay.stop()
-            self.note_that("")
-            self._show_beside(None)
-            return
-        number, name = self.beside.itemData(index), self.beside.itemText(index)
-        self.note_that(f"The recorded hand is being simulated through “{name}” …")
-        self.replay.begin(self.trial.path, number, name)
+    def compare(self, controller: int) -> None:
+        """Show the hand through this controller of the protocol beside the trial; 0: nothing."""
+        self._forget_replay()
+        self._show_beside(None)
+        self.note_that("The recorded hand is being simulated …" if controller else "")
+        if controller:
+            self._folder = tempfile.TemporaryDirectory(prefix="phd-replay-")
+            asked = ("--controller", str(controller), "--out", str(self._table), "--json")
+            self.replay.begin("replay", str(self.trial.path), *asked)
 
-    def _show_beside(self, other: Replayed | InputError | None) -> None:
+    @property
+    def _table(self) -> Path:
+        return Path(self._folder.name) / "ticks.csv"
+
+    def _replayed(self, summary: str | InputError) -> None:
+        if isinstance(summary, InputError):
+            self._show_beside(summary)
+        else:
+            self._reading.ask(read_beside, self._table, summary)
+
+    def _forget_replay(self) -> None:
+        for work in (self.replay, self._reading):
+            work.forget()
+        self.replay.stop()
+
+    def _show_beside(self, other: Beside | InputError | None) -> None:
         if isinstance(other, InputError):
             self.note_that(str(other), bad=True)
-            other = None
+            return
         self.traces.show_beside(other, float(self.trial.ticks[0, tick_log.T]))
         self.beside_measures.setVisible(other is not None)
         tips = np.empty((0, 2))
         if other is not None:
-            values = {name: change["after"] for name, change in other.metrics.items()}
-            self.beside_measures.setText(f"{measured(values)} · {other.status} · {other.controller}")
+            self.beside_measures.setText(f"{measured(other.metrics)} · {other.status} · {self.beside.currentText()}")
             self.note_that(other.text)
             tips = other.ticks[:, (tick_log.TIP_X, tick_log.TIP_Y)]
         self.workspace.view.show_beside(tips, BESIDE)
@@ -294,7 +310,7 @@ class TrialView(QFrame):
     def end(self) -> None:
         """Nothing plays, nothing is computed."""
         self._stop()
-        self.replay.stop()
+        self._forget_replay()
 
 
 class TrialWindow(QWidget):

@@ -1,4 +1,4 @@
-"""What the screens say: the participant in plain words, the experimenter in short sentences."""
+"""The sentences of the screens: the participant's from the language of the protocol, the experimenter's here."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,115 +8,104 @@ from app.ipc.messages import MOUSE
 from app.window.painting import theme
 from core import tick_log
 from experiments.analysis.trials_table import TrialRow
+from experiments.language import ENGLISH_WORDS, Language
 from experiments.plan import PlannedTrial
 
 
-class Said(NamedTuple):
+class Shown(NamedTuple):
     """What the participant reads: one large line, a quiet one under it."""
 
     large: str
     small: str = ""
 
 
+#: phase, stage -> keys of the language: of the large line, of the quiet one
 PHASES = {
-    tick_log.APPROACH: Said("Move to the start", f"Bring the {theme.HANDLE_NAME} dot into the green circle"),
-    tick_log.HOLD: Said("Hold", "Keep still in the green circle"),
-    tick_log.MOVE: Said("Go", "Follow the line to the orange circle"),
+    tick_log.APPROACH: ("approach", "approach_how"),
+    tick_log.HOLD: ("hold", "hold_how"),
+    tick_log.MOVE: ("go", "go_how"),
 }
-TAKE_IT = f"Touch the {theme.HANDLE_NAME} dot with the pointer to take hold of it"
-ENDINGS = {
-    "done": "Well done", "timeout": "Time is up", "aborted": "Stopped", "recovered": "Stopped", "stopped": "Stopped",
-    "redone": "Once more", "skipped": "Let us go on", "excluded": "Let us go on",
+STAGES = {
+    m.PREPARING: ("preparing", "preparing_how"), m.NO_SESSION: ("welcome", "start_soon"),
+    m.RERIG: ("change", "change_how"), m.BREAK: ("break", "break_how"), m.QUESTIONS: ("questions", ""),
+    m.FINISHED: ("finished", "finished_how"), m.FAILED: ("failed", "failed_how"),
 }  # fmt: skip
-ENDED = Said("", "The next one starts in a moment")
-WELCOME = Said("Welcome", "We start in a moment")
-PREPARING = Said("One moment", "Everything is being made ready")
-BREAK = Said("Take a break", "Rest your hand")
-CHANGE = Said("One moment", "The device is made ready")
-STOPPED = Said("Stopped", "One moment, please")
-QUESTIONS = Said("A few questions")
-FINISHED = Said("Thank you", "That was the last one")
-FAILED = Said("Please wait", "Someone is coming to help")
-SLOWER, FASTER = "A little slower next time", "A little faster next time"
-
-#: The mouse on one screen: the person who moves also starts.
-SPACE_NEXT, SPACE_FIRST = "Space starts the next trial", "Space starts the first trial"
-
-#: .. whose view lies over the console.
-ALLOW_KEY, CONSOLE_KEY = "B lets the brakes act again", "F11 shows the console"
+#: status of a trial -> key of the language
+ENDINGS = {
+    "done": "done", "timeout": "timeout", "aborted": "stopped", "recovered": "stopped", "stopped": "stopped",
+    "redone": "again", "excluded": "again", "skipped": "skipped",
+}  # fmt: skip
 
 SERVER_DIED = (
-    "The session server has stopped: brakes off, what was recorded is kept. "
+    "The session server has stopped: the brakes are off and the recordings are kept. "
     "Close this window, start again and resume the session."
 )
 CELL = ("configuration", "block", "segment", "controller", "repetition")  # what makes two trials the same
 
 
-def moving(phase: int, taken: bool) -> Said | None:
-    """What is said during a trial; none once it has ended (how is said when its row is there)."""
-    said = PHASES.get(phase)
-    if said is not None and not taken:
-        return said._replace(small=TAKE_IT)
-    return said
+def language_of(opened: m.Opened | None) -> Language:
+    """The participant's language; English before there is a protocol."""
+    return opened.language if opened is not None else ENGLISH_WORDS
 
 
-def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = False) -> Said:
-    """What is said while no trial runs. own_start: the person who reads it has the space bar."""
-    fixed = {
-        m.PREPARING: PREPARING, m.NO_SESSION: WELCOME, m.RERIG: CHANGE, m.BREAK: BREAK, m.QUESTIONS: QUESTIONS,
-        m.FINISHED: FINISHED, m.FAILED: FAILED,
-    }  # fmt: skip
-    if snapshot.stage in fixed or snapshot.paused:
-        said = fixed.get(snapshot.stage, BREAK)
-        first = feedback(snapshot, opened) if said in (CHANGE, BREAK, FINISHED) else ""
-        return said._replace(small=" · ".join(filter(None, (first, said.small))))
+def moving(phase: int, taken: bool, language: Language, left_early: bool = False) -> Shown | None:
+    """The lines of a phase of a trial; None once it has ended. left_early: the start was left before "go"."""
+    if phase not in PHASES:
+        return None
+    large, small = PHASES[phase]
+    if not taken:
+        small = "take"
+    elif left_early:
+        small = "hold_again"
+    return Shown(language[large], language[small].format(handle=language[theme.HANDLE_NAME]))
+
+
+def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = False) -> Shown:
+    """The lines while no trial runs. own_start: the person who reads them has the space bar."""
+    language = language_of(opened)
+    if snapshot.stage in STAGES or snapshot.paused:
+        stage = snapshot.stage if snapshot.stage in STAGES else m.BREAK
+        large, small = STAGES[stage]
+        first = feedback(snapshot, opened) if stage in (m.RERIG, m.BREAK, m.FINISHED) else ""
+        return Shown(language[large], " · ".join(filter(None, (first, language.get(small, "")))))
     if snapshot.brakes_off:
-        return STOPPED
+        return Shown(language["stopped"], language["stopped_how"])
     blocked = bool(snapshot.why_not)
-    if not snapshot.rows or snapshot.practice:
-        small = STOPPED.small if blocked else SPACE_FIRST if own_start else WELCOME.small
-        return Said("Practice" if snapshot.practice else WELCOME.large, small)
-    return after(snapshot.rows[-1], opened, own_start, blocked)
+    if not snapshot.ended_here:
+        small = "stopped_how" if blocked else "first_space" if own_start else "start_soon"
+        return Shown(language["welcome_back" if snapshot.rows else "welcome"], language[small])
+    row = snapshot.rows[-1]
+    parts = given_back(row, opened)
+    if not blocked:
+        parts.append(language["next_space" if own_start else "next_soon"])
+    return Shown(language[ENDINGS[row.status]], " · ".join(parts) or language["stopped_how"])
 
 
-def with_keys(said: Said, snapshot: m.Snapshot) -> Said:
-    """What is said while no trial runs to somebody who has no console beside it: which keys lead on."""
-    allow = ALLOW_KEY if snapshot.brakes_off and snapshot.stage != m.FAILED else ""
-    waits = said.small if not allow or said.small != STOPPED.small else ""  # nobody else comes
-    return said._replace(small=" · ".join(filter(None, (waits, allow, CONSOLE_KEY))))
-
-
-def practised(snapshot: m.Snapshot, own_start: bool = True) -> Said:
-    """What is said after a practice trial; of one that was ended early the server says why."""
-    large = STOPPED.large if snapshot.said else ENDINGS["done"]
-    return Said(large, "Space: another one · Esc: back" if own_start and not snapshot.why_not else "")
-
-
-def after(trial: TrialRow, opened: m.Opened | None, own_start: bool = False, blocked: bool = False) -> Said:
-    """What is said after a trial: how it went, and what the protocol gives back. blocked: the next cannot start yet."""
-    parts = given_back(trial, opened)
-    if own_start and not blocked:
-        parts.append(SPACE_NEXT)
-    return Said(ENDINGS[trial.status], " · ".join(parts) or (STOPPED if blocked else ENDED).small)
+def with_keys(shown: Shown, snapshot: m.Snapshot, language: Language) -> Shown:
+    """The lines while no trial runs for somebody who has no main window beside them: which keys lead on."""
+    allow = language["brakes_key"] if snapshot.brakes_off and snapshot.stage != m.FAILED else ""
+    waits = shown.small if not allow or shown.small != language["stopped_how"] else ""  # nobody else comes
+    return shown._replace(small=" · ".join(filter(None, (waits, allow, language["main_key"]))))
 
 
 def feedback(snapshot: m.Snapshot, opened: m.Opened | None) -> str:
-    """What the protocol gives back of the newest trial, where something else is said after it; "": nothing."""
-    return " · ".join(given_back(snapshot.rows[-1], opened)) if snapshot.rows else ""
+    """What the protocol gives back of the newest trial, where something else is shown after it; "": nothing."""
+    return " · ".join(given_back(snapshot.rows[-1], opened)) if snapshot.rows and snapshot.ended_here else ""
 
 
 def given_back(trial: TrialRow, opened: m.Opened | None) -> list[str]:
     """Feedback and cue after a trial, as far as the protocol gives them and the trial was done."""
     if opened is None or trial.status != "done":
         return []
-    parts = []
+    language, parts = opened.language, []
     if opened.feedback == "time" and trial.duration_s is not None:
-        parts.append(f"{trial.duration_s:.1f} seconds")
+        parts.append(language["time"].format(seconds=f"{trial.duration_s:.1f}"))
     if opened.feedback == "error" and trial.path_error_m is not None:
-        parts.append(f"{1e3 * trial.path_error_m:.1f} mm from the line on average")
+        parts.append(language["error"].format(mm=f"{1e3 * trial.path_error_m:.1f}"))
     if opened.cues is not None and trial.duration_s is not None:
         shortest, longest = opened.cues
-        parts += [SLOWER] if trial.duration_s < shortest else [FASTER] if trial.duration_s > longest else []
+        cue = "slower" if trial.duration_s < shortest else "faster" if trial.duration_s > longest else ""
+        parts += [language[cue]] if cue else []
     return parts
 
 
@@ -137,20 +126,6 @@ def describe(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
 def controller_name(controller: int | str, opened: m.Opened) -> str:
     """The name of a controller of the protocol; a blind session's code stays as it is."""
     return controller if isinstance(controller, str) else opened.controllers[controller].name
-
-
-def where(snapshot: m.Snapshot, opened: m.Opened) -> str:
-    """The line under the participant's name: which trial, of what."""
-    if snapshot.stage == m.RUNNING and snapshot.practice:
-        return "Practice · counts nowhere"
-    planned = snapshot.running or snapshot.coming
-    if not opened.participant or planned is None:
-        over = f"All {len(opened.plan)} trials are done · " if snapshot.stage == m.FINISHED else ""
-        return f"{over}protocol {opened.protocol}" if over else f"Protocol {opened.protocol}"
-    if planned.block == 0:
-        return f"Practice · {describe(planned, opened, snapshot.blind)}"
-    at = f"Trial {place(planned, opened.plan)} of {len(opened.plan)}"
-    return f"{at} · block {planned.block} · {planned.configuration}"
 
 
 def place(planned: PlannedTrial, plan: Sequence[PlannedTrial]) -> int:

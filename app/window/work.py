@@ -1,21 +1,16 @@
 """Work beside the window: a function in a thread, of which only the newest result is shown; verbs in processes."""
 
-import json
-import shutil
+import contextlib
 import subprocess
-import tempfile
 import threading
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
 from PySide6.QtCore import QObject, Signal
 
 from app.ipc.process import start_python
 from app.progress import PROGRESS
 from core.files import InputError
-from experiments.session.playback import errors, replayed_ticks
 
 
 class Work(QObject):
@@ -61,79 +56,45 @@ class Work(QObject):
 
 
 class Verb(Work):
-    """A verb of `phd` in a process of its own; its result is what it prints."""
+    """A verb of `phd`, or another module's `main`, in a process of its own; its result is what it prints."""
 
     progressed = Signal(float)  # the share done
 
     def __init__(self) -> None:
         super().__init__()
         self._process: subprocess.Popen | None = None
+        self._stopped = False
 
-    def begin(self, *arguments: str) -> None:
-        """Run it."""
-        self.ask(self._through, arguments)
+    def begin(self, *arguments: str, module: str = "app.cli", given: bytes = b"") -> None:
+        """Run it. given: what it reads from its standard input."""
+        self._stopped = False
+        self.ask(self._through, arguments, module, given)
 
-    def stop(self) -> None:
-        """End it; what it had begun to write is removed by itself."""
+    def stop(self, wait: bool = False) -> None:
+        """End it; what it had begun to write is removed by itself. wait: until that has been done."""
+        self._stopped = True
         if self._process is not None:
             self._process.terminate()
+            if wait:
+                self._process.wait()
 
-    def _through(self, arguments: tuple[str, ...]) -> str:
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        self._process = start_python("app.cli", *arguments, environment={PROGRESS: "lines"}, **pipes)
-        trouble = ""
-        for said in self._process.stderr:
-            share = said.removeprefix(f"{PROGRESS} ")
-            if share != said:
-                self.progressed.emit(float(share))
-            else:
-                trouble = said.strip() or trouble
-        text = self._process.communicate()[0]
+    def _through(self, arguments: tuple[str, ...], module: str, given: bytes) -> str:
+        pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        self._process = process = start_python(module, *arguments, environment={PROGRESS: "lines"}, **pipes)
+        if self._stopped:
+            process.terminate()
+        text = trouble = ""
+        with process, contextlib.suppress(BrokenPipeError):  # it has ended already: there is nothing that it prints
+            process.stdin.write(given)
+            process.stdin.close()
+            for line in process.stderr:
+                said = line.decode(errors="replace")
+                share = said.removeprefix(f"{PROGRESS} ")
+                if share != said:
+                    self.progressed.emit(float(share))
+                else:
+                    trouble = said.strip() or trouble
+            text = process.stdout.read().decode()
         if not text:
             raise InputError(trouble or "it was ended early")
         return text
-
-
-class Replayed(NamedTuple):
-    """A trial's hand through another controller."""
-
-    controller: str  # its name
-    ticks: np.ndarray  # (n, tick_log.WIDTH), of the movement
-    error: np.ndarray  # (n,) m
-    metrics: dict[str, dict[str, float | None]]  # name -> before, after, change
-    status: str
-    text: str  # how it is to be read
-
-
-class Replay(Work):
-    """`phd replay` in a process of its own."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._process: subprocess.Popen | None = None
-
-    def begin(self, path: Path, controller: int, name: str) -> None:
-        """The hand of this recording through a controller of its protocol."""
-        self.stop()
-        self.ask(self._through, path, controller, name)
-
-    def stop(self) -> None:
-        """End what runs; its result is not wanted."""
-        self.forget()
-        if self._process is not None and self._process.poll() is None:
-            self._process.terminate()
-
-    def _through(self, path: Path, controller: int, name: str) -> Replayed:
-        folder = Path(tempfile.mkdtemp(prefix="phd-replay-"))
-        try:
-            out = folder / "ticks.csv"
-            arguments = ("replay", str(path), "--controller", str(controller), "--out", str(out), "--json")
-            pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-            self._process = start_python("app.cli", *arguments, **pipes)
-            text, trouble = self._process.communicate()
-            if not text:
-                raise InputError(trouble.strip().splitlines()[-1] if trouble.strip() else "The replay has ended early.")
-            about, ticks = json.loads(text), replayed_ticks(out)
-            return Replayed(name, ticks, errors(ticks), about["metrics"], about["after"]["status"], about["says"])
-        finally:
-            shutil.rmtree(folder, ignore_errors=True)

@@ -27,7 +27,7 @@ from app.window.painting import palette
 LIGHT = "light"
 palette.choose(LIGHT if sys.argv[1:] == [LIGHT] else "dark")
 # ruff: noqa: E402  (the palette is chosen before the first window's modules)
-from app.window import words
+from app.window.page import ANALYSE, HOME, RUN, TRY
 from app.window.painting import theme
 from app.window.painting.linkage_view import DIRECTIONS
 from app.window.windows import Windows
@@ -72,8 +72,8 @@ class MadeUpHand(QObject):
         return self.now is not None and int(self.now[tick_log.PHASE]) == phase
 
     def _frame(self, rows: np.ndarray) -> None:
-        console = self._windows.console
-        running, opened = console.snapshot.running, console.opened
+        main = self._windows.main
+        running, opened = main.snapshot.running, main.opened
         if running is None or opened is None:
             self.now = None
             return
@@ -121,11 +121,12 @@ def main() -> None:
             if sys.argv[1:] == [LIGHT]:
                 in_light(windows, MadeUpHand(windows, windows.client))
                 return
-            trials(windows, MadeUpHand(windows, windows.client))
+            hand = MadeUpHand(windows, windows.client)
+            trials(windows, hand)
             study = Path(folder) / "study"
             command = [sys.executable, "-m", "app.cli", "study", "--operators", str(OPERATORS), "--out", str(study)]
             subprocess.run(command, check=True, cwd=HERE.parents[1], stdout=subprocess.DEVNULL)
-            results(windows, study)
+            pages(windows, hand, study)
         finally:
             windows.close()
         on_the_bench(Path(folder) / "bench")
@@ -134,79 +135,82 @@ def main() -> None:
 
 def trials(windows: Windows, hand: MadeUpHand) -> None:
     """Participant's view in each phase, the console with three brakes and with four, a pre-flight with red."""
-    console, participant, send = windows.console, windows.participant, windows.client.send
+    main, participant, send = windows.main, windows.participant, windows.client.send
+    run = main.page(RUN)
     begin(windows, "01")
     view = participant.view
     trial(windows, controller=2)
     until(lambda: view.taken and hand.is_in(tick_log.APPROACH))
     until(lambda: after(0.15))
     shoot(participant, "participant-approach")
-    until(lambda: hand.is_in(tick_log.HOLD) and view.said == words.PHASES[tick_log.HOLD] and after(0.2))
+    until(lambda: hand.is_in(tick_log.HOLD) and view.held > 0.3)
     shoot(participant, "participant-hold")
     until(lambda: hand.progress > 0.55)
     shoot(participant, "participant-move")
-    until(lambda: console.snapshot.stage == m.READY)
+    until(lambda: main.snapshot.stage == m.READY)
     until(lambda: after(0.2))
     shoot(participant, "participant-end")
     send(m.Pause(True))
-    until(lambda: console.snapshot.paused)
+    until(lambda: main.snapshot.paused)
     shoot(participant, "participant-break")
     send(m.Pause(False))
-    until(lambda: not console.snapshot.paused)
+    until(lambda: not main.snapshot.paused)
     trial(windows, controller=4)
-    until(lambda: hand.progress > 0.5 and brakes(console) > 1.0)
-    shoot(console, "console-three-brake")
-    until(lambda: console.snapshot.stage == m.READY)
-    windows.client.brakes_off("Esc on the console")
-    until(lambda: bool(console.snapshot.brakes_off))
-    shoot(console, "preflight-red")
+    until(lambda: hand.progress > 0.5 and brakes(windows) > 1.0)
+    shoot(main, "run-three-brake")
+    until(lambda: main.snapshot.stage == m.READY)
+    until(lambda: after(0.2))
+    shoot(main, "run-card")
+    windows.client.brakes_off("Esc in the main window")
+    until(lambda: bool(main.snapshot.brakes_off))
+    shoot(main, "run-red")
     send(m.AllowBrakes())
     send(m.Leave())
-    until(lambda: console.snapshot.stage == m.NO_SESSION)
+    until(lambda: main.snapshot.stage == m.NO_SESSION)
     begin(windows, "02")  # who meets the four-brake device first
-    assert console.centre.workspace is not None
-    console.centre.workspace.buttons[DIRECTIONS].setChecked(True)
+    assert run.centre.workspace is not None
+    run.centre.workspace.buttons[DIRECTIONS].setChecked(True)
     trial(windows, controller=4)
-    until(lambda: hand.progress > 0.5 and brakes(console) > 1.0)
-    shoot(console, "console-four-brake")
-    until(lambda: console.snapshot.stage == m.READY)
+    until(lambda: hand.progress > 0.5 and brakes(windows) > 1.0)
+    shoot(main, "run-four-brake")
+    until(lambda: main.snapshot.stage == m.READY)
     send(m.Leave())
-    until(lambda: console.snapshot.stage == m.NO_SESSION)
+    until(lambda: main.snapshot.stage == m.NO_SESSION)
 
 
 def in_light(windows: Windows, hand: MadeUpHand) -> None:
-    """The console in the light palette."""
+    """Run in the light palette."""
     begin(windows, "01")
     trial(windows, controller=4)
-    until(lambda: hand.progress > 0.5 and brakes(windows.console) > 1.0)
-    shoot(windows.console, "console-light", (SMALL,))
-    until(lambda: windows.console.snapshot.stage == m.READY)
+    until(lambda: hand.progress > 0.5 and brakes(windows) > 1.0)
+    shoot(windows.main, "run-light", (SMALL,))
+    until(lambda: windows.main.snapshot.stage == m.READY)
 
 
 def begin(windows: Windows, participant: str) -> None:
     """Both windows, and a session of this participant."""
-    console = windows.console
-    console.resize(*SMALL)
+    main = windows.main
+    main.resize(*SMALL)
     windows.show()
     windows.participant.setGeometry(0, 0, *SMALL)
     windows.participant.show()
-    until(lambda: console.snapshot.stage == m.NO_SESSION)
+    until(lambda: main.snapshot.stage == m.NO_SESSION)
     windows.client.send(m.Open(participant))
-    until(lambda: console.snapshot.stage == m.READY)
+    until(lambda: main.snapshot.stage == m.READY)
 
 
-def results(windows: Windows, study: Path) -> None:
-    """The results window, on all participants of a study."""
-    from app.window.results_window import ResultsWindow
-
-    opened = windows.console.opened
-    assert opened is not None
-    folder = study / "sub-01" / "ses-01"
-    shown = ResultsWindow(opened._replace(participant="01", folder=str(folder)), m.Snapshot(m.FINISHED))
-    shown.show()
-    until(lambda: shown.page.results is not None)
-    shoot(shown, "results")
-    shown.close()
+def pages(windows: Windows, hand: MadeUpHand, study: Path) -> None:
+    """Home, Try in a pass, and Analyse on all participants of a study with one trial opened."""
+    main = windows.main
+    main.show_page(HOME)
+    until(lambda: after(1.0))
+    shoot(main, "home")
+    main.show_page(TRY)
+    until(lambda: hand.progress > 0.6)
+    shoot(main, "try")
+    main.show_page(ANALYSE, study)
+    until(lambda: after(4.0))
+    shoot(main, "analyse")
 
 
 def on_the_bench(data: Path) -> None:
@@ -215,15 +219,15 @@ def on_the_bench(data: Path) -> None:
     board = subprocess.Popen(command, cwd=HERE.parents[1], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert board.stdout is not None
     windows = Windows(Client(Setup(data, devices=("four-brake",), link=board.stdout.readline().strip())))
-    console = windows.console
+    main = windows.main
     try:
         windows.show()
-        until(lambda: console.snapshot.stage == m.NO_SESSION)
+        until(lambda: main.snapshot.stage == m.NO_SESSION)
         windows.client.send(m.Open("01"))
-        until(lambda: console.snapshot.stage == m.RERIG)
-        console.show_device(True)
+        until(lambda: main.snapshot.stage == m.RERIG)
+        main.show_page(HOME, "device")
         until(lambda: after(6.0))  # the clock model has its drift
-        shoot(console, "device", (SMALL,))
+        shoot(main, "device", (SMALL,))
     finally:
         windows.close()
         board.terminate()
@@ -232,20 +236,20 @@ def on_the_bench(data: Path) -> None:
 
 def trial(windows: Windows, controller: int) -> None:
     """Run trials until one of this controller begins."""
-    console = windows.console
+    main = windows.main
     while True:
-        coming = console.snapshot.coming
+        coming = main.snapshot.coming
         assert coming is not None
         windows.client.send(m.Start())
-        until(lambda: console.snapshot.stage == m.RUNNING)
+        until(lambda: main.snapshot.stage == m.RUNNING)
         if coming.controller == controller:
             return
-        until(lambda: console.snapshot.stage == m.READY)
+        until(lambda: main.snapshot.stage == m.READY)
 
 
-def brakes(console) -> float:
-    """The force of the brakes on the console's picture, N."""
-    instant = console.centre.workspace.view.instant
+def brakes(windows: Windows) -> float:
+    """The force of the brakes on the workspace of Run, N."""
+    instant = windows.main.page(RUN).centre.workspace.view.instant
     return 0.0 if instant is None else float(np.hypot(*instant.brakes))
 
 

@@ -41,8 +41,8 @@ CONTROLLER_LABELS = {
     4: "Proportional,\nhigh gain",
     5: "Proportional,\nlow gain",
 }
-#: Table I's five, and again for further ones. The screen's palette, darker where it would fade on white paper; told
-#: apart without colour by place and label. A code has no colour of a controller.
+#: Of Table I's five, again from the first for further ones. The screen's palette, darker where it would fade on white
+#: paper; place and label tell them apart without colour. A code has no colour of a controller.
 CONTROLLER_COLOURS = ("#6f7b87", "#d98200", "#c9a11a", "#2f7fc4", "#6cb0e6")
 TIMEOUT_COLOUR = "#c47400"
 
@@ -87,7 +87,7 @@ def draw_boxplots(
     configurations: the first is drawn filled, the second open; by default as the table first names them.
     labels: controller -> what stands under its box; codes of a blind session stand under theirs as they are.
     protocol: its name. Our choice: only the paper's figures bear the numbers of its figures ("fig16_path_error").
-    timeouts: trials whose time was up are in the boxes; else they are crosses above them, and the caption says so.
+    timeouts: trials whose time was up are in the boxes; else they are crosses above them, as the caption explains.
     progress: called with the share that is drawn; whatever it raises ends the work before anything is written.
     InputError before anything is written if a file exists already or there is nothing to draw.
     """

@@ -6,8 +6,8 @@ One rule for all, fixed before any data:
   for one thing (force over time and over progress; acceleration's weighted DFT sum and weighted rms), one for each.
 - In a comparison every participant gives one difference, first minus second, of the medians of their own trials (for
   "consistent": of their trials' mean distance from the middle of the box). What counts is the mean participant and
-  the 95 % interval of `mean_interval`, which fewer people only widen: nothing gets easier to say with fewer. It takes
-  the differences as normal, which few people cannot show: below six the report says so. One participant has no
+  the 95 % interval of `mean_interval`, which fewer people only widen: nothing is easier to claim with fewer. It takes
+  the differences as normal, which few people cannot show: below six the report warns. One participant has no
   interval: unclear.
 - below:   yes if the whole interval is under 0; else no if it is all over 0, or within 15 % of the uncontrolled
            median either way (no difference to speak of).
@@ -17,7 +17,7 @@ One rule for all, fixed before any data:
            smoothness. Yes if the whole interval is; no if none of it is.
 - A comparison is unclear otherwise (the interval is too wide), and when a controller or device was not tried, or when
   under 90 % of its trials reached the end of the path (what was measured is then how far the tip came).
-- A claim is true or false if all its comparisons say so, else unclear: measures or configurations disagree.
+- A claim is true or false if all its comparisons are, else unclear: measures or configurations disagree.
 - A statement holds if all its claims are true, does not hold if one is false, and else one cannot tell.
 
 "Uncontrolled median": of the participants' scores without control, in the same configuration (between configurations:
@@ -285,7 +285,7 @@ def _why_not(
 
 
 def answer(kind: str, found: Interval, band: float) -> bool | None:
-    """Whether an interval says yes (True), no (False), or neither (None) to a comparison of this kind."""
+    """Whether an interval means yes (True), no (False), or neither (None) for a comparison of this kind."""
     within = -band <= found.low and found.high <= band
     if kind == BELOW:
         return True if found.high < 0.0 else False if found.low > 0.0 or within else None

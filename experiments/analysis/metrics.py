@@ -44,13 +44,12 @@ def along_path(tip: np.ndarray, path: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.maximum.accumulate(np.clip(found[:, 0], 0.0, path.length)), np.abs(found[:, 1])
 
 
-def mean_over_progress(values: np.ndarray, progress: np.ndarray) -> float | None:
-    """Mean of `values` (n,) over path progress (n,), by trapezoids: dwelling and going back have no weight."""
-    steps = np.diff(progress)
-    made = float(progress[-1] - progress[0]) if len(progress) else 0.0
-    if made < LEAST_PROGRESS_M:
-        return None
-    return float(np.dot(steps, 0.5 * (values[1:] + values[:-1])) / made)
+def mean_over_progress(values: np.ndarray, progress: np.ndarray) -> float:
+    """Mean of `values` (n,) over path progress (n,), which must be made, by trapezoids.
+
+    Dwelling and going back have no weight.
+    """
+    return float(np.dot(np.diff(progress), 0.5 * (values[1:] + values[:-1])) / (progress[-1] - progress[0]))
 
 
 @cache

@@ -19,7 +19,7 @@ PAPER_CONFIGURATIONS = ("three-brake", "four-brake")
 #: 5 %.
 LEAST_PEOPLE = 6
 LEVEL = 0.95
-#: What every report says below `LEAST_PEOPLE`; {} is the number in words.
+#: The warning of every report below `LEAST_PEOPLE`; {} is the number in words.
 TOO_FEW = "{} too few to claim any of this for others; read it as a description."
 _WORDS = ("Nobody is", "One person is", "Two people are", "Three people are", "Four people are", "Five people are")
 
@@ -84,12 +84,12 @@ class Interval(NamedTuple):
 
     people: int
     middle: float
-    low: float  # -inf and inf: these people are too few to say
+    low: float  # -inf and inf: these people are too few for an interval
     high: float
 
     @property
     def is_bounded(self) -> bool:
-        """Whether it says anything: of one person it does not."""
+        """Whether there is an interval: of one person there is none."""
         return math.isfinite(self.low) and math.isfinite(self.high)
 
 

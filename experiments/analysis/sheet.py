@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 TEXT, QUIET, LINE = "#1c2228", "#5b6672", "#d9dee4"
-BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"  # of Okabe and Ito's set, told apart by the colour-blind
+BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"  # of Okabe and Ito's set, which the colour-blind tell apart
 SHADED = "#e7ebef"
 SMALL, TITLE = 7.0, 9.5  # points
 LINE_IN, CHARACTERS_PER_INCH = 0.15, 18.5  # of the small print

@@ -211,7 +211,7 @@ def row_of(recording: "Recording", folder: Path) -> TrialRow:
     """A trial's row, from its recording alone; `folder`: where the table that gets it stands.
 
     InputError: the recording does not name its trial, or cannot be measured. A trial that does not count (it was cut
-    short, say by a force that is not a number) then has a row without measures.
+    short, as by a force that is not a number) then has a row without measures.
     """
     about, outcome = recording.metadata, recording.outcome
     for key in NEEDED:

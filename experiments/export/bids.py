@@ -7,7 +7,7 @@ OUT/dataset_description.json, README.md, participants.tsv, participants.json, sc
     phenotype/tlxsmoothness.tsv, .json             the answers to the questionnaire, if there are any
 
 Text does not go into a motion file: phases are events; `stuck` is a channel of 0 and 1 for each brake; `decision` is
-a number, its words are in _motion.json. The file names say device and run, never the controller.
+a number, its words are in _motion.json. File names hold device and run, never the controller.
 """
 
 import csv

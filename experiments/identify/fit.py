@@ -1,6 +1,6 @@
 """The numbers of a brake from its measured steps: torque gain, Eq. (2), and time constants, Eq. (4).
 
-Refused where the steps cannot tell a number: the sentence names it, and what was measured instead.
+Refused where the steps do not determine a number: the sentence names it, and what was measured instead.
 """
 
 import math
@@ -44,7 +44,7 @@ class LinearFit(NamedTuple):
 def undetermined(design: Array, names: Sequence[str]) -> list[str]:
     """The coefficients (of p names) that values with this design (n, p) leave open.
 
-    All of them where there are no more values than coefficients: an exact fit does not tell how far to trust it.
+    All of them where there are no more values than coefficients: an exact fit does not show how far to trust it.
     """
     if not len(design):
         return list(names)
@@ -95,7 +95,7 @@ def variance_by_group(design: Array, values: Array, groups: npt.NDArray[np.int_]
         freedom = np.bincount(groups, 1.0 - np.einsum("ij,ji->i", x, inverse))
         squares = np.bincount(groups, residuals**2)
         pooled = np.sum(squares) / np.sum(freedom)
-        own = freedom > 0.5  # less says nothing about the group
+        own = freedom > 0.5  # with less the group has no scatter of its own
         variance = np.maximum(np.where(own, squares / np.where(own, freedom, 1.0), pooled), smallest)
     return variance
 
@@ -207,7 +207,7 @@ def fit_time_constants(
     """a_avg and a_1 .. a_6 of the time constants, Eq. (4), rising and falling apart; omega_0 in rpm.
 
     The current is the one stepped to, omega_L is log2 of the speed in rpm. Our choice: a weight of (change of the
-    torque)^2 / a, which is how well white noise lets a be told from a transient, less where the scatter grows with
+    torque)^2 / a, which is how well a transient shows a under white noise, less where the scatter grows with
     the speed: the faster the shaft, the more of the ripple falls into a transient.
     """
     fits = {}
@@ -239,8 +239,8 @@ def _fit(side: _Side, gain: LinearFit) -> LinearFit:
 def scatter_by_omega_0(found: Sequence[Measured], gain: LinearFit, where: str) -> dict[float, float]:
     """omega_0 (rpm) -> scatter of the time constants about Eq. (4), relative to the least.
 
-    Every measured speed at which all numbers can be told is tried. The scatter is the geometric mean over all steps
-    of the standard deviation at their speed, so that the worst speed does not hide what the others tell.
+    Every measured speed at which the steps determine all numbers is tried. The scatter is the geometric mean over all
+    steps of the standard deviation at their speed, so that the worst speed does not hide what the others show.
     """
     speeds = sorted({one.step.speed_rpm for one in found})
     lacking = {

@@ -31,7 +31,7 @@ class Parameter(NamedTuple):
 
 @dataclass(frozen=True)
 class Identification:
-    """A brake as its steps tell it."""
+    """A brake as its steps show it."""
 
     source: str  # the file's name
     steps: int
@@ -128,7 +128,7 @@ class Identification:
 def identify_steps(steps: Iterable[Step], source: str, omega_0_rpm: float | None = None) -> Identification:
     """Fit Eqs. (2), (3) and (4); omega_0 by least squares over the measured speeds unless it is given.
 
-    InputError where the steps cannot tell a number, with which and why.
+    InputError where the steps do not determine a number: it names the number and the reason.
     """
     steps = list(steps)
     for direction, rising in ((RISE, True), (FALL, False)):

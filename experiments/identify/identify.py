@@ -38,7 +38,7 @@ def identify(
 ) -> tuple[Identification, BrakeFile, list[Path]]:
     """Read the steps, fit, and write the brake file and, into a folder, the figures; all or nothing.
 
-    InputError, and nothing written, if a file exists already or the steps cannot tell a number.
+    InputError, and nothing written, if a file exists already or the steps do not determine a number.
     """
     refuse_existing_files([out])
     if not out.absolute().parent.is_dir():

@@ -1,4 +1,4 @@
-"""The paper's Figs. 1 and 4 to 14, remade from our models: no data of the paper are drawn, only what the models say.
+"""The paper's Figs. 1 and 4 to 14, remade from our models: no data of the paper are drawn, only our models.
 
 Each module draws a group of figures; `draw_all` names their files and writes them, all or none.
 """

@@ -14,8 +14,8 @@ from core.workspace import Array, arm_pose, free_tips, in_turn_of
 from experiments.analysis.sheet import BLUE, CM, GREEN, ORANGE, QUIET, TEXT, legend_at, plain, sheet, title
 from experiments.paper_figures.brake import parameters_of
 
-#: Joint -> colour and line: told apart by the colour-blind (C darker than in their set, for thin lines) and in print
-#: without colour.
+#: Joint -> colour and line. The colour-blind tell them apart (C is darker than in their set, for thin lines), and so
+#: does a print without colour.
 JOINT_COLOURS = {"A": BLUE, "E": ORANGE, "B": GREEN, "C": "#a8508a"}
 JOINT_LINES = {"A": "-", "E": (0, (6, 1.5)), "B": (0, (6, 1.5, 1, 1.5)), "C": (0, (1.5, 1.2))}
 GRID = 301  # points each way of a map: 2 to 3 mm

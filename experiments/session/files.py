@@ -199,10 +199,18 @@ def cell(trial: PlannedTrial | TrialRow) -> tuple:
     return trial.block, trial.configuration, trial.controller, trial.segment, trial.repetition
 
 
-def open_trials(plan: tuple[PlannedTrial, ...], rows: list[TrialRow]) -> list[PlannedTrial]:
-    """The planned trials, in order, that no trial has settled yet."""
+def open_trials(
+    plan: tuple[PlannedTrial, ...], rows: list[TrialRow], postponed: Sequence[int] = ()
+) -> list[PlannedTrial]:
+    """The planned trials, in order, that no trial has settled yet; those of postponed runs end their configuration."""
     settled = {cell(row) for row in rows if row.status in SETTLED}
-    return [trial for trial in plan if cell(trial) not in settled]
+    waiting = [trial for trial in plan if cell(trial) not in settled]
+    if postponed:
+        cells = [cell(row) for run in postponed for row in rows if row.run == run]
+        devices = list(dict.fromkeys(trial.configuration for trial in plan))
+        turn = {last: place for place, last in enumerate(cells, start=1)}  # asked for twice: the later place
+        waiting.sort(key=lambda trial: (devices.index(trial.configuration), turn.get(cell(trial), 0)))
+    return waiting
 
 
 def kept_sessions(data_dir: Path) -> dict[str, bool]:

@@ -49,6 +49,7 @@ TRIAL_CUT_OFF = Event("trial cut off", {"run": int, "reason": str})  # of a stud
 LEFT_AS_STREAM = Event("left as a stream", {"file": str, "reason": str})
 SKIPPED = Event("skipped", {**_TRIAL, "reason": str})
 REDONE = Event("redone", {"run": int, "reason": str})
+POSTPONED = Event("postponed", {"run": int})  # its trial comes again at the end of its configuration
 EXCLUDED = Event("excluded", {"run": int, "reason": str})  # from every result but the table
 UNBLINDED = Event("unblinded", {"who": str, "key": dict})  # code -> controller
 KEY_OPENED = Event("key opened", {"who": str, "analysis": str})  # for an analysis; the session stays blind
@@ -57,6 +58,7 @@ PAUSED = Event("paused", {})
 RESUMED_AFTER_PAUSE = Event("resumed after a pause", {"seconds": _NUMBER})
 BREAK_ENDED = Event("break ended", {"settled": int})  # trials of the plan
 ANSWERS = Event("answers", {"configuration": str, "block": int, "values": dict})
+CONTROLLER_ANSWERS = Event("answers of a controller", {"configuration": str, "controller": (int, str), "values": dict})
 RERIGGED = Event("re-rigged", {"configuration": str})
 HOMED = Event("homed", {"tip_m": list, "board": str})
 ZEROED = Event("zero taken", dict.fromkeys(ZeroRecord._fields, list) | {"samples": int})
@@ -130,6 +132,7 @@ class JournalSummary:
     begun: dict[int, dict] = field(default_factory=dict)  # run -> the event
     skipped: dict[int, dict] = field(default_factory=dict)  # run -> the event
     marked: dict[int, str] = field(default_factory=dict)  # run -> its status since, "redone" or "excluded"
+    postponed: list[int] = field(default_factory=list)  # runs, in the order in which that was asked for
     practised: Counter[str] = field(default_factory=Counter)  # configuration -> practice trials done or skipped
     key: dict[str, int] | None = None  # code -> controller, once the session is unblinded
 
@@ -153,6 +156,8 @@ def journal_summary(session: Path) -> JournalSummary:
             found.skipped[about["run"]] = about
         elif event is REDONE or event is EXCLUDED:
             found.marked[about["run"]] = event.name
+        elif event is POSTPONED:
+            found.postponed.append(about["run"])
         elif event is SKIPPED or (event is PRACTICE_ENDED and about["status"] in COUNTED):
             found.practised[about["configuration"]] += 1
         elif event is UNBLINDED:

@@ -1,7 +1,9 @@
 """A recorded trial as it is looked at: its ticks, its device and path, its row, and its distance from the path."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from pyarrow import csv
@@ -125,8 +127,24 @@ def fill_field(path: Way, rows: np.ndarray) -> None:
     )
 
 
-def replayed_ticks(path: Path) -> np.ndarray:
-    """The tick log (n, tick_log.WIDTH) of a table that `phd replay --out` has written; without texts but the phase."""
+class Beside(NamedTuple):
+    """A trial's hand through another controller: what `phd replay` has made of it."""
+
+    ticks: np.ndarray  # (n, tick_log.WIDTH), of the movement; of its texts the phase alone
+    error: np.ndarray  # (n,) m
+    metrics: dict[str, float | None]
+    status: str
+    text: str  # how it is to be read
+
+
+def read_beside(path: Path, summary: str) -> Beside:
+    """A replay from the table that `phd replay --out` has written and the summary that it has printed."""
+    about, ticks = json.loads(summary), _replayed_ticks(path)
+    metrics = {name: change["after"] for name, change in about["metrics"].items()}
+    return Beside(ticks, errors(ticks), metrics, about["after"]["status"], about["says"])
+
+
+def _replayed_ticks(path: Path) -> np.ndarray:
     table = csv.read_csv(path)
     rows = np.zeros((table.num_rows, tick_log.WIDTH))
     for name, place in recording_columns(JOINTS):

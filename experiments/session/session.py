@@ -162,7 +162,7 @@ class Session:
     @property
     def _waiting(self) -> list[PlannedTrial]:
         """The planned trials, in order, that are not settled."""
-        return files.open_trials(self.plan, self.rows)
+        return files.open_trials(self.plan, self.rows, self._summary.postponed)
 
     @property
     def settled(self) -> int:
@@ -311,13 +311,17 @@ class Session:
             self._add(row)
         return row
 
-    def redo(self, run: int, reason: str) -> TrialRow:
-        """Have the cell of a run done again, next: its recording stays and its row becomes `redone`; that row.
+    def redo(self, run: int, reason: str, at_end: bool = False) -> TrialRow:
+        """Have the cell of a run done again: its recording stays, its row becomes `redone`; that row.
 
-        InputError if there is no such run, or its cell is open anyway.
+        It comes next, or at the end of its configuration. InputError if there is no such run, or its cell is open.
         """
         otherwise = "its trial comes again by itself, there is nothing to do again"
-        return self._mark(run, events.REDONE, reason, SETTLED, otherwise)
+        row = self._mark(run, events.REDONE, reason, SETTLED, otherwise)
+        if at_end:
+            self.journal(events.POSTPONED, run=run)
+            self._summary.postponed.append(run)
+        return row
 
     def exclude(self, run: int, reason: str) -> TrialRow:
         """Take a run out of every result but the table: its recording stays, its row becomes `excluded`; that row.

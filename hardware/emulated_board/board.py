@@ -10,38 +10,9 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
 
+from hardware.wire import messages as m
 from hardware.wire.frames import FrameDecoder, encode_frame
-from hardware.wire.messages import (
-    NO_DETAIL,
-    SAMPLE_HZ,
-    TYPES,
-    VERSION,
-    WATCHDOG_US,
-    AskHello,
-    Bye,
-    Command,
-    Fault,
-    FaultReport,
-    Flag,
-    Four,
-    Heartbeat,
-    HeartbeatReply,
-    Hello,
-    Home,
-    Homed,
-    Limits,
-    Refusal,
-    Refused,
-    ResetFault,
-    Sample,
-    SampleLayout,
-    SetLimits,
-    State,
-    Stop,
-    joints_of,
-    pack,
-    unpack,
-)
+from hardware.wire.messages import Fault, Flag, Four, Refusal, State, joints_of
 
 OVER_CURRENT_mA = 100  # a brake may draw this and a tenth of its limit more than its limit
 OVER_CURRENT_TICKS = 10
@@ -74,16 +45,16 @@ class Capability:
     serial: bytes = b""
     firmware: tuple[int, int, int] = (1, 0, 0)
 
-    def layout(self) -> SampleLayout:
+    def layout(self) -> m.SampleLayout:
         """How its samples look."""
-        return SampleLayout(self.encoders.bit_count(), self.force_channels, self.brakes.bit_count())
+        return m.SampleLayout(self.encoders.bit_count(), self.force_channels, self.brakes.bit_count())
 
-    def hello(self, state: State, faults: Fault, cause: Fault, starts: int) -> Hello:
+    def hello(self, state: State, faults: Fault, cause: Fault, starts: int) -> m.Hello:
         """What it says of itself."""
-        return Hello(
-            VERSION, state, faults, cause, self.firmware, self.encoders, self.brakes, self.force_channels, SAMPLE_HZ,
-            WATCHDOG_US // 1000, self.counts_per_rev, self.current_max_mA, self.force_unit, self.force_full_scale,
-            starts, self.device, self.serial,
+        return m.Hello(
+            m.VERSION, state, faults, cause, self.firmware, self.encoders, self.brakes, self.force_channels,
+            m.SAMPLE_HZ, m.WATCHDOG_US // 1000, self.counts_per_rev, self.current_max_mA, self.force_unit,
+            self.force_full_scale, starts, self.device, self.serial,
         )  # fmt: skip
 
 
@@ -98,7 +69,7 @@ class Watch:
         self._over_current = [0, 0, 0, 0]  # ticks on end
         self._saturated = 0  # ticks on end
 
-    def conditions(self, readings: Readings, limits: Limits) -> Iterator[tuple[Fault, int]]:
+    def conditions(self, readings: Readings, limits: m.Limits) -> Iterator[tuple[Fault, int]]:
         """(fault, index of joint or channel) of all that is wrong at this tick."""
         self._past.append(readings.counts)
         for i in self._brakes:
@@ -120,7 +91,7 @@ class Watch:
         if most == 0 or len(self._past) <= SPEED_TICKS:
             return False
         turned = (self._past[-1][i] - self._past[0][i] + (1 << 31)) % (1 << 32) - (1 << 31)  # counts go round
-        return abs(turned) * SAMPLE_HZ > most * SPEED_TICKS
+        return abs(turned) * m.SAMPLE_HZ > most * SPEED_TICKS
 
 
 LATE_US = 50_000  # us; a command that took this much longer than the quickest of late is not obeyed
@@ -184,7 +155,7 @@ class Event(Enum):
 
 BOOT, IDLE, READY, ACTIVE, FAULT = State
 
-#: (state, event) -> the state after it; a pair that is not here changes nothing, for the reason that `handling` gives.
+#: (state, event) -> the state after it; a pair that is not here changes nothing
 NEXT: dict[tuple[State, Event], State] = {
     (BOOT, Event.STARTED): IDLE,
     (BOOT, Event.STARTED_LOW): FAULT,
@@ -214,31 +185,7 @@ REFUSED = {
     (ACTIVE, Event.HOME),
 }
 
-#: What a board does not see in that state: it does not watch for it.
-UNSEEN = {
-    *((BOOT, event) for event in (Event.SILENCE, Event.WATCHDOG, Event.BAD)),
-    *((state, event) for state in State if state != BOOT for event in (Event.STARTED, Event.STARTED_LOW)),
-    *((state, Event.WATCHDOG) for state in (IDLE, READY, FAULT)),
-    (IDLE, Event.BAD),
-    (IDLE, Event.SILENCE),
-    (ACTIVE, Event.SILENCE),  # the watchdog was there long before
-}
-
-_MESSAGES = tuple(Event)[:9]
-
-
-def handling(state: State, event: Event) -> str:
-    """What the table of the specification says of a pair: the next state, "refused", "-" (not seen), or "same"."""
-    if (state, event) in NEXT:
-        return NEXT[state, event].name
-    if (state, event) in REFUSED:
-        return "refused"
-    if (state, event) in UNSEEN:
-        return "-"
-    return "ignored" if state == BOOT and event in _MESSAGES else "same"
-
-
-TICK_US = 1_000_000 // SAMPLE_HZ
+TICK_US = 1_000_000 // m.SAMPLE_HZ
 SILENCE_US = 1_000_000  # us without a good frame, after which no host is there
 START_US = 100_000  # us from power to Idle: self-test
 
@@ -283,7 +230,7 @@ class Board:
         self._started_us = now_us
         self._offset = [0, 0, 0, 0]  # added to the counts as read: homing
         self._inputs = Watch(self.capability)
-        self._detail = NO_DETAIL
+        self._detail = m.NO_DETAIL
         self._heard_us = now_us
         self._reported = Fault.NONE
         self._standing = False  # a condition of a fault is there now
@@ -292,7 +239,7 @@ class Board:
 
     def _disconnect(self) -> None:
         self.currents = ZERO
-        self.limits = Limits(ZERO, ZERO)
+        self.limits = m.Limits(ZERO, ZERO)
         self.streaming = False
         self._fresh = Freshness()
         self._commanded_us = 0  # when the last fresh command came
@@ -302,7 +249,7 @@ class Board:
         """Take in bytes from the host; the bytes to answer. In Boot nothing is heard."""
         answers = b""
         for payload in self.decoder.feed(data):
-            message = unpack(payload)
+            message = m.unpack(payload)
             event = _event_of(message)
             if message is None or event is None:
                 self.counts.not_understood += 1
@@ -312,7 +259,7 @@ class Board:
             if self.state == State.BOOT:
                 self._see(event)
             else:
-                answers += b"".join(encode_frame(pack(answer)) for answer in self._take(message, event, now_us))
+                answers += b"".join(encode_frame(m.pack(answer)) for answer in self._take(message, event, now_us))
         return answers
 
     def tick(self, readings: Readings, now_us: int) -> bytes:
@@ -323,7 +270,7 @@ class Board:
                 self._heard_us = now_us
                 self._change(Event.STARTED_LOW if self._low_at_start else Event.STARTED)
                 if self._low_at_start:
-                    self._latch(Fault.BROWN_OUT, NO_DETAIL)
+                    self._latch(Fault.BROWN_OUT, m.NO_DETAIL)
                 self._low_at_start = False
             return b""
         self._sequence = (self._sequence + 1) % WRAP
@@ -334,7 +281,7 @@ class Board:
         self._check(readings)
         out = b""
         if self.faults != self._reported and self.streaming:
-            out += encode_frame(pack(self._report(now_us)))
+            out += encode_frame(m.pack(self._report(now_us)))
         if self.streaming:
             out += encode_frame(self._layout.pack(self._sample(now_us)))
             self._flags &= ~Flag.LATE
@@ -367,16 +314,16 @@ class Board:
             self._detail = detail
         self.faults |= fault
 
-    def _fail(self, event: Event, fault: Fault, detail: int = NO_DETAIL) -> None:
+    def _fail(self, event: Event, fault: Fault, detail: int = m.NO_DETAIL) -> None:
         """Latch a fault: the currents are zero when this returns."""
         self._change(event)
         self._latch(fault, detail)
 
     def _take(self, message: tuple, event: Event, now_us: int) -> list[tuple]:
         """Obey one message; the answers."""
-        if isinstance(message, Command):
+        if isinstance(message, m.Command):
             return self._command(message, event, now_us)
-        if isinstance(message, Home) and (message.joints == 0 or message.joints & ~self.capability.encoders):
+        if isinstance(message, m.Home) and (message.joints == 0 or message.joints & ~self.capability.encoders):
             return self._refuse(message, Refusal.BAD_VALUE)
         if event is Event.RESET and self.faults and self._standing:
             self._see(event)
@@ -384,35 +331,35 @@ class Board:
         if not self._change(event):
             return self._refuse(message, Refusal.WRONG_STATE)
         match message:
-            case AskHello(version):
+            case m.AskHello(version):
                 self._disconnect()
-                refused = [] if version == VERSION else self._refuse(message, Refusal.VERSION)
+                refused = [] if version == m.VERSION else self._refuse(message, Refusal.VERSION)
                 return [self.capability.hello(self.state, self.faults, self.cause, self.starts), *refused]
-            case SetLimits(current, speed):
+            case m.SetLimits(current, speed):
                 largest = self.capability.current_max_mA
-                self.limits = Limits(_four(map(min, current, largest)), speed)
+                self.limits = m.Limits(_four(map(min, current, largest)), speed)
                 self.streaming = True
                 return [self.limits]
-            case Home(joints, counts):
+            case m.Home(joints, counts):
                 for i in joints_of(joints):
                     self._offset[i] = counts[i] - self._readings.counts[i]
                 self.homed |= joints
-                return [Homed(joints, counts)]
-            case ResetFault():
+                return [m.Homed(joints, counts)]
+            case m.ResetFault():
                 if self.faults:
                     self._disconnect()
                 self.faults = self.cause = Fault.NONE
-                self._detail = NO_DETAIL
+                self._detail = m.NO_DETAIL
                 return [self._report(now_us)]
-            case Heartbeat(token):
-                return [HeartbeatReply(token, now_us)]
-            case Stop():
-                self._latch(Fault.HOST_REQUEST, NO_DETAIL)
+            case m.Heartbeat(token):
+                return [m.HeartbeatReply(token, now_us)]
+            case m.Stop():
+                self._latch(Fault.HOST_REQUEST, m.NO_DETAIL)
                 return [self._report(now_us)]
         self._disconnect()  # Bye
         return []
 
-    def _command(self, command: Command, event: Event, now_us: int) -> list[tuple]:
+    def _command(self, command: m.Command, event: Event, now_us: int) -> list[tuple]:
         if command.mode > 1:
             return self._refuse(command, Refusal.BAD_VALUE)
         age = self._fresh.judge(command.sequence, command.host_us, now_us)
@@ -436,11 +383,11 @@ class Board:
 
     def _refuse(self, message: tuple, reason: Refusal) -> list[tuple]:
         self.counts.refused += 1
-        return [Refused(TYPES[type(message)], reason)]
+        return [m.Refused(m.TYPES[type(message)], reason)]
 
     def _watch(self, now_us: int) -> None:
         """The watchdog: trips while there is still a tick left, so that currents are zero at 50 ms at the latest."""
-        if self.state == State.ACTIVE and now_us - self._commanded_us > WATCHDOG_US - TICK_US:
+        if self.state == State.ACTIVE and now_us - self._commanded_us > m.WATCHDOG_US - TICK_US:
             self._fail(Event.WATCHDOG, Fault.WATCHDOG)
 
     def _check(self, readings: Readings) -> None:
@@ -451,13 +398,13 @@ class Board:
             if self.state != State.IDLE and not self.faults & fault:
                 self._fail(Event.BAD, fault, detail)
 
-    def _report(self, now_us: int) -> FaultReport:
+    def _report(self, now_us: int) -> m.FaultReport:
         self._reported = self.faults
-        return FaultReport(self.faults, self.cause, self._detail, now_us)
+        return m.FaultReport(self.faults, self.cause, self._detail, now_us)
 
-    def _sample(self, now_us: int) -> Sample:
+    def _sample(self, now_us: int) -> m.Sample:
         r = self._readings
-        return Sample(
+        return m.Sample(
             sequence=self._sequence,
             echo=self._fresh.last,
             board_us=now_us,
@@ -472,14 +419,14 @@ class Board:
 
 
 _EVENTS = {
-    AskHello: Event.HELLO, SetLimits: Event.LIMITS, Home: Event.HOME, ResetFault: Event.RESET,
-    Heartbeat: Event.HEARTBEAT, Stop: Event.STOP, Bye: Event.BYE,
+    m.AskHello: Event.HELLO, m.SetLimits: Event.LIMITS, m.Home: Event.HOME, m.ResetFault: Event.RESET,
+    m.Heartbeat: Event.HEARTBEAT, m.Stop: Event.STOP, m.Bye: Event.BYE,
 }  # fmt: skip
 
 
 def _event_of(message: tuple | None) -> Event | None:
     """The event that a message is; None where it is none of a host's (unknown, or our own echoed back by something)."""
-    if isinstance(message, Command):
+    if isinstance(message, m.Command):
         return Event.ON if message.mode else Event.OFF
     return _EVENTS.get(type(message))
 

@@ -22,8 +22,8 @@ from hardware.emulated_board.board import ZERO, Board
 from hardware.emulated_board.device import TICK_S, EmulatedDevice, EmulatedHand
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault
 from hardware.emulated_board.sensors import CONTROL, EMULATED, FOLDER, capability_of
+from hardware.wire import messages as m
 from hardware.wire.frames import encode_frame
-from hardware.wire.messages import Home, State, pack
 
 PIECE = 4096  # bytes read at once
 
@@ -86,7 +86,7 @@ class Emulator:
         self.events: deque[tuple[float, str]] = deque(maxlen=200)  # s, what happened
         self.ticks = 0
         self._log = log
-        self._shown: tuple = (State.BOOT, 0, False)  # state, faults, whether currents flow
+        self._shown: tuple = (m.State.BOOT, 0, False)  # state, faults, whether currents flow
         self._acting: set[LineFault] = set()
         self._powered_s = 0.0  # when the board's clock began; infinite: it has no power
         self._stopping = False
@@ -165,10 +165,10 @@ class Emulator:
         readings = self.device.sense(self.board.currents, self._acting)
         if now >= self._powered_s:
             self._send(self.board.tick(readings, self._board_us(now)), now)
-            if self._home and self.board.state != State.BOOT:
+            if self._home and self.board.state != m.State.BOOT:
                 self._home = False
-                home = Home(self.board.capability.encoders, self.device.sensors.home_counts())
-                self.board.receive(encode_frame(pack(home)), self._board_us(now))
+                home = m.Home(self.board.capability.encoders, self.device.sensors.home_counts())
+                self.board.receive(encode_frame(m.pack(home)), self._board_us(now))
         self.device.advance(self.board.currents)
         self._tell_changes()
         self.ticks += 1

@@ -23,7 +23,9 @@ from app.cli import main
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
+from app.window.page import RUN
 from app.window.painting import theme
+from app.window.trial_card import NO_FLAGS
 from app.window.windows import Windows
 from core import tick_log
 from experiments.analysis.trials_table import read_table
@@ -47,10 +49,10 @@ def windows(qtbot, tmp_path: Path):
     protocol.write_text(changed(PAPER.text, time_out_s="200.0"), encoding="utf-8")
     windows = Windows(Client(Setup(tmp_path / "data", str(protocol), sync=False)))
     windows.show()
-    wait_until(windows.console.start_page.new.isEnabled)
+    wait_until(lambda: windows.main.snapshot.stage == m.NO_SESSION and not windows.main.snapshot.why_not)
     pids = [windows.client.pid, *children(windows.client.pid)]
-    QTest.keyClick(windows.console.start_page.participant, Qt.Key.Key_Return)
-    wait_until(lambda: windows.console.snapshot.stage == m.READY)
+    windows.client.send(m.Open("01"))
+    wait_until(lambda: windows.main.snapshot.stage == m.READY and windows.main.shown == RUN)
     windows.show_or_hide_participant()
     wait_until(windows.participant.isVisible)
     yield windows
@@ -59,8 +61,8 @@ def windows(qtbot, tmp_path: Path):
 
 
 def test_a_whole_mouse_trial_is_recorded_measured_and_shown(windows: Windows, tmp_path: Path, monkeypatch) -> None:
-    console, view = windows.console, windows.participant.view
-    planned = console.snapshot.coming
+    main, run, view = windows.main, windows.main.page(RUN), windows.participant.view
+    planned = main.snapshot.coming
     newest: list[np.ndarray] = []
     said: dict[int, set[str]] = {}  # phase of the newest tick in a picture -> what that says
     show = windows.participant.show_ticks
@@ -68,15 +70,15 @@ def test_a_whole_mouse_trial_is_recorded_measured_and_shown(windows: Windows, tm
     def look(rows: np.ndarray, taken: bool) -> None:
         newest.append(rows[-1])
         show(rows, taken)
-        if console.snapshot.running:
-            said.setdefault(int(rows[-1, tick_log.PHASE]), set()).add(view.said.large)
+        if main.snapshot.running:
+            said.setdefault(int(rows[-1, tick_log.PHASE]), set()).add(view.shown.large)
 
     monkeypatch.setattr(windows.participant, "show_ticks", look)
     hand = SyntheticHand(planned.segment, view.tip)
     point(view, view.to_screen(view.tip))
     QTest.keyClick(windows.participant, Qt.Key.Key_Space)
     last, end = time.monotonic(), time.monotonic() + LONG_S
-    while not console.snapshot.rows:
+    while not main.snapshot.rows:
         QTest.qWait(15)
         now, dt = time.monotonic(), time.monotonic() - last
         last = now
@@ -88,30 +90,31 @@ def test_a_whole_mouse_trial_is_recorded_measured_and_shown(windows: Windows, tm
             )
     words = {tick_log.APPROACH: {"Move to the start"}, tick_log.HOLD: {"Hold"}, tick_log.MOVE: {"Go"}}
     assert {tick_log.APPROACH, tick_log.MOVE} <= set(said)  # a hold of half a second may come between two pictures
-    assert all(said[phase] == words[phase] for phase in said if phase in words) and view.said.large == "Well done"
-    (result,) = console.snapshot.rows
+    assert all(said[phase] == words[phase] for phase in said if phase in words) and view.shown.large == "Well done"
+    (result,) = main.snapshot.rows
     assert result.status == "done" and (result.segment, result.controller) == (planned.segment, planned.controller)
     session = tmp_path / "data" / "sub-01" / "ses-01"
     assert read_table(session / "trials.csv") == [result]
     recording = read_recording(session / result.recording)
     order = [recording.words["phase"][code] for code in dict.fromkeys(recording.column("phase"))]
     assert recording.whole and order == ["approach", "hold", "move", "end"]
-    assert console.panel.grid.statuses == {1: "done"} and console.panel.start.isEnabled()
-    wait_until(lambda: "1 run recorded and verified" in console.proof.recording.text())
+    assert run.panel.grid.statuses == {1: "done"} and run.card_shown and run.card.flags.text() == NO_FLAGS
+    wait_until(lambda: "1 run of this session recorded and verified" in main.footer.recording.text())
 
 
 def test_escape_ends_a_real_trial_with_its_cause_and_the_next_waits_for_the_brakes(windows: Windows) -> None:
-    console = windows.console
+    main = windows.main
     QTest.keyClick(windows.participant, Qt.Key.Key_Space)
-    wait_until(lambda: console.snapshot.stage == m.RUNNING)
+    wait_until(lambda: main.snapshot.stage == m.RUNNING)
     QTest.keyClick(windows.participant, Qt.Key.Key_Escape)
-    wait_until(lambda: console.snapshot.rows and console.snapshot.brakes_off)
-    assert console.snapshot.rows[0].status == "stopped"
-    assert "Esc on the participant's screen" in console.preflight.advice.text()
-    assert not console.panel.start.isEnabled()
-    QTest.keyClick(windows.participant, Qt.Key.Key_B)
-    wait_until(console.panel.start.isEnabled)
-    assert console.preflight.advice.isHidden()
+    wait_until(lambda: main.snapshot.rows and main.snapshot.brakes_off)
+    assert main.snapshot.rows[0].status == "stopped"
+    assert "Esc on the participant's screen" in main.preflight.advice.text()
+    start = main.page(RUN).panel.start
+    assert not start.isEnabled()
+    QTest.keyClick(windows.participant, Qt.Key.Key_B, Qt.KeyboardModifier.ControlModifier)
+    wait_until(start.isEnabled)
+    assert main.preflight.advice.isHidden()
 
 
 #: the app, that says when its windows are open

@@ -17,7 +17,7 @@ from real_bench import RealBench
 from core.device import load_device
 from core.device_interface import DeviceError
 from core.files import InputError
-from hardware.discovery import ask_board
+from hardware.discovery import ask_board, look_at_ports
 from hardware.emulated_board.device import HeldHand
 from hardware.emulated_board.emulator import Emulator
 from hardware.emulated_board.line_faults import AT_JOINT, KINDS, read_fault
@@ -201,9 +201,13 @@ def test_the_board_follows_the_device_that_a_host_asks_for_and_the_handle_stays(
     for name in ("three-brake", "four-brake"):
         host = SerialDevice(load_device(name), str(emulated.port))
         patiently(host.open)
-        sample = run(host, 3)[-1]
-        assert ask_board(str(emulated.port)).problem, "the port is its host's alone"
+        sample, port = run(host, 3)[-1], str(emulated.port)
+        found = {one.port: one for one in look_at_ports()}
+        assert not found[port].answers, "the port is its host's alone"
+        assert port not in {one.port for one in look_at_ports(besides=port)}
         host.close()
+        (found,) = (one for one in look_at_ports() if one.port == port)
+        assert (found.words, found.answers) == (f"answers, {name}", True)
         assert sample.homed and math.dist(sample.tip, before) < 2e-3
         assert ask_board(str(emulated.port)).device == name
 

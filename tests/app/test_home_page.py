@@ -7,15 +7,16 @@ import pytest
 from fake_client import GREEN, RED, before, opened, ready
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QFileDialog, QPushButton
+from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import cut_texts, settle, visible_texts
 from sessions import new_session, run_trials
 from status_messages import ON_BENCH, WELL
 
 from app.ipc import messages as m
-from app.window.home_page import AS_PROTOCOL, BOARD, SIMULATED, HomePage
+from app.window.data_panel import Recent
+from app.window.home_page import BOARD, SIMULATED, HomePage
 from app.window.page import ANALYSE, RUN, TRY
 from app.window.painting import theme
 from experiments.protocol import PAPER, load_protocol
@@ -31,8 +32,6 @@ class Shown:
     """A home page, what it sent and what it asked for."""
 
     def __init__(self, qtbot, folder: Path) -> None:
-        from PySide6.QtWidgets import QApplication
-
         theme.dress(QApplication.instance())  # type: ignore[arg-type]
         self.qtbot, self.sent, self.setups, self.pages = qtbot, [], [], []
         self.page = HomePage(self.sent.append)
@@ -117,11 +116,14 @@ def test_another_choice_starts_another_session_server_only_when_the_session_star
     page.protocol.activated.emit(page.protocol.currentIndex())
     page.hand.setCurrentIndex(page.hand.findText("Simulated operator"))
     page.hand.activated.emit(page.hand.currentIndex())
+    page.devices.setCurrentIndex(page.devices.findText("four-brake"))
+    page.devices.activated.emit(page.devices.currentIndex())
     shown.wait()
-    assert shown.setups == [] == shown.sent and page.devices.currentText() == AS_PROTOCOL
+    assert page.summary.text().startswith("1 device × ")
+    assert shown.setups == [] == shown.sent
     page.show_snapshot(before(checks=(GREEN[0], m.Check("Hand", m.BAD, "no six-axis device"), *GREEN[2:])))
     shown.click(page.start)
-    chosen = shown.setup._replace(protocol="curves", hand=m.OPERATOR)
+    chosen = shown.setup._replace(protocol="curves", hand=m.OPERATOR, devices=("four-brake",))
     assert shown.setups == [(chosen, m.Open("01"))] and shown.sent == []
     page.show_setup(chosen)
     page.show_snapshot(before())
@@ -160,6 +162,21 @@ def test_the_plan_is_shown_before_anyone_sits_down_and_escape_leads_back(shown: 
     shown.qtbot.waitUntil(lambda: page.stack.currentWidget() is page.plan, timeout=10_000)
     assert page.plan_text.toPlainText().count("path 1") == 30 and "re-rig to" in page.plan_text.toPlainText()
     assert page.cancel() and page.stack.currentWidget() is page.columns and not page.cancel()
+
+
+def test_what_was_used_last_is_offered_again_by_the_app_alone(shown: Shown, tmp_path: Path) -> None:
+    assert Recent("folders").paths == [] and shown.page.data._recent.paths == [str(shown.setup.data_dir)]
+    files = [tmp_path / f"{n}.toml" for n in range(8)]
+    QSettings.setPath(QSettings.Format.IniFormat, QSettings.Scope.UserScope, str(tmp_path))
+    QApplication.setOrganizationName("phd-test")
+    try:
+        for file in files:
+            file.touch()
+            Recent("protocols").add(str(file))
+        files[7].unlink()
+        assert Recent("protocols").paths == [str(file) for file in files[6:1:-1]], "not the one that is gone"
+    finally:
+        QApplication.setOrganizationName("")
 
 
 # the board
@@ -275,7 +292,7 @@ def test_no_text_is_cut(shown: Shown, size: tuple[int, int], checks) -> None:
     shown.look(session(shown.setup.data_dir, "01", 60), session(shown.setup.data_dir, "LongestName1234567890", 14))
     shown.page.show_snapshot(before(checks=checks))
     settle(shown.page)
-    area = shown.page.checks.parentWidget()
-    inside_the_form = {text for text in visible_texts(area)}  # which scrolls where the window is low
-    cut = [text for text in cut_texts(shown.page) if size[1] > 600 or text not in inside_the_form]
-    assert cut == []
+    for area in (shown.page.form, shown.page.data.area):
+        assert area.widget().minimumSizeHint().width() <= area.viewport().width()
+    low = {text for text in visible_texts(shown.page.form)} if size[1] < 700 else set()  # the form scrolls
+    assert [text for text in cut_texts(shown.page) if text not in low] == []

@@ -1,5 +1,6 @@
 """What is refused before a session, and what a refusal leaves behind: nothing."""
 
+import contextlib
 import re
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from sessions import files, new_session, run_trials
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
+from app.session_server.server import in_words, take_folder
 from core.files import InputError
 from experiments.session import files as files_module
 from experiments.session.files import other_protocol, refuse_existing
@@ -28,10 +30,9 @@ def everything(folder: Path) -> set[str]:
 
 def refuse(setup: Setup) -> str:
     """What a session server answers that refuses to begin."""
-    client = Client(setup)
-    why = client.refused()
-    client.stop("the test is over")
-    return why
+    with contextlib.ExitStack() as left, pytest.raises((InputError, OSError)) as refusal:
+        take_folder(setup, left)
+    return in_words(refusal.value, setup.data_dir)
 
 
 @pytest.mark.parametrize("there", ["", "data", "data/notes.txt", "data/sub-07/ses-01/session.json"])

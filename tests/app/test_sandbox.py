@@ -5,12 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from protocols import PAPER
 from simulated_loop import LocalWindow, local_window
 from synthetic_hand import SyntheticHand
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
+from experiments.protocol import load_protocol
 
 
 @pytest.fixture
@@ -180,6 +182,28 @@ def test_settings_that_cannot_be_are_refused_and_nothing_changes(window: LocalWi
         change(window, **what)
         assert says in window.until(lambda s, says=says: s.said_bad and says in s.said).said
         assert window.snapshot.sandbox.settings == before
+
+
+def test_what_is_tried_can_be_saved_as_a_protocol_that_can_be_run(window: LocalWindow, tmp_path: Path) -> None:
+    plain, other = tmp_path / "plain.toml", tmp_path / "other.toml"
+    change(window, path=2, rules="literal", controller=3, gap_m=0.008, spring_N_m=800.0)
+    window.client.send(m.SaveAsProtocol(str(plain)))
+    assert str(plain) in window.until(lambda s: "Saved" in s.said).said
+    saved = load_protocol(plain)
+    assert (saved.name, saved.rules, list(saved.paths)) == ("plain", "literal", [2])
+    assert saved.controllers == {**PAPER.controllers, 3: PAPER.controllers[3].replaced("gap_m", 0.008)}
+    assert [device.text for device in saved.devices] == [PAPER.devices[0].text]
+    assert (saved.mouse.stiffness_N_m, saved.mouse.damping_N_s_m) == (800.0, 16.0)
+    window.client.send(m.SaveAsProtocol(str(plain)))
+    assert "exists already" in window.until(lambda s: s.said_bad).said
+    change(window, brake_strength=0.5, backlash_deg=1.5, blend_width_m=0.02)
+    window.client.send(m.SaveAsProtocol(str(other)))
+    assert "no blend width" in window.until(lambda s: "Saved" in s.said).said
+    brakes, theirs = load_protocol(other).devices[0].brakes, PAPER.devices[0].brakes
+    assert brakes.k == pytest.approx(0.5 * theirs.k)
+    assert np.degrees(brakes.play[theirs.present > 0]) == pytest.approx(1.5)
+    there = {path.name for path in tmp_path.glob("*.toml")}
+    assert there == {"plain.toml", "other.toml", "other-device.toml", "other-brake-1.toml"}
 
 
 def test_a_guide_below_the_brakes_own_drag_is_known(window: LocalWindow) -> None:

@@ -30,7 +30,7 @@ def pictures(screens: Screens, blind: bool) -> list[tuple[QImage, QImage]]:
     found = []
     for rows in two_controllers():
         console = screens.hear(opened(), running(1, blind=blind), running(0, blind=blind), pulse())
-        for button in console.centre.workspace.buttons.values():
+        for button in screens.run.centre.workspace.buttons.values():
             button.setChecked(True)
         screens.participant.show()
         settle(console)  # curves are painted piece by piece from the first tick on, both times

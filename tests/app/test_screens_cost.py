@@ -1,12 +1,11 @@
 """What measures the screens, and what spares them work. No figure is a limit here: machines differ."""
 
 import gc
-import threading
 import time
 
 import numpy as np
 import pytest
-from fake_client import PLAN, TIP, opened, pulse, ready, running, ticks
+from fake_client import TIP, opened, pulse, running, ticks
 from fake_ticks import ALONG, trial
 from PySide6.QtCore import QEvent, QPoint
 from PySide6.QtGui import QImage, QPaintEvent
@@ -14,12 +13,10 @@ from PySide6.QtWidgets import QApplication
 from screens import Screens, opened_screens, settle
 
 from app.ipc import messages as m
-from app.window import windows as windows_of_app
 from app.window.painting import theme
 from app.window.painting.linkage_view import Workspace
 from app.window.painting.plane import Plane
 from app.window.plots import Plot
-from app.window.windows import WarmUp
 from core import tick_log
 from core.device import load_device
 from tests.benchmarks.pointer_lag import Moves
@@ -128,74 +125,12 @@ def test_a_handle_that_moves_is_painted_where_it_was_and_where_it_is_and_nowhere
     assert plane.moving().isEmpty()
 
 
-# ------------------------------------------------------------------------------------------------- warm-up
-
-
-def test_the_warm_up_waits_for_the_bench_and_happens_once(screens: Screens, monkeypatch, qtbot) -> None:
-    done = []
-    monkeypatch.setattr(windows_of_app, "prepare_drawing", lambda device: done.append(device.name))
-    console = screens.hear(opened(""), m.Snapshot(m.PREPARING))
-    warm = WarmUp(console)
-    warm._look()
-    assert done == [] and warm.beside is None
-    screens.hear(ready())
-    warm._look()
-    warm.close()
-    assert done == [console.opened.devices[0].name] and not warm.beside.is_alive()
-    assert threading.active_count() == 1 or all(t.name != "warm-up" for t in threading.enumerate())
-
-
-def test_on_first_use_the_warm_up_does_not_wait_for_a_bench_that_compiles(screens: Screens, monkeypatch) -> None:
-    done = []
-    monkeypatch.setattr(windows_of_app, "prepare_drawing", lambda device: done.append(device.name))
-    console = screens.hear(opened(""), m.Snapshot(m.PREPARING))
-    warm = WarmUp(console)
-    warm._since_s -= windows_of_app.FIRST_USE_S
-    warm._look()
-    warm.close()
-    assert len(done) == 1
-
-
-@pytest.mark.parametrize("runs", [False, True])
-def test_when_all_is_ready_the_desk_is_painted_once_unless_a_trial_runs(
-    screens: Screens, monkeypatch, runs: bool
-) -> None:
-    painted = []
-    monkeypatch.setattr(windows_of_app, "prepare_drawing", lambda device: None)
-    monkeypatch.setattr(windows_of_app, "paint_once", painted.append)
-    warm = WarmUp(screens.hear(opened(""), ready()))
-    warm._look()
-    warm.beside.join()
-    assert painted == []
-    if runs:
-        screens.hear(running())
-    warm._look()
-    assert painted == ([] if runs else [screens.console]) and not warm._timer.isActive()
-    warm.close()
-
-
-def test_painting_once_changes_nothing_and_leaves_no_window(screens: Screens) -> None:
-    console = screens.hear(opened(""), m.Snapshot(m.NO_SESSION, coming=PLAN[0], tip=TIP))
-    settle(console)
-    before, shown = console.grab().toImage(), set(QApplication.topLevelWidgets())
-    windows_of_app.paint_once(console)
-    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
-    settle(console)
-    assert console.grab().toImage() == before and set(QApplication.topLevelWidgets()) <= shown
-
-
-def test_a_window_that_closes_early_warms_nothing_up(screens: Screens) -> None:
-    warm = WarmUp(screens.console)
-    warm.close()
-    assert warm.beside is None
-
-
 # ------------------------------------------------------------------------------------------------- the verb
 
 
 def test_the_report_has_a_line_for_every_case_and_the_pointer() -> None:
     one = {
-        "windows": "console", "width": 1280, "height": 720, "scale": 1.0, "platform": "xcb", "seconds": 5.0,
+        "windows": "main window", "width": 1280, "height": 720, "scale": 1.0, "platform": "xcb", "seconds": 5.0,
         "frames_per_s": 60.0, "core_share": 0.2, "core_share_least": 0.15, "p50_ms": 5.0,
         "p99_ms": 9.0, "max_ms": 52.0, "max_cpu_ms": 8.0, "long_frames": 1,
     }  # fmt: skip
@@ -217,11 +152,11 @@ def test_the_report_has_a_line_for_every_case_and_the_pointer() -> None:
 
 @pytest.mark.parametrize(("width", "height"), ((1280, 720), (1600, 900), (1920, 1080)))
 def test_every_panel_has_room_for_what_it_shows(screens: Screens, width: int, height: int) -> None:
-    console = screens.hear(opened(), running(), pulse())
-    console.resize(width, height)
-    settle(console)
-    assert (console.width(), console.height()) == (width, height)
-    for panel in console.findChildren(Plot):
+    main = screens.hear(opened(), running(), pulse())
+    main.resize(width, height)
+    settle(main)
+    assert (main.width(), main.height()) == (width, height)
+    for panel in screens.run.traces.findChildren(Plot):
         assert panel.graph.height() >= 30 and panel.graph.width() > 200
 
 

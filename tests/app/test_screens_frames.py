@@ -12,12 +12,12 @@ from PySide6.QtWidgets import QApplication
 from screens import Screens, opened_screens, settle
 
 from app.ipc import messages as m
-from app.window.console_window import PANELS_EVERY
 from app.window.energy_panel import Ledger
 from app.window.painting import theme
 from app.window.painting.layers import joints_at
 from app.window.painting.linkage_view import Workspace
 from app.window.preflight import Pill
+from app.window.run_page import PANELS_EVERY
 from app.window.windows import FRAME_S
 from core import tick_log
 from core.device import load_device
@@ -71,15 +71,15 @@ def test_the_next_frame_is_asked_for_even_if_one_fails(screens: Screens, clock, 
 @pytest.mark.parametrize("end", ["result", "death"])
 def test_the_panels_go_on_with_every_third_frame_and_end_with_the_last_tick(screens: Screens, end: str) -> None:
     over = next(i for i, planned in enumerate(PLAN) if planned.segment == 1)
-    console = screens.hear(opened(), running(over))
+    screens.hear(opened(), running(over))
     rows = movement(1, "AEB", 2.0)[: FRAME * (2 * PANELS_EVERY + 2)]
-    view, seen = console.centre.workspace.view, []
+    view, seen = screens.run.centre.workspace.view, []
     for begin in range(0, len(rows), FRAME):
         screens.client.rows = rows[begin : begin + FRAME]
         screens.windows.frame()
         now = rows[begin + FRAME - 1]
         assert view.tip == (now[tick_log.TIP_X], now[tick_log.TIP_Y])  # what follows the hand never waits
-        seen.append(console.traces.speed.newest)
+        seen.append(screens.run.traces.speed.newest)
     assert len(set(seen[PANELS_EVERY - 1 : -1])) == 2 and seen[-1] == seen[2 * PANELS_EVERY - 1]
     if end == "result":
         screens.hear(ready(over + 1))
@@ -88,16 +88,17 @@ def test_the_panels_go_on_with_every_third_frame_and_end_with_the_last_tick(scre
         screens.windows.frame()
     ledger = Ledger()
     ledger.add(rows)
-    assert vars(console.energy.ledger).items() >= {"hand": ledger.hand, "brakes": ledger.brakes}.items()
-    assert console.traces.speed.newest == pytest.approx((np.hypot(*rows[-1, tick_log.TIP_VX : tick_log.TIP_VY + 1]),))
+    assert vars(screens.run.energy.ledger).items() >= {"hand": ledger.hand, "brakes": ledger.brakes}.items()
+    speed = np.hypot(*rows[-1, tick_log.TIP_VX : tick_log.TIP_VY + 1])
+    assert screens.run.traces.speed.newest == pytest.approx((speed,))
 
 
 def test_what_the_hand_looks_at_is_painted_before_the_console(screens: Screens) -> None:
-    console = screens.hear(opened(), running())
+    screens.hear(opened(), running())
     screens.participant.show()
     settle(screens.participant)
     painted: list[str] = []
-    for name, view in (("console", console.centre.workspace.view), ("participant", screens.participant.view)):
+    for name, view in (("console", screens.run.centre.workspace.view), ("participant", screens.participant.view)):
         view.painted.connect(lambda name=name: painted.append(name))
     screens.tick(ticks(tick_log.MOVE, TIP_X=0.02))
     QApplication.processEvents()
@@ -105,12 +106,12 @@ def test_what_the_hand_looks_at_is_painted_before_the_console(screens: Screens) 
 
 
 def test_ticks_that_still_waited_are_not_shown_in_the_next_trial(screens: Screens) -> None:
-    console = screens.hear(opened(), running(0))
+    screens.hear(opened(), running(0))
     screens.client.rows = movement(PLAN[0].segment, "AEB", 1.0)[:FRAME]
     screens.windows.frame()
     screens.hear(running(1))
-    console.show_panels()
-    assert console.traces.speed.newest == () and not console.energy.ledger.began
+    screens.run.show_panels()
+    assert screens.run.traces.speed.newest == () and not screens.run.energy.ledger.began
 
 
 def test_a_check_that_has_not_changed_is_not_dressed_anew(qtbot, monkeypatch) -> None:

@@ -12,6 +12,7 @@ from app.window import words
 from app.window.painting import theme
 from app.window.painting.linkage_view import REACHABLE
 from core import tick_log
+from experiments.language import ENGLISH_WORDS
 
 KEY = Qt.Key
 NOTES = ("13:02 asked to move a little slower", "13:06 break, 2 min")
@@ -24,33 +25,33 @@ def screens(qtbot):
 
 @pytest.mark.parametrize("over", [0, 12])
 def test_nobody_is_told_that_the_next_trial_comes_while_its_start_is_blocked(screens: Screens, over: int) -> None:
-    promises = (words.ENDED.small, words.SPACE_NEXT, words.SPACE_FIRST, words.WELCOME.small)
-    console = screens.hear(opened(), ready(over, checks=RED))
-    assert console.centre.small.text() == screens.participant.view.said.small == words.STOPPED.small
+    promises = {ENGLISH_WORDS[key] for key in ("next_soon", "next_space", "first_space", "start_soon")}
+    screens.hear(opened(), ready(over, checks=RED))
+    assert screens.run.centre.small.text() == screens.participant.view.shown.small == ENGLISH_WORDS["stopped_how"]
     screens.hear(ready(over))
-    assert console.centre.small.text() in promises and screens.participant.view.said.small in promises
+    assert screens.run.centre.small.text() in promises and screens.participant.view.shown.small in promises
 
 
 def test_feedback_stays_while_the_start_is_blocked(screens: Screens) -> None:
     screens.hear(opened(feedback="time"), ready(3, checks=RED))
-    assert screens.participant.view.said == words.Said("Well done", "2.4 seconds")
+    assert screens.participant.view.shown == words.Shown("Well done", "2.4 seconds")
 
 
 def test_what_the_banner_says_is_not_said_again_in_the_panel(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(12, checks=RED))
-    assert console.preflight.advice.isVisible() and not console.panel.notice.isVisible()
+    screens.hear(opened(), ready(12, checks=RED))
+    assert screens.main.preflight.advice.isVisible() and not screens.run.panel.notice.isVisible()
     waiting = (*GREEN[:4], m.Check("Recording", m.WAITING, "waiting"))
     screens.hear(ready(12, checks=waiting))
-    assert not console.preflight.advice.isVisible() and "waiting" in console.panel.notice.text()
-    assert console.panel.notice.isVisible()
+    assert not screens.main.preflight.advice.isVisible() and "waiting" in screens.run.panel.notice.text()
+    assert screens.run.panel.notice.isVisible()
 
 
 @pytest.mark.parametrize("checks", [GREEN, RED])
 def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens, checks) -> None:
     console = screens.hear(opened(), ready(12, checks=checks, notes=NOTES))
     settle(console)
-    grid = console.panel.grid
-    assert not console.panel._scroll.verticalScrollBar().isVisible()
+    grid = screens.run.panel.grid
+    assert not screens.run.panel._scroll.verticalScrollBar().isVisible()
     cells = list(grid.cells().values())
     assert len(cells) == len(PLAN) and all(grid.rect().contains(cell.toAlignedRect()) for cell in cells)
     assert min(cell.height() for cell in cells) > 8.0
@@ -60,9 +61,9 @@ def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens, checks) -> N
 
 def test_a_blind_console_has_no_reachable_force_and_gets_it_back_with_the_key(screens: Screens) -> None:
     """With the brakes that are stuck it would tell the controllers apart."""
-    console = screens.hear(opened(), running(blind=True))
+    screens.hear(opened(), running(blind=True))
     screens.tick(movement(PLAN[0].segment, "AEB", 1.0))
-    workspace = console.centre.workspace
+    workspace = screens.run.centre.workspace
     assert workspace.view.instant.reachable() is None and not workspace.buttons[REACHABLE].isVisible()
     screens.hear(running(blind=False))
     screens.tick(movement(PLAN[0].segment, "AEB", 1.1)[1000:])
@@ -78,39 +79,25 @@ def test_after_a_break_the_participant_sees_the_path_that_comes(screens: Screens
 
 
 def test_energy_makes_no_claim_before_there_is_a_tick(screens: Screens) -> None:
-    console = screens.hear(opened(), ready())
-    assert "no brake added energy" not in console.energy.said and "no trial yet" in console.energy.said
+    screens.hear(opened(), ready())
+    assert "no brake added energy" not in screens.run.energy.said and "no trial yet" in screens.run.energy.said
     screens.hear(running())
     screens.tick(movement(PLAN[0].segment, "AEB", 0.5))
-    assert "no brake added energy" in console.energy.said and "under 1 nJ" in console.energy.said
+    assert "no brake added energy" in screens.run.energy.said and "under 1 nJ" in screens.run.energy.said
 
 
 def test_a_plan_that_is_done_has_no_time_left(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(59))
-    assert "min left" in console.panel.done.text()
+    screens.hear(opened(), ready(59))
+    assert "min left" in screens.run.panel.left.text()
     screens.hear(ready(60, stage=m.FINISHED))
-    assert "min left" not in console.panel.done.text()
-
-
-def test_open_results_follow_what_the_session_says(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(3))
-    console.commands.results()
-    shown = console.commands._results
-    heard = []
-    shown.show_snapshot = heard.append
-    screens.hear(ready(4))
-    assert len(heard) == 1 and len(heard[0].rows) == 4
-    shown.hide()
-    screens.hear(ready(5))
-    assert len(heard) == 1
-    console.commands.close_results()
+    assert "min left" not in screens.run.panel.left.text()
 
 
 @pytest.mark.parametrize("state", ["blocked", "failed"])
 def test_the_line_over_the_workspace_is_whole_at_1280_x_720(screens: Screens, state: str) -> None:
     console = screens.hear(opened(), ready(12, checks=RED) if state == "blocked" else ready(12, stage=m.FAILED))
     settle(console)
-    small = console.centre.small
+    small = screens.run.centre.small
     assert small.fontMetrics().horizontalAdvance(small.text()) <= small.width()
     assert small.text() in visible_texts(console)
 
@@ -119,7 +106,7 @@ def test_a_hidden_trace_has_neither_curve_nor_scale(screens: Screens) -> None:
     console = screens.hear(opened(), running(blind=True))
     screens.tick(movement(PLAN[0].segment, "AEB", 1.0))
     settle(console)
-    currents = console.traces.currents
+    currents = screens.run.traces.currents
     before = currents.grab().toImage()
     rows = movement(PLAN[0].segment, "AEB", 1.2)[1000:]
     rows[:, tick_log.CURRENT : tick_log.CURRENT + 4] = np.array([3.0, 2.0, 1.0, 0.0])
@@ -131,8 +118,8 @@ def test_a_hidden_trace_has_neither_curve_nor_scale(screens: Screens) -> None:
 def test_on_the_bench_a_step_is_named_for_what_it_is_and_waits_while_it_is_done(screens: Screens, moment: bool) -> None:
     says = "A moment ..." if moment else "Hold the handle in its jig, then go on."
     rig = m.Card(f"Make {PLAN[0].configuration} ready", says, "" if moment else "Go on", device_page=True)
-    console = screens.hear(opened(real_device=True), ready(stage=m.RERIG, card=rig))
-    card = console.cards.notice
+    screens.hear(opened(real_device=True), ready(stage=m.RERIG, card=rig))
+    card = screens.run.cards.notice
     assert card is not None and card.title.text() == f"Make {PLAN[0].configuration} ready" and card.text.text() == says
     assert screens.press(KEY.Key_Space) == ([] if moment else [m.Confirm()])
 
@@ -144,19 +131,14 @@ def test_brakes_that_the_board_took_off_are_said_so_and_others_with_who_did(scre
     assert banner.text().startswith("Brakes are off: Esc on the console.")
 
 
-def test_a_done_plan_is_said_under_the_name(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(60, stage=m.FINISHED))
-    assert console.preflight.where.text() == "All 60 trials are done · protocol paper"
-
-
 def test_the_key_on_a_button_is_legible_whatever_the_button_looks_like(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(9))
+    screens.hear(opened(), ready(9))
 
     def hint(button) -> str:
         label = button.findChild(QLabel)
         return label.palette().color(label.foregroundRole()).name()
 
-    panel = console.panel
+    panel = screens.run.panel
     assert (hint(panel.start), hint(panel.pause), hint(panel.abort)) == (theme.TEXT, theme.QUIET, theme.BRAKE_OFF)
     screens.hear(ready(9, paused=True))
     assert (hint(panel.start), hint(panel.pause)) == (theme.BRAKE_OFF, theme.TEXT)

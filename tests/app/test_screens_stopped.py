@@ -5,7 +5,6 @@ from fake_client import PLAN, opened, ready, result
 from screens import Screens, opened_screens, visible_texts
 
 from app.ipc import messages as m
-from app.window import words
 from app.window.painting import theme
 from app.window.plan_grid import MARKS
 from experiments.analysis.trials_table import STATUSES
@@ -25,10 +24,10 @@ def test_a_trial_that_was_cut_short_is_marked_counts_as_open_and_comes_next(scre
     rows = (result(PLAN[0]), result(PLAN[1], "stopped"))
     again = PLAN[1]._replace(run=61)
     console = screens.hear(opened(), ready(2, rows=rows, coming=again, said="Run 2: the board. It comes again."))
-    grid = console.panel.grid
-    assert grid.statuses[2] == "stopped" and grid.marked == 2 and "1 done" in console.panel.done.text()
-    assert console.panel.start.isEnabled() and "comes again" in " ".join(visible_texts(console))
-    assert words.after(rows[-1], opened()).large == "Stopped"
+    grid = screens.run.panel.grid
+    assert grid.statuses[2] == "stopped" and grid.marked == 2 and "1 of 60 trials done" in screens.run.panel.done.text()
+    assert screens.run.panel.start.isEnabled() and "comes again" in " ".join(visible_texts(console))
+    assert screens.run.centre.large.text() == "Stopped"
 
 
 def test_the_end_of_the_plan_says_how_many_trials_have_no_result(screens: Screens) -> None:
@@ -48,5 +47,5 @@ def test_the_end_of_the_plan_says_how_many_trials_have_no_result(screens: Screen
 def test_only_a_trial_that_does_not_come_again_by_itself_is_offered_to_be_redone(
     screens: Screens, status: str, offered: bool
 ) -> None:
-    console = screens.hear(opened(), ready(1, rows=(result(PLAN[0], status),)))
-    assert console.panel.redo.isEnabled() == offered
+    screens.hear(opened(), ready(1, rows=(result(PLAN[0], status),)))
+    assert screens.run.panel.redo.isEnabled() == offered

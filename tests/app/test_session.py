@@ -69,6 +69,23 @@ def test_a_redone_trial_is_run_again_next_under_the_next_free_number_and_its_rec
     assert verify(tmp_path)["faults"] == []
 
 
+def test_a_trial_that_is_postponed_comes_at_the_end_of_its_configuration_also_after_the_session_was_closed(tmp_path):
+    session = new_session(tmp_path)
+    run_trials(session, 2)
+    session.redo(1, "the participant asked", at_end=True)
+    first = session.plan[0]
+    here = [trial for trial in session.plan if trial.configuration == first.configuration]
+    assert session.next_planned() == session.plan[2]
+    session.close()
+    session = Session.resume(tmp_path, "01", sync=False)
+    for trial in here[2:]:
+        assert cell(session.next_planned()) == cell(trial)
+        session.skip("quick")
+    again = session.next_planned()
+    assert cell(again) == cell(first) and again.run > len(session.plan)
+    session.close()
+
+
 def test_a_skipped_trial_settles_its_cell_without_a_recording_and_can_be_redone(tmp_path):
     session = new_session(tmp_path, protocol=short())
     row = session.skip("late")

@@ -7,11 +7,11 @@ from screens import Screens, cut_texts, opened_screens, settle, visible_texts
 
 from app.ipc import messages as m
 from app.window import words
-from app.window.painting.labels import OneLine
 from experiments.analysis.trials_table import STATUSES
+from experiments.language import ENGLISH_WORDS, FOLDER, read_language
 
 GIVEN = opened(feedback="error", cues=(3.0, 6.0))  # the trials of the fake bench take 2.4 s
-ERROR, CUE = "mm from the line on average", words.SLOWER
+ERROR, CUE = "mm from the line on average", ENGLISH_WORDS["slower"]
 
 
 @pytest.fixture
@@ -21,7 +21,23 @@ def screens(qtbot):
 
 @pytest.mark.parametrize("status", STATUSES)
 def test_after_a_trial_of_any_status_there_is_a_large_line(status: str) -> None:
-    assert words.after(result(PLAN[0], status), opened()).large
+    row = result(PLAN[0], status)
+    large = words.between(ready(1, rows=(row,), ended_here=1), opened()).large
+    assert large and (large == ENGLISH_WORDS["done"]) == (status == "done")
+
+
+def test_a_session_that_was_resumed_is_welcomed_back_and_not_praised() -> None:
+    assert words.between(ready(0), opened()).large == ENGLISH_WORDS["welcome"]
+    assert words.between(ready(5, ended_here=0), opened()).large == ENGLISH_WORDS["welcome_back"]
+    assert words.between(ready(6, ended_here=1), opened()).large == ENGLISH_WORDS["done"]
+
+
+def test_the_participant_reads_the_language_of_the_protocol(screens: Screens) -> None:
+    german = read_language((FOLDER / "de.toml").read_text(encoding="utf-8"), "de")
+    screens.hear(opened(language=german), ready(1, ended_here=1))
+    assert screens.participant.view.shown.large == screens.run.centre.large.text() == "Gut gemacht"
+    screens.hear(ready(1, stage=m.QUESTIONS, ended_here=1))
+    assert german["effort"] in [label.text() for label in screens.participant.questions.findChildren(QLabel)]
 
 
 @pytest.mark.parametrize(
@@ -32,35 +48,23 @@ def test_after_a_trial_of_any_status_there_is_a_large_line(status: str) -> None:
     ],
 )  # fmt: skip
 def test_feedback_and_cue_are_said_whatever_comes_after_the_trial(screens: Screens, following: dict) -> None:
-    console = screens.hear(GIVEN, running(2), ready(3, **following))
-    for said in (screens.participant.view.said.small, console.centre.small.text()):
+    screens.hear(GIVEN, running(2), ready(3, **{"ended_here": 1, **following}))
+    for said in (screens.participant.view.shown.small, screens.run.centre.small.text()):
         assert ERROR in said and CUE in said
-    screens.hear(opened(), ready(3, **following))
-    assert ERROR not in screens.participant.view.said.small
+    screens.hear(opened(), ready(3, **{"ended_here": 1, **following}))
+    assert ERROR not in screens.participant.view.shown.small
 
 
 def test_feedback_is_on_the_page_of_questions_that_covers_everything_else(screens: Screens) -> None:
-    console = screens.hear(GIVEN, running(2), ready(3, stage=m.QUESTIONS))
-    for page in (console.questions, screens.participant.questions):
+    console = screens.hear(GIVEN, running(2), ready(3, stage=m.QUESTIONS, ended_here=1))
+    for page in (screens.run.questions, screens.participant.questions):
         assert any(ERROR in label.text() for label in page.findChildren(QLabel))
     settle(console)
-    assert any(ERROR in text for text in visible_texts(console)) and cut_texts(console.questions) == []
-    screens.hear(opened(), ready(3, stage=m.QUESTIONS))
-    assert not any("last trial:" in text for text in visible_texts(console))
+    assert any(ERROR in text for text in visible_texts(console)) and cut_texts(screens.run.questions) == []
+    screens.hear(opened(), ready(3, stage=m.QUESTIONS, ended_here=1))
+    assert not any(ERROR in text for text in visible_texts(console))
 
 
 def test_who_has_the_space_bar_is_told_of_it_beside_the_feedback(screens: Screens) -> None:
-    said = words.between(ready(3), GIVEN, own_start=True).small
-    assert ERROR in said and CUE in said and words.SPACE_NEXT in said
-
-
-@pytest.mark.parametrize(
-    "said", [words.TAKE_IT, words.PREPARING.small, *(phase.small for phase in words.PHASES.values()), "feedback"]
-)
-def test_at_1280_x_720_on_one_screen_nothing_that_the_participant_reads_is_cut(screens: Screens, said: str) -> None:
-    console = screens.hear(GIVEN, ready(3))
-    if said != "feedback":
-        console.centre._say(words.Said("Move to the start", said))
-    settle(console)
-    small = console.centre.small
-    assert not isinstance(small, OneLine) and small.isVisible() and cut_texts(console.centre) == []
+    said = words.between(ready(3, ended_here=1), GIVEN, own_start=True).small
+    assert ERROR in said and CUE in said and ENGLISH_WORDS["next_space"] in said

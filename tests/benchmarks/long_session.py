@@ -42,17 +42,18 @@ def drive(setup: Setup, most: int) -> None:
     windows = Windows(Client(setup))
     windows.show()
     windows.show_or_hide_participant()
-    console, told = windows.console, set()
+    told, asked = set(), False
     running = m.Snapshot(m.PREPARING)
 
     def go_on() -> None:
-        nonlocal running
-        now = console.snapshot
+        nonlocal running, asked
+        now = windows.main.snapshot
         if now.running and now.running != running:
             print("run", now.running.run, flush=True)
         running = now.running
-        if now.stage == m.NO_SESSION and console.start_page.new.isEnabled():
-            QTest.keyClick(console.start_page.participant, Qt.Key.Key_Return)
+        if now.stage == m.NO_SESSION and not now.why_not and not asked:
+            asked = True
+            windows.client.send(m.Open("01", resume="01" in now.resumable))
         elif now.stage in (m.READY, m.RERIG) and sum(row.status != "recovered" for row in now.rows) < most:
             QTest.keyClick(windows.participant, Qt.Key.Key_Space)
         elif now.stage in (m.READY, m.RERIG, m.FINISHED, m.FAILED) and now.stage not in told:

@@ -1,6 +1,6 @@
 """From the pointer to the picture: how long it takes until a place that the pointer was moved to is in a tick of the
-control loop, and until the participant's picture with that tick is painted. Over a whole live bench, with a practice
-trial that runs and the console beside it.
+control loop, and until the participant's picture with that tick is painted. Over a whole live bench, with a trial that
+runs and the main window beside it.
 
 The pointer is moved from here, through the window system; the time counts from before that. On its way are noted: the
 place in the memory that the loop reads, the tick that used it (by the loop's own clock, to within a tick), the end of
@@ -124,17 +124,17 @@ def measure(seconds: float, width: int, height: int) -> PointerLag | str:
     with tempfile.TemporaryDirectory() as folder:
         bench = Client(Setup(Path(folder) / "data", "paper", None, None, None, None))
         windows = Windows(bench)
-        console, participant = windows.console, windows.participant
+        main, participant = windows.main, windows.participant
         try:
-            console.resize(width, height)
+            main.resize(width, height)
             windows.show()
-            if refused := _until(application, lambda: console.snapshot.stage == m.NO_SESSION, READY_S):
-                return f"the bench is not ready: {console.snapshot.said or refused}"
-            assert console.opened is not None
+            for stage, then in ((m.NO_SESSION, m.Open("01")), (m.READY, m.Start())):
+                if refused := _until(application, lambda: main.snapshot.stage == stage, READY_S):  # noqa: B023
+                    return f"the bench is not ready: {main.snapshot.said or refused}"
+                bench.send(then)
             participant.setGeometry(0, 0, width, height)
             participant.show()
             participant.raise_()
-            console.commands.practice()
             control = bench._ring.control  # type: ignore[union-attr]  # it is ready
             moves = Moves(windows, lambda: 1e-9 * int(control.loop_beat))
             if _until(application, lambda: participant.view.taken, TAKE_S):
@@ -147,7 +147,7 @@ def measure(seconds: float, width: int, height: int) -> PointerLag | str:
         finally:
             gc.unfreeze()
             windows.close()
-            for window in (console, participant):
+            for window in (main, participant):
                 window.deleteLater()
             QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     if not moves.painted_s:

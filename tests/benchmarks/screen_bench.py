@@ -21,8 +21,8 @@ LONGEST_S = 300.0  # of a case: on the first use kernels are compiled
 LOOK_S = 0.25
 FRAME_MS = 1e3 / 60.0
 ON = (
-    "every layer on (field, SDOF directions, reachable force, trail, linkage), four traces, energy ledger, timing\n"
-    "strip, plan; four-brake; ticks at 1 kHz; with the participant's window: a pointer that moves 125 times a second"
+    "every layer on (field, directions, force, trail, linkage), four traces, energy ledger,\n"
+    "plan; four-brake; ticks at 1 kHz; with the participant's window: a pointer that moves 125 times a second"
 )
 
 

@@ -14,7 +14,9 @@ from PySide6.QtCore import QEvent, QObject, QPointF, Qt, QTimer
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication
 
+from app.window.page import RUN
 from app.window.painting import theme
+from app.window.run_page import RunPage
 from app.window.windows import Windows
 from tests.benchmarks.synthetic_bench import SyntheticBench
 
@@ -27,7 +29,7 @@ POINTER_MS = 8  # a mouse says 125 times a second where it is
 class ScreenCost(NamedTuple):
     """Of one run. A frame lasts from asking the bench what is new until all is painted."""
 
-    windows: str  # "console", "console and participant"
+    windows: str  # "main window", "both windows"
     width: int  # px, of each window
     height: int
     scale: float  # device px / px
@@ -89,12 +91,14 @@ def measure(seconds: float, width: int, height: int, both: bool = False, device:
     assert isinstance(application, QApplication)
     bench = SyntheticBench(device)
     windows = Windows(bench)
-    console, participant = windows.console, windows.participant
-    console.resize(width, height)
+    main, participant = windows.main, windows.participant
+    main.resize(width, height)
+    main.show_page(RUN)
     windows.show()
     windows.frame()
-    assert console.centre.workspace is not None
-    for button in console.centre.workspace.buttons.values():
+    run = main.page(RUN)
+    assert isinstance(run, RunPage) and run.centre.workspace is not None
+    for button in run.centre.workspace.buttons.values():
         button.setChecked(True)
     if both:
         participant.setGeometry(0, 0, width, height)
@@ -117,14 +121,14 @@ def measure(seconds: float, width: int, height: int, both: bool = False, device:
     elapsed, used = time.perf_counter() - began, time.process_time() - began_cpu
     gc.unfreeze()
     del waver
-    ratio, size = console.devicePixelRatioF(), (console.width(), console.height())
+    ratio, size = main.devicePixelRatioF(), (main.width(), main.height())
     windows.close()
-    for window in (console, participant):
+    for window in (main, participant):
         window.deleteLater()
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     wall, cpu = 1e3 * np.array(times.wall_s), 1e3 * np.array(times.cpu_s)
     p50, p99 = np.percentile(wall, (50, 99)).tolist()
-    name = "console and participant" if both else "console"
+    name = "both windows" if both else "main window"
     return ScreenCost(
         name, *size, ratio, application.platformName(), elapsed, len(wall) / elapsed,
         used / elapsed, min(shares), p50, p99, float(wall.max()), float(cpu.max()),

@@ -8,9 +8,10 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from board_table import UNSEEN, handling
 from simulated_board import FULL, NO_LIMIT, SimulatedBoard, samples
 
-from hardware.emulated_board.board import SILENCE_US, TICK_US, UNSEEN, Event, handling
+from hardware.emulated_board.board import SILENCE_US, TICK_US, Event
 from hardware.wire.messages import (
     AskHello,
     Bye,

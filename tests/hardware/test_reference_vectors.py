@@ -6,10 +6,11 @@ Skipped where there is no C compiler. A board reads what a host sends and writes
 import ctypes
 
 import pytest
+from board_table import handling
 from reference_board import compiled, needs_compiler
 from test_wire_messages import VECTORS
 
-from hardware.emulated_board.board import Event, handling
+from hardware.emulated_board.board import Event
 from hardware.wire.messages import State
 
 pytestmark = needs_compiler

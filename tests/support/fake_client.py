@@ -1,6 +1,7 @@
 """A session server without processes: says what a test wants, remembers what it was sent; and what it may say."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 
@@ -42,6 +43,7 @@ class FakeClient:
         self.aimed: list[tuple[float, float]] = []
         self.off_causes: list[str] = []
         self.rows = np.empty((0, tick_log.WIDTH))
+        self.setup = m.Setup(Path("data"))
 
     def send(self, intent: object) -> None:
         self.sent.append(intent)
@@ -73,7 +75,7 @@ def opened(participant: str = "01", **changes) -> m.Opened:
     return m.Opened(
         participant, "paper", DEVICES, dict(PATHS), dict(PRESETS), plan, plan_hash(plan) if plan else "",
         "data/sub-01/ses-01", "settled rules, low gain 5 N s/m, parameters assumed", "none", False, None, 1, False,
-        "mouse", "01", "settled",
+        "mouse", "01", "settled", PAPER.trial, PAPER.sentences, PAPER.pages, False,
     )._replace(**changes)  # fmt: skip
 
 
@@ -105,7 +107,7 @@ def ready(over: int = 0, **changes) -> m.Snapshot:
     rows = tuple(result(trial, error=0.001 + 0.0001 * trial.run) for trial in PLAN[:over])
     coming = PLAN[over] if over < len(PLAN) else None
     left = 15.0 * (len(PLAN) - over) if over else None
-    snapshot = m.Snapshot(m.READY, rows, coming, None, tip=TIP, checks=GREEN, seconds_left=left)
+    snapshot = m.Snapshot(m.READY, rows, coming, None, tip=TIP, checks=GREEN, seconds_left=left, ended_here=over)
     return snapshot._replace(card=CARDS.get(changes.get("stage")))._replace(**changes)
 
 
@@ -127,7 +129,7 @@ def ticks(phase: int, n: int = 16, taken: bool = True, start: float = 0.0, **col
     """n rows of the tick log in one phase; columns by their names in core.tick_log."""
     rows = np.zeros((n, tick_log.WIDTH))
     rows[:, tick_log.T] = start + 1e-3 * np.arange(n)
-    rows[:, tick_log.PHASE] = phase
+    rows[:, tick_log.PHASE], rows[:, tick_log.TRAVEL_SENSE] = phase, 1.0
     rows[:, tick_log.TIP_X], rows[:, tick_log.TIP_Y] = TIP
     for name, value in columns.items():
         rows[:, getattr(tick_log, name)] = value
@@ -160,6 +162,8 @@ def movement(segment: int, brakes: str, seconds: float = 3.0, total: float = 4.0
         if joint in brakes:
             rows[:, tick_log.CURRENT + i] = np.where(np.floor(3.0 * t + 0.7 * i) % 3 == 0, 0.4 + 0.15 * i, 0.0)
             rows[:, tick_log.TORQUE + i] = np.where(rows[:, tick_log.CURRENT + i] > 0, 2.0 + i, 0.4)
+    rows[:, tick_log.PATH_DISTANCE], rows[:, tick_log.TRAVEL_SENSE] = off, 1.0
+    rows[:, tick_log.FORWARD_X], rows[:, tick_log.FORWARD_Y] = (x1 - x0) / length, (y1 - y0) / length
     rows[:, tick_log.STUCK] = np.where(rows[:, tick_log.CURRENT + 1] > 0, 2, 0)
     rows[:, tick_log.LATENESS_US] = 12.0 + 20.0 * np.random.default_rng(1).random(len(t)) ** 6
     work = np.cumsum(np.hypot(rows[:, tick_log.HAND_FX], rows[:, tick_log.HAND_FY])) * 1e-3 * 0.05

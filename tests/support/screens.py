@@ -11,10 +11,12 @@ from PySide6.QtGui import QMouseEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QApplication, QLabel, QWidget
 
-from app.window.console_window import ConsoleWindow
+from app.window.main_window import MainWindow
+from app.window.page import RUN
 from app.window.painting import theme
 from app.window.painting.labels import OneLine
 from app.window.participant_window import ParticipantWindow
+from app.window.run_page import RunPage
 from app.window.windows import Windows
 
 
@@ -26,36 +28,38 @@ class Screens:
         QApplication.setCursorFlashTime(0)  # pictures are compared, whenever they are taken
         self.client = FakeClient()
         self.windows = Windows(self.client)
-        self.console: ConsoleWindow = self.windows.console
+        self.main: MainWindow = self.windows.main
         self.participant: ParticipantWindow = self.windows.participant
-        self.console.resize(width, height)
-        self.console.show()
+        self.main.resize(width, height)
+        self.main.show()
+        self.main.show_page(RUN)
+        self.run: RunPage = self.main.page(RUN)  # type: ignore[assignment]
 
-    def hear(self, *messages: object) -> ConsoleWindow:
+    def hear(self, *messages: object) -> MainWindow:
         """One frame in which the bench has said this."""
         self.client.inbox += messages
         self.windows.frame()
-        return self.console
+        return self.main
 
     def tick(self, rows: np.ndarray, taken: bool = True) -> None:
         """One frame with these ticks (n, row.WIDTH), which the panels need not wait for."""
         self.client.rows, self.client.taken = rows, taken
         self.windows.frame()
-        self.console.show_panels()
+        self.run.show_panels()
 
     def press(self, key: Qt.Key, window: QWidget | None = None, modifier=Qt.KeyboardModifier.NoModifier) -> list:
         """Press a key; what was sent because of it."""
         before = len(self.client.sent)
-        top = (window or self.console).window()
+        top = (window or self.main).window()
         top.activateWindow()
         QTest.qWaitForWindowActive(top)
-        QTest.keyClick(window or self.console, key, modifier)
+        QTest.keyClick(window or self.main, key, modifier)
         return self.client.sent[before:]
 
     def close(self) -> None:
         """The end, whatever is open."""
         self.windows.close()
-        for window in (self.console, self.participant):
+        for window in (self.main, self.participant):
             window.deleteLater()
         QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
 

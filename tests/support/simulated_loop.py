@@ -1,16 +1,18 @@
-"""The session server without processes, for tests: its loop runs trials in this process, as fast as it can."""
+"""The session server without processes, for tests: its loop runs trials in this process, in simulated time."""
 
 import contextlib
+import io
 import pickle
-import time
 from collections.abc import Iterator
 
 import numpy as np
 from live import Window
+from simulated_bench import Bench, BenchWire
 
 from app.ipc import messages as m
 from app.ipc.messages import Done, Prepared, Run, Setup, Tried, Try
 from app.ipc.ring import HAND_BACK, Ring
+from app.loop.loop import Loop
 from app.loop.real_time import end_early, put, take_aim
 from app.session_server.commands import do
 from app.session_server.server import read_protocol
@@ -18,6 +20,7 @@ from app.session_server.state import State
 from core import tick_log
 from experiments.session.files import hold_lock
 from experiments.trial.tick import run_ticks
+from hardware.serial_device import SerialDevice
 
 PIECE = 60  # ticks at each look of the server
 
@@ -53,7 +56,7 @@ class SimulatedLoop:
                 self._answers.append(Done(self._trial.changed()))
                 self._trial = None
                 return
-            end_early(ring.controls, arguments.run, time.monotonic_ns(), len(ring.rows))
+            end_early(ring.controls, arguments.run, int(ring.control.server_beat), len(ring.rows))  # never silent
             if not arguments.run["simulated_hand"][0]:
                 grip, phase = arguments.hand.grips[0], arguments.run["phase"][0]
                 take_aim(ring.control, grip, arguments.state[0].tip, phase, self._force_max)
@@ -72,19 +75,79 @@ class SimulatedLoop:
     close = kill
 
 
+class BoardLoop:
+    """In place of `LoopProcess` with a board: the loop itself, on a board in simulated time.
+
+    At each look of the server it does one job, a trial to its end, or has 20 ms of the time between trials.
+    """
+
+    dead = hung = closed = False
+
+    def __init__(self, ring: Ring, board: Bench) -> None:
+        self._board, self._jobs, self._out = board, [], io.BytesIO()
+        self._loop = Loop(
+            ring, "bench", self._out, lambda: board.now_s, self._pass_time,
+            lambda device, port: SerialDevice(
+                device, port, clock=lambda: board.now_s, open_port=lambda name: BenchWire(board, name),
+                sleep=self._pass_time,
+            ),
+        )  # fmt: skip
+        pickle.dump(Prepared("simulated time", -1), self._out)
+
+    def _pass_time(self, seconds: float) -> None:
+        with self._board.lock:
+            for _ in range(round(1000 * seconds)):
+                self._board.backlog += self._board.tick()
+
+    def send(self, job: object) -> None:
+        self._jobs.append(pickle.loads(pickle.dumps(job)))  # as through the pipe
+
+    def receive(self, wait_s: float = 0.0) -> list[object]:
+        if self._jobs:
+            match job := self._jobs.pop(0):
+                case Try(ticks):
+                    pickle.dump(Tried(np.zeros(ticks)), self._out)
+                case _:
+                    self._loop.do(job)
+        else:
+            end = self._board.ticks + 20
+            while self._board.ticks < end:
+                self._loop.idle()
+        self._out.seek(0)
+        answers = []
+        with contextlib.suppress(EOFError):
+            while True:
+                answers.append(pickle.load(self._out))
+        self._out.seek(0)
+        self._out.truncate()
+        return answers
+
+    def kill(self) -> None:
+        self.closed = True
+        if self._loop.device is not None:
+            self._loop.device.close()
+
+    close = kill
+
+
 class LocalClient:
     """In place of `Client`: the state of a session server in this process."""
 
     alive, pid = True, 0
 
-    def __init__(self, setup: Setup) -> None:
-        self._ring = Ring()
+    def __init__(self, setup: Setup, board: Bench | None = None) -> None:
+        """board: on the bench; None: the device is simulated."""
+        self._ring = Ring(width=tick_log.BENCH_WIDTH if board else tick_log.WIDTH)
+        loop = BoardLoop(self._ring, board) if board else SimulatedLoop(self._ring)
         setup.data_dir.mkdir(parents=True, exist_ok=True)
         self._lock = hold_lock(setup.data_dir)
-        self.state = State(setup, read_protocol(setup), self._ring, SimulatedLoop(self._ring))
+        self.state = State(setup, read_protocol(setup), self._ring, loop)
         self._opened: m.Opened | None = None
         self._shown: m.Snapshot | None = None
-        self.taken = False
+
+    @property
+    def taken(self) -> bool:
+        return bool(self._ring.control.taken)
 
     def send(self, command: object) -> None:
         do(self.state, command)
@@ -127,14 +190,18 @@ class LocalClient:
 class LocalWindow(Window):
     """A window whose session server is in this process."""
 
+    def __init__(self, setup: Setup, board: Bench | None = None) -> None:
+        self._board = board
+        super().__init__(setup)
+
     def join(self, setup: Setup) -> None:
-        super().join(setup, LocalClient)
+        super().join(setup, lambda setup: LocalClient(setup, self._board))
 
 
 @contextlib.contextmanager
-def local_window(setup: Setup) -> Iterator[LocalWindow]:
+def local_window(setup: Setup, board: Bench | None = None) -> Iterator[LocalWindow]:
     """A window with a session server in simulated time."""
-    opened = LocalWindow(setup)
+    opened = LocalWindow(setup, board)
     try:
         yield opened
     finally:

@@ -1,5 +1,8 @@
 """Text on a panel that is never cut: it breaks into lines, or says with dots that there is more."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QFontMetrics, QPainter, QPaintEvent, QPolygonF
 from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QWidget
@@ -102,6 +105,19 @@ class Figures(QWidget):
 
 class Choice(QComboBox):
     """One of several; the style's own arrow would bring a ground of its own."""
+
+    _values: tuple = ()
+
+    def fill(self, entries: Mapping[Any, str], value: Any) -> None:
+        """Show these, value -> text, and which is chosen."""
+        self._values = tuple(entries)
+        self.clear()
+        self.addItems(list(entries.values()))
+        self.setCurrentIndex(self._values.index(value))
+
+    def value(self) -> Any:
+        """What is chosen."""
+        return self._values[self.currentIndex()]
 
     def paintEvent(self, event: QPaintEvent) -> None:
         super().paintEvent(event)

@@ -45,7 +45,7 @@ from core.device import Device
 from core.mechanism import JOINTS
 from core.path import Path, PathFile, build_path
 
-FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE = "field", "SDOF directions", "reachable force", "trail", "linkage"
+FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE = "field", "directions", "force", "trail", "linkage"
 ARMS = ("AE", "ED", "BC", "CD")
 BARE_PX = 5.0  # radius of a joint without a brake
 TITLE_PX = 36  # the line above is so high
@@ -316,8 +316,8 @@ class Workspace(QFrame):
         self._began_s, self._phase, self._worded_s = 0.0, -1, -np.inf
         self.buttons = {layer: self._button(layer) for layer in LAYERS}
         row_of_buttons = QHBoxLayout()
-        row_of_buttons.setContentsMargins(16, 0, 16, 10)
-        row_of_buttons.setSpacing(8)
+        row_of_buttons.setContentsMargins(8, 0, 8, 8)
+        row_of_buttons.setSpacing(5)
         for button in self.buttons.values():
             row_of_buttons.addWidget(button)
         row_of_buttons.addStretch(1)

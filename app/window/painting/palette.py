@@ -57,7 +57,7 @@ LIGHT = Palette(
     bad_ground="#fbe3df", bad_text="#8c2013", on_bad="#ffffff",
     brake_off="#7c8792", brake_slipping="#8a5c00", brake_stuck="#b04a00",
     arm="#c3ccd5", arm_core="#8d99a5", pointer="#46505a", end_ring="#c47400",
-    trace="#1c6fa8", accent="#1d6cba", accent_ground="#cde2f7", handle="#12161b", handle_name="black",
+    trace="#1c6fa8", accent="#1d6cba", accent_ground="#cde2f7", handle="#12161b", handle_name="dark",
     wedge="#b5568a", wedge_edge="#c98bad",
     joints=("#1f6fb2", "#8a7a00", "#0b7a52", "#a8447d"),
     controllers=("#6b7681", "#c27a00", "#9c7f10", "#1d6cba", "#3d8ac4"),

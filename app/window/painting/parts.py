@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import (
     QButtonGroup,
     QFrame,
@@ -40,7 +40,6 @@ def panel(title: str) -> tuple[QFrame, QVBoxLayout]:
 def scrolled(inside: QWidget) -> QScrollArea:
     """What may be higher than its place."""
     area = QScrollArea(widgetResizable=True)
-    area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
     inside.setObjectName("clear")
     area.viewport().setObjectName("clear")
     area.setWidget(inside)

@@ -31,6 +31,8 @@ from core.path import PathFile, outline
 
 FORCE_RED_N = 20.0  # the spring is green when slack, red from here on
 TRAIL_MOST = 4000  # points; a longer trail is thinned out
+HOLD_PX = 6.0  # how wide the sweep of the hold is
+LEAST_HANDLE_PX = 4.0  # radius
 TRAIL_STEP_PX = 3.0  # a trail grows by pieces so long; what is missing lies under the handle
 
 
@@ -40,7 +42,7 @@ class Sizes(NamedTuple):
     path: float = 3.0
     ring: float = 11.0  # radius
     ring_pen: float = 3.0
-    handle: float = 7.5  # radius
+    handle: float = 7.5  # radius, at most
     pointer: float = 6.0  # radius
     trail: float = 1.5
     spring: float = 2.0
@@ -89,6 +91,7 @@ class Plane(QWidget):
         self.force_N, self.taken = 0.0, False
         self.trail: list[Point] = []
         self.trail_shown = True
+        self.radii_m: tuple[float, float] | None = None  # that count at start and end; None: rings of a fixed size
         self._beside: tuple[np.ndarray, str] | None = None  # another way (n, 2), m, and its colour
         self.dirty = QRect()  # what is being painted anew, px
         self._moving = QRegion()  # where things that move were last, px
@@ -311,14 +314,41 @@ class Plane(QWidget):
         sizes = self.sizes
         painter.setPen(pen(theme.HANDLE, sizes.path, 0.92, round_cap=True))
         painter.drawPolyline(QPolygonF([self.to_screen(point) for point in self.outline]))
-        start, end = self.to_screen(self.outline[0]), self.to_screen(self.outline[-1])
         painter.setBrush(Qt.BrushStyle.NoBrush)
-        for place, ring in ((start, theme.START_RING), (end, theme.END_RING)):
+        start, end = self.rings_px
+        rings = ((self.outline[0], theme.START_RING, start), (self.outline[-1], theme.END_RING, end))
+        for place, ring, radius in rings:
             painter.setPen(pen(ring, sizes.ring_pen))
-            painter.drawEllipse(place, sizes.ring, sizes.ring)
+            painter.drawEllipse(self.to_screen(place), radius, radius)
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(shade(theme.END_RING))
-        painter.drawEllipse(end, 0.4 * sizes.ring, 0.4 * sizes.ring)
+        painter.drawEllipse(self.to_screen(self.outline[-1]), 0.4 * sizes.ring, 0.4 * sizes.ring)
+
+    @property
+    def rings_px(self) -> tuple[float, float]:
+        """Radii of the rings at the start and at the end: those that count, where they are known."""
+        if self.radii_m is None:
+            return self.sizes.ring, self.sizes.ring
+        start, end = (radius * self._scale for radius in self.radii_m)
+        return start, end
+
+    @property
+    def handle_px(self) -> float:
+        """Radius of the handle: its middle must be seen to lie in the ring at the start."""
+        return min(self.sizes.handle, max(0.6 * self.rings_px[0], LEAST_HANDLE_PX))
+
+    def start_box(self) -> QRect:
+        """Around the ring at the start, px."""
+        at, reach = self.to_screen(self.outline[0]), self.rings_px[0] + HOLD_PX + 2.0
+        return QRectF(at.x() - reach, at.y() - reach, 2.0 * reach, 2.0 * reach).toAlignedRect()
+
+    def paint_hold(self, painter: QPainter, share: float) -> None:
+        """A sweep around the start for the share of the hold that is over."""
+        at, reach = self.to_screen(self.outline[0]), self.rings_px[0] + 0.5 * HOLD_PX + 1.0
+        painter.setPen(pen(theme.START_RING, HOLD_PX))
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        box = QRectF(at.x() - reach, at.y() - reach, 2.0 * reach, 2.0 * reach)
+        painter.drawArc(box, 90 * 16, -round(share * 360 * 16))
 
     def _paint_trail(self, pixmap: QPixmap, points: Sequence[Point]) -> None:
         """Add a piece of the way to the background: a long trail costs no more than a short one."""
@@ -340,7 +370,7 @@ class Plane(QWidget):
         if handle:
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(shade(theme.HANDLE))
-            painter.drawEllipse(handle, sizes.handle, sizes.handle)
+            painter.drawEllipse(handle, self.handle_px, self.handle_px)
         if pointer:
             painter.setPen(pen(theme.POINTER, 2.0))
             painter.setBrush(Qt.BrushStyle.NoBrush)

@@ -27,20 +27,39 @@ STATUS = {
     "stopped": BAD, "excluded": QUIET,
 }  # fmt: skip
 
-SMALL, NORMAL, TITLE, HEAD = 11, 13, 15, 17  # px
+SMALL, NORMAL, TITLE, HEAD, LARGE = 12, 14, 16, 20, 30  # px, at a text size of 1
+TEXT_SIZES = (0.9, 1.0, 1.15, 1.3, 1.5)
 GAP, RADIUS = 12, 6  # px, between panels, of their corners
 
 FAMILIES = ["Inter", "DejaVu Sans"]  # the second comes along: the same on every machine
 
 
+_text_size = TEXT_SIZES.index(1.0)  # place in TEXT_SIZES
+
+
 @cache
 def font(size: int = NORMAL, bold: bool = False) -> QFont:
-    """The typeface at a size in px, in one of its two weights."""
+    """The typeface at a size (px, at a text size of 1), in one of its two weights."""
     chosen = QFont(FAMILIES)
-    chosen.setPixelSize(size)
+    chosen.setPixelSize(round(size * TEXT_SIZES[_text_size]))
     chosen.setWeight(QFont.Weight.DemiBold if bold else QFont.Weight.Normal)
     return chosen
 
+
+def scale_text(step: int) -> None:
+    """The next larger (1) or smaller (-1) text size, in every window that is there."""
+    global _text_size
+    before = TEXT_SIZES[_text_size]
+    _text_size = min(max(_text_size + step, 0), len(TEXT_SIZES) - 1)
+    for cached in (font, text_width, written):
+        cached.cache_clear()
+    QApplication.setFont(font())
+    for widget in QApplication.allWidgets():
+        now = widget.font()
+        size = widget.property("px") or now.pixelSize() / before  # px at a text size of 1
+        widget.setProperty("px", size)
+        now.setPixelSize(round(size * TEXT_SIZES[_text_size]))
+        widget.setFont(now)
 
 def mono(size: int = NORMAL) -> QFont:
     """For text in columns."""
@@ -101,8 +120,14 @@ QPushButton#brakes {{ background: {BAD_GROUND}; border-color: {BAD}; color: {BAD
 QPushButton#brakes-off {{ background: {BAD}; border-color: {BAD}; color: {_OF.on_bad}; padding: 6px 10px; }}
 QPushButton#key {{ text-align: left; }}
 QPushButton#key:checked {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
-QPushButton#toggle {{ background: transparent; color: {QUIET}; border-radius: 12px; padding: 3px 12px; }}
+QPushButton#toggle {{ background: transparent; color: {QUIET}; border-radius: 12px; padding: 3px 8px; }}
 QPushButton#toggle:checked {{ background: {FIELD}; color: {TEXT}; border-color: {EDGE}; }}
+QPushButton#tab {{ background: transparent; border: none; border-bottom: 3px solid transparent; border-radius: 0;
+    padding: 8px 14px; color: {QUIET}; }}
+QPushButton#tab:checked {{ color: {TEXT}; border-bottom-color: {ACCENT}; }}
+QPushButton#choice {{ text-align: left; }}
+QPushButton#choice:checked {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
+
 QPushButton#segment:checked {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
 QPushButton::menu-indicator {{ image: none; width: 0; }}
 QProgressBar {{ background: {FIELD}; border: none; border-radius: 3px; min-height: 6px; max-height: 6px; }}
@@ -124,8 +149,17 @@ QComboBox QAbstractItemView {{ background: {PANEL}; border: 1px solid {LINE};
 QScrollArea {{ border: none; background: transparent; }}
 QScrollBar:vertical {{ background: transparent; width: 8px; margin: 0; }}
 QScrollBar::handle:vertical {{ background: {LINE}; border-radius: 4px; min-height: 24px; }}
+QScrollBar:horizontal {{ background: transparent; height: 8px; margin: 0; }}
+QScrollBar::handle:horizontal {{ background: {LINE}; border-radius: 4px; min-width: 24px; }}
 QScrollBar::add-line, QScrollBar::sub-line, QScrollBar::add-page, QScrollBar::sub-page {{ background: transparent;
     border: none; height: 0; width: 0; }}
+QTableWidget {{ background: {PANEL}; border: none; }}
+QHeaderView, QHeaderView::section {{ background: {PANEL}; color: {QUIET}; border: none; padding: 2px 6px; }}
+QSlider {{ background: transparent; min-height: 20px; }}
+QSlider::groove:horizontal {{ background: {LINE}; height: 4px; border-radius: 2px; }}
+QSlider::sub-page:horizontal {{ background: {ACCENT}; height: 4px; border-radius: 2px; }}
+QSlider::handle:horizontal {{ background: {TEXT}; width: 14px; height: 14px; margin: -5px 0; border-radius: 7px; }}
+QSlider::handle:horizontal:disabled, QSlider::sub-page:horizontal:disabled {{ background: {BRAKE_OFF}; }}
 QCheckBox::indicator {{ width: 14px; height: 14px; border: 1px solid {QUIET}; border-radius: 3px;
     background: {GROUND}; }}
 QCheckBox::indicator:checked {{ background: {ACCENT}; border-color: {ACCENT}; }}

@@ -28,11 +28,11 @@ from screens import Screens, cut_texts, opened_screens, point, settle, visible_t
 from app.ipc import messages as m
 from app.window import words
 from app.window.cards import REDO_REASONS
-from app.window.console_window import SMALLEST
+from app.window.main_window import SMALLEST
 from app.window.plan_grid import MARKS
 from core import tick_log
 
-KEY, ALT = Qt.Key, Qt.KeyboardModifier.AltModifier
+KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
 RERIG = CARDS[m.RERIG].text
 
 
@@ -48,29 +48,29 @@ def screens(qtbot):
 def test_no_trial_starts_while_a_check_is_red_or_waiting_and_the_reason_is_readable(screens: Screens, state) -> None:
     check = m.Check("Disk", state, "12 MB free", "Free some space.")
     console = screens.hear(opened(), ready(checks=(*GREEN[:3], check, GREEN[4])))
-    assert screens.press(KEY.Key_Space) == [] and not console.panel.start.isEnabled()
+    assert screens.press(KEY.Key_Space) == [] and not screens.run.panel.start.isEnabled()
     assert any("12 MB free" in text for text in visible_texts(console))
-    assert console.preflight.advice.isVisible() == (state == m.BAD)
+    assert screens.main.preflight.advice.isVisible() == (state == m.BAD)
     if state == m.BAD:
-        assert "Disk: 12 MB free. Free some space." in console.preflight.advice.text()
+        assert "Disk: 12 MB free. Free some space." in screens.main.preflight.advice.text()
     screens.hear(ready())
     assert screens.press(KEY.Key_Space) == [m.Start()]
 
 
 def test_a_caution_is_shown_and_does_not_block(screens: Screens) -> None:
     late = m.Check("Loop", m.CAUTION, "1 kHz, p99 1,067 µs", "Close other programs.")
-    console = screens.hear(opened(), ready(checks=(*GREEN[:2], late, *GREEN[3:])))
-    assert "Close other programs." in console.preflight.pills[2].toolTip()
+    screens.hear(opened(), ready(checks=(*GREEN[:2], late, *GREEN[3:])))
+    assert "Close other programs." in screens.main.preflight.pills[2].toolTip()
     assert screens.press(KEY.Key_Space) == [m.Start()]
 
 
 def test_a_red_check_differs_from_a_green_one_by_more_than_its_colour(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(checks=RED))
-    marks = [pill.mark.text() for pill in console.preflight.pills]
+    screens.hear(opened(), ready(checks=RED))
+    marks = [pill.mark.text() for pill in screens.main.preflight.pills]
     assert len({marks[0], marks[1], marks[2], marks[4]}) == 4
 
 
-@pytest.mark.parametrize("where", ["console", "participant"])
+@pytest.mark.parametrize("where", ["main", "participant"])
 def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_shown(screens: Screens, where) -> None:
     screens.hear(opened(), running())
     window = getattr(screens, where)
@@ -78,75 +78,77 @@ def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_show
     screens.press(KEY.Key_Escape, window)
     (cause,) = screens.client.off_causes
     assert "Esc" in cause and where in cause
-    console = screens.hear(ready(1, brakes_off=cause))
-    assert cause in console.preflight.advice.text() and not console.panel.start.isEnabled()
-    assert screens.press(KEY.Key_Space) == [] and screens.press(KEY.Key_B) == [m.AllowBrakes()]
+    screens.hear(ready(1, brakes_off=cause))
+    assert cause in screens.main.preflight.advice.text() and not screens.run.panel.start.isEnabled()
+    assert screens.press(KEY.Key_Space) == [] and screens.press(KEY.Key_B, modifier=CTRL) == [m.AllowBrakes()]
 
 
-def test_escape_while_a_reason_is_asked_for_during_a_trial_is_still_brakes_off(screens: Screens) -> None:
-    console = screens.hear(opened(), running())
-    screens.press(KEY.Key_A)
-    screens.press(KEY.Key_Escape, console.cards.question.own)
-    assert len(screens.client.off_causes) == 1 and console.cards.question is None
+def test_escape_closes_what_is_asked_and_only_the_next_one_is_brakes_off(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    screens.press(KEY.Key_A, modifier=CTRL)
+    screens.press(KEY.Key_Escape, screens.run.cards.question.own)
+    assert screens.client.off_causes == [] and screens.run.cards.question is None
+    screens.press(KEY.Key_Escape)
+    assert len(screens.client.off_causes) == 1
 
 
 # ------------------------------------------------------------------------------------------------- redo, skip, abort ..
 
 
 def test_redo_names_the_last_run_and_its_reason(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(5))
-    assert screens.press(KEY.Key_R) == [] and "run 5" in console.cards.question.title.text()
-    assert screens.press(KEY.Key_2, console.cards.question.own, ALT) == [m.Redo(5, REDO_REASONS[1])]
-    assert console.cards.question is None
+    screens.hear(opened(), ready(5))
+    assert screens.press(KEY.Key_R, modifier=CTRL) == [] and "run 5" in screens.run.cards.question.title.text()
+    assert screens.press(KEY.Key_2, screens.run.cards.question.own, ALT) == [m.Redo(5, REDO_REASONS[1])]
+    assert screens.run.cards.question is None
 
 
 def test_a_run_that_was_redone_is_not_redone_again(screens: Screens) -> None:
     rows = (result(PLAN[0]), result(PLAN[1], "redone"))
     screens.hear(opened(), ready(rows=rows, coming=PLAN[1]))
-    screens.press(KEY.Key_R)
-    assert screens.press(KEY.Key_1, screens.console.cards.question.own, ALT)[0].run == 1
+    screens.press(KEY.Key_R, modifier=CTRL)
+    assert screens.press(KEY.Key_1, screens.run.cards.question.own, ALT)[0].run == 1
 
 
 def test_skip_takes_a_reason_in_ones_own_words_and_never_none(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(5))
-    screens.press(KEY.Key_S)
-    question = console.cards.question
+    screens.hear(opened(), ready(5))
+    screens.press(KEY.Key_S, modifier=CTRL)
+    question = screens.run.cards.question
     assert screens.press(KEY.Key_Return, question.own) == [] and not question.confirm.isEnabled()
     QTest.keyClicks(question.own, "a spare part is missing")  # letters that are commands elsewhere
     assert screens.press(KEY.Key_Return, question.own) == [m.Skip("a spare part is missing")]
 
 
 def test_an_abort_question_goes_when_its_trial_has_ended(screens: Screens) -> None:
-    console = screens.hear(opened(), running())
-    screens.press(KEY.Key_A)
-    assert console.cards.question is not None
+    screens.hear(opened(), running())
+    screens.press(KEY.Key_A, modifier=CTRL)
+    assert screens.run.cards.question is not None
     screens.hear(ready(1))
-    assert console.cards.question is None and screens.press(KEY.Key_A) == []
+    assert screens.run.cards.question is None and screens.press(KEY.Key_A, modifier=CTRL) == []
 
 
 def test_abort_sends_the_reason_while_the_trial_runs(screens: Screens) -> None:
-    console = screens.hear(opened(), running())
-    QTest.mouseClick(console.panel.abort, Qt.MouseButton.LeftButton)
-    sent = screens.press(KEY.Key_1, console.cards.question.own, ALT)
+    screens.hear(opened(), running())
+    QTest.mouseClick(screens.run.panel.abort, Qt.MouseButton.LeftButton)
+    sent = screens.press(KEY.Key_1, screens.run.cards.question.own, ALT)
     assert len(sent) == 1 and isinstance(sent[0], m.Abort) and sent[0].reason
 
 
 def test_pause_is_asked_for_and_taken_back(screens: Screens) -> None:
     screens.hear(opened(), running())
-    assert screens.press(KEY.Key_P) == [m.Pause(True)]
-    console = screens.hear(ready(1, paused=True))
-    assert screens.press(KEY.Key_Space) == [] and not console.panel.start.isEnabled()
-    assert screens.press(KEY.Key_P) == [m.Pause(False)]
+    assert screens.press(KEY.Key_P, modifier=CTRL) == [m.Pause(True)]
+    screens.hear(ready(1, paused=True))
+    assert screens.press(KEY.Key_Space) == [] and not screens.run.panel.start.isEnabled()
+    assert screens.press(KEY.Key_P, modifier=CTRL) == [m.Pause(False)]
 
 
 def test_a_note_is_typed_without_setting_anything_off(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(3))
-    screens.press(KEY.Key_N)
-    QTest.keyClicks(console.panel.note, "prs nab t")
+    screens.hear(opened(), ready(3))
+    screens.press(KEY.Key_N, modifier=CTRL)
+    QTest.keyClicks(screens.run.panel.note, "prs nab t")
     assert screens.client.sent == []
-    assert screens.press(KEY.Key_Return, console.panel.note) == [m.Note("prs nab t")]
+    assert screens.press(KEY.Key_Return, screens.run.panel.note) == [m.Note("prs nab t")]
     screens.hear(ready(3, notes=("13:02 prs nab t",)))
-    assert "13:02 prs nab t" in console.panel.notes.toPlainText()
+    assert "13:02 prs nab t" in screens.run.panel.notes.toPlainText()
 
 
 # ------------------------------------------------------------------------------------------------- what is shown
@@ -154,19 +156,19 @@ def test_a_note_is_typed_without_setting_anything_off(screens: Screens) -> None:
 
 def test_the_grid_marks_each_status_and_the_running_trial(screens: Screens) -> None:
     rows = tuple(map(result, PLAN[:5], ("done", "timeout", "aborted", "redone", "recovered")))
-    console = screens.hear(opened(), running(5, rows=rows))
-    grid = console.panel.grid
+    screens.hear(opened(), running(5, rows=rows))
+    grid = screens.run.panel.grid
     assert [grid.statuses[run] for run in range(1, 6)] == ["done", "timeout", "aborted", "redone", "recovered"]
     assert grid.marked == 6 and grid.running
-    assert "2 done, 1 missing" in console.panel.done.text()  # a redone and a recovered one come again
+    assert screens.run.panel.done.text() == "1 of 60 trials done · 2 without a result"  # the others come again
     assert len(set(MARKS.values())) == len(MARKS)
 
 
 def test_a_repeated_trial_fills_the_cell_of_the_first(screens: Screens) -> None:
     again = PLAN[3]._replace(run=61)
     rows = (*map(result, PLAN[:3]), result(PLAN[3], "redone"), result(again, "done"))
-    console = screens.hear(opened(), ready(rows=rows, coming=PLAN[4]))
-    assert console.panel.grid.statuses[4] == "done" and len(console.panel.grid.statuses) == 4
+    screens.hear(opened(), ready(rows=rows, coming=PLAN[4]))
+    assert screens.run.panel.grid.statuses[4] == "done" and len(screens.run.panel.grid.statuses) == 4
 
 
 def test_a_window_that_comes_later_shows_the_same(screens: Screens) -> None:
@@ -180,26 +182,27 @@ def test_a_window_that_comes_later_shows_the_same(screens: Screens) -> None:
 
 
 def test_proof_of_recording_is_readable(screens: Screens) -> None:
-    console = screens.hear(opened(), running(22), pulse("run-023.arrows"))
-    said = console.proof.recording.text()
+    screens.hear(opened(), running(22), pulse("run-023.arrows"))
+    said = screens.main.footer.recording.text()
     assert all(part in said for part in ("run-023.arrows", "18\u202f412 rows", "4.2 MB", "0.1 s ago", "22 earlier"))
-    assert "seed 1" in console.proof.origin.text() and opened().plan_sha256[:4] in console.proof.origin.text()
+    origin = screens.main.footer.origin.text()
+    assert "seed 1" in origin and opened().plan_sha256[:4] in origin
 
 
 def test_ticks_reach_workspace_traces_and_ledger(screens: Screens) -> None:
     over = next(i for i, trial in enumerate(PLAN) if trial.segment == 1)
-    console = screens.hear(opened(), running(over))
+    screens.hear(opened(), running(over))
     screens.tick(ticks(tick_log.MOVE, TIP_X=0.03, TIP_Y=0.397, HAND_FX=3.0, HAND_FY=-4.0, ENERGY_BRAKES=0.5,
                        PATH_DISTANCE=-0.003))  # fmt: skip
-    assert console.traces.error.newest == pytest.approx((3.0,))  # mm
-    assert console.traces.force.newest == pytest.approx((5.0,))
-    assert console.centre.workspace.view.tip == (0.03, 0.397)
-    assert console.centre.large.text() == "Go"
+    assert screens.run.traces.error.newest == pytest.approx((3.0,))  # mm
+    assert screens.run.traces.force.newest == pytest.approx((5.0,))
+    assert screens.run.centre.workspace.view.tip == (0.03, 0.397)
+    assert screens.run.centre.large.text() == "Go"
 
 
 def test_the_pointer_over_the_workspace_is_sent_in_metres(screens: Screens) -> None:
-    console = screens.hear(opened(), running())
-    view = console.centre.workspace.view
+    screens.hear(opened(), running())
+    view = screens.run.centre.workspace.view
     point(view, view.to_screen((0.05, 0.3)))
     assert screens.client.aimed[-1] == pytest.approx((0.05, 0.3), abs=1e-6)
 
@@ -211,14 +214,14 @@ def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
         console = screens.hear(opened(), running(over, blind=True))
         screens.tick(movement(trial.segment, "AEB", 0.4))
         texts = visible_texts(console)
-        told = [text for text in texts if not text.startswith("SDOF directions")]  # the name of a layer
+        told = [text for text in texts if not text.startswith("directions")]  # the name of a layer
         assert not any(name in text for name in names for text in told)
-        assert console.traces.currents.hidden and not console.energy.isVisible()
+        assert screens.run.traces.currents.hidden and not screens.run.energy.isVisible()
         seen.append([text for text in texts if "path" in text and f"{trial.segment}" in text])
-        screens.press(KEY.Key_R)
+        screens.press(KEY.Key_R, modifier=CTRL)
     assert all(seen)
     screens.hear(running(9))
-    assert any(PRESETS[PLAN[9].controller].name in text for text in visible_texts(screens.console))
+    assert any(PRESETS[PLAN[9].controller].name in text for text in visible_texts(screens.main))
 
 
 # ------------------------------------------------------------------------------------------------- waiting
@@ -227,20 +230,20 @@ def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
 def test_a_re_rig_says_what_to_do_and_waits_for_its_confirmation(screens: Screens) -> None:
     console = screens.hear(opened(), ready(30, stage=m.RERIG))
     texts = visible_texts(console)
-    assert RERIG in texts and "Change to four-brake" in texts and not console.panel.start.isEnabled()
-    assert screens.press(KEY.Key_Return, console.cards.notice.buttons[0]) == [m.Confirm()]
+    assert RERIG in texts and "Change to four-brake" in texts and not screens.run.panel.start.isEnabled()
+    assert screens.press(KEY.Key_Return, screens.run.cards.notice.buttons[0]) == [m.Confirm()]
     screens.hear(ready(30))
-    assert console.cards.notice is None
+    assert screens.run.cards.notice is None
 
 
 def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) -> None:
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
-    console = screens.hear(opened(), ready(12, stage=m.BREAK, card=LONG_BREAK))
-    assert "1:00" in console.cards.notice.title.text() and screens.press(KEY.Key_Space) == []
+    screens.hear(opened(), ready(12, stage=m.BREAK, card=LONG_BREAK))
+    assert "1:00" in screens.run.cards.notice.title.text() and screens.press(KEY.Key_Space) == []
     now[0] += 30.0
     screens.hear()
-    assert "0:30" in console.cards.notice.title.text()
+    assert "0:30" in screens.run.cards.notice.title.text()
     now[0] += 30.1
     screens.hear()
     assert screens.press(KEY.Key_Space) == [m.Confirm()]
@@ -248,13 +251,13 @@ def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) 
 
 def test_the_end_of_the_plan_is_said_and_nothing_more_starts(screens: Screens) -> None:
     console = screens.hear(opened(), ready(60, stage=m.FINISHED))
-    assert "The plan is done" in visible_texts(console) and not console.panel.start.isEnabled()
+    assert "The plan is done" in visible_texts(console) and not screens.run.panel.start.isEnabled()
 
 
 def test_a_blind_session_is_opened_by_somebody_with_a_name(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(60, stage=m.FINISHED, blind=True))
-    QTest.mouseClick(console.cards.notice.buttons[1], Qt.MouseButton.LeftButton)
-    question = console.cards.question
+    screens.hear(opened(), ready(60, stage=m.FINISHED, blind=True))
+    QTest.mouseClick(screens.run.cards.notice.buttons[1], Qt.MouseButton.LeftButton)
+    question = screens.run.cards.question
     assert screens.press(KEY.Key_Return, question.own) == []
     QTest.keyClicks(question.own, "R. Book")
     assert screens.press(KEY.Key_Return, question.own) == [m.Unblind("R. Book")]
@@ -265,28 +268,29 @@ def test_a_blind_session_is_opened_by_somebody_with_a_name(screens: Screens) -> 
 
 @pytest.mark.parametrize("death", ["silent", "said"])
 def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Screens, death: str) -> None:
-    console = screens.hear(opened(), running(3))
+    screens.hear(opened(), running(3))
     if death == "silent":
         screens.client.alive = False
         screens.hear()
-        assert console.banner.text() == words.SERVER_DIED
+        assert screens.main.banner.text() == words.SERVER_DIED
     else:
         screens.hear(ready(3, stage=m.FAILED, said="The disk is full.", said_bad=True))
-        assert console.banner.text() == "The disk is full."
-    assert console.banner.isVisible()
+        assert screens.main.banner.text() == "The disk is full."
+    assert screens.main.banner.isVisible()
     screens.press(KEY.Key_Escape)
     assert len(screens.client.off_causes) == 1  # zero current can be asked for even then
-    assert all(screens.press(key) == [] for key in (KEY.Key_Space, KEY.Key_R, KEY.Key_S, KEY.Key_P, KEY.Key_A))
+    assert screens.press(KEY.Key_Space) == []
+    assert all(screens.press(key, modifier=CTRL) == [] for key in (KEY.Key_R, KEY.Key_S, KEY.Key_P, KEY.Key_A))
 
 
 def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
     console = screens.hear(opened(), running())
     assert not console.close() and console.isVisible() and not screens.client.stopped
-    go_on, close = console.cards.question.buttons
+    go_on, close = screens.main.cards.question.buttons
     go_on.click()
-    assert console.isVisible() and console.cards.question is None
+    assert console.isVisible() and screens.main.cards.question is None
     console.close()
-    console.cards.question.buttons[1].click()
+    screens.main.cards.question.buttons[1].click()
     assert not console.isVisible() and screens.client.stopped == "the window was closed"
 
 
@@ -328,9 +332,9 @@ def test_no_text_is_cut_at_any_size(screens: Screens, state: str) -> None:
 def test_no_text_of_a_question_is_cut(screens: Screens) -> None:
     console = screens.hear(opened(), ready(22))
     for key in (KEY.Key_R, KEY.Key_S):
-        screens.press(key)
+        screens.press(key, modifier=CTRL)
         settle(console)
-        assert console.cards.question is not None and cut_texts(console) == []
+        assert screens.run.cards.question is not None and cut_texts(console) == []
 
 
 def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:
@@ -352,7 +356,7 @@ def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:
 
 
 def test_places_on_the_workspace_are_true_to_scale(screens: Screens) -> None:
-    view = screens.hear(opened(), running()).centre.workspace.view
+    view = screens.hear(opened(), running()).pages["Run"].centre.workspace.view
     for place in ((-0.1, 0.4), (0.08, 0.42), (0.0, 0.0)):
         assert view.to_plane(view.to_screen(place)) == pytest.approx(place, abs=1e-9)
     a, b, c = (view.to_screen(place) for place in ((0.0, 0.3), (0.1, 0.3), (0.0, 0.4)))

@@ -1,4 +1,4 @@
-"""A session server from its window's side: trials, refusals, brakes-off; and that a slow window changes nothing."""
+"""The session server from its window's side, in simulated time: trials, refusals, brakes-off, what it says."""
 
 import json
 import time
@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live import Window, gone, live_window, wait_until
+from live import Window
+from protocols import PAPER
+from simulated_loop import local_window
 from synthetic_hand import SyntheticHand
 
 from app.ipc import messages as m
@@ -15,19 +17,14 @@ from core import tick_log
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
-from experiments.session.files import cell, hold_lock
-
-JOINTS = range(tick_log.CURRENT, tick_log.CURRENT + 4)
-
-
-@pytest.fixture(scope="module")
-def setup(tmp_path_factory: pytest.TempPathFactory) -> Setup:
-    return Setup(tmp_path_factory.mktemp("live") / "data", real_time=False)
+from experiments.session.files import cell
+from experiments.session.session import Session
 
 
 @pytest.fixture(scope="module")
-def window(setup: Setup):
-    with live_window(setup) as opened:
+def window(tmp_path_factory: pytest.TempPathFactory):
+    """One session after another test: each goes on where the last one ended."""
+    with local_window(Setup(tmp_path_factory.mktemp("served") / "data", sync=False)) as opened:
         opened.open()
         yield opened
 
@@ -46,40 +43,6 @@ def test_a_bench_before_its_session_says_what_the_protocol_is_and_that_everythin
     assert [check.name for check in window.snapshot.checks] == ["Device", "Hand", "Loop", "Disk", "Recording"]
     assert not {check.state for check in window.snapshot.checks} & {m.BAD, m.WAITING}
     assert window.snapshot.coming == window.opened.plan[0]
-
-
-def test_a_trial_by_hand_has_a_row_for_every_millisecond_and_says_how_late_each_was(window: Window) -> None:
-    began = time.monotonic()
-    snapshot = window.start()
-    run = snapshot.running
-    hand, seen = SyntheticHand(run.segment, snapshot.tip), 0
-    while window.snapshot.stage == m.RUNNING:
-        window.look()
-        rows = window.rows
-        tip = (rows[-1, tick_log.TIP_X], rows[-1, tick_log.TIP_Y])
-        window.client.aim(*hand(tip, int(rows[-1, tick_log.PHASE]), 1e-3 * (len(rows) - seen)))
-        seen = len(rows)
-        time.sleep(0.005)
-    wall = time.monotonic() - began
-    done = window.snapshot.rows[-1]
-    assert (done.run, done.status) == (run.run, "done")
-    kept = recording(window, run.run)
-    assert kept.whole and 1e-3 * kept.rows <= wall
-    assert np.array_equal(kept.column("t_s"), np.arange(kept.rows) * 1e-3)
-    lateness = kept.column("lateness_us")
-    assert np.all(lateness >= 0.0) and np.any(lateness > 0.0)
-    timing = kept.outcome["timing"]
-    assert timing["ticks"] == kept.rows and timing["lost"] == 0
-    assert timing["max_us"] == lateness.max() and timing["p99_us"] == np.percentile(lateness, 99.0)
-    assert timing["missed"] == np.count_nonzero(lateness >= 1000.0)
-    assert timing["scheduling"].startswith("default")
-    force = np.hypot(kept.column("hand_fx_N"), kept.column("hand_fy_N"))
-    assert 0.5 < force.max() <= 40.0 + 1e-9
-    off = ~kept.in_phase("move")
-    assert all(not kept.column(f"current_{joint}_A")[off].any() for joint in kept.braked)
-    window.look()
-    shown = window.rows
-    assert np.array_equal(shown[:, tick_log.TIP_X], kept.column("tip_x_m"))  # the window has seen every tick
 
 
 def test_an_abort_keeps_its_reason_and_the_plan_goes_on(window: Window) -> None:
@@ -172,63 +135,38 @@ def test_what_cannot_be_is_refused_in_a_sentence(window: Window) -> None:
     assert window.snapshot.stage == m.READY
 
 
-def test_another_process_cannot_have_the_data_folder_meanwhile(window: Window, setup: Setup) -> None:
-    with pytest.raises(Exception, match="in use by a running process"):
-        hold_lock(setup.data_dir)
+def test_trials_with_another_hand_are_not_mixed_into_a_session(tmp_path: Path) -> None:
+    Session(tmp_path / "data", "01", PAPER, sync=False, hand="force sensor").close()
+    with local_window(Setup(tmp_path / "data", sync=False)) as seen:
+        seen.until_stage(m.NO_SESSION)
+        seen.client.send(m.Open("01", resume=True))
+        said = seen.until_stage(m.READY)
+        assert said.said_bad and "a device on the bench" in said.said and "mouse" in said.said
+        seen.client.send(m.Start())
+        seen.until(lambda s: s.said_bad and s.said.startswith("This session was begun with"))
+        seen.client.send(m.Note("opened by mistake"))
+        assert seen.until(lambda s: s.notes).rows == ()
+    assert not any((tmp_path / "data").rglob("run-*"))
 
 
-def test_proof_of_recording_grows_while_a_trial_runs(window: Window) -> None:
-    began = time.monotonic()
-    run = window.start().running.run
-    name = f"run-{run:03d}.arrows"
-    window.until(lambda s: window.pulse and (proof := window.pulse.proof) and proof.name == name and proof.rows > 0)
-    first = window.pulse.proof
-    window.until(lambda s: window.pulse.proof and window.pulse.proof.rows > first.rows)
-    assert window.pulse.proof.bytes > first.bytes
-    assert 0.0 <= window.pulse.proof.age_s < time.monotonic() - began
-    assert window.pulse.timing.p99_us >= window.pulse.timing.p50_us >= 0.0
-    assert window.pulse.verified == sum(bool(r.recording) for r in window.snapshot.rows)
-    window.abort("enough")
+def test_a_session_whose_hand_nobody_knows_is_opened_and_not_gone_on_with(tmp_path: Path) -> None:
+    Session(tmp_path / "data", "01", PAPER, sync=False, hand="a foot").close()
+    with local_window(Setup(tmp_path / "data", sync=False)) as seen:
+        seen.until_stage(m.NO_SESSION)
+        seen.client.send(m.Open("01", resume=True))
+        assert "'a foot'" in seen.until_stage(m.READY).said
 
 
-def test_a_window_that_hangs_changes_nothing_and_then_hears_how_things_are(window: Window) -> None:
-    run = window.start().running.run
-    time.sleep(1.2)  # hangs: reads nothing, while pulses and ticks come
-    snapshot = window.abort("enough")
-    assert snapshot.rows[-1].run == run
-    kept = recording(window, run)
-    assert kept.whole and kept.rows > 1000 and kept.outcome["timing"]["lost"] == 0
-
-
-def test_a_window_that_quits_in_a_trial_ends_it_and_leaves_nothing_running(setup: Setup, window: Window) -> None:
-    run = window.start().running.run
-    pids = window.processes()
-    window.client.stop("the window was closed")
-    wait_until(lambda: all(map(gone, pids)))
-    kept = recording(window, run)
-    assert kept.whole and kept.outcome["reason"] == "the window was closed"
-    window.join(setup)
-    assert window.until_stage(m.NO_SESSION).resumable == ("01",)
-    window.client.send(m.Open("01", resume=True))
-    assert window.until_stage(m.READY).rows[-1].run == run
-
-
-def test_a_bench_that_recorded_nothing_leaves_nothing(tmp_path: Path) -> None:
-    setup = Setup(tmp_path / "new" / "data", real_time=False)
-    with live_window(setup) as opened:
-        opened.until_stage(m.NO_SESSION)
-        opened.client.send(m.Practice())
-        opened.until_stage(m.RUNNING)
-        assert opened.snapshot.practice and opened.snapshot.running.block == 0
-        opened.until(lambda s: opened.pulse)
-        assert opened.pulse.proof is None
-        opened.abort("enough")
-    assert not setup.data_dir.exists()
-
-
-def test_a_folder_that_another_process_has_is_refused(tmp_path: Path) -> None:
-    lock = hold_lock(tmp_path)
-    window = Window(Setup(tmp_path, real_time=False))
-    window.until_stage(m.FAILED)
-    assert "in use by a running process" in window.snapshot.said and not window.client.alive
-    lock.release()
+def test_a_session_is_left_and_opened_again_in_one_go(tmp_path: Path) -> None:
+    with local_window(Setup(tmp_path / "data", sync=False)) as seen:
+        seen.open()
+        for intent in (m.Leave(), m.Open("01", resume=True), m.Note("here again")):
+            seen.client.send(intent)
+        assert seen.until(lambda s: s.notes).stage == m.READY
+def test_a_simulated_device_has_no_steps(tmp_path: Path) -> None:
+    with local_window(Setup(tmp_path / "data", sync=False)) as seen:
+        seen.open()
+        seen.client.send(m.Rig(m.ZERO))
+        seen.until(lambda s: s.said_bad and "simulated" in s.said)
+        seen.until(lambda s: seen.pulse)
+        assert seen.pulse.device is None

@@ -1,0 +1,310 @@
+"""The experimenter's window: four pages between a header (pages, pre-flight, brakes) and a footer (data folder).
+
+It shows what the session server sends and asks it for what the experimenter wants; it decides nothing. The brakes-off
+goes straight to the control loop, whichever page is at the front.
+"""
+
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+from PySide6.QtCore import QUrl, Signal
+from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+
+from app import __version__
+from app.ipc import messages as m
+from app.ipc.client import Client
+from app.window.cards import Cards
+from app.window.keys import KEYS, bind
+from app.window.page import ANALYSE, HOME, RUN, TRY, Page
+from app.window.painting import theme
+from app.window.painting.labels import OneLine, breakable, line, word
+from app.window.preflight import Preflight
+from app.window.words import grouped, size
+
+#: page -> its module and class; a page is made when it is first shown
+PAGES = {
+    HOME: ("home_page", "HomePage"),
+    TRY: ("try_page", "TryPage"),
+    RUN: ("run_page", "RunPage"),
+    ANALYSE: ("analyse_page", "AnalysePage"),
+}
+SMALLEST = (1024, 600)
+LARGEST = (1920, 1080)
+STALE_S = 1.0  # a last write longer ago than this is worth a look
+
+
+class Footer(QFrame):
+    """The data folder; proof of recording; seed, plan and version: with them a session can be laid out again."""
+
+    def __init__(self) -> None:
+        super().__init__(objectName="panel")
+        self.folder, self.recording = word("", bold=True), OneLine("Nothing is being recorded")
+        self.folder.setMaximumWidth(320)
+        self.open = QPushButton("Open folder", objectName="small")
+        self.open.clicked.connect(self._open)
+        self.lamp, self.origin = word("●", size=theme.SMALL), word("", "quiet", theme.SMALL)
+        self.keys = QPushButton("Keys  F1", objectName="small")
+        self._path = Path()
+        row = QHBoxLayout(self)
+        row.setContentsMargins(12, 5, 8, 5)
+        row.setSpacing(8)
+        row.addWidget(word("Data", "quiet"))
+        row.addWidget(self.folder)
+        row.addWidget(self.open)
+        row.addWidget(self.lamp)
+        row.addWidget(self.recording, 1)
+        row.addWidget(self.origin)
+        row.addWidget(self.keys)
+        self._light(theme.BRAKE_OFF)
+
+    def _light(self, colour: str) -> None:
+        if (sheet := f"color: {colour}") != self.lamp.styleSheet():  # each one makes the window lay itself out anew
+            self.lamp.setStyleSheet(sheet)
+
+    def show_opened(self, opened: m.Opened) -> None:
+        """Where the data are, and where the session comes from."""
+        self._path = Path(opened.folder)
+        home = Path.home()
+        inside = self._path.is_relative_to(home)
+        self.folder.setText(f"~/{self._path.relative_to(home)}" if inside else str(self._path))
+        parts = [f"seed {opened.seed}", f"phd {__version__}"]
+        if opened.plan_sha256:
+            parts.insert(1, f"plan {opened.plan_sha256[:4]}…{opened.plan_sha256[-2:]}")
+        self.origin.setText(" · ".join(parts))
+        self.origin.setToolTip(f"Plan {opened.plan_sha256}\n{opened.note}" if opened.plan_sha256 else opened.note)
+
+    def show_pulse(self, pulse: m.Pulse) -> None:
+        """The newest proof of recording."""
+        proof, verified = pulse.proof, pulse.verified
+        if proof is None:
+            self._light(theme.GOOD if verified else theme.BRAKE_OFF)
+            runs = "1 run" if verified == 1 else f"{verified} runs"
+            kept = f" · {runs} of this session recorded and verified" if verified else ""
+            self.recording.setText(f"Nothing is being recorded{kept}")
+            return
+        self._light(theme.BAD if proof.age_s < STALE_S else theme.CAUTION)
+        earlier = {0: "", 1: "1 earlier run verified"}.get(verified, f"all {verified} earlier runs verified")
+        parts = [f"Recording {proof.name}", f"{grouped(proof.rows)} rows", size(proof.bytes)]
+        parts += [f"last write {proof.age_s:.1f} s ago", earlier]
+        self.recording.setText(" · ".join(filter(None, parts)))
+
+    def show_dead(self) -> None:
+        """The session server has ended."""
+        self._light(theme.BAD)
+        self.recording.setText("Not recording")
+
+    def _open(self) -> None:
+        there = next(folder for folder in (self._path, *self._path.parents) if folder.is_dir())
+        QDesktopServices.openUrl(QUrl.fromLocalFile(str(there)))
+
+
+class MainWindow(QWidget):
+    """The whole window."""
+
+    participant_asked = Signal()  # show or hide the participant's window
+    restart_asked = Signal(object, object)  # as `Page.setup_asked`
+    closed = Signal()
+
+    def __init__(self, client: Client) -> None:
+        super().__init__()
+        self.setWindowTitle("PHD")
+        self.client = client
+        self.opened: m.Opened | None = None
+        self.snapshot = m.Snapshot(m.PREPARING)
+        self._then: object = None  # a command for the session server, once it serves
+        self.dead = self._closing = False
+        self.pages: dict[str, Page] = {}
+        self.shown = ""  # the page at the front
+        self.preflight, self.footer, self._stack = Preflight(), Footer(), QStackedWidget()
+        self.banner = line("", "banner", theme.TITLE, bold=True)
+        self.banner.hide()
+        self.tabs = {name: QPushButton(name, objectName="tab", checkable=True) for name in PAGES}
+        self._lay_out()
+        self.cards = Cards(self._stack)
+        self._connect()
+        self.show_page(HOME)
+
+    def _lay_out(self) -> None:
+        tabs = QHBoxLayout()
+        tabs.setSpacing(0)
+        for tab in self.tabs.values():
+            tab.setFont(theme.font(theme.TITLE))
+            tabs.addWidget(tab)
+        head = QHBoxLayout()
+        head.addLayout(tabs)
+        head.addWidget(self.preflight, 1)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(theme.GAP, 6, theme.GAP, theme.GAP)
+        layout.setSpacing(8)
+        layout.addLayout(head)
+        layout.addWidget(self.banner)
+        layout.addWidget(self.preflight.advice)
+        layout.addWidget(self._stack, 1)
+        layout.addWidget(self.footer)
+        room = QGuiApplication.primaryScreen().availableSize()
+        self.setMinimumSize(min(SMALLEST[0], room.width()), min(SMALLEST[1], room.height()))
+        self.resize(min(LARGEST[0], room.width()), min(LARGEST[1], room.height()))
+
+    def _connect(self) -> None:
+        for name, tab in self.tabs.items():
+            tab.clicked.connect(lambda _=False, name=name: self.show_page(name))
+        self.preflight.brakes_off_asked.connect(lambda: self.brakes_off("the button of the main window"))
+        self.preflight.brakes_allowed.connect(self.allow_brakes)
+        self.preflight.device_asked.connect(lambda: self.do("device"))
+        self.footer.keys.clicked.connect(self.show_keys)
+        own = {
+            "escape": lambda: self.escape("Esc in the main window"),
+            "allow brakes": self.allow_brakes,
+            "participant": self.participant_asked.emit,
+            "keys": self.show_keys,
+            "larger": lambda: theme.scale_text(1),
+            "smaller": lambda: theme.scale_text(-1),
+            "device": lambda: self.show_page(HOME, "device"),
+            **{name.lower(): (lambda name=name: self.show_page(name)) for name in PAGES},
+        }
+        bind(self, own | {name: (lambda name=name: self.do(name)) for name in KEYS if name not in own})
+
+    # ------------------------------------------------------------------------------------------- pages and keys
+
+    def page(self, name: str) -> Page:
+        """A page, made when it is first asked for."""
+        if name not in self.pages:
+            module, cls = PAGES[name]
+            page = getattr(import_module(f"app.window.{module}"), cls)(self.send)
+            page.page_asked.connect(self.show_page)
+            page.aimed.connect(lambda x, y: self.client.aim(x, y))
+            page.left.connect(lambda: self.client.let_go())
+            page.setup_asked.connect(self.restart_asked)
+            self.pages[name] = page
+            self._stack.addWidget(page)
+            page.show_setup(self.client.setup)
+            if self.opened is not None:
+                page.show_opened(self.opened)
+            page.show_snapshot(self.snapshot)
+        return self.pages[name]
+
+    def show_page(self, name: str, what: object = None) -> None:
+        """Bring a page to the front, with what it is to show."""
+        page = self.page(name)
+        if name != self.shown and self.shown:
+            self.pages[self.shown].end()
+        self.shown = name
+        for other, tab in self.tabs.items():
+            tab.setChecked(other == name)
+        self._stack.setCurrentWidget(page)
+        page.begin(what)
+
+    def do(self, action: str) -> None:
+        """What a key asks for: a question's answer first, else the page's."""
+        if action == "start" and self.cards.press_main():
+            return
+        if (act := self.pages[self.shown].keys().get(action)) is not None:
+            act()
+
+    def send(self, command: object) -> None:
+        """Ask the session server for something."""
+        self.client.send(command)
+
+    def show_keys(self) -> None:
+        """All keys, in a card."""
+        self.cards.show_keys(KEYS)
+
+    # ------------------------------------------------------------------------------------------- brakes
+
+    def brakes_off(self, cause: str) -> None:
+        """Zero current at once; it goes straight to the control loop, even when the session server is gone."""
+        self.client.brakes_off(cause)
+
+    def allow_brakes(self) -> None:
+        """Currents may flow again."""
+        if self.snapshot.brakes_off:
+            self.send(m.AllowBrakes())
+
+    def escape(self, cause: str) -> None:
+        """Close what is asked; else, if anything is running or a session is open, brakes off. Never both."""
+        if self.cards.leave() or self.pages[self.shown].cancel():
+            return
+        typing = self.focusWidget()
+        if typing is not None and self.snapshot.stage != m.RUNNING and typing is not self:
+            typing.clearFocus()
+        if self.snapshot.stage not in (m.PREPARING, m.NO_SESSION) and not self.snapshot.brakes_off:
+            self.brakes_off(cause)
+
+    # ------------------------------------------------------------------------------------------- what the server sends
+
+    def show_client(self, client: Client, then: object) -> None:
+        """Another session server was started; then: a command for it once it serves, or None."""
+        self.client, self._then, self.dead, self.opened = client, then, False, None
+        for page in self.pages.values():
+            page.show_setup(client.setup)
+        self.show_snapshot(m.Snapshot(m.PREPARING))
+
+    def show_opened(self, opened: m.Opened) -> None:
+        """A session, or a protocol before one or after one."""
+        begins = bool(opened.participant) and (self.opened is None or not self.opened.participant)
+        ends = not opened.participant and self.opened is not None and bool(self.opened.participant)
+        self.opened = opened
+        self.footer.show_opened(opened)
+        for page in self.pages.values():
+            page.show_opened(opened)
+        if begins or (ends and self.shown == RUN):
+            self.show_page(RUN if begins else HOME)
+        self._refresh()
+
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
+        """Where the session is now."""
+        self.snapshot = snapshot
+        on_bench = self.opened is not None and self.opened.real_device
+        if self._then is not None and snapshot.stage == m.NO_SESSION and not snapshot.why_no_session(on_bench):
+            self.send(self._then)
+            self._then = None
+        for page in self.pages.values():
+            page.show_snapshot(snapshot)
+        self._refresh()
+
+    def show_pulse(self, pulse: m.Pulse) -> None:
+        """Proof of recording, and timing."""
+        self.footer.show_pulse(pulse)
+        for page in self.pages.values():
+            page.show_pulse(pulse)
+
+    def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
+        """Ticks (n, tick_log.WIDTH) of the running trial, for the page at the front."""
+        if not self.dead:
+            self.pages[self.shown].show_ticks(rows, taken)
+
+    def show_dead(self, sentence: str) -> None:
+        """The session server has ended."""
+        self.dead = True
+        last = self.snapshot
+        self.footer.show_dead()
+        self.show_snapshot(
+            m.Snapshot(m.FAILED, last.rows, blind=last.blind, notes=last.notes, said=sentence, said_bad=True)
+        )
+
+    def _refresh(self) -> None:
+        failed = self.snapshot.stage == m.FAILED
+        self.banner.setText(breakable(self.snapshot.said) if failed else "")
+        self.banner.setVisible(failed)
+        self.preflight.show_session(self.opened, self.snapshot)
+
+    # ------------------------------------------------------------------------------------------- the end
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """While something is recorded, ask first."""
+        recording = self.snapshot.stage == m.RUNNING and not self.snapshot.practice
+        if recording and not self._closing and not self.dead:
+            event.ignore()
+            self.showNormal() if self.isMinimized() else self.show()
+            self.raise_()
+            self.cards.ask_to_close(self.close_anyway)
+            return
+        event.accept()
+        self.closed.emit()
+
+    def close_anyway(self) -> None:
+        """The question has been answered."""
+        self._closing = True
+        self.close()

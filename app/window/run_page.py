@@ -1,0 +1,389 @@
+"""The Run page: plan and commands at the left, the workspace, and at the right the running trial's curves or the card
+of the trial that has just ended."""
+
+from collections.abc import Callable
+
+import numpy as np
+from PySide6.QtCore import QEvent, QObject, Signal
+from PySide6.QtGui import QMouseEvent, QResizeEvent
+from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QVBoxLayout, QWidget
+
+from app.ipc import messages as m
+from app.window import words
+from app.window.cards import ABORT_REASONS, REDO_REASONS, SKIP_REASONS, Cards
+from app.window.energy_panel import EnergyPanel
+from app.window.page import ANALYSE, HOME, Page
+from app.window.painting import theme
+from app.window.painting.labels import OneLine, word
+from app.window.painting.linkage_view import Workspace
+from app.window.plots import TimingStrip, Traces
+from app.window.questionnaire import Questionnaire
+from app.window.session_panel import SessionPanel, can_be_redone
+from app.window.trial_card import TrialCard
+from app.window.words import describe, feedback, hand_is_mouse, place
+from core import tick_log
+from experiments.analysis.trials_table import TrialRow
+from experiments.plan import PlannedTrial
+
+#: px: the right column takes this share of the page, within these bounds; below this height one curve less is shown
+RIGHT_SHARE, RIGHT_LEAST, RIGHT_MOST, LOW_PX = 0.29, 290, 440, 560
+#: Our choice: curves and energies go on with every third frame, twenty times a second and by two or three pixels,
+#: which is as smooth as they can be read; only what follows the hand goes on with every frame.
+PANELS_EVERY = 3
+
+
+class RunPage(Page):
+    """The console of a session."""
+
+    def __init__(self, send: Callable[[object], None]) -> None:
+        super().__init__(send)
+        self.panel, self.centre = SessionPanel(), Centre()
+        self.traces, self.energy, self.timing = Traces(), EnergyPanel(), TimingStrip()
+        self.card, self.questions = TrialCard(), Questionnaire()
+        self.participant_answers = False  # the questions stand on the participant's own window
+        self._shown: PlannedTrial | None = None  # the trial that the workspace is set up for
+        self._waiting: list[np.ndarray] = []  # ticks that the panels have not had yet
+        self._ticks: list[np.ndarray] = []  # of the running trial, for its card
+        self._judged: set[int] = set()  # runs whose card was answered
+        self._lay_out()
+        self.cards = Cards(self.centre)
+        self._connect()
+
+    def _lay_out(self) -> None:
+        live = QWidget()
+        column = QVBoxLayout(live)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(8)
+        column.addWidget(self.traces, 4)
+        column.addWidget(self.timing, 1)
+        column.addWidget(self.energy)
+        self._right = QStackedWidget()
+        self._right.addWidget(live)
+        self._right.addWidget(self.card)
+        desk = QWidget()
+        row = QHBoxLayout(desk)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(theme.GAP)
+        row.addWidget(self.panel)
+        row.addWidget(self.centre, 1)
+        row.addWidget(self._right)
+        self._stack = QStackedWidget(self)
+        self._stack.addWidget(desk)
+        self._stack.addWidget(self.questions)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self._stack)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._right.setFixedWidth(min(max(round(RIGHT_SHARE * self.width()), RIGHT_LEAST), RIGHT_MOST))
+        self.traces.speed.setVisible(self.height() > LOW_PX)
+
+    def _connect(self) -> None:
+        for signal, do in (
+            (self.panel.start_asked, self.start),
+            (self.panel.redo_asked, self.redo),
+            (self.panel.skip_asked, self.skip),
+            (self.panel.pause_asked, self.pause),
+            (self.panel.abort_asked, self.abort),
+            (self.panel.noted, self._note),
+            (self.panel.cell_asked, self._show_cell),
+            (self.card.kept, self._keep),
+            (self.card.redo_asked, self.redo),
+            (self.card.excluded, self._exclude),
+            (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
+            (self.centre.aimed, self.aimed),
+            (self.centre.left, self.left),
+        ):
+            signal.connect(do)
+
+    def keys(self) -> dict[str, Callable[[], object]]:
+        return {
+            "start": self.start, "redo": self.redo, "exclude": self.card.exclude, "skip": self.skip,
+            "pause": self.pause, "abort": self.abort, "note": self.panel.write_note,
+        }  # fmt: skip
+
+    # ------------------------------------------------------------------------------------------- what is asked for
+
+    def start(self) -> None:
+        """Press the first button of what is asked; else keep the trial on the card and start the next one."""
+        if self.cards.press_main():
+            return
+        if self.card_shown and not self.card.ready:
+            return
+        self._keep()
+        if self.panel.start.isEnabled():
+            self.send(m.Start())
+            self.centre.setFocus()
+
+    def pause(self) -> None:
+        """No trial starts after this one; or trials may start again."""
+        if self.panel.pause.isEnabled():
+            self.send(m.Pause(not self.snapshot.paused))
+
+    def redo(self) -> None:
+        """Ask why, then repeat the trial on the card, or the last one."""
+        on_card = self.card.row if self.card_shown else None
+        row = on_card or next((row for row in reversed(self.snapshot.rows) if can_be_redone(row)), None)
+        if row is None or not can_be_redone(row) or self.opened is None or not self.panel.redo.isEnabled():
+            return
+        self.cards.ask(
+            "redo",
+            f"Repeat the trial of run {row.run}?",
+            "It comes next. The recording is kept and marked as redone.",
+            REDO_REASONS,
+            "Repeat",
+            lambda reason: self.send(m.Redo(row.run, reason)),
+        )
+
+    def skip(self) -> None:
+        """Ask why, then leave the next trial out."""
+        coming = self.snapshot.coming
+        if not self.panel.skip.isEnabled() or self.opened is None or coming is None:
+            return
+        self.cards.ask(
+            "skip",
+            f"Skip trial {place(coming, self.opened.plan)}?",
+            f"{describe(coming, self.opened, self.snapshot.blind)}. It is marked as skipped and does not come again.",
+            SKIP_REASONS,
+            "Skip",
+            lambda reason: self.send(m.Skip(reason)),
+        )
+
+    def abort(self) -> None:
+        """Ask why and whether it comes again, then end the running trial."""
+        if self.snapshot.stage == m.RUNNING:
+            self.cards.ask_abort(ABORT_REASONS, lambda reason, again: self.send(m.Abort(reason, again)))
+
+    def _note(self, text: str) -> None:
+        self.send(m.Note(text))
+        self.cards.take_focus()
+
+    def cancel(self) -> bool:
+        return self.cards.leave()
+
+    def _keep(self) -> None:
+        if self.card_shown and self.card.row is not None:
+            self._judged.add(self.card.row.run)
+            self._refresh()
+
+    def _exclude(self, reason: str) -> None:
+        if self.card.row is not None:
+            self.send(m.Exclude(self.card.row.run, reason))
+
+    def _show_cell(self, row: TrialRow) -> None:
+        self.page_asked.emit(ANALYSE, row)
+
+    @property
+    def card_shown(self) -> bool:
+        """Whether the card of a trial is looked at."""
+        return self._right.currentWidget() is self.card
+
+    # ------------------------------------------------------------------------------------------- what the server sends
+
+    def show_opened(self, opened: m.Opened) -> None:
+        before = self.opened
+        super().show_opened(opened)
+        if before is None or before.folder != opened.folder:
+            self._judged = {row.run for row in self.snapshot.rows}
+        self._shown = None
+        self.centre.show_opened(opened)
+        self._refresh()
+
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
+        before = self.snapshot
+        super().show_snapshot(snapshot)
+        if snapshot.stage == m.QUESTIONS != before.stage:
+            self.questions.clear()
+        if before.stage in (m.PREPARING, m.NO_SESSION):
+            self._judged = {row.run for row in snapshot.rows}  # of an earlier sitting
+        if before.stage != snapshot.stage:
+            self.cards.withdraw({"abort"} if snapshot.stage != m.RUNNING else {"redo", "skip"})
+        self._refresh()
+        self._show_trial(before)
+
+    def _show_trial(self, before: m.Snapshot) -> None:
+        """The workspace: the running trial, else the coming one unless there is a trail to look at."""
+        snapshot, opened = self.snapshot, self.opened
+        if opened is None or snapshot.sandbox is not None:
+            return
+        now, coming = snapshot.running, snapshot.coming
+        begins = now is not None and (before.running != now or before.stage != m.RUNNING)
+        other_device = self._shown is None or coming is None or self._shown.configuration != coming.configuration
+        if now is None and coming is not None and other_device:
+            now, begins = coming, True
+        if begins and now is not None:
+            self._shown = now
+            self._waiting.clear()
+            self._ticks.clear()
+            device = next(device for device in opened.devices if device.name == now.configuration)
+            self.centre.begin(now, snapshot.tip)
+            self.traces.show_trial(device)
+            self.energy.clear()
+            self.timing.clear()
+        elif snapshot.running is None:
+            self.show_panels()
+            self.centre.rest(snapshot.tip)
+
+    def show_pulse(self, pulse: m.Pulse) -> None:
+        self.timing.show_timing(pulse.timing)
+        self.timing.setVisible(pulse.timing is not None and pulse.timing.missed > 0)  # else its pill says it
+
+    def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
+        if self.snapshot.running is None or self.snapshot.sandbox is not None:
+            return
+        self.centre.show_ticks(rows, taken)
+        self._ticks.append(rows)
+        self._waiting.append(rows)
+        if len(self._waiting) >= PANELS_EVERY:
+            self.show_panels()
+
+    def show_panels(self) -> None:
+        """The panels go on; at the end of a trial up to its last tick."""
+        if self._waiting:
+            rows = np.concatenate(self._waiting)
+            self._waiting.clear()
+            for panel in (self.traces, self.energy, self.timing):
+                panel.add(rows)
+
+    def show_time(self, now_s: float) -> None:
+        """What only the clock changes: the countdown of a break."""
+        self.cards.show_time(now_s)
+
+    def begin(self, what: object = None) -> None:
+        self._refresh()
+
+    def _refresh(self) -> None:
+        snapshot, opened = self.snapshot, self.opened
+        if opened is None:
+            return
+        asks = snapshot.stage == m.QUESTIONS and not self.participant_answers
+        self._stack.setCurrentIndex(1 if asks else 0)
+        self.questions.show_feedback(feedback(snapshot, opened))
+        self._show_card()
+        self.panel.show_session(opened, snapshot)
+        self.panel.start.setEnabled(self.panel.start.isEnabled() and not self.card_shown)  # one button for Space
+        self.centre.show_session(opened, snapshot)
+        self.traces.set_blind(snapshot.blind)
+        self.energy.setVisible(not snapshot.blind)  # what the brakes took would tell the controllers apart
+        self.cards.show_session(opened, snapshot, self)
+
+    def _show_card(self) -> None:
+        """The card of the newest trial until it is kept, repeated or excluded; else the live curves."""
+        snapshot, opened = self.snapshot, self.opened
+        assert opened is not None
+        rows = [row for row in snapshot.rows if row.block > 0]
+        newest = rows[-1] if rows else None
+        wanted = (
+            snapshot.running is None and newest is not None and newest.run not in self._judged
+            and newest.status in ("done", "timeout", "aborted")
+        )  # fmt: skip
+        if wanted and newest is not None and (newest != self.card.row or not self.card_shown):
+            ticks = np.concatenate(self._ticks) if self._ticks else None
+            self.card.show_row(newest, rows, ticks, opened, snapshot)
+        self._right.setCurrentIndex(1 if wanted else 0)
+
+    # what a question's card asks for
+
+    def confirm(self) -> None:
+        """The re-rig is done, the break is over."""
+        self.send(m.Confirm())
+
+    def device(self) -> None:
+        """The page of the device on the bench."""
+        self.page_asked.emit(HOME, "device")
+
+    def results(self) -> None:
+        """The box plots so far."""
+        self.page_asked.emit(ANALYSE, None)
+
+    def leave(self) -> None:
+        """Close the session: the next participant's may be opened."""
+        self.send(m.Leave())
+
+    def unblind(self, who: str) -> None:
+        """Open the key of a blind session."""
+        self.send(m.Unblind(who))
+
+
+class Centre(QWidget):
+    """What the participant reads, in large words, and the workspace under it."""
+
+    aimed = Signal(float, float)  # m
+    left = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.large, self.small = word("", size=theme.LARGE, bold=True), OneLine("", "quiet", theme.TITLE)
+        self.workspace: Workspace | None = None
+        self._opened: m.Opened | None = None
+        self._snapshot = m.Snapshot(m.PREPARING)
+        self._layout = QVBoxLayout(self)
+        self._layout.setContentsMargins(0, 0, 0, 0)
+        self._layout.setSpacing(6)
+        self._layout.addWidget(self.large)
+        self._layout.addWidget(self.small)
+
+    def show_opened(self, opened: m.Opened) -> None:
+        """Another session or protocol: its devices and paths decide the scale."""
+        before, self._opened = self._opened, opened
+        if self.workspace is not None:
+            if before is not None and same_places(before, opened):
+                return
+            self._layout.removeWidget(self.workspace)
+            self.workspace.deleteLater()
+        self.workspace = Workspace(opened.devices, opened.paths)
+        self.workspace.view.setMouseTracking(True)
+        self.workspace.view.installEventFilter(self)
+        self._layout.addWidget(self.workspace, 1)
+        self.workspace.show()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """The pointer over the workspace is the hand."""
+        if event.type() == QEvent.Type.MouseMove and isinstance(event, QMouseEvent) and self.workspace is not None:
+            self.aimed.emit(*self.workspace.view.to_plane(event.position()))
+        elif event.type() == QEvent.Type.Leave:
+            self.left.emit()
+        return super().eventFilter(watched, event)
+
+    def show_session(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
+        """Between trials: what the participant reads now."""
+        self._snapshot = snapshot
+        if self.workspace is not None:
+            self.workspace.set_blind(snapshot.blind)
+        if snapshot.running is None:
+            self._write(words.between(snapshot, opened, hand_is_mouse(opened)))
+
+    def begin(self, planned: PlannedTrial, tip: m.Point) -> None:
+        """A trial, running or to come."""
+        if self._opened is None or self.workspace is None:
+            return
+        device = next(device for device in self._opened.devices if device.name == planned.configuration)
+        self.workspace.show_trial(device, self._opened.paths[planned.segment], tip)
+        if self._snapshot.running is not None:
+            self._write(self._moving(tick_log.APPROACH, not hand_is_mouse(self._opened)) or words.Shown(""))
+
+    def rest(self, tip: m.Point) -> None:
+        """Between trials: the handle stands here."""
+        if self.workspace is not None:
+            self.workspace.rest(tip)
+
+    def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
+        """Ticks (n, tick_log.WIDTH) of the running trial; taken: the pointer has hold of the handle."""
+        if self.workspace is None:
+            return
+        self.workspace.add(rows)
+        if (shown := self._moving(int(rows[-1, tick_log.PHASE]), taken or not hand_is_mouse(self._opened))) is not None:
+            self._write(shown)
+
+    def _moving(self, phase: int, taken: bool) -> words.Shown | None:
+        return words.moving(phase, taken, words.language_of(self._opened))
+
+    def _write(self, shown: words.Shown) -> None:
+        self.large.setText(shown.large)
+        self.small.setText(shown.small)
+
+
+def same_places(a: m.Opened, b: m.Opened) -> bool:
+    """Whether two sessions have the same devices and paths."""
+    return [device.text for device in a.devices] == [device.text for device in b.devices] and a.paths == b.paths

@@ -1,0 +1,55 @@
+"""The short tones at "go" and at the end of a trial, played by the system's own player."""
+
+import io
+import shutil
+import sys
+import tempfile
+import wave
+from pathlib import Path
+
+import numpy as np
+from PySide6.QtCore import QProcess
+
+RATE_HZ, LENGTH_S, FADE_S, LOUDNESS = 44_100, 0.12, 0.01, 0.3
+GO_HZ, END_HZ = 880.0, 587.0
+PLAYERS = ("paplay", "aplay", "afplay")  # PulseAudio and PipeWire, ALSA, macOS
+
+
+def tone(frequency_Hz: float) -> bytes:
+    """A sine with soft ends, as a WAV file."""
+    t = np.arange(round(RATE_HZ * LENGTH_S)) / RATE_HZ
+    fade = np.minimum(1.0, np.minimum(t, t[::-1]) / FADE_S)
+    samples = (32_767 * LOUDNESS * fade * np.sin(2.0 * np.pi * frequency_Hz * t)).astype("<i2")
+    file = io.BytesIO()
+    with wave.open(file, "wb") as written:
+        written.setnchannels(1)
+        written.setsampwidth(2)
+        written.setframerate(RATE_HZ)
+        written.writeframes(samples.tobytes())
+    return file.getvalue()
+
+
+class Tones:
+    """Both tones, ready to be played without waiting for anything."""
+
+    def __init__(self) -> None:
+        self._player = next(filter(None, map(shutil.which, PLAYERS)), None)
+        self._folder = tempfile.TemporaryDirectory(prefix="phd-tones-")
+        self._files = {}
+        for name, frequency in (("go", GO_HZ), ("end", END_HZ)):
+            self._files[name] = Path(self._folder.name) / f"{name}.wav"
+            self._files[name].write_bytes(tone(frequency))
+
+    @property
+    def can_play(self) -> bool:
+        """Whether this machine has a player."""
+        return sys.platform == "win32" or self._player is not None
+
+    def play(self, name: str) -> None:
+        """Begin to play "go" or "end"; returns at once."""
+        if sys.platform == "win32":
+            import winsound
+
+            winsound.PlaySound(str(self._files[name]), winsound.SND_FILENAME | winsound.SND_ASYNC)
+        elif self._player is not None:
+            QProcess.startDetached(self._player, [str(self._files[name])])

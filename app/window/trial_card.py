@@ -1,0 +1,215 @@
+"""The card of a trial that has ended: its three measures beside the earlier ones, its curve, its flags, and what
+becomes of it."""
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
+
+from app.ipc import messages as m
+from app.window.box_plot import colour_of
+from app.window.painting import theme
+from app.window.painting.labels import Choice, KeyButton, OneLine, line, word
+from app.window.plots import Plot, envelope, range_for
+from app.window.words import controller_name, place
+from core import tick_log
+from experiments.analysis.boxplots import DRAWN
+from experiments.analysis.flags import trial_flags
+from experiments.analysis.metrics import Metric
+from experiments.analysis.trials_table import COUNTED, TrialRow
+
+DEAF_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
+REASONS = ("Reason …", "the pointer left the window", "the participant was distracted", "the device was disturbed",
+           "another task was done")  # fmt: skip
+EARLIER_ALPHA = 0.5
+NO_FLAGS = "No flags"
+
+
+class Measure(QWidget):
+    """One measure as a number, and as a point on an axis among the earlier trials."""
+
+    def __init__(self, metric: Metric) -> None:
+        super().__init__()
+        self.metric = metric
+        self.value, self.unit = word("", size=theme.HEAD, bold=True), word(metric.shown_unit, "quiet")
+        self.graph = pg.PlotWidget(background=theme.PANEL, enableMenu=False)
+        self.graph.setFixedHeight(46)
+        self.graph.hideButtons()
+        self.graph.setMouseEnabled(x=False, y=False)
+        self.graph.hideAxis("left")
+        self.graph.getAxis("bottom").setPen(theme.LINE)
+        self.graph.getAxis("bottom").setTextPen(theme.QUIET)
+        self.graph.setYRange(-1.0, 1.0)
+        self.points = pg.ScatterPlotItem()
+        self.graph.addItem(self.points)
+        self.end = 0.0  # of the axis: it grows and never shrinks, so that cards compare
+        number = QHBoxLayout()
+        number.addWidget(self.value)
+        number.addWidget(self.unit, 1, Qt.AlignmentFlag.AlignBottom)
+        left = QVBoxLayout()
+        left.setSpacing(0)
+        left.addWidget(word(metric.title, "quiet", theme.SMALL))
+        left.addLayout(number)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 2, 0, 2)
+        row.addLayout(left, 2)
+        row.addWidget(self.graph, 3)
+
+    def show_values(self, now: TrialRow, earlier: Sequence[TrialRow], others: Sequence[TrialRow], colour: str) -> None:
+        """This trial, the earlier ones of its controller, and those of other controllers on the same device."""
+        name, scale = self.metric.name, self.metric.scale
+        value = getattr(now, name)
+        self.value.setText("–" if value is None else f"{scale * value:.3g}")
+        groups = ((others, theme.LINE, 7, 1.0), (earlier, colour, 9, EARLIER_ALPHA), ([now], colour, 13, 1.0))
+        spots = [
+            {"pos": (scale * there, 0.0), "size": size, "brush": theme.colour(shade, alpha),
+             "pen": pg.mkPen(theme.TEXT, width=2) if size == 13 else None}
+            for rows, shade, size, alpha in groups
+            for there in (getattr(row, name) for row in rows) if there is not None
+        ]  # fmt: skip
+        self.points.setData(spots)
+        highest = max((spot["pos"][0] for spot in spots), default=0.0)
+        self.end = max(self.end, range_for(1.05 * highest, 1.0))
+        self.graph.setXRange(0.0, self.end, padding=0.03)
+
+
+class WholeTrace(Plot):
+    """Distance from the path over a whole trial, with its phases; zero is the go."""
+
+    def __init__(self) -> None:
+        super().__init__("Distance from path")
+        self.item.setMouseEnabled(x=True, y=False)
+        self.curve = self.item.plot(pen=pg.mkPen(theme.TRACE, width=1))
+        self.phases = [pg.LinearRegionItem(movable=False, brush=theme.colour(theme.LINE, 0.35)) for _ in range(2)]
+        for region in self.phases:
+            for edge in region.lines:
+                edge.setPen(pg.mkPen(theme.LINE))
+            self.item.addItem(region)
+        self.figures.show_parts(("mm", theme.QUIET))
+        self._t, self._error = np.empty(0), np.empty(0)
+        self.item.vb.sigXRangeChanged.connect(self._draw)
+
+    def show_ticks(self, rows: np.ndarray) -> None:
+        """The ticks (n, tick_log.WIDTH) of the trial."""
+        phase = rows[:, tick_log.PHASE]
+        go = np.flatnonzero(phase == tick_log.MOVE)
+        zero = rows[go[0], tick_log.T] if len(go) else rows[0, tick_log.T]
+        self._t, self._error = rows[:, tick_log.T] - zero, 1e3 * np.abs(rows[:, tick_log.PATH_DISTANCE])
+        for region, code in zip(self.phases, (tick_log.HOLD, tick_log.END), strict=True):
+            during = self._t[phase == code]
+            region.setVisible(len(during) > 0)
+            if len(during):
+                region.setRegion((during[0], during[-1]))
+        moving = self._error[phase == tick_log.MOVE]
+        self.item.setYRange(0.0, range_for(float(moving.max()) if len(moving) else 0.0, 2.0), padding=0.04)
+        self.show_all()
+
+    def show_all(self) -> None:
+        """Zoom out to the whole trial."""
+        if len(self._t):
+            self.item.setXRange(self._t[0], self._t[-1], padding=0.01)
+            self._draw()
+
+    def mouseDoubleClickEvent(self, event) -> None:
+        self.show_all()
+        super().mouseDoubleClickEvent(event)
+
+    def _draw(self, *_: object) -> None:
+        begin, end = self.item.viewRange()[0]
+        first, last = np.searchsorted(self._t, (begin, end))
+        seen = slice(max(first - 1, 0), last + 1)
+        pixel_s = (end - begin) / max(self.graph.width(), 1)
+        times, values = envelope(self._t[seen], self._error[seen][None], pixel_s)
+        self.curve.setData(times, values[0])
+
+
+class TrialCard(QFrame):
+    """Keep, repeat or exclude a trial."""
+
+    kept = Signal()
+    redo_asked = Signal()
+    excluded = Signal(str)  # reason
+
+    def __init__(self) -> None:
+        super().__init__(objectName="panel")
+        self.row: TrialRow | None = None
+        self._since_s = 0.0
+        self.dot, self.title = word("●", size=theme.TITLE), word("", size=theme.TITLE, bold=True)
+        self.outcome, self.what = word("", "quiet"), OneLine("")
+        self.legend = line("", "quiet", theme.SMALL)
+        self.measures = [Measure(metric) for metric in DRAWN]
+        self.trace = WholeTrace()
+        self.flags = line("", "quiet")
+        self.keep = KeyButton("Keep and go on", "Space", "main")
+        self.redo, self.out = QPushButton("Repeat …"), QPushButton("Exclude")
+        self.redo.setToolTip("Ctrl+R")
+        self.out.setToolTip("Ctrl+X; choose a reason first")
+        self.reason = Choice()
+        self.reason.addItems(REASONS)
+        self.reason.currentIndexChanged.connect(lambda at: self.out.setEnabled(at > 0))
+        self.out.setEnabled(False)
+        for widget in (self.redo, self.out, self.reason):
+            widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.keep.clicked.connect(self.kept)
+        self.redo.clicked.connect(self.redo_asked)
+        self.out.clicked.connect(self.exclude)
+        head, decide, exclude = QHBoxLayout(), QHBoxLayout(), QHBoxLayout()
+        for widget, stretch in ((self.dot, 0), (self.title, 1), (self.outcome, 0)):
+            head.addWidget(widget, stretch)
+        decide.addWidget(self.keep, 2)
+        decide.addWidget(self.redo, 1)
+        exclude.addWidget(self.reason, 2)
+        exclude.addWidget(self.out, 1)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(14, 10, 14, 12)
+        layout.setSpacing(6)
+        layout.addLayout(head)
+        layout.addWidget(self.what)
+        layout.addWidget(self.legend)
+        for measure in self.measures:
+            layout.addWidget(measure)
+        layout.addWidget(self.trace, 1)
+        layout.addWidget(self.flags)
+        layout.addLayout(decide)
+        layout.addLayout(exclude)
+
+    @property
+    def ready(self) -> bool:
+        """Whether Space is heard yet."""
+        return time.monotonic() - self._since_s > DEAF_S
+
+    def show_row(
+        self, row: TrialRow, rows: Sequence[TrialRow], ticks: np.ndarray | None, opened: m.Opened, snapshot: m.Snapshot
+    ) -> None:
+        """The newest trial, among the rows of its session; ticks (n, tick_log.WIDTH) of it, if they are known."""
+        if self.row is None or row.run != self.row.run:
+            self._since_s = time.monotonic()
+            self.reason.setCurrentIndex(0)
+        self.row = row
+        colour = theme.QUIET if snapshot.blind else colour_of(row.controller)
+        counted = [other for other in rows if other.status in COUNTED and other.run != row.run]
+        here = [other for other in counted if other.configuration == row.configuration]
+        same = [other for other in here if other.controller == row.controller]
+        self.dot.setStyleSheet(f"color: {colour}")
+        self.title.setText(f"Trial {place(row, opened.plan)} of {len(opened.plan)}")
+        took = f" in {row.duration_s:.1f} s" if row.duration_s is not None else ""
+        self.outcome.setText({"done": f"done{took}", "timeout": "time was up"}.get(row.status, row.status))
+        self.what.setText(f"{controller_name(row.controller, opened)} · path {row.segment}")
+        earlier = f"{len(same) or 'no'} earlier trial{'' if len(same) == 1 else 's'}"
+        self.legend.setText(f"Large: this trial · in its colour: {earlier} with this controller · grey: others")
+        for measure in self.measures:
+            measure.show_values(row, same, [other for other in here if other not in same], colour)
+        self.trace.setVisible(ticks is not None)
+        flags = trial_flags(row, ticks)
+        if ticks is not None:
+            self.trace.show_ticks(ticks)
+        theme.name_anew(self.flags, "caution" if flags else "quiet")
+        self.flags.setText("\n".join(f"▲ {flag}" for flag in flags) or NO_FLAGS)
+
+    def exclude(self) -> None:
+        """For the chosen reason; without one nothing happens."""
+        if self.isVisible() and self.reason.currentIndex() > 0:
+            self.excluded.emit(self.reason.currentText())

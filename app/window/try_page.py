@@ -1,0 +1,629 @@
+"""The Try page: one handle, one path, and everything that can be set acts at once; a table compares the passes."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from PySide6.QtCore import QMarginsF, QModelIndex, QPointF, QRectF, QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtGui import QKeyEvent, QPainter, QPainterPath, QPainterPathStroker, QRegion, QResizeEvent
+from PySide6.QtWidgets import (
+    QFileDialog,
+    QFrame,
+    QGridLayout,
+    QHeaderView,
+    QPushButton,
+    QSizePolicy,
+    QSlider,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
+    QTableWidget,
+    QTableWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from app.ipc import messages as m
+from app.window import words
+from app.window.page import Page
+from app.window.painting import theme
+from app.window.painting.labels import OneLine, line, word
+from app.window.painting.layers import (
+    Doing,
+    Instant,
+    directions,
+    doing,
+    extent_of_linkages,
+    extent_of_paths,
+    field_of,
+)
+from app.window.painting.marks import SHADE, arrow_of, paint_arrow, paint_directions
+from app.window.painting.parts import Segments, button, panel, row, scrolled
+from app.window.painting.plane import Plane, Sizes
+from app.window.painting.theme import font, pen, shade, text_width, write
+from app.window.words import Shown
+from core import tick_log
+from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
+from core.control.rule_sets import RULE_SETS
+from core.device import Device
+from core.path import PathFile
+
+RIGHT_PX, NAME_PX = 390, 112
+SEND_MS = 40  # a slider that is dragged sends its newest value so often
+MARGIN_M = 0.045  # around the path, at least
+TRAIL, FORCES, SLACK, LINKAGE, DIRECTIONS = "trail", "forces", "slack", "linkage", "directions"
+LAYERS = ((TRAIL, "T"), (FORCES, "F"), (SLACK, "G"), (LINKAGE, "L"), (DIRECTIONS, "D"))  # and their keys
+INSET_PX = 180.0  # wide, at most
+BACK = Shown("Back to the start", "The next pass begins in the green circle")
+GAIN = "gain_N_s_m"
+READY = Shown("Ready", "Space starts a pass")
+REAL = "Real brakes: what you change acts in the next pass, and each pass waits for Space."
+
+
+class Canvas(Plane):
+    """The path, the slack around it, the handle, the hand's spring, both forces; the whole linkage in a corner."""
+
+    def __init__(self) -> None:
+        sizes = Sizes(path=5.0, ring_pen=4.0, handle=12.0, pointer=7.0, trail=2.5)
+        super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), sizes, keep_free=QMarginsF(16.0, 70.0, 16.0, 26.0))
+        self.shown = {TRAIL, FORCES, SLACK, LINKAGE}
+        self.gap_m = 0.0
+        self.instant: Instant | None = None
+        self._device: Device | None = None
+        self._linkage = QRectF()  # m, in which it stays
+        self._doing: dict[str, Doing] = {}
+        self._now: np.ndarray | None = None
+
+    def show_place(self, device: Device, path: PathFile, tip: m.Point) -> None:
+        """Another device or path: the handle rests at `tip`."""
+        self._device, self.instant, self._now = device, Instant(device, tip), None
+        self._linkage = extent_of_linkages([device], [path])
+        self.set_extent(extent_of_paths([path], MARGIN_M))
+        self.show_path(path)
+        self.show_handle(tip)
+
+    def show_slack(self, gap_m: float) -> None:
+        """The half-width of the band without control."""
+        if gap_m != self.gap_m:
+            self.gap_m = gap_m
+            self.repaint_still()
+
+    def show_layer(self, layer: str, shown: bool) -> None:
+        """Draw something, or leave it out."""
+        (self.shown.add if shown else self.shown.discard)(layer)
+        self.show_trail(TRAIL in self.shown)
+
+    def add(self, rows: np.ndarray, taken: bool) -> None:
+        """Ticks (n, tick_log.WIDTH), n > 0, of the running pass."""
+        assert self._device is not None
+        now = self._now = rows[-1]
+        tip = (float(now[tick_log.TIP_X]), float(now[tick_log.TIP_Y]))
+        if now[tick_log.PHASE] == tick_log.MOVE:
+            self.extend_trail(tip)
+        self.instant, self._doing = Instant(self._device, tip, now), doing(self._device, rows)
+        self.show_handle(tip, taken, math.hypot(*self.instant.hand))
+
+    def moving(self) -> QRegion:
+        return QRegion(self.rect())
+
+    def paint_under_path(self, painter: QPainter) -> None:
+        if SLACK in self.shown and self.gap_m > 0.0 and len(self.outline):
+            way, stroker = QPainterPath(self.to_screen(self.outline[0])), QPainterPathStroker()
+            for place in self.outline[1:]:
+                way.lineTo(self.to_screen(place))
+            stroker.setWidth(2.0 * self.gap_m * self.scale)
+            stroker.setCapStyle(Qt.PenCapStyle.FlatCap)
+            painter.setPen(pen(theme.CAUTION, 1.0, 0.5))
+            painter.setBrush(shade(theme.CAUTION, 0.10))
+            painter.drawPath(stroker.createStroke(way).simplified())
+        right, low = self.width() - 20.0, self.height() - 14.0
+        painter.setPen(pen(theme.QUIET, 1.5))
+        painter.drawLine(QPointF(right - 0.02 * self.scale, low), QPointF(right, low))
+        write(painter, QPointF(right - 0.01 * self.scale, low - 12.0), "2 cm", theme.NORMAL, False, theme.QUIET)
+
+    def paint_under_handle(self, painter: QPainter) -> None:
+        instant, device = self.instant, self._device
+        if instant is None or device is None:
+            return
+        handle, field = self.to_screen(instant.tip), None if self._now is None else field_of(self._now)
+        if DIRECTIONS in self.shown and field is not None:
+            paint_directions(painter, handle, directions(device, instant.g, field), field)
+        if FORCES in self.shown:
+            paint_arrow(painter, handle, arrow_of(instant.brakes), theme.BRAKE_SLIPPING, 4.0)
+        if LINKAGE in self.shown:
+            self._paint_inset(painter, instant, device)
+
+    def paint_over_handle(self, painter: QPainter) -> None:
+        if self.instant is None or FORCES not in self.shown:
+            return
+        at = self.to_screen(self.instant.tip)
+        hand = self.to_screen(self.pointer) if self.pointer else at
+        side = 1.0 if hand.y() > at.y() else -1.0  # the hand's label beyond the pointer, the brakes' on the other side
+        for force, middle, name, colour in (
+            (self.instant.hand, hand + QPointF(0.0, 24.0 * side), "your hand", theme.GOOD),
+            (self.instant.brakes, at - QPointF(0.0, 34.0 * side), "brakes", theme.BRAKE_SLIPPING),
+        ):
+            if (size := math.hypot(*force)) >= 0.2:
+                text = f"{name} {size:.1f} N"
+                half = 0.5 * text_width(text, theme.TITLE, bold=True) + 8.0
+                place = QPointF(min(max(middle.x(), half), self.width() - half), middle.y())
+                write(painter, place, text, theme.TITLE, True, colour)
+
+    def _paint_inset(self, painter: QPainter, instant: Instant, device: Device) -> None:
+        """The whole linkage, its brakes in the colour of what they do."""
+        wide = min(INSET_PX, 0.24 * self.width(), 0.4 * self.height())
+        box = QRectF(self.width() - wide - 10.0, 10.0, wide, 0.9 * wide)
+        painter.setPen(pen(theme.LINE, 1.0))
+        painter.setBrush(shade(theme.PANEL, 0.85))
+        painter.drawRoundedRect(box, theme.RADIUS, theme.RADIUS)
+        room = self._linkage
+        scale = min(box.width() / room.width(), box.height() / room.height())
+        zero = box.center() - QPointF(scale * room.center().x(), -scale * room.center().y())
+        at = {joint: zero + QPointF(scale * x, -scale * y) for joint, (x, y) in instant.joints.items()}
+        painter.setPen(pen(theme.ARM_CORE, 3.0, round_cap=True))
+        for one, other in ("AE", "ED", "BC", "CD") if at else ():
+            painter.drawLine(at[one], at[other])
+        together = bool(at) and (at["A"] - at["B"]).manhattanLength() < 14.0
+        for joint in device.braked if at else "":
+            aside = {"A": -7.0, "B": 7.0}.get(joint, 0.0) if together else 0.0
+            painter.setPen(pen(SHADE[self._doing.get(joint, Doing()).state], 3.0))
+            painter.setBrush(shade(theme.PANEL))
+            painter.drawEllipse(at[joint] + QPointF(aside, 0.0), 5.5, 5.5)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(shade(theme.HANDLE))
+        painter.drawEllipse(zero + QPointF(scale * instant.tip[0], -scale * instant.tip[1]), 4.0, 4.0)
+
+
+def feel(preset: Preset, gains: Sequence[float]) -> str:
+    """What a controller feels like; gains (N s/m): of the protocol's guides."""
+    gap, gain = 1e3 * preset.value("gap_m"), preset.value("gain_N_s_m")
+    if preset.kind == "none":
+        return "Free"
+    if preset.kind == "sdof":
+        return f"Rails with {gap:g} mm slack" if gap else "On rails"
+    if preset.kind == "proportional":
+        name = "Strong guide" if gain >= max(gains) else "Weak guide" if gain <= min(gains) else "Guide"
+        return f"{name} with {gap:g} mm slack" if gap else name
+    return preset.name
+
+
+def brakes_of(device: str) -> str:
+    """A device's name as it stands on a button."""
+    return device.replace("-brake", " brakes").capitalize()
+
+
+class GuideButton(QPushButton):
+    """A controller: what it feels like, its name, its key."""
+
+    def __init__(self, number: int, name: str, key: str) -> None:
+        super().__init__(objectName="key", checkable=True)
+        self.key, self.feel, bar = key, word("", bold=True), QFrame()
+        bar.setFixedWidth(5)
+        bar.setStyleSheet(f"background: {theme.CONTROLLER.get(number, theme.QUIET)}")
+        self.setLayout(row(bar, self.feel, OneLine(name, "quiet", theme.NORMAL), word(key, "quiet")))
+        self.layout().setContentsMargins(6, 0, 12, 0)
+        for part in self.findChildren(QWidget):
+            part.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.setMinimumHeight(34)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setAccessibleName(name)
+
+
+class Dial(NamedTuple):
+    """A number that can be set; shown = scale times the setting."""
+
+    name: str  # of the field of SandboxSettings
+    label: str
+    unit: str
+    scale: float
+    least: float  # shown
+    most: float
+    step: float  # of the slider; of a logarithmic one: decades
+    log: bool = False
+
+    def place(self, shown: float) -> int:
+        """Of the slider."""
+        scaled = math.log10(max(shown, self.least) / self.least) if self.log else shown - self.least
+        return round(scaled / self.step)
+
+    def at(self, place: int) -> float:
+        """What is shown there."""
+        if self.log:
+            return float(f"{self.least * 10.0 ** (place * self.step):.2g}")
+        return round(self.least + place * self.step, 6)
+
+
+DIALS = (
+    Dial("gap_m", "Slack (gap)", "mm", 1e3, 0.0, 20.0, 0.5),
+    Dial(GAIN, "Gain of guides", "N s/m", 1.0, 1.0, 20_000.0, 0.02, log=True),
+    Dial("blend_width_m", "Blend width", "mm", 1e3, 5.0, 100.0, 1.0),
+    Dial("spring_N_m", "Hand spring", "N/m", 1.0, 50.0, 1000.0, 10.0),
+    Dial("brake_strength", "Brake strength", "%", 1e2, 5.0, 100.0, 1.0),
+    Dial("backlash_deg", "Backlash", "°", 1.0, 0.0, 3.0, 0.05),
+)
+
+
+class DialRow(QWidget):
+    """Name, slider and value of a dial."""
+
+    moved = Signal(str, float)  # name, value of the setting
+
+    def __init__(self, dial: Dial) -> None:
+        super().__init__(objectName="clear")
+        self.dial, self.slider, self.value, name = dial, QSlider(Qt.Orientation.Horizontal), word(""), word(dial.label)
+        self.slider.setRange(0, dial.place(dial.most))
+        self.slider.setAccessibleName(dial.label)
+        self.slider.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.slider.valueChanged.connect(lambda place: self.moved.emit(dial.name, dial.at(place) / dial.scale))
+        self.value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        self.value.setMinimumWidth(92)
+        name.setFixedWidth(NAME_PX)
+        layout = row(name, self.slider, self.value)
+        layout.setContentsMargins(0, 0, 0, 0)
+        self.setLayout(layout)
+
+    def show_setting(self, setting: float) -> None:
+        """The value that is set; a slider in hand stays where it is."""
+        shown = setting * self.dial.scale
+        self.value.setText(f"{words.grouped(round(shown)) if shown >= 1000 else f'{shown:.4g}'} {self.dial.unit}")
+        if not self.slider.isSliderDown():
+            with QSignalBlocker(self.slider):
+                self.slider.setValue(self.dial.place(shown))
+
+
+class Bars(QStyledItemDelegate):
+    """A measure, and a bar beside it where passes compare."""
+
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex) -> None:
+        share, colour = index.data(Qt.ItemDataRole.UserRole) or (None, "")
+        box = QRectF(option.rect).adjusted(6.0, 0.0, -14.0, 0.0)
+        number = QRectF(box.left(), box.top(), 48.0, box.height())
+        painter.setFont(font(theme.NORMAL))
+        painter.setPen(shade(theme.TEXT if share is not None else theme.QUIET))
+        painter.drawText(number, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter, index.data())
+        if share is not None and box.width() > 80.0:
+            bar = QRectF(number.right() + 10.0, box.center().y() - 4.0, box.width() - 58.0, 8.0)
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            for width, ground in ((bar.width(), theme.LINE), (share * bar.width(), colour)):
+                painter.setBrush(shade(ground))
+                painter.drawRoundedRect(QRectF(bar.left(), bar.top(), width, bar.height()), 4.0, 4.0)
+
+
+#: of a Pass: field, head, scale, digits
+MEASURES = (
+    ("path_error_m", "Error\nmm", 1e3, 2),
+    ("mean_tip_force_N", "Force\nN", 1.0, 1),
+    ("roughness_m_s2", "Roughness\nm/s²", 1.0, 1),
+    ("duration_s", "Time\ns", 1.0, 1),
+)
+
+
+class PassTable(QTableWidget):
+    """The passes, the newest first; bars compare those of the newest one's path, device, hand and brakes alone."""
+
+    def __init__(self) -> None:
+        super().__init__(0, 3 + len(MEASURES))
+        self.setHorizontalHeaderLabels(["Pass", "Guidance", "Device", *(head for _, head, _, _ in MEASURES)])
+        self.verticalHeader().hide()
+        self.verticalHeader().setDefaultSectionSize(26)
+        self.setShowGrid(False)
+        self.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
+        self.setSelectionMode(QTableWidget.SelectionMode.NoSelection)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        head = self.horizontalHeader()
+        head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft)
+        head.setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
+        head.setSectionsClickable(False)
+        head.setMinimumSectionSize(40)
+        for column in (0, 1, 2, 6):
+            head.setSectionResizeMode(column, QHeaderView.ResizeMode.ResizeToContents)
+        self._bars = Bars()
+        for column in range(3, 3 + len(MEASURES)):
+            self.setItemDelegateForColumn(column, self._bars)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        self.setColumnHidden(2, self.width() < 640)
+        super().resizeEvent(event)
+
+    def show_passes(self, passes: Sequence[m.Pass], opened: m.Opened) -> None:
+        """The newest last."""
+        whole = [one for one in passes if one.status == "done" and not one.changed]
+        alike = [one for one in whole if one.settings.same_conditions(passes[-1].settings)]
+        self.setRowCount(len(passes))
+        for at, one in enumerate(reversed(passes)):
+            s, preset = one.settings, preset_of(one.settings, opened)
+            colour = theme.CONTROLLER.get(s.controller, theme.TEXT)
+            noted = " · changed on the way" if one.changed else " · time-out" if one.status == "timeout" else ""
+            dials = (f"{dial.label.lower()} {getattr(s, dial.name) * dial.scale:.4g} {dial.unit}" for dial in DIALS)
+            about = f"{preset.name}; path {s.path}, {s.rules} rules, {', '.join(dials)}"
+            texts = [str(one.number), feel(preset, gains_of(opened)) + noted, brakes_of(s.device)]
+            for column, text in enumerate(texts):
+                item = QTableWidgetItem(text)
+                item.setToolTip(about)
+                self.setItem(at, column, item)
+            self.item(at, 1).setForeground(shade(colour))
+            for column, (field, _, scale, digits) in enumerate(MEASURES, start=3):
+                value, most = getattr(one, field), max((getattr(other, field) or 0.0 for other in alike), default=0.0)
+                item = QTableWidgetItem("–" if value is None else f"{scale * value:.{digits}f}")
+                if one in alike and value is not None and most > 0.0 and field != "duration_s":
+                    item.setData(Qt.ItemDataRole.UserRole, (value / most, colour))
+                self.setItem(at, column, item)
+
+
+def preset_of(s: m.SandboxSettings, opened: m.Opened) -> Preset:
+    """The controller with the gap and the gain that are set."""
+    return opened.controllers[s.controller].replaced("gap_m", s.gap_m).replaced("gain_N_s_m", s.gain_N_s_m)
+
+
+def gains_of(opened: m.Opened) -> list[float]:
+    """Of the protocol's guides, N s/m."""
+    return [preset.value("gain_N_s_m") for preset in opened.controllers.values() if preset.kind == "proportional"]
+
+
+class TryPage(Page):
+    """Canvas and passes at the left, everything that can be set at the right."""
+
+    def __init__(self, send: Callable[[object], None]) -> None:
+        super().__init__(send)
+        self.settings: m.SandboxSettings | None = None  # as shown; the server has them SEND_MS later
+        self._theirs: m.SandboxSettings | None = None  # the server's newest
+        self._front, self._cleared = False, 0  # cleared: number of the last pass that is not shown
+        self._place: tuple[str, int] | None = None  # device and path on the canvas
+        self._phase, self._since_s = -1, 0.0
+        self._timer = QTimer(self, singleShot=True, interval=SEND_MS)
+        self._timer.timeout.connect(lambda: self.send(m.Sandbox(self.settings)))
+        self.canvas, self.table = Canvas(), PassTable()
+        self.large, self.small = word("", size=30, bold=True), line("", "quiet", theme.TITLE)
+        self.error, self.time = word("", size=22, bold=True), word("", size=22, bold=True)
+        self.said, self.changed = OneLine("", "quiet", theme.NORMAL), OneLine("", "quiet", theme.NORMAL)
+        self.warning = line("", "caution")
+        self.start = button("Start a pass  Space", self._start, "main")
+        self.reset = button("Reset all", lambda: self._set(**self.snapshot.sandbox.initial._asdict()), "small")
+        self.clear = button("Clear", self._clear, "small")
+        self.save = button("Save as protocol …", self._save, "small")
+        self.layers = {name: QPushButton(f"{name}  {key}", objectName="toggle", checkable=True) for name, key in LAYERS}
+        self.guides: dict[int, GuideButton] = {}
+        self.dials: dict[str, DialRow] = {}
+        self.segments: dict[str, Segments] = {}
+        self._controls = scrolled(QWidget())
+        self._lay_out()
+        self.canvas.pointer_moved.connect(self.aimed)
+        self.canvas.pointer_left.connect(self.left)
+
+    def _lay_out(self) -> None:
+        over = QGridLayout(self.canvas)
+        over.setContentsMargins(20, 10, round(INSET_PX) + 30, 0)
+        over.setHorizontalSpacing(26)
+        figures = (self.error, word("from the line", "quiet")), (self.time, word("this pass", "quiet"))
+        for column, labels in enumerate(((self.large, self.small), *figures)):
+            for at, label in enumerate(labels):
+                label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+                over.addWidget(label, at, column, Qt.AlignmentFlag.AlignTop)
+        over.setColumnStretch(0, 1)
+        over.setRowStretch(2, 1)
+        frame, passes = QFrame(objectName="canvas"), QFrame(objectName="panel")
+        inside, lower, left = QVBoxLayout(frame), QVBoxLayout(passes), QVBoxLayout()
+        inside.setContentsMargins(1, 1, 1, 6)
+        inside.addWidget(self.canvas, 1)
+        below = row(*self.layers.values(), 1, self.start)
+        below.setContentsMargins(12, 0, 12, 0)
+        inside.addLayout(below)
+        for (name, key), toggle in zip(LAYERS, self.layers.values(), strict=True):
+            toggle.setChecked(name in self.canvas.shown)
+            toggle.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+            toggle.setShortcut(key)
+            toggle.toggled.connect(lambda on, name=name: self.canvas.show_layer(name, on))
+        lower.setContentsMargins(14, 8, 10, 8)
+        lower.addLayout(row(word("Passes", size=theme.TITLE, bold=True), self.said, self.clear, self.save))
+        lower.addWidget(self.table)
+        left.setSpacing(theme.GAP)
+        left.addWidget(frame, 3)
+        left.addWidget(passes, 2)
+        self._controls.setFixedWidth(RIGHT_PX)
+        layout = row(spacing=theme.GAP)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addLayout(left, 1)
+        layout.addWidget(self._controls)
+        self.setLayout(layout)
+        self.start.hide()
+
+    def _fill(self, opened: m.Opened) -> None:
+        """The controllers, devices and paths of a protocol, and the dials."""
+        frame, column = panel("How should it guide you?")
+        column.setSpacing(6)
+        for place, (number, preset) in enumerate(opened.controllers.items(), start=1):
+            guide = self.guides[number] = GuideButton(number, preset.name, str(place) if place < 10 else "")
+            guide.clicked.connect(lambda _=False, number=number: self._choose(number))
+            column.addWidget(guide)
+        self.warning = line("", "caution")
+        self.warning.setMinimumHeight(2 * self.warning.fontMetrics().height())  # so that nothing jumps
+        column.addWidget(self.warning)
+        choices = {
+            "device": {brakes_of(device.name): device.name for device in opened.devices},
+            "path": {f"Path {number}": number for number in opened.paths},
+            "rules": {name.capitalize(): name for name in RULE_SETS},
+        }
+        for field, among in choices.items():
+            segments = self.segments[field] = Segments(list(among))
+            segments.chosen.connect(lambda text, field=field, among=among: self._set(**{field: among[text]}))
+            name = word(field.capitalize())
+            name.setFixedWidth(NAME_PX)
+            column.addLayout(row(name, segments))
+            segments.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        for dial in DIALS:
+            made = self.dials[dial.name] = DialRow(dial)
+            made.moved.connect(lambda name, value: self._set(**{name: value}))
+            column.addWidget(made)
+        column.addStretch(1)
+        column.addLayout(row(self.changed, self.reset))
+        self._controls.setWidget(frame)
+
+    # ------------------------------------------------------------------------------------------- what is asked for
+
+    def begin(self, what: object = None) -> None:
+        self._front = True
+        self._ask()
+
+    def end(self) -> None:
+        self._front = False
+        self._timer.stop()
+        self.send(m.EndSandbox())
+
+    def keys(self) -> dict[str, Callable[[], object]]:
+        return {"start": self._start}
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """A digit chooses the controller in that place."""
+        guide = next((one for one in self.guides.values() if one.key and one.key == event.text()), None)
+        if guide is None:
+            super().keyPressEvent(event)
+        else:
+            guide.click()
+
+    def _ask(self) -> None:
+        """Open Try on the server, unless a session is open."""
+        if self._front and self.opened is not None and not self.opened.participant:
+            self.send(m.Sandbox(self.settings))
+
+    def _start(self) -> None:
+        if self.snapshot.sandbox is not None and self.snapshot.sandbox.by_start:
+            self.send(m.Start())
+
+    def _choose(self, number: int) -> None:
+        """A controller, with the gap and the gain that the protocol gives it."""
+        assert self.opened is not None
+        preset = self.opened.controllers[number]
+        gain = {GAIN: preset.value(GAIN)} if preset.kind == "proportional" else {}
+        self._set(controller=number, gap_m=preset.value("gap_m"), **gain)
+
+    def _set(self, **what: Any) -> None:
+        if self.settings is None:
+            return
+        self.settings = self.settings._replace(**what)
+        if not self._timer.isActive():
+            self._timer.start()
+        self._show_settings()
+
+    def _clear(self) -> None:
+        if self.snapshot.sandbox is not None and self.snapshot.sandbox.passes:
+            self._cleared = self.snapshot.sandbox.passes[-1].number
+            self._show_passes()
+
+    def _save(self) -> None:
+        plain = QFileDialog.Option.DontConfirmOverwrite  # the server overwrites nothing
+        path, _ = QFileDialog.getSaveFileName(self, "Save as protocol", "tried.toml", "TOML (*.toml)", options=plain)
+        if path:
+            self.send(m.SaveAsProtocol(path if path.endswith(".toml") else f"{path}.toml"))
+
+    # ------------------------------------------------------------------------------------------- what the server sends
+
+    def show_opened(self, opened: m.Opened) -> None:
+        before = self.opened
+        super().show_opened(opened)
+        if before is None or (before.controllers, before.paths) != (opened.controllers, opened.paths):
+            self.guides.clear()
+            self.settings = self._theirs = self._place = None
+            self._fill(opened)
+            self.canvas.radii_m = (opened.trial.start_radius_m, opened.trial.end_radius_m)
+        if before is None or before.participant:
+            self._ask()
+
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
+        before = self.snapshot
+        super().show_snapshot(snapshot)
+        if snapshot.stage == m.PREPARING and before.stage == m.FAILED:
+            self._ask()  # another session server
+        now = snapshot.sandbox
+        self.said.setText(snapshot.said)
+        theme.name_anew(self.said, "bad" if snapshot.said_bad else "quiet")
+        for part in (self.save, self.reset, *self.guides.values(), *self.segments.values()):
+            part.setEnabled(now is not None)
+        self.start.setVisible(now is not None and now.by_start)
+        if now is None:
+            self.canvas.show_handle(None)
+            self._place = None
+            self._say(unavailable(snapshot, self.opened))
+        else:
+            if self.settings is None or now.settings != self._theirs or (snapshot.said_bad and not before.said_bad):
+                self.settings = now.settings if not self._timer.isActive() else self.settings
+            self._theirs = now.settings
+            self._show_place(now.settings, snapshot)
+            self._show_settings()
+            if snapshot.running is None:
+                off = Shown("Brakes are off", "Ctrl+B lets them act again") if snapshot.brakes_off else None
+                self._say(off or (READY if now.by_start else Shown("One moment", snapshot.why_not)))
+            elif before.running != snapshot.running:
+                self._phase = -1
+                self.canvas.clear_trail()
+        if before.sandbox is None or now is None or before.sandbox.passes != now.passes:
+            self._show_passes()
+
+    def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
+        if self.snapshot.running is None or self._place is None:
+            return
+        self.canvas.add(rows, taken)
+        now, phase = rows[-1], int(rows[-1, tick_log.PHASE])
+        held = taken or not words.hand_is_mouse(self.opened)
+        if phase != self._phase:
+            self._phase = phase
+            self._since_s = float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
+        self._say(words.moving(phase, held, words.language_of(self.opened)) or BACK)
+        if phase == tick_log.MOVE:
+            self.time.setText(f"{now[tick_log.T] - self._since_s:.1f} s")
+            if math.isfinite(now[tick_log.PATH_DISTANCE]):
+                self.error.setText(f"{1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
+
+    def show_time(self, now_s: float) -> None:
+        self.canvas.follow_pointer()
+
+    def _say(self, shown: Shown) -> None:
+        self.large.setText(shown.large)
+        self.small.setText(shown.small)
+
+    def _show_place(self, s: m.SandboxSettings, snapshot: m.Snapshot) -> None:
+        if self._place != (s.device, s.path):
+            assert self.opened is not None
+            self._place = s.device, s.path
+            device = next(one for one in self.opened.devices if one.name == s.device)
+            self.canvas.show_place(device, self.opened.paths[s.path], snapshot.tip)
+
+    def _show_settings(self) -> None:
+        s, now, opened = self.settings, self.snapshot.sandbox, self.opened
+        if s is None or now is None or opened is None:
+            return
+        gains, chosen = gains_of(opened), opened.controllers[s.controller]
+        for number, guide in self.guides.items():
+            guide.setChecked(number == s.controller)
+            preset = preset_of(s, opened) if number == s.controller else opened.controllers[number]
+            guide.feel.setText(feel(preset, gains))
+        self.segments["device"].choose(brakes_of(s.device))
+        self.segments["path"].choose(f"Path {s.path}")
+        self.segments["rules"].choose(s.rules.capitalize())
+        self.segments["device"].setEnabled("device" not in now.fixed)
+        own = {parameter.name for parameter in ALGORITHMS[chosen.kind].parameters}
+        for name, dial in self.dials.items():
+            dial.show_setting(getattr(s, name))
+            dial.setEnabled(name not in now.fixed and (name in own or name not in PARAMETERS))
+        weak = GAIN in own and s.gain_N_s_m < now.least_gain_N_s_m
+        drag = f"At {s.gain_N_s_m:g} N s/m the brakes' own drag is larger: you will feel nothing."
+        self.warning.setText(drag if weak else REAL if now.by_start else "")
+        self.canvas.show_slack(s.gap_m if "gap_m" in own else 0.0)
+        changed = [dial.label.lower() for dial in DIALS if getattr(s, dial.name) != getattr(now.initial, dial.name)]
+        changed = [name for name in changed if name.split()[0] not in ("slack", "gain")]
+        self.changed.setText(f"Changed: {', '.join(changed)}" if changed else "")
+
+    def _show_passes(self) -> None:
+        now = self.snapshot.sandbox
+        if now is not None and self.opened is not None:
+            shown = [one for one in now.passes if one.number > self._cleared]
+            self.table.show_passes(shown, self.opened)
+            self.clear.setEnabled(bool(shown))
+
+
+def unavailable(snapshot: m.Snapshot, opened: m.Opened | None) -> Shown:
+    """What stands on the canvas while nothing can be tried."""
+    if opened is not None and opened.participant:
+        return Shown("A session is open", "Close it on the Run page, then try things out here")
+    return Shown("One moment", snapshot.why_not or "Everything is being made ready")

@@ -1,0 +1,129 @@
+"""A session over a board in simulated time: the steps that make the device ready, and what comes between them."""
+
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from protocols import PAPER, changed
+from simulated_bench import DEVICE, TIP, Bench
+from simulated_loop import LocalWindow, local_window
+
+from app.ipc import messages as m
+from app.ipc.messages import DeviceStatus, Setup
+from experiments.recording.reader import read_recording
+from hardware.emulated_board.device import HeldHand
+from hardware.wire.messages import State
+
+PATH = PAPER.paths[1]
+
+
+class OnBench:
+    """A window on a session server with a board."""
+
+    def __init__(self, window: LocalWindow, board: Bench) -> None:
+        self.window, self.board = window, board
+
+    @property
+    def status(self) -> DeviceStatus:
+        return (self.window.pulse and self.window.pulse.device) or DeviceStatus()
+
+    def send(self, *commands: object) -> None:
+        for command in commands:
+            self.window.client.send(command)
+
+    def until(self, what) -> m.Snapshot:
+        return self.window.until(lambda snapshot: what(snapshot) if what.__code__.co_argcount else what())
+
+    def open(self) -> None:
+        """A session, homed."""
+        self.window.until_stage(m.NO_SESSION)
+        self.send(m.Open("01"))
+        self.until(lambda s: s.card and "Hold the handle" in s.card.text)
+        self.send(m.Rig(m.HOME))
+        self.until(lambda s: s.card and "Let go" in s.card.text)
+
+    def zero(self) -> None:
+        self.until(lambda s: s.card and "Let go" in s.card.text)
+        self.send(m.Confirm())
+        self.window.until_stage(m.READY)
+        self.until(lambda: self.status.zeroed)
+
+
+@pytest.fixture
+def on_bench(tmp_path: Path) -> Iterator[OnBench]:
+    protocol = tmp_path / "one.toml"
+    short = changed(PAPER.text, hold_s="0.0", start_radius_m="0.3", end_radius_m="0.3", end_s="0.2")  # over at once
+    protocol.write_text(short, encoding="utf-8")
+    board = Bench(DEVICE, HeldHand(TIP))
+    setup = Setup(tmp_path / "data", str(protocol), devices=(DEVICE.name,), link="bench", sync=False)
+    with local_window(setup, board) as window:
+        yield OnBench(window, board)
+    board.tick()
+    assert not any(board.board.currents) and board.board.state in (State.IDLE, State.FAULT)
+
+
+def test_the_steps_of_a_real_device_are_led_through_and_the_page_reads_how_it_is(on_bench: OnBench) -> None:
+    window = on_bench.window
+    window.until_stage(m.NO_SESSION)
+    on_bench.until(lambda: on_bench.status.report.get("state") in ("READY", "ACTIVE"))
+    told = on_bench.status
+    assert (told.device, told.port, told.homed, told.zeroed) == (DEVICE.name, "bench", False, False)
+    assert told.report["protocol"] == 1
+    assert math.dist(window.snapshot.tip, (0.0, 0.4)) < 0.3, "the place of the handle is unknown: its jig is shown"
+    assert len(told.counts) == len(told.encoders) == len(told.report["counts_per_rev"])
+    on_bench.send(m.Rig(m.HOME))  # without a session there is no journal to keep it
+    on_bench.until(lambda s: s.said_bad and "session" in s.said)
+    on_bench.send(m.Practice())
+    on_bench.until(lambda s: s.said_bad and "Open a session" in s.said)
+    before = time.time()
+    on_bench.open()
+    on_bench.until(lambda: on_bench.status.homed)
+    assert before <= on_bench.status.homed_at <= time.time() and on_bench.status.zeroed_at == 0.0
+    middle = [0.5 * (a + b) for a, b in zip(PATH.start_m, PATH.end_m, strict=True)]
+    assert on_bench.status.tip == pytest.approx(middle, abs=1e-3), "the encoders stand where the jig holds the handle"
+    on_bench.send(m.Confirm())
+    assert window.client.state.snapshot().card == m.Card(f"Make {DEVICE.name} ready", "A moment ...", "")
+    on_bench.until(lambda: on_bench.status.zeroed)
+    first = on_bench.status.zeroed_at
+    on_bench.send(m.Rig(m.ZERO))
+    on_bench.until(lambda: on_bench.status.zeroed_at > first)  # again, between two trials
+
+
+def test_a_board_that_is_connected_anew_is_made_ready_again(on_bench: OnBench) -> None:
+    on_bench.open()
+    on_bench.zero()
+    on_bench.send(m.Rig(m.CONNECT))
+    on_bench.until(lambda: on_bench.status.device and not on_bench.status.zeroed)
+    on_bench.window.until_stage(m.RERIG)
+    on_bench.zero()
+
+
+def test_no_trial_starts_while_a_step_is_done_and_none_without_a_zero(on_bench: OnBench) -> None:
+    window = on_bench.window
+    on_bench.open()
+    on_bench.zero()
+    on_bench.send(m.Rig(m.CONNECT), m.Start())
+    on_bench.until(lambda s: s.said_bad and "a moment" in s.said)
+    window.until_stage(m.RERIG)
+    on_bench.zero()
+    on_bench.send(m.Start())
+    (row,) = on_bench.until(lambda s: s.rows).rows
+    recording = read_recording(Path(window.opened.folder) / row.recording)
+    assert recording.whole and recording.outcome["link"]["zero"] is not None
+
+
+def test_a_press_of_brakes_off_after_allow_stands_while_the_board_is_busy(on_bench: OnBench) -> None:
+    window = on_bench.window
+    on_bench.open()
+    on_bench.zero()
+    window.client.brakes_off("the first press")
+    on_bench.until(lambda s: s.brakes_off)
+    on_bench.send(m.Rig(m.CONNECT), m.AllowBrakes())  # the loop connects first
+    window.client.brakes_off("the second press")
+    on_bench.until(lambda: on_bench.status.device and not on_bench.status.zeroed)
+    assert window.snapshot.brakes_off
+    on_bench.send(m.AllowBrakes())
+    on_bench.until(lambda s: not s.brakes_off)
+    on_bench.zero()

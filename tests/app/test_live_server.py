@@ -1,0 +1,124 @@
+"""A session server from its window's side: trials, refusals, brakes-off; and that a slow window changes nothing."""
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live import Window, gone, live_window, wait_until
+from synthetic_hand import SyntheticHand
+
+from app.ipc import messages as m
+from app.ipc.messages import Setup
+from core import tick_log
+from experiments.recording.reader import read_recording
+from experiments.recording.schema import Recording
+
+JOINTS = range(tick_log.CURRENT, tick_log.CURRENT + 4)
+
+
+@pytest.fixture(scope="module")
+def setup(tmp_path_factory: pytest.TempPathFactory) -> Setup:
+    return Setup(tmp_path_factory.mktemp("live") / "data", real_time=False)
+
+
+@pytest.fixture(scope="module")
+def window(setup: Setup):
+    with live_window(setup) as opened:
+        opened.open()
+        yield opened
+
+
+def recording(window: Window, run: int) -> Recording:
+    return read_recording(Path(window.opened.folder) / "trials" / f"run-{run:03d}.parquet")
+
+
+def events(window: Window, name: str) -> list[dict]:
+    lines = (Path(window.opened.folder) / "journal.jsonl").read_text().splitlines()
+    return [event for event in map(json.loads, lines) if event["event"] == name]
+
+
+def test_a_trial_by_hand_has_a_row_for_every_millisecond_and_says_how_late_each_was(window: Window) -> None:
+    began = time.monotonic()
+    snapshot = window.start()
+    run = snapshot.running
+    hand, seen = SyntheticHand(run.segment, snapshot.tip), 0
+    while window.snapshot.stage == m.RUNNING:
+        window.look()
+        rows = window.rows
+        tip = (rows[-1, tick_log.TIP_X], rows[-1, tick_log.TIP_Y])
+        window.client.aim(*hand(tip, int(rows[-1, tick_log.PHASE]), 1e-3 * (len(rows) - seen)))
+        seen = len(rows)
+        time.sleep(0.005)
+    wall = time.monotonic() - began
+    done = window.snapshot.rows[-1]
+    assert (done.run, done.status) == (run.run, "done")
+    kept = recording(window, run.run)
+    assert kept.whole and 1e-3 * kept.rows <= wall
+    assert np.array_equal(kept.column("t_s"), np.arange(kept.rows) * 1e-3)
+    lateness = kept.column("lateness_us")
+    assert np.all(lateness >= 0.0) and np.any(lateness > 0.0)
+    timing = kept.outcome["timing"]
+    assert timing["ticks"] == kept.rows and timing["lost"] == 0
+    assert timing["max_us"] == lateness.max() and timing["p99_us"] == np.percentile(lateness, 99.0)
+    assert timing["missed"] == np.count_nonzero(lateness >= 1000.0)
+    assert timing["scheduling"].startswith("default")
+    force = np.hypot(kept.column("hand_fx_N"), kept.column("hand_fy_N"))
+    assert 0.5 < force.max() <= 40.0 + 1e-9
+    off = ~kept.in_phase("move")
+    assert all(not kept.column(f"current_{joint}_A")[off].any() for joint in kept.braked)
+    window.look()
+    shown = window.rows
+    assert np.array_equal(shown[:, tick_log.TIP_X], kept.column("tip_x_m"))  # the window has seen every tick
+
+
+def test_proof_of_recording_grows_while_a_trial_runs(window: Window) -> None:
+    began = time.monotonic()
+    run = window.start().running.run
+    name = f"run-{run:03d}.arrows"
+    window.until(lambda s: window.pulse and (proof := window.pulse.proof) and proof.name == name and proof.rows > 0)
+    first = window.pulse.proof
+    window.until(lambda s: window.pulse.proof and window.pulse.proof.rows > first.rows)
+    assert window.pulse.proof.bytes > first.bytes
+    assert 0.0 <= window.pulse.proof.age_s < time.monotonic() - began
+    assert window.pulse.timing.p99_us >= window.pulse.timing.p50_us >= 0.0
+    assert window.pulse.verified == sum(bool(r.recording) for r in window.snapshot.rows)
+    window.abort("enough")
+
+
+def test_a_window_that_hangs_changes_nothing_and_then_hears_how_things_are(window: Window) -> None:
+    run = window.start().running.run
+    time.sleep(1.2)  # hangs: reads nothing, while pulses and ticks come
+    snapshot = window.abort("enough")
+    assert snapshot.rows[-1].run == run
+    kept = recording(window, run)
+    assert kept.whole and kept.rows > 1000 and kept.outcome["timing"]["lost"] == 0
+
+
+def test_a_window_that_quits_in_a_trial_ends_it_and_leaves_nothing_running(setup: Setup, window: Window) -> None:
+    run = window.start().running.run
+    pids = window.processes()
+    window.client.stop("the window was closed")
+    wait_until(lambda: all(map(gone, pids)))
+    kept = recording(window, run)
+    assert kept.whole and kept.outcome["reason"] == "the window was closed"
+    window.join(setup)
+    assert window.until_stage(m.NO_SESSION).resumable == ("01",)
+    window.client.send(m.Open("01", resume=True))
+    assert window.until_stage(m.READY).rows[-1].run == run
+
+
+def test_a_bench_that_recorded_nothing_leaves_nothing(tmp_path: Path) -> None:
+    setup = Setup(tmp_path / "new" / "data", real_time=False)
+    with live_window(setup) as opened:
+        opened.until_stage(m.NO_SESSION)
+        opened.client.send(m.Practice())
+        opened.until_stage(m.RUNNING)
+        assert opened.snapshot.practice and opened.snapshot.running.block == 0
+        opened.until(lambda s: opened.pulse)
+        assert opened.pulse.proof is None
+        opened.abort("enough")
+    assert not setup.data_dir.exists()
+
+

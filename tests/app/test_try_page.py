@@ -1,0 +1,210 @@
+"""The Try page on a server that is made up: what it sends, what it shows, how it compares passes."""
+
+import numpy as np
+import pytest
+from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, ready
+from PySide6.QtCore import QEvent, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QFileDialog
+from screens import point
+
+from app.ipc import messages as m
+from app.window.painting import theme
+from app.window.try_page import BACK, DIALS, TryPage
+from core import tick_log
+
+INITIAL = m.SandboxSettings("three-brake", 1, 2, "settled", 0.0, 10_000.0, 0.05, 200.0, 1.0, 0.75)
+GAINS_FELT = 11.5  # N s/m and more
+
+
+def tried(settings: m.SandboxSettings = INITIAL, *passes: m.Pass, **changes) -> m.Snapshot:
+    """A pass is running with these settings."""
+    state = m.SandboxState(settings, INITIAL, (), False, GAINS_FELT, passes)._replace(**changes)
+    planned = PRACTICE._replace(segment=settings.path, controller=settings.controller, repetition=len(passes) + 1)
+    return m.Snapshot(m.RUNNING, checks=GREEN, running=planned, practice=True, tip=(0.1, 0.4), sandbox=state)
+
+
+def ended(number: int, controller: int = 2, error: float | None = 0.002, changed: bool = False, **what) -> m.Pass:
+    status = what.pop("status", "done")
+    settings = INITIAL._replace(controller=controller, **what)
+    return m.Pass(number, settings, changed, status, error, 3.0, 40.0, 2.5)
+
+
+class Held:
+    """The page, and what it has sent."""
+
+    def __init__(self, qtbot) -> None:
+        theme.dress(QApplication.instance())
+        self.sent: list = []
+        self.page = TryPage(self.sent.append)
+        qtbot.addWidget(self.page)
+        self.page.resize(1256, 610)
+        self.page.show()
+        self.page.show_opened(opened(""))
+        self.page.begin()
+
+    def last(self) -> m.SandboxSettings:
+        """The settings that were sent last, once the page has sent them."""
+        while self.page._timer.isActive():
+            QTest.qWait(5)
+        return self.sent[-1].settings
+
+    def cells(self, row: int) -> list[str]:
+        table = self.page.table
+        return [table.item(row, column).text() for column in range(table.columnCount())]
+
+    def bar(self, row: int) -> float | None:
+        data = self.page.table.item(row, 3).data(Qt.ItemDataRole.UserRole)
+        return data and data[0]
+
+
+@pytest.fixture
+def held(qtbot) -> Held:
+    made = Held(qtbot)
+    made.page.show_snapshot(tried())
+    return made
+
+
+def test_the_page_opens_try_with_the_servers_settings_and_ends_it(qtbot) -> None:
+    held = Held(qtbot)
+    assert held.sent == [m.Sandbox(None)]
+    held.page.show_snapshot(tried())
+    assert held.page.settings == INITIAL and held.page.guides[2].isChecked()
+    held.page.end()
+    assert held.sent[-1] == m.EndSandbox()
+
+
+def test_with_a_session_open_it_asks_for_nothing_and_says_why(qtbot) -> None:
+    held = Held(qtbot)
+    held.page.end()
+    held.sent.clear()
+    held.page.show_opened(opened("01"))
+    held.page.show_snapshot(ready(1))
+    held.page.begin()
+    assert not held.sent and held.page.large.text() == "A session is open"
+    assert not held.page.save.isEnabled() and not held.page.guides[1].isEnabled()
+    held.page.show_opened(opened(""))
+    assert held.sent == [m.Sandbox(None)]
+
+
+def test_a_controller_is_chosen_by_what_it_feels_like_by_pointer_or_key(held: Held) -> None:
+    feels = [guide.feel.text() for guide in held.page.guides.values()]
+    assert feels == ["Free", "On rails", "Rails with 5 mm slack", "Strong guide", "Weak guide"]
+    QTest.mouseClick(held.page.guides[3], Qt.MouseButton.LeftButton)
+    assert (held.last().controller, held.last().gap_m) == (3, 0.005)
+    QTest.keyClick(held.page, Qt.Key.Key_5)
+    assert (held.last().controller, held.last().gain_N_s_m, held.last().gap_m) == (5, 5.0, 0.0)
+
+
+def test_a_slider_sends_its_newest_value_a_few_times_a_second(held: Held) -> None:
+    slider, count = held.page.dials["spring_N_m"].slider, len(held.sent)
+    for place in range(20, 60):
+        slider.setValue(place)
+    assert held.last().spring_N_m == held.page.dials["spring_N_m"].dial.at(59) and len(held.sent) == count + 1
+    assert held.page.dials["spring_N_m"].value.text() == "640 N/m"
+
+
+@pytest.mark.parametrize("dial", DIALS, ids=lambda dial: dial.name)
+def test_every_place_of_a_slider_is_a_value_that_has_this_place(dial) -> None:
+    places = range(dial.place(dial.most) + 1)
+    assert [dial.place(dial.at(place)) for place in places] == pytest.approx(list(places), abs=1 if dial.log else 0)
+    assert dial.at(0) == dial.least and dial.at(places[-1]) == pytest.approx(dial.most, rel=0.03)
+
+
+def test_only_what_the_controller_has_can_be_set_and_the_gain_is_logarithmic(held: Held) -> None:
+    def enabled() -> set[str]:
+        return {name for name, dial in held.page.dials.items() if dial.isEnabled()}
+
+    always = {"blend_width_m", "spring_N_m", "brake_strength", "backlash_deg"}
+    for controller, own in ((1, set()), (2, {"gap_m"}), (4, {"gap_m", "gain_N_s_m"})):
+        held.page.show_snapshot(tried(INITIAL._replace(controller=controller)))
+        assert enabled() == always | own
+    held.page.show_snapshot(tried(fixed=("device", "spring_N_m", "brake_strength", "backlash_deg"), by_start=True))
+    assert enabled() == {"blend_width_m", "gap_m"} and not held.page.segments["device"].isEnabled()
+    assert "next pass" in held.page.warning.text()
+    held.page.keys()["start"]()
+    assert held.sent[-1] == m.Start() and held.page.start.isVisible()
+
+
+@pytest.mark.parametrize("controller, gain, warned", [(5, 5.0, True), (5, 12.0, False), (4, 5.0, True), (2, 5.0, 0)])
+def test_a_gain_below_the_brakes_own_drag_is_warned_of_only_where_it_acts(held: Held, controller, gain, warned) -> None:
+    held.page.show_snapshot(tried(INITIAL._replace(controller=controller, gain_N_s_m=gain)))
+    assert ("drag is larger" in held.page.warning.text()) == warned
+
+
+def test_bars_compare_only_like_with_like(held: Held) -> None:
+    passes = (
+        ended(1, 1, 0.004), ended(2, 2, 0.010, brake_strength=0.5), ended(3, 2, 0.003, device="four-brake"),
+        ended(4, 2, 0.008, path=2), ended(5, 2, 0.009, changed=True), ended(6, 4, 0.030, status="timeout"),
+        ended(7, 3, 0.001, gap_m=0.008),
+    )  # fmt: skip
+    held.page.show_snapshot(tried(INITIAL, *passes))
+    assert [held.cells(row)[0] for row in range(7)] == ["7", "6", "5", "4", "3", "2", "1"]
+    assert [held.bar(row) for row in range(7)] == [0.25, None, None, None, None, None, 1.0]
+    assert held.cells(0)[1:] == ["Rails with 8 mm slack", "Three brakes", "1.00", "3.0", "40.0", "2.5"]
+    assert "changed on the way" in held.cells(2)[1] and "time-out" in held.cells(1)[1]
+    QTest.mouseClick(held.page.clear, Qt.MouseButton.LeftButton)
+    assert held.page.table.rowCount() == 0
+    held.page.show_snapshot(tried(INITIAL, *passes, ended(8, error=None)))
+    assert held.page.table.rowCount() == 1 and held.cells(0)[3] == "–"
+
+
+def test_what_the_newest_tick_is_stands_on_the_canvas(held: Held) -> None:
+    rows = movement(1, "AEB", 2.0)
+    rows[:, tick_log.PATH_DISTANCE] = -0.0042
+    held.page.show_ticks(rows[:500], True)
+    held.page.show_ticks(rows[500:1500], True)
+    page = held.page
+    assert (page.large.text(), page.error.text(), page.time.text()) == ("Go", "4.2 mm", "1.5 s")
+    assert page.canvas.trail
+    assert page.canvas.tip == pytest.approx(tuple(rows[1499, tick_log.TIP_X : tick_log.TIP_Y + 1]))
+    page.show_ticks(rows[1500:1510], False)
+    assert "pointer" in page.small.text()
+    rows[-1, tick_log.PHASE] = tick_log.END
+    page.show_ticks(rows[-1:], True)
+    assert page.large.text() == BACK.large
+    page.show_snapshot(tried(INITIAL, ended(1)))
+    assert not page.canvas.trail
+
+
+def test_the_pointer_over_the_canvas_is_the_hand_and_lets_go_when_it_leaves(held: Held) -> None:
+    aimed, left, canvas = [], [], held.page.canvas
+    held.page.aimed.connect(lambda x, y: aimed.append((x, y)))
+    held.page.left.connect(lambda: left.append(True))
+    point(canvas, canvas.to_screen((0.02, 0.41)))
+    assert aimed[-1] == pytest.approx((0.02, 0.41), abs=1e-6)
+    QApplication.sendEvent(canvas, QEvent(QEvent.Type.Leave))
+    assert left
+
+
+def test_the_canvas_is_zoomed_to_each_path(held: Held) -> None:
+    for number, path in PATHS.items():
+        held.page.show_snapshot(tried(INITIAL._replace(path=number)))
+        view = held.page.canvas
+        for end in (path.start_m, path.end_m):
+            assert view.rect().contains(view.to_screen(end).toPoint())
+        assert np.hypot(*np.subtract(path.end_m, path.start_m)) * view.scale > 0.3 * view.width() or number == 2
+
+
+def test_a_refusal_brings_the_settings_back_and_stands_beside_the_table(held: Held) -> None:
+    held.page.dials["brake_strength"].slider.setValue(0)
+    assert held.last().brake_strength == 0.05 and held.page.changed.text() == "Changed: brake strength"
+    held.page.show_snapshot(tried()._replace(said="It cannot be.", said_bad=True))
+    assert held.page.settings == INITIAL and held.page.said.text() == "It cannot be."
+    held.page.dials["backlash_deg"].slider.setValue(0)
+    QTest.mouseClick(held.page.reset, Qt.MouseButton.LeftButton)
+    assert held.last() == INITIAL and not held.page.changed.text()
+
+
+def test_save_as_protocol_asks_for_a_name_and_the_server_writes(held: Held, monkeypatch) -> None:
+    for given, asked in (("/data/mine", "/data/mine.toml"), ("/data/my.toml", "/data/my.toml"), ("", None)):
+        monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *a, given=given, **k: (given, ""))
+        held.sent.clear()
+        held.page.save.click()
+        assert held.sent == ([m.SaveAsProtocol(asked)] if asked else [])
+
+
+def test_brakes_off_is_said_and_what_lets_them_act_again(held: Held) -> None:
+    state = tried().sandbox
+    held.page.show_snapshot(before(sandbox=state, brakes_off="Esc in the main window"))
+    assert held.page.large.text() == "Brakes are off"

@@ -1,0 +1,29 @@
+"""The table of the specification, docs/protocol.md: what a board does with each event in each state."""
+
+from hardware.emulated_board.board import NEXT, REFUSED, Event
+from hardware.wire.messages import State
+
+BOOT, IDLE, READY, ACTIVE, FAULT = State
+
+#: What a board does not see in that state: it does not watch for it.
+UNSEEN = {
+    *((BOOT, event) for event in (Event.SILENCE, Event.WATCHDOG, Event.BAD)),
+    *((state, event) for state in State if state != BOOT for event in (Event.STARTED, Event.STARTED_LOW)),
+    *((state, Event.WATCHDOG) for state in (IDLE, READY, FAULT)),
+    (IDLE, Event.BAD),
+    (IDLE, Event.SILENCE),
+    (ACTIVE, Event.SILENCE),  # the watchdog was there long before
+}
+
+_MESSAGES = tuple(Event)[:9]
+
+
+def handling(state: State, event: Event) -> str:
+    """What the table of the specification says of a pair: the next state, "refused", "-" (not seen), or "same"."""
+    if (state, event) in NEXT:
+        return NEXT[state, event].name
+    if (state, event) in REFUSED:
+        return "refused"
+    if (state, event) in UNSEEN:
+        return "-"
+    return "ignored" if state == BOOT and event in _MESSAGES else "same"
