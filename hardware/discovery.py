@@ -1,5 +1,6 @@
 """What is attached: serial ports with who they are on USB, boards that answer, six-axis HID devices."""
 
+import contextlib
 import os
 import tempfile
 from collections.abc import Sequence
@@ -33,16 +34,16 @@ class BoardFound(NamedTuple):
     """What answers at a port."""
 
     port: str
-    board: str  # its number; "" where none answers
-    device: str  # that it is wired to
-    version: int  # of the protocol
-    firmware: str
-    encoders: dict[str, int]  # joint -> counts per revolution
-    brakes: dict[str, float]  # joint -> largest current of its driver, A
-    force_channels: int
-    state: str
-    fault: str  # latched, in words
-    problem: str  # why none answers; "": one does
+    board: str = ""  # its number; "" where none answers
+    device: str = ""  # that it is wired to
+    version: int = 0  # of the protocol
+    firmware: str = ""
+    encoders: dict[str, int] = {}  # noqa: RUF012  (never changed) joint -> counts per revolution
+    brakes: dict[str, float] = {}  # noqa: RUF012  (never changed) joint -> largest current of its driver, A
+    force_channels: int = 0
+    state: str = ""
+    fault: str = ""  # latched, in words
+    problem: str = ""  # why none answers; "": one does
 
 
 class HidDevice(NamedTuple):
@@ -81,18 +82,11 @@ def ask_board(port: str) -> BoardFound:
     """Who answers at a port; a connection that it has is not disturbed, the port is then busy. InputError: no port."""
     if not os.path.exists(port) and os.name == "posix":
         raise InputError(f"serial port {port}: no such file or directory")
-    nobody = BoardFound(port, "", "", 0, "", {}, {}, 0, "", "", "")
     try:
-        wire = Port(port)
-    except DeviceError as error:
-        return nobody._replace(problem=_without_name(error, port))
-    try:
-        hello = Connection(wire).hello()
-    except DeviceError as error:
-        return nobody._replace(problem=_without_name(error, port))
-    finally:
-        wire.close()
-    return described(port, hello)
+        with contextlib.closing(Port(port)) as wire:
+            return described(port, Connection(wire).hello())
+    except DeviceError as error:  # its sentence names the port, which stands beside it
+        return BoardFound(port, problem=str(error).rpartition(f"{port}: ")[2])
 
 
 class PortFound(NamedTuple):
@@ -106,9 +100,10 @@ class PortFound(NamedTuple):
 def look_at_ports(before: Sequence[PortFound] = (), besides: str = "") -> tuple[PortFound, ...]:
     """Every serial port on USB and every emulated board, with what answers.
 
-    before: an earlier look; what answered then is not asked again. besides: a port that is in use here, left alone.
+    before: an earlier look; no port is asked twice, for some devices start anew when their port is opened.
+    besides: a port that is in use here, left alone.
     """
-    known = {found.port: found for found in before if found.answers}
+    known = {found.port: found for found in before}
     emulated = map(str, sorted(Path(tempfile.gettempdir()).glob(f"{FOLDER}*/port")))
     ports = [*usb_ports(), *(port for port in emulated if os.access(port, os.R_OK | os.W_OK))]
     return tuple(known.get(port) or _found(port) for port in ports if port != besides)
@@ -121,11 +116,6 @@ def _found(port: str) -> PortFound:
         return PortFound(port, str(error), False)
     words = board.problem or f"answers, {board.device or 'names no device'}"
     return PortFound(port, words, not board.problem)
-
-
-def _without_name(error: DeviceError, port: str) -> str:
-    """What is wrong, without the name of the port, which stands beside it."""
-    return str(error).rpartition(f"{port}: ")[2]
 
 
 def described(port: str, hello: Hello) -> BoardFound:
@@ -141,5 +131,4 @@ def described(port: str, hello: Hello) -> BoardFound:
         hello.force_channels,
         next((state.name.capitalize() for state in State if state == hello.state), f"state {hello.state}"),
         fault_words(hello.cause),
-        "",
     )

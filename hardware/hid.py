@@ -4,6 +4,7 @@ The device is read on a thread of its own and always drained to its newest repor
 falls seconds behind. Unplugged, it gives no force and is looked for until it is back.
 """
 
+import contextlib
 import math
 import threading
 import time
@@ -16,6 +17,19 @@ from core.files import InputError, Table, parse_toml, read_text
 
 _FILE = Path(__file__).with_name("hid_layouts.toml")
 AXES = ("x", "y", "z", "rx", "ry", "rz")
+WORD = "deflection, not a force sensor"
+#: N at full deflection. Assumed: what a person pushes with ease.
+FORCE_FULL_N = 20.0
+#: s. Old units miss zero: what the cap reads while nobody touches it, right after the start, is taken off. Plugged in
+#: again in the middle of a trial, with a hand on it, a device keeps what it had.
+BIAS_S = 0.5
+#: Share of full scale. A larger bias means that somebody holds the cap: then none is taken.
+BIAS_MOST = 0.2
+#: s. A deflected device reports every 8 to 16 ms; if it is silent for longer, its hand counts as gone.
+SILENT_S = 0.25
+LOOK_AGAIN_S = 0.5  # between looks for an unplugged device
+WAIT_MS = 8  # longest wait for a report
+MOST_REPORTS = 64  # drained at a time
 
 
 class Layout(Table, frozen=True):
@@ -52,6 +66,18 @@ class Attached(NamedTuple):
         return self.ids, self.serial
 
 
+class Reading(NamedTuple):
+    """What the hand does now, and how the device is."""
+
+    fx_N: float  # to the person's right
+    fy_N: float  # away from the person
+    connected: bool
+    text: str  # for a screen: which device, what is wrong
+    age_s: float  # since its newest report; inf before the first
+    reports: int  # drained so far
+    unplugged: int  # times that it went away
+
+
 @cache
 def layouts() -> Layouts:
     """The shipped layouts."""
@@ -60,20 +86,19 @@ def layouts() -> Layouts:
 
 def layout_of(vendor: int, product: int) -> Layout | None:
     """The layout of a device by its USB numbers; None: not known."""
-    ids = f"{vendor:04x}:{product:04x}"
-    return next((layout for layout in layouts().layout if ids in layout.devices), None)
+    return next((layout for layout in layouts().layout if f"{vendor:04x}:{product:04x}" in layout.devices), None)
 
 
 def attached(listed: list[dict]) -> list[Attached]:
     """The known six-axis devices in what `hid.enumerate()` lists (one device may be listed once per usage)."""
     found = {}
     for entry in listed:
-        layout = layout_of(entry["vendor_id"], entry["product_id"])
+        vendor, product, path = entry["vendor_id"], entry["product_id"], entry["path"]
+        layout = layout_of(vendor, product)
         usage = (entry.get("usage_page", 0), entry.get("usage", 0))
         if layout and usage in ((layouts().usage_page, layouts().usage), (0, 0)):
-            ids = f"{entry['vendor_id']:04x}:{entry['product_id']:04x}"
-            name = entry.get("product_string") or "six-axis device"
-            found[entry["path"]] = Attached(entry["path"], ids, name, layout, entry.get("serial_number") or "")
+            name, serial = entry.get("product_string") or "six-axis device", entry.get("serial_number") or ""
+            found[path] = Attached(path, f"{vendor:04x}:{product:04x}", name, layout, serial)
     return list(found.values())
 
 
@@ -87,38 +112,6 @@ def decode(layout: Layout, report: bytes, counts: dict[str, int]) -> bool:
     return True
 
 
-WORD = "deflection, not a force sensor"
-#: N at full deflection. Assumed: what a person pushes with ease.
-FORCE_FULL_N = 20.0
-#: s. Old units miss zero: what the cap says while nobody touches it, right after the start, is taken off. Plugged in
-#: again in the middle of a trial, with a hand on it, a device keeps what it had.
-BIAS_S = 0.5
-#: Share of full scale. A larger bias means that somebody holds the cap: then none is taken.
-BIAS_MOST = 0.2
-#: s. A deflected device reports every 8 to 16 ms; if it is silent for longer, its hand counts as gone.
-SILENT_S = 0.25
-LOOK_AGAIN_S = 0.5  # between looks for an unplugged device
-WAIT_MS = 8  # longest wait for a report
-MOST_REPORTS = 64  # drained at a time
-
-
-class Reading(NamedTuple):
-    """What the hand does now, and how the device is."""
-
-    fx_N: float  # to the person's right
-    fy_N: float  # away from the person
-    connected: bool
-    text: str  # for a screen: which device, what is wrong
-    age_s: float  # since its newest report; inf before the first
-    reports: int  # drained so far
-    unplugged: int  # times that it went away
-
-
-def list_hid() -> list[dict]:
-    """Everything on the HID bus; InputError where the library is missing."""
-    return _library().enumerate()
-
-
 def _library() -> Any:
     try:
         import hidraw as library  # Linux: needs no rights beyond those on the device's node
@@ -128,6 +121,11 @@ def _library() -> Any:
         except ImportError as error:
             raise InputError(f"six-axis devices cannot be read: {error}") from None
     return library
+
+
+def list_hid() -> list[dict]:
+    """Everything on the HID bus; InputError where the library is missing."""
+    return _library().enumerate()
 
 
 def open_hid(path: bytes) -> Any:
@@ -141,22 +139,18 @@ class HidHand:
     """The newest deflection of one six-axis device, as a force in the plane of the handle."""
 
     def __init__(
-        self,
-        force_full_N: float = FORCE_FULL_N,
-        listing: Callable[[], list[dict]] = list_hid,
-        opening: Callable[[bytes], Any] = open_hid,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+        self, force_full_N: float = FORCE_FULL_N, listing: Callable[[], list[dict]] = list_hid,
+        opening: Callable[[bytes], Any] = open_hid, clock: Callable[[], float] = time.monotonic,
+    ) -> None:  # fmt: skip
         """InputError if no known device is attached or it may not be read."""
         self._scale = force_full_N / layouts().full_scale_counts
         self._listing, self._opening, self._clock = listing, opening, clock
         self._ended = threading.Event()
         self._lock = threading.Lock()
-        self._newest, self._reports, self._unplugged = -math.inf, 0, 0
+        self._newest, self._reports, self._unplugged, self._problem = -math.inf, 0, 0, ""
         self._counts, self._bias = dict.fromkeys(AXES, 0), dict.fromkeys(AXES, 0)
         self._biases: dict[tuple[str, str], dict[str, int]] = {}  # of every device seen: none is taken anew on replug
         self._found, self._device = self._look()
-        self._problem = ""
         self._thread = threading.Thread(target=self._work, name="six-axis device", daemon=True)
         self._thread.start()
 
@@ -164,23 +158,18 @@ class HidHand:
         """The hand now. No force while the device is away, or silent although it was deflected."""
         with self._lock:
             age = self._clock() - self._newest
-            pushed = {axis: self._counts[axis] - self._bias[axis] for axis in ("x", "y")}
             connected = self._device is not None
-            felt = connected and age <= SILENT_S
-            text = f"{self._found.product} ({WORD}{self._bias_words()})" if connected else self._problem
-            fx, fy = (self._scale * pushed["x"], -self._scale * pushed["y"]) if felt else (0.0, 0.0)
+            x, y = (self._scale * (self._counts[axis] - self._bias[axis]) for axis in ("x", "y"))
+            fx, fy = (x, -y) if connected and age <= SILENT_S else (0.0, 0.0)
+            bias = self._scale * math.hypot(self._bias["x"], self._bias["y"])
+            zero = f"; {bias:.1f} N taken off as its zero" if bias else ""
+            text = f"{self._found.product} ({WORD}{zero})" if connected else self._problem
             return Reading(fx, fy, connected, text, age, self._reports, self._unplugged)
 
-    def _bias_words(self) -> str:
-        """How large the bias is in the plane of the handle; nothing where there is none."""
-        bias = self._scale * math.hypot(self._bias["x"], self._bias["y"])
-        return f"; {bias:.1f} N taken off as its zero" if bias else ""
-
     def take_bias(self) -> bool:
-        """Call what the cap says now its zero; False, and nothing changes, if somebody seems to hold it."""
+        """Call what the cap reads now its zero; False, and nothing changes, if somebody seems to hold it."""
         with self._lock:
-            limit = BIAS_MOST * layouts().full_scale_counts
-            if any(abs(count) > limit for count in self._counts.values()):
+            if max(map(abs, self._counts.values())) > BIAS_MOST * layouts().full_scale_counts:
                 return False
             self._bias = self._biases[self._found.who] = dict(self._counts)
             return True
@@ -209,15 +198,14 @@ class HidHand:
         )
 
     def _work(self) -> None:
-        started = self._clock()
-        biased = False
+        started, biased = self._clock(), False
         while not self._ended.is_set():
             if self._device is None:
                 self._look_again()
                 started, biased = self._clock(), self._found.who in self._biases
                 continue
             try:
-                self._drain(self._device, self._found.layout)
+                self._drain()
             except (OSError, ValueError) as error:
                 self._lost(error)
                 continue
@@ -228,15 +216,15 @@ class HidHand:
         if self._device is not None:
             self._device.close()
 
-    def _drain(self, device: Any, layout: Layout) -> None:
+    def _drain(self) -> None:
         """Wait for one report, then take all that are there; the newest of each kind counts."""
         wait_ms = WAIT_MS
         for _ in range(MOST_REPORTS):
-            report = bytes(device.read(64, wait_ms))
+            report = bytes(self._device.read(64, wait_ms))
             if not report:
                 return
             with self._lock:
-                if decode(layout, report, self._counts):
+                if decode(self._found.layout, report, self._counts):
                     self._newest = self._clock()
                     self._reports += 1
             wait_ms = 1  # for hidapi 0 would mean: as long as it takes
@@ -248,10 +236,8 @@ class HidHand:
             self._unplugged += 1
             self._counts = dict.fromkeys(AXES, 0)
             self._problem = f"{self._found.product} was unplugged: plug it in again ({error or 'read error'})"
-        try:
+        with contextlib.suppress(OSError):  # it is gone: there is nothing left to close
             device.close()
-        except OSError:
-            pass  # it is gone: there is nothing left to close
 
     def _look_again(self) -> None:
         try:

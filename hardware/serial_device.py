@@ -24,9 +24,8 @@ from core.mechanism import JOINTS
 from hardware.handshake import check_hello, limits_of, rewire_emulated, shortened, wired_to
 from hardware.sensing.board_clock import FreshnessWatch
 from hardware.sensing.encoders import load_kernels
-from hardware.sensing.force_sensor import ZERO_SAMPLES, zero_of
 from hardware.sensing.net_ft import CHANNELS, COUNT_UN, NET_FT, NetFT
-from hardware.sensing.samples import BoardSensing, fault_words
+from hardware.sensing.samples import ZERO_SAMPLES, BoardSensing, fault_words, zero_of
 from hardware.serial_port import Identity, Port, find_port, identity_of
 from hardware.wire import messages as m
 from hardware.wire.frames import FrameCounts, FrameDecoder, encode_frame

@@ -4,14 +4,13 @@ Nothing here waits for the other processes but `refused` and `stop`. The pointer
 the memory that the control loop reads.
 """
 
-import subprocess
 import time
+from subprocess import DEVNULL
 
 import numpy as np
 
 from app.ipc.messages import FAILED, Quit, Refused, Setup, Snapshot
-from app.ipc.pipe import Pipe
-from app.ipc.process import start_python
+from app.ipc.pipe import Child
 from app.ipc.ring import Ring
 from app.ipc.scheduling import leave_core
 from core import tick_log
@@ -35,23 +34,20 @@ class Client:
             self._ring = Ring(width=tick_log.BENCH_WIDTH if setup.link else tick_log.WIDTH)
         except OSError as error:
             raise InputError(f"no memory for the ticks of the control loop ({error.strerror or error})") from None
-        self._process = start_python(
-            "app.session_server.server", setup.to_json(), self._ring.handle,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True,
+        self._server = Child(
+            "app.session_server.server", setup.to_json(), self._ring.handle, stderr=DEVNULL, start_new_session=True,
             **self._ring.inherited,
         )  # fmt: skip
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._pipe = Pipe(self._process.stdout, self._process.stdin)
 
     @property
     def pid(self) -> int:
         """Process number of the session server."""
-        return self._process.pid
+        return self._server.pid
 
     @property
     def alive(self) -> bool:
         """Whether the session server lives, as far as was received, and has not refused to serve."""
-        return not (self._refused or self._pipe.closed)
+        return not (self._refused or self._server.closed)
 
     def refused(self) -> str:
         """Wait until the session server serves: ""; or say why it does not."""
@@ -59,13 +55,13 @@ class Client:
         while not self._received and self.alive and time.monotonic() < deadline:
             self._received += self._take(LOOK_S)
         if not self._received and not self._refused:
-            what = "ended while it started" if self._pipe.closed else "does not answer"
+            what = "ended while it started" if self._server.closed else "does not answer"
             self._refused = f"{self._data_dir}: the session server {what}"
         return self._refused
 
     def send(self, command: object) -> None:
         """Ask for something."""
-        self._pipe.send(command)
+        self._server.send(command)
 
     def receive(self) -> list:
         """What the session server has said since the last time: Opened, Snapshot, Pulse."""
@@ -76,7 +72,7 @@ class Client:
         return received
 
     def _take(self, wait_s: float = 0.0) -> list:
-        messages = self._pipe.receive(wait_s)
+        messages = self._server.receive(wait_s)
         for at, message in enumerate(messages):
             if isinstance(message, Refused):
                 self._refused = message.why
@@ -109,17 +105,13 @@ class Client:
         self.send(Quit(reason))
         self.leave()
         deadline = time.monotonic() + END_S
-        while not self._pipe.closed and time.monotonic() < deadline:
+        while not self._server.closed and time.monotonic() < deadline:
             self._take(LOOK_S)
-        try:
-            self._process.wait(max(0.0, deadline - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        self._server.end(deadline - time.monotonic())
 
     def leave(self) -> None:
         """As a window that dies: the session server ends by itself after the running trial."""
-        self._pipe.close()
+        self._server.close()
         if self._left_core:
             leave_core(-1)
             self._left_core = False

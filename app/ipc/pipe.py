@@ -2,11 +2,15 @@
 
 import pickle
 import queue
+import subprocess
 import threading
 import time
-from typing import BinaryIO
+from typing import Any, BinaryIO
+
+from app.ipc.process import start_python
 
 _LOOK_S = 0.005
+_END = object()
 
 
 class Pipe:
@@ -76,4 +80,36 @@ class Pipe:
             return
 
 
-_END = object()
+class Child(Pipe):
+    """A process of this program that we start, at the other end of its standard input and output."""
+
+    def __init__(self, module: str, *arguments: str, **options: Any) -> None:
+        """Run `main` of a module. options: as for Popen."""
+        self._process = start_python(
+            module, *arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **options
+        )  # fmt: skip
+        super().__init__(self._process.stdout, self._process.stdin)
+
+    @property
+    def pid(self) -> int:
+        """Its process number."""
+        return self._process.pid
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has ended and been waited for."""
+        return self._process.returncode is not None
+
+    def kill(self) -> None:
+        """End it at once, whatever it does."""
+        self._process.kill()
+        self.end(0.0)
+
+    def end(self, wait_s: float) -> None:
+        """Nothing more will be sent: it ends by itself; kill it if it does not within so long."""
+        self.close()
+        try:
+            self._process.wait(max(0.0, wait_s))
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()

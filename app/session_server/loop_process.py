@@ -1,10 +1,7 @@
 """The session server's end of the control loop: start it, give it trials, see whether it lives, end it."""
 
-import subprocess
-
 from app.ipc.messages import DEFAULT, REAL_TIME, DeviceStatus, Done, Run
-from app.ipc.pipe import Pipe
-from app.ipc.process import start_python
+from app.ipc.pipe import Child
 from app.ipc.ring import Ring
 
 #: Seconds without a tick after which a running loop counts as hung. Our choice: a stall below it is in the lateness.
@@ -24,12 +21,8 @@ class LoopProcess:
         port: of a real device; "": the device is simulated.
         """
         self._ring = ring
-        self._process = start_python(
-            "app.loop.loop", ring.handle, REAL_TIME if real_time else DEFAULT, port,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, **ring.inherited,
-        )  # fmt: skip
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._pipe = Pipe(self._process.stdout, self._process.stdin)
+        mode = REAL_TIME if real_time else DEFAULT
+        self._child = Child("app.loop.loop", ring.handle, mode, port, **ring.inherited)
         self.running = False  # a trial
         self._beats = False  # also without a trial
         self.dead = False  # seen by the end of its output, at once
@@ -37,12 +30,12 @@ class LoopProcess:
     @property
     def pid(self) -> int:
         """Its process number."""
-        return self._process.pid
+        return self._child.pid
 
     @property
     def closed(self) -> bool:
         """Whether it has ended and been waited for."""
-        return self._process.returncode is not None
+        return self._child.ended
 
     @property
     def hung(self) -> bool:
@@ -53,28 +46,23 @@ class LoopProcess:
     def send(self, job: object) -> None:
         """Give it something to do; one that is dead is seen by `dead`. Does not wait for it."""
         self.running = isinstance(job, Run)
-        self._pipe.send(job)
+        self._child.send(job)
 
     def receive(self, wait_s: float = 0.0) -> list[object]:
         """What it has answered since the last time; waits at most `wait_s` for the first answer."""
-        answers = self._pipe.receive(wait_s)
+        answers = self._child.receive(wait_s)
         for answer in answers:
             self.running &= not isinstance(answer, Done)
             self._beats |= isinstance(answer, DeviceStatus)
-        self.dead |= self._pipe.closed
+        self.dead |= self._child.closed
         return answers
 
     def kill(self) -> None:
         """End it at once, whatever it does."""
-        self._process.kill()
-        self.close()
+        self._child.kill()
+        self.running, self.dead = False, True
 
     def close(self) -> None:
         """Let it end; kill it if it does not."""
-        self._pipe.close()
-        try:
-            self._process.wait(END_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        self._child.end(END_S)
         self.running, self.dead = False, True

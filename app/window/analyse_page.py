@@ -3,16 +3,16 @@
 import pickle
 import shutil
 from collections.abc import Callable, Mapping, Sequence
+from html import escape
 from pathlib import Path
 
-from PySide6.QtCore import Qt, QUrl, Signal
-from PySide6.QtGui import QDesktopServices, QResizeEvent
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QApplication,
     QButtonGroup,
-    QFrame,
-    QGridLayout,
     QHBoxLayout,
+    QLabel,
     QMenu,
     QProgressBar,
     QPushButton,
@@ -24,14 +24,16 @@ from PySide6.QtWidgets import (
 
 from app.ipc import messages as m
 from app.window.box_plot import ChartPlot, trial_of
-from app.window.flow import Flow
+from app.window.data_panel import show_folder
 from app.window.page import Page
 from app.window.painting import theme
+from app.window.painting.flow import Flow
 from app.window.painting.labels import OneLine, line, word
+from app.window.painting.parts import button, clear, row
 from app.window.trial_view import TrialView
 from app.window.work import Verb, Work
 from core.files import InputError
-from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED, View, charts, left_out
+from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED, View, charts, left_out, legend
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS
 from experiments.analysis.participants import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow
@@ -44,13 +46,21 @@ PAGES = {
     POOLED: "Pooled", PERSON: "Per participant", ORDER: "Order and learning", SPEED: "Speed and error",
     QUESTIONS: "Questionnaire", FINDINGS: "Findings",
 }  # fmt: skip
-VERDICT = {HOLDS: "good", FAILS: "bad", CANNOT_TELL: "caution"}  # the look of each
+VERDICT = {HOLDS: theme.GOOD, FAILS: theme.BAD, CANNOT_TELL: theme.CAUTION}  # the look of each
 SHOWN_FIRST = ("done", "timeout")  # of the statuses
 MOST_CHIPS = 8  # more are a menu
 SIDE_SHARE, SIDE_PX = 0.36, (400, 620)  # of the width, and at least and at most: the trial beside the charts
 ROOM_PX = 1100  # a narrower page shows either the charts or the trial
 CANCELLED = "The export was cancelled, nothing was written."
 NO_FOLDER = "No data folder is open: choose one on Home."
+
+
+def toggle(text: str, do: Callable[..., object], on: bool = False) -> QPushButton:
+    """A chip that is lit while it is on."""
+    made = QPushButton(text, objectName="toggle", checkable=True, checked=on)
+    made.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    made.toggled.connect(do)
+    return made
 
 
 class Chips(QWidget):
@@ -78,29 +88,26 @@ class Chips(QWidget):
             return
         self._off |= {choice for choice in off if choice not in self._names}
         self._names = dict(names)
-        while (item := self._row.takeAt(0)) is not None:
-            item.widget().deleteLater()
+        clear(self._row)
         self.chips = {}
         if len(names) > MOST_CHIPS:
             self._row.addWidget(self._menu())
             return
         self._row.addWidget(word(self._title, "quiet"))
         for choice, name in names.items():
-            chip = QPushButton(name, objectName="toggle", checkable=True, checked=choice not in self._off)
-            chip.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-            chip.toggled.connect(lambda on, choice=choice: self._switch(choice, on))
+            chip = toggle(name, lambda on, choice=choice: self._switch(choice, on), choice not in self._off)
             self.chips[choice] = chip
             self._row.addWidget(chip)
 
     def _menu(self) -> QPushButton:
-        button, menu = QPushButton(f"{self._title}: {len(self._names)}"), QMenu(self)
+        made, menu = QPushButton(f"{self._title}: {len(self._names)}"), QMenu(self)
         for choice, name in self._names.items():
             action = menu.addAction(name)
             action.setCheckable(True)
             action.setChecked(choice not in self._off)
             action.toggled.connect(lambda on, choice=choice: self._switch(choice, on))
-        button.setMenu(menu)
-        return button
+        made.setMenu(menu)
+        return made
 
     def _switch(self, choice: str, on: bool) -> None:
         (self._off.discard if on else self._off.add)(choice)
@@ -112,43 +119,34 @@ class Verdicts(QScrollArea):
 
     def __init__(self) -> None:
         super().__init__()
-        self.setWidgetResizable(True)
         self.shown: Conclusions | None = None
+        self._text = QLabel(wordWrap=True, textFormat=Qt.TextFormat.RichText, margin=16)
+        self._text.setAlignment(Qt.AlignmentFlag.AlignTop)
+        self._text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.setWidgetResizable(True)
+        self.setWidget(self._text)
 
     def show_conclusions(self, said: Conclusions | None) -> None:
         """None: they are being computed."""
         self.shown = said
-        inside = QFrame(objectName="panel")
-        grid = QGridLayout(inside)
-        grid.setContentsMargins(16, 12, 16, 12)
-        grid.setVerticalSpacing(8)
-        grid.setHorizontalSpacing(16)
-        grid.setColumnStretch(1, 2)
-        grid.setColumnStretch(2, 3)
-        self._row = 0
-
-        def add(*widgets: QWidget) -> None:
-            for column, widget in enumerate(widgets):
-                grid.addWidget(widget, self._row, column, 1, 1 if len(widgets) > 1 else 3)
-            self._row += 1
-
         if said is None:
-            add(word("The statistics are being computed …", "quiet"))
-        else:
-            for warning in (*said.warnings, said.refusal):
-                if warning:
-                    add(line(warning, "caution"))
-            if said.found:
-                add(word("What these data say of the paper's statements", bold=True, size=theme.TITLE))
+            self._text.setText("The statistics are being computed …")
+            return
+        parts = [f"<p>{coloured(text, theme.CAUTION)}</p>" for text in (*said.warnings, said.refusal) if text]
+        if said.found:
+            parts.append("<h3>What these data say of the paper's statements</h3><table cellpadding=6>")
             for one in said.found:
-                verdict = word(one.verdict, VERDICT[one.verdict], bold=True)
-                add(verdict, line(one.statement.text), line(one.sentence, "quiet"))
-            if said.sentences:
-                add(word("What else to know", bold=True, size=theme.TITLE))
-            for sentence in said.sentences:
-                add(line(sentence))
-        grid.setRowStretch(self._row, 1)
-        self.setWidget(inside)
+                verdict, why = coloured(one.verdict, VERDICT[one.verdict]), coloured(one.sentence, theme.QUIET)
+                parts.append(f"<tr><td><b>{verdict}</b></td><td>{escape(one.statement.text)}</td><td>{why}</td></tr>")
+            parts.append("</table>")
+        if said.sentences:
+            parts.append("<h3>What else to know</h3>")
+        self._text.setText("".join(parts + [f"<p>{escape(sentence)}</p>" for sentence in said.sentences]))
+
+
+def coloured(text: str, colour: str) -> str:
+    """A text as HTML."""
+    return f'<span style="color: {colour}">{escape(text)}</span>'
 
 
 class AnalysePage(Page):
@@ -164,15 +162,12 @@ class AnalysePage(Page):
         self._reading, self._opening, self._concluding = Work(), Work(), Work()
         self.tabs: dict[str, QPushButton] = {}
         self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
-        self.timeouts, self.logarithmic = (
-            QPushButton(text, objectName="toggle", checkable=True) for text in ("Timeouts in the boxes", "Log scale")
-        )
+        self.timeouts, self.logarithmic = toggle("Timeouts in the boxes", self._show), toggle("Log scale", self._show)
         for chips in (self.people, self.devices, self.statuses):
             chips.changed.connect(self._show)
-        for toggle in (self.timeouts, self.logarithmic):
-            toggle.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-            toggle.toggled.connect(self._show)
-        self.summary, self.message = word("", "quiet"), OneLine("", "quiet")
+        self.caption = OneLine("", "quiet", dots=Qt.TextElideMode.ElideRight)
+        self.warning, self.summary = (word("", name, theme.SMALL) for name in ("caution", "quiet"))
+        self.message = OneLine()
         self.plots = [ChartPlot() for _ in range(3)]
         self.empty, self.verdicts, self.stack = line("", "quiet", theme.TITLE), Verdicts(), QStackedWidget()
         self.side = TrialView()
@@ -183,21 +178,16 @@ class AnalysePage(Page):
         self.side.stepped.connect(self.step)
         for plot in self.plots:
             plot.chosen.connect(self.open_trial)
-        self.report_button, self.export_button = QPushButton("Session report"), QPushButton("Export", objectName="main")
-        self.report_button.setToolTip("A PDF of each session: who, when, plan, measures, timing, faults, figures")
-        self.export_button.setToolTip("What is shown as PNG, SVG, PDF and CSV: Ctrl+E")
-        self.export_button.clicked.connect(self.export)
-        self.report_button.clicked.connect(lambda: self.export(report=True))
-        self.bar, self.cancel_button = QProgressBar(textVisible=False), QPushButton("Cancel", objectName="small")
-        self.folder_button = QPushButton("Open folder", objectName="small")
-        self.folder_button.clicked.connect(
-            lambda: QDesktopServices.openUrl(QUrl.fromLocalFile(str(self._job.folder)))
-        )
+        report = "A PDF of each session: who, when, plan, measures, timing, faults, figures"
+        self.report_button = button("Session report", lambda: self.export(report=True), hint=report)
+        self.export_button = button("Export", self.export, "main", "What is shown as PNG, SVG, PDF and CSV: Ctrl+E")
+        self.bar, self.cancel_button = QProgressBar(textVisible=False), button("Cancel", self.cancel_export, "small")
+        self.bar.setFixedSize(160, 8)
+        self.folder_button = button("Open folder", lambda: show_folder(self._job.folder), "small")
         self._export, self._cancelled = Verb(), False
         self._job: Job | None = None  # the newest
         self._export.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
         self._export.done.connect(self._exported)
-        self.cancel_button.clicked.connect(self.cancel_export)
         QApplication.instance().aboutToQuit.connect(self.cancel_export)
         self._lay_out()
         self._show_busy(False)
@@ -205,8 +195,7 @@ class AnalysePage(Page):
         self._show_empty(NO_FOLDER)
 
     def _lay_out(self) -> None:
-        head, tabs, filters, foot, body = QHBoxLayout(), Flow(2), Flow(14), QHBoxLayout(), QHBoxLayout()
-        group = QButtonGroup(self)
+        head, tabs, filters, group = QHBoxLayout(), Flow(2), Flow(14), QButtonGroup(self)
         for page, name in PAGES.items():
             tab = QPushButton(name, objectName="key", checkable=True, checked=page == self.page)
             tab.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -215,34 +204,25 @@ class AnalysePage(Page):
             self.tabs[page] = tab
             tabs.addWidget(tab)
         head.addLayout(tabs, 1)
-        for button in (self.report_button, self.export_button):
-            head.addWidget(button, 0, Qt.AlignmentFlag.AlignTop)
+        for one in (self.report_button, self.export_button):
+            head.addWidget(one, 0, Qt.AlignmentFlag.AlignTop)
         for widget in (self.people, self.devices, self.statuses, self.timeouts, self.logarithmic):
             filters.addWidget(widget)
-        self.summary.setMinimumHeight(self.timeouts.sizeHint().height())
-        filters.addWidget(self.summary)
         self._charts = QWidget()
-        row = QHBoxLayout(self._charts)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        for plot in self.plots:
-            row.addWidget(plot, 1)
+        self._charts.setLayout(row(*self.plots))
+        self._charts.layout().setContentsMargins(0, 0, 0, 0)
         for widget in (self._charts, self.verdicts, self.empty):
             self.stack.addWidget(widget)
-        body.setSpacing(8)
-        body.addWidget(self.stack, 1)
-        body.addWidget(self.side)
-        self.bar.setFixedSize(160, 8)
-        foot.addWidget(self.message, 1)
-        for widget in (self.folder_button, self.bar, self.cancel_button):
-            foot.addWidget(widget)
+        body = row(self.stack, self.side)
+        body.setStretch(0, 1)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(8)
-        for part in (head, filters):
-            layout.addLayout(part)
+        layout.addLayout(head)
+        layout.addLayout(filters)
         layout.addLayout(body, 1)
-        layout.addLayout(foot)
+        layout.addLayout(row(self.caption, self.warning, self.summary, spacing=14))
+        layout.addLayout(row(self.message, self.folder_button, self.bar, self.cancel_button))
 
     # what the main window hands over
 
@@ -317,8 +297,7 @@ class AnalysePage(Page):
         self.statuses.show_choices(
             {status: status for status in statuses}, [status for status in statuses if status not in SHOWN_FIRST]
         )
-        self.message.setText(" ".join(results.problems))
-        theme.name_anew(self.message, "caution")
+        self._tell(" ".join(results.problems), "caution")
         self._show()
 
     # what is shown
@@ -351,6 +330,8 @@ class AnalysePage(Page):
 
     def _show(self) -> None:
         results, rows = self.results, self.rows
+        self.caption.setText("")
+        self.warning.setText("")
         self.export_button.setEnabled(bool(rows) and not self._export.busy)
         self.report_button.setEnabled(bool(results and results.sessions and rows) and not self._export.busy)
         if results is None:
@@ -375,9 +356,11 @@ class AnalysePage(Page):
             self._show_empty("No questionnaire was answered in these sessions.")
             return
         self.stack.setCurrentWidget(self._charts)
-        warning = "" if self.page == QUESTIONS else left_out(rows, *self.view.timeouts_on(shown[0]))
+        self.caption.setText(" ".join(legend(shown[0], self.view)))
+        if self.page != QUESTIONS:
+            self.warning.setText(left_out(rows, *self.view.timeouts_on(shown[0])))
         for plot, chart in zip(self.plots, shown, strict=False):
-            plot.show_chart(chart, self.view, warning)
+            plot.show_chart(chart, self.view.logarithmic)
             plot.show_ring(trial_of(self.chosen))
         for plot in self.plots:
             plot.setVisible(plot in self.plots[: len(shown)])
@@ -466,17 +449,21 @@ class AnalysePage(Page):
             shutil.rmtree(self._job.partial, ignore_errors=True)
         self._show_busy(False)
         failed = CANCELLED if self._cancelled else f"Nothing was written: {end}"
-        self.message.setText(str(end) if done else failed)
-        theme.name_anew(self.message, "good" if done else "caution")
+        self._tell(str(end) if done else failed, "good" if done else "caution")
         self.folder_button.setVisible(done)
+
+    def _tell(self, text: str, look: str) -> None:
+        theme.name_anew(self.message, look)
+        self.message.setText(text)
+        self.message.setVisible(bool(text))
 
     def _show_busy(self, busy: bool) -> None:
         self.bar.setValue(0)
         self.folder_button.hide()
         for widget in (self.bar, self.cancel_button):
             widget.setVisible(busy)
-        for button in (self.export_button, self.report_button):
-            button.setEnabled(not busy and bool(self.rows))
+        for one in (self.export_button, self.report_button):
+            one.setEnabled(not busy and bool(self.rows))
 
     def closeEvent(self, event) -> None:
         self.side.end()

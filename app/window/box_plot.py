@@ -8,16 +8,17 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
 
 from app.window.painting import theme
-from app.window.painting.labels import OneLine, line
+from app.window.painting.labels import OneLine
 from app.window.plots import Plot
-from experiments.analysis.charts import Chart, Point, View, legend
+from experiments.analysis.charts import Chart, Point
 from experiments.analysis.trials_table import TrialRow
 
 POINT_PX, HOVER_PX, RING_PX, CROSS_PX = 6, 10, 15, 11
 FOOT = 0.03  # of the plot's height, under the scale
 BAND = 0.08  # of the plot's height, above the scale: crosses of trials whose time was up
-#: Short names of Table I's controllers; others stand under their boxes as the protocol has them.
+#: Short names of Table I's controllers and of a measure; others stand as the protocol and the table have them.
 SHORT = {
+    "Acceleration, weighted DFT sum": "Acceleration DFT sum",
     "SDOF with gap": "SDOF\ngap", "Proportional,\nhigh gain": "Prop.\nhigh", "Proportional,\nlow gain": "Prop.\nlow",
 }  # fmt: skip
 
@@ -44,10 +45,6 @@ class ChartPlot(Plot):
         self.title.deleteLater()
         self.title = title
         self.head.setStretch(0, 4)
-        self.caption = line("", "quiet", theme.SMALL)
-        self.warning = line("", "caution", theme.SMALL)
-        self.rows.addWidget(self.caption)
-        self.rows.addWidget(self.warning)
         self.points, self.crosses = (pg.ScatterPlotItem(hoverable=True, tip=self._tip) for _ in range(2))
         self.ring = pg.ScatterPlotItem(size=RING_PX, pen=pg.mkPen(theme.HANDLE, width=2), brush=None)
         for marks in (self.points, self.crosses):
@@ -56,14 +53,11 @@ class ChartPlot(Plot):
         self.item.showGrid(y=True, alpha=0.15)
         self.setMinimumSize(180, 150)
 
-    def show_chart(self, chart: Chart, view: View, warning: str = "") -> None:
-        """Another chart, or the same with other trials. warning: what it leaves out, in words."""
-        self.chart, self._logarithmic = chart, view.logarithmic
-        self.title.setText(chart.title)
+    def show_chart(self, chart: Chart, logarithmic: bool) -> None:
+        """Another chart, or the same with other trials."""
+        self.chart, self._logarithmic = chart, logarithmic
+        self.title.setText(SHORT.get(chart.title, chart.title))
         self.figures.show_parts((chart.unit, theme.QUIET))
-        self.caption.setText(" ".join(legend(chart, view)))
-        self.warning.setText(warning)
-        self.warning.setVisible(bool(warning))
         self.item.clear()
         if chart.boxes:
             self._add_boxes()

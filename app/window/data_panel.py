@@ -121,6 +121,7 @@ class DataPanel(QFrame):
             home = Path.home()
             inside = folder.is_relative_to(home)
             self.where.setText(f"~/{folder.relative_to(home)}" if inside else str(folder))
+            self._looking.forget()
             self.look()
 
     def show_session(self, participant: str, why_not: str) -> None:
@@ -136,9 +137,9 @@ class DataPanel(QFrame):
         return next((one for one in sessions if one.participant == participant), None)
 
     def look(self) -> None:
-        """See what is in the folder now."""
-        if (folder := self._folder) is not None:
-            self._looking.ask(look_into, folder)
+        """See what is in the folder now; a slow disk is not asked again before it has answered."""
+        if self._folder is not None and not self._looking.busy:
+            self._looking.ask(look_into, self._folder)
 
     def _looked(self, overview: DataOverview) -> None:
         if overview != self.overview:

@@ -142,6 +142,7 @@ class HomePage(Page):
         self.show_plan, self.edit = button("Show plan", self._ask_plan), button("Edit", self._edit)
         self.link = Segments((SIMULATED, BOARD), SIMULATED)
         self.link.chosen.connect(self._link_chosen)
+        self.again = button("Look again", self._look_again)
         self.port = QLineEdit(placeholderText="Another port", accessibleName="Port")
         self.port.returnPressed.connect(lambda: self._connect(self.port.text()))
         self._port_rows, self._ports_box = QVBoxLayout(), QWidget(objectName="clear")
@@ -169,7 +170,7 @@ class HomePage(Page):
         ports = QVBoxLayout(self._ports_box)
         ports.setContentsMargins(0, 0, 0, 0)
         ports.addLayout(self._port_rows)
-        ports.addLayout(row(self.port, button("Connect", lambda: self._connect(self.port.text()))))
+        ports.addLayout(row(self.port, button("Connect", lambda: self._connect(self.port.text())), self.again))
         for wide in (self.protocol, self.devices, self.port):
             wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             wide.setMinimumWidth(90)
@@ -359,6 +360,11 @@ class HomePage(Page):
         """See what answers at the ports, again and again while they are shown."""
         if self.on_board and self.isVisible() and not self._looking.busy:
             self._looking.ask(look_at_ports, self._ports, self.setup.link)
+
+    def _look_again(self) -> None:
+        """Ask every port, those that did not answer too."""
+        self._ports = ()
+        self._look_at_ports()
 
     def _show_ports(self, ports: tuple[PortFound, ...]) -> None:
         self._ports, mine = ports, self.setup.link

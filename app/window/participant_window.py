@@ -5,7 +5,7 @@ says so: no numbers, no controller's name, no brake's colour.
 import time
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QRectF, Qt, Signal
+from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QCloseEvent, QMouseEvent, QPainter, QRegion, QResizeEvent
 from PySide6.QtWidgets import QStackedLayout, QWidget
 
@@ -25,7 +25,7 @@ from experiments.plan import PlannedTrial
 
 LARGE_SHARE, SMALL_SHARE = 0.085, 0.032  # of the height: legible from two metres
 TEXT_SHARE = 0.30  # of the height, at the bottom: for the text
-TEXT_TOP, TEXT_ALONE, TEXT_ABOVE = 0.735, 0.40, 0.04  # of the height: under the path, without one, over it
+TEXT_TOP, TEXT_ALONE = 0.735, 0.40  # of the height: where the text begins, under the path and without one
 EDGE_SHARE = 0.06
 MARGIN_M = 0.012  # around the paths: the ring at the end, so that the path is as long as it can be
 LEFT_EARLY_S = 1.5  # the hint that the start was left too early stands at least so long
@@ -38,7 +38,7 @@ class ParticipantView(Plane):
         super().__init__(QRectF(-0.15, 0.2, 0.3, 0.25), FROM_AFAR, parent=parent)
         self.shown = Shown("")
         self.held = 0.0  # share of the hold at the start that is over
-        self.above = False  # the text stands over the path, out of the handle's way
+        self.side = 0  # where the text stands: in the middle, or out of the handle's way, left (-1) or right (1)
         self.mouse = True
         self._device: Device | None = None  # whose linkage is shown
 
@@ -56,10 +56,11 @@ class ParticipantView(Plane):
 
     def show_handle(self, tip, taken: bool = False, force_N: float = 0.0) -> None:
         super().show_handle(tip, taken, force_N)
-        down = self.to_screen(tip).y() / max(self.height(), 1) if tip is not None else 0.0
-        above = down > TEXT_TOP - 0.02 or (self.above and down > TEXT_TOP - 0.1)  # the text is never under the dot
-        if above != self.above:
-            self.above = above
+        at = self.to_screen(tip) if tip is not None else QPointF()
+        down, side = at.y() / max(self.height(), 1), -1 if at.x() > 0.5 * self.width() else 1
+        side = side if down > TEXT_TOP - (0.08 if self.side else 0.03) else 0  # the text is never under the dot
+        if side != self.side:
+            self.side = side
             self.repaint_still()
 
     def show_linkage(self, device: Device | None) -> None:
@@ -85,7 +86,8 @@ class ParticipantView(Plane):
     def paint_under_path(self, painter: QPainter) -> None:
         height = float(self.height())
         centre = Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignVCenter
-        top = TEXT_ALONE if not len(self.outline) else TEXT_ABOVE if self.above else TEXT_TOP
+        top = TEXT_TOP if len(self.outline) else TEXT_ALONE
+        left, width = (0.5 * self.width() * (self.side > 0), 0.46 * self.width()) if self.side else (0.0, self.width())
         for text, share, down, bold, colour in (
             (self.shown.large, LARGE_SHARE, 0.0, True, theme.TEXT),
             (self.shown.small, SMALL_SHARE, 1.3 * LARGE_SHARE, False, theme.QUIET),
@@ -93,12 +95,12 @@ class ParticipantView(Plane):
             size = round(share * height)
             chosen = theme.font(size, bold)
             painter.setFont(chosen)
-            while painter.fontMetrics().horizontalAdvance(text) > self.width() - 16 and size > theme.SMALL:
+            while painter.fontMetrics().horizontalAdvance(text) > width - 16 and size > theme.SMALL:
                 size -= 1
                 chosen.setPixelSize(size)
                 painter.setFont(chosen)
             painter.setPen(theme.colour(colour))
-            painter.drawText(QRectF(0.0, (top + down) * height, self.width(), 1.4 * share * height), centre, text)
+            painter.drawText(QRectF(left, (top + down) * height, width, 1.4 * share * height), centre, text)
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if self.held > 0.0 and len(self.outline):

@@ -7,6 +7,7 @@ sentence stands where the mistake is.
 import re
 import tomllib
 from collections.abc import Callable
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,7 @@ class ProtocolEditor(QFrame):
         self._reader = Work()
         self._reader.done.connect(self._show_read)
         self.content: dict[str, Any] = {}  # of the file
+        self._name, self._as_read = "", {}  # what was opened, and its content then
         self._file = Path.home() / "protocol.toml"  # which saving proposes
         self._folder = SHIPPED_FOLDER  # from which paths of devices and pictures are
         self.problem = ""  # the reader's sentence; "": the content can be run
@@ -152,12 +154,14 @@ class ProtocolEditor(QFrame):
         layout.addWidget(self.title)
         layout.addWidget(self.sentences[""])
         layout.addLayout(both, 1)
-        layout.addLayout(row(1, button("Back  Esc", self.left.emit), self.save))
+        layout.addLayout(row(1, button("Undo all changes", self._undo), button("Back  Esc", self.left.emit), self.save))
 
     # ----------------------------------------------------------------------------------------- the content
 
     def open(self, name: str) -> None:
         """Edit a protocol: a shipped one by its name, of which a copy is saved, or a file."""
+        if name == self._name and self.content != self._as_read:
+            return  # what was changed is still there
         shipped = name in shipped_protocols()
         path = SHIPPED_FOLDER / f"{name}.toml" if shipped else Path(name)
         self._file, self._folder = Path.home() / f"{name}.toml" if shipped else path, path.parent
@@ -176,6 +180,11 @@ class ProtocolEditor(QFrame):
         pages = [str(page.get("text", "")) for page in self.content.get("instruction", [])]
         self.instructions.setPlainText(PAGE_BREAK.join(pages))
         self._show_lists()
+        self._name, self._as_read = name, deepcopy(self.content)
+
+    def _undo(self) -> None:
+        self._as_read = self.content
+        self.open(self._name)
 
     def _get(self, key: str) -> Any:
         table, _, inner = key.rpartition(".")
@@ -335,7 +344,9 @@ class ProtocolEditor(QFrame):
                 save_protocol(path, self.content, replacing=str(path) == chosen)
             except InputError as error:
                 self._show_problem(str(error))
+                self.save.setEnabled(True)  # elsewhere, or once the reason is gone
             else:
+                self._as_read = self.content
                 self.saved.emit(str(path))
 
 

@@ -33,7 +33,7 @@ class Measure(QWidget):
 
     def __init__(self, metric: Metric) -> None:
         super().__init__()
-        self.metric = metric
+        self._metric = metric
         self.value, self.unit = word("", size=theme.HEAD, bold=True), word(metric.shown_unit, "quiet")
         self.graph = pg.PlotWidget(background=theme.PANEL, enableMenu=False)
         self.graph.setFixedHeight(46)
@@ -60,7 +60,7 @@ class Measure(QWidget):
 
     def show_values(self, now: TrialRow, earlier: Sequence[TrialRow], others: Sequence[TrialRow], colour: str) -> None:
         """This trial, the earlier ones of its controller, and those of other controllers on the same device."""
-        name, scale = self.metric.name, self.metric.scale
+        name, scale = self._metric.name, self._metric.scale
         value = getattr(now, name)
         self.value.setText("–" if value is None else f"{scale * value:.3g}")
         groups = ((others, theme.LINE, 7, 1.0), (earlier, colour, 9, EARLIER_ALPHA), ([now], colour, 13, 1.0))

@@ -201,4 +201,4 @@ class TrialTraces(QWidget):
         axis = self.currents.item.getAxis("bottom")
         axis.tickStrings = lambda values, scale, spacing: [f"{value:g} s" for value in values]
         self.currents.item.setXLink(self.error.item)
-        self.layout().insertWidget(2, self.currents, 1)  # with the axis of time
+        self.layout().insertWidget(2, self.currents, 2)  # with the axis of time

@@ -11,14 +11,15 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, Qt, QTimer, Signal
-from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
-from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtGui import QKeyEvent, QKeySequence, QResizeEvent, QShortcut
+from PySide6.QtWidgets import QApplication, QBoxLayout, QFrame, QVBoxLayout, QWidget
 
 from app.window.box_plot import colour_of
 from app.window.painting import theme
 from app.window.painting.labels import Choice, OneLine, line, word
 from app.window.painting.layers import extent_of_paths
 from app.window.painting.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
+from app.window.painting.parts import button, row
 from app.window.painting.theme import show_whole
 from app.window.trial_traces import BESIDE, TrialTraces
 from app.window.work import Verb, Work
@@ -33,6 +34,7 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 STEP_S = 0.1  # of an arrow key
 NEAR_S = 0.12  # what brakes do, and the words on the workspace, are taken from the newest ticks
 STRIDE = 8  # of the ticks before: all of them would take too long
+WIDE_PX = 700  # a wider view has the curves beside the workspace, not under it
 AROUND_M = 0.03  # what is seen around the path
 LARGEST = (1280, 720)  # px, as a window of its own opens
 MEASURES = (*DRAWN, BY_NAME["duration_s"])
@@ -67,8 +69,8 @@ class TrialView(QFrame):
         self.workspace: Workspace | None = None
         self.traces = TrialTraces()
         self.traces.asked.connect(self.go_to)
-        self.play_button, self.clock = QPushButton(), word("")
-        self.play_button.clicked.connect(self.play_or_pause)
+        keys = "Space; arrows: 0.1 s; Home, End; up and down: faster, slower"
+        self.play_button, self.clock = button("", self.play_or_pause, hint=keys), word("")
         self.decision = OneLine("", "quiet")
         self.speed, self.beside = Choice(), Choice()
         for speed in SPEEDS:
@@ -80,12 +82,11 @@ class TrialView(QFrame):
         self.replay.done.connect(self._replayed)
         self._reading.done.connect(self._show_beside)
         self._folder: tempfile.TemporaryDirectory | None = None  # of the replayed ticks
-        self.steps = [QPushButton(text, objectName="small") for text in ("‹", "›", "×")]
-        for button, tip in zip(self.steps, ("The trial before", "The next trial", "Close"), strict=True):
-            button.setToolTip(tip)
-        self.steps[0].clicked.connect(lambda: self.stepped.emit(-1))
-        self.steps[1].clicked.connect(lambda: self.stepped.emit(1))
-        self.steps[2].clicked.connect(self.closed)
+        self.steps = (
+            button("‹", lambda: self.stepped.emit(-1), "small", "The trial before"),
+            button("›", lambda: self.stepped.emit(1), "small", "The next trial"),
+            button("×", self.closed.emit, "small", "Close"),
+        )
         for widget in (self.play_button, self.speed, self.beside, *self.steps):
             widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
@@ -93,21 +94,18 @@ class TrialView(QFrame):
         self._show_playing()
 
     def _lay_out(self) -> None:
-        head, foot, self._middle = QHBoxLayout(), QHBoxLayout(), QHBoxLayout() if self._whole else QVBoxLayout()
-        head.addWidget(self.dot)
-        head.addWidget(self.title, 1)
-        for button in self.steps:
-            head.addWidget(button)
-            button.setVisible(not self._whole)
+        self._middle = QBoxLayout(QBoxLayout.Direction.TopToBottom)
         self._middle.setSpacing(6)
         self._middle.addWidget(self.traces, 4)
+        for one in self.steps:
+            one.setVisible(not self._whole)
         self.clock.setMinimumWidth(100)
-        for widget, stretch in ((self.play_button, 0), (self.speed, 0), (self.clock, 0), (self.beside, 1)):
-            foot.addWidget(widget, stretch)
+        foot = row(self.play_button, self.speed, self.clock, self.beside)
+        foot.setStretch(3, 1)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(12, 8, 12, 10)
         layout.setSpacing(5)
-        layout.addLayout(head)
+        layout.addLayout(row(self.dot, self.title, 1, *self.steps))
         for widget in (self.about, self.measures, self.beside_measures):
             layout.addWidget(widget)
         layout.addLayout(self._middle, 1)
@@ -116,6 +114,11 @@ class TrialView(QFrame):
         layout.addWidget(self.note)
         self.beside_measures.hide()
         self.note.hide()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        wide = self.width() > WIDE_PX
+        self._middle.setDirection(QBoxLayout.Direction.LeftToRight if wide else QBoxLayout.Direction.TopToBottom)
+        super().resizeEvent(event)
 
     # which trial
 
@@ -166,15 +169,15 @@ class TrialView(QFrame):
         trial = self.trial
         if self.workspace is None:
             self.workspace = Workspace((trial.device,), {1: trial.way})
-            self._middle.insertWidget(0, self.workspace, 5)
+            self._middle.insertWidget(0, self.workspace, 4)
             if not self._whole:
                 self.workspace.view.setMinimumSize(200, 110)
                 for layer in (FIELD, REACHABLE, LINKAGE):
                     self.workspace.view.show_layer(layer, False)
         self.workspace.set_blind(trial.blind)
         if not self._whole:
-            for button in self.workspace.buttons.values():
-                button.hide()
+            for layer in self.workspace.buttons.values():
+                layer.hide()
             self.workspace.view.set_extent(extent_of_paths([trial.way], AROUND_M), QMarginsF(8.0, 8.0, 8.0, 8.0))
 
     # which moment
@@ -245,7 +248,6 @@ class TrialView(QFrame):
 
     def _show_playing(self) -> None:
         self.play_button.setText("Pause" if self.playing else "Play")
-        self.play_button.setToolTip("Space; arrows: 0.1 s; Home, End; up and down: faster, slower")
 
     # the same hand through another controller
 

@@ -129,7 +129,9 @@ def main() -> None:
             pages(windows, hand, study)
         finally:
             windows.close()
+            write_pictures()
         on_the_bench(Path(folder) / "bench")
+        write_pictures()
     subprocess.run([sys.executable, __file__, LIGHT], check=True)
 
 
@@ -254,6 +256,7 @@ def brakes(windows: Windows) -> float:
 
 
 _since: list[float] = []
+taken: list[tuple[str, QImage]] = []  # name of the file, picture
 
 
 def after(seconds: float) -> bool:
@@ -277,17 +280,24 @@ def until(done: Callable[[], bool]) -> None:
 
 
 def shoot(window: QWidget, name: str, sizes: tuple[tuple[int, int], ...] = (SMALL, LARGE)) -> None:
-    """Keep a picture at each size."""
+    """Take a picture at each size; it is written at the end, for that takes longer than a trial."""
     for width, height in sizes:
         window.resize(width, height)
         until(lambda: after(SETTLED_S))
-        picture = window.grab().toImage().convertToFormat(QImage.Format.Format_RGB888)
+        taken.append((f"{name}-{width}x{height}.png", window.grab().toImage()))
+    window.resize(*SMALL)
+
+
+def write_pictures() -> None:
+    """All that were taken."""
+    for name, image in taken:
+        picture = image.convertToFormat(QImage.Format.Format_RGB888)
         lines = np.frombuffer(picture.constBits(), np.uint8).reshape(picture.height(), picture.bytesPerLine())
         pixels = lines[:, : 3 * picture.width()].reshape(picture.height(), picture.width(), 3)
-        file = HERE / f"{name}-{width}x{height}.png"
+        file = HERE / name
         in_few_colours(pixels).save(file, optimize=True)
         print(f"{file.name} {picture.width()} x {picture.height()} px, {file.stat().st_size} bytes")
-    window.resize(*SMALL)
+    taken.clear()
 
 
 def in_few_colours(pixels: np.ndarray) -> Image.Image:

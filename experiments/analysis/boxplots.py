@@ -25,6 +25,7 @@ from experiments.analysis.sheet import (
     figure_bytes,
     legend_at,
     new_figure,
+    small_print,
 )
 from experiments.analysis.trials_table import TrialRow, by_controller, to_compare
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
@@ -147,8 +148,7 @@ def draw(
                 for i, name in enumerate(configurations)
             ]
             legend_at(figure, handles, LEFT_IN, 0.12, handlelength=1.4)
-        for i, line in enumerate(reversed(lines)):
-            figure.text(LEFT_IN / width, (0.12 + LINE_IN * i) / height, line, fontsize=SMALL, color=QUIET)
+        small_print(figure, lines, LEFT_IN, line_in=LINE_IN)
     return figure
 
 

@@ -16,11 +16,11 @@ from experiments.analysis.sheet import (
     LINE,
     LINE_IN,
     QUIET,
-    SMALL,
     STYLE,
     TEXT,
     figure_bytes,
     new_figure,
+    small_print,
 )
 from experiments.analysis.trials_table import TrialRow
 from experiments.recording.atomic_files import write_new_files
@@ -61,8 +61,7 @@ def chart_figure(chart: Chart, rows: Sequence[TrialRow], note: str, view: View) 
         figure = new_figure(width, HEIGHT)
         axes = figure.add_axes((0.6 / width, bottom, (width - 0.75) / width, 0.88 - bottom))
         draw_chart(axes, chart, view.logarithmic)
-        for i, line in enumerate(reversed(lines)):
-            figure.text(0.6 / width, (0.12 + LINE_IN * i) / HEIGHT, line, fontsize=SMALL, color=QUIET)
+        small_print(figure, lines, 0.6)
     return figure
 
 

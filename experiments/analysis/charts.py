@@ -109,12 +109,12 @@ class View(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """An answer to a question after a block."""
+    """An answer to a question after a block or a controller."""
 
     participant: str
     configuration: str
-    controller: int | str  # "": the block had several
-    block: int
+    controller: int | str  # "": after a block, which had several
+    block: int  # 0: after a controller
     question: str
     value: float  # 0 to 100
 

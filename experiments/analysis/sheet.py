@@ -77,8 +77,7 @@ def sheet(
     bottom += 0.1 + LINE_IN * len(lines)
     height += bottom + top if inside else 0.0
     figure = new_figure(width, height)
-    for i, line in enumerate(reversed(lines)):
-        figure.text(0.15 / width, (0.1 + LINE_IN * i) / height, line, fontsize=SMALL, color=QUIET, parse_math=False)
+    small_print(figure, lines, 0.15, 0.1)
     each_width = (width - left - right - between_in[0] * (columns - 1)) / columns
     each_height = (height - bottom - top - between_in[1] * (rows - 1)) / rows
     place = {
@@ -90,6 +89,16 @@ def sheet(
         "hspace": between_in[1] / each_height,
     }
     return figure, figure.subplots(rows, columns, squeeze=False, gridspec_kw=place, **subplots)
+
+
+def small_print(
+    figure: Figure, lines: Sequence[str], left_in: float, bottom_in: float = 0.12, line_in: float = LINE_IN
+) -> None:
+    """Lines of small text, the last so far from the bottom of the figure."""
+    width, height = figure.get_size_inches()
+    for i, line in enumerate(reversed(lines)):
+        place = left_in / width, (bottom_in + line_in * i) / height
+        figure.text(*place, line, fontsize=SMALL, color=QUIET, parse_math=False)
 
 
 def title(axes: Axes, text: str) -> None:

@@ -10,24 +10,30 @@ from experiments.analysis.trials_table import Column
 from experiments.export.columns import NOTES, QUESTIONNAIRE, SCALES, scale_column
 from experiments.export.files import write_json, write_rows
 from experiments.session.files import read_stored
-from experiments.session.journal import ANSWERS, NOTE, read_events
+from experiments.session.journal import ANSWERS, CONTROLLER_ANSWERS, NOTE, read_events
 
 QUESTIONNAIRE_CSV, NOTES_CSV = "questionnaire.csv", "notes.csv"
 _TOOL = {
-    "Description": "after a block: the six scales of the raw NASA-TLX in words of our own, and one on the smoothness "
+    "Description": "after a block or a controller: the six scales of the raw NASA-TLX in words of our own, and one on the smoothness "
     "of the movement; 0 to 100 in steps of 5, nothing set beforehand",
     "TermURL": "https://doi.org/10.1016/S0166-4115(08)62386-9",
 }
 
 
 class Answers(NamedTuple):
-    """A participant's answers after one block."""
+    """A participant's answers after one block, or one controller, of a configuration."""
 
     participant: str
     configuration: str
-    block: int
+    block: int  # 0: after a controller
+    controller: int | str  # 0: after a block; a code of a blind session
     values: dict[str, float]  # scale -> 0 to 100
     time: str  # ISO, UTC
+
+    @property
+    def after(self) -> str:
+        """What they came after: "block-1", "controller-3"."""
+        return f"block-{self.block}" if self.block else f"controller-{self.controller}"
 
 
 class Note(NamedTuple):
@@ -52,7 +58,10 @@ def answers_and_notes(sessions: Iterable[Path]) -> AnswersAndNotes:
         participant = folder.parent.name.removeprefix("sub-")
         for event, at, about in read_events(folder):
             if event is ANSWERS:
-                answers.append(Answers(participant, about["configuration"], about["block"], about["values"], at))
+                answers.append(Answers(participant, about["configuration"], about["block"], 0, about["values"], at))
+            elif event is CONTROLLER_ANSWERS:
+                whose = about["configuration"], 0, about["controller"]
+                answers.append(Answers(participant, *whose, about["values"], at))
             elif event is NOTE:
                 notes.append(Note(at, participant, about["text"]))
     return AnswersAndNotes(tuple(answers), tuple(notes))
@@ -81,11 +90,13 @@ def write_answers_and_notes(folder: Path, found: AnswersAndNotes) -> dict[str, d
     written = {}
     if found.answers:
         scales = _scales(found.answers)
-        names = ["participant", "configuration", "block", *scales, "time"]
+        part = ["block"] + ["controller"] * any(a.controller for a in found.answers)
+        names = ["participant", "configuration", *part, *scales, "time"]
         lines = [
-            [a.participant, a.configuration, str(a.block), *(str(a.values.get(scale, "")) for scale in scales), a.time]
+            [a.participant, a.configuration, *(str(getattr(a, name) or "") for name in part),
+             *(str(a.values.get(scale, "")) for scale in scales), a.time]
             for a in found.answers
-        ]
+        ]  # fmt: skip
         write_rows(folder / QUESTIONNAIRE_CSV, [names, *lines], ",")
         written[QUESTIONNAIRE_CSV] = {name: QUESTIONNAIRE.get(name) or scale_column(name) for name in names}
     if found.notes:
@@ -97,7 +108,8 @@ def write_answers_and_notes(folder: Path, found: AnswersAndNotes) -> dict[str, d
 def write_phenotype(folder: Path, answers: Sequence[Answers]) -> None:
     """The answers as BIDS has them: phenotype/NAME.tsv, a row a participant, and .json. Nothing without answers.
 
-    A participant has one row there, so a column is a scale after one block: "three-brake_block-1_effort".
+    A participant has one row there, so a column is a scale after one block: "three-brake_block-1_effort", or after one
+    controller: "three-brake_controller-3_effort".
     """
     if not answers:
         return
@@ -105,10 +117,10 @@ def write_phenotype(folder: Path, answers: Sequence[Answers]) -> None:
     about: dict[str, dict[str, str]] = {}
     scales = _scales(answers)
     for a in answers:
-        block = f"{a.configuration}_block-{a.block}_"
+        block, after = f"{a.configuration}_{a.after}_", a.after.replace("-", " ")
         rows.setdefault(f"sub-{a.participant}", {}).update({block + name: str(v) for name, v in a.values.items()})
         for scale in scales:
-            meaning = f"{scale_column(scale).meaning}; after block {a.block} on {a.configuration}"
+            meaning = f"{scale_column(scale).meaning}; after {after} on {a.configuration}"
             about[block + scale] = {"Description": meaning}
     lines = [[person, *(row.get(column, "n/a") for column in about)] for person, row in rows.items()]
     place = folder / "phenotype"

@@ -23,7 +23,7 @@ SCALES = {
 
 #: What questionnaire.csv holds besides the scales, one row for each block that was asked about.
 QUESTIONNAIRE = {
-    **{name: DICTIONARY[name] for name in ("participant", "configuration", "block")},
+    **{name: DICTIONARY[name] for name in ("participant", "configuration", "block", "controller")},
     "time": Column("when it was answered, UTC, ISO 8601"),
 }
 

@@ -132,7 +132,7 @@ def _configurations(rows: Sequence[TrialRow]) -> tuple[str, ...]:
 
 def _answers(sessions: Sequence[Path]) -> list[Answer]:
     return [
-        Answer(a.participant, a.configuration, "", a.block, question, value)
+        Answer(a.participant, a.configuration, a.controller or "", a.block, question, value)
         for a in answers_and_notes(sessions).answers
         for question, value in a.values.items()
     ]

@@ -115,15 +115,6 @@ class Identification:
             for name, value, half, unit in zip(names, fit.values, fit.half_widths, units, strict=True)
         ]
 
-    def residuals(self) -> dict[tuple[float, float, float], tuple[float, float | None]]:
-        """Step -> residual of its steady torque (N m), and of its time constant (s), None where there is none."""
-        torque = {one.step.key: float(r) for one, r in zip(self.measured, self.gain.residuals, strict=True)}
-        constant: dict[tuple[float, float, float], float] = {}
-        for fits in self.constants.values():
-            for part, fit in ((fits.at_average, fits.average), (fits.at_surface, fits.surface)):
-                constant |= {one.step.key: float(r) for one, r in zip(part, fit.residuals, strict=True)}
-        return {key: (torque[key], constant.get(key)) for key in torque}
-
 
 def identify_steps(steps: Iterable[Step], source: str, omega_0_rpm: float | None = None) -> Identification:
     """Fit Eqs. (2), (3) and (4); omega_0 by least squares over the measured speeds unless it is given.

@@ -124,8 +124,13 @@ def _brake_text(found: Identification, name: str, backlash_deg: float | None, fl
 
 def summary(found: Identification, backlash_deg: float | None = None) -> dict[str, Any]:
     """Everything that was found, for JSON: numbers with intervals, omega_0, what is assumed, residuals by step."""
-    residuals = found.residuals()
-    constants = np.array([r for _, r in residuals.values() if r is not None])
+    residual = {
+        one.step.key: float(r)
+        for fits in found.constants.values()
+        for part, fit in ((fits.at_average, fits.average), (fits.at_surface, fits.surface))
+        for one, r in zip(part, fit.residuals, strict=True)
+    }  # of its time constant, s
+    used = np.array([residual[one.step.key] for one in found.measured if one.step.key in residual])
     return {
         "source": found.source,
         "steps": found.steps,
@@ -140,7 +145,7 @@ def summary(found: Identification, backlash_deg: float | None = None) -> dict[st
         "warnings": found.warnings,
         "scatter_by_omega_0": [{"omega_0_rpm": key, "scatter": value} for key, value in found.scatter.items()],
         "torque_residual_rms_N_m": float(np.sqrt(np.mean(found.gain.residuals**2))),
-        "time_constant_residual_rms_s": float(np.sqrt(np.mean(constants**2))),
+        "time_constant_residual_rms_s": float(np.sqrt(np.mean(used**2))),
         "set_aside": [str(one.step) for one in found.set_aside],
         "residuals": [
             {
@@ -149,10 +154,10 @@ def summary(found: Identification, backlash_deg: float | None = None) -> dict[st
                 "speed_rpm": one.step.speed_rpm,
                 "repeats": one.step.repeats,
                 "torque_N_m": one.steady_torque,
-                "torque_residual_N_m": residuals[one.step.key][0],
+                "torque_residual_N_m": float(torque_residual),
                 "time_constant_s": None if math.isnan(one.time_constant) else one.time_constant,
-                "time_constant_residual_s": residuals[one.step.key][1],
+                "time_constant_residual_s": residual.get(one.step.key),
             }
-            for one in found.measured
+            for one, torque_residual in zip(found.measured, found.gain.residuals, strict=True)
         ],
     }

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from core.files import InputError
 from experiments.analysis.trials_table import SETTLED
+from experiments.recording.atomic_files import reading_stored
 from experiments.session.files import STORED, TABLE, cell, rows_of, sessions_in
 from experiments.session.study_file import STUDY
 
@@ -21,7 +22,6 @@ class SessionOverview(NamedTuple):
     done: int  # trials of the plan that are settled
     planned: int
     changed_s: float  # s since 1970, of the newest trial
-    hand: str = ""  # what moved the handle
     problem: str = ""  # why it cannot be read, one sentence
 
     @property
@@ -80,13 +80,10 @@ def _session(folder: Path, stored: int, table: int) -> SessionOverview | None:
         return None
     changed_s, participant = 1e-9 * max(stored, table), folder.parent.name.removeprefix("sub-")
     try:
-        about = json.loads((folder / STORED).read_text(encoding="utf-8"))
-        planned = len(about["plan"])
-        done = len({cell(row) for row in rows_of(folder) if row.status in SETTLED})
-        protocol, hand = str(about["protocol"]["name"]), str(about.get("hand", ""))
-        return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s, hand)
+        with reading_stored(folder / STORED):
+            about = json.loads((folder / STORED).read_text(encoding="utf-8"))
+            planned, protocol = len(about["plan"]), str(about["protocol"]["name"])
+            done = len({cell(row) for row in rows_of(folder) if row.status in SETTLED})
+            return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s)
     except InputError as error:
-        problem = str(error)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        problem = f"{folder / STORED}: is damaged ({type(error).__name__}: {error})"
-    return SessionOverview(folder, participant, "", 0, 0, changed_s, problem=problem)
+        return SessionOverview(folder, participant, "", 0, 0, changed_s, problem=str(error))

@@ -16,7 +16,7 @@ from core.linkage import joint_angles
 from core.mechanism import JOINTS
 from core.simulator.state import pack_mechanism
 from hardware.emulated_board.board import Capability, Readings
-from hardware.sensing.force_sensor import sensor_angle
+from hardware.sensing.samples import sensor_angle
 from hardware.wire.messages import Four
 
 #: Assumed, for a device file without [sensing]: encoders as on the shipped devices, a sensor on the handle.

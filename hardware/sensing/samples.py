@@ -1,14 +1,18 @@
 """From a board's samples to SI units: pose, motion, hand force, currents, with what is remembered in between."""
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
 from core.device import Device
-from core.device_interface import DeviceSample, ZeroRecord
+from core.device_file import ForceSensor
+from core.device_interface import DeviceError, DeviceSample, ZeroRecord
 from core.faults import cause
+from core.files import InputError
 from hardware.sensing.board_clock import ClockModel
 from hardware.sensing.encoders import PoseSensing
-from hardware.sensing.force_sensor import ForceSensing
-from hardware.sensing.tip_motion import Motion, MotionFilter
+from hardware.sensing.tip_motion import MotionFilter
 from hardware.wire.messages import Fault, Hello, Sample, joints_of
 
 FAULT_CODES = {
@@ -20,8 +24,8 @@ FAULT_CODES = {
     Fault.BROWN_OUT: "brown-out",
     Fault.HOST_REQUEST: "host-request",
 }
-
-
+ZERO_SAMPLES = 500
+STILL_M = 1e-3  # a handle that moved further was touched
 NO_ZERO = ZeroRecord(0, (), (), (0.0, 0.0, 0.0, 0.0))  # none has been taken
 
 
@@ -38,7 +42,7 @@ class BoardSensing:
         if before is not None and (before.hello.serial, before.hello.starts) == (hello.serial, hello.starts):
             self.clock = before.clock
             self.set_zero(before.zero)
-        self.motion: Motion = MotionFilter()
+        self.motion = MotionFilter()
         self._brakes = joints_of(hello.brakes)
 
     def set_zero(self, zero: ZeroRecord) -> None:
@@ -87,3 +91,66 @@ def fault_words(number: int) -> str:
         return ""
     code = FAULT_CODES.get(Fault(number))
     return cause(code) if code else cause("unknown", number=number)
+
+
+class ForceSensing:
+    """From the counts of the force channels to the hand force, N, in the frame of the device.
+
+    load (6,) = calibration (6 x 6, the identity without one) x unit x (counts - zero); its first two components, turned
+    by how the sensor is mounted, are its reading; hand force = reading + inertia_beyond_kg x acceleration of the tip.
+    """
+
+    def __init__(self, device: Device, channels: int, unit: int) -> None:
+        """channels: how many the board sends; unit: micro-newtons a count. InputError: they do not fit the file."""
+        self._sensor = device.sensing.force if device.sensing else None
+        self._sensor = self._sensor or (ForceSensor(on="handle") if channels else None)
+        if self._sensor and channels < 2:
+            raise InputError(
+                f"device {device.name}: its file has a force sensor, but the board sends {channels} channels"
+            )
+        if device.calibration is not None and channels != 6:
+            raise InputError(
+                f"device {device.name}: a 6 x 6 calibration needs six force channels, but the board sends {channels}"
+            )
+        matrix = np.eye(channels) if device.calibration is None else device.calibration
+        self._plane = 1e-6 * unit * matrix[:2] if channels else np.zeros((2, 0))
+        self.zero = np.zeros(channels)  # counts with nothing on the handle
+
+    def hand_force(
+        self, counts: Sequence[int], theta: tuple[float, ...], acceleration: tuple[float, float]
+    ) -> tuple[float, float]:
+        """The hand force (N) at joint angles theta (4,) with a tip acceleration (m/s2); none without a sensor."""
+        if self._sensor is None:
+            return 0.0, 0.0
+        fx, fy = self._plane @ (np.asarray(counts, dtype=float) - self.zero)
+        turned, beyond = sensor_angle(self._sensor, theta), self._sensor.inertia_beyond_kg
+        cos, sin = math.cos(turned), math.sin(turned)
+        return (
+            float(cos * fx - sin * fy) + beyond * acceleration[0],
+            float(sin * fx + cos * fy) + beyond * acceleration[1],
+        )
+
+
+def sensor_angle(sensor: ForceSensor, theta: tuple[float, ...]) -> float:
+    """How far the sensor's x axis is turned from the frame's, rad; theta (4,) rad, A, E, B, C.
+
+    Our choice: the handle itself does not turn (the hand holds it upright), so a sensor on it is turned by a constant.
+    """
+    if sensor.on == "ED":
+        return float(theta[0] + theta[1] + sensor.rotation_rad)
+    if sensor.on == "CD":
+        return float(theta[2] + theta[3] + sensor.rotation_rad)
+    return sensor.rotation_rad
+
+
+def zero_of(taken: Sequence[DeviceSample], before: ZeroRecord) -> ZeroRecord:
+    """The zero in samples; before: the one that was taken off their currents. DeviceError: the handle moved."""
+    moved = float(np.max(np.ptp(np.array([sample.tip for sample in taken]), axis=0)))
+    if not math.isfinite(moved):
+        raise DeviceError("zero: nobody can tell whether the handle is still; home the encoders first")
+    if moved > STILL_M:
+        raise DeviceError("zero: the handle moved; nobody may touch it meanwhile")
+    counts = np.array([sample.force_counts for sample in taken], dtype=float)
+    a, e, b, c = (np.array([sample.current for sample in taken]).mean(axis=0) + before.current).tolist()
+    mean, spread = counts.mean(axis=0).tolist(), counts.std(axis=0).tolist()
+    return ZeroRecord(len(taken), tuple(mean), tuple(spread), (a, e, b, c))

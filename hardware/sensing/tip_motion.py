@@ -6,8 +6,6 @@ disturb them. With encoder steps of q at the tip the velocity's noise is 0.017 q
 and 5 mm/s, the thresholds of the rules, are far above it; the acceleration's is 0.0089 q per ms2 (0.18 m/s2).
 """
 
-from typing import Protocol
-
 import numpy as np
 
 Vector = tuple[float, float]
@@ -15,13 +13,6 @@ Vector = tuple[float, float]
 WINDOW = 15  # samples
 TICK_S = 1e-3
 GAP_S = 0.05  # after a longer one the filter begins anew
-
-
-class Motion(Protocol):
-    """Where velocity and acceleration come from."""
-
-    def add(self, t_s: float, x: float, y: float) -> tuple[Vector, Vector]:
-        """A position (m) at a time (s, rising): velocity (m/s) and acceleration (m/s2)."""
 
 
 class MotionFilter:

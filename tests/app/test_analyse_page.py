@@ -125,7 +125,7 @@ def test_a_timeout_is_a_cross_above_the_scale_and_goes_into_the_boxes_only_if_as
     (cross,) = plot.crosses.points()
     assert plot.chart.highest < cross.pos().y() < plot.item.viewRange()[1][1] < 10.0
     assert cross.brush().color().name() == theme.CAUTION.lower() and "1 timed out" in page.summary.text()
-    assert "not in the boxes" in plot.warning.text() and "65 mm · time was up" in plot._tip(0.0, 0.0, cross.data())
+    assert "not in the boxes" in page.warning.text() and "65 mm · time was up" in plot._tip(0.0, 0.0, cross.data())
     plot.item.setYRange(1.0, 2.0, padding=0.0)
     assert 1.0 < plot.crosses.points()[0].pos().y() < 2.0  # it stays above whatever part of the scale is seen
     QTest.mouseClick(page.timeouts, Qt.MouseButton.LeftButton)

@@ -29,7 +29,17 @@ from app.window.painting.layers import (
     needles,
     wedge,
 )
-from app.window.painting.linkage_view import ARMS, DIRECTIONS, FIELD, LAYERS, LINKAGE, REACHABLE, TRAIL, Workspace
+from app.window.painting.linkage_view import (
+    ARMS,
+    DIRECTIONS,
+    FIELD,
+    LAYERS,
+    LINKAGE,
+    REACHABLE,
+    TRAIL,
+    WHOLE,
+    Workspace,
+)
 from app.window.painting.marks import ARROW_MOST_PX, BRAKES, HAND, arrow_of, box_at, free_side, meets
 from app.window.painting.plane import Plane
 from core import tick_log
@@ -53,6 +63,8 @@ def shown(qtbot, widget, width: int = 760, height: int = 620):
     qtbot.addWidget(widget)
     widget.resize(width, height)
     widget.show()
+    if isinstance(widget, Workspace):
+        widget.buttons[WHOLE].setChecked(True)
     return widget
 
 
@@ -370,7 +382,7 @@ def test_a_path_that_the_arms_do_not_reach_is_still_shown(qtbot) -> None:
 
 
 def test_layers_have_names_that_say_what_they_are() -> None:
-    assert tuple(LAYERS) == (FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE)
+    assert tuple(LAYERS) == (FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE, WHOLE)
     keys = [key for key, _ in LAYERS.values()]
     assert len(set(keys)) == len(keys)
 

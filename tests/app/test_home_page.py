@@ -74,7 +74,7 @@ def shown(qtbot, tmp_path: Path):
 
 
 def session(folder: Path, participant: str, done: int, of: int = 60) -> SessionOverview:
-    return SessionOverview(folder / f"sub-{participant}" / "ses-01", participant, "paper", done, of, 1.7e9, "mouse")
+    return SessionOverview(folder / f"sub-{participant}" / "ses-01", participant, "paper", done, of, 1.7e9)
 
 
 def texts(shown: Shown) -> str:

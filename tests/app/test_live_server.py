@@ -89,7 +89,8 @@ def test_proof_of_recording_grows_while_a_trial_runs(window: Window) -> None:
 
 def test_a_window_that_hangs_changes_nothing_and_then_hears_how_things_are(window: Window) -> None:
     run = window.start().running.run
-    time.sleep(1.2)  # hangs: reads nothing, while pulses and ticks come
+    ticks: list[int] = []
+    wait_until(lambda: ticks.append(len(window.client.ticks())) or sum(ticks) > 1000)  # it reads nothing of the pipe
     snapshot = window.abort("enough")
     assert snapshot.rows[-1].run == run
     kept = recording(window, run)

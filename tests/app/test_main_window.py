@@ -283,6 +283,19 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
     assert all(screens.press(key, modifier=CTRL) == [] for key in (KEY.Key_R, KEY.Key_S, KEY.Key_P, KEY.Key_A))
 
 
+def test_larger_text_is_larger_on_every_page_and_can_be_taken_back(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(3))
+    for name in console.tabs:
+        console.show_page(name)
+    before = [page.font().pixelSize() for page in console.pages.values()]
+    screens.press(KEY.Key_Plus, modifier=CTRL)
+    try:
+        assert all(page.font().pixelSize() > size for page, size in zip(console.pages.values(), before, strict=True))
+    finally:
+        screens.press(KEY.Key_Minus, modifier=CTRL)
+    assert [page.font().pixelSize() for page in console.pages.values()] == before
+
+
 def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
     console = screens.hear(opened(), running())
     assert not console.close() and console.isVisible() and not screens.client.stopped

@@ -110,8 +110,8 @@ def test_paths_are_drawn_and_moved_with_the_mouse_on_a_grid_of_5_mm(editing: Edi
         if kind == "polyline":
             editing.mouse(QTest.mouseDClick, *places[-1])
     editing.mouse(QTest.mousePress, 0.0, 0.3)
-    editing.mouse(QTest.mouseMove, 0.021, 0.312)
-    editing.mouse(QTest.mouseRelease, 0.021, 0.312)
+    editing.mouse(QTest.mouseMove, 0.0205, 0.3095)
+    editing.mouse(QTest.mouseRelease, 0.0205, 0.3095)
     editing.read("5 paths")
     editing.save_as(monkeypatch, tmp_path / "drawn.toml")
     paths = load_protocol(tmp_path / "drawn.toml").paths
@@ -145,8 +145,6 @@ def test_no_file_is_replaced_without_asking(editing: Editing, monkeypatch, tmp_p
     editing.save_as(monkeypatch, tmp_path / "mine")  # the dialog has not asked about mine.toml
     assert file.read_text() == "precious" and editing.saved == []
     assert "exists already" in editing.editor.sentences[""].text()
-    editing.editor.open("paper")
-    editing.read("60 trials")
     editing.save_as(monkeypatch, file)
     assert editing.saved == [str(file)] and load_protocol(file).name == "paper"
     assert all(len(asked) == 4 for asked in editing.asked), "without options: the dialog asks before it gives a file"
@@ -158,6 +156,17 @@ def test_a_file_that_cannot_be_run_is_opened_with_what_is_wrong(editing: Editing
     editing.editor.open(str(tmp_path / "mine.toml"))
     editing.read("devices must hold 1 value, not 0")
     assert not editing.editor.save.isEnabled()
+
+
+def test_changes_stay_until_they_are_saved_or_undone(editing: Editing) -> None:
+    editing.type("Blocks", "2")
+    editing.read("= 40 trials")
+    editing.editor.open("paper")  # back, and edit again
+    editing.read("= 40 trials")
+    assert editing.field("Blocks").text() == "2"
+    editing.editor._undo()
+    editing.read("= 60 trials")
+    assert editing.field("Blocks").text() == "3"
 
 
 def test_another_kind_of_controller_has_other_parameters(editing: Editing) -> None:

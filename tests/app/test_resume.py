@@ -34,19 +34,23 @@ def kill_in_run(monkeypatch, run: int, participant: str = "01") -> None:
 
 def high():
     """10 trials an operator, the low gain of 500 N s/m."""
-    return protocol_from_json(
-        {**protocol_to_json(short(paths=1, seed="5")), "overrides": {"low_gain": 500.0}}, "test"
-    )
+    return protocol_from_json({**protocol_to_json(short(paths=1, seed="5")), "overrides": {"low_gain": 500.0}}, "test")
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory):
+    """A study of two operators, killed in run 4 of the first."""
+    folder = tmp_path_factory.mktemp("killed") / "study"
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(Killed):
+        kill_in_run(patch, 4)
+        run_study(folder, 2, high(), PEOPLE)
+    return folder
 
 
 @pytest.fixture
-def interrupted(tmp_path, monkeypatch):
-    """A study of two operators, killed in run 4 of the first."""
-    with monkeypatch.context() as patch:
-        kill_in_run(patch, 4)
-        with pytest.raises(Killed):
-            run_study(tmp_path / "study", 2, high(), PEOPLE)
-    return tmp_path / "study"
+def interrupted(killed, tmp_path):
+    """A copy to go on with."""
+    return shutil.copytree(killed, tmp_path / "study")
 
 
 def test_a_crashed_trial_is_kept_and_its_cell_is_run_again_under_the_next_free_number(tmp_path):
@@ -125,19 +129,14 @@ def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, t
         else:
             assert after[name] == content
 
+    assert resume_study(interrupted, {})["trials"] == 21 and files(interrupted) == after  # it is complete
+
     whole = tmp_path / "uninterrupted"
     request.getfixturevalue("undrawn")
     run_study(whole, 2, high(), PEOPLE)
     theirs = [row for row in read_table(whole / "trials.csv")]
     assert [r for r in rows if r.participant == "02"] == [r for r in theirs if r.participant == "02"]
     assert [r for r in rows if r.participant == "01"][:3] == theirs[:3]  # before the crash
-
-
-def test_a_complete_study_is_left_as_it_is(undrawn, tmp_path):
-    run_study(tmp_path / "study", 1, short(paths=1, seed="2"), PEOPLE)
-    before = files(tmp_path)
-    assert resume_study(tmp_path / "study", {})["trials"] == 10
-    assert files(tmp_path) == before
 
 
 def test_a_study_killed_while_drawing_draws_its_figures_on_resume(tmp_path, monkeypatch):
@@ -156,9 +155,8 @@ def test_a_study_killed_while_drawing_draws_its_figures_on_resume(tmp_path, monk
     assert not (tmp_path / "study" / ".figures.partial").exists()
 
 
-def test_what_is_asked_by_name_must_be_what_the_study_was_begun_with(interrupted, undrawn, capsys, tmp_path):
+def test_what_is_asked_by_name_must_be_what_the_study_was_begun_with(interrupted, undrawn, capsys):
     before = files(interrupted)
-    (tmp_path / "my.toml").write_text(PAPER.devices[0].text + "\n# mine\n")
     for arguments, said in (
         (["--seed", "6"], "--seed: the study was begun with 5"),
         (["--operators", "3"], "--operators: the study was begun with 2"),

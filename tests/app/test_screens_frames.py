@@ -15,7 +15,7 @@ from app.ipc import messages as m
 from app.window.energy_panel import Ledger
 from app.window.painting import theme
 from app.window.painting.layers import joints_at
-from app.window.painting.linkage_view import Workspace
+from app.window.painting.linkage_view import WHOLE, Workspace
 from app.window.preflight import Pill
 from app.window.run_page import PANELS_EVERY
 from app.window.windows import FRAME_S
@@ -145,6 +145,7 @@ def test_labels_stand_where_they_were_asked_to_be_painted(qtbot) -> None:
     """Resized between two ticks, the boxes of the labels are those of the new size."""
     theme.dress(QApplication.instance())
     workspace = Workspace((FOUR,), {1: ALONG})
+    workspace.buttons[WHOLE].setChecked(True)
     qtbot.addWidget(workspace)
     workspace.show_trial(FOUR, ALONG, (0.0, 0.4))
     for size in ((760, 620), (1200, 900)):

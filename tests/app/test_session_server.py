@@ -14,7 +14,7 @@ from synthetic_hand import SyntheticHand
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
-from experiments.analysis.trials_table import read_table
+from experiments.analysis.trials_table import SETTLED, read_table
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session.files import cell
@@ -55,6 +55,25 @@ def test_an_abort_keeps_its_reason_and_the_plan_goes_on(window: Window) -> None:
     assert snapshot.coming.run == run + 1
     pooled = read_table(Path(window.opened.folder).parent.parent / "trials.csv")
     assert [(r.run, r.status) for r in pooled] == [(r.run, r.status) for r in snapshot.rows]
+
+
+@pytest.mark.parametrize("again", ["now", "end"])
+def test_an_aborted_trial_comes_again_when_that_is_asked_for(window: Window, again: str) -> None:
+    planned = window.start().running
+    window.client.send(m.Abort("a knock on the door", again))
+    snapshot = window.until(lambda s: s.stage == m.READY)
+    row = next(row for row in snapshot.rows if row.run == planned.run)
+    assert row.status == "redone" and (cell(snapshot.coming) == cell(planned)) == (again == "now")
+    if again == "end":
+        here = [trial for trial in window.opened.plan if trial.configuration == planned.configuration]
+        settled = {cell(one) for one in snapshot.rows if one.status in SETTLED}
+        assert cell(planned) not in settled and cell(snapshot.coming) in map(cell, here)
+
+
+def test_an_excluded_run_stays_in_the_table_and_its_trial_does_not_come_again(window: Window) -> None:
+    run = next(row.run for row in window.snapshot.rows if row.status == "aborted")
+    window.client.send(m.Exclude(run, "a knock on the door"))
+    assert "does not count" in window.until(lambda s: s.said_bad).said  # an aborted one is in no result anyway
 
 
 def test_brakes_off_ends_the_trial_and_no_other_starts_until_they_are_allowed_again(window: Window) -> None:

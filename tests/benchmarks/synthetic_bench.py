@@ -2,6 +2,7 @@
 
 import math
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -36,6 +37,7 @@ def synthetic_trial(device: Device, path: PathFile, seconds: float = 8.0, seed: 
         [t < 0.5, s <= 0.0, s < 1.0], [tick_log.APPROACH, tick_log.HOLD, tick_log.MOVE], tick_log.END
     )
     rows[:, tick_log.TIP_X : tick_log.TIP_Y + 1] = tip
+    rows[:, tick_log.PATH_DISTANCE], rows[:, tick_log.TRAVEL_SENSE] = tip[:, 1] - 0.4, 1.0
     velocity = np.gradient(tip, 1.0 / TICKS_PER_S, axis=0)
     rows[:, tick_log.TIP_VX : tick_log.TIP_VY + 1] = velocity
     push = 6.0 * np.sin(math.pi * s) * (1.0 + 0.3 * np.sin(5.0 * t)) + 0.1 * generator.normal(size=n)
@@ -67,7 +69,7 @@ def synthetic_trial(device: Device, path: PathFile, seconds: float = 8.0, seed: 
 class SyntheticBench:
     """What windows need of a bench: they are told of one trial after the other, and given its ticks as time passes."""
 
-    alive, taken = True, True
+    alive, taken, setup = True, True, m.Setup(Path("synthetic"))
 
     def __init__(self, device: str = "four-brake") -> None:
         protocol = load_protocol(devices=(device,))
@@ -76,7 +78,7 @@ class SyntheticBench:
         self.opened = m.Opened(
             "01", protocol.name, tuple(protocol.devices), dict(protocol.paths), dict(protocol.controllers), plan,
             "0" * 64, "synthetic", protocol.note(), "none", False, None, protocol.seed, False, "mouse", "",
-            protocol.rules,
+            protocol.rules, protocol.trial, protocol.sentences, protocol.pages, False,
         )  # fmt: skip
         path = protocol.paths[1]
         assert isinstance(path, Segment)

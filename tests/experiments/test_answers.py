@@ -10,7 +10,14 @@ from sessions import files, session_of
 from app.ipc import messages as m
 from app.window.questionnaire import ITEMS
 from experiments.analysis.charts import POOLED, View
-from experiments.export.answers import NOTES_CSV, QUESTIONNAIRE_CSV, Answers, answers_and_notes, write_phenotype
+from experiments.export.answers import (
+    NOTES_CSV,
+    QUESTIONNAIRE_CSV,
+    Answers,
+    answers_and_notes,
+    write_answers_and_notes,
+    write_phenotype,
+)
 from experiments.export.export import export
 from experiments.export.results import Job
 from experiments.export.results_files import write_results
@@ -65,9 +72,9 @@ def test_answers_and_notes_are_tables_of_their_own_and_described(study, tmp_path
     described = json.loads((tmp_path / "csv" / "columns.json").read_text())
     for name, lines in ((QUESTIONNAIRE_CSV, answers), (NOTES_CSV, notes)):
         assert set(described[name]) == set(lines[0]) and all(entry["description"] for entry in described[name].values())
-    for item, _, low, high in ITEMS:
+    for item, low, high in ITEMS:
         meaning = described[QUESTIONNAIRE_CSV][item]["description"]
-        assert low.split()[0] in meaning and high.split()[-1] in meaning
+        assert low.split("_")[0] in meaning and high.split("_")[-1] in meaning
 
 
 def test_answers_are_a_phenotype_that_the_official_validator_accepts(study, tmp_path):
@@ -85,7 +92,7 @@ def test_answers_are_a_phenotype_that_the_official_validator_accepts(study, tmp_
 
 
 def test_a_block_that_a_participant_was_not_asked_about_is_not_there(tmp_path):
-    answers = [Answers("01", "a", 1, FIRST, ""), Answers("02", "a", 2, {"effort": 3.0}, "")]
+    answers = [Answers("01", "a", 1, 0, FIRST, ""), Answers("02", "a", 2, 0, {"effort": 3.0}, "")]
     write_phenotype(tmp_path, answers)
     names, first, second = table(tmp_path / "phenotype" / "tlxsmoothness.tsv")
     for name, one, other in zip(names[1:], first[1:], second[1:], strict=True):
@@ -115,6 +122,22 @@ def test_where_nothing_was_said_nothing_is_written(silent, tmp_path):
     assert QUESTIONNAIRE_CSV not in described and answers_and_notes(silent.glob("sub-*/ses-*")) == ((), ())
 
 
+def test_answers_after_a_controller_belong_to_it_in_every_export(tmp_path):
+    from experiments.session.journal import CONTROLLER_ANSWERS, write_event
+
+    home = tmp_path / "sub-07" / "ses-01"
+    home.mkdir(parents=True)
+    write_event(home, CONTROLLER_ANSWERS, False, configuration="four-brake", controller=3, values=FIRST)
+    found = answers_and_notes([home])
+    assert found.answers[0][:5] == ("07", "four-brake", 0, 3, FIRST)
+    described = write_answers_and_notes(tmp_path, found)[QUESTIONNAIRE_CSV]
+    [row] = rows(tmp_path / QUESTIONNAIRE_CSV)
+    assert (row["controller"], row["block"]) == ("3", "") and described.keys() == row.keys()
+    write_phenotype(tmp_path, found.answers)
+    head = (tmp_path / "phenotype" / "tlxsmoothness.tsv").read_text().splitlines()[0]
+    assert f"four-brake_controller-3_{next(iter(FIRST))}" in head.split("\t")
+
+
 def test_the_live_bench_writes_what_the_export_reads(tmp_path):
     from experiments.session.journal import ANSWERS, NOTE, write_event
 
@@ -124,4 +147,4 @@ def test_the_live_bench_writes_what_the_export_reads(tmp_path):
     write_event(home, ANSWERS, False, configuration="four-brake", block=3, values=values)
     write_event(home, NOTE, False, text="x")
     said = answers_and_notes([home])
-    assert said.answers[0][:4] == ("07", "four-brake", 3, FIRST) and said.notes[0][1:] == ("07", "x")
+    assert said.answers[0][:5] == ("07", "four-brake", 3, 0, FIRST) and said.notes[0][1:] == ("07", "x")

@@ -14,7 +14,7 @@ from core.files import InputError
 from hardware.emulated_board.sensors import EmulatedSensors, capability_of
 from hardware.sensing.board_clock import ClockModel, fit_line
 from hardware.sensing.encoders import PoseSensing
-from hardware.sensing.force_sensor import ForceSensing
+from hardware.sensing.samples import ForceSensing
 from hardware.sensing.tip_motion import WINDOW, MotionFilter
 
 PER_REV = 96000

@@ -8,7 +8,7 @@ import pytest
 from simulated_bench import NO, Bench, homed_link, reached, run
 
 from core.device_interface import DeviceError
-from hardware.sensing.force_sensor import ZERO_SAMPLES
+from hardware.sensing.samples import ZERO_SAMPLES
 from hardware.serial_device import SerialDevice
 
 

@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QKeySequence, QPainter, QRegion, QShortcut
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QPushButton, QVBoxLayout, QWidget
 
 from app.window.painting import theme
+from app.window.painting.flow import Flow
 from app.window.painting.layers import (
     OFF,
     Doing,
@@ -17,6 +18,7 @@ from app.window.painting.layers import (
     directions,
     doing,
     extent_of_linkages,
+    extent_of_paths,
     field_at_rest,
     field_of,
     needles,
@@ -46,6 +48,8 @@ from core.mechanism import JOINTS
 from core.path import Path, PathFile, build_path
 
 FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE = "field", "directions", "force", "trail", "linkage"
+WHOLE = "device"  # not a layer, but what is seen: the whole device, or the paths
+NEAR_M = 0.1  # around the paths
 ARMS = ("AE", "ED", "BC", "CD")
 BARE_PX = 5.0  # radius of a joint without a brake
 TITLE_PX = 36  # the line above is so high
@@ -72,9 +76,10 @@ class LinkageView(Plane):
 
     def __init__(self, devices: tuple[Device, ...], paths: dict[int, PathFile], parent: QWidget | None = None) -> None:
         super().__init__(
-            extent_of_linkages(devices, paths.values()), keep_free=QMarginsF(64.0, 66.0, 44.0, 12.0),
+            extent_of_paths(paths.values(), NEAR_M), keep_free=QMarginsF(64.0, 66.0, 44.0, 12.0),
             grid=True, follows_mouse=False, parent=parent,
         )  # fmt: skip
+        self._extents = (self._extent, extent_of_linkages(devices, paths.values()))
         self.device = devices[0]
         self._path: Path | None = None  # of the trial
         self.shown = {FIELD, REACHABLE, TRAIL, LINKAGE}
@@ -125,6 +130,8 @@ class LinkageView(Plane):
 
     def show_layer(self, layer: str, shown: bool) -> None:
         """Lay something over the workspace, or take it away."""
+        if layer == WHOLE:
+            self.set_extent(self._extents[shown])
         (self.shown.add if shown else self.shown.discard)(layer)
         if layer == TRAIL:
             self.trail_shown = shown
@@ -299,6 +306,7 @@ LAYERS = {
     REACHABLE: ("W", "The forces that the brakes can exert against the present motion"),
     TRAIL: ("T", "The way of the handle in this trial"),
     LINKAGE: ("L", "Arms, brakes and their values"),
+    WHOLE: ("Z", "The whole device, not only the paths and 10 cm around them"),
 }
 PHASE_NAMES = {tick_log.APPROACH: "Approach", tick_log.HOLD: "Hold", tick_log.MOVE: "Move", tick_log.END: "End"}
 
@@ -315,12 +323,10 @@ class Workspace(QFrame):
         self.view = LinkageView(devices, paths)
         self._began_s, self._phase, self._worded_s = 0.0, -1, -np.inf
         self.buttons = {layer: self._button(layer) for layer in LAYERS}
-        row_of_buttons = QHBoxLayout()
+        row_of_buttons = Flow(5)
         row_of_buttons.setContentsMargins(8, 0, 8, 8)
-        row_of_buttons.setSpacing(5)
         for button in self.buttons.values():
             row_of_buttons.addWidget(button)
-        row_of_buttons.addStretch(1)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(2, 2, 2, 2)
         layout.setSpacing(4)
