@@ -84,6 +84,7 @@ def test_a_whole_session_of_an_experimenter(qtbot, setup: Setup, tmp_path: Path)
     QTest.keyClick(run.cards.question.own, Qt.Key.Key_1, Qt.KeyboardModifier.AltModifier)
     wait_until(lambda: main.snapshot.rows[-1].status == "redone" and not run.card_shown)
 
+    wait_until(run.panel.start.isEnabled)
     QTest.keyClick(main, Qt.Key.Key_Space)  # a trial runs while the window dies: it is kept, and the session ends
     wait_until(lambda: main.snapshot.stage == m.RUNNING)
     windows.client.leave()
