@@ -35,6 +35,7 @@ def do(state: State, command: object) -> None:
     try:
         if why := refused(state, declared):
             raise InputError(why)
+        state.settle()
         declared.action(state, command)
     except InputError as error:
         state.say(str(error), bad=True)

@@ -135,6 +135,11 @@ class State:
         """Tell the experimenter."""
         self._said, self._said_bad = sentence, bad
 
+    def settle(self) -> None:
+        """A new command is done: what was refused before it is past."""
+        if self._said_bad:
+            self.say("")
+
     def look_at_brakes(self) -> None:
         """Whether currents may flow; what has changed is journalled."""
         self.presses = self.ring.presses
