@@ -97,7 +97,8 @@ def measure(picture: str = "") -> dict[str, object]:
             windows.close()
     return {
         "until_try_s": round(ready - began, 1), "five_controllers_s": round(ended - ready, 1),
-        "window_share_of_core": round(used_s / (ended - ready), 2), "within": ended - began < LONGEST_S and all(bars), "table": rows,
+        "window_share_of_core": round(used_s / (ended - ready), 2), "table": rows,
+        "within": ended - began < LONGEST_S and all(bars),
     }  # fmt: skip
 
 
