@@ -35,6 +35,7 @@ def do(state: State, command: object) -> None:
     try:
         if why := refused(state, declared):
             raise InputError(why)
+        state.settle()
         declared.action(state, command)
     except InputError as error:
         state.say(str(error), bad=True)
@@ -96,7 +97,6 @@ def _wrong_hand(state: State, session: Session) -> str:
 
 def _leave(state: State, _: m.Leave) -> None:
     state.storage.leave()
-    state.look_for_participants()
     state.say("")
 
 

@@ -55,7 +55,6 @@ class SimulatedSetup:
 
     def confirm(self, progress: "SessionProgress", write: Write) -> None:
         """The experimenter has done it."""
-        assert progress.coming is not None
         write(RERIGGED, configuration=progress.coming.configuration)
         progress.rigged = progress.coming.configuration
 
@@ -193,7 +192,6 @@ class RealSetup:
 
     def _device(self, progress: "SessionProgress") -> Device:
         """That of the coming trial."""
-        assert progress.coming is not None
         return progress.session.protocol.device(progress.coming.configuration)
 
     def hear(self, answers: list[object], write: Write, say: Callable[..., None]) -> None:
@@ -229,7 +227,6 @@ class RealSetup:
     def begin(self, session: Session, planned: PlannedTrial) -> tuple[Trial, RecordingWriter]:
         """Open a trial of the session. InputError: a step is being done on the device."""
         self._refuse_while_busy()
-        assert self.status is not None
         return session.begin(planned, Sensors(self.status.encoders, self.status.force_channels))
 
     def to_try(self, protocol: Protocol, tried: SimulatedDevice | None) -> Device:

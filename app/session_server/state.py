@@ -15,9 +15,7 @@ from app.session_server.sandbox import Sandbox
 from app.session_server.session_progress import SessionProgress
 from app.session_server.storage import Storage
 from app.session_server.trial_runner import TrialRun, TrialRunner
-from core.files import InputError
 from experiments.protocol import Protocol
-from experiments.session.files import free_participant, kept_sessions, protocols_otherwise
 from experiments.session.journal import BRAKES_ALLOWED, BRAKES_OFF, WINDOW_LOST
 from experiments.session.session import Session
 
@@ -39,22 +37,9 @@ class State:
         self.broken = ""  # why no more trials can be run
         self.storage = Storage(setup.data_dir, self.runner, self.say)
         self._said, self._said_bad = "", False
-        self.look_for_participants()
-        self._next_participant = setup.participant or self._next_participant
         self._disk, self._free = check_disk(setup.data_dir)
         self._looked_s = time.monotonic()
         self.sandbox = Sandbox(setup, protocol, self.runner, self.device, self.say)
-
-    def look_for_participants(self) -> None:
-        """Whose session can be gone on with, whose is done, and who has none yet."""
-        kept = kept_sessions(self.setup.data_dir)
-        self._resumable = tuple(name for name, unfinished in kept.items() if unfinished)
-        self._finished = tuple(name for name, unfinished in kept.items() if not unfinished)
-        self._otherwise = tuple(protocols_otherwise(self.setup.data_dir, tuple(kept), self.protocol).items())
-        try:
-            self._next_participant = free_participant(self.setup.data_dir, self.protocol.participants)
-        except InputError:
-            self._next_participant = next(iter(self._resumable), "")
 
     # ------------------------------------------------------------------------------------- what is
 
@@ -99,7 +84,6 @@ class State:
             seed=protocol.seed,
             real_device=self.device.real,
             hand=self.device.hand,
-            next_participant=self._next_participant,
             rules=protocol.rules,
             trial=protocol.trial,
             language=protocol.sentences,
@@ -136,9 +120,6 @@ class State:
             sandbox=self.sandbox.state,
             card=due[1] if due and stage == due[0].name else None,
             seconds_left=progress.seconds_left() if progress else None,
-            resumable=() if session else self._resumable,
-            finished=() if session else self._finished,
-            otherwise=() if session else self._otherwise,
             ended_here=progress.ended_here if progress else 0,
         )
 
@@ -153,6 +134,11 @@ class State:
     def say(self, sentence: str, bad: bool = False) -> None:
         """Tell the experimenter."""
         self._said, self._said_bad = sentence, bad
+
+    def settle(self) -> None:
+        """A new command is done: what was refused before it is past."""
+        if self._said_bad:
+            self.say("")
 
     def look_at_brakes(self) -> None:
         """Whether currents may flow; what has changed is journalled."""

@@ -103,7 +103,6 @@ class Trace(Plot):
         self.newest: tuple[float, ...] = ()
         self.hidden = False
         self._t, self._values, self._count = np.empty(8192), np.empty((len(colours), 8192)), 0
-        self._worded_s = -np.inf
         self._following = True
         self.curves = [self.item.plot(pen=pg.mkPen(colour, width=1), connect="finite") for colour in colours]
         self.item.hideAxis("bottom")
@@ -127,13 +126,10 @@ class Trace(Plot):
         if not self.hidden:
             self._rescale(values)
             self._draw()
-        if not self._worded_s <= t[-1] < self._worded_s + WORDS_EVERY_S:
-            self._worded_s = float(t[-1])
-            self.show_newest()
 
     def clear(self) -> None:
         """A new trial: nothing to show yet."""
-        self._count, self.newest, self._worded_s, self.end = 0, (), -np.inf, self._least
+        self._count, self.newest, self.end = 0, (), self._least
         self._following = True
         self._scale()
         self._draw()
@@ -251,6 +247,11 @@ class Traces(QWidget):
         columns = [tick_log.CURRENT + JOINTS.index(joint) for joint in self.currents.braked]
         self.currents.add(t, rows[:, columns].T)
         self.error.add(t, 1e3 * np.abs(rows[:, tick_log.PATH_DISTANCE])[None])
+
+    def word(self) -> None:
+        """The values of the last tick that was added, beside the titles."""
+        for trace in self._all():
+            trace.show_newest()
 
     def set_blind(self, blind: bool) -> None:
         """Hide what would tell the controllers apart."""

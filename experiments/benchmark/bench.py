@@ -115,7 +115,7 @@ def seconds(scene: BenchScene, integrator: str, fidelity: str, step: float, out:
     s, n = new_simulation(scene, integrator, fidelity), round(scene.duration_s / step)
     commands = scene.commands(fidelity)
     start = time.perf_counter()
-    run_rows(s.mechanism, s.brakes, s.hand, s.state, s.trial, scene.times, commands,
+    run_rows(s.mechanism, s.brakes, s.hand, s.state, s.step_scratch, scene.times, commands,
              0, 1, n, step, s.fidelity, s.integrator, out)  # fmt: skip
     return time.perf_counter() - start
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live import Window, gone, live_window, wait_until
+from sessions import unfinished
 from synthetic_hand import SyntheticHand
 
 from app.ipc import messages as m
@@ -105,7 +106,8 @@ def test_a_window_that_quits_in_a_trial_ends_it_and_leaves_nothing_running(setup
     kept = recording(window, run)
     assert kept.whole and kept.outcome["reason"] == "the window was closed"
     window.join(setup)
-    assert window.until_stage(m.NO_SESSION).resumable == ("01",)
+    window.until_stage(m.NO_SESSION)
+    assert unfinished(setup.data_dir) == ("01",)
     window.client.send(m.Open("01", resume=True))
     assert window.until_stage(m.READY).rows[-1].run == run
 

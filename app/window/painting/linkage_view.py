@@ -11,7 +11,6 @@ from PySide6.QtWidgets import QFrame, QPushButton, QVBoxLayout, QWidget
 from app.window.painting import theme
 from app.window.painting.flow import Flow
 from app.window.painting.layers import (
-    OFF,
     Doing,
     Instant,
     Point,
@@ -284,7 +283,7 @@ class LinkageView(Plane):
                 continue
             state = self.labels.doing.get(joint, Doing()).state
             paint_ring(painter, place, JOINT_PX, 3.0, SHADE[state])
-            write(painter, place, joint, theme.SMALL, True, theme.QUIET if state == OFF else theme.TEXT)
+            write(painter, place, joint, theme.SMALL, True, theme.QUIET if self.blind else theme.JOINT[joint])
 
 
 def paint_ring(painter: QPainter, middle: QPointF, radius: float, width: float, colour: str) -> None:
@@ -361,8 +360,8 @@ class Workspace(QFrame):
         """What stands above the workspace while no trial runs."""
         self.view.say(title, line)
 
-    def add(self, rows: np.ndarray) -> None:
-        """Ticks (n, tick_log.WIDTH) since the last frame."""
+    def add(self, rows: np.ndarray, words: bool = True) -> None:
+        """Ticks (n, tick_log.WIDTH) since the last frame. words: write the numbers too, ten times a second."""
         if not len(rows):
             return
         self.view.add(rows)
@@ -371,11 +370,12 @@ class Workspace(QFrame):
             self._phase = int(now[tick_log.PHASE])
             first = np.flatnonzero(rows[:, tick_log.PHASE] == self._phase)[0]
             self._began_s, self._worded_s = float(rows[first, tick_log.T]), -np.inf
-        if not self._worded_s <= now[tick_log.T] < self._worded_s + WORDS_EVERY_S:
+        if words and not self._worded_s <= now[tick_log.T] < self._worded_s + WORDS_EVERY_S:
             self._worded_s = float(now[tick_log.T])
-            self._word(now)
+            self.word(now)
 
-    def _word(self, now: np.ndarray) -> None:
+    def word(self, now: np.ndarray) -> None:
+        """The numbers of a tick (tick_log.WIDTH,), which was the last one added."""
         says = [f"{now[tick_log.T] - self._began_s:.2f} s"]
         if self._phase == tick_log.MOVE:
             says.append(f"error {1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
