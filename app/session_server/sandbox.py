@@ -126,6 +126,7 @@ class Sandbox:
         self._say("", False)
         places = np.asarray(outline(p.paths[settings.path], SPACING_M))
         self._least_gain = settings.brake_strength * least_gain_felt(device, places)
+        self._change()
 
     def go(self, hindrance: str) -> None:
         """A Start: the next pass on a real device. InputError: it is not ready, or something else hinders it."""
@@ -193,7 +194,12 @@ class Sandbox:
             if self.on and not hindrance and (self._asked or not self.real):
                 self._begin()
             self._taken = False
-        elif not self.real and not (self.on and self.settings == self._now):
+        else:
+            self._change()
+
+    def _change(self) -> None:
+        """Let the loop hand the pass back if it is not as it is wanted to be."""
+        if self._run is not None and not self.real and not (self.on and self.settings == self._now):
             self._run.hand_back()
 
     def owns(self, run: TrialRun) -> bool:

@@ -367,7 +367,7 @@ class TryPage(Page):
         self._timer.timeout.connect(lambda: self.send(m.Sandbox(self.settings)))
         self.canvas, self.table = Canvas(), PassTable()
         self.large, self.small = word("", size=30, bold=True), line("", "quiet", theme.TITLE)
-        self.error, self.time = word("", size=22, bold=True), word("", size=22, bold=True)
+        self.error, self.time = word("–", size=22, bold=True), word("–", size=22, bold=True)
         self.said = OneLine("", "quiet", theme.NORMAL)
         self.start = button("Start a pass  Space", self._start, "main")
         self.clear = button("Clear", self._clear, "small")
@@ -424,6 +424,7 @@ class TryPage(Page):
         column.setSpacing(6)
         for place, (number, preset) in enumerate(opened.controllers.items(), start=1):
             guide = self.guides[number] = GuideButton(number, preset.name, str(place) if place < 10 else "")
+            guide.feel.setText(feel(preset, gains_of(opened)))
             guide.clicked.connect(lambda _=False, number=number: self._choose(number))
             column.addWidget(guide)
         self.warning = line("", "caution")
@@ -527,12 +528,10 @@ class TryPage(Page):
         super().show_snapshot(snapshot)
         if self.opened is None:
             return
-        if snapshot.stage == m.PREPARING and before.stage == m.FAILED:
-            self._ask()  # another session server
         now = snapshot.sandbox
         self.said.setText(snapshot.said)
         theme.name_anew(self.said, "bad" if snapshot.said_bad else "quiet")
-        for part in (self.save, self.reset, *self.guides.values(), *self.segments.values()):
+        for part in (self.save, self._controls):
             part.setEnabled(now is not None)
         self.start.setVisible(now is not None and now.by_start)
         if now is None:
