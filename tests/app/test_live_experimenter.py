@@ -11,7 +11,7 @@ from live import LONG_S, children, gone
 from protocols import PAPER
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QWidget
 
 from app.ipc import messages as m
 from app.ipc.client import Client
@@ -58,12 +58,19 @@ def opened_windows(setup: Setup, resume: bool) -> Windows:
     return windows
 
 
+def space(main: QWidget) -> None:
+    """Press the space bar in the main window."""
+    main.activateWindow()
+    QTest.qWaitForWindowActive(main)
+    QTest.keyClick(main, Qt.Key.Key_Space)
+
+
 def run_trial(windows: Windows) -> None:
     """Space until the next trial runs, and wait for its card."""
     main, run = windows.main, windows.main.page(RUN)
     before = len(main.snapshot.rows)
     wait_until(lambda: not run.card_shown or run.card.ready)
-    QTest.keyClick(main, Qt.Key.Key_Space)
+    space(main)
     wait_until(lambda: len(main.snapshot.rows) > before and run.card_shown)
 
 
@@ -85,7 +92,7 @@ def test_a_whole_session_of_an_experimenter(qtbot, setup: Setup, tmp_path: Path)
     wait_until(lambda: main.snapshot.rows[-1].status == "redone" and not run.card_shown)
 
     wait_until(run.panel.start.isEnabled)
-    QTest.keyClick(main, Qt.Key.Key_Space)  # a trial runs while the window dies: it is kept, and the session ends
+    space(main)  # a trial runs while the window dies: it is kept, and the session ends
     wait_until(lambda: main.snapshot.stage == m.RUNNING)
     windows.client.leave()
     wait_until(lambda: all(map(gone, pids)))
@@ -96,7 +103,6 @@ def test_a_whole_session_of_an_experimenter(qtbot, setup: Setup, tmp_path: Path)
     while main.snapshot.stage != m.FINISHED:
         run_trial(windows)
         QTest.qWait(600)
-        QTest.keyClick(main, Qt.Key.Key_Space) if main.snapshot.coming is None else None
     rows = read_table(Path(main.opened.folder) / "trials.csv")
     assert [row.status for row in rows[:2]] == ["excluded", "redone"] and (first.run, second.run) == (1, 2)
     assert len(rows) == 5 and all(row.status in ("done", "timeout") for row in rows[2:])
