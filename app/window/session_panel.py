@@ -42,7 +42,7 @@ class SessionPanel(QFrame):
         super().__init__(parent, objectName="panel")
         self.setFixedWidth(WIDTH_PX)
         self.head = word("", size=theme.HEAD, bold=True)
-        self.done, self.left = word("", "quiet"), word("", size=theme.TITLE, bold=True)
+        self.done, self.left = word("", "quiet", theme.SMALL), word("", size=theme.TITLE, bold=True)
         self.grid = PlanGrid()
         self.coming_head = word("Next", "quiet")
         self.coming = word("", bold=True)

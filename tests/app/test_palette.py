@@ -57,7 +57,8 @@ def test_the_windows_are_in_the_palette_that_was_chosen(name: str) -> None:
         "from app.window.painting import theme;"
         "from app.window.participant_window import ParticipantWindow; a = QApplication([]); theme.dress(a);"
         "w = ParticipantWindow(); w.resize(600, 400); shown = w.grab().toImage();"
-        "print(json.dumps([shown.pixelColor(5, 5).name(), theme.TEXT, words.moving(0, False, words.language_of(None)).small]))"
+        "print(json.dumps([shown.pixelColor(5, 5).name(), theme.TEXT,"
+        "words.moving(0, False, words.language_of(None)).small]))"
     )
     command = [sys.executable, "-c", code, name]
     environment = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
