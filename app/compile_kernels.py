@@ -24,6 +24,7 @@ def main() -> None:
     from experiments.protocol import load_protocol
     from experiments.study.sweep import Job, run_job
     from experiments.trial.population import load_population
+    from experiments.trial.trial import load_kernels
 
     protocol = load_protocol()
     device, preset = protocol.devices[0], protocol.controllers[1]
@@ -34,6 +35,7 @@ def main() -> None:
     ))  # fmt: skip
     Simulation(device, (0.0, 0.4)).run(1e-3, 1e-3, np.zeros(4))  # a scene: every integrator is compiled with a step
     run_stopped_trial()  # the control loop
+    load_kernels()  # a trial on a real device
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import numpy as np
 
 from core.device_file import ELBOWS, BrakeFile, DeviceFile, Geometry, Link, Sensing, parse_brake, read_brake_text
 from core.files import InputError, Pair, parse_toml, read_text
-from core.mechanism import JOINTS, Arm, Brakes, Mechanism
+from core.mechanism import JOINTS, Arm, Brakes, Mechanism, no_brakes
 from core.workspace import why_impossible
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "devices"
@@ -31,7 +31,7 @@ class Device:
     brakes: Brakes
     braked: str  # letters of the braked joints in the order A, E, B, C, e.g. "AEB"
     force_normalised_N: float
-    assumed: bool  # some of its numbers are assumed: say so wherever they are shown
+    assumed: bool  # some of its numbers are assumed: marked wherever they are shown
     text: str  # the device file in full
     brake_texts: dict[str, str]  # name (as in [brakes]) -> the brake file in full
     sensing: Sensing | None
@@ -102,21 +102,14 @@ def build_mechanism(file: DeviceFile) -> Mechanism:
         base_rotor, elbow_rotor = (m.rotor_inertia_kg_m2 if j in file.braked else 0.0 for j in joints)
         com_1, inertia_1 = centre_and_inertia(link_1, length_1)
         com_2, inertia_2 = centre_and_inertia(link_2, length_2)
+        moved = inertia_1 + link_1.mass_kg * com_1**2 + (elbow_mass + link_2.mass_kg) * length_1**2
         return Arm(
-            base_x=base[0],
-            base_y=base[1],
-            length_1=length_1,
-            length_2=length_2,
-            side=side,
-            proximal=inertia_1
-            + link_1.mass_kg * com_1**2
-            + (elbow_mass + link_2.mass_kg) * length_1**2
-            + base_rotor
-            + elbow_rotor,
+            *base, length_1, length_2, side,
+            proximal=moved + base_rotor + elbow_rotor,
             distal=inertia_2 + link_2.mass_kg * com_2**2 + elbow_rotor,
             coupling=link_2.mass_kg * com_2 / length_2,
             rotor=elbow_rotor,
-        )
+        )  # fmt: skip
 
     stops = [getattr(file.limits, f"theta_{joint}_rad") for joint in JOINTS]
     return Mechanism(
@@ -140,17 +133,7 @@ def centre_and_inertia(link: Link, length: float) -> tuple[float, float]:
 
 def build_brakes(files: dict[str, BrakeFile]) -> Brakes:
     """The brakes of a device as the kernels read them; zeros at joints without one."""
-    arrays = Brakes(
-        present=np.zeros(4),
-        current_max=np.zeros(4),
-        k=np.zeros((4, 5)),
-        knee=np.zeros(4),
-        omega_0=np.zeros(4),
-        floor=np.zeros(4),
-        rise=np.zeros((4, 7)),
-        fall=np.zeros((4, 7)),
-        play=np.zeros(4),
-    )
+    arrays = no_brakes()
     for joint, brake in files.items():
         i = JOINTS.index(joint)
         arrays.present[i] = 1.0

@@ -1,4 +1,4 @@
-"""The format of device files: what a file may say, and the rules that one file can break by itself.
+"""The format of device files: their keys, and the rules that one file can break by itself.
 
 Lengths in m, masses in kg, angles in rad (joint order A, E, B, C).
 """
@@ -33,7 +33,7 @@ class TimeConstant(Table, frozen=True):
 
 
 class BrakeFile(Table, frozen=True):
-    """One brake as its file says it."""
+    """A brake file."""
 
     name: Annotated[str, msgspec.Meta(min_length=1)]
     current_max_A: Positive
@@ -101,21 +101,13 @@ def shipped_brakes() -> list[str]:
     return sorted(file.stem for file in SHIPPED_FOLDER.glob("*.toml"))
 
 
-def find_brake_file(reference: str, folder: Path, where: str) -> Path:
-    """The file of a brake: a shipped name, or a path relative to the device file (`where`)."""
-    if reference in shipped_brakes():
-        return SHIPPED_FOLDER / f"{reference}.toml"
-    path = folder / reference
-    if reference and path.is_file():
-        return path
-    raise InputError(
-        f"{where}: unknown brake {reference!r}: neither a shipped brake ({', '.join(shipped_brakes())}) nor a file"
-    )
-
-
 def read_brake_text(reference: str, folder: Path, where: str) -> str:
-    """The brake file in full."""
-    return read_text(find_brake_file(reference, folder, where))
+    """A brake file in full: of a shipped name, or of a path relative to the device file's folder (`where`)."""
+    path = SHIPPED_FOLDER / f"{reference}.toml" if reference in shipped_brakes() else folder / reference
+    if not reference or not path.is_file():
+        shipped = ", ".join(shipped_brakes())
+        raise InputError(f"{where}: unknown brake {reference!r}: neither a shipped brake ({shipped}) nor a file")
+    return read_text(path)
 
 
 def parse_brake(text: str, where: str) -> BrakeFile:
@@ -223,7 +215,7 @@ class Sensing(Table, frozen=True):
 
 
 class DeviceFile(Table, frozen=True):
-    """One device as its file says it."""
+    """A device file."""
 
     name: Annotated[str, msgspec.Meta(min_length=1)]
     geometry: Geometry
@@ -231,7 +223,7 @@ class DeviceFile(Table, frozen=True):
     brakes: BrakeNames
     limits: Limits = Limits()
     sensing: Sensing | None = None
-    provenance: str = ""  # "assumed": nobody measured these numbers, and everything that shows them says so
+    provenance: str = ""  # "assumed": not measured, and marked so wherever these numbers are shown
 
     def __post_init__(self) -> None:
         if not self.name.isprintable() or any(letter in ',;"/\\' for letter in self.name):

@@ -28,11 +28,11 @@ class AnyDevice(Protocol):
         """A trial begins: what came before is not its own."""
 
     def end_record(self) -> dict[str, Any]:
-        """What the device has to say of the trial, for the end of its recording, as JSON holds it."""
+        """The device's report on the trial, for the end of its recording, as JSON holds it."""
 
 
 class DeviceSample(NamedTuple):
-    """One tick of a real device as its sensors tell it. Positions in m, forces in N, currents in A, times in s."""
+    """One tick of a real device, by its sensors. Positions in m, forces in N, currents in A, times in s."""
 
     t_s: float  # host's monotonic clock at which the sensors were read, by the clock model
     board_us: int  # the board's own clock, as it came
@@ -81,7 +81,7 @@ class RealDevice(AnyDevice, Protocol):
         """Whether the zero of its force sensor is known, or it has no such sensor."""
 
     def open(self) -> None:
-        """Reach the device. InputError: there is none, or it is another one than the device file says."""
+        """Reach the device. InputError: there is none, or not the one of the device file."""
 
     def exchange(self, currents: Sequence[float]) -> DeviceSample | None:
         """Currents (4,) in A to the brakes, clamped to their limits; the newest sample, or None: nothing came."""
@@ -122,7 +122,7 @@ def encoder_step(device: Device, tip: tuple[float, float], counts_per_rev: Seque
 
 
 def velocity_noise(device: Device, tip: tuple[float, float]) -> float:
-    """Noise (m/s, rms) of the sensed velocity at a tip (m); 0 where the device file says no encoders."""
+    """Noise (m/s, rms) of the sensed velocity at a tip (m); 0 where the device file has no encoders."""
     encoders = device.sensing.encoders if device.sensing else None
     if encoders is None:
         return 0.0

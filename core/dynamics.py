@@ -11,20 +11,20 @@ and Q1, Q2 act on the tip through the same rows.
 
 from typing import NamedTuple
 
-from core.kernel import inlined, kernel
+from core.kernel import inlined
 from core.linkage import links
 
 
-class ArmTerms(NamedTuple):
-    """What one arm adds at the tip, and the two rows of its joints (base, elbow)."""
+class ArmMotion(NamedTuple):
+    """One arm at one tip position and velocity, and what it adds at the tip (SI, radians)."""
 
     base_x: float  # 1/m, row g of the base joint
     base_y: float
     elbow_x: float  # 1/m, row g of the elbow joint
     elbow_y: float
-    base_rate: float  # rad/s
+    base_rate: float  # rad/s, g . v
     elbow_rate: float
-    base_bias: float  # rad/s2, gdot . v of the base joint
+    base_bias: float  # rad/s2, gdot . v
     elbow_bias: float
     mass_xx: float  # kg
     mass_xy: float
@@ -35,35 +35,19 @@ class ArmTerms(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Everything that the equations of motion say about one tip position and velocity (SI, radians)."""
+    """The terms of the equations of motion at one tip position and velocity (SI, radians)."""
 
     mass_xx: float  # kg, M
     mass_xy: float
     mass_yy: float
     bias_x: float  # N, b
     bias_y: float
-    g_ax: float  # 1/m, rows g
-    g_ay: float
-    g_ex: float
-    g_ey: float
-    g_bx: float
-    g_by: float
-    g_cx: float
-    g_cy: float
-    rate_a: float  # rad/s, g . v
-    rate_e: float
-    rate_b: float
-    rate_c: float
-    bias_a: float  # rad/s2, gdot . v
-    bias_e: float
-    bias_b: float
-    bias_c: float
-    s_1: float  # m2, L_AE L_ED sin(theta_E)
-    s_2: float  # m2, L_BC L_CD sin(theta_C)
+    arm_1: ArmMotion  # joints A and E
+    arm_2: ArmMotion  # joints B and C
 
 
 @inlined
-def arm_terms(arm, x, y, vx, vy):
+def arm_motion(arm, x, y, vx, vy):
     """One arm's inertia, bias force, rows and rates at tip (x, y) with velocity (vx, vy)."""
     e1x, e1y, e2x, e2y, s = links(arm, x, y)
     one_over_s = 1.0 / s
@@ -80,65 +64,19 @@ def arm_terms(arm, x, y, vx, vy):
     q2 = cross * bias1 + arm.distal * bias2 + gyro * w1 * w1
     p1x, p1y = arm.proximal * base_x + cross * link_x, arm.proximal * base_y + cross * link_y
     p2x, p2y = cross * base_x + arm.distal * link_x, cross * base_y + arm.distal * link_y
-    return ArmTerms(
-        base_x,
-        base_y,
-        link_x - base_x,
-        link_y - base_y,
-        w1,
-        w2 - w1,
-        bias1,
-        bias2 - bias1,
-        base_x * p1x + link_x * p2x,
-        base_x * p1y + link_x * p2y,
-        base_y * p1y + link_y * p2y,
-        base_x * q1 + link_x * q2,
-        base_y * q1 + link_y * q2,
-        s,
-    )
+    return ArmMotion(
+        base_x, base_y, link_x - base_x, link_y - base_y, w1, w2 - w1, bias1, bias2 - bias1,
+        base_x * p1x + link_x * p2x, base_x * p1y + link_x * p2y, base_y * p1y + link_y * p2y,
+        base_x * q1 + link_x * q2, base_y * q1 + link_y * q2, s,
+    )  # fmt: skip
 
 
 @inlined
 def motion(mechanism, x, y, vx, vy):
     """`Motion` at tip (x, y), m, and velocity (vx, vy), m/s. Not finite where the tip is out of reach."""
-    p = arm_terms(mechanism.arm_1, x, y, vx, vy)
-    q = arm_terms(mechanism.arm_2, x, y, vx, vy)
+    p = arm_motion(mechanism.arm_1, x, y, vx, vy)
+    q = arm_motion(mechanism.arm_2, x, y, vx, vy)
     return Motion(
-        mechanism.tip_mass + p.mass_xx + q.mass_xx,
-        p.mass_xy + q.mass_xy,
-        mechanism.tip_mass + p.mass_yy + q.mass_yy,
-        p.bias_x + q.bias_x,
-        p.bias_y + q.bias_y,
-        p.base_x,
-        p.base_y,
-        p.elbow_x,
-        p.elbow_y,
-        q.base_x,
-        q.base_y,
-        q.elbow_x,
-        q.elbow_y,
-        p.base_rate,
-        p.elbow_rate,
-        q.base_rate,
-        q.elbow_rate,
-        p.base_bias,
-        p.elbow_bias,
-        q.base_bias,
-        q.elbow_bias,
-        p.s,
-        q.s,
-    )
-
-
-@kernel
-def tip_mass_matrix(mechanism, x, y, mass):
-    """Tip mass matrix M(p) as mass (3,) = xx, xy, yy, in kg."""
-    m = motion(mechanism, x, y, 0.0, 0.0)
-    mass[0], mass[1], mass[2] = m.mass_xx, m.mass_xy, m.mass_yy
-
-
-@kernel
-def kinetic_energy(mechanism, x, y, vx, vy):
-    """Kinetic energy of the device, 1/2 v.M v, in J."""
-    m = motion(mechanism, x, y, vx, vy)
-    return 0.5 * (m.mass_xx * vx * vx + 2.0 * m.mass_xy * vx * vy + m.mass_yy * vy * vy)
+        mechanism.tip_mass + p.mass_xx + q.mass_xx, p.mass_xy + q.mass_xy, mechanism.tip_mass + p.mass_yy + q.mass_yy,
+        p.bias_x + q.bias_x, p.bias_y + q.bias_y, p, q,
+    )  # fmt: skip

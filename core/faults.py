@@ -49,7 +49,7 @@ FAULTS = {
     "port": Fault("serial port {name}: {what}", "Plug the board in again: it is found by itself."),
     "no-board": Fault("{name}: no board answers there", f"Look at the board's cable and supply; {FOUND}."),
     "board-left": Fault("the board had left: nobody talked to it for a second", f"Nothing has to be done: {FOUND}."),
-    # of what the sensors say
+    # of the sensors
     "not-homed": Fault("the encoders have not been homed", "Put the handle into its jig and home the encoders."),
     "contradict": Fault("the encoders contradict each other: one of them may be stuck", TO_THE_JIG),
     "no-pose": Fault("the encoders are of no pose of the linkage: check the homing", TO_THE_JIG),

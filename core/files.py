@@ -72,12 +72,6 @@ def from_plain(content: Any, kind: Any, where: str) -> Any:
         raise InputError(f"{where}: {_sentence(str(error), content).lstrip()}") from None
 
 
-def read_toml(path: Path, kind: type[T]) -> tuple[T, str]:
-    """The file as a table of the given kind, and its text in full."""
-    text = read_text(path)
-    return parse_toml(text, kind, str(path)), text
-
-
 def text_of_form(pattern: str, words: str) -> msgspec.Meta:
     """For `Annotated[str, ..]`: text that matches the whole pattern; a refusal says that it must be `words`."""
     whole = rf"^(?:{pattern})\Z"

@@ -1,4 +1,4 @@
-"""Kinematics of the five-bar, Eqs. (7)-(11): from the tip to elbows, joint rates and brake forces.
+"""Kinematics of the five-bar, Eqs. (7)-(10): from the tip to elbows, joint rates and brake forces.
 
 Tip coordinates need no trigonometry: each elbow is the intersection of two circles. With e1 = elbow - base,
 e2 = tip - elbow and S = e1 x e2 = L1 L2 sin(theta_elbow), the link rates are w1 = e2.v / S and w2 = -e1.v / S, so the
@@ -7,8 +7,6 @@ g_base = e2 / S (along the distal link) and g_elbow = -(e1 + e2) / S (along base
 """
 
 import math
-
-import numpy as np
 
 from core.kernel import inlined, kernel
 
@@ -32,12 +30,6 @@ def links(arm, x, y):
 
 
 @kernel
-def elbow_sine(arm, x, y):
-    """sin(theta_elbow), signed as theta is (theta_E < 0 where the elbow lies left of base -> tip); 0 out of reach."""
-    return links(arm, x, y)[4] / (arm.length_1 * arm.length_2)
-
-
-@kernel
 def joint_angles(mechanism, x, y, theta):
     """Joint angles theta (4,), rad, order A, E, B, C: A and B from +x, E and C relative, counter-clockwise."""
     a1x, a1y, a2x, a2y, s1 = links(mechanism.arm_1, x, y)
@@ -52,7 +44,8 @@ def joint_angles(mechanism, x, y, theta):
 def tip_force_map(mechanism, x, y, g):
     """Rows g (4, 2), 1/m: the map of Eqs. (7) and (8), force on the tip = sum over joints of g_i torque_i.
 
-    The same rows give the joint rates, g_i . v (virtual power). Eq. (7) lists A, B, C only; read it as A, E, B, C.
+    They are the rows of the inverses of both arms' Jacobians, Eqs. (9) and (10), and give the joint rates, g_i . v
+    (virtual power). Eq. (7) lists A, B, C only; read it as A, E, B, C.
     """
     a1x, a1y, a2x, a2y, s1 = links(mechanism.arm_1, x, y)
     b1x, b1y, b2x, b2y, s2 = links(mechanism.arm_2, x, y)
@@ -60,24 +53,3 @@ def tip_force_map(mechanism, x, y, g):
     g[1, 0], g[1, 1] = -(a1x + a2x) / s1, -(a1y + a2y) / s1
     g[2, 0], g[2, 1] = b2x / s2, b2y / s2
     g[3, 0], g[3, 1] = -(b1x + b2x) / s2, -(b1y + b2y) / s2
-
-
-def jacobian(length_1: float, length_2: float, theta_base: float, theta_elbow: float) -> np.ndarray:
-    """Jacobian of one arm (2, 2), Eqs. (9) and (10): tip velocity = J (base rate, elbow rate). Angles in rad.
-
-    The rows of its inverse are the rows of `tip_force_map`; it stands here in the paper's own form.
-    """
-    s1, c1 = math.sin(theta_base), math.cos(theta_base)
-    s12, c12 = math.sin(theta_base + theta_elbow), math.cos(theta_base + theta_elbow)
-    return np.array(
-        [
-            [-length_1 * s1 - length_2 * s12, -length_2 * s12],
-            [length_1 * c1 + length_2 * c12, length_2 * c12],
-        ]
-    )
-
-
-@kernel
-def tip_force(g, i, torque):
-    """Magnitude (N) of the tip force that brake i exerts with `torque` (N m), Eq. (11)."""
-    return abs(torque) * math.sqrt(g[i, 0] * g[i, 0] + g[i, 1] * g[i, 1])

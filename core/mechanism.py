@@ -54,3 +54,9 @@ class Brakes(NamedTuple):
     rise: np.ndarray  # (4, 7) s: a_avg, a_1 .. a_6 of Eq. (4), rising (rates in rpm inside the formula)
     fall: np.ndarray  # (4, 7) s: the same, falling
     play: np.ndarray  # (4,) rad, width of the backlash
+
+
+def no_brakes() -> Brakes:
+    """No joint carries a brake: all numbers zero."""
+    wide = {"k": 5, "rise": 7, "fall": 7}
+    return Brakes(*(np.zeros((4, wide[name]) if name in wide else 4) for name in Brakes._fields))

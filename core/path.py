@@ -48,11 +48,7 @@ class Path(NamedTuple):
 
 def line(start: Sequence[float], end: Sequence[float], where: str = "path") -> Path:
     """The segment from start to end (m, two numbers each). InputError if it has no length or is not finite."""
-    try:
-        x0, y0 = (float(value) for value in start)
-        x1, y1 = (float(value) for value in end)
-    except (TypeError, ValueError):
-        raise InputError(f"{where}: start {start!r} and end {end!r} must be two numbers each, in metres") from None
+    (x0, y0), (x1, y1) = start, end
     length = math.hypot(x1 - x0, y1 - y0)
     if not math.isfinite(length):
         raise InputError(f"{where}: start {start!r} and end {end!r} must be finite")
@@ -78,14 +74,14 @@ def joined(pieces: Sequence[Sequence[float]]) -> Path:
 
 
 @kernel
-def beside(x0: float, y0: float, tx: float, ty: float, x: float, y: float) -> tuple[float, float]:
+def beside(x0, y0, tx, ty, x, y):
     """How far (x, y) lies along and to the left of the straight line through (x0, y0) with unit tangent t, m."""
     rx, ry = x - x0, y - y0
     return tx * rx + ty * ry, tx * ry - ty * rx
 
 
 @kernel
-def beside_arc(piece: np.ndarray, i: int, x: float, y: float) -> tuple[float, float, float, float]:
+def beside_arc(piece, i, x, y):
     """How far (x, y) lies along and to the left of the bent piece i, m, and the unit tangent there.
 
     On the piece's own circle; the way along is counted from half a turn before its middle to half a turn after. At
@@ -105,7 +101,7 @@ def beside_arc(piece: np.ndarray, i: int, x: float, y: float) -> tuple[float, fl
 
 
 @kernel
-def along_piece(piece: np.ndarray, i: int, way: float) -> tuple[float, float, float, float]:
+def along_piece(piece, i, way):
     """Point (m) and unit tangent of piece i, `way` (m) from its start, 0 to its length; outside, straight on."""
     x, y, tx, ty, k = piece[i, X], piece[i, Y], piece[i, TX], piece[i, TY], piece[i, CURVATURE]
     if k == 0.0 or way <= 0.0:
@@ -118,7 +114,7 @@ def along_piece(piece: np.ndarray, i: int, way: float) -> tuple[float, float, fl
 
 
 @kernel
-def gap(piece: np.ndarray, i: int, x: float, y: float) -> float:
+def gap(piece, i, x, y):
     """Distance (m) of (x, y) from piece i itself, between its ends."""
     if piece[i, CURVATURE] != 0.0:
         along, distance, _, _ = beside_arc(piece, i, x, y)
@@ -131,9 +127,7 @@ def gap(piece: np.ndarray, i: int, x: float, y: float) -> float:
 
 
 @kernel
-def at_corner(
-    x: float, y: float, corner_x: float, corner_y: float, tx: float, ty: float, to_other: float, outside: float
-) -> tuple[float, float, float]:
+def at_corner(x, y, corner_x, corner_y, tx, ty, to_other, outside):
     """Signed distance (m) and unit tangent at (x, y) where the nearest point is a corner, for one of its two pieces.
 
     t: that piece's tangent at the corner; to_other: the angle from it to the other piece's, rad; outside: +1 where
@@ -155,7 +149,7 @@ def at_corner(
 
 
 @kernel
-def on_piece(path: Path, i: int, x: float, y: float) -> tuple[float, float, float, float]:
+def on_piece(path, i, x, y):
     """`nearest` as if piece i were the nearest one."""
     piece = path.pieces
     tx, ty = piece[i, TX], piece[i, TY]
@@ -166,9 +160,7 @@ def on_piece(path: Path, i: int, x: float, y: float) -> tuple[float, float, floa
 
 
 @kernel
-def on_piece_of_many(
-    path: Path, i: int, x: float, y: float, along: float, distance: float
-) -> tuple[float, float, float, float]:
+def on_piece_of_many(path, i, x, y, along, distance):
     """`on_piece` where it may bend or have neighbours; along, distance: of the straight line from its start."""
     piece, last = path.pieces, path.pieces.shape[0] - 1
     begin, length, tx, ty = piece[i, FROM], piece[i, LENGTH], piece[i, TX], piece[i, TY]
@@ -195,7 +187,7 @@ def on_piece_of_many(
 
 
 @kernel
-def nearest_piece(path: Path, x: float, y: float) -> int:
+def nearest_piece(path, x, y):
     """The piece nearest to (x, y); of several, the first."""
     if path.pieces.shape[0] == 1:
         return 0
@@ -208,7 +200,7 @@ def nearest_piece(path: Path, x: float, y: float) -> int:
 
 
 @kernel
-def held_piece(path: Path, last: int, x: float, y: float) -> int:
+def held_piece(path, last, x, y):
     """The nearest piece, or still the `last` one (-1: none yet) where the nearest is not clearly nearer."""
     i = nearest_piece(path, x, y)
     if i == last or last < 0:
@@ -220,7 +212,7 @@ def held_piece(path: Path, last: int, x: float, y: float) -> int:
 
 
 @kernel
-def nearest(path: Path, x: float, y: float) -> tuple[float, float, float, float]:
+def nearest(path, x, y):
     """Progress (m), signed distance (m), unit tangent (2,) at the point of the path nearest to (x, y).
 
     Distance is positive to the left of the tangent. Our choice: a single straight piece counts as its infinite line,
@@ -230,7 +222,7 @@ def nearest(path: Path, x: float, y: float) -> tuple[float, float, float, float]
 
 
 @kernel
-def point_at(path: Path, s: float) -> tuple[float, float, float, float]:
+def point_at(path, s):
     """Point (x, y), m, and unit tangent (2,) at progress s (m); straight beyond the ends, at a corner the later one."""
     i = 0
     while i + 1 < path.pieces.shape[0] and s >= path.pieces[i + 1, FROM]:
@@ -239,7 +231,7 @@ def point_at(path: Path, s: float) -> tuple[float, float, float, float]:
 
 
 @kernel
-def measure(path: Path, points: np.ndarray, found: np.ndarray) -> None:
+def measure(path, points, found):
     """`nearest` at each of points (n, 2), m: writes progress, signed distance and tangent into found (n, 4)."""
     for n in range(points.shape[0]):
         found[n, 0], found[n, 1], found[n, 2], found[n, 3] = nearest(path, points[n, 0], points[n, 1])

@@ -40,7 +40,7 @@ class Bodies(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """What Eq. (5) says about one moment."""
+    """Eq. (5) solved for one moment."""
 
     acceleration: np.ndarray  # (10,) m/s2, rad/s2
     multipliers: np.ndarray  # (8,) N: x, y of the forces at E (on AE), at D (on ED), at C (on BC), at D (on CD)

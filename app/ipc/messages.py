@@ -69,11 +69,11 @@ class Open(NamedTuple):
 
 
 class Practice(NamedTuple):
-    """A practice trial, without or before a session; it is kept apart and counts nowhere."""
+    """A practice trial of the session; it is kept apart and counts nowhere."""
 
 
 class Start(NamedTuple):
-    """Run the next trial of the plan (or go on with practice)."""
+    """Run the next trial of the plan, or the next pass of Try on a real device."""
 
 
 class Abort(NamedTuple):
@@ -256,7 +256,6 @@ class Opened(NamedTuple):
     seed: int
     real_device: bool  # currents flow in real brakes
     hand: str  # what moves the handle: "mouse", "operator"
-    next_participant: str  # to be offered: the first without a session, or with an unfinished one; "": none is left
     rules: str  # by which the controllers decide: "settled", "literal"
     trial: "TrialRules"  # of the protocol
     language: "Language"  # the participant's
@@ -308,9 +307,6 @@ class Snapshot(NamedTuple):
     card: Card | None = None  # what is to be done before the next trial
     sandbox: SandboxState | None = None  # None: Try is not open
     seconds_left: float | None = None  # of the whole session, estimated from the trials so far
-    resumable: tuple[str, ...] = ()  # participants whose session in the data folder is unfinished
-    finished: tuple[str, ...] = ()  # .. is done: it can be opened again, to redo a trial or write a note
-    otherwise: tuple[tuple[str, str], ...] = ()  # of these: whose protocol is not the one of new sessions, and its name
     ended_here: int = 0  # trials that have ended since the session was opened
 
     @property

@@ -164,7 +164,6 @@ class Loop:
     def _run_on(self, device: RealDevice, trial: Trial) -> None:
         trial.connect(device)
         run = trial.arguments().run
-        run = run.view(np.ndarray) if NATIVE else run
         try:
             while not trial.finished:
                 end_early(self._controls, run, self._now_ns(), len(self.ring.rows))

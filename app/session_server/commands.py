@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 from app.ipc import messages as m
 from app.ipc.messages import HID, MOUSE, OPERATOR
 from app.session_server.device_setup import RealSetup
-from app.session_server.practice import done_without, person_at
 from app.session_server.session_progress import SessionProgress
+from app.session_server.simulated_person import done_without, person_at
 from app.session_server.state import State
 from app.session_server.steps import ended_by
 from core.files import InputError
@@ -35,6 +35,7 @@ def do(state: State, command: object) -> None:
     try:
         if why := refused(state, declared):
             raise InputError(why)
+        state.settle()
         declared.action(state, command)
     except InputError as error:
         state.say(str(error), bad=True)
@@ -96,30 +97,20 @@ def _wrong_hand(state: State, session: Session) -> str:
 
 def _leave(state: State, _: m.Leave) -> None:
     state.storage.leave()
-    state.look_for_participants()
     state.say("")
 
 
-def _start(state: State, command: m.Start) -> None:
+def _start(state: State, _: m.Start) -> None:
     if state.sandbox.on:
-        state.sandbox.go()
+        state.sandbox.go(state.broken or state.snapshot().why_not)
     elif state.progress is not None:
         _run(state, state.progress.session, state.progress.coming)
-    elif state.practice.tried:
-        _practise(state, command)
     else:
         raise InputError(m.NOT_NOW[m.NO_SESSION])
 
 
-def _practise(state: State, _: m.Practice | m.Start) -> None:
-    if state.session is not None:
-        _run(state, state.session, state.session.next_practice())
-        return
-    device = state.device.to_practise_on(state.protocol, state.practice.simulation)
-    _need_no_hindrance(state)
-    trial = state.practice.trial(device)
-    state.runner.start(trial.planned, trial, None)
-    state.say("Practice: nothing is recorded.")
+def _practise(state: State, _: m.Practice) -> None:
+    _run(state, state.session, state.session.next_practice())
 
 
 def _try(state: State, command: m.Sandbox) -> None:
@@ -218,7 +209,7 @@ IDLE = (m.PREPARING, m.READY, m.RERIG, m.BREAK, m.QUESTIONS, m.FINISHED)
 COMMANDS = {
     m.Open: Command(_open, (m.NO_SESSION,), session=False),
     m.Leave: Command(_leave, IDLE),
-    m.Practice: Command(_practise, (m.READY, m.NO_SESSION), session=False),
+    m.Practice: Command(_practise, (m.READY,)),
     m.Sandbox: Command(_try, session=False),
     m.EndSandbox: Command(lambda state, _: state.sandbox.leave(), session=False),
     m.SaveAsProtocol: Command(lambda state, command: state.sandbox.save(Path(command.path)), session=False),

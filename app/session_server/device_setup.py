@@ -55,7 +55,6 @@ class SimulatedSetup:
 
     def confirm(self, progress: "SessionProgress", write: Write) -> None:
         """The experimenter has done it."""
-        assert progress.coming is not None
         write(RERIGGED, configuration=progress.coming.configuration)
         progress.rigged = progress.coming.configuration
 
@@ -68,10 +67,10 @@ class SimulatedSetup:
         if self._ring.presses == presses:
             self._ring.allow()
 
-    def tip(self, progress: "SessionProgress | None", practice: SimulatedDevice | None) -> m.Point:
-        """Where the handle is in the coming configuration, m. practice: the device of trials without a session."""
+    def tip(self, progress: "SessionProgress | None", tried: SimulatedDevice | None) -> m.Point:
+        """Where the handle is in the coming configuration, m. tried: the device of Try, once it is built."""
         if progress is None:
-            return practice.tip if practice is not None else (0.0, 0.0)
+            return tried.tip if tried is not None else (0.0, 0.0)
         configuration = progress.coming.configuration if progress.coming else progress.rigged
         return progress.session.simulation(configuration or progress.session.protocol.devices[0].name).tip
 
@@ -80,11 +79,11 @@ class SimulatedSetup:
         self.take_handle(session.simulation(planned.configuration))
         return session.begin(planned)
 
-    def to_practise_on(self, protocol: Protocol, practice: SimulatedDevice | None) -> SimulatedDevice:
-        """The device of a trial without a session."""
-        assert practice is not None, "the session server is still preparing"
-        self.take_handle(practice)
-        return practice
+    def to_try(self, protocol: Protocol, tried: SimulatedDevice | None) -> SimulatedDevice:
+        """The device of a pass of Try, ready for the hand."""
+        assert tried is not None, "the session server is still preparing"
+        self.take_handle(tried)
+        return tried
 
     def take_handle(self, device: SimulatedDevice) -> None:
         """Before a trial: a six-axis device's force alone moves the handle, no spring between pointer and handle."""
@@ -193,7 +192,6 @@ class RealSetup:
 
     def _device(self, progress: "SessionProgress") -> Device:
         """That of the coming trial."""
-        assert progress.coming is not None
         return progress.session.protocol.device(progress.coming.configuration)
 
     def hear(self, answers: list[object], write: Write, say: Callable[..., None]) -> None:
@@ -221,7 +219,7 @@ class RealSetup:
         """
         self._send(m.Reset(presses))
 
-    def tip(self, progress: "SessionProgress | None", practice: SimulatedDevice | None) -> m.Point:
+    def tip(self, progress: "SessionProgress | None", tried: SimulatedDevice | None) -> m.Point:
         """Where the handle is, rounded, m: a hand that rests changes no snapshot. Before homing: where the jig is."""
         x, y = self.status.tip if self.status and self.status.homed else self._home
         return round(x, 3), round(y, 3)
@@ -229,17 +227,16 @@ class RealSetup:
     def begin(self, session: Session, planned: PlannedTrial) -> tuple[Trial, RecordingWriter]:
         """Open a trial of the session. InputError: a step is being done on the device."""
         self._refuse_while_busy()
-        assert self.status is not None
         return session.begin(planned, Sensors(self.status.encoders, self.status.force_channels))
 
-    def to_practise_on(self, protocol: Protocol, practice: SimulatedDevice | None) -> Device:
-        """The device of a trial without a session. InputError: it is not ready, or a step is being done."""
+    def to_try(self, protocol: Protocol, tried: SimulatedDevice | None) -> Device:
+        """The device of a pass of Try. InputError: it is not ready, or a step is being done."""
         self._refuse_while_busy()
         device = next((one for one in protocol.devices if self.status and one.name == self.status.device), None)
         if device is None or self.step(device) != DONE:
             raise InputError(
                 "The device on the bench is not ready. Open a session: it leads through homing and zero; "
-                "from then on practice needs none."
+                "from then on Try needs none."
             )
         return device
 

@@ -7,6 +7,7 @@ device (our choice, for its hand) a change waits for the next pass, and each pas
 """
 
 import math
+import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -15,10 +16,10 @@ import numpy as np
 from msgspec.structs import replace
 
 from app.ipc import messages as m
-from app.ipc.messages import MOUSE, Pass, SandboxSettings, SandboxState
+from app.ipc.messages import MOUSE, OPERATOR, Pass, SandboxSettings, SandboxState
 from app.session_server.device_setup import RealSetup, SimulatedSetup
-from app.session_server.practice import person_at
 from app.session_server.preflight import with_advice
+from app.session_server.simulated_person import person_at
 from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.control.algorithm import Controller
 from core.control.controllers import Preset, make_controller
@@ -73,15 +74,30 @@ class Sandbox:
         self.real = isinstance(device, RealSetup)
         self.on = False
         self.settings = self._initial(protocol.devices[0].name, next(iter(protocol.paths)))
-        self.simulation: SimulatedDevice | None = None  # None: there has been no pass, or the device is real
+        self.simulation: SimulatedDevice | None = None  # None: not built yet, or the device is real
         self._run: TrialRun | None = None
         self._ticks = Ticks()
         self._now = self.settings  # those that the running pass has
         self._changed = self._asked = self._taken = False  # asked: a Start; taken: the pointer still has the handle
         self._number, self._least_gain = 0, 0.0
         self._passes: list[Pass] = []
+        self.failure: BaseException | None = None  # of the preparation
+        self.prepared, self.loop_ready = self.real, threading.Event()  # the loop needs the processors more
+        threading.Thread(target=self._prepare, name="preparation", daemon=True).start()
         self._measuring = ThreadPoolExecutor(1, "measures")  # beside: the first time scipy is imported
         self._measured: list[tuple[Pass, Future[Metrics]]] = []
+
+    def _prepare(self) -> None:
+        """Build the simulated device, whose kernels may have to be compiled; then import what the measures need."""
+        try:
+            if not self.real:
+                self.simulation = self._ready_simulation()
+                self.prepared = True
+            self.loop_ready.wait()
+            import scipy.fft
+            import scipy.signal  # noqa: F401  (seconds, but not after the first trial)
+        except BaseException as error:
+            self.failure = error  # raised again in `State.watch`, where it ends the server
 
     # ------------------------------------------------------------------------------------------- what is asked for
 
@@ -110,9 +126,13 @@ class Sandbox:
         self._say("", False)
         places = np.asarray(outline(p.paths[settings.path], SPACING_M))
         self._least_gain = settings.brake_strength * least_gain_felt(device, places)
+        self._change()
 
-    def go(self) -> None:
-        """A Start: the next pass on a real device."""
+    def go(self, hindrance: str) -> None:
+        """A Start: the next pass on a real device. InputError: it is not ready, or something else hinders it."""
+        self._device.to_try(self._protocol, self.simulation)
+        if hindrance:
+            raise InputError(hindrance)
         self._asked = True
 
     def save(self, path: Path) -> None:
@@ -174,7 +194,12 @@ class Sandbox:
             if self.on and not hindrance and (self._asked or not self.real):
                 self._begin()
             self._taken = False
-        elif not self.real and not (self.on and self.settings == self._now):
+        else:
+            self._change()
+
+    def _change(self) -> None:
+        """Let the loop hand the pass back if it is not as it is wanted to be."""
+        if self._run is not None and not self.real and not (self.on and self.settings == self._now):
             self._run.hand_back()
 
     def owns(self, run: TrialRun) -> bool:
@@ -183,6 +208,8 @@ class Sandbox:
 
     def lost(self) -> None:
         """The loop died with the pass: the device is as it was before it."""
+        if self._run is not None:
+            self._run.let_go()
         self._run = None
 
     def returned(self, run: TrialRun, taken: bool) -> None:
@@ -225,12 +252,7 @@ class Sandbox:
         p, s = self._protocol, self.settings
         if not self.real:
             self.simulation = self._ready_simulation()
-        try:
-            device = self._device.to_practise_on(p, self.simulation)
-        except InputError as error:
-            self._asked = False
-            self._say(str(error), True)
-            return
+        device = self._device.to_try(p, self.simulation)
         name = device.name if isinstance(device, Device) else device.device.name
         self.settings = s = s._replace(device=name)  # of a real one: the board's
         planned = PlannedTrial(0, 0, name, s.controller, s.path, self._number + 1)
@@ -249,7 +271,7 @@ class Sandbox:
         tip = old.tip if old is not None else (path.x1, path.y1)  # there is a way to go
         if not tip_is_free(device.mechanism, *tip):
             tip, self._taken = (path.x1, path.y1), False
-        return SimulatedDevice(device, tip, p.mouse.hand() if self._setup.hand != m.OPERATOR else None)
+        return SimulatedDevice(device, tip, p.mouse.hand() if self._setup.hand != OPERATOR else None)
 
     def _controller(self, s: SandboxSettings, device: Device) -> Controller:
         """As the settings have it. InputError for numbers that cannot be."""

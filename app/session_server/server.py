@@ -172,23 +172,21 @@ def _log_into(path: Path, early: BinaryIO, left: contextlib.ExitStack) -> None:
 
 
 def read_protocol(setup: Setup) -> "Protocol":
-    """The protocol of new sessions. InputError if it cannot be run, or has nothing to do for the participant named."""
+    """The protocol of new sessions. InputError if it cannot be run, or not for the participant named."""
     from experiments.protocol import load_protocol
     from experiments.session import files
 
     protocol = load_protocol(
         setup.protocol, devices=setup.devices, rules=setup.rules, low_gain=setup.low_gain, seed=setup.seed
     )
-    kept = files.kept_sessions(setup.data_dir)
-    if not setup.participant and not any(kept.values()):
-        files.free_participant(setup.data_dir, protocol.participants)  # InputError if nobody is left
-    if setup.participant and setup.participant not in kept:
-        if setup.hand != OPERATOR:
-            protocol.refuse_stranger(setup.participant)
+    if setup.participant:
         folder = files.session_folder(setup.data_dir, setup.participant)
         if (folder / files.STORED).exists():
-            files.read_stored(folder)  # one that is damaged is said to be
-        files.refuse_existing(setup.data_dir, setup.participant)
+            files.read_stored(folder)  # InputError if it is damaged
+        else:
+            files.refuse_existing(setup.data_dir, setup.participant)
+            if setup.hand != OPERATOR:
+                protocol.refuse_stranger(setup.participant)
     return protocol
 
 

@@ -10,15 +10,12 @@ from app.ipc.messages import OPERATOR, Setup
 from app.ipc.ring import Ring
 from app.session_server.device_setup import RealSetup, SimulatedSetup
 from app.session_server.loop_process import LoopProcess
-from app.session_server.practice import Practice
 from app.session_server.preflight import check_disk, check_recording, with_advice
 from app.session_server.sandbox import Sandbox
 from app.session_server.session_progress import SessionProgress
 from app.session_server.storage import Storage
 from app.session_server.trial_runner import TrialRun, TrialRunner
-from core.files import InputError
 from experiments.protocol import Protocol
-from experiments.session.files import free_participant, kept_sessions, protocols_otherwise
 from experiments.session.journal import BRAKES_ALLOWED, BRAKES_OFF, WINDOW_LOST
 from experiments.session.session import Session
 
@@ -40,23 +37,9 @@ class State:
         self.broken = ""  # why no more trials can be run
         self.storage = Storage(setup.data_dir, self.runner, self.say)
         self._said, self._said_bad = "", False
-        self.look_for_participants()
-        self._next_participant = setup.participant or self._next_participant
         self._disk, self._free = check_disk(setup.data_dir)
         self._looked_s = time.monotonic()
-        self.practice = Practice(setup, protocol)
         self.sandbox = Sandbox(setup, protocol, self.runner, self.device, self.say)
-
-    def look_for_participants(self) -> None:
-        """Whose session can be gone on with, whose is done, and who has none yet."""
-        kept = kept_sessions(self.setup.data_dir)
-        self._resumable = tuple(name for name, unfinished in kept.items() if unfinished)
-        self._finished = tuple(name for name, unfinished in kept.items() if not unfinished)
-        self._otherwise = tuple(protocols_otherwise(self.setup.data_dir, tuple(kept), self.protocol).items())
-        try:
-            self._next_participant = free_participant(self.setup.data_dir, self.protocol.participants)
-        except InputError:
-            self._next_participant = next(iter(self._resumable), "")
 
     # ------------------------------------------------------------------------------------- what is
 
@@ -67,7 +50,7 @@ class State:
             return m.FAILED
         if self.runner.run is not None:
             return m.RUNNING
-        if self.practice.simulation is None or not self.runner.ready:
+        if not self.sandbox.prepared or not self.runner.ready:
             return m.PREPARING
         return self.progress.stage if self.progress else m.NO_SESSION
 
@@ -101,7 +84,6 @@ class State:
             seed=protocol.seed,
             real_device=self.device.real,
             hand=self.device.hand,
-            next_participant=self._next_participant,
             rules=protocol.rules,
             trial=protocol.trial,
             language=protocol.sentences,
@@ -122,7 +104,7 @@ class State:
             coming=coming,
             running=run.planned if run else None,
             practice=session is None or (at is not None and at.block == 0),
-            tip=run.tip if run else self.device.tip(progress, self.sandbox.simulation or self.practice.simulation),
+            tip=run.tip if run else self.device.tip(progress, self.sandbox.simulation),
             paused=progress is not None and progress.paused_s is not None,
             blind=session is not None and session.blind,
             checks=(
@@ -138,9 +120,6 @@ class State:
             sandbox=self.sandbox.state,
             card=due[1] if due and stage == due[0].name else None,
             seconds_left=progress.seconds_left() if progress else None,
-            resumable=() if session else self._resumable,
-            finished=() if session else self._finished,
-            otherwise=() if session else self._otherwise,
             ended_here=progress.ended_here if progress else 0,
         )
 
@@ -155,6 +134,11 @@ class State:
     def say(self, sentence: str, bad: bool = False) -> None:
         """Tell the experimenter."""
         self._said, self._said_bad = sentence, bad
+
+    def settle(self) -> None:
+        """A new command is done: what was refused before it is past."""
+        if self._said_bad:
+            self.say("")
 
     def look_at_brakes(self) -> None:
         """Whether currents may flow; what has changed is journalled."""
@@ -173,14 +157,14 @@ class State:
 
     def watch(self) -> None:
         """Take in what has happened since the last time."""
-        if self.practice.failure is not None:
-            raise self.practice.failure
+        if self.sandbox.failure is not None:
+            raise self.sandbox.failure
         self.look_at_brakes()
         run, lost = self.runner.watch()
         if isinstance(self.device, RealSetup):
             self.device.hear(self.runner.told(), self.storage.write, self.say)
         if self.runner.ready:
-            self.practice.loop_ready.set()
+            self.sandbox.loop_ready.set()
         if lost:
             self._lost(run, lost)
         elif run is not None and self.sandbox.owns(run):
@@ -198,12 +182,12 @@ class State:
     def _lost(self, run: TrialRun | None, why: str) -> None:
         """The loop died or hung, perhaps with a trial."""
         self.broken = self.runner.broken
-        self.sandbox.lost()
         if isinstance(self.device, RealSetup) and not self.broken:
             self.device.connect_anew()
-        if run is not None:
+        if run is not None and not self.sandbox.owns(run):
             self.storage.rescue(run, why)
         else:
+            self.sandbox.lost()
             self.say(with_advice("", why), bad=True)
 
     def end(self, reason: str) -> None:
@@ -219,5 +203,5 @@ class State:
         self.device.close()
         self.runner.close()
         if self.runner.run is not None:
-            self.storage.rescue(self.runner.run, reason)
+            self._lost(self.runner.run, reason)
         self.storage.let_go()

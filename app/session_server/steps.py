@@ -35,7 +35,6 @@ def _questions(progress: "SessionProgress") -> Card | None:
 
 
 def _answer(progress: "SessionProgress", write: Write, command: m.Answers) -> None:
-    assert progress.asked is not None
     configuration, block, controller = progress.asked
     values = dict(command.values)
     if controller:

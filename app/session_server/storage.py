@@ -106,9 +106,7 @@ class Storage:
         """A trial has come to its end."""
         reason = run.trial.outcome()["reason"]
         said = with_advice(run.name, reason)
-        if self.progress is None:
-            self._say(said)
-            return
+        assert self.progress is not None
         try:
             row = run.keep(self.progress.session)
             self.verified = run.name.lower() if row.recording else self.verified
@@ -130,10 +128,7 @@ class Storage:
     def rescue(self, run: TrialRun, why: str) -> None:
         """The control loop was lost with a trial."""
         said = with_advice("", why)
-        if self.progress is None:
-            run.let_go()
-            self._say(said, bad=True)
-            return
+        assert self.progress is not None
         try:
             run.rescue(self.progress.session)
             self.write(LOOP_LOST, run=run.planned.run, reason=why)

@@ -39,7 +39,7 @@ from experiments.analysis.participants import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow
 from experiments.export.results import Conclusions, Job, Results, conclude, new_folder, read_results
 from experiments.session.files import STORED
-from experiments.session.playback import read_playback
+from experiments.session.playback import Playback, read_playback
 
 FINDINGS = "findings"
 PAGES = {
@@ -173,7 +173,7 @@ class AnalysePage(Page):
         self.side = TrialView()
         self._reading.done.connect(self._show_results)
         self._concluding.done.connect(self.verdicts.show_conclusions)
-        self._opening.done.connect(self.side.show_trial)
+        self._opening.done.connect(self._show_trial)
         self.side.closed.connect(self.close_trial)
         self.side.stepped.connect(self.step)
         for plot in self.plots:
@@ -404,6 +404,13 @@ class AnalysePage(Page):
         self.side.show()
         self._make_room()
 
+    def _show_trial(self, trial: Playback | InputError) -> None:
+        self.side.show_trial(trial)
+        if isinstance(trial, Playback) and trial.row is not None:
+            self.chosen = trial.row
+            for plot in self.plots:
+                plot.show_ring(trial_of(trial.row))
+
     def close_trial(self) -> None:
         """The charts have the whole page."""
         self.chosen = None
@@ -431,7 +438,8 @@ class AnalysePage(Page):
         sessions = [one for one in results.sessions if one.parent.name.removeprefix("sub-") in people]
         answers = tuple(answer for answer in results.answers if answer.participant in people)
         page = self.page if self.page != FINDINGS else POOLED
-        folder = new_folder(results.folder)  # there when all of it has been written
+        whole = results.folder.parent.parent if (results.folder / STORED).exists() else results.folder
+        folder = new_folder(whole)  # there when all of it has been written
         self._job = Job(page, rows, answers, self.view, results.note, results.folder, tuple(sessions), folder, report)
         self._show_busy(True)
         self._cancelled = False

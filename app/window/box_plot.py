@@ -51,6 +51,7 @@ class ChartPlot(Plot):
             marks.sigClicked.connect(self._clicked)
         self.item.vb.sigYRangeChanged.connect(self._place_crosses)
         self.item.showGrid(y=True, alpha=0.15)
+        self.item.getAxis("left").setTickDensity(0.6)
         self.setMinimumSize(180, 150)
 
     def show_chart(self, chart: Chart, logarithmic: bool) -> None:

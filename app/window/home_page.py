@@ -314,7 +314,6 @@ class HomePage(Page):
                 self.participant.setText(loaded.participant)
                 self._asked = {}  # of another participant
             self.blind.setChecked(loaded.protocol.blind)
-            self.blind.setEnabled(not loaded.protocol.blind)
             if loaded.protocol.form != self._asked:
                 self._show_form(loaded.protocol.form)
         self._refresh()
@@ -454,7 +453,10 @@ class HomePage(Page):
         self.why.setVisible(bool(wrong or why))
         for choice in (self.protocol, self.devices, self.hand, self.link, self.port, self.participant):
             choice.setEnabled(not is_open)
-        self.blind.setVisible(there is None)
+        for new in (self.blind, *self.fields.values()):  # of a session that is there this was settled when it began
+            new.setEnabled(there is None and not is_open)
+        if isinstance(self.loaded, Loaded) and self.loaded.protocol.blind:
+            self.blind.setEnabled(False)
         self._ports_box.setVisible(self.on_board)
         self.hand.setVisible(not self.on_board)
         self.hand_words.setText("measured by the force sensor" if self.on_board else HAND_WORDS[self.hand.value()])

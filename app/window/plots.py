@@ -161,7 +161,6 @@ class Trace(TimePlot):
         self.newest: tuple[float, ...] = ()
         self.hidden = False
         self._t, self._values, self._count = np.empty(8192), np.empty((len(colours), 8192)), 0
-        self._worded_s = -np.inf
         self._following = True
         self.item.hideAxis("bottom")
         self.item.vb.sigRangeChangedManually.connect(self._stop_following)
@@ -179,13 +178,10 @@ class Trace(TimePlot):
         if not self.hidden:
             self._rescale(values)
             self.draw()
-        if not self._worded_s <= t[-1] < self._worded_s + WORDS_EVERY_S:
-            self._worded_s = float(t[-1])
-            self.show_newest()
 
     def clear(self) -> None:
         """A new trial: nothing to show yet."""
-        self._count, self.newest, self._worded_s = 0, (), -np.inf
+        self._count, self.newest = 0, ()
         self.scale_to(self.least)
         self.show_all()
         self.show_newest()
@@ -278,6 +274,11 @@ class Traces(QWidget):
         self.speed.add(t, np.hypot(rows[:, tick_log.TIP_VX], rows[:, tick_log.TIP_VY])[None])
         self.currents.add(t, currents_of(rows, self.currents.names))
         self.error.add(t, 1e3 * np.abs(rows[:, tick_log.PATH_DISTANCE])[None])
+
+    def word(self) -> None:
+        """The values of the last tick that was added, beside the titles."""
+        for trace in self._all():
+            trace.show_newest()
 
     def set_blind(self, blind: bool) -> None:
         """Hide what would tell the controllers apart."""

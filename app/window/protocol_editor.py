@@ -234,6 +234,7 @@ class ProtocolEditor(QFrame):
     def _controller_row(self, place: int, controller: dict[str, Any]) -> QHBoxLayout:
         name, kind = QLineEdit(str(controller.get("name")), accessibleName=f"Controller {place + 1}"), Choice()
         name.setMinimumWidth(100)
+        name.setCursorPosition(0)
         name.textEdited.connect(lambda text: self._change(controller, "name", text))
         kind.addItems(list(ALGORITHMS))
         kind.setCurrentText(str(controller.get("kind")))

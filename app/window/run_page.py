@@ -2,6 +2,7 @@
 of the trial that has just ended."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, Signal
@@ -17,7 +18,7 @@ from app.window.painting import theme
 from app.window.painting.labels import OneLine, word
 from app.window.painting.linkage_view import Workspace
 from app.window.painting.parts import row
-from app.window.plots import TimingStrip, Traces
+from app.window.plots import WORDS_EVERY_S, TimingStrip, Traces
 from app.window.questionnaire import Questionnaire
 from app.window.session_panel import SessionPanel, can_be_redone
 from app.window.trial_card import TrialCard
@@ -48,6 +49,7 @@ class RunPage(Page):
         self._waiting: list[np.ndarray] = []  # ticks that the panels have not had yet
         self._ticks: list[np.ndarray] = []  # of the running trial, for its card
         self._judged: set[int] = set()  # runs whose card was answered
+        self._worded_s = -np.inf  # time of the tick whose numbers are read now
         self._lay_out()
         self.cards = Cards(self.centre)
         self._connect()
@@ -158,7 +160,8 @@ class RunPage(Page):
             self.send(m.Exclude(self.card.row.run, reason))
 
     def _show_cell(self, row: TrialRow) -> None:
-        self.page_asked.emit(ANALYSE, row)
+        if self.opened is not None:
+            self.page_asked.emit(ANALYSE, Path(self.opened.folder) / row.recording)
 
     @property
     def card_shown(self) -> bool:
@@ -231,6 +234,12 @@ class RunPage(Page):
             self._waiting.clear()
             for panel in (self.traces, self.energy, self.timing):
                 panel.add(rows)
+            now = rows[-1, tick_log.T]
+            if not self._worded_s <= now < self._worded_s + WORDS_EVERY_S or self.snapshot.running is None:
+                self._worded_s = float(now)  # one tick for all numbers: the same force beside its arrow and its curve
+                self.traces.word()
+                if self.centre.workspace is not None and self.snapshot.running is not None:
+                    self.centre.workspace.word(rows[-1])
 
     def show_time(self, now_s: float) -> None:
         """What only the clock changes: the countdown of a break."""
@@ -358,7 +367,7 @@ class Centre(QWidget):
         """Ticks (n, tick_log.WIDTH) of the running trial; taken: the pointer has hold of the handle."""
         if self.workspace is None:
             return
-        self.workspace.add(rows)
+        self.workspace.add(rows, words=False)
         if (shown := self._moving(int(rows[-1, tick_log.PHASE]), taken or not hand_is_mouse(self._opened))) is not None:
             self._write(shown)
 

@@ -33,7 +33,7 @@ class SessionPanel(QFrame):
         super().__init__(parent, objectName="panel")
         self.setFixedWidth(WIDTH_PX)
         self.head = word("", size=theme.HEAD, bold=True)
-        self.done, self.left = word("", "quiet"), word("", size=theme.TITLE, bold=True)
+        self.done, self.left = word("", "quiet", theme.SMALL), word("", size=theme.TITLE, bold=True)
         self.grid = PlanGrid()
         self.coming_head = word("Next", "quiet")
         self.coming = word("", bold=True)
@@ -99,7 +99,7 @@ class SessionPanel(QFrame):
         statuses = list(self.grid.statuses.values())
         over, valid = sum(status in SETTLED for status in statuses), statuses.count("done")
         missing = f" · {over - valid} without a result" if over > valid else ""
-        self.done.setText(f"{valid} of {len(opened.plan)} trials done{missing}" if opened.participant else "")
+        self.done.setText(f"{valid} of {len(opened.plan)} done{missing}" if opened.participant else "")
         self.done.setToolTip("Without a result: timed out, aborted (×), skipped (–) or excluded" if missing else "")
         self.left.setText(minutes(snapshot.seconds_left) if snapshot.stage != m.FINISHED else "")
         self._show_coming(opened, snapshot)

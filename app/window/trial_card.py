@@ -7,12 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QPushButton, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
 from app.window.box_plot import colour_of
 from app.window.painting import theme
 from app.window.painting.labels import Choice, KeyButton, OneLine, line, word
+from app.window.painting.parts import row
 from app.window.plots import TimePlot, range_for
 from app.window.words import controller_name, place
 from core import tick_log
@@ -46,17 +47,14 @@ class Measure(QWidget):
         self.points = pg.ScatterPlotItem()
         self.graph.addItem(self.points)
         self.end = 0.0  # of the axis: it grows and never shrinks, so that cards compare
-        number = QHBoxLayout()
-        number.addWidget(self.value)
-        number.addWidget(self.unit, 1, Qt.AlignmentFlag.AlignBottom)
-        left = QVBoxLayout()
-        left.setSpacing(0)
-        left.addWidget(word(metric.title, "quiet", theme.SMALL))
-        left.addLayout(number)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 2, 0, 2)
-        row.addLayout(left, 2)
-        row.addWidget(self.graph, 3)
+        layout = QGridLayout(self)
+        layout.setContentsMargins(0, 2, 0, 2)
+        layout.setVerticalSpacing(0)
+        layout.addWidget(word(metric.title, "quiet", theme.SMALL), 0, 0)
+        layout.addLayout(row(self.value, self.unit, 1), 1, 0)
+        layout.addWidget(self.graph, 0, 1, 2, 1)
+        layout.setColumnStretch(0, 2)
+        layout.setColumnStretch(1, 3)
 
     def show_values(self, now: TrialRow, earlier: Sequence[TrialRow], others: Sequence[TrialRow], colour: str) -> None:
         """This trial, the earlier ones of its controller, and those of other controllers on the same device."""
@@ -143,17 +141,15 @@ class TrialCard(QFrame):
         self.keep.clicked.connect(self.kept)
         self.redo.clicked.connect(self.redo_asked)
         self.out.clicked.connect(self.exclude)
-        head, decide, exclude = QHBoxLayout(), QHBoxLayout(), QHBoxLayout()
-        for widget, stretch in ((self.dot, 0), (self.title, 1), (self.outcome, 0)):
-            head.addWidget(widget, stretch)
-        decide.addWidget(self.keep, 2)
-        decide.addWidget(self.redo, 1)
-        exclude.addWidget(self.reason, 2)
-        exclude.addWidget(self.out, 1)
+        decide = QGridLayout()
+        for at, widget in enumerate((self.keep, self.redo, self.reason, self.out)):
+            decide.addWidget(widget, at // 2, at % 2)
+        decide.setColumnStretch(0, 2)
+        decide.setColumnStretch(1, 1)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(14, 10, 14, 12)
         layout.setSpacing(6)
-        layout.addLayout(head)
+        layout.addLayout(row(self.dot, self.title, 1, self.outcome))
         layout.addWidget(self.what)
         layout.addWidget(self.legend)
         for measure in self.measures:
@@ -161,7 +157,6 @@ class TrialCard(QFrame):
         layout.addWidget(self.trace, 1)
         layout.addWidget(self.flags)
         layout.addLayout(decide)
-        layout.addLayout(exclude)
 
     @property
     def ready(self) -> bool:

@@ -4,6 +4,7 @@ The side of the page Analyse, or (`phd replay RECORDING`) a window of its own.
 """
 
 import gc
+import signal
 import sys
 import tempfile
 import time
@@ -118,6 +119,8 @@ class TrialView(QFrame):
     def resizeEvent(self, event: QResizeEvent) -> None:
         wide = self.width() > WIDE_PX
         self._middle.setDirection(QBoxLayout.Direction.LeftToRight if wide else QBoxLayout.Direction.TopToBottom)
+        for part, share in enumerate((5, 4) if wide else (4, 7)):
+            self._middle.setStretch(part, share)
         super().resizeEvent(event)
 
     # which trial
@@ -338,6 +341,7 @@ class TrialWindow(QWidget):
 
 def run(path: Path) -> int:
     """Play a recording in a window of its own until it is closed. InputError if there is nothing to play."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # nothing is written here; Python's own handler waits for an event
     application = QApplication(sys.argv[:1])
     theme.dress(application)
     window = TrialWindow(path)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QModelIndex, QPointF, QRectF, QSignalBlocker, Qt, QTimer, Signal
-from PySide6.QtGui import QKeyEvent, QPainter, QPainterPath, QPainterPathStroker, QRegion, QResizeEvent
+from PySide6.QtGui import QKeyEvent, QPainter, QPainterPath, QPainterPathStroker, QResizeEvent
 from PySide6.QtWidgets import (
     QFileDialog,
     QFrame,
@@ -31,13 +31,11 @@ from app.window.painting.labels import OneLine, line, word
 from app.window.painting.layers import (
     Doing,
     Instant,
-    directions,
     doing,
     extent_of_linkages,
     extent_of_paths,
-    field_of,
 )
-from app.window.painting.marks import SHADE, arrow_of, paint_arrow, paint_directions
+from app.window.painting.marks import ARMS, SHADE, arrow_of, paint_arrow, rings_of
 from app.window.painting.parts import Segments, button, panel, row, scrolled
 from app.window.painting.plane import Plane, Sizes
 from app.window.painting.theme import font, pen, shade, text_width, write
@@ -51,12 +49,13 @@ from core.path import PathFile
 RIGHT_PX, NAME_PX = 390, 112
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
 MARGIN_M = 0.045  # around the path, at least
-TRAIL, FORCES, SLACK, LINKAGE, DIRECTIONS = "trail", "forces", "slack", "linkage", "directions"
-LAYERS = ((TRAIL, "T"), (FORCES, "F"), (SLACK, "G"), (LINKAGE, "L"), (DIRECTIONS, "D"))  # and their keys
+TRAIL, FORCES, SLACK, LINKAGE = LAYERS = ("trail", "forces", "slack", "linkage")
+KEYS = "TFGL"  # of the layers
 INSET_PX = 180.0  # wide, at most
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
 GAIN = "gain_N_s_m"
 READY = Shown("Ready", "Space starts a pass")
+IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
 REAL = "Real brakes: what you change acts in the next pass, and each pass waits for Space."
 
 
@@ -66,17 +65,16 @@ class Canvas(Plane):
     def __init__(self) -> None:
         sizes = Sizes(path=5.0, ring_pen=4.0, handle=12.0, pointer=7.0, trail=2.5)
         super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), sizes, keep_free=QMarginsF(16.0, 70.0, 16.0, 26.0))
-        self.shown = {TRAIL, FORCES, SLACK, LINKAGE}
+        self.shown = set(LAYERS)
         self.gap_m = 0.0
         self.instant: Instant | None = None
         self._device: Device | None = None
         self._linkage = QRectF()  # m, in which it stays
         self._doing: dict[str, Doing] = {}
-        self._now: np.ndarray | None = None
 
     def show_place(self, device: Device, path: PathFile, tip: m.Point) -> None:
         """Another device or path: the handle rests at `tip`."""
-        self._device, self.instant, self._now = device, Instant(device, tip), None
+        self._device, self.instant = device, Instant(device, tip)
         self._linkage = extent_of_linkages([device], [path])
         self.set_extent(extent_of_paths([path], MARGIN_M))
         self.show_path(path)
@@ -96,15 +94,12 @@ class Canvas(Plane):
     def add(self, rows: np.ndarray, taken: bool) -> None:
         """Ticks (n, tick_log.WIDTH), n > 0, of the running pass."""
         assert self._device is not None
-        now = self._now = rows[-1]
+        now = rows[-1]
         tip = (float(now[tick_log.TIP_X]), float(now[tick_log.TIP_Y]))
         if now[tick_log.PHASE] == tick_log.MOVE:
             self.extend_trail(tip)
         self.instant, self._doing = Instant(self._device, tip, now), doing(self._device, rows)
         self.show_handle(tip, taken, math.hypot(*self.instant.hand))
-
-    def moving(self) -> QRegion:
-        return QRegion(self.rect())
 
     def paint_under_path(self, painter: QPainter) -> None:
         if SLACK in self.shown and self.gap_m > 0.0 and len(self.outline):
@@ -122,16 +117,12 @@ class Canvas(Plane):
         write(painter, QPointF(right - 0.01 * self.scale, low - 12.0), "2 cm", theme.NORMAL, False, theme.QUIET)
 
     def paint_under_handle(self, painter: QPainter) -> None:
-        instant, device = self.instant, self._device
-        if instant is None or device is None:
+        if (instant := self.instant) is None:
             return
-        handle, field = self.to_screen(instant.tip), None if self._now is None else field_of(self._now)
-        if DIRECTIONS in self.shown and field is not None:
-            paint_directions(painter, handle, directions(device, instant.g, field), field)
         if FORCES in self.shown:
-            paint_arrow(painter, handle, arrow_of(instant.brakes), theme.BRAKE_SLIPPING, 4.0)
+            paint_arrow(painter, self.to_screen(instant.tip), arrow_of(instant.brakes), theme.BRAKE_SLIPPING, 4.0)
         if LINKAGE in self.shown:
-            self._paint_inset(painter, instant, device)
+            self._paint_inset(painter, instant)
 
     def paint_over_handle(self, painter: QPainter) -> None:
         if self.instant is None or FORCES not in self.shown:
@@ -149,7 +140,7 @@ class Canvas(Plane):
                 place = QPointF(min(max(middle.x(), half), self.width() - half), middle.y())
                 write(painter, place, text, theme.TITLE, True, colour)
 
-    def _paint_inset(self, painter: QPainter, instant: Instant, device: Device) -> None:
+    def _paint_inset(self, painter: QPainter, instant: Instant) -> None:
         """The whole linkage, its brakes in the colour of what they do."""
         wide = min(INSET_PX, 0.24 * self.width(), 0.4 * self.height())
         box = QRectF(self.width() - wide - 10.0, 10.0, wide, 0.9 * wide)
@@ -161,14 +152,13 @@ class Canvas(Plane):
         zero = box.center() - QPointF(scale * room.center().x(), -scale * room.center().y())
         at = {joint: zero + QPointF(scale * x, -scale * y) for joint, (x, y) in instant.joints.items()}
         painter.setPen(pen(theme.ARM_CORE, 3.0, round_cap=True))
-        for one, other in ("AE", "ED", "BC", "CD") if at else ():
+        for one, other in ARMS if at else ():
             painter.drawLine(at[one], at[other])
-        together = bool(at) and (at["A"] - at["B"]).manhattanLength() < 14.0
-        for joint in device.braked if at else "":
-            aside = {"A": -7.0, "B": 7.0}.get(joint, 0.0) if together else 0.0
+        rings = rings_of(at, instant.device.braked, 5.5)
+        for joint in instant.device.braked if at else "":
             painter.setPen(pen(SHADE[self._doing.get(joint, Doing()).state], 3.0))
             painter.setBrush(shade(theme.PANEL))
-            painter.drawEllipse(at[joint] + QPointF(aside, 0.0), 5.5, 5.5)
+            painter.drawEllipse(rings[joint], 5.5, 5.5)
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(shade(theme.HANDLE))
         painter.drawEllipse(zero + QPointF(scale * instant.tip[0], -scale * instant.tip[1]), 4.0, 4.0)
@@ -282,12 +272,9 @@ class Bars(QStyledItemDelegate):
         painter.setPen(shade(theme.TEXT if share is not None else theme.QUIET))
         painter.drawText(number, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter, index.data())
         if share is not None and box.width() > 80.0:
-            bar = QRectF(number.right() + 10.0, box.center().y() - 4.0, box.width() - 58.0, 8.0)
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            for width, ground in ((bar.width(), theme.LINE), (share * bar.width(), colour)):
-                painter.setBrush(shade(ground))
-                painter.drawRoundedRect(QRectF(bar.left(), bar.top(), width, bar.height()), 4.0, 4.0)
+            left, wide = number.right() + 10.0, box.width() - 58.0
+            for width, ground in ((wide, theme.LINE), (share * wide, colour)):
+                painter.fillRect(QRectF(left, box.center().y() - 3.0, width, 7.0), shade(ground))
 
 
 #: of a Pass: field, head, scale, digits
@@ -376,14 +363,12 @@ class TryPage(Page):
         self._timer.timeout.connect(lambda: self.send(m.Sandbox(self.settings)))
         self.canvas, self.table = Canvas(), PassTable()
         self.large, self.small = word("", size=30, bold=True), line("", "quiet", theme.TITLE)
-        self.error, self.time = word("", size=22, bold=True), word("", size=22, bold=True)
-        self.said, self.changed = OneLine("", "quiet", theme.NORMAL), OneLine("", "quiet", theme.NORMAL)
-        self.warning = line("", "caution")
+        self.error, self.time = word("–", size=22, bold=True), word("–", size=22, bold=True)
+        self.said = OneLine("", "quiet", theme.NORMAL)
         self.start = button("Start a pass  Space", self._start, "main")
-        self.reset = button("Reset all", lambda: self._set(**self.snapshot.sandbox.initial._asdict()), "small")
         self.clear = button("Clear", self._clear, "small")
         self.save = button("Save as protocol …", self._save, "small")
-        self.layers = {name: QPushButton(f"{name}  {key}", objectName="toggle", checkable=True) for name, key in LAYERS}
+        self.layers = {name: QPushButton(objectName="toggle", checkable=True, checked=True) for name in LAYERS}
         self.guides: dict[int, GuideButton] = {}
         self.dials: dict[str, DialRow] = {}
         self.segments: dict[str, Segments] = {}
@@ -410,8 +395,8 @@ class TryPage(Page):
         below = row(*self.layers.values(), 1, self.start)
         below.setContentsMargins(12, 0, 12, 0)
         inside.addLayout(below)
-        for (name, key), toggle in zip(LAYERS, self.layers.values(), strict=True):
-            toggle.setChecked(name in self.canvas.shown)
+        for (name, toggle), key in zip(self.layers.items(), KEYS, strict=True):
+            toggle.setText(f"{name}  {key}")
             toggle.setFocusPolicy(Qt.FocusPolicy.NoFocus)
             toggle.setShortcut(key)
             toggle.toggled.connect(lambda on, name=name: self.canvas.show_layer(name, on))
@@ -435,6 +420,7 @@ class TryPage(Page):
         column.setSpacing(6)
         for place, (number, preset) in enumerate(opened.controllers.items(), start=1):
             guide = self.guides[number] = GuideButton(number, preset.name, str(place) if place < 10 else "")
+            guide.feel.setText(feel(preset, gains_of(opened)))
             guide.clicked.connect(lambda _=False, number=number: self._choose(number))
             column.addWidget(guide)
         self.warning = line("", "caution")
@@ -456,6 +442,8 @@ class TryPage(Page):
             made = self.dials[dial.name] = DialRow(dial)
             made.moved.connect(lambda name, value: self._set(**{name: value}))
             column.addWidget(made)
+        self.changed = OneLine("", "quiet", theme.NORMAL)
+        self.reset = button("Reset all", lambda: self._set(**self.snapshot.sandbox.initial._asdict()), "small")
         column.addStretch(1)
         column.addLayout(row(self.changed, self.reset))
         self._controls.setWidget(frame)
@@ -464,6 +452,7 @@ class TryPage(Page):
 
     def begin(self, what: object = None) -> None:
         self._front = True
+        self.canvas.setFocus()  # so that the digits are heard
         self._ask()
 
     def end(self) -> None:
@@ -533,18 +522,19 @@ class TryPage(Page):
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         before = self.snapshot
         super().show_snapshot(snapshot)
-        if snapshot.stage == m.PREPARING and before.stage == m.FAILED:
-            self._ask()  # another session server
+        if self.opened is None:
+            return
         now = snapshot.sandbox
         self.said.setText(snapshot.said)
         theme.name_anew(self.said, "bad" if snapshot.said_bad else "quiet")
-        for part in (self.save, self.reset, *self.guides.values(), *self.segments.values()):
+        for part in (self.save, self._controls):
             part.setEnabled(now is not None)
         self.start.setVisible(now is not None and now.by_start)
         if now is None:
             self.canvas.show_handle(None)
             self._place = None
-            self._say(unavailable(snapshot, self.opened))
+            wait = Shown("One moment", snapshot.why_not or "Everything is being prepared")
+            self._say(IN_SESSION if self.opened.participant else wait)
         else:
             if self.settings is None or now.settings != self._theirs or (snapshot.said_bad and not before.said_bad):
                 self.settings = now.settings if not self._timer.isActive() else self.settings
@@ -556,19 +546,20 @@ class TryPage(Page):
                 self._say(off or (READY if now.by_start else Shown("One moment", snapshot.why_not)))
             elif before.running != snapshot.running:
                 self._phase = -1
-                self.canvas.clear_trail()
         if before.sandbox is None or now is None or before.sandbox.passes != now.passes:
             self._show_passes()
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
         if self.snapshot.running is None or self._place is None:
             return
-        self.canvas.add(rows, taken)
         now, phase = rows[-1], int(rows[-1, tick_log.PHASE])
         held = taken or not words.hand_is_mouse(self.opened)
         if phase != self._phase:
             self._phase = phase
             self._since_s = float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
+            if phase == tick_log.MOVE:  # until then the way of the last pass can be looked at
+                self.canvas.clear_trail()
+        self.canvas.add(rows, taken)
         self._say(words.moving(phase, held, words.language_of(self.opened)) or BACK)
         if phase == tick_log.MOVE:
             self.time.setText(f"{now[tick_log.T] - self._since_s:.1f} s")
@@ -621,9 +612,3 @@ class TryPage(Page):
             self.table.show_passes(shown, self.opened)
             self.clear.setEnabled(bool(shown))
 
-
-def unavailable(snapshot: m.Snapshot, opened: m.Opened | None) -> Shown:
-    """What stands on the canvas while nothing can be tried."""
-    if opened is not None and opened.participant:
-        return Shown("A session is open", "Close it on the Run page, then try things out here")
-    return Shown("One moment", snapshot.why_not or "Everything is being made ready")

@@ -8,13 +8,9 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-import numpy as np
-
 from core.brake import current_for_torque
 from core.control.rule_sets import Rules
-from core.control.velocity_field import Field
 from core.kernel import kernel
-from core.mechanism import Brakes
 
 
 class Parameter(NamedTuple):
@@ -52,7 +48,7 @@ GAP_M = Parameter("gap_m", "gap", "mm", 1e3, 0.0)
 
 # Decisions that are open to every algorithm: one code a tick.
 NONE = 0  # no control
-OFF = 1  # brakes off outside the movement; `decide` itself never says so
+OFF = 1  # brakes off outside the movement; never an answer of `decide`
 NOT_FINITE = 2
 IN_GAP = 3
 RELEASE_NO_VALID = 4
@@ -87,34 +83,34 @@ LOCKED = frozenset({LOCK_NO_VALID, LOCK_NONE_SELECTED, LOCK_BACK, LOCK_BACK_NONE
 
 
 @kernel
-def release(current: np.ndarray) -> None:
+def release(current):
     """No current on any brake; current (4,) A."""
     for i in range(4):
         current[i] = 0.0
 
 
 @kernel
-def lock(brakes: Brakes, current: np.ndarray) -> None:
+def lock(brakes, current):
     """Full current on every brake; current (4,) A."""
     for i in range(4):
         current[i] = brakes.current_max[i] if brakes.present[i] != 0.0 else 0.0
 
 
 @kernel
-def torque_for_force(force: float, g_x: float, g_y: float) -> float:
+def torque_for_force(force, g_x, g_y):
     """Joint torque (N m) whose tip force has the magnitude `force` (N), Eq. (11): |tau_i| = |F_i| / |J_i|."""
     length = math.sqrt(g_x * g_x + g_y * g_y)
     return force / length if length > 0.0 else 0.0
 
 
 @kernel
-def actuate(brakes: Brakes, i: int, force: float, g: np.ndarray, current: np.ndarray) -> None:
+def actuate(brakes, i, force, g, current):
     """Current on brake i for a tip force (N); the others stay as they are. g (4, 2), current (4,) A."""
     current[i] = current_for_torque(brakes, i, torque_for_force(force, g[i, 0], g[i, 1]))
 
 
 @kernel
-def pushes_away(fx: float, fy: float, field: Field, rules: Rules) -> bool:
+def pushes_away(fx, fy, field, rules):
     """Whether the hand force points away from the path, by both thresholds of the rule set."""
     outward = -(fx * field.n_x + fy * field.n_y)
     return outward > rules.away_force and outward > rules.away_share * math.sqrt(fx * fx + fy * fy)

@@ -12,16 +12,13 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
-import numpy as np
-
 from core.control import proportional, sdof
 from core.control.algorithm import GAP_M, IN_GAP, NONE, NOT_FINITE, OWN, SHARED, Algorithm, Controller, release
 from core.control.rule_sets import rule_set
-from core.control.velocity_field import BLEND_WIDTH, NO_FIELD, Field, field_at
+from core.control.velocity_field import BLEND_WIDTH, NO_FIELD, field_at
 from core.files import InputError
 from core.kernel import kernel
-from core.mechanism import JOINTS, Brakes
-from core.path import Path
+from core.mechanism import JOINTS
 
 
 @kernel
@@ -151,21 +148,7 @@ _decide_as_its_algorithm = _any_of(ALGORITHMS.values())
 
 
 @kernel
-def decide(
-    controller: Controller,
-    brakes: Brakes,
-    path: Path,
-    memory: np.ndarray,
-    x: float,
-    y: float,
-    vx: float,
-    vy: float,
-    fx: float,
-    fy: float,
-    g: np.ndarray,
-    mass: np.ndarray,
-    current: np.ndarray,
-) -> tuple[int, Field]:
+def decide(controller, brakes, path, memory, x, y, vx, vy, fx, fy, g, mass, current):
     """One tick of control: writes current (4,) A, updates memory (3,); returns the decision code and the field.
 
     Tip (x, y) m, its velocity m/s, hand force N; g (4, 2) with omega_i = g_i . v; mass (3,) = M_xx, M_xy, M_yy of

@@ -16,16 +16,12 @@ from core.control.algorithm import (
     OWN,
     RELEASE_NONE_SELECTED,
     Algorithm,
-    Controller,
     Parameter,
     actuate,
     lock,
     pushes_away,
 )
-from core.control.rule_sets import Rules
-from core.control.velocity_field import Field
 from core.kernel import kernel
-from core.mechanism import Brakes
 from core.workspace import arm_pose
 
 if TYPE_CHECKING:
@@ -37,13 +33,13 @@ USE, CAPPED, BELOW_DRAG = OWN, OWN + 4, OWN + 8
 
 
 @kernel
-def in_beta(a_x: float, a_y: float, field: Field) -> tuple[float, float]:
+def in_beta(a_x, a_y, field):
     """Components of a vector along (x) and across (y) the desired direction."""
     return a_x * field.beta_x + a_y * field.beta_y, a_y * field.beta_x - a_x * field.beta_y
 
 
 @kernel
-def impending_direction(fx: float, fy: float, mass: np.ndarray) -> tuple[float, float]:
+def impending_direction(fx, fy, mass):
     """Unit vector along M^-1 F, the way the free tip would start under the hand force; 0 without force.
 
     mass (3,): M_xx, M_xy, M_yy (kg) of the tip.
@@ -57,7 +53,7 @@ def impending_direction(fx: float, fy: float, mass: np.ndarray) -> tuple[float, 
 
 
 @kernel
-def joint_sense(rate: float, impending_rate: float, felt: bool, still_rate: float) -> float:
+def joint_sense(rate, impending_rate, felt, still_rate):
     """Sense in which a joint turns, +1, -1 or 0 (then its brake is no candidate); rates in rad/s.
 
     Below still_rate the sense of the impending motion, known only where a hand is felt.
@@ -72,7 +68,7 @@ def joint_sense(rate: float, impending_rate: float, felt: bool, still_rate: floa
 
 
 @kernel
-def force_direction(g_x: float, g_y: float, sense: float) -> tuple[float, float]:
+def force_direction(g_x, g_y, sense):
     """Direction of a brake's force on the tip, Eq. (13) (our reconstruction), as a unit vector.
 
     Its angle is atan2(J_iy, J_ix), plus pi if omega_i > 0: a brake opposes the motion of its joint.
@@ -84,9 +80,7 @@ def force_direction(g_x: float, g_y: float, sense: float) -> tuple[float, float]
 
 
 @kernel
-def influence(
-    fx: float, fy: float, v_beta_x: float, v_beta_y: float, no_effect: float, along_beta: bool
-) -> tuple[int, int]:
+def influence(fx, fy, v_beta_x, v_beta_y, no_effect, along_beta):
     """One column of the influence matrix H, Eq. (14): (H_x, H_y) of a force (fx along, fy across beta).
 
     +1 where the force increases the magnitude of that velocity component, -1 where it decreases it, 0 where it has
@@ -105,21 +99,19 @@ def influence(
 
 
 @kernel
-def priority(h_x: int, h_y: int) -> int:
+def priority(h_x, h_y):
     """Rank of a column of H: 3 for [1 -1], 2 for [0 -1], 1 for [-1 -1], 0 for a brake not to be actuated."""
     return h_x + 2 if h_y == -1 else 0
 
 
 @kernel
-def commanded_force(gain: float, v_beta_y: float, force_normalised: float) -> float:
+def commanded_force(gain, v_beta_y, force_normalised):
     """Proportional tip force (N), Eq. (15): K_y |v_beta_y|, at most the normalised force (our choice: the cap)."""
     return min(gain * abs(v_beta_y), force_normalised)
 
 
 @kernel
-def decision_velocity(
-    vx: float, vy: float, push_x: float, push_y: float, felt: bool, rest_speed: float
-) -> tuple[float, float]:
+def decision_velocity(vx, vy, push_x, push_y, felt, rest_speed):
     """The velocity to decide with: the tip's own, or at rest under a felt hand rest_speed along the push (2,)."""
     if felt and vx * vx + vy * vy < rest_speed * rest_speed:
         return rest_speed * push_x, rest_speed * push_y
@@ -127,17 +119,7 @@ def decision_velocity(
 
 
 @kernel
-def best_brake(
-    brakes: Brakes,
-    g: np.ndarray,
-    field: Field,
-    vx: float,
-    vy: float,
-    push_x: float,
-    push_y: float,
-    felt: bool,
-    rules: Rules,
-) -> int:
+def best_brake(brakes, g, field, vx, vy, push_x, push_y, felt, rules):
     """The brake (0..3) of highest priority in H, the one whose force is nearest to beta among equals; -1: none.
 
     g (4, 2); v is the velocity to decide with, push the impending direction.
@@ -165,18 +147,7 @@ def best_brake(
 
 
 @kernel
-def decide(
-    controller: Controller,
-    brakes: Brakes,
-    field: Field,
-    vx: float,
-    vy: float,
-    fx: float,
-    fy: float,
-    g: np.ndarray,
-    mass: np.ndarray,
-    current: np.ndarray,
-) -> int:
+def decide(controller, brakes, field, vx, vy, fx, fy, g, mass, current):
     """Proportional velocity control (Section IV-C): K_y |v_beta_y| on the best brake, locks included."""
     rules = controller.rules
     felt = fx * fx + fy * fy > rules.felt_force * rules.felt_force

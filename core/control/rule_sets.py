@@ -11,57 +11,33 @@ from core.files import InputError
 
 
 class Rules(NamedTuple):
-    """Thresholds of the decision: unit, then what breaks at the wrong value. Those of `literal` never act."""
+    """Thresholds of the decision, those of `settled`: unit, then what breaks at the wrong value."""
 
     # (1) At rest, decide with the motion that is about to begin: rest_speed along M^-1 F.
-    rest_speed: float  # m/s. Zero: at rest no brake has a direction, a start deadlocks
-    felt_force: float  # N. Too small: sensor noise picks the brake; too large: late at the start
+    rest_speed: float = 0.002  # m/s. Zero: at rest no brake has a direction, a start deadlocks
+    felt_force: float = 0.5  # N. Too small: sensor noise picks the brake; too large: late at the start
     # (2) A joint this slow is stuck or turning: take the sense in which the hand is about to turn it.
-    still_rate: float  # rad/s. Zero: rounding picks the sense, and a wrong stuck brake holds the tip on its arc
+    still_rate: float = 0.02  # rad/s. Zero: rounding picks the sense, and a wrong stuck brake holds the tip on its arc
     # (3) The hand pushes away from the path if its outward force exceeds both.
-    away_force: float  # N. Zero: a push of noise locks all brakes
-    away_share: float  # of |F|. Zero: a push along the path that leans out by a degree locks all brakes
+    away_force: float = 0.5  # N. Zero: a push of noise locks all brakes
+    away_share: float = 0.5  # of |F|. Zero: a push along the path that leans out by a degree locks all brakes
     # (4) The travel sense turns only if the hand pushes back along the path, and the motion does not disagree.
-    turn_force: float  # N. Zero: t flips with noise as the hand lets go, and beta by up to 180 degrees with it
-    turn_speed: float  # m/s. Zero: noise forbids a turn; large: t flips when the hand only slows the tip down
+    turn_force: float = 1.0  # N. Zero: t flips with noise as the hand lets go, and beta by up to 180 degrees with it
+    turn_speed: float = 0.005  # m/s. Zero: noise forbids a turn; large: t flips when the hand only slows the tip down
     # (5) v_beta_x below minus this locks (at least four times the velocity noise).
-    back_speed: float  # m/s. Zero: velocity noise of 1 mm/s locks some hundred times a second
+    back_speed: float = 0.005  # m/s. Zero: velocity noise of 1 mm/s locks some hundred times a second
     # Both sets.
-    on_path: float  # m. (6) This near is d = 0 and the last side is kept: above rounding, far below any encoder
-    span_rounding: float  # of a unit vector. Zero: an SDOF path along t or n itself is in or out by rounding
-    no_effect: float  # of |force|: a smaller component counts as none in H. Zero: [0 -1] is never seen
-    along_beta: bool  # H_x: True: along +beta counts as increasing; False: as the paper words it
+    on_path: float = 1e-9  # m. (6) This near is d = 0 and the last side is kept: above rounding, far below any encoder
+    span_rounding: float = 1e-9  # of a unit vector. Zero: an SDOF path along t or n itself is in or out by rounding
+    no_effect: float = 0.02  # of |force|: a smaller component counts as none in H. Zero: [0 -1] is never seen
+    along_beta: bool = True  # H_x: True: along +beta counts as increasing; False: as the paper words it
 
 
-SETTLED = Rules(
-    rest_speed=0.002,
-    felt_force=0.5,
-    still_rate=0.02,
-    away_force=0.5,
-    away_share=0.5,
-    turn_force=1.0,
-    turn_speed=0.005,
-    back_speed=0.005,
-    on_path=1e-9,
-    span_rounding=1e-9,
-    no_effect=0.02,
-    along_beta=True,
-)
-
-LITERAL = Rules(
-    rest_speed=0.0,
-    felt_force=0.0,
-    still_rate=0.0,
-    away_force=0.0,
-    away_share=0.0,
-    turn_force=0.0,
-    turn_speed=float("inf"),
-    back_speed=0.0,
-    on_path=1e-9,
-    span_rounding=1e-9,
-    no_effect=0.02,
-    along_beta=False,
-)
+SETTLED = Rules()
+LITERAL = SETTLED._replace(  # thresholds that never act
+    rest_speed=0.0, felt_force=0.0, still_rate=0.0, away_force=0.0, away_share=0.0, turn_force=0.0,
+    turn_speed=float("inf"), back_speed=0.0, along_beta=False,
+)  # fmt: skip
 
 RULE_SETS = {"settled": SETTLED, "literal": LITERAL}
 

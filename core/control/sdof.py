@@ -5,27 +5,21 @@ Locking brake i leaves the tip one way to go, its local SDOF path p_i, at right 
 
 import math
 
-import numpy as np
-
 from core.control.algorithm import (
     GAP_M,
     LOCK_NO_VALID,
     OWN,
     RELEASE_NO_VALID,
     Algorithm,
-    Controller,
     actuate,
     lock,
     pushes_away,
 )
-from core.control.rule_sets import Rules
-from core.control.velocity_field import Field
 from core.kernel import kernel
-from core.mechanism import Brakes
 
 
 @kernel
-def sdof_direction(g_x: float, g_y: float) -> tuple[float, float]:
+def sdof_direction(g_x, g_y):
     """Local SDOF path of a brake, Eq. (12) (our reconstruction): p_i = (-J_iy, J_ix) / |J_i|, one of two senses.
 
     Zero where the brake cannot move the tip (J_i = 0).
@@ -37,7 +31,7 @@ def sdof_direction(g_x: float, g_y: float) -> tuple[float, float]:
 
 
 @kernel
-def valid_sense(p_x: float, p_y: float, field: Field, rounding: float) -> float:
+def valid_sense(p_x, p_y, field, rounding):
     """+1 or -1: the sense in which a unit vector p lies in the 90 degrees from t to n (ends included), or 0."""
     along = p_x * field.t_x + p_y * field.t_y
     inward = p_x * field.n_x + p_y * field.n_y
@@ -49,7 +43,7 @@ def valid_sense(p_x: float, p_y: float, field: Field, rounding: float) -> float:
 
 
 @kernel
-def nearest_valid_brake(brakes: Brakes, g: np.ndarray, field: Field, rules: Rules) -> int:
+def nearest_valid_brake(brakes, g, field, rules):
     """The brake (0..3) whose valid SDOF path is nearest to beta, -1 if no brake has a valid one; g (4, 2)."""
     chosen = -1
     nearest = -2.0  # cosine of the angle to beta
@@ -66,18 +60,7 @@ def nearest_valid_brake(brakes: Brakes, g: np.ndarray, field: Field, rules: Rule
 
 
 @kernel
-def decide(
-    controller: Controller,
-    brakes: Brakes,
-    field: Field,
-    vx: float,
-    vy: float,
-    fx: float,
-    fy: float,
-    g: np.ndarray,
-    mass: np.ndarray,
-    current: np.ndarray,
-) -> int:
+def decide(controller, brakes, field, vx, vy, fx, fy, g, mass, current):
     """SDOF velocity control (Section IV-B): the normalised force on the brake with the nearest valid path."""
     i = nearest_valid_brake(brakes, g, field, controller.rules)
     if i < 0:

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.control.rule_sets import Rules
 from core.kernel import kernel
 from core.path import Path, held_piece, measure, on_piece
 
@@ -41,7 +40,7 @@ def new_memory() -> np.ndarray:
 
 
 @kernel
-def travel_sense(last: float, force_along: float, speed_along: float, rules: Rules) -> float:
+def travel_sense(last, force_along, speed_along, rules):
     """+1 where forward is towards the path's end, -1 towards its start.
 
     The sign of the hand force along the path; kept while that force is too weak (turn_force) or the tip moves
@@ -55,10 +54,10 @@ def travel_sense(last: float, force_along: float, speed_along: float, rules: Rul
 
 
 @kernel
-def side_of_path(last: float, distance: float, sense: float, rules: Rules) -> float:
+def side_of_path(last, distance, sense, rules):
     """+1 left of the path's own tangent, -1 right of it; on the path the last side, at first the left of t.
 
-    Our choice, in both rule sets: the paper does not say which side a tip on the path is on.
+    Our choice, in both rule sets: the paper leaves open on which side a tip on the path is.
     """
     if distance > rules.on_path:
         return 1.0
@@ -68,9 +67,7 @@ def side_of_path(last: float, distance: float, sense: float, rules: Rules) -> fl
 
 
 @kernel
-def desired_direction(
-    distance: float, n_x: float, n_y: float, t_x: float, t_y: float, blend_width: float
-) -> tuple[float, float]:
+def desired_direction(distance, n_x, n_y, t_x, t_y, blend_width):
     """Unit vector beta at a distance >= 0 (m): n from blend_width on, inside its angle linearly blended to t."""
     if distance >= blend_width:
         return n_x, n_y
@@ -80,18 +77,7 @@ def desired_direction(
 
 
 @kernel
-def field_at(
-    path: Path,
-    memory: np.ndarray,
-    x: float,
-    y: float,
-    vx: float,
-    vy: float,
-    fx: float,
-    fy: float,
-    blend_width: float,
-    rules: Rules,
-) -> Field:
+def field_at(path, memory, x, y, vx, vy, fx, fy, blend_width, rules):
     """The field at the tip (x, y) for its velocity and the hand force; updates memory (3,)."""
     piece = held_piece(path, int(memory[PIECE]), x, y)
     memory[PIECE] = piece

@@ -1,12 +1,13 @@
 """The `event` integrator: smooth RK4 between events, each located to rounding, the exact solver after each.
 
-Feasible by construction: after an event the motion is what the stick-slip problem says, with no tolerance and no creep.
+Feasible by construction: after an event the motion solves the stick-slip problem, with no tolerance and no creep.
 A step whose own error estimate is too large is cut: near singular positions, where a lag's time constant changes
 quickly, and where a brake would give energy. Too many events within a short time (chatter) or a hand too stiff for RK4
 are given to `stepping`, and that is counted.
 """
 
 from core.kernel import kernel
+from core.simulator import solver_numbers as limits
 from core.simulator.event_location import (
     LOOSE_MINUS,
     LOOSE_PLUS,
@@ -17,49 +18,38 @@ from core.simulator.event_location import (
     first_event,
     locate,
 )
-from core.simulator.hand import changes_by_itself, hand_force
+from core.simulator.hand import hand_force
 from core.simulator.runge_kutta import age_yields, begin, joint_acceleration, rk4
-from core.simulator.solver_numbers import (
-    FALLBACK_S,
-    FINEST,
-    GIVEN,
-    MAX_EVENTS,
-    RATE_ROUNDING,
-    REST_ROUNDING,
-    REST_SPEED,
-    SHORTEST,
-    STEP_ERROR,
-    YIELD_ERROR,
-)
 from core.simulator.stepping import advance_stepping, stiffer_than
 from core.simulator.stick_slip import STILL, largest_excess, same_line, solve_at_rest
 from core.simulator.stick_slip_mode import enter_line, finish, meet, release, resolve, set_costs, settle_edges, strike
 
 
 @kernel
-def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged):
+def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagged):
     """Move the state from t to t + h (s). Expects the pattern resolved at t; leaves the quantities of t + h."""
     state.steps += 1
     state.settled = 0
     elapsed, longest = 0.0, h
+    arm_mass = hand.grips[0].mass
     crowd, since = 0, 0.0  # events of late, and from when on they are counted
     while elapsed < h:
         rest = h - elapsed
         step = min(rest, longest)
-        if step > FALLBACK_S and stiffer_than(state, hand, step):
-            longest = max(FALLBACK_S, 0.5 * step)
+        if step > limits.FALLBACK_S and stiffer_than(state, hand, step):
+            longest = max(limits.FALLBACK_S, 0.5 * step)
             continue
-        if crowd > MAX_EVENTS or stiffer_than(state, hand, step):
+        if crowd > limits.MAX_EVENTS or stiffer_than(state, hand, step):
             state.fallbacks += 1
-            piece = min(rest, FALLBACK_S)
-            advance_stepping(mechanism, brakes, hand, state, trial, currents, t + elapsed, piece, lagged)
+            piece = min(rest, limits.FALLBACK_S)
+            advance_stepping(mechanism, brakes, hand, state, scratch, currents, t + elapsed, piece, lagged)
             if piece == rest:
                 return
             elapsed += piece
             longest, crowd, since = h, 0, elapsed
             resolve(mechanism, brakes, hand, state, t + elapsed)
             continue
-        if elapsed - since > FALLBACK_S:
+        if elapsed - since > limits.FALLBACK_S:
             crowd, since = 0, elapsed
         now = t + elapsed
         if state.held == STILL:
@@ -72,67 +62,65 @@ def advance_event(mechanism, brakes, hand, state, trial, currents, t, h, lagged)
             if step < rest:
                 state.events += 1
                 crowd += 1
-                leave_rest(mechanism, brakes, hand, state, fx, fy)
+                set_costs(brakes, state)
+                from_rest(mechanism, state, fx, fy, arm_mass)
+                settle_edges(brakes, state)
+                finish(mechanism, state, fx, fy, arm_mass)
             continue
         begin(brakes, state, currents, step, lagged)
-        if not rk4(mechanism, brakes, hand, state, trial, now, step, lagged):
+        if not rk4(mechanism, brakes, hand, state, scratch, now, step, lagged):
             state.shortened += 1
             longest = 0.5 * step
-            if longest < SHORTEST:
-                crowd = MAX_EVENTS + 1
+            if longest < limits.SHORTEST:
+                crowd = limits.MAX_EVENTS + 1
             continue
-        error = trial.error
+        error = scratch.error
         if lagged != 0:
-            error = max(error, yield_error(brakes, state, trial, step) * (STEP_ERROR / YIELD_ERROR))
-        if not error <= state.tolerance * STEP_ERROR and step > FINEST:
+            error = max(error, yield_error(brakes, state, scratch, step) * (limits.STEP_ERROR / limits.YIELD_ERROR))
+        if not error <= state.tolerance * limits.STEP_ERROR and step > limits.FINEST:
             state.refined += 1
-            longest = step * max(0.2, 0.9 * (state.tolerance * STEP_ERROR / error) ** (1.0 / 3.0))
+            longest = step * max(0.2, 0.9 * (state.tolerance * limits.STEP_ERROR / error) ** (1.0 / 3.0))
             continue
-        trial.seen = 0
-        kind, guess = first_event(mechanism, brakes, state, trial, step, lagged)
+        scratch.seen = 0
+        kind, guess = first_event(mechanism, brakes, state, scratch, step, lagged)
         if kind != NONE:
-            kind, step = locate(mechanism, brakes, hand, state, trial, now, step, kind, guess, lagged)
-        if gives_energy(trial) and step > FINEST:
+            kind, step = locate(mechanism, brakes, hand, state, scratch, now, step, kind, guess, lagged)
+        heat = scratch.heat
+        gives_energy = min(min(heat[0], heat[1]), min(heat[2], heat[3])) < -limits.GIVEN  # a joint reversed unseen
+        if gives_energy and step > limits.FINEST:
             state.refined += 1
             longest = 0.5 * step
             continue
-        if longest < h and 16.0 * error < state.tolerance * STEP_ERROR:
+        if longest < h and 16.0 * error < state.tolerance * limits.STEP_ERROR:
             longest *= 2.0
-        accept(mechanism, brakes, state, trial, step, lagged)
+        accept(mechanism, brakes, state, scratch, step, lagged)
         elapsed = h if step == rest else elapsed + step
         if kind != NONE:
             state.events += 1
             crowd += 1
-            happen(mechanism, brakes, hand, state, trial, kind, t + elapsed)
+            happen(mechanism, brakes, hand, state, scratch, kind, t + elapsed)
         elif elapsed < h:
             fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], state.tip[2], state.tip[3])
             set_costs(brakes, state)
-            finish(mechanism, state, fx, fy, hand.grips[0].mass)
+            finish(mechanism, state, fx, fy, arm_mass)
     if lagged != 0:
         set_costs(brakes, state)
     state.settled = 0 if state.held == STILL else 1
 
 
 @kernel
-def gives_energy(trial):
-    """Whether a brake would give energy in the trial: its joint reversed unseen."""
-    heat = trial.heat
-    return min(min(heat[0], heat[1]), min(heat[2], heat[3])) < -GIVEN
-
-
-@kernel
-def yield_error(brakes, state, trial, step):
-    """How far the yields at the end of the trial may be off, because each lag's time constant was frozen (N m).
+def yield_error(brakes, state, scratch, step):
+    """How far the yields at the end of the tried step may be off, because each lag's time constant was frozen (N m).
 
     Estimated from how much the joint's rate changed beside its size, and how far it ended from the prediction that
     the frozen constant was chosen by.
     """
     largest = 0.0
     for i in range(4):
-        changed = abs(trial.torque_yield[1, i] - state.torque_yield[i])
-        if changed <= state.tolerance * YIELD_ERROR or state.sign[i] == 0.0 or brakes.present[i] == 0.0:
+        changed = abs(scratch.torque_yield[1, i] - state.torque_yield[i])
+        if changed <= state.tolerance * limits.YIELD_ERROR or state.sign[i] == 0.0 or brakes.present[i] == 0.0:
             continue
-        start, end = state.rate[i], trial.rate[i]
+        start, end = state.rate[i], scratch.rate[i]
         if min(abs(start), abs(end)) >= brakes.omega_0[i] and start * end > 0.0:
             continue
         predicted = start + joint_acceleration(state, i) * step
@@ -143,43 +131,43 @@ def yield_error(brakes, state, trial, step):
 
 
 @kernel
-def accept(mechanism, brakes, state, trial, step, lagged):
-    """Take the trial as the new state: motion, ledger, backlash, yields."""
+def accept(mechanism, brakes, state, scratch, step, lagged):
+    """Take the tried step: the new state: motion, ledger, backlash, yields."""
     for i in range(4):
-        state.tip[i] = trial.tip[i]
+        state.tip[i] = scratch.tip[i]
         if brakes.present[i] > 0.0:
-            state.heat[i] += trial.heat[i]
-            if -trial.heat[i] > state.added_by_brakes:
-                state.added_by_brakes = -trial.heat[i]
+            state.heat[i] += scratch.heat[i]
+            if -scratch.heat[i] > state.added_by_brakes:
+                state.added_by_brakes = -scratch.heat[i]
             if brakes.play[i] > 0.0 and state.sign[i] != 0.0 and state.edge[i] == 0.0:
-                state.play[i] = min(max(state.play[i] + trial.turned[i], 0.0), brakes.play[i])
+                state.play[i] = min(max(state.play[i] + scratch.turned[i], 0.0), brakes.play[i])
     for i in range(5):
-        state.rate[i], state.bias[i] = trial.rate[i], trial.bias[i]
-        state.g[i, 0], state.g[i, 1] = trial.g[i, 0], trial.g[i, 1]
+        state.rate[i], state.bias[i] = scratch.rate[i], scratch.bias[i]
+        state.g[i, 0], state.g[i, 1] = scratch.g[i, 0], scratch.g[i, 1]
         if state.contact[i] != 0.0 and state.held != i:
             state.contact[i] = 0.0
     for i in range(3):
-        state.mass[i] = trial.mass[i]
+        state.mass[i] = scratch.mass[i]
     for i in range(2):
-        state.bias_force[i] = trial.bias_force[i]
-        state.acceleration[i] = trial.acceleration[i]
-        state.hand_force[i] = trial.hand_force[i]
+        state.bias_force[i] = scratch.bias_force[i]
+        state.acceleration[i] = scratch.acceleration[i]
+        state.hand_force[i] = scratch.hand_force[i]
     state.carry[0] = state.carry[1] = 0.0
-    state.line_torque = trial.line_torque
+    state.line_torque = scratch.line_torque
     if lagged != 0:
         for i in range(4):
-            state.torque_yield[i] = trial.torque_yield[1, i]
-    state.work_hand += trial.work
+            state.torque_yield[i] = scratch.torque_yield[1, i]
+    state.work_hand += scratch.work
 
 
 @kernel
-def happen(mechanism, brakes, hand, state, trial, kind, t):
-    """Take up the pattern after an event at time t: the exact solver says which joint sticks, which slips on."""
+def happen(mechanism, brakes, hand, state, scratch, kind, t):
+    """Take up the pattern after an event at time t: the exact solver decides which joint sticks, which slips on."""
     tip, arm_mass = state.tip, hand.grips[0].mass
     fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
     set_costs(brakes, state)
     if kind >= STOP:
-        strike(mechanism, state, kind - STOP, trial.gap_side[kind - STOP], arm_mass)
+        strike(mechanism, state, kind - STOP, scratch.gap_side[kind - STOP], arm_mass)
         set_costs(brakes, state)
     elif kind >= PLAY:
         i = kind - PLAY
@@ -204,12 +192,12 @@ def happen(mechanism, brakes, hand, state, trial, kind, t):
 def comes_to_rest(mechanism, state):
     """True where two joints that are not on one line have no rate, and not because their rows are parallel just now."""
     speed = state.tip[2] * state.tip[2] + state.tip[3] * state.tip[3]
-    if speed > REST_SPEED * REST_SPEED:
+    if speed > limits.REST_SPEED * limits.REST_SPEED:
         return False
     for i in range(5):
-        if state.active[i] != 0 and abs(state.rate[i]) <= RATE_ROUNDING:
+        if state.active[i] != 0 and abs(state.rate[i]) <= limits.RATE_ROUNDING:
             for j in range(i):
-                at_rest = state.active[j] != 0 and abs(state.rate[j]) <= RATE_ROUNDING
+                at_rest = state.active[j] != 0 and abs(state.rate[j]) <= limits.RATE_ROUNDING
                 if at_rest and not same_line(i, j, mechanism.coaxial):
                     return True
     return False
@@ -261,28 +249,20 @@ def still_until(mechanism, brakes, hand, state, t, step, lagged):
 
     Seen at the middle and the end of the step, then bisected to rounding.
     """
-    if lagged == 0 and not changes_by_itself(hand):
+    hand_changes = hand.times.shape[0] > 1 or hand.grips[0].waves == 1  # the target of a spring is held over a step
+    if lagged == 0 and not hand_changes:
         return step
     low, high = 0.0, 0.5 * step
-    if excess_at(mechanism, brakes, hand, state, t, high, lagged) <= REST_ROUNDING:
+    if excess_at(mechanism, brakes, hand, state, t, high, lagged) <= limits.REST_ROUNDING:
         low, high = high, step
-        if excess_at(mechanism, brakes, hand, state, t, step, lagged) <= REST_ROUNDING:
+        if excess_at(mechanism, brakes, hand, state, t, step, lagged) <= limits.REST_ROUNDING:
             return step
     for _ in range(60):
         middle = 0.5 * (low + high)
-        if excess_at(mechanism, brakes, hand, state, t, middle, lagged) > REST_ROUNDING:
+        if excess_at(mechanism, brakes, hand, state, t, middle, lagged) > limits.REST_ROUNDING:
             high = middle
         else:
             low = middle
         if high - low <= 1e-16 * step:
             break
     return high
-
-
-@kernel
-def leave_rest(mechanism, brakes, hand, state, fx, fy):
-    """The hand pushes the resting tip loose."""
-    set_costs(brakes, state)
-    from_rest(mechanism, state, fx, fy, hand.grips[0].mass)
-    settle_edges(brakes, state)
-    finish(mechanism, state, fx, fy, hand.grips[0].mass)

@@ -78,7 +78,7 @@ SPEED, LOOSE_PLUS, LOOSE_MINUS, PLAY, STOP = 4, 5, 6, 7, 11
 
 @kernel
 def tangent(state, at):
-    """Unit tangent of the held joint's SDOF path at a state or trial, turned counter-clockwise from the row g."""
+    """Unit tangent of the held joint's SDOF path at a state or a tried step: the row g, turned to the left."""
     j = state.held
     gx, gy = at.g[j, 0], at.g[j, 1]
     one_over = 1.0 / math.sqrt(gx * gx + gy * gy)
@@ -129,142 +129,132 @@ def held_limits(brakes, mechanism, state, at, yields, lagged):
 
 
 @kernel
-def event_value(brakes, mechanism, state, trial, kind, elapsed, lagged):
-    """Value of one kind of event at the end of the trial, `elapsed` seconds into the step."""
-    if kind < SPEED:
-        return state.sign[kind] * trial.rate[kind]
-    if kind == SPEED:
-        return path_sense(state) * path_speed(state, trial)
-    if kind < PLAY:
-        plus, minus = held_limits(brakes, mechanism, state, trial, trial.torque_yield[1], lagged)
-        return trial.line_torque + plus if kind == LOOSE_PLUS else minus - trial.line_torque
-    if kind < STOP:
-        i = kind - PLAY
-        left = brakes.play[i] - state.play[i] if state.sign[i] > 0.0 else state.play[i]
-        return left - state.sign[i] * trial.turned[i]
-    stop_gap(mechanism, state.distal_side, trial.tip[0], trial.tip[1], trial.theta, trial.gap, trial.gap_side)
-    return trial.gap[kind - STOP]
+def event_value(brakes, mechanism, state, scratch, kind, lagged):
+    """Value of one kind of event at the end of the tried step."""
+    turned = scratch.turned[kind - PLAY] if PLAY <= kind < STOP else 0.0
+    return value_at(brakes, mechanism, state, scratch, scratch, scratch.torque_yield[1], turned, kind, lagged)
 
 
 @kernel
-def event_slope(state, trial, kind):
-    """Rate of change of `event_value` at the end of the trial, where the trial knows it; else 0."""
+def value_at(brakes, mechanism, state, scratch, at, yields, turned, kind, lagged):
+    """Value of one kind of event in the state or after the tried step, `at`, for its yields; turned since, rad."""
     if kind < SPEED:
-        return state.sign[kind] * joint_acceleration(trial, kind)
+        return state.sign[kind] * at.rate[kind]
     if kind == SPEED:
-        tx, ty = tangent(state, trial)
-        return path_sense(state) * (tx * trial.acceleration[0] + ty * trial.acceleration[1])
+        return path_sense(state) * path_speed(state, at)
+    if kind < PLAY:
+        plus, minus = held_limits(brakes, mechanism, state, at, yields, lagged)
+        return at.line_torque + plus if kind == LOOSE_PLUS else minus - at.line_torque
+    if kind < STOP:
+        i = kind - PLAY
+        left = brakes.play[i] - state.play[i] if state.sign[i] > 0.0 else state.play[i]
+        return left - state.sign[i] * turned
+    stop_gap(mechanism, state.distal_side, at.tip[0], at.tip[1], scratch.theta, scratch.gap, scratch.gap_side)
+    return scratch.gap[kind - STOP]
+
+
+@kernel
+def event_slope(state, scratch, kind):
+    """Rate of change of `event_value` at the end of the tried step, where that is known; else 0."""
+    if kind < SPEED:
+        return state.sign[kind] * joint_acceleration(scratch, kind)
+    if kind == SPEED:
+        tx, ty = tangent(state, scratch)
+        return path_sense(state) * (tx * scratch.acceleration[0] + ty * scratch.acceleration[1])
     if PLAY <= kind < STOP:
-        return -state.sign[kind - PLAY] * trial.rate[kind - PLAY]
+        return -state.sign[kind - PLAY] * scratch.rate[kind - PLAY]
     return 0.0
 
 
 @kernel
-def start_value(brakes, mechanism, state, trial, kind, lagged):
-    """Value of one kind of event at the start of the step."""
-    if kind < SPEED:
-        return state.sign[kind] * state.rate[kind]
-    if kind == SPEED:
-        return path_sense(state) * path_speed(state, state)
-    if kind < PLAY:
-        plus, minus = held_limits(brakes, mechanism, state, state, state.torque_yield, lagged)
-        return state.line_torque + plus if kind == LOOSE_PLUS else minus - state.line_torque
-    if kind < STOP:
-        i = kind - PLAY
-        return brakes.play[i] - state.play[i] if state.sign[i] > 0.0 else state.play[i]
-    stop_gap(mechanism, state.distal_side, state.tip[0], state.tip[1], trial.theta, trial.gap, trial.gap_side)
-    return trial.gap[kind - STOP]
-
-
-@kernel
-def first_event(mechanism, brakes, state, trial, step, lagged):
+def first_event(mechanism, brakes, state, scratch, step, lagged):
     """The first event inside the step, from start and end alone: (kind, estimated time); NONE where there is none.
 
-    Kinds whose bit is in trial.seen are passed over.
+    Kinds whose bit is in scratch.seen are passed over.
     """
-    seen = trial.seen
+    seen = scratch.seen
     kind, first = NONE, math.inf
     for i in range(4):
         sign = state.sign[i]
         if sign == 0.0 or state.active[i] == 0:
             continue
-        v0, v1 = sign * state.rate[i], sign * trial.rate[i]
-        d0, d1 = sign * joint_acceleration(state, i), sign * joint_acceleration(trial, i)
+        v0, v1 = sign * state.rate[i], sign * scratch.rate[i]
+        d0, d1 = sign * joint_acceleration(state, i), sign * joint_acceleration(scratch, i)
         if (v1 < -ROUNDING or (d0 < 0.0 and d1 > 0.0)) and not seen >> i & 1:
             s = hermite_zero(v0, d0, v1, d1, step)
             if 0.0 <= s < first:
                 kind, first = i, s
         if brakes.play[i] > 0.0 and state.edge[i] == 0.0 and not seen >> (PLAY + i) & 1:
             v0 = brakes.play[i] - state.play[i] if sign > 0.0 else state.play[i]
-            v1 = v0 - sign * trial.turned[i]
+            v1 = v0 - sign * scratch.turned[i]
             if v1 < -ROUNDING:
-                s = hermite_zero(v0, -sign * state.rate[i], v1, -sign * trial.rate[i], step)
+                s = hermite_zero(v0, -sign * state.rate[i], v1, -sign * scratch.rate[i], step)
                 if 0.0 <= s < first:
                     kind, first = PLAY + i, s
     if state.held >= 0:
         sense = path_sense(state)
         tx, ty = tangent(state, state)
         d0 = sense * (tx * state.acceleration[0] + ty * state.acceleration[1])
-        v1 = sense * path_speed(state, trial)
-        tx, ty = tangent(state, trial)
-        d1 = sense * (tx * trial.acceleration[0] + ty * trial.acceleration[1])
+        v1 = sense * path_speed(state, scratch)
+        tx, ty = tangent(state, scratch)
+        d1 = sense * (tx * scratch.acceleration[0] + ty * scratch.acceleration[1])
         if (v1 < -ROUNDING or (d0 < 0.0 and d1 > 0.0)) and not seen >> SPEED & 1:
             s = hermite_zero(sense * path_speed(state, state), d0, v1, d1, step)
             if 0.0 <= s <= first:
                 kind, first = SPEED, s
         plus0, minus0 = held_limits(brakes, mechanism, state, state, state.torque_yield, lagged)
-        plus1, minus1 = held_limits(brakes, mechanism, state, trial, trial.torque_yield[1], lagged)
+        plus1, minus1 = held_limits(brakes, mechanism, state, scratch, scratch.torque_yield[1], lagged)
         plus, minus = 0.5 * (plus0 + plus1), 0.5 * (minus0 + minus1)
-        torque0, torque1, middle = state.line_torque, trial.line_torque, trial.middle_torque
+        torque0, torque1, middle = state.line_torque, scratch.line_torque, scratch.middle_torque
         s = parabola_zero(torque0 + plus0, middle + plus, torque1 + plus1, step)
         if 0.0 <= s < first and not seen >> LOOSE_PLUS & 1:
             kind, first = LOOSE_PLUS, s
         s = parabola_zero(minus0 - torque0, minus - middle, minus1 - torque1, step)
         if 0.0 <= s < first and not seen >> LOOSE_MINUS & 1:
             kind, first = LOOSE_MINUS, s
-    stop, when = first_stop(mechanism, state, trial, step, seen)
+    stop, when = first_stop(mechanism, state, scratch, step, seen)
     if stop != NONE and when < first:
         kind, first = stop, when
     return kind, first
 
 
 @kernel
-def first_stop(mechanism, state, trial, step, seen):
-    """The first hard stop that the trial has run beyond: (kind, estimated time); NONE where there is none."""
+def first_stop(mechanism, state, scratch, step, seen):
+    """The first hard stop that the tried step has run beyond: (kind, estimated time); NONE where there is none."""
     m1, m2 = mechanism.arm_1, mechanism.arm_2
-    g, margin = trial.g, mechanism.margin
+    g, margin = scratch.g, mechanism.margin
     between = g[0, 0] * g[2, 1] - g[0, 1] * g[2, 0]
     clear = (
-        -m1.side * trial.s_1 >= margin * m1.length_1 * m1.length_2
-        and -m2.side * trial.s_2 >= margin * m2.length_1 * m2.length_2
-        and state.distal_side * trial.s_1 * trial.s_2 * between >= margin * m1.length_2 * m2.length_2
+        -m1.side * scratch.s_1 >= margin * m1.length_1 * m1.length_2
+        and -m2.side * scratch.s_2 >= margin * m2.length_1 * m2.length_2
+        and state.distal_side * scratch.s_1 * scratch.s_2 * between >= margin * m1.length_2 * m2.length_2
     )
     if clear and mechanism.has_theta_stops == 0:
         return NONE, 0.0
     kind, first = NONE, math.inf
-    stop_gap(mechanism, state.distal_side, trial.tip[0], trial.tip[1], trial.theta, trial.gap, trial.gap_side)
+    stop_gap(mechanism, state.distal_side, scratch.tip[0], scratch.tip[1], scratch.theta, scratch.gap, scratch.gap_side)
     for j in range(5):
         if seen >> (STOP + j) & 1:
             continue
-        if trial.gap[j] < -ROUNDING and not (state.held >= 0 and same_line(j, state.held, mechanism.coaxial)):
+        if scratch.gap[j] < -ROUNDING and not (state.held >= 0 and same_line(j, state.held, mechanism.coaxial)):
             kind, first = STOP + j, 0.5 * step
     return kind, first
 
 
 @kernel
-def locate(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged):
-    """Shrink the trial to the first event: (kind, its time). The trial is left there, the event's value at rounding.
+def locate(mechanism, brakes, hand, state, scratch, t, step, kind, guess, lagged):
+    """Shrink the tried step to the first event: (kind, its time). It is left there, the event's value at rounding.
 
-    Bracketed Newton or secant steps on re-integrated trials; where another event comes before, that one is taken.
+    Bracketed Newton or secant steps on re-integrated steps; where another event comes before, that one is taken.
     """
     for _ in range(STOP + 5):
-        guess = locate_one(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged)
+        guess = locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess, lagged)
         if guess == 0.0:
             break
         # a graze came close to zero and turned back
-        grazed = event_value(brakes, mechanism, state, trial, kind, guess, lagged) > GRAZING
-        trial.seen |= 1 << kind
-        other, when = first_event(mechanism, brakes, state, trial, guess, lagged)
+        grazed = event_value(brakes, mechanism, state, scratch, kind, lagged) > GRAZING
+        scratch.seen |= 1 << kind
+        other, when = first_event(mechanism, brakes, state, scratch, guess, lagged)
         if other == NONE:
             if grazed:
                 kind = NONE
@@ -274,9 +264,11 @@ def locate(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged):
 
 
 @kernel
-def locate_one(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagged):
+def locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess, lagged):
     """Time in [0, step] at which the value of one kind of event reaches zero."""
-    low, at_low = 0.0, start_value(brakes, mechanism, state, trial, kind, lagged)
+    low, at_low = 0.0, value_at(
+        brakes, mechanism, state, scratch, state, state.torque_yield, 0.0, kind, lagged
+    )
     high = step
     if at_low <= ROUNDING:
         # it starts at zero: find a time at which it has risen above, or take the event as present already
@@ -284,25 +276,25 @@ def locate_one(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagg
         risen = False
         for _ in range(MAX_LOCATE):
             s *= 0.5
-            if rk4(mechanism, brakes, hand, state, trial, t, s, lagged):
-                value = event_value(brakes, mechanism, state, trial, kind, s, lagged)
+            if rk4(mechanism, brakes, hand, state, scratch, t, s, lagged):
+                value = event_value(brakes, mechanism, state, scratch, kind, lagged)
                 if value > ROUNDING:
                     risen = True
                     break
                 high = s
         if not risen:
-            rk4(mechanism, brakes, hand, state, trial, t, 0.0, lagged)
+            rk4(mechanism, brakes, hand, state, scratch, t, 0.0, lagged)
             return 0.0
         low, at_low = s, value
         guess = 0.5 * (low + high)
     s = guess if low < guess < high else 0.5 * (low + high)
     last, at_last = low, at_low
     for _ in range(MAX_LOCATE):
-        if not rk4(mechanism, brakes, hand, state, trial, t, s, lagged):
+        if not rk4(mechanism, brakes, hand, state, scratch, t, s, lagged):
             high = s
             s = 0.5 * (low + high)
             continue
-        value = event_value(brakes, mechanism, state, trial, kind, s, lagged)
+        value = event_value(brakes, mechanism, state, scratch, kind, lagged)
         if abs(value) <= LOCATED:
             break
         if value > 0.0:
@@ -311,7 +303,7 @@ def locate_one(mechanism, brakes, hand, state, trial, t, step, kind, guess, lagg
             high = s
         if high - low <= 4e-16 * step:
             break
-        slope = event_slope(state, trial, kind)
+        slope = event_slope(state, scratch, kind)
         if slope == 0.0:
             slope = (value - at_last) / (s - last)
         ahead = s - value / slope

@@ -83,12 +83,6 @@ def hand_force(hand, t, x, y, vx, vy):
 
 
 @kernel
-def changes_by_itself(hand):
-    """True where the force on a tip at rest may change within a step: a table or a wave (a spring's target is held)."""
-    return hand.times.shape[0] > 1 or hand.grips[0].waves == 1
-
-
-@kernel
 def prescribed_force(hand, t):
     """The part of the hand force that depends on time alone, (fx, fy) in N."""
     grip = hand.grips[0]

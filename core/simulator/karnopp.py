@@ -139,12 +139,12 @@ def evaluate(mechanism, brakes, hand, state, t, x, y, vx, vy):
 
 
 @kernel
-def book_stage(state, trial, vx, vy, share):
+def book_stage(state, scratch, vx, vy, share):
     """Ledger: power of the hand and of each brake at a stage, over its share of the step (s)."""
     state.work_hand += share * (state.hand_force[0] * vx + state.hand_force[1] * vy)
     for i in range(4):
-        trial.heat[i] -= share * state.torque[i] * state.rate[i]
-        trial.turned[i] += share * state.rate[i]
+        scratch.heat[i] -= share * state.torque[i] * state.rate[i]
+        scratch.turned[i] += share * state.rate[i]
 
 
 @kernel
@@ -156,37 +156,37 @@ def resolve_in_band(mechanism, brakes, hand, state, t):
 
 
 @kernel
-def advance_karnopp(mechanism, brakes, hand, state, trial, currents, t, h, lagged):
+def advance_karnopp(mechanism, brakes, hand, state, scratch, currents, t, h, lagged):
     """Move the state from t to t + h (s) by one RK4 step, friction by Eq. (6) in every stage."""
     tip, arm_mass = state.tip, hand.grips[0].mass
     begin(brakes, state, currents, h, lagged)
     for i in range(4):
-        trial.heat[i] = trial.turned[i] = 0.0
+        scratch.heat[i] = scratch.turned[i] = 0.0
     x, y, vx, vy = tip[0], tip[1], tip[2], tip[3]
     sixth, half = h / 6.0, 0.5 * h
     ax, ay = evaluate(mechanism, brakes, hand, state, t, x, y, vx, vy)
-    book_stage(state, trial, vx, vy, sixth)
+    book_stage(state, scratch, vx, vy, sixth)
     ux, uy = vx + half * ax, vy + half * ay
     age_yields(brakes, state, half, lagged)
     bx, by = evaluate(mechanism, brakes, hand, state, t + half, x + half * vx, y + half * vy, ux, uy)
-    book_stage(state, trial, ux, uy, 2.0 * sixth)
+    book_stage(state, scratch, ux, uy, 2.0 * sixth)
     wx, wy = vx + half * bx, vy + half * by
     cx, cy = evaluate(mechanism, brakes, hand, state, t + half, x + half * ux, y + half * uy, wx, wy)
-    book_stage(state, trial, wx, wy, 2.0 * sixth)
+    book_stage(state, scratch, wx, wy, 2.0 * sixth)
     zx, zy = vx + h * cx, vy + h * cy
     age_yields(brakes, state, h, lagged)
     dx, dy = evaluate(mechanism, brakes, hand, state, t + h, x + h * wx, y + h * wy, zx, zy)
-    book_stage(state, trial, zx, zy, sixth)
+    book_stage(state, scratch, zx, zy, sixth)
     tip[0] = x + sixth * (vx + 2.0 * (ux + wx) + zx)
     tip[1] = y + sixth * (vy + 2.0 * (uy + wy) + zy)
     tip[2] = vx + sixth * (ax + 2.0 * (bx + cx) + dx)
     tip[3] = vy + sixth * (ay + 2.0 * (by + cy) + dy)
     for i in range(4):
-        state.heat[i] += trial.heat[i]
+        state.heat[i] += scratch.heat[i]
         if brakes.present[i] > 0.0:
-            state.added_by_brakes = max(state.added_by_brakes, -trial.heat[i])
+            state.added_by_brakes = max(state.added_by_brakes, -scratch.heat[i])
         if brakes.play[i] > 0.0:
-            drift_in_backlash(brakes, state, i, trial.turned[i])
+            drift_in_backlash(brakes, state, i, scratch.turned[i])
     for j in range(5):
         if state.sign[j] != 0.0:
             state.contact[j] = 0.0  # it leaves its stop
@@ -195,7 +195,7 @@ def advance_karnopp(mechanism, brakes, hand, state, trial, currents, t, h, lagge
                 tip[0], tip[1], tip[2], tip[3] = x, y, 0.0, 0.0  # held against a stop: nothing creeps
             else:
                 keep_on_line(mechanism, state, state, j)
-    struck = stop_on_the_way(mechanism, state, trial, x, y, h, arm_mass)
+    struck = stop_on_the_way(mechanism, state, scratch, x, y, h, arm_mass)
     if struck >= 0:
         enter_line(mechanism, state, struck)
     store(state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))

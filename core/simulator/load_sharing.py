@@ -43,7 +43,7 @@ def share_at_rest(state, fx, fy):
 
 @kernel
 def _split(state, fx, fy, pattern):
-    """Split with joints clamped as the base-3 digits of `pattern` say (1: at their + limit, 2: at their - limit).
+    """Split with joints clamped by the base-3 digits of `pattern` (1: at their + limit, 2: at their - limit).
 
     _BEST if it is the solution, _NO_SPLIT if the free joints cannot balance the force, else the pattern to try next.
     """

@@ -14,20 +14,13 @@ from core.dynamics import motion
 from core.kernel import inlined, kernel
 from core.simulator.hand import grip_force, prescribed_force
 from core.simulator.solver_numbers import ENERGY_ERROR, LEAST_ENERGY, NEAR_SINGULAR, REACH, STEP_ERROR
+from core.simulator.state import MOTION
 from core.simulator.stick_slip import solve_mass
-from core.simulator.stick_slip_mode import store
+from core.simulator.stick_slip_mode import distal_row, store
 
-TRIAL = np.dtype(
+STEP_SCRATCH = np.dtype(
     [
-        ("tip", "f8", (4,)),
-        ("acceleration", "f8", (2,)),
-        ("hand_force", "f8", (2,)),
-        ("mass", "f8", (3,)),
-        ("bias_force", "f8", (2,)),
-        ("g", "f8", (5, 2)),
-        ("rate", "f8", (5,)),
-        ("bias", "f8", (5,)),
-        ("line_torque", "f8"),
+        *MOTION,
         ("middle_torque", "f8"),  # N m, what holds the stuck joint in the middle of the step
         ("s_1", "f8"),
         ("s_2", "f8"),
@@ -36,8 +29,6 @@ TRIAL = np.dtype(
         ("work", "f8"),  # J, by the hand
         ("error", "f8"),  # m/s2, how far the step's last stage was from its end: its error estimate over its length
         ("torque_yield", "f8", (2, 4)),  # N m, at the middle and end of the step (only where there is a lag)
-        ("held", "i8"),  # `stepping`: the pattern after the step
-        ("sign", "f8", (5,)),
         ("seen", "i8"),  # bits of the kinds of events that need not be looked for any more
         # work space of the stops
         ("theta", "f8", (4,)),
@@ -72,7 +63,7 @@ def age_yields(brakes, state, elapsed, lagged):
 
 @inlined
 def joint_acceleration(at, i):
-    """Angular acceleration of joint i (rad/s2) in a state or trial: g . a + gdot . v."""
+    """Angular acceleration of joint i (rad/s2) in a state or a tried step: g . a + gdot . v."""
     return at.g[i, 0] * at.acceleration[0] + at.g[i, 1] * at.acceleration[1] + at.bias[i]
 
 
@@ -113,26 +104,13 @@ def slip_torques(brakes, state, yields, lagged):
 
 
 @inlined
-def distal_row(q):
-    """Row g and bias gdot . v of D, the angle between the distal links."""
-    return (
-        q.g_bx + q.g_cx - q.g_ax - q.g_ex,
-        q.g_by + q.g_cy - q.g_ay - q.g_ey,
-        q.bias_b + q.bias_c - q.bias_a - q.bias_e,
-    )
-
-
-@inlined
 def row_of(q, j):
     """Row g and bias gdot . v of joint j (0 .. 4) in a `Motion`."""
-    if j == 0:
-        return q.g_ax, q.g_ay, q.bias_a
-    if j == 1:
-        return q.g_ex, q.g_ey, q.bias_e
-    if j == 2:
-        return q.g_bx, q.g_by, q.bias_b
-    if j == 3:
-        return q.g_cx, q.g_cy, q.bias_c
+    arm = q.arm_1 if j < 2 else q.arm_2
+    if j == 0 or j == 2:
+        return arm.base_x, arm.base_y, arm.base_bias
+    if j < 4:
+        return arm.elbow_x, arm.elbow_y, arm.elbow_bias
     return distal_row(q)
 
 
@@ -145,8 +123,9 @@ def stage(mechanism, grip, held, slip, px, py, x, y, vx, vy):
     q = motion(mechanism, x, y, vx, vy)
     sx, sy = grip_force(grip, x, y, vx, vy)
     fx, fy, arm_mass = px + sx, py + sy, grip.mass
-    rx = fx - q.bias_x + slip[0] * q.g_ax + slip[1] * q.g_ex + slip[2] * q.g_bx + slip[3] * q.g_cx
-    ry = fy - q.bias_y + slip[0] * q.g_ay + slip[1] * q.g_ey + slip[2] * q.g_by + slip[3] * q.g_cy
+    p, r = q.arm_1, q.arm_2
+    rx = fx - q.bias_x + slip[0] * p.base_x + slip[1] * p.elbow_x + slip[2] * r.base_x + slip[3] * r.elbow_x
+    ry = fy - q.bias_y + slip[0] * p.base_y + slip[1] * p.elbow_y + slip[2] * r.base_y + slip[3] * r.elbow_y
     mxx, mxy, myy = q.mass_xx + arm_mass, q.mass_xy, q.mass_yy + arm_mass
     ax, ay = solve_mass(mxx, mxy, myy, rx, ry)
     torque = 0.0
@@ -160,8 +139,8 @@ def stage(mechanism, grip, held, slip, px, py, x, y, vx, vy):
 
 
 @kernel
-def rk4(mechanism, brakes, hand, state, trial, t, dt, lagged):
-    """One RK4 step of dt seconds from `state` into `trial`; False where a stage left the region where the arms close.
+def rk4(mechanism, brakes, hand, state, scratch, t, dt, lagged):
+    """One RK4 step of dt seconds from `state` into `scratch`; False where a stage left the region where the arms close.
 
     The first stage is the acceleration that the state already holds; the last evaluation, at the end, is the next
     step's first.
@@ -171,9 +150,9 @@ def rk4(mechanism, brakes, hand, state, trial, t, dt, lagged):
     first = slip_torques(brakes, state, state.torque_yield, lagged)
     middle, last = first, first
     if lagged != 0:
-        lagged_yields(brakes, state.lag, dt, trial.torque_yield[0], trial.torque_yield[1])
-        middle = slip_torques(brakes, state, trial.torque_yield[0], lagged)
-        last = slip_torques(brakes, state, trial.torque_yield[1], lagged)
+        lagged_yields(brakes, state.lag, dt, scratch.torque_yield[0], scratch.torque_yield[1])
+        middle = slip_torques(brakes, state, scratch.torque_yield[0], lagged)
+        last = slip_torques(brakes, state, scratch.torque_yield[1], lagged)
     half = 0.5 * dt
     px, py = prescribed_force(hand, t + half)
     qx, qy = prescribed_force(hand, t + dt)
@@ -186,11 +165,11 @@ def rk4(mechanism, brakes, hand, state, trial, t, dt, lagged):
     x4, y4, vx4, vy4 = x + dt * vx3, y + dt * vy3, vx + dt * ax3, vy + dt * ay3
     ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, grip, held, last, qx, qy, x4, y4, vx4, vy4)
     sixth = dt / 6.0
-    trial.tip[0] = x + sixth * (vx + 2.0 * (vx2 + vx3) + vx4)
-    trial.tip[1] = y + sixth * (vy + 2.0 * (vy2 + vy3) + vy4)
-    trial.tip[2] = vx + sixth * (ax1 + 2.0 * (ax2 + ax3) + ax4)
-    trial.tip[3] = vy + sixth * (ay1 + 2.0 * (ay2 + ay3) + ay4)
-    trial.work = sixth * (
+    scratch.tip[0] = x + sixth * (vx + 2.0 * (vx2 + vx3) + vx4)
+    scratch.tip[1] = y + sixth * (vy + 2.0 * (vy2 + vy3) + vy4)
+    scratch.tip[2] = vx + sixth * (ax1 + 2.0 * (ax2 + ax3) + ax4)
+    scratch.tip[3] = vy + sixth * (ay1 + 2.0 * (ay2 + ay3) + ay4)
+    scratch.work = sixth * (
         state.hand_force[0] * vx
         + state.hand_force[1] * vy
         + 2.0 * (hx2 * vx2 + hy2 * vy2 + hx3 * vx3 + hy3 * vy3)
@@ -198,49 +177,58 @@ def rk4(mechanism, brakes, hand, state, trial, t, dt, lagged):
         + hy4 * vy4
     )
     rate = state.rate
-    turned, heat = trial.turned, trial.heat
-    turned[0], heat[0] = booked(sixth, first[0], middle[0], last[0], rate[0], q2.rate_a, q3.rate_a, q4.rate_a)
-    turned[1], heat[1] = booked(sixth, first[1], middle[1], last[1], rate[1], q2.rate_e, q3.rate_e, q4.rate_e)
-    turned[2], heat[2] = booked(sixth, first[2], middle[2], last[2], rate[2], q2.rate_b, q3.rate_b, q4.rate_b)
-    turned[3], heat[3] = booked(sixth, first[3], middle[3], last[3], rate[3], q2.rate_c, q3.rate_c, q4.rate_c)
-    trial.middle_torque = 0.5 * (torque2 + torque3)
-    put_back = keep_on_line(mechanism, state, trial, held) if held >= 0 else 0.0
-    tip = trial.tip
+    turned, heat = scratch.turned, scratch.heat
+    p2, p3, p4, r2, r3, r4 = q2.arm_1, q3.arm_1, q4.arm_1, q2.arm_2, q3.arm_2, q4.arm_2
+    a, e = (p2.base_rate, p3.base_rate, p4.base_rate), (p2.elbow_rate, p3.elbow_rate, p4.elbow_rate)
+    b, c = (r2.base_rate, r3.base_rate, r4.base_rate), (r2.elbow_rate, r3.elbow_rate, r4.elbow_rate)
+    turned[0], heat[0] = booked(sixth, first[0], middle[0], last[0], rate[0], a)
+    turned[1], heat[1] = booked(sixth, first[1], middle[1], last[1], rate[1], e)
+    turned[2], heat[2] = booked(sixth, first[2], middle[2], last[2], rate[2], b)
+    turned[3], heat[3] = booked(sixth, first[3], middle[3], last[3], rate[3], c)
+    scratch.middle_torque = 0.5 * (torque2 + torque3)
+    put_back = keep_on_line(mechanism, state, scratch, held) if held >= 0 else 0.0
+    tip = scratch.tip
     ax, ay, torque, hx, hy, end = stage(mechanism, grip, held, last, qx, qy, tip[0], tip[1], tip[2], tip[3])
-    trial.error = abs(ax - ax4) + abs(ay - ay4) + (put_back / dt if put_back > 0.0 else 0.0)
-    trial.acceleration[0], trial.acceleration[1] = ax, ay
-    trial.hand_force[0], trial.hand_force[1] = hx, hy
-    trial.line_torque = torque
-    trial.s_1, trial.s_2 = end.s_1, end.s_2
-    store(trial, end)
+    scratch.error = abs(ax - ax4) + abs(ay - ay4) + (put_back / dt if put_back > 0.0 else 0.0)
+    scratch.acceleration[0], scratch.acceleration[1] = ax, ay
+    scratch.hand_force[0], scratch.hand_force[1] = hx, hy
+    scratch.line_torque = torque
+    scratch.s_1, scratch.s_2 = end.arm_1.s, end.arm_2.s
+    store(scratch, end)
     m1, m2 = mechanism.arm_1, mechanism.arm_2
     limit = REACH * mechanism.margin
-    least_1 = min(min(abs(q2.s_1), abs(q3.s_1)), min(abs(q4.s_1), abs(end.s_1)))
-    least_2 = min(min(abs(q2.s_2), abs(q3.s_2)), min(abs(q4.s_2), abs(end.s_2)))
+    least_1 = min(min(abs(p2.s), abs(p3.s)), min(abs(p4.s), abs(end.arm_1.s)))
+    least_2 = min(min(abs(r2.s), abs(r3.s)), min(abs(r4.s), abs(end.arm_2.s)))
     if held >= 0:
-        trial.rate[held] = 0.0
+        scratch.rate[held] = 0.0
     area_1, area_2 = m1.length_1 * m1.length_2, m2.length_1 * m2.length_2
     if least_1 < NEAR_SINGULAR * area_1 or least_2 < NEAR_SINGULAR * area_2:
-        trial.error = max(trial.error, energy_error(state, trial) * (STEP_ERROR / ENERGY_ERROR))
+        scratch.error = max(scratch.error, energy_error(state, scratch) * (STEP_ERROR / ENERGY_ERROR))
     closes = least_1 > limit * area_1 and least_2 > limit * area_2
     return closes and math.isfinite(tip[0] + tip[1] + tip[2] + tip[3])
 
 
 @inlined
-def booked(sixth, first, middle, last, w1, w2, w3, w4):
+def booked(sixth, first, middle, last, w1, later):
     """Angle that a joint turned (rad) and its heat (J) over the step, from torques and rates of the four stages."""
+    w2, w3, w4 = later
     turned = sixth * (w1 + 2.0 * (w2 + w3) + w4)
     return turned, -sixth * (first * w1 + 2.0 * middle * (w2 + w3) + last * w4)
 
 
 @kernel
-def energy_error(state, trial):
-    """What the ledger of the trial leaves unexplained, as a share of the energy that changed hands in it."""
-    m, v, n, u = state.mass, state.tip, trial.mass, trial.tip
-    before = 0.5 * (m[0] * v[2] * v[2] + 2.0 * m[1] * v[2] * v[3] + m[2] * v[3] * v[3])
-    after = 0.5 * (n[0] * u[2] * u[2] + 2.0 * n[1] * u[2] * u[3] + n[2] * u[3] * u[3])
-    heat = trial.heat[0] + trial.heat[1] + trial.heat[2] + trial.heat[3]
-    return abs(after - before + heat - trial.work) / (abs(after - before) + abs(heat) + abs(trial.work) + LEAST_ENERGY)
+def kinetic(at):
+    """Kinetic energy (J) of the device in a state or after a tried step, without any arm mass beyond the sensor."""
+    m, v = at.mass, at.tip
+    return 0.5 * (m[0] * v[2] * v[2] + 2.0 * m[1] * v[2] * v[3] + m[2] * v[3] * v[3])
+
+
+@kernel
+def energy_error(state, scratch):
+    """What the ledger of the tried step leaves unexplained, share of the energy that changed hands."""
+    heat = scratch.heat[0] + scratch.heat[1] + scratch.heat[2] + scratch.heat[3]
+    made, work = kinetic(scratch) - kinetic(state), scratch.work
+    return abs(made + heat - work) / (abs(made) + abs(heat) + abs(work) + LEAST_ENERGY)
 
 
 @kernel
@@ -272,8 +260,9 @@ def keep_distal_angle(mechanism, state, tip):
         q = motion(mechanism, tip[0], tip[1], 0.0, 0.0)
         gx, gy, _ = distal_row(q)
         square = gx * gx + gy * gy
-        sine = q.s_1 * q.s_2 * (q.g_ax * q.g_by - q.g_ay * q.g_bx) / (m1.length_2 * m2.length_2)
-        cosine = q.s_1 * q.s_2 * (q.g_ax * q.g_bx + q.g_ay * q.g_by) / (m1.length_2 * m2.length_2)
+        p, r = q.arm_1, q.arm_2
+        sine = p.s * r.s * (p.base_x * r.base_y - p.base_y * r.base_x) / (m1.length_2 * m2.length_2)
+        cosine = p.s * r.s * (p.base_x * r.base_x + p.base_y * r.base_y) / (m1.length_2 * m2.length_2)
         target = math.asin(mechanism.margin)
         if cosine < 0.0:
             target = math.pi - target

@@ -4,7 +4,6 @@ A trial's ticks are made by the tick kernel itself; the emulated board takes its
 """
 
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -42,22 +41,13 @@ class SimulatedDevice(Simulation):
         look(self.mechanism[0], state[0])
         self._before = self.ledger()
 
-    @cached_property
-    def _plain(self) -> tuple:
-        """Plain arrays: a call from Python takes longer with records."""
-        hand = self.hand._replace(grips=self.hand.grips.view(np.ndarray))
-        mechanism, brakes, state, scratch = (
-            one.view(np.ndarray) for one in (self.mechanism, self.brakes, self.state, self.trial)
-        )
-        return mechanism, brakes, hand, state, scratch
-
     def settle(self, currents: np.ndarray, t: float) -> None:
         """What moves and what rests at t (s) with these currents (4,), A: forces and acceleration are then known."""
-        settle(*self._plain, currents, t, self.fidelity, self.integrator)
+        settle(*self.arguments(), currents, t, self.fidelity, self.integrator)
 
     def move(self, currents: np.ndarray, t: float, step: float) -> None:
         """A step from t on, s; the currents may be other ones than it was settled with."""
-        move(*self._plain, currents, t, step, self.fidelity, self.integrator)
+        move(*self.arguments(), currents, t, step, self.fidelity, self.integrator)
 
     def retune(self, strength: float, backlash_rad: float | None) -> None:
         """Other brakes from now on, the motion as it is: `strength` times the K(I) of the device's, all with this play.
@@ -77,7 +67,7 @@ class SimulatedDevice(Simulation):
         self.brakes[0] = fresh[0]
 
     def recorded_start(self) -> dict[str, Any]:
-        """What a trial that begins now depends on and its ticks do not tell, as JSON holds it without rounding.
+        """What a trial that begins now depends on beside its ticks, as JSON holds it without rounding.
 
         state: the device as the trial before left it (yields, backlash, stops, ledger); arm: what of the hand stays.
         """
@@ -100,23 +90,23 @@ class SimulatedDevice(Simulation):
 
 
 @kernel
-def settle(mechanisms, brakes, hand, states, trials, currents, t, fidelity, integrator):
+def settle(mechanisms, brakes, hand, states, scratches, currents, t, fidelity, integrator):
     """See `SimulatedDevice.settle`."""
     apply(brakes[0], states[0], currents, fidelity)
     resolve(mechanisms[0], brakes[0], hand, states[0], t)
 
 
 @kernel
-def move(mechanisms, brakes, hand, states, trials, currents, t, step, fidelity, integrator):
+def move(mechanisms, brakes, hand, states, scratches, currents, t, step, fidelity, integrator):
     """See `SimulatedDevice.move`."""
-    settle(mechanisms, brakes, hand, states, trials, currents, t, fidelity, integrator)
+    settle(mechanisms, brakes, hand, states, scratches, currents, t, fidelity, integrator)
     advance(
-        mechanisms[0], brakes[0], hand, states[0], trials[0], currents, t, step, fidelity, integrator
+        mechanisms[0], brakes[0], hand, states[0], scratches[0], currents, t, step, fidelity, integrator
     )  # fmt: skip
 
 
 def ledger_warnings(before: Ledger, after: Ledger) -> list[str]:
-    """What the simulator's ledger says against its motion between two of its states; none where it agrees."""
+    """Why the motion between two of the simulator's ledgers may be wrong; none where they agree with it."""
     between = replace(
         after,
         work_hand=after.work_hand - before.work_hand,

@@ -5,7 +5,6 @@
     advance  the integrator carries the state over the step
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +15,13 @@ from core.kernel import kernel
 from core.simulator.event import advance_event
 from core.simulator.hand import Hand, new_hand, split_at_knots
 from core.simulator.karnopp import advance_karnopp, resolve_in_band
-from core.simulator.runge_kutta import TRIAL
+from core.simulator.runge_kutta import STEP_SCRATCH, kinetic
 from core.simulator.solver_numbers import ADDED_J, DELTA_OMEGA, EDGE_S, UNEXPLAINED, UNEXPLAINED_J
 from core.simulator.state import new_record, new_state, pack_brakes, pack_mechanism
 from core.simulator.stepping import advance_stepping
 from core.simulator.stick_slip import STILL, same_line
 from core.simulator.stick_slip_mode import hand_changed, look, resolve
-from core.stops import distal_sine, stop_gap
+from core.stops import distal_sine
 
 FIDELITIES = ("ideal", "static", "mr")
 IDEAL, STATIC, MR = range(3)
@@ -45,17 +44,17 @@ def apply(brakes, state, commands, fidelity):
 
 
 @kernel
-def advance(mechanism, brakes, hand, state, trial, commands, t, h, fidelity, integrator):
+def advance(mechanism, brakes, hand, state, scratch, commands, t, h, fidelity, integrator):
     """Stage: the integrator carries the resolved state from t to t + h, s."""
     lagged = 1 if fidelity == MR else 0
     if integrator == EVENT:
-        advance_event(mechanism, brakes, hand, state, trial, commands, t, h, lagged)
+        advance_event(mechanism, brakes, hand, state, scratch, commands, t, h, lagged)
     elif integrator == STEPPING:
         state.steps += 1
-        advance_stepping(mechanism, brakes, hand, state, trial, commands, t, h, lagged)
+        advance_stepping(mechanism, brakes, hand, state, scratch, commands, t, h, lagged)
     else:
         state.steps += 1
-        advance_karnopp(mechanism, brakes, hand, state, trial, commands, t, h, lagged)
+        advance_karnopp(mechanism, brakes, hand, state, scratch, commands, t, h, lagged)
 
 
 @kernel
@@ -70,13 +69,6 @@ def stuck_bits(mechanism, brakes, state):
 
 
 @kernel
-def kinetic(state):
-    """Kinetic energy of the device (J), without any arm mass on the hand's side of the sensor."""
-    m, v = state.mass, state.tip
-    return 0.5 * (m[0] * v[2] * v[2] + 2.0 * m[1] * v[2] * v[3] + m[2] * v[3] * v[3])
-
-
-@kernel
 def energy_residual(state):
     """What the ledger leaves unexplained (J): kinetic + heat + stops - work of the hand - kinetic at the start."""
     heat = state.heat[0] + state.heat[1] + state.heat[2] + state.heat[3]
@@ -85,7 +77,7 @@ def energy_residual(state):
 
 @kernel
 def start(mechanisms, brake_records, states, fidelity):
-    """Set up a new state: what its position says, brakes off, the play in the middle of the backlash."""
+    """A new state: rows and mass at its position, brakes off, the play in the middle of the backlash."""
     mechanism, brakes, state = mechanisms[0], brake_records[0], states[0]
     state.distal_side = 1.0 if distal_sine(mechanism, state.tip[0], state.tip[1]) > 0.0 else -1.0
     look(mechanism, state)
@@ -99,7 +91,7 @@ def start(mechanisms, brake_records, states, fidelity):
 
 @kernel
 def run_rows(
-    mechanisms, brake_records, hand, states, trials, times, values,
+    mechanisms, brake_records, hand, states, scratches, times, values,
     first_row, last_row, per_row, step, fidelity, integrator, rows,
 ):  # fmt: skip
     """Fill rows (n, ROW_WIDTH) from row `first_row` on, advancing `per_row` steps after each but `last_row`.
@@ -107,7 +99,7 @@ def run_rows(
     times (m,), values (m, 4): the command schedule; a row inside a step splits it, and so do the knots of a force
     table that the step would not see.
     """
-    mechanism, brakes, state, trial = mechanisms[0], brake_records[0], states[0], trials[0]
+    mechanism, brakes, state, scratch = mechanisms[0], brake_records[0], states[0], scratches[0]
     cursor = 0
     if state.settled != 0 and hand_changed(hand, state, first_row * per_row * step):
         state.settled = 0
@@ -138,23 +130,8 @@ def run_rows(
                 if hand.times.shape[0] > 1:
                     until = split_at_knots(hand, t, until)
                 h = step if until == end and t == k * step else until - t
-                advance(mechanism, brakes, hand, state, trial, values[cursor], t, h, fidelity, integrator)
+                advance(mechanism, brakes, hand, state, scratch, values[cursor], t, h, fidelity, integrator)
                 t = until
-
-
-def energy_warnings(work_hand: float, heat: float, lost_at_stops: float, kinetic: float, residual: float,
-                    added_by_brakes: float) -> tuple[str, ...]:  # fmt: skip
-    """What an energy ledger (J) says against the motion that it belongs to, a sentence each; none where it agrees."""
-    found = []
-    changed_hands = abs(work_hand) + heat + lost_at_stops + kinetic
-    if not abs(residual) <= UNEXPLAINED * changed_hands + UNEXPLAINED_J:
-        found.append(
-            f"the energy ledger leaves {residual:.2g} J of {changed_hands:.2g} J unexplained: "
-            "the motion may be wrong; choose a smaller step"
-        )
-    if not added_by_brakes <= ADDED_J:
-        found.append(f"a brake added {added_by_brakes:.2g} J within a step, which no brake can; choose a smaller step")
-    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -174,9 +151,17 @@ class Ledger:
     refined: int
 
     def warnings(self) -> tuple[str, ...]:
-        """Why the motion so far may be wrong, a sentence each; none where nothing speaks against it."""
-        return energy_warnings(self.work_hand, sum(self.heat), self.lost_at_stops, self.kinetic, self.residual,
-                               self.added_by_brakes)  # fmt: skip
+        """Why the motion that the ledger belongs to may be wrong, a sentence each; none where it agrees."""
+        found, added = [], self.added_by_brakes
+        changed_hands = abs(self.work_hand) + sum(self.heat) + self.lost_at_stops + self.kinetic
+        if not abs(self.residual) <= UNEXPLAINED * changed_hands + UNEXPLAINED_J:
+            found.append(
+                f"the energy ledger leaves {self.residual:.2g} J of {changed_hands:.2g} J unexplained: "
+                "the motion may be wrong; choose a smaller step"
+            )
+        if not added <= ADDED_J:
+            found.append(f"a brake added {added:.2g} J within a step, which no brake can; choose a smaller step")
+        return tuple(found)
 
 
 class Simulation:
@@ -200,18 +185,27 @@ class Simulation:
         self.mechanism = pack_mechanism(device.mechanism)
         self.brakes = pack_brakes(device.brakes, backlash=backlash and fidelity == "mr")
         self.hand = hand if hand is not None else new_hand()
-        self.trial = new_record(TRIAL)
+        self.step_scratch = new_record(STEP_SCRATCH)
         self.state = new_state(*tip, *velocity)
         self.state["delta_omega"][0] = delta_omega
         self.state["tolerance"][0] = tolerance
         start(self.mechanism, self.brakes, self.state, self.fidelity)
 
+    def arguments(self) -> tuple:
+        """Mechanism, brakes, hand, state and scratch as kernels take them.
+
+        Records as plain arrays: a call from Python takes 30 us less for each.
+        """
+        records = self.mechanism, self.brakes, self.hand.grips, self.state, self.step_scratch
+        mechanism, brakes, grips, state, scratch = (record.view(np.ndarray) for record in records)
+        return mechanism, brakes, self.hand._replace(grips=grips), state, scratch
+
     def rows(self, n: int, step: float, per_row: int, times: np.ndarray, values: np.ndarray,
              first_row: int = 0, last_row: int = -1) -> np.ndarray:  # fmt: skip
         """n output rows (n, ROW_WIDTH): t, x, y, vx, vy, torque A, E, B, C, stuck bits; call again to go on."""
         out = np.zeros((n, ROW_WIDTH))
-        run_rows(self.mechanism, self.brakes, self.hand, self.state, self.trial, times, values,
-                 first_row, last_row, per_row, step, self.fidelity, self.integrator, out)  # fmt: skip
+        how = first_row, last_row, per_row, step, self.fidelity, self.integrator
+        run_rows(*self.arguments(), times, values, *how, out)
         return out
 
     def run(self, duration: float, step: float, commands: np.ndarray) -> np.ndarray:
@@ -228,12 +222,3 @@ class Simulation:
             int(s["steps"][0]), int(s["events"][0]), int(s["fallbacks"][0]), int(s["shortened"][0]),
             int(s["refined"][0]),
         )  # fmt: skip
-
-
-def stops_of(device: Device, x: float, y: float) -> np.ndarray:
-    """Distance (5,) of each joint A, E, B, C, D to its nearest hard stop at a tip; negative: the tip is not allowed."""
-    gap, side = np.zeros(5), np.zeros(5)
-    mechanism = pack_mechanism(device.mechanism)[0]
-    sign = math.copysign(1.0, distal_sine(mechanism, x, y))
-    stop_gap(mechanism, sign, x, y, np.zeros(4), gap, side)
-    return gap

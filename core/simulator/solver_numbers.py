@@ -1,6 +1,6 @@
 """Every number that steers the integrators: unit, reason, and what breaks when it is larger or smaller.
 
-None is tuned to a scene: most say what counts as rounding.
+None is tuned to a scene: most bound what counts as rounding.
 """
 
 # `event`
@@ -104,7 +104,7 @@ STOP_STRENGTH = 1e6
 #: relative: a split at the bound of what the joints hold is accepted this far beyond it
 SPLIT_ROUNDING = 1e-9
 
-# What is said about a result
+# Warnings about a result
 
 #: Share of the energy that changed hands, and J, that a ledger may leave unexplained without a warning. Larger: wrong
 #: motion passes without a word. Smaller: the error that a first-order integrator has by its nature is warned of.

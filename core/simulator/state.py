@@ -2,24 +2,30 @@
 
 import numpy as np
 
-from core.mechanism import Brakes, Mechanism
+from core.mechanism import Arm, Brakes, Mechanism, no_brakes
 from core.simulator.stick_slip import FREE, STILL
+
+#: What a state and a tried step know of the motion. Joints in the order A, E, B, C, and D (the angle between the distal
+#: links) where there are five.
+MOTION = [
+    ("tip", "f8", (4,)),  # m, m/s: x, y, vx, vy
+    ("acceleration", "f8", (2,)),  # m/s2
+    ("hand_force", "f8", (2,)),  # N, what a sensor between handle and hand reads
+    ("mass", "f8", (3,)),  # kg, tip mass matrix xx, xy, yy of the device
+    ("bias_force", "f8", (2,)),  # N, velocity terms b
+    ("g", "f8", (5, 2)),  # 1/m, rows of the joints at the tip
+    ("rate", "f8", (5,)),  # rad/s
+    ("bias", "f8", (5,)),  # rad/s2, gdot . v
+    ("held", "i8"),  # STILL, FREE or the joint that is stuck (in a tried step of `stepping` alone)
+    ("sign", "f8", (5,)),  # sense in which each joint slips, 0 while it is held (likewise)
+    ("line_torque", "f8"),  # N m, what holds the stuck joint on its own rate, brakes and stop together
+]
 
 STATE = np.dtype(
     [
-        # joints in the order A, E, B, C, and D (the angle between the distal links) where there are five
-        ("tip", "f8", (4,)),  # m, m/s: x, y, vx, vy
-        ("acceleration", "f8", (2,)),  # m/s2
+        *MOTION,
         ("carry", "f8", (2,)),  # m/s, `stepping`: what the turn of a held joint's path took from the velocity
-        ("hand_force", "f8", (2,)),  # N, what a sensor between handle and hand reads
-        ("mass", "f8", (3,)),  # kg, tip mass matrix xx, xy, yy of the device
-        ("bias_force", "f8", (2,)),  # N, velocity terms b
-        ("g", "f8", (5, 2)),  # 1/m, rows of the joints at the tip
-        ("rate", "f8", (5,)),  # rad/s
-        ("bias", "f8", (5,)),  # rad/s2, gdot . v
-        ("held", "i8"),  # STILL, FREE or the joint that is stuck
         ("circle", "f8", (3,)),  # m: centre and radius of the SDOF path while one joint is stuck
-        ("sign", "f8", (5,)),  # sense in which each joint slips, 0 while it is held
         ("contact", "f8", (5,)),  # hard stop: -1 at the low one, +1 at the high one, 0 away from both
         ("distal_side", "f8"),  # sign of the sine between the distal links, fixed at the start
         ("delta_omega", "f8"),  # rad/s, band of Eq. (6) (`karnopp` only)
@@ -46,7 +52,6 @@ STATE = np.dtype(
         ("active", "i8", (5,)),  # 1: the joint carries a brake or touches a stop
         ("lag", "f8", (4, 5)),
         ("settled", "i8"),  # 1: the last step left pattern, acceleration and torques of a moving tip as they are now
-        ("line_torque", "f8"),  # N m, what holds the stuck joint on its own rate, brakes and stop together
     ]
 )
 
@@ -54,8 +59,7 @@ STATE = np.dtype(
 _FILLED_FIRST = ("cost_plus", "cost_minus", "active", "lag")
 CARRIED = tuple(name for name in STATE.names or () if name not in _FILLED_FIRST)
 
-ARM = np.dtype([(name, "f8") for name in ("base_x", "base_y", "length_1", "length_2", "side")]
-               + [(name, "f8") for name in ("proximal", "distal", "coupling", "rotor")])  # fmt: skip
+ARM = np.dtype([(name, "f8") for name in Arm._fields])
 MECHANISM = np.dtype(
     [
         ("arm_1", ARM),
@@ -68,19 +72,7 @@ MECHANISM = np.dtype(
         ("has_theta_stops", "i8"),
     ]
 )
-BRAKES = np.dtype(
-    [
-        ("present", "f8", (4,)),
-        ("current_max", "f8", (4,)),
-        ("k", "f8", (4, 5)),
-        ("knee", "f8", (4,)),
-        ("omega_0", "f8", (4,)),
-        ("floor", "f8", (4,)),
-        ("rise", "f8", (4, 7)),
-        ("fall", "f8", (4, 7)),
-        ("play", "f8", (4,)),
-    ]
-)
+BRAKES = np.dtype([(name, "f8", value.shape) for name, value in no_brakes()._asdict().items()])
 
 
 def new_record(dtype: np.dtype) -> np.recarray:

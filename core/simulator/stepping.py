@@ -10,17 +10,9 @@ import math
 
 from core.brake import lagged_yield
 from core.kernel import kernel
+from core.simulator import solver_numbers as limits
 from core.simulator.hand import cap_scale, hand_force, spring_force
-from core.simulator.runge_kutta import begin, keep_on_line
-from core.simulator.solver_numbers import (
-    CREATED,
-    LARGEST_CHANGE,
-    LONGEST_WAY,
-    MOST_HALVINGS,
-    NEAR_SINGULAR,
-    STIFF,
-    TOUCHING,
-)
+from core.simulator.runge_kutta import begin, keep_on_line, kinetic
 from core.simulator.stick_slip import STILL, same_line, solve_at_rest
 from core.simulator.stick_slip_mode import enter_line, look, set_costs, strike
 from core.stops import stop_gap
@@ -32,21 +24,15 @@ def stiffer_than(state, hand, step):
     grip = hand.grips[0]
     if grip.spring == 0:
         return False
-    mass = state.mass
-    least = least_eigenvalue(mass[0], mass[1], mass[2]) + grip.mass
+    xx, xy, yy = state.mass[0], state.mass[1], state.mass[2]
+    least = 0.5 * (xx + yy - math.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy)) + grip.mass  # eigenvalue
     k, d = grip.stiffness, grip.damping
     stiffness, damping = max(k[0], k[2]) + abs(k[1]), max(d[0], d[2]) + abs(d[1])
-    return step * step * stiffness > STIFF * STIFF * least or step * damping > STIFF * least
+    return step * step * stiffness > limits.STIFF * limits.STIFF * least or step * damping > limits.STIFF * least
 
 
 @kernel
-def least_eigenvalue(xx, xy, yy):
-    """The smaller eigenvalue of a symmetric 2 x 2 matrix."""
-    return 0.5 * (xx + yy - math.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy))
-
-
-@kernel
-def advance_stepping(mechanism, brakes, hand, state, trial, currents, t, h, lagged):
+def advance_stepping(mechanism, brakes, hand, state, scratch, currents, t, h, lagged):
     """Move the state from t to t + h (s) in implicit steps: one, or more where the tip goes a long way.
 
     Expects the state's quantities at t.
@@ -56,17 +42,17 @@ def advance_stepping(mechanism, brakes, hand, state, trial, currents, t, h, lagg
     while elapsed < h:
         step = min(step, h - elapsed)
         begin(brakes, state, currents, step, lagged)
-        speed = implicit_velocity(mechanism, brakes, hand, state, trial, t + elapsed, step, lagged)
+        speed = implicit_velocity(mechanism, brakes, hand, state, scratch, t + elapsed, step, lagged)
         singular = near_singular(mechanism, state)
-        if halvings < MOST_HALVINGS and (
-            speed * step > LONGEST_WAY
-            or (singular and singularity_change(mechanism, state, trial) * step > LARGEST_CHANGE)
+        if halvings < limits.MOST_HALVINGS and (
+            speed * step > limits.LONGEST_WAY
+            or (singular and singularity_change(mechanism, state, scratch) * step > limits.LARGEST_CHANGE)
         ):
             step *= 0.5
             halvings += 1
             continue
         before = balance(state) if singular else 0.0
-        take(mechanism, brakes, hand, state, trial, step, lagged)
+        take(mechanism, brakes, hand, state, scratch, step, lagged)
         if singular:
             create_nothing(state, before)
         elapsed = h if step == h - elapsed else elapsed + step
@@ -78,13 +64,13 @@ def near_singular(mechanism, state):
     g, l_1, l_2 = state.g, mechanism.arm_1.length_1, mechanism.arm_2.length_1
     first = l_1 * l_1 * (g[0, 0] * g[0, 0] + g[0, 1] * g[0, 1])
     second = l_2 * l_2 * (g[2, 0] * g[2, 0] + g[2, 1] * g[2, 1])
-    return max(first, second) * (NEAR_SINGULAR * NEAR_SINGULAR) > 1.0
+    return max(first, second) * (limits.NEAR_SINGULAR * limits.NEAR_SINGULAR) > 1.0
 
 
 @kernel
-def singularity_change(mechanism, state, trial):
-    """How fast the sine of an elbow changes at the trial's velocity, relative to itself (1/s); the larger."""
-    g, ux, uy = state.g, trial.tip[2], trial.tip[3]
+def singularity_change(mechanism, state, scratch):
+    """How fast the sine of an elbow changes at the tried velocity, relative to itself (1/s); the larger."""
+    g, ux, uy = state.g, scratch.tip[2], scratch.tip[3]
     e, c = g[1, 0] * ux + g[1, 1] * uy, g[3, 0] * ux + g[3, 1] * uy
     l_1, l_2 = mechanism.arm_1.length_1, mechanism.arm_2.length_1
     first = e * e * l_1 * l_1 * (g[0, 0] * g[0, 0] + g[0, 1] * g[0, 1])
@@ -93,16 +79,16 @@ def singularity_change(mechanism, state, trial):
 
 
 @kernel
-def implicit_velocity(mechanism, brakes, hand, state, trial, t, h, lagged):
-    """The velocity after one implicit step of h seconds: trial.tip[2:]; its size (m/s). The state keeps its motion."""
+def implicit_velocity(mechanism, brakes, hand, state, scratch, t, h, lagged):
+    """Velocity after an implicit step of h seconds into scratch.tip[2:]; its size (m/s). The state keeps its motion."""
     tip, mass, grip = state.tip, state.mass, hand.grips[0]
     for i in range(4):
-        trial.torque_yield[0, i] = state.torque_yield[i]
+        scratch.torque_yield[0, i] = state.torque_yield[i]
         if lagged != 0 and brakes.present[i] > 0.0:
             state.torque_yield[i] = lagged_yield(state.lag, i, h)
     set_costs(brakes, state)
     for i in range(4):
-        state.torque_yield[i] = trial.torque_yield[0, i]
+        state.torque_yield[i] = scratch.torque_yield[0, i]
     vx, vy = tip[2] + state.carry[0], tip[3] + state.carry[1]
     mxx, mxy, myy = mass[0] + grip.mass, mass[1], mass[2] + grip.mass
     fx, fy = hand_force(hand, t + h, tip[0], tip[1], tip[2], tip[3])
@@ -122,47 +108,46 @@ def implicit_velocity(mechanism, brakes, hand, state, trial, t, h, lagged):
         state.cost_minus[i] *= h
     held, ux, uy = solve_at_rest(
         mxx + cxx, mxy + cxy, myy + cyy, state.g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial,
-        px, py, trial.sign,
+        px, py, scratch.sign,
     )  # fmt: skip
-    trial.held = held
-    trial.tip[2], trial.tip[3] = ux, uy
+    scratch.held = held
+    scratch.tip[2], scratch.tip[3] = ux, uy
     dvx, dvy = (ux - vx) / h, (uy - vy) / h
-    trial.acceleration[0], trial.acceleration[1] = dvx, dvy
-    trial.hand_force[0] = fx - cxx * dvx - cxy * dvy - grip.mass * dvx
-    trial.hand_force[1] = fy - cxy * dvx - cyy * dvy - grip.mass * dvy
+    scratch.acceleration[0], scratch.acceleration[1] = dvx, dvy
+    scratch.hand_force[0] = fx - cxx * dvx - cxy * dvy - grip.mass * dvx
+    scratch.hand_force[1] = fy - cxy * dvx - cyy * dvy - grip.mass * dvy
     return math.sqrt(ux * ux + uy * uy)
 
 
 @kernel
-def take(mechanism, brakes, hand, state, trial, h, lagged):
+def take(mechanism, brakes, hand, state, scratch, h, lagged):
     """Take the implicit step: move the tip, enter the ledger, look around."""
     tip = state.tip
     for i in range(4):
         if lagged != 0 and brakes.present[i] > 0.0:
             state.torque_yield[i] = lagged_yield(state.lag, i, h)
     for j in range(5):
-        state.sign[j] = trial.sign[j]
+        state.sign[j] = scratch.sign[j]
         for k in range(2):
-            trial.g[j, k] = state.g[j, k]
+            scratch.g[j, k] = state.g[j, k]
     for k in range(2):
         state.carry[k] = 0.0
-        state.acceleration[k], state.hand_force[k] = trial.acceleration[k], trial.hand_force[k]
-    state.held = trial.held
+        state.acceleration[k], state.hand_force[k] = scratch.acceleration[k], scratch.hand_force[k]
+    state.held = scratch.held
     if state.held >= 0:
         enter_line(mechanism, state, state.held)
     x, y = tip[0], tip[1]
-    tip[2], tip[3] = trial.tip[2], trial.tip[3]
-    move(mechanism, state, trial, h, hand.grips[0].mass)
-    book(brakes, state, trial, tip[0] - x, tip[1] - y, h)
+    tip[2], tip[3] = scratch.tip[2], scratch.tip[3]
+    move(mechanism, state, scratch, h, hand.grips[0].mass)
+    book(brakes, state, scratch, tip[0] - x, tip[1] - y, h)
     look(mechanism, state)
 
 
 @kernel
 def balance(state):
-    """Energy of the device less what the ledger says it was given (J): constant but for the method's error."""
-    m, v, heat = state.mass, state.tip, state.heat
-    kinetic = 0.5 * (m[0] * v[2] * v[2] + 2.0 * m[1] * v[2] * v[3] + m[2] * v[3] * v[3])
-    return kinetic + heat[0] + heat[1] + heat[2] + heat[3] + state.lost_at_stops - state.work_hand
+    """Energy of the device less what it was given by the ledger (J): constant but for the method's error."""
+    heat = state.heat
+    return kinetic(state) + heat[0] + heat[1] + heat[2] + heat[3] + state.lost_at_stops - state.work_hand
 
 
 @kernel
@@ -171,14 +156,13 @@ def create_nothing(state, before):
     created = balance(state) - before
     if created <= 0.0:
         return
-    m, v = state.mass, state.tip
-    kinetic = 0.5 * (m[0] * v[2] * v[2] + 2.0 * m[1] * v[2] * v[3] + m[2] * v[3] * v[3])
-    if created <= CREATED * kinetic:
+    energy = kinetic(state)
+    if created <= limits.CREATED * energy:
         return
-    square = 1.0 - created / kinetic if created < kinetic else 0.0
+    square = 1.0 - created / energy if created < energy else 0.0
     scale = math.sqrt(square)
     for i in range(2):
-        v[2 + i] *= scale
+        state.tip[2 + i] *= scale
         state.carry[i] *= scale
         state.bias_force[i] *= square
     for j in range(5):
@@ -187,12 +171,12 @@ def create_nothing(state, before):
 
 
 @kernel
-def book(brakes, state, trial, dx, dy, h):
+def book(brakes, state, scratch, dx, dy, h):
     """Ledger and backlash of one implicit step over the way (dx, dy) that the tip went, by the rows at its start."""
     state.work_hand += state.hand_force[0] * dx + state.hand_force[1] * dy
     for i in range(4):
         if brakes.present[i] > 0.0 and state.active[i] != 0 and state.sign[i] != 0.0:
-            turned = trial.g[i, 0] * dx + trial.g[i, 1] * dy
+            turned = scratch.g[i, 0] * dx + scratch.g[i, 1] * dy
             cost = state.cost_plus[i] if turned > 0.0 else state.cost_minus[i]  # already times h
             if not math.isinf(cost):
                 state.heat[i] += cost / h * abs(turned)
@@ -201,7 +185,7 @@ def book(brakes, state, trial, dx, dy, h):
 
 
 @kernel
-def move(mechanism, state, trial, h, arm_mass):
+def move(mechanism, state, scratch, h, arm_mass):
     """Displace the tip by h v; stay on the held joint's SDOF path; strike a hard stop that lies in the way."""
     tip = state.tip
     if state.held == STILL:
@@ -213,12 +197,12 @@ def move(mechanism, state, trial, h, arm_mass):
     for j in range(5):
         if not (state.held >= 0 and same_line(j, state.held, mechanism.coaxial)):
             state.contact[j] = 0.0
-    stop_on_the_way(mechanism, state, trial, x, y, h, arm_mass)
-    if beyond_a_stop(mechanism, state, trial, tip[0], tip[1]):
-        retreat(mechanism, state, trial, x, y)
+    stop_on_the_way(mechanism, state, scratch, x, y, h, arm_mass)
+    if beyond_a_stop(mechanism, state, scratch, tip[0], tip[1]):
+        retreat(mechanism, state, scratch, x, y)
     for j in range(5):
-        if trial.gap[j] <= TOUCHING:
-            state.contact[j] = trial.gap_side[j]
+        if scratch.gap[j] <= limits.TOUCHING:
+            state.contact[j] = scratch.gap_side[j]
 
 
 @kernel
@@ -239,10 +223,10 @@ def turn(mechanism, state, j):
 
 
 @kernel
-def stop_on_the_way(mechanism, state, trial, x, y, h, arm_mass):
+def stop_on_the_way(mechanism, state, scratch, x, y, h, arm_mass):
     """Strike a hard stop between (x, y) and the tip and slide along it for the rest of the step; its joint, or -1."""
     tip = state.tip
-    struck = worst_stop(mechanism, state, trial, tip[0], tip[1])
+    struck = worst_stop(mechanism, state, scratch, tip[0], tip[1])
     if struck < 0:
         return struck
     # bisect the way for the last place before the stop
@@ -250,14 +234,14 @@ def stop_on_the_way(mechanism, state, trial, x, y, h, arm_mass):
     ex, ey = tip[0] - x, tip[1] - y
     for _ in range(60):
         s = 0.5 * (low + high)
-        j = worst_stop(mechanism, state, trial, x + s * ex, y + s * ey)
+        j = worst_stop(mechanism, state, scratch, x + s * ex, y + s * ey)
         if j >= 0:
             high, struck = s, j
         else:
             low = s
     tip[0], tip[1] = x + low * ex, y + low * ey
-    worst_stop(mechanism, state, trial, x + high * ex, y + high * ey)
-    side = trial.gap_side[struck]
+    worst_stop(mechanism, state, scratch, x + high * ex, y + high * ey)
+    side = scratch.gap_side[struck]
     state.carry[0] = state.carry[1] = 0.0
     look(mechanism, state)
     strike(mechanism, state, struck, side, arm_mass)
@@ -266,9 +250,9 @@ def stop_on_the_way(mechanism, state, trial, x, y, h, arm_mass):
         enter_line(mechanism, state, struck)
         tip[0], tip[1] = hit_x + rest * tip[2], hit_y + rest * tip[3]
         turn(mechanism, state, struck)
-        stop_gap(mechanism, state.distal_side, tip[0], tip[1], trial.theta, trial.gap, trial.gap_side)
+        stop_gap(mechanism, state.distal_side, tip[0], tip[1], scratch.theta, scratch.gap, scratch.gap_side)
         for j in range(5):
-            if trial.gap[j] < -TOUCHING and not same_line(j, struck, mechanism.coaxial):
+            if scratch.gap[j] < -limits.TOUCHING and not same_line(j, struck, mechanism.coaxial):
                 tip[0], tip[1] = hit_x, hit_y  # another stop: what is left of the step is lost
                 tip[2], tip[3] = tip[2] + state.carry[0], tip[3] + state.carry[1]
                 state.carry[0] = state.carry[1] = 0.0
@@ -277,37 +261,37 @@ def stop_on_the_way(mechanism, state, trial, x, y, h, arm_mass):
 
 
 @kernel
-def beyond_a_stop(mechanism, state, trial, x, y):
-    """True where (x, y) lies beyond any hard stop; fills the trial's gaps."""
-    stop_gap(mechanism, state.distal_side, x, y, trial.theta, trial.gap, trial.gap_side)
-    least = min(min(trial.gap[0], trial.gap[1]), min(trial.gap[2], min(trial.gap[3], trial.gap[4])))
-    return least < -TOUCHING
+def beyond_a_stop(mechanism, state, scratch, x, y):
+    """True where (x, y) lies beyond any hard stop; fills the scratch's gaps."""
+    stop_gap(mechanism, state.distal_side, x, y, scratch.theta, scratch.gap, scratch.gap_side)
+    least = min(min(scratch.gap[0], scratch.gap[1]), min(scratch.gap[2], min(scratch.gap[3], scratch.gap[4])))
+    return least < -limits.TOUCHING
 
 
 @kernel
-def retreat(mechanism, state, trial, x, y):
+def retreat(mechanism, state, scratch, x, y):
     """Between two stops: take the last place on the way from (x, y) that is beyond neither."""
     tip = state.tip
     ex, ey = tip[0] - x, tip[1] - y
     low, high = 0.0, 1.0
     for _ in range(50):
         s = 0.5 * (low + high)
-        if beyond_a_stop(mechanism, state, trial, x + s * ex, y + s * ey):
+        if beyond_a_stop(mechanism, state, scratch, x + s * ex, y + s * ey):
             high = s
         else:
             low = s
     tip[0], tip[1] = x + low * ex, y + low * ey
-    beyond_a_stop(mechanism, state, trial, tip[0], tip[1])
+    beyond_a_stop(mechanism, state, scratch, tip[0], tip[1])
 
 
 @kernel
-def worst_stop(mechanism, state, trial, x, y):
+def worst_stop(mechanism, state, scratch, x, y):
     """The joint that lies furthest beyond its stop at (x, y), not counting one that the tip slides along; -1: none."""
-    stop_gap(mechanism, state.distal_side, x, y, trial.theta, trial.gap, trial.gap_side)
+    stop_gap(mechanism, state.distal_side, x, y, scratch.theta, scratch.gap, scratch.gap_side)
     worst, least = -1, 0.0
     for j in range(5):
-        if state.contact[j] == 0.0 and trial.gap[j] < least:
-            worst, least = j, trial.gap[j]
+        if state.contact[j] == 0.0 and scratch.gap[j] < least:
+            worst, least = j, scratch.gap[j]
     return worst
 
 

@@ -25,7 +25,7 @@ from core.simulator.stick_slip import (
 
 @kernel
 def look(mechanism, state):
-    """Stage: everything that position and velocity say (rows, rates, mass, velocity terms) into the state."""
+    """Stage: what follows from position and velocity (rows, rates, mass, velocity terms) into the state."""
     tip = state.tip
     store(state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))
 
@@ -33,17 +33,26 @@ def look(mechanism, state):
 @inlined
 def store(state, q):
     """Copy a `Motion` into the state's arrays; row D is the rate of the angle between the distal links."""
-    g, rate, bias = state.g, state.rate, state.bias
-    g[0, 0], g[0, 1], g[1, 0], g[1, 1] = q.g_ax, q.g_ay, q.g_ex, q.g_ey
-    g[2, 0], g[2, 1], g[3, 0], g[3, 1] = q.g_bx, q.g_by, q.g_cx, q.g_cy
-    g[4, 0] = q.g_bx + q.g_cx - q.g_ax - q.g_ex
-    g[4, 1] = q.g_by + q.g_cy - q.g_ay - q.g_ey
-    rate[0], rate[1], rate[2], rate[3] = q.rate_a, q.rate_e, q.rate_b, q.rate_c
-    rate[4] = q.rate_b + q.rate_c - q.rate_a - q.rate_e
-    bias[0], bias[1], bias[2], bias[3] = q.bias_a, q.bias_e, q.bias_b, q.bias_c
-    bias[4] = q.bias_b + q.bias_c - q.bias_a - q.bias_e
+    g, rate, bias, p, r = state.g, state.rate, state.bias, q.arm_1, q.arm_2
+    g[0, 0], g[0, 1], g[1, 0], g[1, 1] = p.base_x, p.base_y, p.elbow_x, p.elbow_y
+    g[2, 0], g[2, 1], g[3, 0], g[3, 1] = r.base_x, r.base_y, r.elbow_x, r.elbow_y
+    g[4, 0], g[4, 1], bias[4] = distal_row(q)
+    rate[0], rate[1], rate[2], rate[3] = p.base_rate, p.elbow_rate, r.base_rate, r.elbow_rate
+    rate[4] = r.base_rate + r.elbow_rate - p.base_rate - p.elbow_rate
+    bias[0], bias[1], bias[2], bias[3] = p.base_bias, p.elbow_bias, r.base_bias, r.elbow_bias
     state.mass[0], state.mass[1], state.mass[2] = q.mass_xx, q.mass_xy, q.mass_yy
     state.bias_force[0], state.bias_force[1] = q.bias_x, q.bias_y
+
+
+@inlined
+def distal_row(q):
+    """Row g and bias gdot . v of D, the angle between the distal links."""
+    p, r = q.arm_1, q.arm_2
+    return (
+        r.base_x + r.elbow_x - p.base_x - p.elbow_x,
+        r.base_y + r.elbow_y - p.base_y - p.elbow_y,
+        r.base_bias + r.elbow_bias - p.base_bias - p.elbow_bias,
+    )
 
 
 @kernel
@@ -126,7 +135,7 @@ def resolve(mechanism, brakes, hand, state, t):
             state.held = FREE
         for i in range(5):
             rate = state.rate[i]
-            if state.active[i] == 0 or on_held_line(mechanism, state, i):
+            if state.active[i] == 0 or (state.held >= 0 and same_line(i, state.held, mechanism.coaxial)):
                 continue
             at_stop = state.contact[i] != 0.0 and state.contact[i] * rate > -RATE_ROUNDING
             if not at_stop and state.sign[i] * rate >= RATE_ROUNDING:
@@ -150,12 +159,6 @@ def hand_changed(hand, state, t):
     dx = fx - arm_mass * state.acceleration[0] - state.hand_force[0]
     dy = fy - arm_mass * state.acceleration[1] - state.hand_force[1]
     return not abs(dx) + abs(dy) <= HAND_ROUNDING * (1.0 + abs(fx) + abs(fy))
-
-
-@kernel
-def on_held_line(mechanism, state, i):
-    """True where joint i is at rest because a joint on its line is held."""
-    return state.held >= 0 and same_line(i, state.held, mechanism.coaxial)
 
 
 @kernel
@@ -367,6 +370,6 @@ def strike(mechanism, state, j, side, arm_mass):
     state.held = STILL if tip[2] == 0.0 and tip[3] == 0.0 else FREE
     for i in range(5):
         if same_line(i, j, mechanism.coaxial):
-            state.rate[i] = 0.0  # exactly: `meet` says how it goes on
+            state.rate[i] = 0.0  # exactly: `meet` decides how it goes on
         rate = state.rate[i]
         state.sign[i] = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)

@@ -274,8 +274,12 @@ def _chart(
 
 
 def _questionnaire(answers: Sequence[Answer], view: View) -> Chart:
+    answers = [answer for answer in answers if answer.configuration in view.configurations]
     questions = list(dict.fromkeys(answer.question for answer in answers))
-    members = sorted({(answer.configuration, answer.controller) for answer in answers}, key=str)
+    members = sorted(
+        {(answer.configuration, answer.controller) for answer in answers},
+        key=lambda member: (by_controller(member[1]), view.configurations.index(member[0])),
+    )
     room = GROUP_SHARE / len(members)
     points: list[Point] = []
     found: dict[float, list[Point]] = {}
@@ -283,7 +287,9 @@ def _questionnaire(answers: Sequence[Answer], view: View) -> Chart:
         member = members.index((a.configuration, a.controller))
         middle = questions.index(a.question) + (member - 0.5 * (len(members) - 1)) * room
         x = middle + (n * GOLDEN % 1.0 - 0.5) * 1.5 * BOX_SHARE * room
-        text = f"Participant {a.participant} · after block {a.block} on {a.configuration} · {a.value:g}"
+        name = str(view.names.get(a.controller, a.controller)).replace("\n", " ")
+        after = f"after block {a.block}" if a.block else f"after {name}"
+        text = f"Participant {a.participant} · {after} on {a.configuration} · {a.value:g}"
         points.append(Point(x, a.value, a.controller, a.configuration == view.configurations[0], text))
         found.setdefault(middle, []).append(points[-1])
     boxes = tuple(
@@ -293,7 +299,7 @@ def _questionnaire(answers: Sequence[Answer], view: View) -> Chart:
     )
     ticks = tuple((float(i), question.replace("_", "\n")) for i, question in enumerate(questions))
     span = (-0.5, len(questions) - 0.5)
-    return Chart(QUESTIONS, "Answers after each block", "0 to 100", ticks, "", span, tuple(points), boxes=boxes)
+    return Chart(QUESTIONS, "Answers to the questionnaire", "0 to 100", ticks, "", span, tuple(points), boxes=boxes)
 
 
 def legend(chart: Chart, view: View) -> list[str]:

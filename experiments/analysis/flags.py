@@ -24,6 +24,10 @@ def trial_flags(row: TrialRow, ticks: np.ndarray | None) -> list[str]:
         flags.append(f"{late} tick{'s' if late > 1 else ''} came a millisecond or more too late")
     most = move[:, tick_log.ARM_FORCE_MAX]
     force = np.hypot(move[:, tick_log.HAND_FX], move[:, tick_log.HAND_FY])
+    left = int(np.count_nonzero((most[:-1] > 0.0) & (most[1:] == 0.0)))
+    if left:
+        often = "once" if left == 1 else f"{left} times"
+        flags.append(f"The pointer left the picture {often}, and the hand let the handle go")
     clipped = 1e-3 * np.count_nonzero((most > 0.0) & np.isfinite(most) & (force >= CLIPPED * most))
     if clipped:
         flags.append(f"The hand force was at its limit for {clipped:.2f} s")

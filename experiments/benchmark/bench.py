@@ -10,7 +10,7 @@ import math
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -42,15 +42,15 @@ class Row:
     scene: str
     step_s: float
     us_per_step: float
-    four_accelerations_us: float | None  # None for peers
     wall_s_per_sim_s: float
     rms_error_m: float
     max_error_m: float
-    creep_m_s: float | None  # S3 only
-    energy_residual_J: float | None  # None for peers
-    events: int | None
-    fallbacks: int | None
-    order: float | None  # None where fewer than two errors stand above rounding
+    creep_m_s: float | None = None  # S3 only
+    four_accelerations_us: float | None = None  # None for peers, as those below
+    energy_residual_J: float | None = None
+    events: int | None = None
+    fallbacks: int | None = None
+    order: float | None = None  # None where fewer than two errors stand above rounding
 
 
 def run_bench(quick: bool = False, progress: Callable[[float], None] = lambda share: None) -> dict:
@@ -72,7 +72,7 @@ def run_bench(quick: bool = False, progress: Callable[[float], None] = lambda sh
             rows += with_order(group)
         if mujoco_version():
             rows += with_order([peer(scene, step, tips["ideal"], repeats) for step in steps])
-        band += [row for delta in DELTA_OMEGAS for row in band_rows(scene, delta, tips["ideal"])]
+        band += [band_row(scene, delta, tips["ideal"]) for delta in DELTA_OMEGAS]
     progress(0.9)
     return {
         "machine": machine(),
@@ -115,7 +115,7 @@ def seconds(scene: BenchScene, integrator: str, fidelity: str, step: float, out:
     s, n = new_simulation(scene, integrator, fidelity), round(scene.duration_s / step)
     commands = scene.commands(fidelity)
     start = time.perf_counter()
-    run_rows(s.mechanism, s.brakes, s.hand, s.state, s.trial, scene.times, commands,
+    run_rows(s.mechanism, s.brakes, s.hand, s.state, s.step_scratch, scene.times, commands,
              0, 1, n, step, s.fidelity, s.integrator, out)  # fmt: skip
     return time.perf_counter() - start
 
@@ -137,21 +137,25 @@ def ours(scene: BenchScene, integrator: str, fidelity: str, step: float, tips: n
     for _ in range(repeats):
         four = min(four, four_accelerations(simulation))
         wall = min(wall, seconds(scene, integrator, fidelity, step, out))
-    return Row(
-        integrator, fidelity, scene.device.name, scene.name, step,
-        wall / round(scene.duration_s / step) * 1e6, four, wall / scene.duration_s,
-        *errors(found, tips), creep(scene, found), ledger.residual, ledger.events, ledger.fallbacks, None,
-    )  # fmt: skip
+    row = row_of(scene, integrator, fidelity, step, found, tips, wall)
+    return replace(row, four_accelerations_us=four, energy_residual_J=ledger.residual, events=ledger.events,
+                   fallbacks=ledger.fallbacks)  # fmt: skip
 
 
 def peer(scene: BenchScene, step: float, tips: np.ndarray, repeats: int) -> Row:
     """One row of MuJoCo."""
     run = MujocoRun(scene, step)
     found = run.tips()
-    wall = min(run.seconds() for _ in range(min(repeats, 5)))
+    return row_of(scene, "mujoco", "ideal", step, found, tips, min(run.seconds() for _ in range(min(repeats, 5))))
+
+
+def row_of(
+    scene: BenchScene, integrator: str, fidelity: str, step: float, found: np.ndarray, tips: np.ndarray, wall: float
+) -> Row:
+    """What is known of any simulator: the tips (n, 2) that it found beside the right ones, m, and its wall time (s)."""
     return Row(
-        "mujoco", "ideal", scene.device.name, scene.name, step, wall / round(scene.duration_s / step) * 1e6, None,
-        wall / scene.duration_s, *errors(found, tips), creep(scene, found), None, None, None, None,
+        integrator, fidelity, scene.device.name, scene.name, step, wall / round(scene.duration_s / step) * 1e6,
+        wall / scene.duration_s, *errors(found, tips), creep(scene, found),
     )  # fmt: skip
 
 
@@ -169,26 +173,24 @@ def creep(scene: BenchScene, found: np.ndarray) -> float | None:
     return float(np.max(np.linalg.norm(found[1:] - START, axis=1) / elapsed))
 
 
-def with_order(group: list[Row]) -> Iterator[Row]:
+def with_order(group: list[Row]) -> list[Row]:
     """The rows with their common order: the least-squares slope of log RMS over log step."""
     points = [(math.log(row.step_s), math.log(row.rms_error_m)) for row in group
               if row.step_s in ORDER_STEPS_S and row.rms_error_m >= SMALLEST_M]  # fmt: skip
-    order = None
-    if len(points) >= 2:
-        x, y = np.array(points).T
-        order = float((x - x.mean()) @ (y - y.mean()) / ((x - x.mean()) @ (x - x.mean())))
-    return (replace(row, order=order) for row in group)
+    order = float(np.polyfit(*np.transpose(points), 1)[0]) if len(points) >= 2 else None
+    return [replace(row, order=order) for row in group]
 
 
-def band_rows(scene: BenchScene, delta_omega: float, tips: np.ndarray) -> Iterator[dict]:
+def band_row(scene: BenchScene, delta_omega: float, tips: np.ndarray) -> dict:
     """What delta_omega of Eq. (6) does at 1 ms: the error, and in S3 the creep after a throw at half the band."""
-    row = {"delta_omega_rad_s": delta_omega, "device": scene.device.name, "scene": scene.name}
+    rms = creeps = None
     if scene.name != "S3":
         rms, _ = errors(simulated(scene, "karnopp", "ideal", 1e-3, delta_omega=delta_omega)[1], tips)
-        yield row | {"rms_error_m": rms, "creep_m_s": None}
-        return
-    still = new_simulation(scene, "karnopp", "ideal", delta_omega=delta_omega)
-    fastest = np.linalg.norm(still.state["g"][0, :4], axis=1).max()  # rad/s of a joint per m/s of the tip
-    still.state["tip"][0, 2:] = 0.5 * delta_omega / fastest, 0.0
-    rows = still.rows(2, 1e-3, round(scene.duration_s / 1e-3), scene.times, scene.commands("ideal"), 0, 1)
-    yield row | {"rms_error_m": None, "creep_m_s": float(np.linalg.norm(rows[-1, 1:3] - START) / scene.duration_s)}
+    else:
+        still = new_simulation(scene, "karnopp", "ideal", delta_omega=delta_omega)
+        fastest = np.linalg.norm(still.state["g"][0, :4], axis=1).max()  # rad/s of a joint per m/s of the tip
+        still.state["tip"][0, 2:] = 0.5 * delta_omega / fastest, 0.0
+        rows = still.rows(2, 1e-3, round(scene.duration_s / 1e-3), scene.times, scene.commands("ideal"), 0, 1)
+        creeps = float(np.linalg.norm(rows[-1, 1:3] - START) / scene.duration_s)
+    return {"delta_omega_rad_s": delta_omega, "device": scene.device.name, "scene": scene.name, "rms_error_m": rms,
+            "creep_m_s": creeps}  # fmt: skip

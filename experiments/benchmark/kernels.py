@@ -16,8 +16,9 @@ def accelerations(mechanisms, torque, x, y, vx, vy, count):
     ax = 0.0
     for _ in range(count):
         q = motion(mechanism, px, py, ux, uy)
-        fx = torque[0] * q.g_ax + torque[1] * q.g_ex + torque[2] * q.g_bx + torque[3] * q.g_cx - q.bias_x
-        fy = torque[0] * q.g_ay + torque[1] * q.g_ey + torque[2] * q.g_by + torque[3] * q.g_cy - q.bias_y
+        p, r = q.arm_1, q.arm_2
+        fx = torque[0] * p.base_x + torque[1] * p.elbow_x + torque[2] * r.base_x + torque[3] * r.elbow_x - q.bias_x
+        fy = torque[0] * p.base_y + torque[1] * p.elbow_y + torque[2] * r.base_y + torque[3] * r.elbow_y - q.bias_y
         ax, ay = solve_mass(q.mass_xx, q.mass_xy, q.mass_yy, fx, fy)
         px, py, ux, uy = x + 1e-6 * ax, y + 1e-6 * ay, vx + 1e-6 * ax, vy + 1e-6 * ay
     return ax

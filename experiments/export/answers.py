@@ -14,8 +14,8 @@ from experiments.session.journal import ANSWERS, CONTROLLER_ANSWERS, NOTE, read_
 
 QUESTIONNAIRE_CSV, NOTES_CSV = "questionnaire.csv", "notes.csv"
 _TOOL = {
-    "Description": "after a block or a controller: the six scales of the raw NASA-TLX in words of our own, and one on the smoothness "
-    "of the movement; 0 to 100 in steps of 5, nothing set beforehand",
+    "Description": "after a block or a controller: the six scales of the raw NASA-TLX in words of our own, and one on "
+    "the smoothness of the movement; 0 to 100 in steps of 5, nothing set beforehand",
     "TermURL": "https://doi.org/10.1016/S0166-4115(08)62386-9",
 }
 

@@ -19,6 +19,7 @@ from experiments.analysis.trials_table import TrialRow, read_table, to_compare
 from experiments.export.answers import answers_and_notes
 from experiments.protocol import label
 from experiments.session.files import STORED, TABLE, read_stored, rows_of, sessions_in
+from experiments.session.journal import journal_summary
 
 PARTIAL = ".partial"  # ends the name of a folder that is not complete yet
 
@@ -131,10 +132,14 @@ def _configurations(rows: Sequence[TrialRow]) -> tuple[str, ...]:
 
 
 def _answers(sessions: Sequence[Path]) -> list[Answer]:
+    """After a block, or after a controller, which stands as its code until the session is opened."""
+    keys = {one.parent.name.removeprefix("sub-"): journal_summary(one).key or {} for one in sessions}
     return [
-        Answer(a.participant, a.configuration, a.controller or "", a.block, question, value)
+        Answer(
+            a.participant, a.configuration, keys[a.participant].get(a.controller, a.controller) or "", a.block, *asked
+        )
         for a in answers_and_notes(sessions).answers
-        for question, value in a.values.items()
+        for asked in a.values.items()
     ]
 
 

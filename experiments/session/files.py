@@ -181,13 +181,6 @@ def other_protocol(data_dir: Path, participant: str, protocol: Protocol) -> str:
     return ""
 
 
-def protocols_otherwise(data_dir: Path, participants: Sequence[str], protocol: Protocol) -> dict[str, str]:
-    """Which of these participants' sessions run by another protocol than this one, and its name."""
-    ours = protocol_to_json(protocol)
-    stored = {label: _stored_protocol(session_folder(data_dir, label)) for label in participants}
-    return {label: str(about["name"]) for label, about in stored.items() if about and about != ours}
-
-
 def rows_of(session: Path) -> list[TrialRow]:
     """The rows of a session's table; none if there is no table yet."""
     table = session / TABLE
@@ -211,25 +204,6 @@ def open_trials(
         turn = {last: place for place, last in enumerate(cells, start=1)}  # asked for twice: the later place
         waiting.sort(key=lambda trial: (devices.index(trial.configuration), turn.get(cell(trial), 0)))
     return waiting
-
-
-def kept_sessions(data_dir: Path) -> dict[str, bool]:
-    """Participants whose session can be taken up, and whether it is unfinished: open trials, or a key to open.
-
-    Left out are those in a live process's hands, and one that cannot be read: `phd verify` names what is wrong with it.
-    """
-    found = {}
-    for session in sorted(data_dir.glob("sub-*/ses-01")):
-        if not (session / STORED).exists() or is_in_use(session):
-            continue
-        try:
-            stored, rows = read_stored(session), rows_of(session)
-        except InputError:
-            continue
-        settled = sum(row.status in SETTLED for row in rows)
-        sealed = any(isinstance(row.controller, str) for row in rows)
-        found[stored.participant] = settled < len(stored.plan) or sealed
-    return found
 
 
 def pooled_rows(data_dir: Path) -> list[TrialRow]:

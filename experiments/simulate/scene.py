@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from core.device import Device, load_device
-from core.files import InputError, NotNegative, Pair, Positive, Table, choice, read_text, read_toml
+from core.files import InputError, NotNegative, Pair, Positive, Table, choice, parse_toml, read_text
 from core.mechanism import JOINTS
 from core.workspace import tip_is_free
 
@@ -184,7 +184,7 @@ class Scene:
 def read_scene(path: str | Path) -> Scene:
     """The scene of a file; every path inside is relative to it. An InputError names file, key and reason."""
     path = Path(path)
-    file, _ = read_toml(path, SceneFile)
+    file = parse_toml(read_text(path), SceneFile, str(path))
     try:
         device = load_device(file.device, path.parent)
     except InputError as error:

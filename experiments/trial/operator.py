@@ -10,7 +10,7 @@ A person's numbers come from a population file (`experiments/trial/population.py
 """
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -18,51 +18,6 @@ from core.kernel import kernel
 from core.path import Path, nearest, point_at
 from core.simulator.state import new_record
 from core.tick_log import APPROACH, HOLD, MOVE
-
-
-class Person(NamedTuple):
-    """One simulated operator: what a population file gives a range of, under the same names (SI units; Hz)."""
-
-    stiffness_along_N_m: float  # of the arm, in the direction of the path
-    stiffness_across_N_m: float
-    damping_N_s_m: float  # in every direction
-    mass_kg: float  # of the arm at the handle, on the hand's side of the force sensor
-    force_max_N: float  # the arm's force is clipped here
-    movement_s: float  # duration of the virtual hand's movement along the path
-    reaction_s: float  # from go to the start of the movement
-    reaction_spread_s: float  # sd of it from trial to trial
-    approach_speed_m_s: float  # mean speed towards the start
-    approach_least_s: float  # duration of the shortest approach
-    bias_m: float  # lateral offset of the virtual hand in the middle of the path, + left
-    curvature_m: float  # height of the S in the virtual hand's way
-    trial_bias_m: float  # sd of the bias from trial to trial
-    skill: float  # bias, its change from trial to trial, and curvature are divided by it
-    felt_delay_s: float
-    felt_gain: float  # the virtual hand moves this share of the felt distance towards the path
-    seen_delay_s: float
-    seen_gain_per_s: float  # rate at which the seen distance is corrected
-    seen_least_m: float  # smaller distances are left alone
-    foresight_s: float  # a correction waits for a handle that will be there by itself within this time
-    settle_speed_m_s: float  # a correction on the approach waits for a handle that moves as fast as this
-    correction_max_m: float  # of the virtual hand, in either direction
-    lead_max_m: float  # the virtual hand waits for a handle that lags more
-    still_speed_m_s: float  # a slower handle is felt to stand
-    give_up_per_s: float  # rate at which a sideways pull is given up while the handle stands
-    effort_N_s: float  # growth of a push along the path while the handle stands
-    effort_max_N: float
-    effort_ease_per_s: float  # rate at which that push is given up once the handle moves
-    turn_s: float  # in which the virtual hand's direction follows a bend of the path
-    noise_share: float  # sd of the force noise per axis, share of the force
-    noise_corner_Hz: float  # of its low-pass
-    tremor_N: float  # rms per axis
-    tremor_Hz: float
-    tremor_band_Hz: float  # width of the tremor's peak at half power
-
-
-def noiseless(person: Person) -> Person:
-    """The same person without noise, tremor, or change from trial to trial."""
-    return person._replace(noise_share=0.0, tremor_N=0.0, trial_bias_m=0.0, reaction_spread_s=0.0)
-
 
 TICK_S = 1e-3
 _RING = 256  # ticks of history (a power of two), longer than the longest delay and a glance
@@ -72,21 +27,54 @@ _S_HEIGHT = 6.0 * math.sqrt(3.0)  # makes the largest s (1 - s) (1 - 2 s) one
 LONGEST_DELAY_S = (_RING - 1 - _GLANCE) * TICK_S
 
 
-#: A person's constants that the kernels take as they are.
-_TAKEN = (
-    "stiffness_along_N_m", "stiffness_across_N_m", "force_max_N", "movement_s", "approach_speed_m_s",
-    "approach_least_s", "felt_gain", "seen_gain_per_s", "seen_least_m", "foresight_s", "settle_speed_m_s",
-    "correction_max_m", "lead_max_m", "still_speed_m_s", "give_up_per_s", "effort_N_s", "effort_max_N",
-    "effort_ease_per_s", "turn_s", "noise_share", "tremor_N",
-)  # fmt: skip
+class Person(NamedTuple):
+    """One simulated operator, as a population file gives ranges under the same names (SI units; Hz).
+
+    Beside each number its least and most: beyond is a slip of the pen, or the kernels would fail.
+    """
+
+    stiffness_along_N_m: Annotated[float, (1.0, 5000.0)]  # of the arm, in the direction of the path
+    stiffness_across_N_m: Annotated[float, (1.0, 5000.0)]
+    damping_N_s_m: Annotated[float, (0.0, 200.0)]  # in every direction
+    mass_kg: Annotated[float, (0.0, 10.0)]  # of the arm at the handle, on the hand's side of the force sensor
+    force_max_N: Annotated[float, (1.0, 500.0)]  # the arm's force is clipped here
+    movement_s: Annotated[float, (0.2, 60.0)]  # duration of the virtual hand's movement along the path
+    reaction_s: Annotated[float, (0.0, 5.0)]  # from go to the start of the movement
+    reaction_spread_s: Annotated[float, (0.0, 1.0)]  # sd of it from trial to trial
+    approach_speed_m_s: Annotated[float, (0.01, 1.0)]  # mean speed towards the start
+    approach_least_s: Annotated[float, (0.1, 10.0)]  # duration of the shortest approach
+    bias_m: Annotated[float, (-0.05, 0.05)]  # lateral offset of the virtual hand in the middle of the path, + left
+    curvature_m: Annotated[float, (-0.05, 0.05)]  # height of the S in the virtual hand's way
+    trial_bias_m: Annotated[float, (0.0, 0.05)]  # sd of the bias from trial to trial
+    skill: Annotated[float, (0.1, 10.0)]  # bias, its change from trial to trial, and curvature are divided by it
+    felt_delay_s: Annotated[float, (1e-3, LONGEST_DELAY_S)]
+    felt_gain: Annotated[float, (0.0, 1.0)]  # the virtual hand moves this share of the felt distance towards the path
+    seen_delay_s: Annotated[float, (1e-3, LONGEST_DELAY_S)]
+    seen_gain_per_s: Annotated[float, (0.0, 10.0)]  # rate at which the seen distance is corrected
+    seen_least_m: Annotated[float, (0.0, 0.002)]  # smaller distances are left alone
+    foresight_s: Annotated[float, (0.0, 2.0)]  # a correction waits for a handle that gets there by itself in this time
+    settle_speed_m_s: Annotated[float, (1e-3, 10.0)]  # a correction on the approach waits for a handle as fast as this
+    correction_max_m: Annotated[float, (0.01, 0.5)]  # of the virtual hand, in either direction
+    lead_max_m: Annotated[float, (0.001, 0.5)]  # the virtual hand waits for a handle that lags more
+    still_speed_m_s: Annotated[float, (1e-6, 0.1)]  # a slower handle is felt to stand
+    give_up_per_s: Annotated[float, (0.0, 20.0)]  # rate at which a sideways pull is given up while the handle stands
+    effort_N_s: Annotated[float, (0.0, 1000.0)]  # growth of a push along the path while the handle stands
+    effort_max_N: Annotated[float, (0.0, 500.0)]
+    effort_ease_per_s: Annotated[float, (0.0, 100.0)]  # rate at which that push is given up once the handle moves
+    turn_s: Annotated[float, (1e-3, 5.0)]  # in which the virtual hand's direction follows a bend of the path
+    noise_share: Annotated[float, (0.0, 1.0)]  # sd of the force noise per axis, share of the force
+    noise_corner_Hz: Annotated[float, (0.1, 100.0)]  # of its low-pass
+    tremor_N: Annotated[float, (0.0, 20.0)]  # rms per axis
+    tremor_Hz: Annotated[float, (3.0, 20.0)]
+    tremor_band_Hz: Annotated[float, (0.1, 10.0)]  # width of the tremor's peak at half power
+
 
 OPERATOR = np.dtype(
-    [(name, "f8") for name in _TAKEN]
+    [(name, "f8") for name in Person._fields]  # reaction_s: this trial's
     + [
         # this trial's
         ("bias", "f8"),  # m
         ("curvature", "f8"),  # m
-        ("reaction_s", "f8"),
         ("felt_ticks", "i8"),
         ("seen_ticks", "i8"),
         ("noise_keep", "f8"),  # low-pass: noise = keep noise + draw normal
@@ -110,8 +98,8 @@ OPERATOR = np.dtype(
 def new_operator(person: Person, generator: np.random.Generator) -> np.recarray:
     """The operator of one trial; draws what differs between trials (bias, reaction, the tremor's phase)."""
     operator = new_record(OPERATOR)
-    for name in _TAKEN:
-        operator[name][0] = getattr(person, name)
+    for name, value in person._asdict().items():
+        operator[name][0] = value
     bias, reaction, *tremor = generator.standard_normal(6)
     keep = math.exp(-2.0 * math.pi * person.noise_corner_Hz * TICK_S)
     fields = dict(

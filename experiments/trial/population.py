@@ -7,54 +7,20 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, get_args, get_type_hints
 
 import msgspec
 import numpy as np
 
 from core.files import InputError, Table, parse_toml, read_text
-from experiments.trial.operator import LONGEST_DELAY_S, Person
+from experiments.trial.operator import Person
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "populations"
 ASSUMED = "assumed"  # a source that begins so: no data stand behind the number
 
-_TINY = 1e-6  # of what must be positive
-#: Least and most of each number, in its unit: beyond it is a slip of the pen, or the kernels would fail.
+#: Least and most of each number, in its unit.
 LIMITS: dict[str, tuple[float, float]] = {
-    "stiffness_along_N_m": (1.0, 5000.0),
-    "stiffness_across_N_m": (1.0, 5000.0),
-    "damping_N_s_m": (0.0, 200.0),
-    "mass_kg": (0.0, 10.0),
-    "force_max_N": (1.0, 500.0),
-    "movement_s": (0.2, 60.0),
-    "reaction_s": (0.0, 5.0),
-    "reaction_spread_s": (0.0, 1.0),
-    "approach_speed_m_s": (0.01, 1.0),
-    "approach_least_s": (0.1, 10.0),
-    "bias_m": (-0.05, 0.05),
-    "curvature_m": (-0.05, 0.05),
-    "trial_bias_m": (0.0, 0.05),
-    "skill": (0.1, 10.0),
-    "felt_delay_s": (1e-3, LONGEST_DELAY_S),
-    "felt_gain": (0.0, 1.0),
-    "seen_delay_s": (1e-3, LONGEST_DELAY_S),
-    "seen_gain_per_s": (0.0, 10.0),
-    "seen_least_m": (0.0, 0.002),
-    "foresight_s": (0.0, 2.0),
-    "settle_speed_m_s": (1e-3, 10.0),
-    "correction_max_m": (0.01, 0.5),
-    "lead_max_m": (0.001, 0.5),
-    "still_speed_m_s": (_TINY, 0.1),
-    "give_up_per_s": (0.0, 20.0),
-    "effort_N_s": (0.0, 1000.0),
-    "effort_max_N": (0.0, 500.0),
-    "effort_ease_per_s": (0.0, 100.0),
-    "turn_s": (1e-3, 5.0),
-    "noise_share": (0.0, 1.0),
-    "noise_corner_Hz": (0.1, 100.0),
-    "tremor_N": (0.0, 20.0),
-    "tremor_Hz": (3.0, 20.0),
-    "tremor_band_Hz": (0.1, 10.0),
+    key: get_args(hint)[1] for key, hint in get_type_hints(Person, include_extras=True).items()
 }
 
 
@@ -154,7 +120,7 @@ class Population:
 
     @property
     def assumed(self) -> bool:
-        """Whether some of its numbers are assumed: say so wherever they are shown."""
+        """Whether some of its numbers are assumed: marked wherever they are shown."""
         return any(spread.source.startswith(ASSUMED) for spread in self.spreads.values())
 
     def draw(self, generator: np.random.Generator) -> Person:

@@ -10,10 +10,10 @@
     STEP     the simulated device moves on by a tick
 
 A simulated device passes SENSE and GUARD unchanged: its state is the truth. A real one passes SETTLE and STEP: its
-wires get the currents after the tick, and its next sample says what came of them.
+wires get the currents after the tick, and its next sample shows their effect.
 
 The brakes' torques of a real device cannot be sensed. The column is an estimate: what the brake model (Eqs. 1, 2 and 4,
-without backlash) says that a brake does at the measured current while its joint turns; 0 while the joint rests, for the
+without backlash) gives for a brake at the measured current while its joint turns; 0 while the joint rests, for the
 torque of a resting brake is not known.
 """
 
@@ -21,6 +21,7 @@ import math
 
 import numpy as np
 
+from core import tick_log as log
 from core.brake import begin_lag, lagged_yield
 from core.control.algorithm import OFF, release
 from core.control.controllers import decide
@@ -28,53 +29,13 @@ from core.control.velocity_field import NO_FIELD, TRAVEL
 from core.kernel import inlined, kernel
 from core.path import nearest
 from core.simulator.event import advance_event
-from core.simulator.simulation import MR, apply, kinetic, stuck_bits
+from core.simulator.runge_kutta import kinetic
+from core.simulator.simulation import MR, apply, stuck_bits
 from core.simulator.state import new_record
 from core.simulator.stick_slip_mode import look, resolve
 from core.stops import stop_gap
-from core.tick_log import (
-    APPROACH,
-    ARM_FORCE_MAX,
-    ARM_HELD_X,
-    ARM_HELD_Y,
-    ARM_STIFFNESS,
-    CURRENT,
-    DECIDED,
-    DECISION,
-    DESIRED_X,
-    DESIRED_Y,
-    END,
-    ENERGY_BRAKES,
-    ENERGY_HAND,
-    ENERGY_KINETIC,
-    ENERGY_STOPS,
-    FORWARD_X,
-    FORWARD_Y,
-    HAND_FX,
-    HAND_FY,
-    HOLD,
-    LATENESS_US,
-    MEASURED,
-    MOVE,
-    PATH_DISTANCE,
-    PHASE,
-    SENSED_FX,
-    SENSED_FY,
-    STUCK,
-    TARGET_VX,
-    TARGET_VY,
-    TARGET_X,
-    TARGET_Y,
-    TIP_AX,
-    TIP_AY,
-    TIP_VX,
-    TIP_VY,
-    TIP_X,
-    TIP_Y,
-    TORQUE,
-    TRAVEL_SENSE,
-    T,
-)
+from core.tick_log import APPROACH, END, HOLD, MOVE
+from experiments.protocol import TrialRules
 from experiments.trial.operator import TICK_S, begin_approach, operate
 
 RUNNING, DONE, TIMEOUT, ABORTED = range(4)
@@ -106,6 +67,8 @@ RESTING_RAD_S = 0.02
 DISOBEYED_A, DISOBEYED_SHARE, DISOBEYED_TICKS, DISOBEYED_MEAN = 0.1, 0.1, 200, 50
 
 ROUNDING_M = 1e-9  # of progress at the end
+#: Our choice: a person's approach, which may take its time, ends a forgotten trial after 10 minutes.
+PERSON_APPROACH_S = 600.0
 
 RUN = np.dtype(
     [
@@ -128,7 +91,7 @@ RUN = np.dtype(
         ("status", "i8"),
         ("reason", "i8"),
         ("stop", "i8"),  # set to 1 from outside: abort
-        ("held", "i8"),  # set to 0 from outside: nobody has the handle, and no start is held without a hand
+        ("held", "i8"),  # set to 0 from outside: no hand is at the handle, and the start is not held
         ("finished", "i8"),
         ("decision", "i8"),
         ("current", "f8", (4,)),  # A
@@ -146,21 +109,23 @@ RUN = np.dtype(
 )
 
 
-def new_run(fidelity: int, simulated_hand: bool, real: bool = False) -> np.recarray:
-    """A trial before its first tick. Radii and times as in DESIGN's trial; the end radius is assumed."""
+def new_run(how: TrialRules, fidelity: int, simulated_hand: bool, real: bool = False) -> np.recarray:
+    """A trial before its first tick, by the trial rules of a protocol."""
+    approach_s = how.approach_time_out_s if simulated_hand else PERSON_APPROACH_S
     run = new_record(RUN)
     fields = dict(
-        start_radius=0.003,
-        end_radius=0.01,
-        hold_ticks=500,
-        approach_ticks=30_000 if simulated_hand else np.iinfo(np.int64).max,
-        move_ticks=30_000,
-        end_ticks=300,
+        start_radius=how.start_radius_m,
+        end_radius=how.end_radius_m,
+        hold_ticks=round(how.hold_s / TICK_S),
+        approach_ticks=round(approach_s / TICK_S),
+        move_ticks=round(how.time_out_s / TICK_S),
+        end_ticks=round(how.end_s / TICK_S),
         simulated_hand=int(simulated_hand),
         fidelity=fidelity,
         real=int(real),
         speed_max=SPEED_MAX_M_S,
-        release_force=math.inf,
+        release_force=how.release.force_N if how.release else math.inf,
+        release_ticks=round(how.release.time_s / TICK_S) if how.release else 0,
         phase=APPROACH,
         held=1,
         newest=1,
@@ -195,7 +160,7 @@ def run_ticks(
         if run.simulated_hand != 0:
             operate(operator, grip, path, run.phase, run.tick, run.phase_tick, state.tip[0], state.tip[1], noise)
         choose_currents(controller, brakes, path, memory, state, run, row)
-        row[SENSED_FX], row[SENSED_FY] = state.hand_force[0], state.hand_force[1]
+        row[log.SENSED_FX], row[log.SENSED_FY] = state.hand_force[0], state.hand_force[1]
         if run.real == 0:
             apply(brakes, state, run.current, run.fidelity)
             resolve(mechanism, brakes, hand, state, t)
@@ -223,18 +188,19 @@ def begin(run, state, operator, path):
 @kernel
 def sense(mechanism, brakes, state, grip, run, row):
     """Stage: a real device's sample becomes the state, with what follows from it by linkage and brake model."""
-    state.tip[0], state.tip[1], state.tip[2], state.tip[3] = row[TIP_X], row[TIP_Y], row[TIP_VX], row[TIP_VY]
-    state.acceleration[0], state.acceleration[1] = row[TIP_AX], row[TIP_AY]
-    state.hand_force[0], state.hand_force[1] = row[HAND_FX], row[HAND_FY]
-    grip.held[0], grip.held[1] = row[HAND_FX], row[HAND_FY]
-    grip.target[0], grip.target[1] = row[TIP_X], row[TIP_Y]
+    for i in range(4):
+        state.tip[i] = row[log.TIP_X + i]
+    state.acceleration[0], state.acceleration[1] = row[log.TIP_AX], row[log.TIP_AY]
+    state.hand_force[0], state.hand_force[1] = row[log.HAND_FX], row[log.HAND_FY]
+    grip.held[0], grip.held[1] = row[log.HAND_FX], row[log.HAND_FY]
+    grip.target[0], grip.target[1] = row[log.TIP_X], row[log.TIP_Y]
     look(mechanism, state)
     estimate_energies(brakes, state, run, row)
 
 
 @kernel
 def estimate_energies(brakes, state, run, row):
-    """A real device's ledger over the last tick and its torques, as well as sensors and brake model tell them."""
+    """A real device's ledger over the last tick and its torques, estimated from sensors and brake model."""
     power = state.hand_force[0] * state.tip[2] + state.hand_force[1] * state.tip[3]
     state.work_hand += 0.5 * (power + run.power) * TICK_S
     run.power = power
@@ -242,7 +208,7 @@ def estimate_energies(brakes, state, run, row):
         state.torque[i] = 0.0
         if brakes.present[i] == 0.0:
             continue
-        current = row[MEASURED + i]
+        current = row[log.MEASURED + i]
         current = min(max(current, 0.0), brakes.current_max[i]) if math.isfinite(current) else 0.0
         begin_lag(brakes, i, current, state.torque_yield[i], state.rate[i], 0.0, TICK_S, state.lag)
         state.torque_yield[i] = lagged_yield(state.lag, i, TICK_S)
@@ -341,9 +307,9 @@ def disobeys(brakes, run, row):
     """
     wrong = False
     for i in range(4):
-        if brakes.present[i] == 0.0 or not math.isfinite(row[MEASURED + i]):
+        if brakes.present[i] == 0.0 or not math.isfinite(row[log.MEASURED + i]):
             continue
-        run.excess[i] += (row[MEASURED + i] - run.current[i] - run.excess[i]) / DISOBEYED_MEAN
+        run.excess[i] += (row[log.MEASURED + i] - run.current[i] - run.excess[i]) / DISOBEYED_MEAN
         wrong = wrong or not abs(run.excess[i]) <= DISOBEYED_A + DISOBEYED_SHARE * brakes.current_max[i]
     run.disobeyed_ticks = run.disobeyed_ticks + 1 if wrong else 0
     return run.disobeyed_ticks >= DISOBEYED_TICKS
@@ -362,7 +328,7 @@ def full_lock(brakes, current):
 def choose_currents(controller, brakes, path, memory, state, run, row):
     """Stage: the controller decides on the newest sample; outside the movement the brakes are off."""
     if run.real != 0:
-        row[DECIDED] = 1.0 if run.phase == MOVE and run.newest != 0 else 0.0
+        row[log.DECIDED] = 1.0 if run.phase == MOVE and run.newest != 0 else 0.0
     if run.phase == MOVE and run.newest != 0:
         tip = state.tip
         run.decision, field = decide(
@@ -373,42 +339,42 @@ def choose_currents(controller, brakes, path, memory, state, run, row):
     else:
         log_field(NO_FIELD, row)
         if run.phase == MOVE:
-            row[PATH_DISTANCE] = memory[TRAVEL] * nearest(path, state.tip[0], state.tip[1])[1]
+            row[log.PATH_DISTANCE] = memory[TRAVEL] * nearest(path, state.tip[0], state.tip[1])[1]
         else:
             release(run.current)
             run.decision = OFF
-    row[TRAVEL_SENSE] = memory[TRAVEL]
+    row[log.TRAVEL_SENSE] = memory[TRAVEL]
 
 
 @kernel
 def log_field(field, row):
     """Into the row: the velocity field; n is to the right of t where the distance is positive, else to its left."""
-    row[PATH_DISTANCE] = math.copysign(field.distance, field.t_y * field.n_x - field.t_x * field.n_y)
-    row[FORWARD_X], row[FORWARD_Y] = field.t_x, field.t_y
-    row[DESIRED_X], row[DESIRED_Y] = field.beta_x, field.beta_y
+    row[log.PATH_DISTANCE] = math.copysign(field.distance, field.t_y * field.n_x - field.t_x * field.n_y)
+    row[log.FORWARD_X], row[log.FORWARD_Y] = field.t_x, field.t_y
+    row[log.DESIRED_X], row[log.DESIRED_Y] = field.beta_x, field.beta_y
 
 
 @kernel
 def log_row(mechanism, brakes, state, grip, run, t, row):
     """Stage: one row of the log, after what happens at t; what was sensed stands in it already."""
-    row[T], row[PHASE], row[DECISION] = t, run.phase, run.decision
-    row[TIP_X], row[TIP_Y], row[TIP_VX], row[TIP_VY] = state.tip[0], state.tip[1], state.tip[2], state.tip[3]
-    row[TIP_AX], row[TIP_AY] = state.acceleration[0], state.acceleration[1]
-    row[HAND_FX], row[HAND_FY] = state.hand_force[0], state.hand_force[1]
+    row[log.T], row[log.PHASE], row[log.DECISION] = t, run.phase, run.decision
+    row[log.TIP_AX], row[log.TIP_AY] = state.acceleration[0], state.acceleration[1]
+    row[log.HAND_FX], row[log.HAND_FY] = state.hand_force[0], state.hand_force[1]
     for i in range(4):
-        row[CURRENT + i], row[TORQUE + i] = run.current[i], state.torque[i]
-    row[STUCK] = stuck_bits(mechanism, brakes, state) if run.real == 0 else resting_bits(brakes, state)
-    row[ENERGY_HAND] = state.work_hand - run.energy_zero[0]
-    row[ENERGY_BRAKES] = state.heat[0] + state.heat[1] + state.heat[2] + state.heat[3] - run.energy_zero[1]
-    row[ENERGY_KINETIC] = kinetic(state)
-    row[ENERGY_STOPS] = state.lost_at_stops - run.energy_zero[2]
-    row[TARGET_X], row[TARGET_Y] = grip.target[0], grip.target[1]
+        row[log.TIP_X + i] = state.tip[i]
+        row[log.CURRENT + i], row[log.TORQUE + i] = run.current[i], state.torque[i]
+    row[log.STUCK] = stuck_bits(mechanism, brakes, state) if run.real == 0 else resting_bits(brakes, state)
+    row[log.ENERGY_HAND] = state.work_hand - run.energy_zero[0]
+    row[log.ENERGY_BRAKES] = state.heat[0] + state.heat[1] + state.heat[2] + state.heat[3] - run.energy_zero[1]
+    row[log.ENERGY_KINETIC] = kinetic(state)
+    row[log.ENERGY_STOPS] = state.lost_at_stops - run.energy_zero[2]
+    row[log.TARGET_X], row[log.TARGET_Y] = grip.target[0], grip.target[1]
     if run.real == 0:  # else it is how late the sample came, and the hand is a person's
-        row[LATENESS_US] = 0.0
-        row[TARGET_VX], row[TARGET_VY] = grip.target[2], grip.target[3]
-        row[ARM_HELD_X], row[ARM_HELD_Y], row[ARM_FORCE_MAX] = grip.held[0], grip.held[1], grip.force_max
+        row[log.LATENESS_US] = 0.0
+        row[log.TARGET_VX], row[log.TARGET_VY] = grip.target[2], grip.target[3]
+        row[log.ARM_HELD_X], row[log.ARM_HELD_Y], row[log.ARM_FORCE_MAX] = grip.held[0], grip.held[1], grip.force_max
         for i in range(3):
-            row[ARM_STIFFNESS + i] = grip.stiffness[i]
+            row[log.ARM_STIFFNESS + i] = grip.stiffness[i]
 
 
 @kernel

@@ -28,27 +28,11 @@ from core.simulator.state import new_record
 from core.stops import distal_sine
 from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules, load_protocol
-from experiments.trial.operator import OPERATOR, Person, new_operator, take_handle
-from experiments.trial.tick import (
-    ABORTED,
-    BY_EXPERIMENTER,
-    NO_REASON,
-    REASONS,
-    RUNNING,
-    SPEED_MAX_M_S,
-    STATUSES,
-    TICK_S,
-    enter,
-    new_run,
-    run_ticks,
-)
+from experiments.trial import tick
+from experiments.trial.operator import OPERATOR, TICK_S, Person, new_operator, take_handle
 
 #: Draws of noise per axis for one trial; a longer trial goes round.
 NOISE_DRAWS = 1 << 16
-#: Our choice: a person's approach, which may take its time, ends a forgotten trial after 10 minutes.
-PERSON_APPROACH_S = 600.0
-#: What a protocol that says nothing else has.
-DEFAULT_RULES = TrialRules()
 
 #: s. Without a sample for so long the currents are zero and the trial ends; the board's watchdog has the same number.
 SILENT_S = 0.05
@@ -69,13 +53,13 @@ class Arguments(NamedTuple):
 
     path: Path
     controller: Controller
-    mechanism: np.recarray
-    brakes: np.recarray
+    mechanism: np.ndarray
+    brakes: np.ndarray
     hand: Hand
-    state: np.recarray
-    step_scratch: np.recarray
-    run: np.recarray
-    operator: np.recarray
+    state: np.ndarray
+    step_scratch: np.ndarray
+    run: np.ndarray
+    operator: np.ndarray
     noise: np.ndarray
     memory: np.ndarray
 
@@ -90,7 +74,7 @@ class Trial:
         path: PathFile,
         preset: Preset,
         rules: str,
-        how: TrialRules = DEFAULT_RULES,
+        how: TrialRules = TrialRules(),  # noqa: B008  (it is frozen)
         person: Person | None = None,
         generator: np.random.Generator | None = None,
     ) -> None:
@@ -113,9 +97,7 @@ class Trial:
             preset, self.device.force_normalised_N, rules, velocity_noise=noise
         )
         self._memory = new_memory()
-        self._run = new_run(self.model.fidelity, person is not None, self.real)
-        for name, value in run_fields(how, person is not None).items():
-            self._run[name][0] = value
+        self._run = tick.new_run(how, self.model.fidelity, person is not None, self.real)
         self._operator, self._noise = new_record(OPERATOR), np.zeros((1, 2))
         if person is not None and generator is not None:
             self._operator = new_operator(person, generator)
@@ -127,7 +109,7 @@ class Trial:
         self._last: tuple[int, np.ndarray] | None = None  # sequence and row of the last sample
         self._heard_s = self._ended_s = math.nan
         self._not_closed = self.filled = 0
-        self._says: dict[str, Any] = {}  # what the device had to say, once the trial has left it
+        self._report: dict[str, Any] = {}  # the device's report, once the trial has left it
         self.timing: dict[str, Any] | None = None  # of a live trial, for the end record: how late its ticks were
         self.let_go = 0  # how often the pointer left its workspace during the movement, and the hand let go
         self.start = device.recorded_start() if isinstance(device, SimulatedDevice) else None
@@ -146,8 +128,8 @@ class Trial:
         self._connected = device
 
     def leave(self) -> None:
-        """Leave the real device; what that had to say goes with the trial."""
-        self._says, self._connected = self._there().end_record(), None
+        """Leave the real device; its report goes with the trial."""
+        self._report, self._connected = self._there().end_record(), None
 
     def _there(self) -> RealDevice:
         assert self._connected is not None
@@ -159,21 +141,20 @@ class Trial:
 
     def run(self, rows: np.ndarray) -> int:
         """Run ticks into rows (n, tick_log.WIDTH) until they are full or the trial is finished; how many were run."""
-        return int(run_ticks(*map(plain, self.arguments()), rows))
+        return int(tick.run_ticks(*self.arguments(), rows))
 
     def arguments(self) -> Arguments:
         """The trial as the kernels see it; what they change is changed here."""
-        m = self.model
+        run, operator = self._run.view(np.ndarray), self._operator.view(np.ndarray)
         return Arguments(
-            self.path, self.controller, m.mechanism, m.brakes, m.hand, m.state, m.trial,
-            self._run, self._operator, self._noise, self._memory,
-        )  # fmt: skip
+            self.path, self.controller, *self.model.arguments(), run, operator, self._noise, self._memory
+        )
 
     def changed(self) -> Changed:
         """What running it has changed, to be sent to the process that has the device and the session."""
         a = self.arguments()
         arrays = a.hand.grips, a.state, a.step_scratch, a.run, a.operator, a.memory
-        return arrays, {name: getattr(self, name) for name in ("_reason", "filled", "_says")}
+        return arrays, {name: getattr(self, name) for name in ("_reason", "filled", "_report")}
 
     def take_back(self, changed: Changed) -> None:
         """It was run in another process, which sends what it changed."""
@@ -214,29 +195,29 @@ class Trial:
         return int(self._run["tick"][0])
 
     def outcome(self) -> dict[str, Any]:
-        """How the trial ended, for the end record: status, reason, and what the device has to say."""
+        """How the trial ended, for the end record: status, reason, and the device's report."""
         status, code, reason = int(self._run["status"][0]), int(self._run["reason"][0]), self._reason
-        if status in (RUNNING, ABORTED):
-            status = ABORTED
-            if code not in (NO_REASON, BY_EXPERIMENTER) or not reason:
+        if status in (tick.RUNNING, tick.ABORTED):
+            status = tick.ABORTED
+            if code not in (tick.NO_REASON, tick.BY_EXPERIMENTER) or not reason:
                 reason = self._words(code)
         elif reason:
             reason = after("after its end: ", reason)
-        about: dict[str, Any] = {"status": STATUSES[status], "reason": reason}
+        about: dict[str, Any] = {"status": tick.STATUSES[status], "reason": reason}
         if isinstance(self.model, SimulatedDevice):
             about |= self.model.end_record()
         else:
             about["ledger"] = "estimated from sensed force and velocity and the brake model"
-            about |= {"filled": self.filled} | (self._connected.end_record() if self._connected else self._says)
+            about |= {"filled": self.filled} | (self._connected.end_record() if self._connected else self._report)
         about |= {"hand_left": self.let_go} if self.let_go else {}
         return about | ({"timing": self.timing} if self.timing else {})
 
     def _words(self, code: int) -> str:
         release = self.how.release
         force, time_s = (release.force_N, release.time_s) if release else (math.inf, math.inf)
-        if not REASONS[code]:
+        if not tick.REASONS[code]:
             return "stopped by the experimenter"
-        return cause(REASONS[code], speed_max=SPEED_MAX_M_S, force=force, time=time_s)
+        return cause(tick.REASONS[code], speed_max=tick.SPEED_MAX_M_S, force=force, time=time_s)
 
     # ---------------------------------------------------------------------------------------- on a real device
 
@@ -289,11 +270,11 @@ class Trial:
         self._run["finished"][0] = 1
 
     def _end(self, now: float) -> None:
-        """The trial is over, without a sample that says so."""
+        """The trial is over, without a further sample."""
         run = self._run[0]
         run.current[:] = 0.0
         if run.phase != tick_log.END:
-            enter(run, tick_log.END, ABORTED, BY_EXPERIMENTER)
+            tick.enter(run, tick_log.END, tick.ABORTED, tick.BY_EXPERIMENTER)
         if math.isnan(self._ended_s):
             self._ended_s = now
 
@@ -308,7 +289,7 @@ class Trial:
             if self.finished:
                 break
             self._run["newest"][0] = newest and row is sensed
-            run_ticks(*map(plain, self.arguments()), row[np.newaxis])
+            self.run(row[np.newaxis])
             rows.append(row)
         self._last = sample.sequence, sensed
         if self.phase == "end" and math.isnan(self._ended_s):
@@ -348,15 +329,8 @@ class Trial:
         return rows
 
 
-def plain(argument: Any) -> Any:
-    """The same for a call from Python: records as plain arrays, with which it takes 30 us less each."""
-    if isinstance(argument, Hand):
-        return argument._replace(grips=argument.grips.view(np.ndarray))
-    return argument.view(np.ndarray) if isinstance(argument, np.recarray) else argument
-
-
 def sensed_row(sample: DeviceSample, encoders: str, late_us: float) -> np.ndarray:
-    """A row (BENCH_WIDTH,) with what a sample says; encoders: letters of their joints; late_us: how late it came."""
+    """A row (BENCH_WIDTH,) with what a sample holds; encoders: letters of their joints; late_us: how late it came."""
     row = np.full(tick_log.BENCH_WIDTH, math.nan)
     row[tick_log.TIP_X : tick_log.TIP_Y + 1] = sample.tip
     row[tick_log.TIP_VX : tick_log.TIP_VY + 1] = sample.velocity
@@ -370,21 +344,6 @@ def sensed_row(sample: DeviceSample, encoders: str, late_us: float) -> np.ndarra
     return row
 
 
-def run_fields(how: TrialRules, simulated_hand: bool) -> dict[str, float]:
-    """The fields of `tick.RUN` that a protocol decides: lengths in m, durations in whole ticks."""
-    fields = {
-        "start_radius": how.start_radius_m,
-        "end_radius": how.end_radius_m,
-        "hold_ticks": round(how.hold_s / TICK_S),
-        "move_ticks": round(how.time_out_s / TICK_S),
-        "end_ticks": round(how.end_s / TICK_S),
-        "release_force": how.release.force_N if how.release else math.inf,
-        "release_ticks": round(how.release.time_s / TICK_S) if how.release else 0,
-    }
-    approach_s = how.approach_time_out_s if simulated_hand else PERSON_APPROACH_S
-    return {**fields, "approach_ticks": round(approach_s / TICK_S)}
-
-
 def load_kernels() -> None:
     """Compile, or load, what a trial on a real device needs: seconds that no board waits for."""
     protocol = load_protocol()
@@ -393,5 +352,5 @@ def load_kernels() -> None:
     row = np.zeros(tick_log.BENCH_WIDTH)
     row[tick_log.TIP_X : tick_log.TIP_Y + 1] = path.start_m
     distal_sine(trial.model.mechanism[0], *path.start_m)
-    run_ticks(*map(plain, trial.arguments()), row[np.newaxis])
+    trial.run(row[np.newaxis])
     trial._end(0.0)

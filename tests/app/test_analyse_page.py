@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+from protocols import short
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel, QPushButton
+from sessions import new_session, run_trials
 
 from app.window.analyse_page import FINDINGS, PAGES, AnalysePage
 from app.window.box_plot import ChartPlot, colour_of
@@ -202,6 +204,33 @@ def test_what_is_under_the_pointer_is_named_by_participant_run_and_value(qtbot, 
     point = next(p for p in page.plots[0].points.points() if p.data().row == row)
     tip = page.plots[0]._tip(0.0, 0.0, point.data())
     assert tip == f"Participant 02 · run {row.run} · {1e3 * row.path_error_m:.3g} mm"
+
+
+def test_a_recording_that_is_asked_for_opens_among_the_trials_of_its_data_folder(qtbot, tmp_path: Path) -> None:
+    session = new_session(tmp_path / "data", protocol=short())
+    run_trials(session, 2)
+    session.close()
+    page = page_on(qtbot, session.folder / "trials" / "run-002.parquet")
+    qtbot.waitUntil(lambda: page.chosen is not None, timeout=60_000)
+    assert page.results.folder == (tmp_path / "data").resolve() and page.side.title.text() == "P01 run 2"
+    qtbot.waitUntil(lambda: len(page.plots[0].points.points()) == 2, timeout=60_000)
+    assert all(len(ringed(plot)) == 1 for plot in page.plots)
+    assert not page.side.playing
+    page.keys()["start"]()
+    assert page.side.playing
+    page.end()
+    assert not page.side.playing  # another page is at the front
+
+
+def test_an_export_of_one_session_is_beside_the_sessions_and_not_in_it(qtbot, tmp_path: Path) -> None:
+    session = new_session(tmp_path / "data", protocol=short())
+    run_trials(session, 1)
+    session.close()
+    page = page_on(qtbot, session.folder)
+    QTest.mouseClick(page.report_button, Qt.MouseButton.LeftButton)
+    folder = tmp_path / "data" / "results-1"
+    qtbot.waitUntil(folder.exists, timeout=120_000)
+    assert [path.name for path in folder.iterdir()] == ["sub-01_ses-01_report.pdf"]
 
 
 def test_the_next_trial_and_the_one_before_are_those_that_are_shown(qtbot, data: Path) -> None:

@@ -75,8 +75,9 @@ def test_the_steps_of_a_real_device_are_led_through_and_the_page_reads_how_it_is
     assert len(told.counts) == len(told.encoders) == len(told.report["counts_per_rev"])
     on_bench.send(m.Rig(m.HOME))  # without a session there is no journal to keep it
     on_bench.until(lambda s: s.said_bad and "session" in s.said)
-    on_bench.send(m.Practice())
+    on_bench.send(m.Sandbox(), m.Start())
     on_bench.until(lambda s: s.said_bad and "Open a session" in s.said)
+    on_bench.send(m.EndSandbox())
     before = time.time()
     on_bench.open()
     on_bench.until(lambda: on_bench.status.homed)

@@ -230,7 +230,7 @@ def test_a_session_goes_on_where_it_was_and_a_finished_one_shows_its_results(sho
     assert shown.sent == [m.Open("02", resume=True)] and shown.pages == [(ANALYSE, done.folder)]
     shown.type(page.participant, "02")
     assert page.start.text() == "Resume session   02 · 46 trials left" and page.standing.text() == "14 of 60 done"
-    assert not page.blind.isVisible(), "of a session that is there this was decided when it began"
+    assert not page.blind.isEnabled(), "of a session that is there this was settled when it began"
     shown.type(page.participant, "01")
     assert page.start.text() == "Open session   01 · complete"
     shown.click(page.start)

@@ -12,6 +12,7 @@ from live import kill, wait_until
 from live_board import DEVICE, BoardSession, board_session, lets_go
 
 from app.ipc import messages as m
+from core import tick_log
 from experiments.recording.reader import read_recording
 
 
@@ -24,8 +25,12 @@ def session(tmp_path: Path) -> Iterator[BoardSession]:
 def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession) -> None:
     window, emulated = session.window, session.emulated
     window.until_stage(m.NO_SESSION)
-    window.client.send(m.Practice())
+    window.client.send(m.Sandbox())
+    assert window.until(lambda s: s.sandbox).sandbox.by_start
+    window.client.send(m.Start())
     assert "Open a session" in window.until(lambda s: s.said_bad).said
+    window.client.send(m.EndSandbox())
+    window.until(lambda s: s.sandbox is None)
     session.open()
     assert window.opened.real_device and window.opened.hand == "force sensor"
     session.make_ready()
@@ -65,20 +70,29 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession)
     truth = emulated.order()
     assert "currents zero" in [event for _, event in truth["events"]]
 
-    # the new loop has to be led through the zero again; after that practice needs no session
+    # the new loop has to be led through the zero again; after that Try needs no session
     before = len(zeros(session))
     window.until(lambda s: s.brakes_off or lets_go(s))  # latched, if there was current just then
     session.make_ready()
     assert len(zeros(session)) == before + 1
     window.client.send(m.Leave())
     window.until_stage(m.NO_SESSION)
-    window.client.send(m.Practice())
-    practice = window.until_stage(m.RUNNING)
-    assert practice.practice and practice.running.configuration == DEVICE
+    window.client.send(m.Sandbox())
+    window.until(lambda s: s.sandbox)
+    assert not window.within(0.3, lambda s: s.running)  # currents flow in real brakes: a pass waits for a Start
+    window.client.send(m.Start())
+    tried = window.until_stage(m.RUNNING)
+    settings = tried.sandbox.settings
+    assert tried.practice and tried.running.configuration == settings.device == DEVICE
+    window.client.send(m.Sandbox(settings._replace(brake_strength=0.5)))
+    assert "brake_strength cannot be changed" in window.until(lambda s: s.said_bad).said
+    window.client.send(m.Sandbox(settings._replace(gap_m=0.01)))  # for the next pass: this one goes on as it is
     window.ticks.clear()
     window.until_tick(lambda ticks: len(ticks) > 100)
+    assert np.allclose(np.diff(window.rows[:, tick_log.T]), 1e-3)
     window.abort("enough")
     assert window.snapshot.stage == m.NO_SESSION and "enough" in window.snapshot.said
+    assert window.snapshot.sandbox.settings.gap_m == 0.01
 
 
 def zeros(session: BoardSession) -> list[dict]:

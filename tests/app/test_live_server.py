@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live import Window, gone, live_window, wait_until
+from sessions import unfinished
 from synthetic_hand import SyntheticHand
 
 from app.ipc import messages as m
@@ -105,7 +106,8 @@ def test_a_window_that_quits_in_a_trial_ends_it_and_leaves_nothing_running(setup
     kept = recording(window, run)
     assert kept.whole and kept.outcome["reason"] == "the window was closed"
     window.join(setup)
-    assert window.until_stage(m.NO_SESSION).resumable == ("01",)
+    window.until_stage(m.NO_SESSION)
+    assert unfinished(setup.data_dir) == ("01",)
     window.client.send(m.Open("01", resume=True))
     assert window.until_stage(m.READY).rows[-1].run == run
 
@@ -114,12 +116,13 @@ def test_a_bench_that_recorded_nothing_leaves_nothing(tmp_path: Path) -> None:
     setup = Setup(tmp_path / "new" / "data", real_time=False)
     with live_window(setup) as opened:
         opened.until_stage(m.NO_SESSION)
-        opened.client.send(m.Practice())
+        opened.client.send(m.Sandbox())
         opened.until_stage(m.RUNNING)
         assert opened.snapshot.practice and opened.snapshot.running.block == 0
         opened.until(lambda s: opened.pulse)
         assert opened.pulse.proof is None
-        opened.abort("enough")
+        opened.client.send(m.EndSandbox())
+        opened.until_stage(m.NO_SESSION)
     assert not setup.data_dir.exists()
 
 

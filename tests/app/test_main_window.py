@@ -159,7 +159,7 @@ def test_the_grid_marks_each_status_and_the_running_trial(screens: Screens) -> N
     grid = screens.run.panel.grid
     assert [grid.statuses[run] for run in range(1, 6)] == ["done", "timeout", "aborted", "redone", "recovered"]
     assert grid.marked == 6 and grid.running
-    assert screens.run.panel.done.text() == "1 of 60 trials done · 2 without a result"  # the others come again
+    assert screens.run.panel.done.text() == "1 of 60 done · 2 without a result"  # the others come again
     assert len(set(MARKS.values())) == len(MARKS)
 
 
@@ -317,7 +317,7 @@ def test_closing_between_trials_just_closes(screens: Screens) -> None:
 STATES = {
     "preparing": (m.Snapshot(m.PREPARING),),
     "start": (opened(""), m.Snapshot(m.NO_SESSION, checks=GREEN)),
-    "resume": (opened(""), m.Snapshot(m.NO_SESSION, checks=RED, resumable=("01", "02"), said="no", said_bad=True)),
+    "resume": (opened(""), m.Snapshot(m.NO_SESSION, checks=RED, said="no", said_bad=True)),
     "red": (opened(), ready(12, checks=RED)),
     "running": (opened(), running(37, notes=("13:02 slower", "13:05 a longer note about what happened")), pulse()),
     "said": (opened(), ready(9, said="Run 9: the participant was distracted by a long sentence that goes on.")),

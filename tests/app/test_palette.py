@@ -44,7 +44,7 @@ def test_every_mark_stands_out_from_what_is_behind_it(palette: Palette) -> None:
 
 def test_light_is_the_other_way_round() -> None:
     assert contrast(DARK.ground, "#000000") < 2.0 and contrast(LIGHT.ground, "#ffffff") < 2.0
-    assert (DARK.handle_name, LIGHT.handle_name) == ("white", "black")
+    assert (DARK.handle_name, LIGHT.handle_name) == ("white", "dark")
     for palette in (DARK, LIGHT):
         assert len(set(palette.joints)) == 4 and len(set(palette.controllers)) == 5
 
@@ -57,7 +57,8 @@ def test_the_windows_are_in_the_palette_that_was_chosen(name: str) -> None:
         "from app.window.painting import theme;"
         "from app.window.participant_window import ParticipantWindow; a = QApplication([]); theme.dress(a);"
         "w = ParticipantWindow(); w.resize(600, 400); shown = w.grab().toImage();"
-        "print(json.dumps([shown.pixelColor(5, 5).name(), theme.TEXT, words.TAKE_IT]))"
+        "print(json.dumps([shown.pixelColor(5, 5).name(), theme.TEXT,"
+        "words.moving(0, False, words.language_of(None)).small]))"
     )
     command = [sys.executable, "-c", code, name]
     environment = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}

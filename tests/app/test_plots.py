@@ -120,6 +120,7 @@ def test_ranges_are_round_hold_their_value_and_only_grow(traces: Traces) -> None
 
 def test_each_trace_says_its_value_with_its_unit(traces: Traces) -> None:
     traces.add(quiet(HAND_FX=3.0, HAND_FY=-4.0, TIP_VX=0.06, TIP_VY=0.08, CURRENT_E=0.8, CURRENT_C=0.25))
+    traces.word()
     assert traces.error.value == "10.0 mm"
     assert traces.force.value == "5.0 N" and traces.speed.value == "0.10 m/s"
     assert traces.currents.value == "A 0.00 E 0.80 B 0.00 C 0.25 A"
@@ -127,8 +128,10 @@ def test_each_trace_says_its_value_with_its_unit(traces: Traces) -> None:
 
 def test_the_error_counts_from_go_to_the_end(traces: Traces) -> None:
     traces.add(quiet(phase=tick_log.HOLD))
+    traces.word()
     assert traces.error.value == f"{NOTHING} mm" and traces.force.value == "0.0 N"
     traces.add(quiet(start_s=0.2))
+    traces.word()
     assert traces.error.value == "10.0 mm"
 
 
@@ -136,6 +139,7 @@ def test_another_device_has_other_brakes(traces: Traces) -> None:
     traces.show_trial(THREE)
     assert traces.currents.value == f"A {NOTHING} E {NOTHING} B {NOTHING} A"
     traces.add(quiet(CURRENT_B=0.5))
+    traces.word()
     assert traces.currents.value.endswith("B 0.50 A")
 
 
@@ -146,6 +150,7 @@ def test_a_blind_console_hides_the_currents_and_nothing_else(traces: Traces) -> 
         traces.show_trial(FOUR)
         traces.set_blind(True)
         traces.add(rows)
+        traces.word()
         pictures.append(traces.grab().toImage())
     assert pictures[0] == pictures[1] and traces.force.value == "2.0 N"
     assert traces.currents.value == f"A {NOTHING} E {NOTHING} B {NOTHING} C {NOTHING} A"

@@ -142,6 +142,15 @@ def test_the_pointer_keeps_the_handle_from_pass_to_pass(window: LocalWindow) -> 
     assert held.min() > 0.0
 
 
+def test_a_simulated_operator_makes_its_passes_alone_and_has_no_spring_to_set(tmp_path: Path) -> None:
+    with local_window(Setup(tmp_path / "data", hand=m.OPERATOR, sync=False)) as window:
+        window.client.send(m.Sandbox())
+        tried = window.until(lambda s: s.sandbox and s.sandbox.passes).sandbox
+        assert tried.passes[0].status == "done" and tried.fixed == ("spring_N_m",)
+        change(window, spring_N_m=500.0)
+        assert "spring_N_m cannot be changed" in window.until(lambda s: s.said_bad).said
+
+
 def test_brakes_off_stops_the_pass_and_the_next_waits_until_they_are_allowed(window: LocalWindow) -> None:
     drive(window, moves(100))
     window.client.brakes_off("Esc")

@@ -10,7 +10,9 @@ from screens import Screens, cut_texts, opened_screens, settle, visible_texts
 from app.ipc import messages as m
 from app.window import words
 from app.window.painting import theme
+from app.window.painting.layers import OFF
 from app.window.painting.linkage_view import REACHABLE
+from app.window.painting.marks import HAND
 from core import tick_log
 from experiments.language import ENGLISH_WORDS
 
@@ -142,3 +144,16 @@ def test_the_key_on_a_button_is_legible_whatever_the_button_looks_like(screens: 
     assert (hint(panel.start), hint(panel.pause), hint(panel.abort)) == (theme.TEXT, theme.QUIET, theme.BRAKE_OFF)
     screens.hear(ready(9, paused=True))
     assert (hint(panel.start), hint(panel.pause)) == (theme.BRAKE_OFF, theme.TEXT)
+
+
+def test_all_numbers_in_one_picture_are_of_one_tick(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    rows = movement(PLAN[0].segment, "AEB", 1.0)
+    for begin in range(0, len(rows), 16):
+        screens.client.rows, screens.client.taken = rows[begin : begin + 16], True
+        screens.windows.frame()
+        labels, read = screens.run.centre.workspace.view.labels, screens.run.traces
+        assert HAND not in labels.words or read.force.value.split()[0] in labels.words[HAND]
+        for joint, doing in labels.doing.items():
+            current = read.currents.value.split(joint + " ")[1].split()[0]
+            assert (doing.state == OFF) == (current in ("0.00", "–"))

@@ -25,7 +25,7 @@ def test_a_trial_that_was_cut_short_is_marked_counts_as_open_and_comes_next(scre
     again = PLAN[1]._replace(run=61)
     console = screens.hear(opened(), ready(2, rows=rows, coming=again, said="Run 2: the board. It comes again."))
     grid = screens.run.panel.grid
-    assert grid.statuses[2] == "stopped" and grid.marked == 2 and "1 of 60 trials done" in screens.run.panel.done.text()
+    assert grid.statuses[2] == "stopped" and grid.marked == 2 and "1 of 60 done" in screens.run.panel.done.text()
     assert screens.run.panel.start.isEnabled() and "comes again" in " ".join(visible_texts(console))
     assert screens.run.centre.large.text() == "Stopped"
 

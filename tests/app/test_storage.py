@@ -43,7 +43,7 @@ class Ended:
         self.planned = session.next_planned()
         self.trial, self.writer = session.begin(self.planned)
         run(self.trial, self.writer, ticks)
-        self.name, self.cut_short = f"Run {self.planned.run}", True
+        self.name, self.cut_short, self.again = f"Run {self.planned.run}", True, "never"
         if not self.trial.finished:
             self.trial.abort("the lamp fell down")
             run(self.trial, self.writer)

@@ -12,6 +12,7 @@ from app.ipc import messages as m
 from app.window.painting import theme
 from app.window.try_page import BACK, DIALS, TryPage
 from core import tick_log
+from core.control.controllers import Preset
 
 INITIAL = m.SandboxSettings("three-brake", 1, 2, "settled", 0.0, 10_000.0, 0.05, 200.0, 1.0, 0.75)
 GAINS_FELT = 11.5  # N s/m and more
@@ -85,6 +86,17 @@ def test_with_a_session_open_it_asks_for_nothing_and_says_why(qtbot) -> None:
     assert not held.page.save.isEnabled() and not held.page.guides[1].isEnabled()
     held.page.show_opened(opened(""))
     assert held.sent == [m.Sandbox(None)]
+
+
+def test_another_protocol_brings_its_own_controllers(held: Held) -> None:
+    other = {7: Preset("Wall", "sdof", (0.01,))}
+    held.page.show_opened(opened("", controllers=other))
+    wall = INITIAL._replace(controller=7, gap_m=0.01)
+    held.page.show_snapshot(tried(wall, initial=wall))
+    feels = {number: guide.feel.text() for number, guide in held.page.guides.items()}
+    assert feels == {7: "Rails with 10 mm slack"}
+    held.page.reset.click()
+    assert held.last() == wall
 
 
 def test_a_controller_is_chosen_by_what_it_feels_like_by_pointer_or_key(held: Held) -> None:
@@ -164,7 +176,9 @@ def test_what_the_newest_tick_is_stands_on_the_canvas(held: Held) -> None:
     page.show_ticks(rows[-1:], True)
     assert page.large.text() == BACK.large
     page.show_snapshot(tried(INITIAL, ended(1)))
-    assert not page.canvas.trail
+    assert page.canvas.trail  # to be looked at until the next movement
+    page.show_ticks(rows[:1], True)
+    assert len(page.canvas.trail) == 1
 
 
 def test_the_pointer_over_the_canvas_is_the_hand_and_lets_go_when_it_leaves(held: Held) -> None:

@@ -13,13 +13,14 @@ from pathlib import Path
 import pytest
 from live import Window, wait_until
 from protocols import PAPER, changed
+from sessions import unfinished
 from simulated_loop import local_window
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
-from experiments.session.files import kept_sessions
+from experiments.session.overview import look_into
 from experiments.session.verify import verify
 
 LEAST_S = 1.0  # of a break
@@ -81,14 +82,11 @@ def cell(trial) -> tuple:
 
 def test_a_first_try_is_with_a_controller_that_brakes(window: Window) -> None:
     window.until_stage(m.NO_SESSION)
-    assert window.opened.next_participant == "07" and window.opened.hand == "mouse"
-    window.client.send(m.Practice())
+    assert window.opened.hand == "mouse"
+    window.client.send(m.Sandbox())
     tried = window.touch().running
     assert window.opened.controllers[tried.controller].kind != "none" and tried.block == 0
-    window.until_stage(m.NO_SESSION)
-    window.client.send(m.Start())  # another one
-    other = window.touch().running
-    assert (other.controller, other.repetition) != (tried.controller, tried.repetition)
+    window.client.send(m.EndSandbox())
     window.until_stage(m.NO_SESSION)
 
 
@@ -165,8 +163,8 @@ def test_an_interrupted_session_goes_on_where_it_was(window: Window, setup: Setu
     before, opened = window.snapshot, window.opened
     window.client.leave()
     window.join(setup._replace(participant=""))
-    snapshot = window.until_stage(m.NO_SESSION)
-    assert snapshot.resumable == ("07",) and window.opened.next_participant == "01"
+    window.until_stage(m.NO_SESSION)
+    assert unfinished(setup.data_dir) == ("07",)
     snapshot = ask(window, m.Open("07", resume=True), lambda s: s.stage == m.READY)
     assert (snapshot.rows, snapshot.coming, snapshot.notes) == (before.rows, before.coming, before.notes)
     assert snapshot.blind and window.opened.plan == opened.plan and window.opened.plan_sha256 == opened.plan_sha256
@@ -181,7 +179,7 @@ def test_the_key_of_a_finished_session_is_opened_by_somebody_with_a_name(window:
         else:
             ask(window, m.Confirm(), lambda s: s.stage != m.BREAK or "more" in s.said)
     window.client.send(m.Leave())  # the key may wait
-    assert window.until_stage(m.NO_SESSION).resumable == ("07",)
+    window.until_stage(m.NO_SESSION)
     window.client.send(m.Open("07", resume=True))
     assert window.until_stage(m.FINISHED).blind
     refused(window, m.Unblind(" "), "say who")
@@ -201,7 +199,8 @@ def test_what_somebody_did_to_another_session_stops_nobody(window: Window, setup
         folder.mkdir(parents=True)
         (folder / "session.json").write_bytes(text.encode("latin-1"))
     (setup.data_dir / "sub-x0" / "ses-01" / "trials.csv").write_text("nothing of ours\n")
-    assert kept_sessions(setup.data_dir) == {}
+    damaged = {one.participant for one in look_into(setup.data_dir).sessions if one.problem}
+    assert damaged == {"x0", "x1", "x2", "x3", "x4"}
     window.client.send(m.Redo(window.snapshot.rows[-1].run, "see what the others do"))
     snapshot = window.until(lambda s: s.stage != m.FINISHED)
     assert snapshot.said_bad and "was not rewritten" in snapshot.said and "sub-x0" in snapshot.said
@@ -215,20 +214,21 @@ def test_what_somebody_did_to_another_session_stops_nobody(window: Window, setup
 def test_the_next_participant_has_a_session_of_their_own(window: Window, setup: Setup) -> None:
     window.client.send(m.Leave())
     snapshot = window.until_stage(m.NO_SESSION)
-    assert snapshot.resumable == () and window.opened.participant == "" and window.opened.next_participant == "01"
+    assert unfinished(setup.data_dir) == () and window.opened.participant == ""
     refused(window, m.Open("07"), "exists already")
     snapshot = window.open("01")
     assert snapshot.rows == () and snapshot.notes == () and window.opened.plan[0].configuration == "three-brake"
     window.client.send(m.Leave())  # before its end: it can be gone on with
-    assert window.until_stage(m.NO_SESSION).resumable == ("01",)
+    window.until_stage(m.NO_SESSION)
+    assert unfinished(setup.data_dir) == ("01",)
     assert verify(setup.data_dir)["faults"] == []
 
 
 def test_a_session_that_is_done_can_be_opened_again_to_redo_a_trial(window: Window, setup: Setup) -> None:
     window.client.stop("the day is over")
     window.join(setup)
-    snapshot = window.until_stage(m.NO_SESSION)
-    assert (snapshot.resumable, snapshot.finished) == (("01",), ("07",)) and window.opened.next_participant == "07"
+    window.until_stage(m.NO_SESSION)
+    assert unfinished(setup.data_dir) == ("01",)
     snapshot = ask(window, m.Open("07", resume=True), lambda s: s.stage == m.FINISHED)
     last = snapshot.rows[-1]
     assert snapshot.coming is None and last.status == "done"

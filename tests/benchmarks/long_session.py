@@ -53,7 +53,7 @@ def drive(setup: Setup, most: int) -> None:
         running = now.running
         if now.stage == m.NO_SESSION and not now.why_not and not asked:
             asked = True
-            windows.client.send(m.Open("01", resume="01" in now.resumable))
+            windows.client.send(m.Open("01", resume=(setup.data_dir / "sub-01").exists()))
         elif now.stage in (m.READY, m.RERIG) and sum(row.status != "recovered" for row in now.rows) < most:
             QTest.keyClick(windows.participant, Qt.Key.Key_Space)
         elif now.stage in (m.READY, m.RERIG, m.FINISHED, m.FAILED) and now.stage not in told:

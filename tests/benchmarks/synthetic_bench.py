@@ -77,7 +77,7 @@ class SyntheticBench:
         self._planned = next(trial for trial in plan if trial.segment == 1)
         self.opened = m.Opened(
             "01", protocol.name, tuple(protocol.devices), dict(protocol.paths), dict(protocol.controllers), plan,
-            "0" * 64, "synthetic", protocol.note(), "none", False, None, protocol.seed, False, "mouse", "",
+            "0" * 64, "synthetic", protocol.note(), "none", False, None, protocol.seed, False, "mouse",
             protocol.rules, protocol.trial, protocol.sentences, protocol.pages, False,
         )  # fmt: skip
         path = protocol.paths[1]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from devices import stops_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,7 +15,6 @@ from core.device import build_device, load_device, shipped_devices
 from core.device_file import SHIPPED_FOLDER as BRAKE_FOLDER
 from core.files import InputError
 from core.mechanism import JOINTS, A, B, C, E
-from core.simulator.simulation import stops_of
 from core.workspace import free_tips, invertible_mass, tip_is_free
 
 FOUR = load_device("four-brake")

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices import BENCH_FOUR, BENCH_THREE, FOUR, S1, S4, random_five_bar, rods, yields
+from devices import BENCH_FOUR, BENCH_THREE, FOUR, S1, S4, random_five_bar, rods, stops_of, yields
 from scipy.optimize import brentq
 
 from core.simulator.hand import Hand, new_hand, spring_hand, wave_hand
-from core.simulator.simulation import Simulation, stops_of
+from core.simulator.simulation import Simulation
 
 START = (0.05, 0.40)
 #: J; the largest energy a brake may add in a step: rounding of its heat, which is summed from powers of one sign

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from devices import BENCH_FOUR, BENCH_THREE, S1, S4, switching, yields
+from devices import BENCH_FOUR, BENCH_THREE, S1, S4, stops_of, switching, yields
 
 from core.mechanism import JOINTS
 from core.simulator.hand import new_hand, wave_hand
-from core.simulator.simulation import Simulation, stops_of
+from core.simulator.simulation import Simulation
 from core.simulator.solver_numbers import DELTA_OMEGA
 
 START = (0.05, 0.40)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from devices import BENCH_FOUR, FOUR, THREE, FiveBar, slope
 
+from core.control.algorithm import torque_for_force
 from core.dynamics import motion
-from core.linkage import elbow_sine, jacobian, joint_angles, tip_force, tip_force_map
+from core.linkage import joint_angles, tip_force_map
 from core.simulator.state import pack_mechanism
 
 pytestmark = pytest.mark.nojit
@@ -64,12 +65,9 @@ SIDES = [("out", (-1, 1)), ("in", (1, -1)), ("left", (-1, -1)), ("right", (1, 1)
 def test_elbows_bulge_to_the_side_that_the_file_names(elbows, signs):
     """Out: theta_E < 0 < theta_C, the A-arm bulges to -x and the B-arm to +x."""
     bar = replace(BENCH_FOUR, elbows=elbows, limits="margin = 0.01")
-    mechanism = pack_mechanism(bar.device.mechanism)[0]
     p = np.array([0.02, 0.38])
     theta = angles_of(bar, p)
     assert tuple(np.sign(theta[[1, 3]])) == signs
-    assert elbow_sine(mechanism.arm_1, *p) == pytest.approx(np.sin(theta[1]), abs=1e-14)
-    assert elbow_sine(mechanism.arm_2, *p) == pytest.approx(np.sin(theta[3]), abs=1e-14)
     for base, t, sign in ((bar.base_a, theta[0], signs[0]), (bar.base_b, theta[2], signs[1])):
         to_tip, elbow = p - base, along(t)
         left = to_tip[0] * elbow[1] - to_tip[1] * elbow[0]
@@ -79,12 +77,7 @@ def test_elbows_bulge_to_the_side_that_the_file_names(elbows, signs):
 def test_rows_are_the_inverse_jacobians(any_five_bar):
     """Eqs. (8), (9), (10): the rows of J1^-1 and J2^-1."""
     for p in tips(any_five_bar):
-        a, e, b, c = any_five_bar.angles(p)
-        ae, ed, bc, cd = any_five_bar.lengths
-        j1, j2 = jacobian(ae, ed, a, e), jacobian(bc, cd, b, c)
-        assert np.allclose(j1, any_five_bar.jacobians(p)[0], atol=1e-14)
-        assert np.allclose(j2, any_five_bar.jacobians(p)[1], atol=1e-14)
-        g = rows_of(any_five_bar, p)
+        (j1, j2), g = any_five_bar.jacobians(p), rows_of(any_five_bar, p)
         assert g[:2] @ j1 == pytest.approx(np.eye(2), abs=1e-13)
         assert g[2:] @ j2 == pytest.approx(np.eye(2), abs=1e-13)
 
@@ -132,7 +125,8 @@ def test_rates_and_their_bias_are_the_derivatives_of_the_angles_along_a_path(any
     for p in tips(any_five_bar):
         v = rng.normal(scale=0.5, size=2)
         m = motion(mechanism, p[0], p[1], v[0], v[1])
-        rates, biases = [m.rate_a, m.rate_e, m.rate_b, m.rate_c], [m.bias_a, m.bias_e, m.bias_b, m.bias_c]
+        rates = [rate for arm in (m.arm_1, m.arm_2) for rate in (arm.base_rate, arm.elbow_rate)]
+        biases = [bias for arm in (m.arm_1, m.arm_2) for bias in (arm.base_bias, arm.elbow_bias)]
         assert rates == pytest.approx(slope(any_five_bar.angles, p, v), rel=1e-8, abs=1e-8)
         change = slope(lambda q, v=v: any_five_bar.rows(q) @ v, p, v)
         assert biases == pytest.approx(change, rel=1e-7, abs=1e-7)
@@ -147,6 +141,4 @@ def test_tip_force_of_one_brake_is_its_torque_over_the_moment_arm(any_five_bar):
     reach_a, reach_b = np.linalg.norm(p - any_five_bar.base_a), np.linalg.norm(p - any_five_bar.base_b)
     arms = np.abs([ae * np.sin(e), ae * ed * np.sin(e) / reach_a, bc * np.sin(c), bc * cd * np.sin(c) / reach_b])
     for i in range(4):
-        for torque in (2.0, -2.0, 0.0):
-            assert tip_force(g, i, torque) == pytest.approx(abs(torque) / arms[i], rel=1e-12)
-            assert tip_force(g, i, torque) == pytest.approx(np.linalg.norm(torque * g[i]), rel=1e-12)
+        assert torque_for_force(3.0, *g[i]) == pytest.approx(3.0 * arms[i], rel=1e-12)

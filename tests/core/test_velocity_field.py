@@ -35,13 +35,9 @@ angle = st.floats(-math.pi, math.pi)
         ((0.1, 0.4), (0.1, 0.4)),
         ((0.0, math.nan), (0.1, 0.4)),
         ((0.0, 0.4), (math.inf, 0.4)),
-        ((0.0,), (0.1, 0.4)),
-        ((0.0, 0.4, 0.0), (0.1, 0.4)),
-        (("a", 0.4), (0.1, 0.4)),
-        (3.0, (0.1, 0.4)),
     ],
 )
-def test_a_segment_without_length_or_with_numbers_that_are_none_is_refused(start, end):
+def test_a_segment_without_length_or_with_numbers_that_are_not_finite_is_refused(start, end):
     with pytest.raises(InputError, match="path"):
         line(start, end)
 

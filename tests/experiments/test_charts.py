@@ -110,6 +110,11 @@ def test_answers_stand_by_question_and_device():
     (chart,) = charts(QUESTIONS, study(), VIEW, answers)
     assert [text for _, text in chart.ticks] == ["effort", "mental\ndemand"] and len(chart.points) == 24
     assert {at.box.median for at in chart.boxes} == {12.5} and charts(QUESTIONS, study(), VIEW) == []
+    assert [at.filled for at in sorted(chart.boxes)] == [True, False, True, False]  # the first device stands first
+    after = [answer._replace(controller=1 + n % 2, block=0) for n, answer in enumerate(answers)]
+    (chart,) = charts(QUESTIONS, study(), VIEW, after)
+    assert {point.controller for point in chart.points} == {1, 2}
+    assert chart.points[0].text == "Participant 00 · after controller 1 on three-brake · 0"
 
 
 # ------------------------------------------------------------------------------------------------ a folder's results

@@ -2,28 +2,22 @@
 
 import numpy as np
 import pytest
+from people import noiseless, somebody
 from scipy import signal
 
 from core import tick_log
 from core.path import Arc, build_path, line, point_at
 from core.simulator.hand import grip_force, new_hand
 from experiments.trial.operator import (
-    Person,
     begin_approach,
     minimum_jerk,
     new_operator,
-    noiseless,
     operate,
     take_handle,
 )
 from experiments.trial.population import load_population
 
-AVERAGE = load_population()
 BOW = Arc((0.0, 0.36), 0.08, 180.0, 0.0)
-
-
-def somebody(seed: int, **changes: float) -> Person:
-    return AVERAGE.draw(np.random.default_rng(seed))._replace(**changes)
 
 
 class Scripted:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from people import noiseless, somebody
 from protocols import PAPER
 
 from core import tick_log
@@ -10,19 +11,13 @@ from core.path import Arc, Polyline, Segment, build_path, measure
 from core.simulator.hand import grip_force
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
-from experiments.trial.operator import Person, noiseless
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial
 
 DEVICES = {name: load_device(name) for name in ("three-brake", "four-brake")}
-AVERAGE = load_population()
 FLAT = Segment((-0.1, 0.4), (0.1, 0.4))
 CORNER = Polyline(((-0.1, 0.34), (0.0, 0.42), (0.1, 0.34)))
 BOW = Arc((0.0, 0.36), 0.08, 180.0, 0.0)
-
-
-def somebody(seed: int, **changes: float) -> Person:
-    return AVERAGE.draw(np.random.default_rng(seed))._replace(**changes)
 
 
 def new_trial(person, number=1, path=FLAT, seed=3, device="three-brake", simulation=None):

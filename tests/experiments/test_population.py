@@ -4,16 +4,16 @@ import re
 
 import numpy as np
 import pytest
+from people import AVERAGE
 from scipy import stats
 
 from core.files import InputError
-from experiments.trial.operator import Person, noiseless
+from experiments.trial.operator import Person
 from experiments.trial.population import LIMITS, load_population, shipped_populations
 
 #: what a name may end in; the rest are pure numbers
 UNITS = ("_N_m", "_N_s_m", "_N_s", "_N", "_kg", "_m_s", "_per_s", "_s", "_m", "_Hz")
 PURE = {"skill", "felt_gain", "noise_share"}
-AVERAGE = load_population()
 
 
 @pytest.fixture
@@ -82,14 +82,6 @@ def test_a_seed_is_the_same_place_in_every_population():
         steady, average = (load_population(name).draw(np.random.default_rng(seed)) for name in ("steady", "average"))
         assert steady.mass_kg == average.mass_kg and steady.bias_m == average.bias_m
         assert steady.tremor_N < average.tremor_N
-
-
-def test_a_noiseless_person_is_the_same_person_without_chance():
-    person = AVERAGE.draw(np.random.default_rng(2))
-    calm = noiseless(person)
-    changed = {key for key in Person._fields if getattr(person, key) != getattr(calm, key)}
-    assert changed == {"noise_share", "tremor_N", "trial_bias_m", "reaction_spread_s"}
-    assert all(getattr(calm, key) == 0.0 for key in changed)
 
 
 @pytest.mark.parametrize(

@@ -187,9 +187,9 @@ def test_a_driver_that_stays_on_ends_the_trial_in_any_phase(held: RealBench, on:
 
 def test_a_board_that_lets_no_current_flow_ends_the_trial(held: RealBench, monkeypatch: pytest.MonkeyPatch) -> None:
     trial, _ = locked(held, force_N=60.0, time_s=0.2)
-    held.run(trial, lambda trial: trial._run["current"][0].min() >= 1.0)
+    held.run(trial, lambda trial: min(trial.currents) >= 1.0)
     before = trial.ticks
-    monkeypatch.setattr(held.link, "_clamped", lambda currents: (0, 0, 0, 0))
+    monkeypatch.setattr("hardware.serial_device.clamped", lambda currents, limits: ((0, 0, 0, 0), 0))
     held.run(trial)
     assert "did not get the currents" in trial.outcome()["reason"]
     assert trial.ticks - before < 10 * DISOBEYED_TICKS

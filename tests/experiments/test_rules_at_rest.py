@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from people import noiseless, somebody
 from protocols import PAPER
 
 from core import tick_log
@@ -15,9 +16,8 @@ from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
 from core.simulator.state import new_record
 from experiments.plan import PlannedTrial
-from experiments.protocol import load_protocol
-from experiments.trial.operator import OPERATOR, noiseless
-from experiments.trial.population import load_population
+from experiments.protocol import TrialRules, load_protocol
+from experiments.trial.operator import OPERATOR
 from experiments.trial.tick import new_run, run_ticks
 from experiments.trial.trial import Trial
 
@@ -35,12 +35,12 @@ def push(device, path, number, tip, force, ticks, fidelity="static", rules="sett
     hand = new_hand(np.array([0.0, 0.2]), np.array([(0.0, 0.0), force]))
     simulation = Simulation(device, tip, fidelity=fidelity, hand=hand)
     controller = make_controller(PAPER.controllers[number], device.force_normalised_N, rules)
-    run = new_run(simulation.fidelity, simulated_hand=False)
+    run = new_run(TrialRules(), simulation.fidelity, simulated_hand=False)
     run["phase"][0] = tick_log.MOVE
     rows = np.zeros((ticks, tick_log.WIDTH))
     s = simulation
     n = run_ticks(
-        path, controller, s.mechanism, s.brakes, s.hand, s.state, s.trial,
+        path, controller, s.mechanism, s.brakes, s.hand, s.state, s.step_scratch,
         run, new_record(OPERATOR), np.zeros((1, 2)), new_memory(), rows,
     )  # fmt: skip
     return rows[:n]
@@ -100,7 +100,7 @@ def test_the_noiseless_operator_finishes_every_trial_under_the_settled_rules(nam
     device = DEVICES[name]
     rows = np.zeros((80_000, tick_log.WIDTH))
     for seed in range(4):
-        person = noiseless(load_population().draw(np.random.default_rng(seed)))
+        person = noiseless(somebody(seed))
         simulation = SimulatedDevice(device, (0.0, 0.38))
         for number, path in enumerate(path for place, path in PLACES if place == name):
             for controller, preset in PAPER.controllers.items():

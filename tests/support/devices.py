@@ -13,6 +13,8 @@ import numpy as np
 
 from core.device import SHIPPED_FOLDER, Device, build_device
 from core.mechanism import JOINTS
+from core.simulator.state import pack_mechanism
+from core.stops import distal_sine, stop_gap
 
 BRAKE_TEXT = (SHIPPED_FOLDER.parent / "brake_files" / "mrb-2107-3.toml").read_text()
 #: signs of theta_E, theta_C
@@ -261,3 +263,12 @@ def switching(bar: FiveBar, duration: float, high: float = 5.0, low: float = 0.3
     order = [j for j in "ABEC" if j in bar.braked]
     times = np.arange(round(duration / 0.01)) * 0.01
     return times, np.array([yields(bar, low, **{order[k % len(order)]: high}) for k in range(len(times))])
+
+
+def stops_of(device: Device, x: float, y: float) -> np.ndarray:
+    """Distance (5,) of each joint A, E, B, C, D to its nearest hard stop at a tip; negative: the tip is not allowed."""
+    gap, side = np.zeros(5), np.zeros(5)
+    mechanism = pack_mechanism(device.mechanism)[0]
+    sign = math.copysign(1.0, distal_sine(mechanism, x, y))
+    stop_gap(mechanism, sign, x, y, np.zeros(4), gap, side)
+    return gap

@@ -75,7 +75,7 @@ def opened(participant: str = "01", **changes) -> m.Opened:
     return m.Opened(
         participant, "paper", DEVICES, dict(PATHS), dict(PRESETS), plan, plan_hash(plan) if plan else "",
         "data/sub-01/ses-01", "settled rules, low gain 5 N s/m, parameters assumed", "none", False, None, 1, False,
-        "mouse", "01", "settled", PAPER.trial, PAPER.sentences, PAPER.pages, False,
+        "mouse", "settled", PAPER.trial, PAPER.sentences, PAPER.pages, False,
     )._replace(**changes)  # fmt: skip
 
 

@@ -215,7 +215,7 @@ class Case:
             assert trial.phase == self.phase
         self.begin_fault()
         while True:
-            over = trial.finished or trial._run["stop"][0] if self.phase == "end" else trial.phase == "end"
+            over = trial.finished or trial.arguments().run["stop"][0] if self.phase == "end" else trial.phase == "end"
             if not self.seen_ms and over:
                 self.seen_ms = self.board.ticks - self.at + self.ago_ms
             if self.phase in self.fault.goes_on and not self.past and self.board.ticks - self.at > 300:

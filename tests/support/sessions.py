@@ -8,6 +8,7 @@ from protocols import PAPER
 
 from core import tick_log
 from experiments.protocol import Protocol
+from experiments.session.overview import look_into
 from experiments.session.session import Session
 from experiments.trial.population import load_population
 
@@ -19,6 +20,11 @@ class Killed(BaseException):
 def of(data: Path) -> Path:
     """The folder of the first participant's session."""
     return data / "sub-01" / "ses-01"
+
+
+def unfinished(data: Path) -> tuple[str, ...]:
+    """Participants whose session can go on."""
+    return tuple(sorted(one.participant for one in look_into(data).sessions if not one.complete))
 
 
 def new_session(data: Path, participant: str = "01", protocol: Protocol = PAPER, blind: bool = False) -> Session:

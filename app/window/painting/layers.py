@@ -157,12 +157,14 @@ class Doing(NamedTuple):
 
 
 def doing(device: Device, rows: np.ndarray) -> dict[str, Doing]:
-    """What each brake did during most of some ticks (n, WIDTH): joint -> state and mean torque. None: all off."""
+    """What each brake does in the last of some ticks (n, WIDTH): joint -> off where it has no current then, else what
+    it did during most of those with current, and its mean torque.
+    """
     found = {}
     for joint in device.braked:
         i = JOINTS.index(joint)
         on = rows[:, tick_log.CURRENT + i] > 0.0
-        if 2 * np.count_nonzero(on) <= len(rows):
+        if not on[-1]:
             found[joint] = Doing()
             continue
         stuck = (rows[on, tick_log.STUCK].astype(int) >> i & 1).mean() > 0.5

@@ -161,7 +161,7 @@ class LinkageView(Plane):
         paint_arms(painter, at, ARM_PX, 2.0)
         if DIRECTIONS in self.shown and self._field is not None:
             paint_directions(painter, handle, directions(self.device, self.instant.g, self._field), self._field)
-        paint_joints(painter, rings, self.device.braked, self.labels.doing)
+        paint_joints(painter, rings, self.device.braked, self.labels.doing, self.blind)
         paint_arrow(painter, handle, arrow_of(self.instant.brakes), theme.BRAKE_SLIPPING, 3.0)
         paint_arrow(painter, handle, arrow_of(self.instant.hand), theme.GOOD, 3.0)
 
@@ -276,8 +276,8 @@ class Workspace(QFrame):
         """What stands above the workspace while no trial runs."""
         self.view.say(title, line)
 
-    def add(self, rows: np.ndarray) -> None:
-        """Ticks (n, tick_log.WIDTH) since the last frame."""
+    def add(self, rows: np.ndarray, words: bool = True) -> None:
+        """Ticks (n, tick_log.WIDTH) since the last frame. words: write the numbers too, ten times a second."""
         if not len(rows):
             return
         self.view.add(rows)
@@ -286,11 +286,12 @@ class Workspace(QFrame):
             self._phase = int(now[tick_log.PHASE])
             first = np.flatnonzero(rows[:, tick_log.PHASE] == self._phase)[0]
             self._began_s, self._worded_s = float(rows[first, tick_log.T]), -np.inf
-        if not self._worded_s <= now[tick_log.T] < self._worded_s + WORDS_EVERY_S:
+        if words and not self._worded_s <= now[tick_log.T] < self._worded_s + WORDS_EVERY_S:
             self._worded_s = float(now[tick_log.T])
-            self._word(now)
+            self.word(now)
 
-    def _word(self, now: np.ndarray) -> None:
+    def word(self, now: np.ndarray) -> None:
+        """The numbers of a tick (tick_log.WIDTH,), which was the last one added."""
         says = [f"{now[tick_log.T] - self._began_s:.2f} s"]
         if self._phase == tick_log.MOVE:
             says.append(f"error {1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")

@@ -50,8 +50,11 @@ def paint_ring(painter: QPainter, middle: QPointF, radius: float, width: float, 
         painter.drawEllipse(middle, reach, reach)
 
 
-def paint_joints(painter: QPainter, rings: Mapping[str, QPointF], braked: str, doing: Mapping[str, Doing]) -> None:
-    """A lettered ring for each brake, in the colour of what it does; a bare one for a joint without a brake."""
+def paint_joints(
+    painter: QPainter, rings: Mapping[str, QPointF], braked: str, doing: Mapping[str, Doing], blind: bool
+) -> None:
+    """A ring for each brake, in the colour of what it does, its letter in that of its current's curve, unless blind;
+    a bare ring for a joint without a brake."""
     painter.setPen(Qt.PenStyle.NoPen)
     for joint in JOINTS if rings else "":
         if joint not in braked:
@@ -59,7 +62,7 @@ def paint_joints(painter: QPainter, rings: Mapping[str, QPointF], braked: str, d
             continue
         state = doing.get(joint, Doing()).state
         paint_ring(painter, rings[joint], JOINT_PX, 3.0, SHADE[state])
-        write(painter, rings[joint], joint, theme.SMALL, True, theme.QUIET if state == OFF else theme.TEXT)
+        write(painter, rings[joint], joint, theme.SMALL, True, theme.QUIET if blind else theme.JOINT[joint])
 
 
 def arrow_of(force: Point) -> QPointF:

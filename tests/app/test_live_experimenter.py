@@ -1,0 +1,116 @@
+"""An experimenter's session through the real window: a timeout, an exclusion, a repeated trial, a window that dies, a
+translation, and the report at the end.
+"""
+
+import re
+import time
+from pathlib import Path
+
+import pytest
+from live import LONG_S, children, gone
+from protocols import PAPER
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QWidget
+
+from app.ipc import messages as m
+from app.ipc.client import Client
+from app.ipc.messages import OPERATOR, Setup
+from app.window.page import ANALYSE, RUN
+from app.window.painting import theme
+from app.window.windows import Windows
+from experiments.analysis.trials_table import read_table
+from experiments.session.verify import verify
+
+LEFT = Qt.MouseButton.LeftButton
+
+
+def wait_until(what, seconds: float = LONG_S) -> None:
+    end = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < end, "waited in vain"
+        QTest.qWait(10)
+
+
+def protocol_file(folder: Path) -> Path:
+    """Two controllers on one path of one device, in German; a locked device runs out of time, a free one does not."""
+    text = re.sub(r"(?s)\[\[controller\]\].*?(?=\n\[trial\])", "", PAPER.text)
+    text = re.sub(r"(?s)\[\[path\]\]\nnumber = 2.*?\n\n", "", text)
+    for key, value in (("devices", '["three-brake"]'), ("blocks", "2"), ("time_out_s", "6.0"), ("name", '"two"')):
+        text = re.sub(rf"(?m)^{key} = .*", f"{key} = {value}", text)
+    controllers = '[[controller]]\nname = "None"\nkind = "none"\n[[controller]]\nname = "SDOF"\nkind = "sdof"\n'
+    path = folder / "two.toml"
+    path.write_text(f'language = "de"\n{text}\n{controllers}', encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def setup(tmp_path: Path) -> Setup:
+    return Setup(tmp_path / "data", str(protocol_file(tmp_path)), hand=OPERATOR, sync=False)
+
+
+def opened_windows(setup: Setup, resume: bool) -> Windows:
+    windows = Windows(Client(setup))
+    windows.show()
+    wait_until(lambda: windows.main.snapshot.stage == m.NO_SESSION and not windows.main.snapshot.why_not)
+    windows.main.send(m.Open("01", resume))
+    wait_until(lambda: windows.main.snapshot.stage == m.READY and windows.main.shown == RUN)
+    return windows
+
+
+def space(main: QWidget) -> None:
+    """Press the space bar in the main window."""
+    main.activateWindow()
+    QTest.qWaitForWindowActive(main)
+    QTest.keyClick(main, Qt.Key.Key_Space)
+
+
+def run_trial(windows: Windows) -> None:
+    """Space until the next trial runs, and wait for its card."""
+    main, run = windows.main, windows.main.page(RUN)
+    before = len(main.snapshot.rows)
+    wait_until(lambda: not run.card_shown or run.card.ready)
+    space(main)
+    wait_until(lambda: len(main.snapshot.rows) > before and run.card_shown)
+
+
+def test_a_whole_session_of_an_experimenter(qtbot, setup: Setup, tmp_path: Path) -> None:
+    theme.dress(QApplication.instance())  # type: ignore[arg-type]
+    windows = opened_windows(setup, resume=False)
+    main, run = windows.main, windows.main.page(RUN)
+    pids = [windows.client.pid, *children(windows.client.pid)]
+    assert len(main.opened.plan) == 4 and run.centre.large.text() == "Willkommen"
+    run_trial(windows)
+    first = main.snapshot.rows[-1]
+    run.card.reason.setCurrentIndex(1)
+    QTest.mouseClick(run.card.out, LEFT)
+    wait_until(lambda: main.snapshot.rows[-1].status == "excluded" and not run.card_shown)
+    run_trial(windows)
+    second = main.snapshot.rows[-1]
+    QTest.mouseClick(run.card.redo, LEFT)
+    QTest.keyClick(run.cards.question.own, Qt.Key.Key_1, Qt.KeyboardModifier.AltModifier)
+    wait_until(lambda: main.snapshot.rows[-1].status == "redone" and not run.card_shown)
+
+    wait_until(run.panel.start.isEnabled)
+    space(main)  # a trial runs while the window dies: it is kept, and the session ends
+    wait_until(lambda: main.snapshot.stage == m.RUNNING)
+    windows.client.leave()
+    wait_until(lambda: all(map(gone, pids)))
+    windows.close()
+    windows = opened_windows(setup, resume=True)
+    main, run = windows.main, windows.main.page(RUN)
+    assert run.centre.large.text() == "Willkommen zurück" and len(main.snapshot.rows) == 3
+    while main.snapshot.stage != m.FINISHED:
+        run_trial(windows)
+        QTest.qWait(600)
+    rows = read_table(Path(main.opened.folder) / "trials.csv")
+    assert [row.status for row in rows[:2]] == ["excluded", "redone"] and (first.run, second.run) == (1, 2)
+    assert len(rows) == 5 and all(row.status in ("done", "timeout") for row in rows[2:])
+
+    main.show_page(ANALYSE)
+    page = main.page(ANALYSE)
+    wait_until(lambda: page.results is not None and page.rows)
+    page.export(report=True)
+    wait_until(lambda: list(setup.data_dir.rglob("*.pdf")))
+    windows.close()
+    assert verify(setup.data_dir)["faults"] == []
