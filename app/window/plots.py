@@ -250,7 +250,7 @@ class Traces(QWidget):
         super().__init__(parent)
         self.error = Trace("Path error", "mm", [theme.TRACE], 10.0, 1)
         self.force = Trace("Hand force", "N", [theme.GOOD], 10.0, 1)
-        self.currents = Trace("Brake currents", "A", [theme.JOINT[joint] for joint in JOINTS], 1.0, 2, JOINTS)
+        self.currents = Trace("Currents", "A", [theme.JOINT[joint] for joint in JOINTS], 1.0, 2, JOINTS)
         self.speed = Trace("Tip speed", "m/s", [theme.TEXT], 0.2, 2)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)

@@ -151,19 +151,19 @@ SIDES = {
 }
 HEIGHT_PX = 15.0  # of a label
 JOINT_AWAY_PX, FORCE_AWAY_PX = JOINT_PX + 7.0, 9.0  # from the middle of the ring, from the arrow's head
-STEP_PX, SPARE_PX = 3.0, 1.5  # between the points that stand for what is drawn; around a label
+SPARE_PX = 1.5  # around a label
+ALONG = np.linspace(0.0, 1.0, 150)[:, None]  # shares of a line at which it is looked whether a label lies on it
+OVER = np.stack(np.meshgrid(np.linspace(0.0, 1.0, 12), (0.0, 0.5, 1.0)), axis=-1).reshape(-1, 2)  # and of a box
 
 
 def points_along(one: QPointF, other: QPointF) -> np.ndarray:
     """Points (n, 2), px, along a straight line."""
-    count = 2 + int(math.dist(one.toTuple(), other.toTuple()) / STEP_PX)
-    return np.linspace(one.toTuple(), other.toTuple(), count)
+    return one.toTuple() + ALONG * (other - one).toTuple()
 
 
 def points_in(box: QRectF) -> np.ndarray:
     """Points (n, 2), px, all over a box."""
-    across, down = (np.linspace(0.0, size, 2 + int(size / STEP_PX)) for size in (box.width(), box.height()))
-    return np.stack(np.meshgrid(box.x() + across, box.y() + down), axis=-1).reshape(-1, 2)
+    return (box.x(), box.y()) + OVER * (box.width(), box.height())
 
 
 def box_at(mark: QPointF, side: Side, away: float, width: float) -> QRectF:
