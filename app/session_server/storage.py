@@ -119,7 +119,7 @@ class Storage:
                 said += " It comes again: start it, or skip it." if row.block else " It comes again: start it."
             if row.recording.endswith(STREAM_SUFFIX):
                 said += f" The disk did not take the Parquet file of {run.name.lower()}: its stream is whole."
-            self.progress.trial_ended()
+            self.progress.trial_ended(row)
             self.changed(said.strip())
         except (InputError, OSError) as error:
             run.let_go()

@@ -127,10 +127,10 @@ def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(
     row = replace(result(PLAN[0], status), block=block)
     storage = Storage(tmp_path, SimpleNamespace(run=None), lambda text, bad=False: heard.append(text))
     storage.progress = SimpleNamespace(
-        session=None, trial_ended=lambda: None, look_ahead=lambda: None, without_valid_trial=lambda: ""
+        session=None, trial_ended=lambda row: None, look_ahead=lambda: None, without_valid_trial=lambda: ""
     )
     trial = SimpleNamespace(outcome=lambda: {"reason": "the participant asked"})
-    storage.keep(SimpleNamespace(name="Run 18", trial=trial, keep=lambda session: row))
+    storage.keep(SimpleNamespace(name="Run 18", trial=trial, keep=lambda session: row, again="never"))
     assert heard == [said]
 
 
