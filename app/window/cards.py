@@ -206,7 +206,7 @@ UNBLIND = ("Open the key?", "The controllers become visible here and in the tabl
 RESTED = "Go on when the participant is ready."
 CLOSE = (
     "A trial is being recorded",
-    "Close the window? The trial ends, brakes off; what was recorded is kept. It comes again when you resume.",
+    "Close the window? The trial ends, brakes off; its recording is kept, and the trial is repeated when you resume.",
 )
 
 
