@@ -246,6 +246,12 @@ class Cards:
         self._question, self._kind = question, kind
         question.appear()
 
+    def tell(self, title: str, text: str) -> None:
+        """Something that has to be read."""
+        self.leave()
+        self._question = Notice(title, text, [("Close  Enter", self.leave)], self._parent)
+        self._question.appear()
+
     def show_keys(self, keys: Mapping[str, Key]) -> None:
         """All keys of the windows."""
         self.leave()
