@@ -307,7 +307,7 @@ class Snapshot(NamedTuple):
     card: Card | None = None  # what is to be done before the next trial
     sandbox: SandboxState | None = None  # None: Try is not open
     seconds_left: float | None = None  # of the whole session, estimated from the trials so far
-    ended_here: int = 0  # trials that have ended since the session was opened
+    newest: "TrialRow | None" = None  # of the trials that ended since the session was opened, practice included
 
     @property
     def why_not(self) -> str:

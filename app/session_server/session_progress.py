@@ -49,7 +49,7 @@ class SessionProgress:
         self.rested_at = -1  # trials that were settled when the last break ended
         self.notes: list[str] = []
         self._rest_from_s = time.monotonic()  # when the last trial ended
-        self.ended_here = 0  # trials, since it was taken up
+        self.newest: TrialRow | None = None  # of the trials that ended since it was taken up
         self._answered: set[Asked] = set()
         self._lengths: list[float] = []  # s, from the end of one trial to the end of the next
         for event, at, about in read_events(session.folder):
@@ -136,10 +136,10 @@ class SessionProgress:
         rest_s = session.protocol.breaks.least_s if session.protocol.breaks else 0.0
         return statistics.median(self._lengths) * len(waiting) + breaks * rest_s
 
-    def trial_ended(self) -> None:
+    def trial_ended(self, row: TrialRow) -> None:
         """Count the time since the one before."""
         now = time.monotonic()
-        self.ended_here += 1
+        self.newest = row
         if self.last_end_s is not None:
             self._lengths.append(now - self.last_end_s)
         self.last_end_s = self._rest_from_s = now

@@ -120,7 +120,7 @@ class State:
             sandbox=self.sandbox.state,
             card=due[1] if due and stage == due[0].name else None,
             seconds_left=progress.seconds_left() if progress else None,
-            ended_here=progress.ended_here if progress else 0,
+            newest=progress.newest if progress else None,
         )
 
     def pulse(self) -> m.Pulse:

@@ -116,10 +116,10 @@ class Storage:
                     self.progress.session.redo(row.run, reason, at_end=run.again == "end")
                     said += " It is repeated next." if run.again == "now" else " It is repeated at the end."
             if row.status == "stopped":
-                said += " It comes again: start it, or skip it." if row.block else " It comes again: start it."
+                said += " It is repeated next; it can be skipped." if row.block else " It is repeated next."
             if row.recording.endswith(STREAM_SUFFIX):
                 said += f" The disk did not take the Parquet file of {run.name.lower()}: its stream is whole."
-            self.progress.trial_ended()
+            self.progress.trial_ended(row)
             self.changed(said.strip())
         except (InputError, OSError) as error:
             run.let_go()
@@ -133,7 +133,7 @@ class Storage:
             run.rescue(self.progress.session)
             self.write(LOOP_LOST, run=run.planned.run, reason=why)
             self.progress.last_end_s = None
-            self.changed(f"{said} {run.name} is recovered and its trial comes again.", bad=True)
+            self.changed(f"{said} {run.name} is recovered and its trial is repeated next.", bad=True)
         except (InputError, OSError) as error:
             self.fail(f"{why}; {run.name.lower()} is not complete", error)
 
@@ -162,7 +162,7 @@ class Storage:
                 runs = ", ".join(f"run {row.run} is {row.status}" for row in new)
                 said = f"The disk has taken everything now{': ' if runs else ''}{runs}."
                 if any(row.status not in SETTLED for row in new):
-                    said += " What was cut off comes again."
+                    said += " What was cut off is repeated."
                 self.changed(" ".join([said, *(f"It cannot be rescued: {one}." for one in left)]), bad=bool(left))
         except (InputError, OSError) as error:
             self.fail(self._failed or "Streams are still to be converted", error)

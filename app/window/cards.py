@@ -186,7 +186,7 @@ UNBLIND = ("Open the key?", "The controllers become visible here and in the tabl
 RESTED = "Go on when the participant is ready."
 CLOSE = (
     "A trial is being recorded",
-    "Close the window? The trial ends, brakes off; what was recorded is kept. It comes again when you resume.",
+    "Close the window? The trial ends, brakes off; its recording is kept, and the trial is repeated when you resume.",
 )
 
 
@@ -225,6 +225,12 @@ class Cards:
         question.left.connect(self.leave)
         self._question, self._kind = question, kind
         question.appear()
+
+    def tell(self, title: str, text: str) -> None:
+        """Something that has to be read."""
+        self.leave()
+        self._question = Card(title, text, [("Close  Enter", self.leave)], self._parent)
+        self._question.appear()
 
     def show_keys(self, keys: Mapping[str, Key]) -> None:
         """All keys of the windows."""

@@ -3,6 +3,7 @@ of the trial that has just ended."""
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, Signal
@@ -23,9 +24,14 @@ from app.window.questionnaire import Questionnaire
 from app.window.session_panel import SessionPanel, can_be_redone
 from app.window.trial_card import TrialCard
 from app.window.words import describe, feedback, hand_is_mouse, place
+from app.window.work import Work
 from core import tick_log
+from core.files import InputError
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
+
+if TYPE_CHECKING:
+    from experiments.session.playback import Playback
 
 #: px: the right column takes this share of the page, within these bounds; below this height one curve less is shown
 RIGHT_SHARE, RIGHT_LEAST, RIGHT_MOST, LOW_PX = 0.29, 290, 440, 560
@@ -49,6 +55,8 @@ class RunPage(Page):
         self._waiting: list[np.ndarray] = []  # ticks that the panels have not had yet
         self._ticks: list[np.ndarray] = []  # of the running trial, for its card
         self._judged: set[int] = set()  # runs whose card was answered
+        self._looked_at: int | None = None  # the run whose cell of the plan was clicked
+        self._reading = Work()  # its recording
         self._worded_s = -np.inf  # time of the tick whose numbers are read now
         self._lay_out()
         self.cards = Cards(self.centre)
@@ -95,6 +103,7 @@ class RunPage(Page):
             (self.centre.left, self.left),
         ):
             signal.connect(do)
+        self._reading.done.connect(self._show_read)
 
     def keys(self) -> dict[str, Callable[[], object]]:
         return {
@@ -110,8 +119,9 @@ class RunPage(Page):
             return
         if self.card_shown and not self.card.ready:
             return
+        earlier = self._looked_at is not None
         self._keep()
-        if self.panel.start.isEnabled():
+        if self.panel.start.isEnabled() and not earlier:
             self.send(m.Start())
             self.centre.setFocus()
 
@@ -152,16 +162,31 @@ class RunPage(Page):
 
     def _keep(self) -> None:
         if self.card_shown and self.card.row is not None:
-            self._judged.add(self.card.row.run)
+            if self._looked_at is None:
+                self._judged.add(self.card.row.run)
+            self._looked_at = None
             self._refresh()
 
     def _exclude(self, reason: str) -> None:
         if self.card.row is not None:
             self.send(m.Exclude(self.card.row.run, reason))
+            self._looked_at = None
 
     def _show_cell(self, row: TrialRow) -> None:
-        if self.opened is not None:
-            self.page_asked.emit(ANALYSE, Path(self.opened.folder) / row.recording)
+        """The card of an earlier trial, once its recording is read."""
+        from experiments.session.playback import read_playback  # takes a second, which the start of the app has not
+
+        if self.opened is not None and self.snapshot.running is None:
+            self._looked_at = row.run
+            self._reading.ask(read_playback, Path(self.opened.folder) / row.recording)
+
+    def _show_read(self, trial: "Playback | InputError") -> None:
+        if isinstance(trial, InputError):
+            self._looked_at = None
+            self.cards.tell("The recording cannot be read", str(trial))
+            return
+        self._ticks = [trial.ticks]
+        self._refresh()
 
     @property
     def card_shown(self) -> bool:
@@ -202,7 +227,7 @@ class RunPage(Page):
         if now is None and coming is not None and other_device:
             now, begins = coming, True
         if begins and now is not None:
-            self._shown = now
+            self._shown, self._looked_at = now, None
             self._waiting.clear()
             self._ticks.clear()
             device = next(device for device in opened.devices if device.name == now.configuration)
@@ -264,18 +289,18 @@ class RunPage(Page):
         self.cards.show_session(opened, snapshot, self)
 
     def _show_card(self) -> None:
-        """The card of the newest trial until it is kept, repeated or excluded; else the live curves."""
+        """The card of the trial that was clicked, or of the newest until it is judged; else the live curves."""
         snapshot, opened = self.snapshot, self.opened
         assert opened is not None
         rows = [row for row in snapshot.rows if row.block > 0]
-        newest = rows[-1] if rows else None
-        wanted = (
-            snapshot.running is None and newest is not None and newest.run not in self._judged
-            and newest.status in ("done", "timeout", "aborted")
-        )  # fmt: skip
-        if wanted and newest is not None and (newest != self.card.row or not self.card_shown):
+        looked_at = next((row for row in rows if row.run == self._looked_at), None)
+        row = looked_at or (rows[-1] if rows else None)
+        judged = row is None or row.run in self._judged or row.status not in ("done", "timeout", "aborted")
+        wanted = snapshot.running is None and (looked_at is not None or not judged)
+        if wanted and row is not None and (row != self.card.row or not self.card_shown):
             ticks = np.concatenate(self._ticks) if self._ticks else None
-            self.card.show_row(newest, rows, ticks, opened, snapshot)
+            self.card.show_row(row, rows, ticks, opened, snapshot)
+            self.card.keep.setText("Keep and go on" if looked_at is None else "Close")
         self._right.setCurrentIndex(1 if wanted else 0)
 
     # what a question's card asks for

@@ -71,10 +71,10 @@ def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = Fal
     if snapshot.brakes_off:
         return Shown(language["stopped"], language["stopped_how"])
     blocked = bool(snapshot.why_not)
-    if not snapshot.ended_here:
+    row = snapshot.newest
+    if row is None:
         small = "stopped_how" if blocked else "first_space" if own_start else "start_soon"
         return Shown(language["welcome_back" if snapshot.rows else "welcome"], language[small])
-    row = snapshot.rows[-1]
     parts = given_back(row, opened)
     if not blocked:
         parts.append(language["next_space" if own_start else "next_soon"])
@@ -90,7 +90,7 @@ def with_keys(shown: Shown, snapshot: m.Snapshot, language: Language) -> Shown:
 
 def feedback(snapshot: m.Snapshot, opened: m.Opened | None) -> str:
     """What the protocol gives back of the newest trial, where something else is shown after it; "": nothing."""
-    return " · ".join(given_back(snapshot.rows[-1], opened)) if snapshot.rows and snapshot.ended_here else ""
+    return " · ".join(given_back(snapshot.newest, opened)) if snapshot.newest is not None else ""
 
 
 def given_back(trial: TrialRow, opened: m.Opened | None) -> list[str]:

@@ -23,6 +23,7 @@ from fake_client import (
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
+from sessions import session_of
 
 from app.ipc import messages as m
 from app.window import words
@@ -365,3 +366,22 @@ def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:
     frames(rows[160:1120])
     gc.collect()
     assert abs(sys.getrefcount(None) - before) < 60  # less than one a frame
+
+
+def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(
+    qtbot, screens: Screens, tmp_path
+) -> None:
+    with session_of(tmp_path, 2) as session:
+        rows, folder = tuple(session.rows), str(session.folder)
+    screens.hear(opened(folder=folder), ready(2, rows=rows))
+    screens.run.panel.grid.clicked.emit(rows[0])
+    qtbot.waitUntil(lambda: screens.run.card_shown, timeout=20_000)
+    assert screens.run.card.row == rows[0] and screens.run.card.trace.isVisible()
+    screens.run.card.reason.setCurrentIndex(2)
+    screens.run.card.exclude()
+    assert screens.client.sent[-1] == m.Exclude(rows[0].run, screens.run.card.reason.currentText())
+    screens.run.panel.grid.clicked.emit(rows[1])
+    qtbot.waitUntil(lambda: screens.run.card_shown and screens.run.card.row == rows[1], timeout=20_000)
+    qtbot.waitUntil(lambda: screens.run.card.ready)
+    assert screens.press(KEY.Key_Space) == [] and not screens.run.card_shown
+    assert screens.press(KEY.Key_Space) == [m.Start()]

@@ -115,8 +115,8 @@ def test_the_order_of_controllers_is_told_by_their_names() -> None:
     ("status", "block", "said"),
     [
         ("aborted", 1, "Run 18 was aborted: the participant asked."),
-        ("stopped", 1, "Run 18: the participant asked. It comes again: start it, or skip it."),
-        ("stopped", 0, "Run 18: the participant asked. It comes again: start it."),  # practice cannot be skipped
+        ("stopped", 1, "Run 18: the participant asked. It is repeated next; it can be skipped."),
+        ("stopped", 0, "Run 18: the participant asked. It is repeated next."),  # practice cannot be skipped
     ],
 )
 def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(
@@ -127,10 +127,10 @@ def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(
     row = replace(result(PLAN[0], status), block=block)
     storage = Storage(tmp_path, SimpleNamespace(run=None), lambda text, bad=False: heard.append(text))
     storage.progress = SimpleNamespace(
-        session=None, trial_ended=lambda: None, look_ahead=lambda: None, without_valid_trial=lambda: ""
+        session=None, trial_ended=lambda row: None, look_ahead=lambda: None, without_valid_trial=lambda: ""
     )
     trial = SimpleNamespace(outcome=lambda: {"reason": "the participant asked"})
-    storage.keep(SimpleNamespace(name="Run 18", trial=trial, keep=lambda session: row))
+    storage.keep(SimpleNamespace(name="Run 18", trial=trial, keep=lambda session: row, again="never"))
     assert heard == [said]
 
 

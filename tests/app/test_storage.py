@@ -201,7 +201,7 @@ def test_a_table_changed_by_hand_is_set_aside_and_made_again(storage, session):
 def test_what_nobody_decided_to_end_comes_again_and_what_somebody_did_does_not(storage, session, said):
     storage.keep(Ended(session, ticks=200))
     (row,) = session.rows
-    assert row.status == "stopped" and "the lamp fell down" in said[-1][0] and "comes again" in said[-1][0]
+    assert row.status == "stopped" and "the lamp fell down" in said[-1][0] and "is repeated next" in said[-1][0]
     assert read_recording(session.folder / row.recording).outcome["status"] == "stopped"
     again = storage.progress.coming
     assert cell(again) == cell(row) and again.run != row.run

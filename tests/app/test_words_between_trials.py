@@ -22,21 +22,28 @@ def screens(qtbot):
 @pytest.mark.parametrize("status", STATUSES)
 def test_after_a_trial_of_any_status_there_is_a_large_line(status: str) -> None:
     row = result(PLAN[0], status)
-    large = words.between(ready(1, rows=(row,), ended_here=1), opened()).large
+    large = words.between(ready(1, rows=(row,)), opened()).large
     assert large and (large == ENGLISH_WORDS["done"]) == (status == "done")
 
 
 def test_a_session_that_was_resumed_is_welcomed_back_and_not_praised() -> None:
     assert words.between(ready(0), opened()).large == ENGLISH_WORDS["welcome"]
-    assert words.between(ready(5, ended_here=0), opened()).large == ENGLISH_WORDS["welcome_back"]
-    assert words.between(ready(6, ended_here=1), opened()).large == ENGLISH_WORDS["done"]
+    assert words.between(ready(5, newest=None), opened()).large == ENGLISH_WORDS["welcome_back"]
+    assert words.between(ready(6), opened()).large == ENGLISH_WORDS["done"]
+
+
+@pytest.mark.parametrize(("status", "large"), [("done", "done"), ("stopped", "stopped"), ("timeout", "timeout")])
+def test_after_practice_there_is_how_it_ended_and_no_second_welcome(screens: Screens, status: str, large: str) -> None:
+    practised = result(PLAN[0]._replace(block=0), status)
+    screens.hear(opened(), running(0, running=PLAN[0]._replace(block=0)), ready(0, newest=practised))
+    assert screens.run.centre.large.text() == ENGLISH_WORDS[large] and not screens.run.card_shown
 
 
 def test_the_participant_reads_the_language_of_the_protocol(screens: Screens) -> None:
     german = read_language((FOLDER / "de.toml").read_text(encoding="utf-8"), "de")
-    screens.hear(opened(language=german), ready(1, ended_here=1))
+    screens.hear(opened(language=german), ready(1))
     assert screens.participant.view.shown.large == screens.run.centre.large.text() == "Gut gemacht"
-    screens.hear(ready(1, stage=m.QUESTIONS, ended_here=1))
+    screens.hear(ready(1, stage=m.QUESTIONS))
     assert german["effort"] in [label.text() for label in screens.participant.questions.findChildren(QLabel)]
 
 
@@ -48,23 +55,23 @@ def test_the_participant_reads_the_language_of_the_protocol(screens: Screens) ->
     ],
 )  # fmt: skip
 def test_feedback_and_cue_are_said_whatever_comes_after_the_trial(screens: Screens, following: dict) -> None:
-    screens.hear(GIVEN, running(2), ready(3, **{"ended_here": 1, **following}))
+    screens.hear(GIVEN, running(2), ready(3, **following))
     for said in (screens.participant.view.shown.small, screens.run.centre.small.text()):
         assert ERROR in said and CUE in said
-    screens.hear(opened(), ready(3, **{"ended_here": 1, **following}))
+    screens.hear(opened(), ready(3, **following))
     assert ERROR not in screens.participant.view.shown.small
 
 
 def test_feedback_is_on_the_page_of_questions_that_covers_everything_else(screens: Screens) -> None:
-    console = screens.hear(GIVEN, running(2), ready(3, stage=m.QUESTIONS, ended_here=1))
+    console = screens.hear(GIVEN, running(2), ready(3, stage=m.QUESTIONS))
     for page in (screens.run.questions, screens.participant.questions):
         assert any(ERROR in label.text() for label in page.findChildren(QLabel))
     settle(console)
     assert any(ERROR in text for text in visible_texts(console)) and cut_texts(screens.run.questions) == []
-    screens.hear(opened(), ready(3, stage=m.QUESTIONS, ended_here=1))
+    screens.hear(opened(), ready(3, stage=m.QUESTIONS))
     assert not any(ERROR in text for text in visible_texts(console))
 
 
 def test_who_has_the_space_bar_is_told_of_it_beside_the_feedback(screens: Screens) -> None:
-    said = words.between(ready(3, ended_here=1), GIVEN, own_start=True).small
+    said = words.between(ready(3), GIVEN, own_start=True).small
     assert ERROR in said and CUE in said and ENGLISH_WORDS["next_space"] in said

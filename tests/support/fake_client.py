@@ -107,8 +107,9 @@ def ready(over: int = 0, **changes) -> m.Snapshot:
     rows = tuple(result(trial, error=0.001 + 0.0001 * trial.run) for trial in PLAN[:over])
     coming = PLAN[over] if over < len(PLAN) else None
     left = 15.0 * (len(PLAN) - over) if over else None
-    snapshot = m.Snapshot(m.READY, rows, coming, None, tip=TIP, checks=GREEN, seconds_left=left, ended_here=over)
-    return snapshot._replace(card=CARDS.get(changes.get("stage")))._replace(**changes)
+    snapshot = m.Snapshot(m.READY, rows, coming, None, tip=TIP, checks=GREEN, seconds_left=left)
+    newest = changes.get("rows", rows)[-1] if changes.get("rows", rows) else None
+    return snapshot._replace(card=CARDS.get(changes.get("stage")), newest=newest)._replace(**changes)
 
 
 def running(over: int = 0, **changes) -> m.Snapshot:

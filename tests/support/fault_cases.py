@@ -80,7 +80,7 @@ class Place(NamedTuple):
 def lost(name: str = "") -> str:
     """What `State` says when the loop is gone."""
     said = with_advice("", cause("loop-died"))
-    return f"{said} {name} is recovered and its trial comes again." if name else said
+    return f"{said} {name} is recovered and its trial is repeated next." if name else said
 
 
 SETTLED_TICKS = 700  # the handle has come to rest where the hand holds it
