@@ -150,7 +150,7 @@ class LinkageView(Plane):
         if self.device.assumed:
             painter.setFont(font(theme.SMALL))
             painter.setPen(pen(theme.CAUTION, 1.0, 0.9))
-            painter.drawText(QRectF(0.0, self.height() - 24.0, self.width() - 16.0, 20.0), RIGHT, "parameters assumed")
+            painter.drawText(QRectF(0.0, 36.0, self.width() - 16.0, 20.0), RIGHT, "parameters assumed")
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if self.instant is None:
