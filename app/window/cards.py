@@ -9,7 +9,6 @@ from PySide6.QtWidgets import (
     QButtonGroup,
     QFrame,
     QGridLayout,
-    QHBoxLayout,
     QLineEdit,
     QPushButton,
     QVBoxLayout,
@@ -20,6 +19,7 @@ from app.ipc import messages as m
 from app.window.keys import Key
 from app.window.painting import theme
 from app.window.painting.labels import KeyButton, breakable, line, word
+from app.window.painting.parts import button, row
 from app.window.plan_grid import newest_rows
 from app.window.words import clock
 from experiments.analysis.trials_table import COUNTED
@@ -34,27 +34,37 @@ SKIP_REASONS = ("the participant asked", "short of time", "something is wrong wi
 
 
 class Card(QFrame):
-    """Title, text and, below them, whatever a subclass adds; it stays in the middle of its parent."""
+    """Title, text and buttons in the middle of its parent; whatever a subclass adds stands between them.
 
-    def __init__(self, title: str, text: str, parent: QWidget) -> None:
+    buttons: words -> what it does; Enter presses the first.
+    """
+
+    wide = WIDTH_PX  # where there is room
+
+    def __init__(self, title: str, text: str, buttons: Sequence[tuple[str, Callable[[], None]]], parent: QWidget):
         super().__init__(parent, objectName="card")
-        self.wide = WIDTH_PX  # where there is room
         self.title, self.text = line(title, size=theme.HEAD, bold=True), line(breakable(text), "quiet")
         self.text.setVisible(bool(text))
-        self.inside = QVBoxLayout(self)
-        self.inside.setContentsMargins(20, 16, 20, 18)
+        self.inside = QVBoxLayout()
         self.inside.setSpacing(8)
         self.inside.addWidget(self.title)
         self.inside.addWidget(self.text)
+        self.buttons = [self._button(words, do, main=at == 0) for at, (words, do) in enumerate(buttons)]
+        foot = QVBoxLayout() if len(self.buttons) > 2 else row(1, *reversed(self.buttons))
+        for made in self.buttons if len(self.buttons) > 2 else ():  # no room for them side by side
+            foot.addWidget(made)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(20, 16, 20, 18)
+        layout.setSpacing(12)
+        layout.addLayout(self.inside)
+        layout.addLayout(foot)
         parent.installEventFilter(self)
 
-    def button(self, text: str, do: Callable[[], None], main: bool = False) -> QPushButton:
-        """One more button at the bottom of the card."""
-        made = QPushButton(text, objectName="main" if main else "")
+    def _button(self, text: str, do: Callable[[], None], main: bool) -> QPushButton:
+        made = button(text, do, "main" if main else "")
         made.setFont(theme.font(theme.NORMAL, bold=main))
         made.setMinimumHeight(34)
         made.setAutoDefault(True)
-        made.clicked.connect(lambda: do())
         return made
 
     def appear(self, focused: bool = True) -> None:
@@ -66,7 +76,14 @@ class Card(QFrame):
             self.take_focus()
 
     def take_focus(self) -> None:
-        """The keyboard is its own."""
+        """The keyboard goes to the card."""
+        if self.buttons:
+            self.buttons[0].setFocus()
+
+    def enter(self) -> None:
+        """Enter was pressed beside the card: as on it."""
+        if self.buttons:
+            self.buttons[0].click()
 
     def place(self) -> None:
         """Into the middle of the parent."""
@@ -79,9 +96,6 @@ class Card(QFrame):
     def key(self, key: str, do: Callable[[], None]) -> None:
         """Let a key act while the card is there."""
         QShortcut(QKeySequence(key), self, do).setAutoRepeat(False)
-
-    def enter(self) -> None:
-        """Enter was pressed beside the card: as on it."""
 
     def focusNextPrevChild(self, forwards: bool) -> bool:
         """Tab goes round on the card, so that Enter always means what its buttons say."""
@@ -125,8 +139,10 @@ class Question(Card):
         choices: Mapping[str, str] | None = None,
     ) -> None:
         """do: the words of the button; choices: of these one is chosen besides, the first unless another is clicked."""
-        super().__init__(title, text, parent)
-        self.reasons = tuple(reasons)
+        super().__init__(
+            title, text, ((f"{do}  Enter", lambda: self._answer()), ("Cancel  Esc", lambda: self.left.emit())), parent
+        )
+        self.confirm, self.cancel = self.buttons
         self.choices = QButtonGroup(self)
         for name, words in (choices or {}).items():
             choice = QPushButton(words, objectName="choice", checkable=True)
@@ -135,28 +151,19 @@ class Question(Card):
             choice.setFocusPolicy(Qt.FocusPolicy.NoFocus)
             self.choices.addButton(choice)
             self.inside.addWidget(choice)
-        for number, reason in enumerate(self.reasons, start=1):
-            button = KeyButton(reason[0].upper() + reason[1:], f"Alt+{number}")
-            button.clicked.connect(lambda _=False, chosen=reason: self.answered.emit(chosen))
-            self.key(f"Alt+{number}", button.click)
-            self.inside.addWidget(button)
+        for number, reason in enumerate(reasons, start=1):
+            made = KeyButton(reason[0].upper() + reason[1:], f"Alt+{number}")
+            made.clicked.connect(lambda _=False, chosen=reason: self.answered.emit(chosen))
+            self.key(f"Alt+{number}", made.click)
+            self.inside.addWidget(made)
         self.own = QLineEdit()
         self.own.setPlaceholderText("Another reason")
         self.own.setAccessibleName("Another reason")
         self.own.setMaxLength(200)
         self.own.textChanged.connect(lambda text: self.confirm.setEnabled(bool(text.strip())))
         self.own.returnPressed.connect(self._answer)
-        self.confirm = self.button(f"{do}  Enter", self._answer, main=True)
         self.confirm.setEnabled(False)
-        self.cancel = self.button("Cancel  Esc", self.left.emit)
-        row = QHBoxLayout()
-        row.setSpacing(8)
-        row.addWidget(self.cancel)
-        row.addStretch(1)
-        row.addWidget(self.confirm)
         self.inside.addWidget(self.own)
-        self.inside.addSpacing(4)
-        self.inside.addLayout(row)
 
     def take_focus(self) -> None:
         self.own.setFocus()
@@ -172,33 +179,6 @@ class Question(Card):
     def _answer(self) -> None:
         if reason := self.own.text().strip():
             self.answered.emit(reason)
-
-
-class Notice(Card):
-    """What has to be done or is over, with buttons; the first is the one that Enter presses."""
-
-    def __init__(self, title: str, text: str, buttons: Sequence[tuple[str, Callable[[], None]]], parent: QWidget):
-        super().__init__(title, text, parent)
-        self.buttons = [self.button(says, do, main=i == 0) for i, (says, do) in enumerate(buttons)]
-        self.inside.addSpacing(4)
-        if len(self.buttons) > 2:  # no room for them side by side
-            for made in self.buttons:
-                self.inside.addWidget(made)
-            return
-        row = QHBoxLayout()
-        row.setSpacing(8)
-        row.addStretch(1)
-        for made in reversed(self.buttons):
-            row.addWidget(made)
-        self.inside.addLayout(row)
-
-    def take_focus(self) -> None:
-        if self.buttons:
-            self.buttons[0].setFocus()
-
-    def enter(self) -> None:
-        if self.buttons:
-            self.buttons[0].click()
 
 
 ABORT = ("Abort this trial?", "It goes on until you answer. Its recording is kept and marked as aborted.")
@@ -249,13 +229,13 @@ class Cards:
     def tell(self, title: str, text: str) -> None:
         """Something that has to be read."""
         self.leave()
-        self._question = Notice(title, text, [("Close  Enter", self.leave)], self._parent)
+        self._question = Card(title, text, [("Close  Enter", self.leave)], self._parent)
         self._question.appear()
 
     def show_keys(self, keys: Mapping[str, Key]) -> None:
         """All keys of the windows."""
         self.leave()
-        card = Notice("Keys", "", [("Close  Enter", self.leave)], self._parent)
+        card = Card("Keys", "", [("Close  Enter", self.leave)], self._parent)
         card.wide = 2 * WIDTH_PX
         grid = QGridLayout()
         grid.setHorizontalSpacing(14)
@@ -264,7 +244,7 @@ class Cards:
             column, row = divmod(place, half)
             grid.addWidget(word(" or ".join(key.keys), bold=True), row, 2 * column)
             grid.addWidget(word(key.does, "quiet"), row, 2 * column + 1)
-        card.inside.insertLayout(2, grid)
+        card.inside.addLayout(grid)
         self._question = card
         card.appear()
 
@@ -273,7 +253,7 @@ class Cards:
         self.leave()
         self._kind = "abort"
         answers = [("Go on  Enter", self.leave), ("Abort and close  Alt+C", close)]
-        self._question = Notice(*CLOSE, answers, self._parent)
+        self._question = Card(*CLOSE, answers, self._parent)
         self._question.key("Alt+C", close)
         self._question.appear()
 
@@ -317,10 +297,8 @@ class Cards:
         """The space bar: the notice's first button. Whether there is a card that stands in the way of a start."""
         if self._question is not None:
             return True
-        if isinstance(self._notice, Notice):
-            if self._notice.buttons and self._notice.buttons[0].isEnabled():
-                self._notice.buttons[0].click()
-            return True
+        if self._notice is not None:
+            self._notice.enter()
         return self._notice is not None
 
     # notices
@@ -352,7 +330,7 @@ class Cards:
             buttons = [(f"{card.go_on}  Enter", do.confirm)] if card.go_on else []
             if card.device_page:
                 buttons.append(("Device page  F3", do.device))
-            return Notice(card.title, card.text, buttons, self._parent)
+            return Card(card.title, card.text, buttons, self._parent)
         kept = sum(bool(row.recording) for row in snapshot.rows)
         text = f"{kept} runs are recorded and verified in {opened.folder}."
         lacking = sum(row.status not in COUNTED for row in newest_rows(opened.plan, snapshot.rows).values())
@@ -362,11 +340,11 @@ class Cards:
         if snapshot.blind:
             buttons.append(("Open the key …", lambda: self.ask("unblind", *UNBLIND, (), "Open", do.unblind)))
         buttons.append(("Next participant", do.leave))
-        return Notice("The plan is done", text, buttons, self._parent)
+        return Card("The plan is done", text, buttons, self._parent)
 
     def show_time(self, now_s: float) -> None:
         """The countdown of a break."""
-        if self._over_s is None or not isinstance(self._notice, Notice):
+        if self._over_s is None or self._notice is None:
             return
         left = self._over_s - now_s
         button = self._notice.buttons[0]

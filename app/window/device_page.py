@@ -8,7 +8,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QGridLayout, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
-from app.window.cards import Notice
+from app.window.cards import Card
 from app.window.painting import theme
 from app.window.painting.labels import OneLine, breakable, line, word
 from app.window.painting.parts import button, panel, row
@@ -189,7 +189,7 @@ class DevicePage(QWidget):
         self._snapshot = m.Snapshot(m.PREPARING)
         self._status: m.DeviceStatus | None = None
         self._rates, self._recent = {}, Recent()
-        self.card: Notice | None = None  # the question that is up
+        self.card: Card | None = None  # the question that is up
         self.simulated, self.health = line(SIMULATED, size=theme.TITLE), Checklist()
         self.why, self.quantised = line("", "quiet"), line("", "quiet")
         self.values = {name: OneLine(NOTHING, size=theme.NORMAL) for name in (*BOARD, *SENSORS, *LINK, *CLOCK)}
@@ -310,7 +310,7 @@ class DevicePage(QWidget):
             self.leave()
             self.asked.emit(m.Rig(step))
 
-        self.card = Notice(text.removesuffix(" …"), says, [("Go on  Enter", do), ("Cancel  Esc", self.leave)], self)
+        self.card = Card(text.removesuffix(" …"), says, [("Go on  Enter", do), ("Cancel  Esc", self.leave)], self)
         self.card.appear()
 
     def leave(self) -> bool:

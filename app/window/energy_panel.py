@@ -76,9 +76,7 @@ class EnergyPanel(QFrame):
         self._word()
 
     def add(self, rows: np.ndarray) -> None:
-        """Ticks (n, WIDTH) of the running trial."""
-        if not len(rows):
-            return
+        """Ticks (n, WIDTH), n > 0, of the running trial."""
         self.ledger.add(rows)
         now = float(rows[-1, tick_log.T])
         if not self._worded_s <= now < self._worded_s + WORDS_EVERY_S:

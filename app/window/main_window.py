@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import QUrl, Signal
 from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
 from app import __version__
 from app.ipc import messages as m
@@ -20,6 +20,7 @@ from app.window.keys import KEYS, bind
 from app.window.page import ANALYSE, HOME, RUN, TRY, Page
 from app.window.painting import theme
 from app.window.painting.labels import OneLine, breakable, line, word
+from app.window.painting.parts import row
 from app.window.preflight import Preflight
 from app.window.words import grouped, size
 
@@ -47,16 +48,9 @@ class Footer(QFrame):
         self.lamp, self.origin = word("●", size=theme.SMALL), word("", "quiet", theme.SMALL)
         self.keys = QPushButton("Keys  F1", objectName="small")
         self._path = Path()
-        row = QHBoxLayout(self)
-        row.setContentsMargins(12, 5, 8, 5)
-        row.setSpacing(8)
-        row.addWidget(word("Data", "quiet"))
-        row.addWidget(self.folder)
-        row.addWidget(self.open)
-        row.addWidget(self.lamp)
-        row.addWidget(self.recording, 1)
-        row.addWidget(self.origin)
-        row.addWidget(self.keys)
+        parts = (self.folder, self.open, self.lamp, self.recording, self.origin, self.keys)
+        self.setLayout(row(word("Data", "quiet"), *parts))
+        self.layout().setContentsMargins(12, 5, 8, 5)
         self._light(theme.BRAKE_OFF)
 
     def _light(self, colour: str) -> None:
@@ -127,13 +121,10 @@ class MainWindow(QWidget):
         self.show_page(HOME)
 
     def _lay_out(self) -> None:
-        tabs = QHBoxLayout()
-        tabs.setSpacing(0)
         for tab in self.tabs.values():
             tab.setFont(theme.font(theme.TITLE))
-            tabs.addWidget(tab)
-        head = QHBoxLayout()
-        head.addLayout(tabs)
+        head = row(*self.tabs.values(), spacing=0)
+        head.addSpacing(8)
         head.addWidget(self.preflight, 1)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(theme.GAP, 6, theme.GAP, theme.GAP)

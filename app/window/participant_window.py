@@ -6,15 +6,15 @@ import time
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt, Signal
-from PySide6.QtGui import QCloseEvent, QMouseEvent, QPainter, QRegion, QResizeEvent
+from PySide6.QtGui import QCloseEvent, QMouseEvent, QPainter, QResizeEvent
 from PySide6.QtWidgets import QStackedLayout, QWidget
 
 from app.ipc import messages as m
 from app.window import words
 from app.window.painting import theme
 from app.window.painting.layers import extent_of_linkages, extent_of_paths, joints_at
+from app.window.painting.marks import paint_arms
 from app.window.painting.plane import FROM_AFAR, Plane, Sizes
-from app.window.painting.theme import pen
 from app.window.questionnaire import Instructions, Questionnaire
 from app.window.tone import Tones
 from app.window.words import Shown, hand_is_mouse
@@ -52,7 +52,7 @@ class ParticipantView(Plane):
         """How much of the hold at the start is over."""
         if share != self.held:
             self.held = share
-            self.repaint_moved()
+            self.update()
 
     def show_handle(self, tip, taken: bool = False, force_N: float = 0.0) -> None:
         super().show_handle(tip, taken, force_N)
@@ -78,11 +78,6 @@ class ParticipantView(Plane):
         if self.mouse and self.tip is not None:  # else there is nothing to take hold of
             super().mouseMoveEvent(event)
 
-    def moving(self) -> QRegion:
-        if self._device is not None:
-            return QRegion(self.rect())
-        return super().moving() + self.start_box() if len(self.outline) else super().moving()
-
     def paint_under_path(self, painter: QPainter) -> None:
         height = float(self.height())
         centre = Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignVCenter
@@ -105,14 +100,9 @@ class ParticipantView(Plane):
     def paint_under_handle(self, painter: QPainter) -> None:
         if self.held > 0.0 and len(self.outline):
             self.paint_hold(painter, self.held)
-        if self._device is None or self.tip is None:
-            return
-        at = {joint: self.to_screen(place) for joint, place in joints_at(self._device.mechanism, self.tip).items()}
-        for width, shade in ((12.0, theme.ARM), (3.0, theme.ARM_CORE)):
-            painter.setPen(pen(shade, width))
-            for one, other in ("AE", "ED", "BC", "CD"):
-                if one in at and other in at:
-                    painter.drawLine(at[one], at[other])
+        if self._device is not None and self.tip is not None:
+            joints = joints_at(self._device.mechanism, self.tip)
+            paint_arms(painter, {joint: self.to_screen(place) for joint, place in joints.items()}, 12.0, 3.0)
 
 
 def scaled(sizes: Sizes, share: float) -> Sizes:

@@ -75,20 +75,25 @@ class PlanGrid(QWidget):
 
     def cells(self) -> dict[int, QRectF]:
         """Run of the plan -> its cell (px)."""
-        places, y, per_row, share = {}, 0.0, self._per_row(), self._share()
-        row = share * ROW_PX
-        for blocks in self._groups.values():
+        return self._places()[0]
+
+    def _places(self) -> tuple[dict[int, QRectF], list[tuple[str, QRectF, bool]]]:
+        """Run of the plan -> its cell (px); the words beside the cells: text, place, whether it is a head."""
+        cells, words, y, per_row, share = {}, [], 0.0, self._per_row(), self._share()
+        high = share * ROW_PX
+        for configuration, blocks in self._groups.items():
+            words.append((configuration, QRectF(0.0, y, self.width(), share * HEAD_PX), True))
             y += share * HEAD_PX
-            for trials in blocks.values():
+            for block, trials in blocks.items():
+                words.append((f"block {block}", QRectF(0.0, y, LABEL_PX, high), False))
                 step = (self.width() - LABEL_PX) / min(len(trials), per_row)
-                side = min(step - 3.0, row - 4.0)
-                wide = min(step - 3.0, 1.6 * side)
+                side = min(step - 3.0, high - 4.0)
                 for i, trial in enumerate(trials):
-                    x, down = LABEL_PX + i % per_row * step, i // per_row * row
-                    places[trial.run] = QRectF(x, y + down + 0.5 * (row - side), wide, side)
-                y += self._rows_of(trials) * row
+                    x, down = LABEL_PX + i % per_row * step, i // per_row * high
+                    cells[trial.run] = QRectF(x, y + down + 0.5 * (high - side), min(step - 3.0, 1.6 * side), side)
+                y += self._rows_of(trials) * high
             y += share * SPACE_PX
-        return places
+        return cells, words
 
     # events
 
@@ -120,21 +125,11 @@ class PlanGrid(QWidget):
         painter = QPainter(self)
         painter.fillRect(self.rect(), theme.colour(theme.PANEL))
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        middle = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
-        cells = self.cells()
-        y = 0.0
         painter.setPen(theme.colour(theme.QUIET))
-        share = self._share()
-        head, row = share * HEAD_PX, share * ROW_PX
-        for configuration, blocks in self._groups.items():
-            painter.setFont(theme.font(theme.SMALL, bold=True))
-            painter.drawText(QRectF(0.0, y, self.width(), head), middle, configuration)
-            painter.setFont(theme.font(theme.SMALL))
-            y += head
-            for block, trials in blocks.items():
-                painter.drawText(QRectF(0.0, y, LABEL_PX, row), middle, f"block {block}")
-                y += self._rows_of(trials) * row
-            y += share * SPACE_PX
+        cells, words = self._places()
+        for text, box, head in words:
+            painter.setFont(theme.font(theme.SMALL, bold=head))
+            painter.drawText(box, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, text)
         for run, cell in cells.items():
             self._paint_cell(painter, cell, run)
 

@@ -94,45 +94,96 @@ class Plot(QFrame):
         self.graph.setToolTip(self.read_at(box.mapSceneToView(moved[0])) if inside else "")
 
 
-class Trace(Plot):
-    """One measure, a curve or several, over the time of a trial; all of the trial is kept, the newest seconds shown."""
+class TimePlot(Plot):
+    """A measure over time, one curve or several, drawn as far as it is seen; 0 is at the bottom."""
+
+    padding = 0.04  # of its height
 
     def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
+        """least: the end of the scale, at least. digits: of a value, after the point."""
         super().__init__(title)
-        self._unit, self._digits, self._least, self.end = unit, digits, least, least
+        self.unit, self.least, self.digits, self.end = unit, least, digits, least
+        self.curves = [self.item.plot(pen=pg.mkPen(colour, width=1), connect="finite") for colour in colours]
+        self.item.setMouseEnabled(x=True, y=False)
+        self.item.vb.sigXRangeChanged.connect(lambda *_: self.zoomed())
+
+    def draw(self) -> None:
+        """Draw what is seen of it."""
+        raise NotImplementedError
+
+    def show_all(self) -> None:
+        """Zoom out."""
+        raise NotImplementedError
+
+    def zoomed(self) -> None:
+        """Another part of it is seen."""
+        self.draw()
+
+    def scale_to(self, highest: float) -> None:
+        """Let the scale end at a round number that holds this value."""
+        self.end = range_for(highest, self.least)
+        self.item.setYRange(0.0, self.end, padding=self.padding)
+        self.item.getAxis("left").setTicks([[(0.0, "0"), (self.end, f"{self.end:g}")]])
+
+    def seen(self, t: np.ndarray) -> tuple[slice, float]:
+        """Of rising times (n,) s, those that are seen; the time of a pixel, s."""
+        begin, end = self.item.viewRange()[0]
+        first, last = np.searchsorted(t, (begin, end))
+        return slice(max(int(first) - 1, 0), int(last) + 1), (end - begin) / max(self.graph.width(), 1)
+
+    def draw_curves(self, curves: Sequence[pg.PlotDataItem], t: np.ndarray, values: np.ndarray) -> None:
+        """Times (n,) s and values (curves, n), NaN where there is none: at most two points a pixel."""
+        seen, pixel_s = self.seen(t)
+        times, found = envelope(t[seen], values[:, seen], pixel_s)
+        for curve, series in zip(curves, found, strict=True):
+            curve.setData(times, series)
+
+    def figure(self, value: float) -> str:
+        """A value without its unit."""
+        return f"{value:.{self.digits}f}" if value == value else NOTHING
+
+    def mouseDoubleClickEvent(self, event) -> None:
+        self.show_all()
+        super().mouseDoubleClickEvent(event)
+
+
+class Trace(TimePlot):
+    """A live measure: all of the trial is kept, the newest seconds are shown.
+
+    names: of several curves; each value then stands beside the title with its name, in the curve's colour.
+    """
+
+    def __init__(
+        self, title: str, unit: str, colours: Sequence[str], least: float, digits: int, names: str = ""
+    ) -> None:
+        super().__init__(title, unit, colours, least, digits)
+        self.names, self._colours = names, colours
         self.newest: tuple[float, ...] = ()
         self.hidden = False
         self._t, self._values, self._count = np.empty(8192), np.empty((len(colours), 8192)), 0
         self._following = True
-        self.curves = [self.item.plot(pen=pg.mkPen(colour, width=1), connect="finite") for colour in colours]
         self.item.hideAxis("bottom")
-        self.item.setMouseEnabled(x=True, y=False)
         self.item.vb.sigRangeChangedManually.connect(self._stop_following)
-        self.item.vb.sigXRangeChanged.connect(lambda: None if self._following else self._draw())
         self.graph.setMinimumHeight(28)
         self.clear()
 
     def add(self, t: np.ndarray, values: np.ndarray) -> None:
-        """Ticks of the running trial: times (n,) s, values (series, n) in the unit, NaN where there is none."""
-        if not len(t):
-            return
+        """Ticks of the running trial, n > 0: times (n,) s, values (curves, n) in the unit, NaN where there is none."""
         end = self._count + len(t)
-        if end > len(self._t):
-            self._t = np.concatenate((self._t, np.empty(max(end, len(self._t)))))
-            self._values = np.hstack((self._values, np.empty((len(self.curves), len(self._t) - self._values.shape[1]))))
+        while end > len(self._t):
+            self._t, self._values = np.tile(self._t, 2), np.tile(self._values, 2)
         self._t[self._count : end], self._values[:, self._count : end] = t, values
         self._count = end
         self.newest = tuple(values[:, -1].tolist())
         if not self.hidden:
             self._rescale(values)
-            self._draw()
+            self.draw()
 
     def clear(self) -> None:
         """A new trial: nothing to show yet."""
-        self._count, self.newest, self.end = 0, (), self._least
-        self._following = True
-        self._scale()
-        self._draw()
+        self._count, self.newest = 0, ()
+        self.scale_to(self.least)
+        self.show_all()
         self.show_newest()
 
     def hide_values(self, hidden: bool) -> None:
@@ -142,14 +193,20 @@ class Trace(Plot):
             curve.setVisible(not hidden)
         if not hidden:
             self._rescale(self._values[:, : self._count])
-        self._draw()
+        self.draw()
         self.show_newest()
 
     def show_newest(self) -> None:
-        """The value beside the title."""
-        known = self.newest and not self.hidden and self.newest[0] == self.newest[0]
-        figure = f"{self.newest[0]:.{self._digits}f}" if known else NOTHING
-        self.figures.show_parts((figure, theme.TEXT), (self._unit, theme.QUIET))
+        """The newest value beside the title, or each with its name."""
+        values = self.newest if self.newest and not self.hidden else (math.nan,) * len(self.curves)
+        if not self.names:
+            self.figures.show_parts((self.figure(values[0]), theme.TEXT), (self.unit, theme.QUIET))
+            return
+        named = [
+            (f"{name} {self.figure(value)}", colour)
+            for name, value, colour in zip(JOINTS, values, self._colours, strict=True) if name in self.names
+        ]  # fmt: skip
+        self.figures.show_parts(*named, (self.unit, theme.QUIET))
 
     def read_at(self, place: QPointF) -> str:
         if self.hidden:
@@ -157,53 +214,33 @@ class Trace(Plot):
         k = int(np.searchsorted(self._t[: self._count], place.x()))
         if not 0 < k < self._count:
             return ""
-        return f"{self._t[k]:.3f} s: " + ", ".join(f"{v:.{self._digits}f} {self._unit}" for v in self._values[:, k])
+        values = [f"{self.figure(value)} {self.unit}" for value in self._values[:, k] if value == value]
+        return f"{self._t[k]:.3f} s: {', '.join(values) or NOTHING}"
 
-    def mouseDoubleClickEvent(self, event) -> None:
+    def show_all(self) -> None:
+        """Follow the newest tick again."""
         self._following = True
-        self._draw()
-        super().mouseDoubleClickEvent(event)
+        self.draw()
 
-    def _stop_following(self, *_: object) -> None:
-        self._following = False
-        self._draw()
+    def zoomed(self) -> None:
+        if not self._following:
+            self.draw()
 
-    def _rescale(self, values: np.ndarray) -> None:
-        highest = float(np.fmax.reduce(values, axis=None, initial=0.0))
-        if highest > self.end:
-            self.end = range_for(highest, self._least)
-            self._scale()
-
-    def _scale(self) -> None:
-        self.item.setYRange(0.0, self.end, padding=0.04)
-        self.item.getAxis("left").setTicks([[(0.0, "0"), (self.end, f"{self.end:g}")]])
-
-    def _draw(self) -> None:
+    def draw(self) -> None:
         t = self._t[: self._count]
         if self._following:
             now = max(t[-1] if len(t) else 0.0, WINDOW_S)
             self.item.setXRange(now - WINDOW_S, now, padding=0.0)
-        begin, end = self.item.viewRange()[0]
-        first, last = np.searchsorted(t, (begin, end))
-        seen = slice(max(first - 1, 0), last + 1)
-        times, values = envelope(t[seen], self._values[:, : self._count][:, seen], (end - begin) / self.graph.width())
-        for curve, series in zip(self.curves, values, strict=True):
-            curve.setData(times, series)
+        self.draw_curves(self.curves, t, self._values[:, : self._count])
 
+    def _stop_following(self, *_: object) -> None:
+        self._following = False
+        self.draw()
 
-class Currents(Trace):
-    """The current of each brake, named in its colour."""
-
-    def __init__(self, braked: str) -> None:
-        self.braked = braked
-        super().__init__("Brake currents", "A", [theme.JOINT[joint] for joint in braked], 1.0, 2)
-
-    def show_newest(self) -> None:
-        known = self.newest and not self.hidden
-        figures = [f"{value:.2f}" for value in self.newest] if known else [NOTHING] * len(self.braked)
-        named = zip(self.braked, figures, strict=True)
-        parts = [(f"{joint} {figure}", theme.JOINT[joint]) for joint, figure in named]
-        self.figures.show_parts(*parts, ("A", theme.QUIET))
+    def _rescale(self, values: np.ndarray) -> None:
+        highest = float(np.fmax.reduce(values, axis=None, initial=0.0))
+        if highest > self.end:
+            self.scale_to(highest)
 
 
 class Traces(QWidget):
@@ -213,7 +250,7 @@ class Traces(QWidget):
         super().__init__(parent)
         self.error = Trace("Path error", "mm", [theme.TRACE], 10.0, 1)
         self.force = Trace("Hand force", "N", [theme.GOOD], 10.0, 1)
-        self.currents = Currents("AEB")
+        self.currents = Trace("Currents", "A", [theme.JOINT[joint] for joint in JOINTS], 1.0, 2, JOINTS)
         self.speed = Trace("Tip speed", "m/s", [theme.TEXT], 0.2, 2)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -226,26 +263,16 @@ class Traces(QWidget):
 
     def show_trial(self, device: Device) -> None:
         """Another trial: its brakes; the curves begin anew."""
-        if device.braked != self.currents.braked:
-            anew = Currents(device.braked)
-            anew.hide_values(self.currents.hidden)
-            self.layout().replaceWidget(self.currents, anew)
-            self.currents.setParent(None)
-            self.currents.deleteLater()
-            self.currents = anew
-            self.layout().setStretchFactor(anew, 1)
+        self.currents.names = device.braked
         for trace in self._all():
             trace.clear()
 
     def add(self, rows: np.ndarray) -> None:
-        """Ticks (n, WIDTH) of the running trial; the error counts from go to the end."""
-        if not len(rows):
-            return
+        """Ticks (n, WIDTH), n > 0, of the running trial; the error counts from go to the end."""
         t = rows[:, tick_log.T]
         self.force.add(t, np.hypot(rows[:, tick_log.HAND_FX], rows[:, tick_log.HAND_FY])[None])
         self.speed.add(t, np.hypot(rows[:, tick_log.TIP_VX], rows[:, tick_log.TIP_VY])[None])
-        columns = [tick_log.CURRENT + JOINTS.index(joint) for joint in self.currents.braked]
-        self.currents.add(t, rows[:, columns].T)
+        self.currents.add(t, currents_of(rows, self.currents.names))
         self.error.add(t, 1e3 * np.abs(rows[:, tick_log.PATH_DISTANCE])[None])
 
     def word(self) -> None:
@@ -257,6 +284,12 @@ class Traces(QWidget):
         """Hide what would tell the controllers apart."""
         if blind != self.currents.hidden:
             self.currents.hide_values(blind)
+
+
+def currents_of(rows: np.ndarray, braked: str) -> np.ndarray:
+    """The currents (4, n), A, of the joints in the order A, E, B, C; NaN for one without a brake."""
+    has_brake = np.array([joint in braked for joint in JOINTS])
+    return np.where(has_brake[:, None], rows[:, tick_log.CURRENT : tick_log.CURRENT + 4].T, math.nan)
 
 
 class TimingStrip(Trace):
@@ -314,6 +347,8 @@ class TimingStrip(Trace):
     def read_at(self, place: QPointF) -> str:
         return f"{10.0 ** place.y():.0f} µs"
 
-    def _scale(self) -> None:
-        self.item.setYRange(0.0, self.DECADES, padding=0.04)
+    def scale_to(self, highest: float) -> None:
+        """The scale always is the same."""
+        self.end = self.DECADES
+        self.item.setYRange(0.0, self.DECADES, padding=self.padding)
         self.item.getAxis("left").setTicks([[(0.0, "1 µs"), (2.0, "100 µs"), (4.0, "10 ms")]])

@@ -1,13 +1,15 @@
 """The header's pre-flight row, and the brakes-off button; what is wrong and what to do about it in a banner."""
 
+from collections.abc import Callable
+
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QMouseEvent, QResizeEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QPushButton, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.painting import theme
 from app.window.painting.labels import breakable, line, word
-from app.window.painting.parts import clear
+from app.window.painting.parts import clear, row
 
 COLOURS = {m.GOOD: theme.GOOD, m.CAUTION: theme.CAUTION, m.BAD: theme.BAD, m.WAITING: theme.BRAKE_OFF}
 #: Said by shape too, not by colour alone.
@@ -15,33 +17,25 @@ MARKS = {m.GOOD: "●", m.CAUTION: "▲", m.BAD: "✕", m.WAITING: "○"}
 DEVICE = "Device"  # the check that leads to the device page
 
 
+def mark_of(check: m.Check, size: int) -> QLabel:
+    """The shape and colour of a check's state."""
+    mark = word(MARKS[check.state], size=size)
+    mark.setStyleSheet(f"color: {COLOURS[check.state]}")
+    return mark
+
+
 class Pill(QFrame):
-    """One item of the pre-flight row."""
+    """One check of the pre-flight row; its reason and advice are in the tooltip."""
 
-    clicked = Signal(str)  # its name
-
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent, objectName="pill")
-        self._check: m.Check | None = None  # what is shown
-        self.mark, self.name = word("", size=theme.SMALL), word("", size=theme.SMALL, bold=True)
-        self.text = word("", "quiet", theme.SMALL)
-        layout = QHBoxLayout(self)
-        layout.setContentsMargins(9, 0, 10, 0)
-        layout.setSpacing(4)
-        for label in (self.mark, self.name, self.text):
-            layout.addWidget(label)
+    def __init__(self, check: m.Check, asked: Callable[[str], None]) -> None:
+        """asked: is called with the check's name at a click."""
+        super().__init__(objectName="pill-bad" if check.state == m.BAD else "pill")
+        self._asked, self.name = asked, check.name
+        self.mark, self.text = mark_of(check, theme.SMALL), word(check.text, "quiet", theme.SMALL)
+        self._labels = (self.mark, word(check.name, size=theme.SMALL, bold=True), self.text)
+        self.setLayout(row(*self._labels, spacing=4))
+        self.layout().setContentsMargins(9, 0, 10, 0)
         self.setFixedHeight(30)
-
-    def show_check(self, check: m.Check) -> None:
-        """What was found, its reason and advice in the tooltip."""
-        if check == self._check:
-            return
-        self._check = check
-        theme.name_anew(self, "pill-bad" if check.state == m.BAD else "pill")
-        self.mark.setText(MARKS[check.state])
-        self.mark.setStyleSheet(f"color: {COLOURS[check.state]}")
-        self.name.setText(check.name)
-        self.text.setText(check.text)
         leads = "A click (F3) shows the device page." if check.name == DEVICE else ""
         self.setCursor(Qt.CursorShape.PointingHandCursor if leads else Qt.CursorShape.ArrowCursor)
         self.setToolTip(" ".join(filter(None, (f"{check.name}: {check.text}.", check.advice, leads))))
@@ -49,12 +43,11 @@ class Pill(QFrame):
     @property
     def wide(self) -> int:
         """How wide it is with its text, px."""
-        words = sum(label.sizeHint().width() for label in (self.mark, self.name, self.text))
-        return words + 9 + 10 + 2 * 4 + 2
+        return sum(label.sizeHint().width() for label in self._labels) + 9 + 10 + 2 * 4 + 2
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         if self.rect().contains(event.position().toPoint()):
-            self.clicked.emit(self.name.text())
+            self._asked(self.name)
 
 
 class Preflight(QWidget):
@@ -66,6 +59,7 @@ class Preflight(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self._checks: tuple[m.Check, ...] = ()  # that are shown
         self.pills: list[Pill] = []
         self.brakes = QPushButton("Brakes off  Esc", objectName="brakes")
         self.brakes.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -75,27 +69,29 @@ class Preflight(QWidget):
         self.advice = line("", "banner", theme.NORMAL)
         self.advice.hide()
         self._off = False
-        self._row = QHBoxLayout()
-        self._row.setSpacing(5)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(theme.GAP)
-        row.addStretch(1)
-        row.addLayout(self._row)
-        row.addWidget(self.brakes)
+        self._row = row(spacing=5)
+        layout = QHBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(theme.GAP)
+        layout.addStretch(1)
+        layout.addLayout(self._row)
+        layout.addWidget(self.brakes)
 
     def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
         """Whether all is well."""
-        while len(self.pills) < len(snapshot.checks):
-            self.pills.append(Pill())
-            self._row.addWidget(self.pills[-1])
-            self.pills[-1].clicked.connect(self._asked)
-        for i, pill in enumerate(self.pills):
-            pill.setVisible(i < len(snapshot.checks))
-            if i < len(snapshot.checks):
-                pill.show_check(snapshot.checks[i])
-        self._fit()
-        self._show_advice(snapshot, opened is not None and opened.real_device)
+        if snapshot.checks != self._checks:
+            self._checks = snapshot.checks
+            clear(self._row)
+            self.pills = [Pill(check, self._asked) for check in snapshot.checks]
+            for pill in self.pills:
+                self._row.addWidget(pill)
+            self._fit()
+        wrong = advice(snapshot)
+        device_bad = any(check.name == DEVICE and check.state == m.BAD for check in snapshot.checks)
+        if wrong and device_bad and opened is not None and opened.real_device:
+            wrong[-1] += " F3 shows the device page."
+        self.advice.setText(breakable("\n".join(wrong)))
+        self.advice.setVisible(bool(wrong))
         self._off = bool(snapshot.brakes_off)
         theme.name_anew(self.brakes, "brakes-off" if self._off else "brakes")
         self.brakes.setText("Allow brakes  Ctrl+B" if self._off else "Brakes off  Esc")
@@ -109,27 +105,18 @@ class Preflight(QWidget):
         self._fit()
 
     def _fit(self) -> None:
-        pills = [pill for pill in self.pills if not pill.isHidden()]
-        needed = self.brakes.sizeHint().width() + theme.GAP + sum(pill.wide + 5 for pill in pills)
-        for pill in pills:
+        needed = self.brakes.sizeHint().width() + theme.GAP + sum(pill.wide + 5 for pill in self.pills)
+        for pill in self.pills:
             pill.text.setVisible(needed <= self.width())
 
     def minimumSizeHint(self) -> QSize:
         """As wide as it is without the texts."""
-        narrow = sum(pill.wide - pill.text.sizeHint().width() + 5 for pill in self.pills if not pill.isHidden())
+        narrow = sum(pill.wide - pill.text.sizeHint().width() + 5 for pill in self.pills)
         return QSize(self.brakes.sizeHint().width() + theme.GAP + narrow, super().minimumSizeHint().height())
 
     def _asked(self, name: str) -> None:
         if name == DEVICE:
             self.device_asked.emit()
-
-    def _show_advice(self, snapshot: m.Snapshot, on_bench: bool) -> None:
-        """One line for each thing that is wrong; nothing when all is well."""
-        said = advice(snapshot)
-        if said and on_bench and any(check.name == DEVICE and check.state == m.BAD for check in snapshot.checks):
-            said[-1] += " F3 shows the device page."
-        self.advice.setText(breakable("\n".join(said)))
-        self.advice.setVisible(bool(said))
 
     def _pressed(self) -> None:
         (self.brakes_allowed if self._off else self.brakes_off_asked).emit()
@@ -170,11 +157,9 @@ class Checklist(QWidget):
             return
         self._shown = checks
         clear(self._grid)
-        for row, check in enumerate(checks):
-            mark = word(MARKS[check.state], size=theme.NORMAL)
-            mark.setStyleSheet(f"color: {COLOURS[check.state]}")
+        for at, check in enumerate(checks):
             text = check.text if check.state == m.GOOD or not check.advice else f"{sentence(check.text)} {check.advice}"
-            self._grid.addWidget(mark, row, 0, Qt.AlignmentFlag.AlignTop)
+            self._grid.addWidget(mark_of(check, theme.NORMAL), at, 0, Qt.AlignmentFlag.AlignTop)
             if check.name:
-                self._grid.addWidget(word(check.name, bold=True), row, 1, Qt.AlignmentFlag.AlignTop)
-            self._grid.addWidget(line(breakable(text), "quiet"), row, 2)
+                self._grid.addWidget(word(check.name, bold=True), at, 1, Qt.AlignmentFlag.AlignTop)
+            self._grid.addWidget(line(breakable(text), "quiet"), at, 2)

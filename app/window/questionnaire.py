@@ -5,7 +5,7 @@ Each scale has 21 marks, 0 to 100; none is set before it is touched, and all are
 
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPixmap, QResizeEvent, QShowEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 
 from app.window.painting import theme
 from app.window.painting.labels import line, word
@@ -131,15 +131,13 @@ class Questionnaire(QWidget):
         grid.setColumnStretch(2, 1)
         grid.addWidget(self.lacking, len(ITEMS) + 1, 0, 1, 3)
         grid.addWidget(self.done, len(ITEMS) + 1, 2, 1, 2, Qt.AlignmentFlag.AlignRight)
-        layout = QVBoxLayout(self)
+        layout = QGridLayout(self)
         layout.setContentsMargins(theme.GAP, theme.GAP, theme.GAP, theme.GAP)
-        layout.addStretch(1)
-        across = QHBoxLayout()
-        across.addStretch(1)
-        across.addWidget(card, 100)
-        across.addStretch(1)
-        layout.addLayout(across)
-        layout.addStretch(1)
+        layout.addWidget(card, 1, 1)
+        for side in (0, 2):
+            layout.setRowStretch(side, 1)
+            layout.setColumnStretch(side, 1)
+        layout.setColumnStretch(1, 100)
         self._enlarge(1.0)
         self.show_language(ENGLISH_WORDS)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, Signal
 from PySide6.QtGui import QMouseEvent, QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QStackedWidget, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
 from app.window import words
@@ -18,6 +18,7 @@ from app.window.page import ANALYSE, HOME, Page
 from app.window.painting import theme
 from app.window.painting.labels import OneLine, word
 from app.window.painting.linkage_view import Workspace
+from app.window.painting.parts import row
 from app.window.plots import WORDS_EVERY_S, TimingStrip, Traces
 from app.window.questionnaire import Questionnaire
 from app.window.session_panel import SessionPanel, can_be_redone
@@ -37,6 +38,8 @@ RIGHT_SHARE, RIGHT_LEAST, RIGHT_MOST, LOW_PX = 0.29, 290, 440, 560
 #: Our choice: curves and energies go on with every third frame, twenty times a second and by two or three pixels,
 #: which is as smooth as they can be read; only what follows the hand goes on with every frame.
 PANELS_EVERY = 3
+REDO = "It comes next. The recording is kept and marked as redone."
+SKIP = "It is marked as skipped and does not come again."
 
 
 class RunPage(Page):
@@ -67,22 +70,16 @@ class RunPage(Page):
         column.addWidget(self.traces, 4)
         column.addWidget(self.timing, 1)
         column.addWidget(self.energy)
-        self._right = QStackedWidget()
-        self._right.addWidget(live)
-        self._right.addWidget(self.card)
-        desk = QWidget()
-        row = QHBoxLayout(desk)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(theme.GAP)
-        row.addWidget(self.panel)
-        row.addWidget(self.centre, 1)
-        row.addWidget(self._right)
-        self._stack = QStackedWidget(self)
-        self._stack.addWidget(desk)
-        self._stack.addWidget(self.questions)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self._stack)
+        self._right, self._stack, desk = QStackedWidget(), QStackedWidget(self), QWidget()
+        for page in (live, self.card):
+            self._right.addWidget(page)
+        desk.setLayout(row(self.panel, self.centre, self._right, spacing=theme.GAP))
+        desk.layout().setStretchFactor(self.centre, 1)
+        for page in (desk, self.questions):
+            self._stack.addWidget(page)
+        self.setLayout(row(self._stack))
+        for layout in (desk.layout(), self.layout()):
+            layout.setContentsMargins(0, 0, 0, 0)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -136,31 +133,20 @@ class RunPage(Page):
     def redo(self) -> None:
         """Ask why, then repeat the trial on the card, or the last one."""
         on_card = self.card.row if self.card_shown else None
-        row = on_card or next((row for row in reversed(self.snapshot.rows) if can_be_redone(row)), None)
-        if row is None or not can_be_redone(row) or self.opened is None or not self.panel.redo.isEnabled():
+        last = on_card or next(filter(can_be_redone, reversed(self.snapshot.rows)), None)
+        if last is None or not can_be_redone(last) or self.opened is None or not self.panel.redo.isEnabled():
             return
-        self.cards.ask(
-            "redo",
-            f"Repeat the trial of run {row.run}?",
-            "It comes next. The recording is kept and marked as redone.",
-            REDO_REASONS,
-            "Repeat",
-            lambda reason: self.send(m.Redo(row.run, reason)),
-        )
+        title, redo = f"Repeat the trial of run {last.run}?", lambda reason: self.send(m.Redo(last.run, reason))
+        self.cards.ask("redo", title, REDO, REDO_REASONS, "Repeat", redo)
 
     def skip(self) -> None:
         """Ask why, then leave the next trial out."""
         coming = self.snapshot.coming
         if not self.panel.skip.isEnabled() or self.opened is None or coming is None:
             return
-        self.cards.ask(
-            "skip",
-            f"Skip trial {place(coming, self.opened.plan)}?",
-            f"{describe(coming, self.opened, self.snapshot.blind)}. It is marked as skipped and does not come again.",
-            SKIP_REASONS,
-            "Skip",
-            lambda reason: self.send(m.Skip(reason)),
-        )
+        title = f"Skip trial {place(coming, self.opened.plan)}?"
+        text = f"{describe(coming, self.opened, self.snapshot.blind)}. {SKIP}"
+        self.cards.ask("skip", title, text, SKIP_REASONS, "Skip", lambda reason: self.send(m.Skip(reason)))
 
     def abort(self) -> None:
         """Ask why and whether it comes again, then end the running trial."""

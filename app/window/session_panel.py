@@ -4,25 +4,16 @@ It shows the snapshot and emits what is asked for; it decides nothing.
 """
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import (
-    QFrame,
-    QGridLayout,
-    QHBoxLayout,
-    QLineEdit,
-    QPlainTextEdit,
-    QScrollArea,
-    QSizePolicy,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QFrame, QLineEdit, QPlainTextEdit, QSizePolicy, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
 from app.window.painting import theme
 from app.window.painting.labels import KeyButton, OneLine, breakable, line, word
+from app.window.painting.parts import row, scrolled
 from app.window.plan_grid import PlanGrid
 from app.window.preflight import advice
 from app.window.words import cell, minutes, place
-from experiments.analysis.trials_table import SETTLED
+from experiments.analysis.trials_table import SETTLED, TrialRow
 
 WIDTH_PX = 256
 
@@ -54,14 +45,10 @@ class SessionPanel(QFrame):
         self.pause = KeyButton("Pause after this trial", "Ctrl+P")
         self.pause.setCheckable(True)
         self.abort = KeyButton("Abort trial …", "Ctrl+A")
-        for button, asked in (
-            (self.start, self.start_asked),
-            (self.redo, self.redo_asked),
-            (self.skip, self.skip_asked),
-            (self.pause, self.pause_asked),
-            (self.abort, self.abort_asked),
-        ):
-            button.clicked.connect(asked)
+        asked = (self.start_asked, self.pause_asked, self.abort_asked, self.redo_asked, self.skip_asked)
+        self._buttons = (self.start, self.pause, self.abort, self.redo, self.skip)
+        for button, signal in zip(self._buttons, asked, strict=True):
+            button.clicked.connect(signal)
         self.note = NoteLine()
         self.note.written.connect(self.noted)
         self.grid.clicked.connect(self.cell_asked)
@@ -76,36 +63,24 @@ class SessionPanel(QFrame):
         self._lay_out()
 
     def _lay_out(self) -> None:
-        scroll = QScrollArea()
-        scroll.setWidget(self.grid)
-        scroll.setWidgetResizable(True)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        scroll.setMinimumHeight(96)
-        scroll.viewport().setStyleSheet("background: transparent")
-        self._scroll = scroll
-        buttons = QGridLayout()
-        buttons.setSpacing(6)
-        buttons.addWidget(self.start, 0, 0)
-        for row, button in enumerate((self.pause, self.abort, self.redo, self.skip), start=1):
-            buttons.addWidget(button, row, 0)
+        self._scroll = scrolled(self.grid)
+        self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._scroll.setMinimumHeight(96)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(14, 10, 14, 12)
         layout.setSpacing(5)
         layout.addWidget(self.head)
         layout.addWidget(self.done)
-        layout.addWidget(scroll, 1000)
+        layout.addWidget(self._scroll, 1000)
         layout.addWidget(self.left)
         layout.addSpacing(2)
-        coming = QHBoxLayout()
-        coming.setSpacing(8)
-        coming.addWidget(self.coming_head)
-        coming.addWidget(self.coming, 1)
-        layout.addLayout(coming)
+        layout.addLayout(row(self.coming_head, self.coming, 1))
         layout.addWidget(self.cell)
         layout.addWidget(self.notice)
         layout.addSpacing(2)
-        layout.addLayout(buttons)
+        for button in self._buttons:
+            layout.addWidget(button)
         layout.addSpacing(2)
         layout.addWidget(self.note)
         layout.addWidget(self.notes, 20)
@@ -173,9 +148,9 @@ class SessionPanel(QFrame):
         self.note.setEnabled(snapshot.stage not in (m.PREPARING, m.NO_SESSION, m.FAILED))
 
 
-def can_be_redone(row) -> bool:
+def can_be_redone(trial: TrialRow) -> bool:
     """Whether a trial is one that can be run again: a redone one has been, one that was cut short comes by itself."""
-    return row.status in ("done", "timeout", "aborted")
+    return trial.status in ("done", "timeout", "aborted")
 
 
 class NoteLine(QLineEdit):

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QPushButton, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
 from app.window.box_plot import colour_of
 from app.window.painting import theme
 from app.window.painting.labels import Choice, KeyButton, OneLine, line, word
-from app.window.plots import Plot, envelope, range_for
+from app.window.painting.parts import row
+from app.window.plots import TimePlot, range_for
 from app.window.words import controller_name, place
 from core import tick_log
 from experiments.analysis.boxplots import DRAWN
@@ -46,17 +47,14 @@ class Measure(QWidget):
         self.points = pg.ScatterPlotItem()
         self.graph.addItem(self.points)
         self.end = 0.0  # of the axis: it grows and never shrinks, so that cards compare
-        number = QHBoxLayout()
-        number.addWidget(self.value)
-        number.addWidget(self.unit, 1, Qt.AlignmentFlag.AlignBottom)
-        left = QVBoxLayout()
-        left.setSpacing(0)
-        left.addWidget(word(metric.title, "quiet", theme.SMALL))
-        left.addLayout(number)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 2, 0, 2)
-        row.addLayout(left, 2)
-        row.addWidget(self.graph, 3)
+        layout = QGridLayout(self)
+        layout.setContentsMargins(0, 2, 0, 2)
+        layout.setVerticalSpacing(0)
+        layout.addWidget(word(metric.title, "quiet", theme.SMALL), 0, 0)
+        layout.addLayout(row(self.value, self.unit, 1), 1, 0)
+        layout.addWidget(self.graph, 0, 1, 2, 1)
+        layout.setColumnStretch(0, 2)
+        layout.setColumnStretch(1, 3)
 
     def show_values(self, now: TrialRow, earlier: Sequence[TrialRow], others: Sequence[TrialRow], colour: str) -> None:
         """This trial, the earlier ones of its controller, and those of other controllers on the same device."""
@@ -76,54 +74,41 @@ class Measure(QWidget):
         self.graph.setXRange(0.0, self.end, padding=0.03)
 
 
-class WholeTrace(Plot):
+class WholeTrace(TimePlot):
     """Distance from the path over a whole trial, with its phases; zero is the go."""
 
     def __init__(self) -> None:
-        super().__init__("Distance from path")
-        self.item.setMouseEnabled(x=True, y=False)
-        self.curve = self.item.plot(pen=pg.mkPen(theme.TRACE, width=1))
+        super().__init__("Distance from path", "mm", [theme.TRACE], 2.0, 1)
         self.phases = [pg.LinearRegionItem(movable=False, brush=theme.colour(theme.LINE, 0.35)) for _ in range(2)]
         for region in self.phases:
             for edge in region.lines:
                 edge.setPen(pg.mkPen(theme.LINE))
             self.item.addItem(region)
-        self.figures.show_parts(("mm", theme.QUIET))
+        self.figures.show_parts((self.unit, theme.QUIET))
         self._t, self._error = np.empty(0), np.empty(0)
-        self.item.vb.sigXRangeChanged.connect(self._draw)
 
     def show_ticks(self, rows: np.ndarray) -> None:
-        """The ticks (n, tick_log.WIDTH) of the trial."""
+        """The ticks (n, tick_log.WIDTH), n > 0, of the trial."""
         phase = rows[:, tick_log.PHASE]
-        go = np.flatnonzero(phase == tick_log.MOVE)
-        zero = rows[go[0], tick_log.T] if len(go) else rows[0, tick_log.T]
-        self._t, self._error = rows[:, tick_log.T] - zero, 1e3 * np.abs(rows[:, tick_log.PATH_DISTANCE])
+        moving = np.flatnonzero(phase == tick_log.MOVE)
+        self._t = rows[:, tick_log.T] - rows[moving[0] if len(moving) else 0, tick_log.T]
+        self._error = 1e3 * np.abs(rows[:, tick_log.PATH_DISTANCE])
         for region, code in zip(self.phases, (tick_log.HOLD, tick_log.END), strict=True):
             during = self._t[phase == code]
             region.setVisible(len(during) > 0)
             if len(during):
                 region.setRegion((during[0], during[-1]))
-        moving = self._error[phase == tick_log.MOVE]
-        self.item.setYRange(0.0, range_for(float(moving.max()) if len(moving) else 0.0, 2.0), padding=0.04)
+        self.scale_to(float(self._error[moving].max(initial=0.0)))
         self.show_all()
 
     def show_all(self) -> None:
         """Zoom out to the whole trial."""
         if len(self._t):
             self.item.setXRange(self._t[0], self._t[-1], padding=0.01)
-            self._draw()
+            self.draw()
 
-    def mouseDoubleClickEvent(self, event) -> None:
-        self.show_all()
-        super().mouseDoubleClickEvent(event)
-
-    def _draw(self, *_: object) -> None:
-        begin, end = self.item.viewRange()[0]
-        first, last = np.searchsorted(self._t, (begin, end))
-        seen = slice(max(first - 1, 0), last + 1)
-        pixel_s = (end - begin) / max(self.graph.width(), 1)
-        times, values = envelope(self._t[seen], self._error[seen][None], pixel_s)
-        self.curve.setData(times, values[0])
+    def draw(self) -> None:
+        self.draw_curves(self.curves, self._t, self._error[None])
 
 
 class TrialCard(QFrame):
@@ -156,17 +141,15 @@ class TrialCard(QFrame):
         self.keep.clicked.connect(self.kept)
         self.redo.clicked.connect(self.redo_asked)
         self.out.clicked.connect(self.exclude)
-        head, decide, exclude = QHBoxLayout(), QHBoxLayout(), QHBoxLayout()
-        for widget, stretch in ((self.dot, 0), (self.title, 1), (self.outcome, 0)):
-            head.addWidget(widget, stretch)
-        decide.addWidget(self.keep, 2)
-        decide.addWidget(self.redo, 1)
-        exclude.addWidget(self.reason, 2)
-        exclude.addWidget(self.out, 1)
+        decide = QGridLayout()
+        for at, widget in enumerate((self.keep, self.redo, self.reason, self.out)):
+            decide.addWidget(widget, at // 2, at % 2)
+        decide.setColumnStretch(0, 2)
+        decide.setColumnStretch(1, 1)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(14, 10, 14, 12)
         layout.setSpacing(6)
-        layout.addLayout(head)
+        layout.addLayout(row(self.dot, self.title, 1, self.outcome))
         layout.addWidget(self.what)
         layout.addWidget(self.legend)
         for measure in self.measures:
@@ -174,7 +157,6 @@ class TrialCard(QFrame):
         layout.addWidget(self.trace, 1)
         layout.addWidget(self.flags)
         layout.addLayout(decide)
-        layout.addLayout(exclude)
 
     @property
     def ready(self) -> bool:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QModelIndex, QPointF, QRectF, QSignalBlocker, Qt, QTimer, Signal
-from PySide6.QtGui import QKeyEvent, QPainter, QPainterPath, QPainterPathStroker, QRegion, QResizeEvent
+from PySide6.QtGui import QKeyEvent, QPainter, QPainterPath, QPainterPathStroker, QResizeEvent
 from PySide6.QtWidgets import (
     QFileDialog,
     QFrame,
@@ -35,7 +35,7 @@ from app.window.painting.layers import (
     extent_of_linkages,
     extent_of_paths,
 )
-from app.window.painting.marks import SHADE, arrow_of, paint_arrow
+from app.window.painting.marks import ARMS, SHADE, arrow_of, paint_arrow, rings_of
 from app.window.painting.parts import Segments, button, panel, row, scrolled
 from app.window.painting.plane import Plane, Sizes
 from app.window.painting.theme import font, pen, shade, text_width, write
@@ -101,9 +101,6 @@ class Canvas(Plane):
         self.instant, self._doing = Instant(self._device, tip, now), doing(self._device, rows)
         self.show_handle(tip, taken, math.hypot(*self.instant.hand))
 
-    def moving(self) -> QRegion:
-        return QRegion(self.rect())
-
     def paint_under_path(self, painter: QPainter) -> None:
         if SLACK in self.shown and self.gap_m > 0.0 and len(self.outline):
             way, stroker = QPainterPath(self.to_screen(self.outline[0])), QPainterPathStroker()
@@ -155,14 +152,13 @@ class Canvas(Plane):
         zero = box.center() - QPointF(scale * room.center().x(), -scale * room.center().y())
         at = {joint: zero + QPointF(scale * x, -scale * y) for joint, (x, y) in instant.joints.items()}
         painter.setPen(pen(theme.ARM_CORE, 3.0, round_cap=True))
-        for one, other in ("AE", "ED", "BC", "CD") if at else ():
+        for one, other in ARMS if at else ():
             painter.drawLine(at[one], at[other])
-        together = bool(at) and (at["A"] - at["B"]).manhattanLength() < 14.0
+        rings = rings_of(at, instant.device.braked, 5.5)
         for joint in instant.device.braked if at else "":
-            aside = {"A": -7.0, "B": 7.0}.get(joint, 0.0) if together else 0.0
             painter.setPen(pen(SHADE[self._doing.get(joint, Doing()).state], 3.0))
             painter.setBrush(shade(theme.PANEL))
-            painter.drawEllipse(at[joint] + QPointF(aside, 0.0), 5.5, 5.5)
+            painter.drawEllipse(rings[joint], 5.5, 5.5)
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(shade(theme.HANDLE))
         painter.drawEllipse(zero + QPointF(scale * instant.tip[0], -scale * instant.tip[1]), 4.0, 4.0)

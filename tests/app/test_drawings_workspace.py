@@ -30,7 +30,6 @@ from app.window.painting.layers import (
     wedge,
 )
 from app.window.painting.linkage_view import (
-    ARMS,
     DIRECTIONS,
     FIELD,
     LAYERS,
@@ -40,7 +39,20 @@ from app.window.painting.linkage_view import (
     WHOLE,
     Workspace,
 )
-from app.window.painting.marks import ARROW_MOST_PX, BRAKES, HAND, arrow_of, box_at, free_side, meets
+from app.window.painting.marks import (
+    ARMS,
+    ARROW_MOST_PX,
+    BELOW,
+    BRAKES,
+    HAND,
+    LEFT_OF,
+    RIGHT_OF,
+    arrow_of,
+    box_at,
+    free_box,
+    points_along,
+    points_in,
+)
 from app.window.painting.plane import Plane
 from core import tick_log
 from core.control.controllers import Preset, decide, make_controller
@@ -319,41 +331,29 @@ def test_no_label_lies_on_an_arm_another_label_or_the_edge(qtbot, device: Device
             view.labels.sides.clear()
             workspace.add(quiet(TIP_X=tip[0], TIP_Y=tip[1], **{f"CURRENT_{joint}": 0.5 for joint in device.braked}))
             view.word()
-            at, _, marks = view._places()
-            boxes = {
-                name: box_at(marks[name], view.labels.sides[name], *view.labels._size(name, words))
-                for name, words in view.labels.words.items()
-                if name in JOINTS
-            }
+            view.grab()
+            at = {joint: view.to_screen(place) for joint, place in view.instant.joints.items()}
+            boxes = {name: box for name, box in view.labels.boxes.items() if name in JOINTS}
+            assert set(boxes) == set(device.braked)
             for name, box in boxes.items():
                 assert QRectF(view.rect()).contains(box), (name, share)
                 for a, b in ARMS:
-                    assert not meets((*at[a].toTuple(), *at[b].toTuple()), box.getCoords()), (name, share)
+                    along = [at[a] + (at[b] - at[a]) * part for part in np.linspace(0.0, 1.0, 500)]
+                    assert not any(box.contains(point) for point in along), (name, share)
                 assert not any(box.intersects(other) for key, other in boxes.items() if key != name)
 
 
-def test_a_label_keeps_off_lines_and_boxes_and_takes_the_least_evil_where_all_is_full() -> None:
-    mark, size, room = QPointF(100.0, 100.0), (10.0, 40.0, 15.0), QRectF(0.0, 0.0, 200.0, 200.0)
-    sides = ("right", "left", "below")
-    right = box_at(mark, "right", *size)
-    assert free_side(mark, sides, size, [], [], room) == "right"
-    assert free_side(mark, sides, size, [(130.0, 0.0, 130.0, 200.0)], [], room) == "left"
-    assert free_side(mark, sides, size, [], [right], room) == "left"
-    assert free_side(mark, sides, size, [], [right], QRectF(80.0, 0.0, 100.0, 200.0)) == "below"
-    everywhere = [box_at(mark, side, *size) for side in sides]
-    assert free_side(mark, sides, size, [(130.0, 0.0, 130.0, 200.0)], everywhere, room) == "left"
-
-
-def test_a_line_meets_a_box_where_some_point_of_it_is_inside() -> None:
-    generator = np.random.default_rng(2)
-    box = QRectF(-1.0, -0.5, 2.0, 1.0)
-    for _ in range(400):
-        line = tuple(generator.uniform(-2.0, 2.0, 4).tolist())
-        share = np.linspace(0.0, 1.0, 4001)
-        x, y = line[0] + share * (line[2] - line[0]), line[1] + share * (line[3] - line[1])
-        inside = np.maximum(np.abs(x) - 1.0, np.abs(y) - 0.5).min()
-        if abs(inside) > 2e-3:  # not only touching
-            assert meets(line, box.getCoords()) is bool(inside < 0.0)
+def test_a_label_keeps_off_what_is_drawn_and_takes_the_least_evil_where_all_is_full() -> None:
+    mark, room = QPointF(100.0, 100.0), QRectF(0.0, 0.0, 200.0, 200.0)
+    boxes = [box_at(mark, side, 10.0, 40.0) for side in (RIGHT_OF, LEFT_OF, BELOW)]
+    assert (boxes[0].left(), boxes[1].right(), boxes[2].top()) == (110.0, 90.0, 110.0)
+    nothing, line = np.empty((0, 2)), points_along(QPointF(130.0, 0.0), QPointF(130.0, 200.0))
+    right, everywhere = points_in(boxes[0]), np.vstack([points_in(box) for box in boxes])
+    assert free_box(boxes, nothing, room) == 0
+    assert free_box(boxes, line, room) == 1
+    assert free_box(boxes, right, room) == 1
+    assert free_box(boxes, right, QRectF(80.0, 0.0, 100.0, 200.0)) == 2
+    assert free_box(boxes, np.vstack((line, everywhere)), room) == 1
 
 
 def test_the_line_above_says_phase_time_error_and_speed(workspace: Workspace) -> None:

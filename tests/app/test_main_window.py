@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from fake_client import (
     CARDS,
-    DEVICES,
     GREEN,
     LONG_BREAK,
     PLAN,
@@ -21,7 +20,7 @@ from fake_client import (
     running,
     ticks,
 )
-from PySide6.QtCore import QPointF, Qt
+from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
 from sessions import session_of
@@ -367,15 +366,6 @@ def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:
     frames(rows[160:1120])
     gc.collect()
     assert abs(sys.getrefcount(None) - before) < 60  # less than one a frame
-
-
-def test_places_on_the_workspace_are_true_to_scale(screens: Screens) -> None:
-    view = screens.hear(opened(), running()).pages["Run"].centre.workspace.view
-    for place in ((-0.1, 0.4), (0.08, 0.42), (0.0, 0.3)):
-        assert view.to_plane(view.to_screen(place)) == pytest.approx(place, abs=1e-9)
-    a, b, c = (view.to_screen(place) for place in ((0.0, 0.3), (0.1, 0.3), (0.0, 0.4)))
-    assert b.x() - a.x() == pytest.approx(a.y() - c.y())  # y away from the person
-    assert isinstance(a, QPointF) and len(DEVICES) == 2
 
 
 def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(

@@ -5,20 +5,15 @@ import time
 
 import numpy as np
 import pytest
-from fake_client import TIP, opened, pulse, running, ticks
-from fake_ticks import ALONG, trial
-from PySide6.QtCore import QEvent, QPoint
-from PySide6.QtGui import QImage, QPaintEvent
+from fake_client import opened, pulse, running, ticks
+from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QApplication
 from screens import Screens, opened_screens, settle
 
 from app.ipc import messages as m
 from app.window.painting import theme
-from app.window.painting.linkage_view import Workspace
-from app.window.painting.plane import Plane
 from app.window.plots import Plot
 from core import tick_log
-from core.device import load_device
 from tests.benchmarks.pointer_lag import Moves
 from tests.benchmarks.screen_bench import table
 from tests.benchmarks.screen_cost import LONG_MS, measure
@@ -87,44 +82,6 @@ def test_a_move_of_the_pointer_counts_once_the_tick_that_used_it_is_painted(scre
     assert moves.lost == 1
 
 
-class Painted(Plane):
-    """Remembers what it was asked to paint."""
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        self.areas.append(event.rect())
-        super().paintEvent(event)
-
-
-def test_a_handle_that_moves_is_painted_where_it_was_and_where_it_is_and_nowhere_else(qtbot) -> None:
-    from app.window.painting.layers import extent_of_paths
-
-    theme.dress(QApplication.instance())
-    plane = Painted(extent_of_paths([ALONG]))
-    plane.areas = []
-    qtbot.addWidget(plane)
-    plane.resize(800, 600)
-    plane.show()
-    plane.show_path(ALONG)
-    plane.show_handle(TIP)
-    settle(plane)
-    before = plane.grab().toImage()
-    was = plane.to_screen(TIP).toPoint()
-    plane.areas.clear()
-    plane.show_handle((TIP[0] + 0.01, TIP[1]))
-    QApplication.processEvents()
-    (area,) = plane.areas
-    now = plane.to_screen((TIP[0] + 0.01, TIP[1])).toPoint()
-    assert area.contains(was) and area.contains(now) and area.width() * area.height() < 0.1 * 800 * 600
-    after = plane.grab().toImage()
-    for corner in (QPoint(0, 0), QPoint(799, 599)):
-        assert not area.contains(corner)
-    outside = [(x, y) for x in range(0, 800, 7) for y in range(0, 600, 7) if not area.contains(QPoint(x, y))]
-    assert all(before.pixel(x, y) == after.pixel(x, y) for x, y in outside)
-    plane.show_handle(None)
-    settle(plane)
-    assert plane.moving().isEmpty()
-
-
 # ------------------------------------------------------------------------------------------------- the verb
 
 
@@ -158,37 +115,3 @@ def test_every_panel_has_room_for_what_it_shows(screens: Screens, width: int, he
     assert (main.width(), main.height()) == (width, height)
     for panel in screens.run.traces.findChildren(Plot):
         assert panel.graph.height() >= 30 and panel.graph.width() > 200
-
-
-def pixels(image: QImage) -> np.ndarray:
-    """(height, width) uint32, each a pixel."""
-    return np.frombuffer(image.constBits(), np.uint32).reshape(image.height(), image.bytesPerLine() // 4).copy()
-
-
-@pytest.mark.parametrize("device", ["three-brake", "four-brake"])
-def test_the_workspace_paints_all_that_moves_and_less_than_everything(qtbot, device: str) -> None:
-    """Whatever differs between two whole pictures lies where the view asked to be painted."""
-    theme.dress(QApplication.instance())
-    mechanism = load_device(device)
-    workspace = Workspace((mechanism,), {1: ALONG})
-    qtbot.addWidget(workspace)
-    workspace.resize(1000, 800)
-    workspace.show()
-    workspace.show_trial(mechanism, ALONG, TIP)
-    for button in workspace.buttons.values():
-        button.setChecked(True)
-    rows, view = trial(mechanism), workspace.view
-    workspace.add(rows[:1600])
-    view.word()
-    settle(workspace)
-    shares = []
-    for begin in range(1600, 3200, 160):
-        before, was = view.grab().toImage(), view.moving()
-        view.add(rows[begin : begin + 16])
-        asked = was.united(view.moving())
-        outside = pixels(before) != pixels(view.grab().toImage())
-        for piece in asked:
-            outside[max(0, piece.top()) : piece.bottom() + 1, max(0, piece.left()) : piece.right() + 1] = False
-        assert not outside.any()
-        shares.append(sum(piece.width() * piece.height() for piece in asked) / (view.width() * view.height()))
-    assert max(shares) < 0.4

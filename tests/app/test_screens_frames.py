@@ -16,7 +16,6 @@ from app.window.energy_panel import Ledger
 from app.window.painting import theme
 from app.window.painting.layers import joints_at
 from app.window.painting.linkage_view import WHOLE, Workspace
-from app.window.preflight import Pill
 from app.window.run_page import PANELS_EVERY
 from app.window.windows import FRAME_S
 from core import tick_log
@@ -114,16 +113,15 @@ def test_ticks_that_still_waited_are_not_shown_in_the_next_trial(screens: Screen
     assert screens.run.traces.speed.newest == () and not screens.run.energy.ledger.began
 
 
-def test_a_check_that_has_not_changed_is_not_dressed_anew(qtbot, monkeypatch) -> None:
-    theme.dress(QApplication.instance())
-    pill, dressed = Pill(), []
-    qtbot.addWidget(pill)
-    monkeypatch.setattr(pill.mark, "setStyleSheet", dressed.append)
+def test_checks_that_have_not_changed_are_not_laid_out_anew(screens: Screens) -> None:
     good, bad = m.Check("Disk", m.GOOD, "80 GB free"), m.Check("Disk", m.BAD, "full", "Make room.")
+    pills = []
     for check in (good, good, bad, bad, good):
-        pill.show_check(check)
-        assert pill.text.text() == check.text and (check.advice in pill.toolTip())
-    assert len(dressed) == 3
+        screens.hear(ready(checks=(check,)))
+        (pill,) = screens.main.preflight.pills
+        assert pill.text.text() == check.text and check.advice in pill.toolTip()
+        pills.append(pill)
+    assert pills[0] is pills[1] is not pills[2] is pills[3] is not pills[4]
 
 
 def test_arms_keep_their_lengths_and_end_at_the_tip_or_are_not_there() -> None:

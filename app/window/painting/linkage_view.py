@@ -1,11 +1,8 @@
 """The linkage on the plane: arms, brakes in the colour of what they do, forces with their values, layers on demand."""
 
-import math
-from typing import NamedTuple
-
 import numpy as np
-from PySide6.QtCore import QMarginsF, QPointF, QRect, QRectF, Qt
-from PySide6.QtGui import QKeySequence, QPainter, QRegion, QShortcut
+from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
+from PySide6.QtGui import QKeySequence, QPainter, QShortcut
 from PySide6.QtWidgets import QFrame, QPushButton, QVBoxLayout, QWidget
 
 from app.window.painting import theme
@@ -23,55 +20,41 @@ from app.window.painting.layers import (
     needles,
 )
 from app.window.painting.marks import (
+    ARMS,
     BRAKES,
     HAND,
     JOINT_PX,
     LETTER_PX,
-    SHADE,
-    WEDGE_PX,
     Labels,
-    Line,
     arrow_of,
-    force_ends,
+    paint_arms,
     paint_arrow,
     paint_directions,
     paint_field,
+    paint_joints,
     paint_wedge,
+    points_along,
+    points_in,
+    rings_of,
 )
-from app.window.painting.plane import Plane
-from app.window.painting.theme import font, pen, shade, text_width, write
+from app.window.painting.plane import RIGHT, Plane
+from app.window.painting.theme import font, pen, shade, text_width
 from core import tick_log
 from core.control.velocity_field import Field
 from core.device import Device
-from core.mechanism import JOINTS
 from core.path import Path, PathFile, build_path
 
 FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE = "field", "directions", "force", "trail", "linkage"
 WHOLE = "device"  # not a layer, but what is seen: the whole device, or the paths
 NEAR_M = 0.1  # around the paths
-ARMS = ("AE", "ED", "BC", "CD")
-BARE_PX = 5.0  # radius of a joint without a brake
-TITLE_PX = 36  # the line above is so high
-EDGE_PX = 6.0  # what pens and letters reach beyond a mark's radius
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
-ASSUMED = "parameters assumed"
+ARM_PX = 7.0  # width of an arm
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
-RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 WORDS_EVERY_S = 0.1  # numbers that change faster cannot be read
-ARM_PX = 7.0  # how wide an arm is
-PIECE_PX = 250.0  # an arm lies aslant: the boxes around pieces of it hold far less than the one around all of it
-
-
-class Placed(NamedTuple):
-    """Where an instant is on the widget, px."""
-
-    joints: dict[str, QPointF]  # none where the linkage is hidden
-    rings: dict[str, QPointF]  # their middles; the brakes of coaxial bases stand side by side
-    marks: dict[str, QPointF]  # label -> the point that it stands beside
 
 
 class LinkageView(Plane):
-    """One device on one path, as its newest tick says."""
+    """One device on one path, as its newest tick is."""
 
     def __init__(self, devices: tuple[Device, ...], paths: dict[int, PathFile], parent: QWidget | None = None) -> None:
         super().__init__(
@@ -86,7 +69,6 @@ class LinkageView(Plane):
         self.title, self.line = "", ""
         self.labels = Labels()
         self.instant: Instant | None = None
-        self._placed: Placed | None = None
         self._ticks: np.ndarray | None = None  # since the last words (n, WIDTH), n > 0; none between trials
         self._worded = False  # words have been made of these
         self._field: Field | None = None
@@ -123,7 +105,6 @@ class LinkageView(Plane):
     def _show(self, tip: Point, ticks: np.ndarray | None) -> None:
         self._ticks, self._worded = ticks, False
         self.instant = Instant(self.device, tip, None if ticks is None else ticks[-1], self.blind)
-        self._placed = None
         self.pointer = self.instant.wanted
         self.show_handle(tip)
 
@@ -132,16 +113,12 @@ class LinkageView(Plane):
         if layer == WHOLE:
             self.set_extent(self._extents[shown])
         (self.shown.add if shown else self.shown.discard)(layer)
-        if layer == TRAIL:
-            self.trail_shown = shown
-        self._placed = None
-        self.repaint_still()
+        self.show_trail(TRAIL in self.shown)
 
     def say(self, title: str, line: str) -> None:
         """The line above."""
-        if (title, line) != (self.title, self.line):
-            self.title, self.line = title, line
-            self.update(0, 0, self.width(), TITLE_PX)
+        self.title, self.line = title, line
+        self.update()
 
     def set_blind(self, blind: bool) -> None:
         """Hide what would tell the controllers apart: what the brakes do, and their force."""
@@ -160,142 +137,81 @@ class LinkageView(Plane):
             self._worded = True
             if LINKAGE in self.shown:
                 self._place_labels(self.instant)
-            self._placed = None
-            self.repaint_moved()
+            self.update()
 
     # painting
-
-    def moving(self) -> QRegion:
-        """Also arms, rings, arrows, layers and labels; the line above changes with the labels' words."""
-        region = super().moving()
-        if self.instant is None:
-            return region
-        at, rings, marks = self._places()
-        handle = self.to_screen(self.instant.tip)
-        region += around(handle, handle, WEDGE_PX + EDGE_PX)
-        for force in (HAND, BRAKES):
-            region += around(handle, marks[force], EDGE_PX)
-        if at:
-            for ring in rings.values():
-                region += around(ring, ring, JOINT_PX + EDGE_PX)
-            for one, other in ARMS:
-                pieces = 1 + int((at[other] - at[one]).manhattanLength() / PIECE_PX)
-                piece = (at[other] - at[one]) / pieces
-                for i in range(pieces):
-                    start = at[one] + piece * i
-                    region += around(start, start + piece, ARM_PX)
-            for box in self.labels.boxes.values():
-                region += box.adjusted(-2.0, -2.0, 2.0, 2.0).toAlignedRect()
-        return region
 
     def paint_under_path(self, painter: QPainter) -> None:
         if self._path is not None and FIELD in self.shown:
             step = max(NEEDLE_M, NEEDLE_PX / self.scale)
             low, high = self.to_plane(QPointF(60.0, self.height())), self.to_plane(QPointF(self.width() - 12.0, 40.0))
             found = needles(self._path, self.sense, self.device, low, high, step)
-            middles = found[:, :2] * (self.scale, -self.scale) + (self._zero_x, self._zero_y)
-            paint_field(painter, middles, found[:, 2:] * (1.0, -1.0), step * self.scale)
+            paint_field(painter, self._pixels(found[:, :2]), found[:, 2:] * (1.0, -1.0), step * self.scale)
         if self.device.assumed:
             painter.setFont(font(theme.SMALL))
-            painter.setPen(shade(theme.CAUTION, 0.9))
-            painter.drawText(QRectF(0.0, 12.0, self.width() - 16.0, 20.0), RIGHT, ASSUMED)
+            painter.setPen(pen(theme.CAUTION, 1.0, 0.9))
+            painter.drawText(QRectF(0.0, self.height() - 24.0, self.width() - 16.0, 20.0), RIGHT, "parameters assumed")
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if self.instant is None:
             return
-        handle = self.to_screen(self.instant.tip)
-        at, rings, _ = self._places()
+        handle, (at, rings) = self.to_screen(self.instant.tip), self._joints(self.instant)
         if REACHABLE in self.shown and (wedge := self.instant.reachable()) is not None:
             paint_wedge(painter, handle, wedge)
-        for width, colour in ((ARM_PX, theme.ARM), (2.0, theme.ARM_CORE)) if at else ():
-            painter.setPen(pen(colour, width))  # flat ends, opaque, line by line: a twentieth of the time
-            for one, other in ARMS:
-                painter.drawLine(at[one], at[other])
+        paint_arms(painter, at, ARM_PX, 2.0)
         if DIRECTIONS in self.shown and self._field is not None:
             paint_directions(painter, handle, directions(self.device, self.instant.g, self._field), self._field)
-        if at:
-            self._paint_joints(painter, rings)
+        paint_joints(painter, rings, self.device.braked, self.labels.doing, self.blind)
         paint_arrow(painter, handle, arrow_of(self.instant.brakes), theme.BRAKE_SLIPPING, 3.0)
         paint_arrow(painter, handle, arrow_of(self.instant.hand), theme.GOOD, 3.0)
 
     def paint_over_handle(self, painter: QPainter) -> None:
         if self.instant is not None and LINKAGE in self.shown:
-            self.labels.paint(painter)
-        if self.dirty.top() > TITLE_PX:
-            return
-        painter.setFont(font(theme.HEAD, bold=True))
-        painter.setPen(shade(theme.TEXT))
-        painter.drawText(QRectF(16.0, 8.0, self.width(), 26.0), LEFT, self.title)
-        if self.line:
-            x = 28.0 + text_width(self.title, theme.HEAD, bold=True)
-            painter.setFont(font(theme.NORMAL))
-            painter.setPen(shade(theme.QUIET))
-            painter.drawText(QRectF(x, 9.0, self.width() - x, 26.0), LEFT, self.line)
+            self.labels.paint(painter, self._marks(self.instant))
+        x = 16.0
+        for text, size, bold, colour in (
+            (self.title, theme.HEAD, True, theme.TEXT),
+            (self.line, theme.NORMAL, False, theme.QUIET),
+        ):
+            painter.setFont(font(size, bold))
+            painter.setPen(shade(colour))
+            painter.drawText(QRectF(x, 8.0, self.width(), 26.0), LEFT, text)
+            x += 12.0 + text_width(text, size, bold)
 
-    def _places(self) -> Placed:
-        """Where the instant is: worked out once, for it is asked for when it comes and when it is painted."""
-        assert self.instant is not None
-        if self._placed is None:
-            at = {}
-            if LINKAGE in self.shown:
-                at = {joint: self.to_screen(place) for joint, place in self.instant.joints.items()}
-            rings = dict(at)
-            if at and "A" in self.device.braked and "B" in self.device.braked:
-                if (at["A"] - at["B"]).manhattanLength() < 2.0 * JOINT_PX + 2.0:
-                    middle, apart = 0.5 * (at["A"] + at["B"]), QPointF(JOINT_PX + 2.0, 0.0)
-                    rings["A"], rings["B"] = middle - apart, middle + apart
-            ends = force_ends(self.to_screen(self.instant.tip), self.instant)
-            self._placed = Placed(at, rings, {**rings, **ends})
-            self.labels.stand(self._placed.marks)
-        return self._placed
+    def _pixels(self, places: np.ndarray) -> np.ndarray:
+        """Places (n, 2) of the plane, m -> px."""
+        return places * (self.scale, -self.scale) + (self._zero_x, self._zero_y)
 
-    def _fit(self) -> None:
-        self._placed = None
-        super()._fit()
+    def _joints(self, instant: Instant) -> tuple[dict[str, QPointF], dict[str, QPointF]]:
+        """Where the joints and their rings are, px; none where the linkage is hidden."""
+        shown = instant.joints if LINKAGE in self.shown else {}
+        at = {joint: self.to_screen(place) for joint, place in shown.items()}
+        return at, rings_of(at, self.device.braked, JOINT_PX)
+
+    def _marks(self, instant: Instant) -> dict[str, QPointF]:
+        """The points (px) beside which the labels stand: the rings, the heads of both forces' arrows."""
+        handle = self.to_screen(instant.tip)
+        return self._joints(instant)[1] | {
+            HAND: handle + arrow_of(instant.hand), BRAKES: handle + arrow_of(instant.brakes)
+        }  # fmt: skip
 
     def _place_labels(self, instant: Instant) -> None:
         """Labels keep off arms, path, arrows, directions, rings and the pointer."""
-        at, _, marks = self._places()
-        handle = self.to_screen(instant.tip)
-        ends = [(at[a], at[b]) for a, b in ARMS] if at else []
-        ends += [(handle, marks[HAND]), (handle, marks[BRAKES])]
+        marks, handle, (at, _) = self._marks(instant), self.to_screen(instant.tip), self._joints(instant)
+        lines = [(at[a], at[b]) for a, b in ARMS] if at else []
+        lines += [(handle, marks[HAND]), (handle, marks[BRAKES])]
         places = [(marks[joint], JOINT_PX) for joint in self.device.braked if joint in marks]
-        if DIRECTIONS in self.shown:
-            for g_x, g_y in instant.g[[JOINTS.index(joint) for joint in self.device.braked]].tolist():
-                reach = QPointF(g_y, g_x) * (LETTER_PX / math.hypot(g_x, g_y))
-                ends.append((handle - reach, handle + reach))
+        if DIRECTIONS in self.shown and self._field is not None:
+            for one in directions(self.device, instant.g, self._field):
+                reach = QPointF(one.p_x, -one.p_y) * LETTER_PX
+                lines.append((handle - reach, handle + reach))
                 places += [(handle - reach, 9.0), (handle + reach, 9.0)]
-        path = [self.to_screen(point) for point in self.outline[:: max(1, len(self.outline) // 12)]]
-        path += [self.to_screen(self.outline[-1])] if path else []
-        ends += zip(path, path[1:], strict=False)
-        lines: list[Line] = [(p.x(), p.y(), q.x(), q.y()) for p, q in ends]
-        places += [(end, 13.0) for end in (path[:1] + path[-1:])]
+        places += [(self.to_screen(end), 13.0) for end in (*self.outline[:1], *self.outline[-1:])]
         places += [(self.to_screen(self.pointer), 7.0)] if self.pointer else []
-        boxes = [QRectF(p.x() - r, p.y() - r, 2.0 * r, 2.0 * r) for p, r in places]
-        self.labels.place(instant, marks, lines, boxes, QRectF(self.rect()).adjusted(4.0, 36.0, -4.0, -2.0))
-
-    def _paint_joints(self, painter: QPainter, rings: dict[str, QPointF]) -> None:
-        painter.setPen(Qt.PenStyle.NoPen)
-        for joint in JOINTS:
-            place = rings[joint]
-            if joint not in self.device.braked:
-                paint_ring(painter, place, BARE_PX, 2.0, theme.BRAKE_OFF)
-                continue
-            state = self.labels.doing.get(joint, Doing()).state
-            paint_ring(painter, place, JOINT_PX, 3.0, SHADE[state])
-            write(painter, place, joint, theme.SMALL, True, theme.QUIET if self.blind else theme.JOINT[joint])
-
-
-def paint_ring(painter: QPainter, middle: QPointF, radius: float, width: float, colour: str) -> None:
-    """A ring and the canvas in it (px; no pen): two discs take half of the time of a circle drawn with a pen."""
-    for reach, fill in ((radius + 0.5 * width, colour), (radius - 0.5 * width, theme.CANVAS)):
-        painter.setBrush(shade(fill))
-        painter.drawEllipse(middle, reach, reach)
-
-
-def around(one: QPointF, other: QPointF, reach: float) -> QRect:
-    """The box around two points (px) and so much more on each side."""
-    return QRectF(one, other).normalized().adjusted(-reach, -reach, reach, reach).toAlignedRect()
+        drawn = [self._pixels(self.outline), *(points_along(*line) for line in lines)]
+        drawn += [points_in(QRectF(p.x() - r, p.y() - r, 2.0 * r, 2.0 * r)) for p, r in places]
+        room = QRectF(self.rect()).adjusted(4.0, 36.0, -4.0, -2.0)
+        self.labels.place(instant, marks, np.concatenate(drawn), room)
 
 
 #: layer -> its key, what it shows

@@ -1,7 +1,8 @@
-"""The marks on the workspace: arrows of forces, needles of the field, SDOF directions, the reachable forces."""
+"""The marks on the workspace: arms, rings, arrows of forces, needles of the field, SDOF directions, labels."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
@@ -19,10 +20,53 @@ LEAST_FORCE_N = 0.2  # weaker than this is not drawn
 HEAD_PX = 8.0  # of an arrow's head
 DIRECTION_PX, LETTER_PX, WEDGE_PX = 58.0, 69.0, 78.0  # length of a direction, its letter, radius of the wedge
 NEEDLE_SHARE = 0.24  # half a needle's length, of the distance between two
+ARMS = ("AE", "ED", "BC", "CD")
+HAND, BRAKES = "hand", "brakes"
+SHADE = {OFF: theme.BRAKE_OFF, SLIPPING: theme.BRAKE_SLIPPING, STUCK: theme.BRAKE_STUCK}
+FORCE_SHADE = {HAND: theme.GOOD, BRAKES: theme.BRAKE_SLIPPING}
+JOINT_PX, BARE_PX = 12.0, 5.0  # radius of a brake's ring, and of a joint's without a brake
+
+
+def paint_arms(painter: QPainter, at: Mapping[str, QPointF], width: float, core_width: float) -> None:
+    """The arms between the joints (px; none where the arms do not reach). Flat, opaque lines one by one are fast."""
+    for thick, colour in ((width, theme.ARM), (core_width, theme.ARM_CORE)) if at else ():
+        painter.setPen(pen(colour, thick))
+        for one, other in ARMS:
+            painter.drawLine(at[one], at[other])
+
+
+def rings_of(at: Mapping[str, QPointF], braked: str, radius: float) -> dict[str, QPointF]:
+    """The middles of the joints' rings (px): the brakes of coaxial bases stand side by side."""
+    if at and {"A", "B"} <= set(braked) and (at["A"] - at["B"]).manhattanLength() < 2.0 * radius + 2.0:
+        middle, apart = 0.5 * (at["A"] + at["B"]), QPointF(radius + 2.0, 0.0)
+        return {**at, "A": middle - apart, "B": middle + apart}
+    return dict(at)
+
+
+def paint_ring(painter: QPainter, middle: QPointF, radius: float, width: float, colour: str) -> None:
+    """A ring and the canvas in it (px; no pen): two discs take half of the time of a circle drawn with a pen."""
+    for reach, fill in ((radius + 0.5 * width, colour), (radius - 0.5 * width, theme.CANVAS)):
+        painter.setBrush(shade(fill))
+        painter.drawEllipse(middle, reach, reach)
+
+
+def paint_joints(
+    painter: QPainter, rings: Mapping[str, QPointF], braked: str, doing: Mapping[str, Doing], blind: bool
+) -> None:
+    """A ring for each brake, in the colour of what it does, its letter in that of its current's curve, unless blind;
+    a bare ring for a joint without a brake."""
+    painter.setPen(Qt.PenStyle.NoPen)
+    for joint in JOINTS if rings else "":
+        if joint not in braked:
+            paint_ring(painter, rings[joint], BARE_PX, 2.0, theme.BRAKE_OFF)
+            continue
+        state = doing.get(joint, Doing()).state
+        paint_ring(painter, rings[joint], JOINT_PX, 3.0, SHADE[state])
+        write(painter, rings[joint], joint, theme.SMALL, True, theme.QUIET if blind else theme.JOINT[joint])
 
 
 def arrow_of(force: Point) -> QPointF:
-    """From the tail to the head of a force's arrow, px; nothing where it is too weak to be drawn."""
+    """From the tail to the head of a force's arrow, px; (0, 0) where it is too weak to be drawn."""
     size = math.hypot(*force)
     if size < LEAST_FORCE_N:
         return QPointF()
@@ -85,82 +129,19 @@ def paint_wedge(painter: QPainter, handle: QPointF, found: Wedge) -> None:
     painter.drawArc(box, round(16.0 * first), round(16.0 * span))
 
 
-Line = tuple[float, float, float, float]  # px: x0, y0, x1, y1
-Box = tuple[float, float, float, float]  # px: left, top, right, bottom
-
-RIGHT_OF, LEFT_OF, BELOW, ABOVE = "right", "left", "below", "above"
-CORNERS = ("above right", "below right", "above left", "below left")
-FAR, FAR_PX = "far ", 18.0  # before a side: so much further away
-ROUND = (*CORNERS, *(FAR + side for side in (RIGHT_OF, LEFT_OF, BELOW, ABOVE, *CORNERS)))
+# labels
 
 
-def meets(line: Line, box: Box) -> bool:
-    """Whether a straight line passes through a box: what is left of it between the box's four sides."""
-    x0, y0, x1, y1 = line
-    left, top, right, bottom = box
-    if (x0 < left and x1 < left) or (x0 > right and x1 > right) or (y0 < top and y1 < top) or (y0 > bottom < y1):
-        return False  # most of them: all of it is beyond one side
-    first, last = 0.0, 1.0
-    for start, run, low, high in ((x0, x1 - x0, left, right), (y0, y1 - y0, top, bottom)):
-        if run == 0.0:
-            if not low <= start <= high:
-                return False
-            continue
-        enters, leaves = (low - start) / run, (high - start) / run
-        if enters > leaves:
-            enters, leaves = leaves, enters
-        first, last = max(first, enters), min(last, leaves)
-        if first > last:
-            return False
-    return True
+class Side(NamedTuple):
+    """Where a label stands, seen from its mark: -1, 0 or 1 to the right and down, and so much further away (px)."""
+
+    x: int
+    y: int
+    far: float = 0.0
 
 
-def box_at(mark: QPointF, side: str, away: float, width: float, height: float) -> QRectF:
-    """The label's box on one side of its mark, `away` px from it."""
-    x, y = mark.x(), mark.y()
-    if side.startswith(FAR):
-        return box_at(mark, side.removeprefix(FAR), away + FAR_PX, width, height)
-    if side == RIGHT_OF:
-        return QRectF(x + away, y - 0.5 * height, width, height)
-    if side == LEFT_OF:
-        return QRectF(x - away - width, y - 0.5 * height, width, height)
-    if side in CORNERS:
-        above, left = side.startswith("above"), side.endswith("left")
-        return QRectF(x - width if left else x, y - away - height if above else y + away, width, height)
-    return QRectF(x - 0.5 * width, y + away if side == BELOW else y - away - height, width, height)
-
-
-def free_side(
-    mark: QPointF,
-    sides: Sequence[str],
-    size: tuple[float, float, float],
-    lines: Sequence[Line],
-    boxes: Sequence[QRectF],
-    room: QRectF,
-) -> str:
-    """The side on which the label (away, width, height; px) touches least, the first of `sides` where several do."""
-
-    def touched(side: str) -> int:
-        box = box_at(mark, side, *size)
-        outside, corners = 0 if room.contains(box) else 100, box.getCoords()
-        crossed = sum(meets(line, corners) for line in lines)
-        return outside + crossed + 2 * sum(box.intersects(other) for other in boxes)
-
-    best, least = sides[0], touched(sides[0])
-    for side in sides[1:]:
-        if least == 0:
-            break
-        if (count := touched(side)) < least:
-            best, least = side, count
-    return best
-
-
-SHADE = {OFF: theme.BRAKE_OFF, SLIPPING: theme.BRAKE_SLIPPING, STUCK: theme.BRAKE_STUCK}
-HAND, BRAKES = "hand", "brakes"
-FORCE_SHADE = {HAND: theme.GOOD, BRAKES: theme.BRAKE_SLIPPING}
-JOINT_PX = 12.0  # radius of a brake's ring
-HEIGHT_PX = 15.0  # of a label
-JOINT_AWAY_PX, FORCE_AWAY_PX = JOINT_PX + 7.0, 9.0  # from the middle of the ring, from the arrow's head
+RIGHT_OF, LEFT_OF, BELOW, ABOVE = Side(1, 0), Side(-1, 0), Side(0, 1), Side(0, -1)
+ROUND = tuple(Side(x, y, far) for far in (0.0, 18.0) for x in (1, 0, -1) for y in (-1, 0, 1) if x or y)
 #: where a joint's label goes if it can: inside the linkage at the elbows, outside at the bases
 SIDES = {
     "A": (LEFT_OF, BELOW, RIGHT_OF, ABOVE),
@@ -168,79 +149,92 @@ SIDES = {
     "B": (RIGHT_OF, BELOW, LEFT_OF, ABOVE),
     "C": (LEFT_OF, RIGHT_OF, BELOW, ABOVE),
 }
+HEIGHT_PX = 15.0  # of a label
+JOINT_AWAY_PX, FORCE_AWAY_PX = JOINT_PX + 7.0, 9.0  # from the middle of the ring, from the arrow's head
+SPARE_PX = 1.5  # around a label
+ALONG = np.linspace(0.0, 1.0, 150)[:, None]  # shares of a line at which it is looked whether a label lies on it
+OVER = np.stack(np.meshgrid(np.linspace(0.0, 1.0, 12), (0.0, 0.5, 1.0)), axis=-1).reshape(-1, 2)  # and of a box
 
 
-def sides_of(force: Point) -> tuple[str, ...]:
-    """The sides of an arrow's head, the one that it points to first, none that lies back at its tail."""
-    across = (RIGHT_OF, LEFT_OF) if force[0] >= 0.0 else (LEFT_OF, RIGHT_OF)
-    up = (ABOVE, BELOW) if force[1] >= 0.0 else (BELOW, ABOVE)
-    ahead, beside = (across, up) if abs(force[0]) > abs(force[1]) else (up, across)
-    return (ahead[0], *beside, *(side for side in ROUND if ahead[0] in side and ahead[1] not in side))
+def points_along(one: QPointF, other: QPointF) -> np.ndarray:
+    """Points (n, 2), px, along a straight line."""
+    return one.toTuple() + ALONG * (other - one).toTuple()
+
+
+def points_in(box: QRectF) -> np.ndarray:
+    """Points (n, 2), px, all over a box."""
+    return (box.x(), box.y()) + OVER * (box.width(), box.height())
+
+
+def box_at(mark: QPointF, side: Side, away: float, width: float) -> QRectF:
+    """The box of a label `width` px wide, `away` px from its mark."""
+    away += side.far
+    x = mark.x() + side.x * (0.5 * width + (0.0 if side.y else away))
+    y = mark.y() + side.y * (0.5 * HEIGHT_PX + away)
+    return QRectF(x - 0.5 * width, y - 0.5 * HEIGHT_PX, width, HEIGHT_PX)
+
+
+def free_box(boxes: Sequence[QRectF], drawn: np.ndarray, room: QRectF) -> int:
+    """The place of the box that lies in the room (px) and on the fewest drawn points (n, 2); of equals the first."""
+    (x, y), best, least = drawn.T, 0, math.inf
+    for at, box in enumerate(boxes):
+        left, top, right, bottom = box.adjusted(-SPARE_PX, -SPARE_PX, SPARE_PX, SPARE_PX).getCoords()
+        cost = np.count_nonzero((x > left) & (x < right) & (y > top) & (y < bottom))
+        cost += 0 if room.contains(box) else len(x) + 1
+        if cost < least:
+            best, least = at, cost
+        if cost == 0:
+            break
+    return best
+
+
+def sides_of(force: Point) -> list[Side]:
+    """The sides of an arrow's head, nearest to where it points first; none that lies back at its tail."""
+    ahead = {side: (side.x * force[0] - side.y * force[1]) / math.hypot(side.x, side.y) for side in ROUND}
+    return sorted((side for side in ROUND if ahead[side] >= 0.0), key=lambda side: (side.far, -ahead[side]))
 
 
 class Labels:
-    """What is written, and on which side of its mark."""
+    """What is written at the brakes and at the forces' arrows, and on which side of its mark."""
 
     def __init__(self) -> None:
         self.words: dict[str, str] = {}
         self.doing: dict[str, Doing] = {}  # joint -> what its brake does
-        self.sides: dict[str, str] = {}
+        self.sides: dict[str, Side] = {}
         self.boxes: dict[str, QRectF] = {}  # where each stands, px
 
     def word(self, instant: Instant, doing: dict[str, Doing]) -> None:
         """New words: of each brake, of both forces."""
-        words, self.doing = {}, doing
-        for joint, (state, torque) in doing.items():
-            words[joint] = state if state == OFF else f"{state} {torque:.1f} N m"
+        self.doing = doing
+        self.words = {
+            joint: state if state == OFF else f"{state} {torque:.1f} N m" for joint, (state, torque) in doing.items()
+        }
         for name, force in ((HAND, instant.hand), (BRAKES, instant.brakes)):
             if math.hypot(*force) >= LEAST_FORCE_N:
-                words[name] = f"{name} {math.hypot(*force):.1f} N"
-        self.words = words
+                self.words[name] = f"{name} {math.hypot(*force):.1f} N"
 
-    def place(
-        self,
-        instant: Instant,
-        marks: Mapping[str, QPointF],
-        lines: Sequence[Line],
-        boxes: Sequence[QRectF],
-        room: QRectF,
-    ) -> None:
-        """Choose sides: of marks (px) by name; lines and boxes are what a label must not lie on."""
-        taken = list(boxes)
-        for name, words in self.words.items():
-            if name not in marks:
-                continue
-            wanted = SIDES.get(name) or sides_of(instant.hand if name == HAND else instant.brakes)
-            before = self.sides.get(name)
-            sides = wanted if before is None else (before, *(side for side in wanted if side != before))
-            size = self._size(name, words)
-            own = [box for box in taken if not box.contains(marks[name])]
-            self.sides[name] = free_side(marks[name], sides, size, lines, own, room)
-            taken.append(box_at(marks[name], self.sides[name], *size))
+    def place(self, instant: Instant, marks: Mapping[str, QPointF], drawn: np.ndarray, room: QRectF) -> None:
+        """Choose the side of each mark (px) on which least is drawn (n, 2), px; before others, the side it had."""
+        for name in (name for name in self.words if name in marks):
+            force = instant.hand if name == HAND else instant.brakes
+            sides = [*SIDES[name], *ROUND] if name in SIDES else sides_of(force)
+            sides = [self.sides[name], *sides] if name in self.sides else sides
+            boxes = [self._box(name, marks[name], side) for side in sides]
+            best = free_box(boxes, drawn, room)
+            self.sides[name] = sides[best]
+            drawn = np.vstack((drawn, points_in(boxes[best])))
 
-    def stand(self, marks: Mapping[str, QPointF]) -> None:
-        """Each label beside its mark (px)."""
+    def paint(self, painter: QPainter, marks: Mapping[str, QPointF]) -> None:
+        """Write each label beside its mark (px)."""
         self.boxes = {
-            name: box_at(marks[name], self.sides.get(name, RIGHT_OF), *self._size(name, words))
-            for name, words in self.words.items()
-            if name in marks
+            name: self._box(name, marks[name], self.sides.get(name, RIGHT_OF)) for name in self.words if name in marks
         }
-
-    def paint(self, painter: QPainter) -> None:
-        """Write each label where it stands."""
         for name, box in self.boxes.items():
             words = self.words[name]
             colour = FORCE_SHADE.get(name) or (theme.QUIET if words == OFF else SHADE[words.split()[0]])
             painter.fillRect(box, shade(theme.CANVAS, 0.6))  # to be read even where it must lie on something
             write(painter, box.center(), words, theme.SMALL, False, colour)
 
-    @staticmethod
-    def _size(name: str, words: str) -> tuple[float, float, float]:
-        """How far from its mark, how wide and how high, px."""
+    def _box(self, name: str, mark: QPointF, side: Side) -> QRectF:
         away = FORCE_AWAY_PX if name in FORCE_SHADE else JOINT_AWAY_PX
-        return away, text_width(words, theme.SMALL) + 2.0, HEIGHT_PX
-
-
-def force_ends(handle: QPointF, instant: Instant) -> dict[str, QPointF]:
-    """The heads of both forces' arrows, px."""
-    return {HAND: handle + arrow_of(instant.hand), BRAKES: handle + arrow_of(instant.brakes)}
+        return box_at(mark, side, away, text_width(self.words[name], theme.SMALL) + 2.0)

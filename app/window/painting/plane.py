@@ -1,8 +1,7 @@
 """The plane that the handle moves in, true to scale: path, start, end, handle, pointer and the spring between them.
 
 Metres in, the same scale for all trials of a session. What stands still is painted once into a background, the trail
-piece by piece as it grows; a frame paints only what moves. A plane holds no state of the experiment: it is told what
-to show, and tells where the pointer is.
+piece by piece as it grows; a frame paints the background and, on it, what moves.
 """
 
 import math
@@ -10,7 +9,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from PySide6.QtCore import QEvent, QLineF, QMarginsF, QPointF, QRect, QRectF, Qt, Signal
+from PySide6.QtCore import QEvent, QMarginsF, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import (
     QInputDevice,
     QMouseEvent,
@@ -19,7 +18,6 @@ from PySide6.QtGui import (
     QPixmap,
     QPointingDevice,
     QPolygonF,
-    QRegion,
     QResizeEvent,
 )
 from PySide6.QtWidgets import QSizePolicy, QWidget
@@ -31,9 +29,10 @@ from core.path import PathFile, outline
 
 FORCE_RED_N = 20.0  # the spring is green when slack, red from here on
 TRAIL_MOST = 4000  # points; a longer trail is thinned out
-HOLD_PX = 6.0  # how wide the sweep of the hold is
+HOLD_PX = 6.0  # width of the sweep of the hold
 LEAST_HANDLE_PX = 4.0  # radius
 TRAIL_STEP_PX = 3.0  # a trail grows by pieces so long; what is missing lies under the handle
+RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 
 class Sizes(NamedTuple):
@@ -52,11 +51,9 @@ AT_DESK, FROM_AFAR = Sizes(), Sizes(7.0, 26.0, 6.0, 17.0, 10.0, 3.0, 3.0)
 
 
 def hovers(device: QPointingDevice) -> bool:
-    """Whether a pointing device says where it is without being pressed."""
+    """Whether a pointing device reports its place without being pressed."""
     kind = QInputDevice.DeviceType
-    if device.type() in (kind.Mouse, kind.TouchPad):
-        return True
-    return bool(device.capabilities() & QInputDevice.Capability.Hover)
+    return device.type() in (kind.Mouse, kind.TouchPad) or bool(device.capabilities() & QInputDevice.Capability.Hover)
 
 
 class Plane(QWidget):
@@ -67,8 +64,8 @@ class Plane(QWidget):
     """
 
     pointer_moved = Signal(float, float)  # m, inside what is drawn
-    pointer_left = Signal()  # the pointer is no hand any more
-    painted = Signal()  # what had to be painted anew has been
+    pointer_left = Signal()  # the hand lets go
+    painted = Signal()
 
     def __init__(
         self,
@@ -82,7 +79,7 @@ class Plane(QWidget):
         super().__init__(parent)
         self.sizes, self._extent, self._grid = sizes, extent, grid
         self._keep_free = keep_free or QMarginsF()
-        self._background, self._still = QPixmap(), False  # for what stands still; whether it shows it
+        self._background, self._still = QPixmap(), False  # for what stands still; whether it is up to date
         self._scale, self._zero_x, self._zero_y = 1.0, 0.0, 0.0  # px / m; where (0, 0) is, px
         self.path: PathFile | None = None
         self.outline = np.empty((0, 2))  # m
@@ -93,8 +90,6 @@ class Plane(QWidget):
         self.trail_shown = True
         self.radii_m: tuple[float, float] | None = None  # that count at start and end; None: rings of a fixed size
         self._beside: tuple[np.ndarray, str] | None = None  # another way (n, 2), m, and its colour
-        self.dirty = QRect()  # what is being painted anew, px
-        self._moving = QRegion()  # where things that move were last, px
         self._follows_mouse, self._pointer_moved = follows_mouse, False
         self.setMouseTracking(follows_mouse)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
@@ -112,7 +107,7 @@ class Plane(QWidget):
         self._fit()
 
     def show_path(self, path: PathFile | None) -> None:
-        """The path to follow; None: there is none. The trail is forgotten."""
+        """The path to follow, or none; without a trail yet."""
         self.path = path
         self.outline = np.empty((0, 2)) if path is None else np.asarray(outline(path, SPACING_M))
         self.clear_trail()
@@ -123,40 +118,40 @@ class Plane(QWidget):
         if taken != self.taken:  # with the handle in hand the ring is the pointer: the arrow would only cover it
             self.taken = taken
             self.setCursor(Qt.CursorShape.BlankCursor if taken else Qt.CursorShape.ArrowCursor)
-        self.repaint_moved()
+        self.update()
 
     def show_pointer(self, place: Point | None) -> None:
-        """Where the hand wants the handle to be (m), when it is not this widget's own pointer that says so."""
+        """Where the hand wants the handle to be (m), where this widget's own pointer is not the hand."""
         self.pointer = place
-        self.repaint_moved()
+        self.update()
 
     def extend_trail(self, tip: Point) -> None:
-        """The way of the handle goes on to here (m)."""
+        """The trail goes on to here (m)."""
         if self.trail and self._scale * math.dist(tip, self.trail[-1]) < TRAIL_STEP_PX:
             return
         if self.trail and self.trail_shown and self._still:
-            self._paint_trail(self._background, [self.trail[-1], tip])
+            self._paint_way(self._background, [self.trail[-1], tip], theme.TRACE)
         self.trail.append(tip)
         if len(self.trail) > TRAIL_MOST:
             self.trail = self.trail[::2]
 
     def show_way(self, tips: np.ndarray) -> None:
-        """The whole way so far at once: tips (n, 2), m."""
+        """The whole trail so far at once: tips (n, 2), m."""
         self.trail = [(x, y) for x, y in tips[:: len(tips) // TRAIL_MOST + 1].tolist()]
         self.repaint_still()
 
     def show_beside(self, tips: np.ndarray, colour: str) -> None:
-        """Another way beside the trail, whatever is shown: tips (n, 2), m; none of them: no other way."""
-        self._beside = (tips, colour) if len(tips) else None
+        """Another way beside the trail: tips (n, 2), m; n = 0: no other way."""
+        self._beside = (tips[:: len(tips) // TRAIL_MOST + 1], colour) if len(tips) else None
         self.repaint_still()
 
     def clear_trail(self) -> None:
-        """Forget the way so far."""
+        """Begin the trail anew."""
         self.trail.clear()
         self.repaint_still()
 
     def show_trail(self, shown: bool) -> None:
-        """Whether the way so far is drawn."""
+        """Draw the trail or leave it out."""
         self.trail_shown = shown
         self.repaint_still()
 
@@ -165,25 +160,11 @@ class Plane(QWidget):
         self._still = False
         self.update()
 
-    def repaint_moved(self) -> None:
-        """Paint anew where things that move were and where they are."""
-        before, self._moving, self._pointer_moved = self._moving, self.moving(), False
-        self.update(before.united(self._moving))
-
     def follow_pointer(self) -> None:
-        """With every frame: the own pointer, which tells more often than can be seen where it is."""
+        """With every frame: paint the own pointer, which moves more often than can be seen."""
         if self._pointer_moved:
-            self.repaint_moved()
-
-    def moving(self) -> QRegion:
-        """Where handle, pointer and spring are, px. A subclass in which more moves says so."""
-        sizes = self.sizes
-        around = QRectF()
-        for place, radius in ((self.tip, sizes.handle), (self.pointer, sizes.pointer)):
-            if place is not None:
-                at, reach = self.to_screen(place), radius + sizes.trail + 2.0
-                around = around.united(QRectF(at.x() - reach, at.y() - reach, 2.0 * reach, 2.0 * reach))
-        return QRegion(around.toAlignedRect())
+            self._pointer_moved = False
+            self.update()
 
     # metres and pixels
 
@@ -202,11 +183,11 @@ class Plane(QWidget):
         return self._scale
 
     def to_screen(self, point: Sequence[float]) -> QPointF:
-        """Where a place of the plane (m) is on the widget (px)."""
+        """Place of the plane (m) -> point of the widget (px)."""
         return QPointF(self._zero_x + self._scale * point[0], self._zero_y - self._scale * point[1])
 
     def to_plane(self, place: QPointF) -> Point:
-        """The place of the plane (m) under a point of the widget (px), clamped to what is drawn."""
+        """Point of the widget (px) -> place of the plane (m), clamped to what is drawn."""
         x = min(max(place.x(), 0.0), float(self.width()))
         y = min(max(place.y(), 0.0), float(self.height()))
         return (x - self._zero_x) / self._scale, (self._zero_y - y) / self._scale
@@ -246,19 +227,6 @@ class Plane(QWidget):
         self._fit()
         super().resizeEvent(event)
 
-    def paintEvent(self, event: QPaintEvent) -> None:
-        ratio = self.devicePixelRatioF()
-        if not self._still or self._background.devicePixelRatio() != ratio:
-            self._paint_background(ratio)
-        self.dirty = event.rect()
-        painter = QPainter(self)
-        painter.drawPixmap(0, 0, self._background)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        self.paint_under_handle(painter)
-        self._paint_hand(painter)
-        self.paint_over_handle(painter)
-        self.painted.emit()
-
     # painting: a subclass adds to these three
 
     def paint_under_path(self, painter: QPainter) -> None:
@@ -270,77 +238,76 @@ class Plane(QWidget):
     def paint_over_handle(self, painter: QPainter) -> None:
         """What moves, over everything."""
 
+    def paintEvent(self, event: QPaintEvent) -> None:
+        ratio = self.devicePixelRatioF()
+        if not self._still or self._background.devicePixelRatio() != ratio:
+            self._paint_background(ratio)
+        painter = QPainter(self)
+        painter.drawPixmap(0, 0, self._background)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        self.paint_under_handle(painter)
+        self._paint_hand(painter)
+        self.paint_over_handle(painter)
+        self.painted.emit()
+
     def _paint_background(self, ratio: float) -> None:
         if self._background.size() != self.size() * ratio:  # else the memory that is there is painted again
             self._background = QPixmap(self.size() * ratio)
-        pixmap, self._still = self._background, True
-        pixmap.setDevicePixelRatio(ratio)
-        pixmap.fill(shade(theme.CANVAS))
-        painter = QPainter(pixmap)
+        self._still = True
+        self._background.setDevicePixelRatio(ratio)
+        self._background.fill(shade(theme.CANVAS))
+        painter = QPainter(self._background)
         if self._grid:
             self._paint_grid(painter)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         self.paint_under_path(painter)
         if len(self.outline):
             self._paint_path(painter)
-        if self._beside is not None:
-            tips, colour = self._beside
-            painter.setPen(pen(colour, self.sizes.trail))
-            painter.drawPolyline(QPolygonF([self.to_screen(tip) for tip in tips[:: len(tips) // TRAIL_MOST + 1]]))
         painter.end()
+        if self._beside is not None:
+            self._paint_way(self._background, *self._beside)
         if self.trail_shown and len(self.trail) > 1:
-            self._paint_trail(pixmap, self.trail)
+            self._paint_way(self._background, self.trail, theme.TRACE)
 
     def _paint_grid(self, painter: QPainter) -> None:
         """Lines every 10 cm; those across are named."""
-        free = self._keep_free
         left, right = 58.0, self.width() - 14.0
-        top, bottom = 0.7 * free.top() + 8.0, self.height() - 8.0
+        top, bottom = 0.7 * self._keep_free.top() + 8.0, self.height() - 8.0
         painter.setFont(font(theme.SMALL))
         for i in range(-20, 21):
             at = self.to_screen((0.1 * i, 0.1 * i))
             x, y = round(at.x()) + 0.5, round(at.y()) + 0.5
             painter.setPen(pen(theme.LINE, 1.0, 0.55))
             if left < x < right:
-                painter.drawLine(QLineF(x, top, x, bottom))
+                painter.drawLine(QPointF(x, top), QPointF(x, bottom))
             if i >= 0 and top < y < bottom:
-                painter.drawLine(QLineF(left, y, right, y))
+                painter.drawLine(QPointF(left, y), QPointF(right, y))
                 painter.setPen(pen(theme.QUIET, 1.0, 0.75))
-                box = QRectF(0.0, y - 10.0, left - 8.0, 20.0)
-                painter.drawText(box, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter, f"{10 * i} cm")
+                painter.drawText(QRectF(0.0, y - 10.0, left - 8.0, 20.0), RIGHT, f"{10 * i} cm")
 
     def _paint_path(self, painter: QPainter) -> None:
         """The path, the start as a ring, the end as a ring with a point in it."""
-        sizes = self.sizes
-        painter.setPen(pen(theme.HANDLE, sizes.path, 0.92, round_cap=True))
+        painter.setPen(pen(theme.HANDLE, self.sizes.path, 0.92, round_cap=True))
         painter.drawPolyline(QPolygonF([self.to_screen(point) for point in self.outline]))
         painter.setBrush(Qt.BrushStyle.NoBrush)
-        start, end = self.rings_px
-        rings = ((self.outline[0], theme.START_RING, start), (self.outline[-1], theme.END_RING, end))
-        for place, ring, radius in rings:
-            painter.setPen(pen(ring, sizes.ring_pen))
-            painter.drawEllipse(self.to_screen(place), radius, radius)
+        start, end = self.to_screen(self.outline[0]), self.to_screen(self.outline[-1])
+        for place, colour, radius in zip((start, end), (theme.START_RING, theme.END_RING), self.rings_px, strict=True):
+            painter.setPen(pen(colour, self.sizes.ring_pen))
+            painter.drawEllipse(place, radius, radius)
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(shade(theme.END_RING))
-        painter.drawEllipse(self.to_screen(self.outline[-1]), 0.4 * sizes.ring, 0.4 * sizes.ring)
+        painter.drawEllipse(end, 0.4 * self.sizes.ring, 0.4 * self.sizes.ring)
 
     @property
     def rings_px(self) -> tuple[float, float]:
         """Radii of the rings at the start and at the end: those that count, where they are known."""
-        if self.radii_m is None:
-            return self.sizes.ring, self.sizes.ring
-        start, end = (radius * self._scale for radius in self.radii_m)
+        start, end = (self._scale * radius for radius in self.radii_m) if self.radii_m else 2 * (self.sizes.ring,)
         return start, end
 
     @property
     def handle_px(self) -> float:
         """Radius of the handle: its middle must be seen to lie in the ring at the start."""
         return min(self.sizes.handle, max(0.6 * self.rings_px[0], LEAST_HANDLE_PX))
-
-    def start_box(self) -> QRect:
-        """Around the ring at the start, px."""
-        at, reach = self.to_screen(self.outline[0]), self.rings_px[0] + HOLD_PX + 2.0
-        return QRectF(at.x() - reach, at.y() - reach, 2.0 * reach, 2.0 * reach).toAlignedRect()
 
     def paint_hold(self, painter: QPainter, share: float) -> None:
         """A sweep around the start for the share of the hold that is over."""
@@ -350,22 +317,21 @@ class Plane(QWidget):
         box = QRectF(at.x() - reach, at.y() - reach, 2.0 * reach, 2.0 * reach)
         painter.drawArc(box, 90 * 16, -round(share * 360 * 16))
 
-    def _paint_trail(self, pixmap: QPixmap, points: Sequence[Point]) -> None:
-        """Add a piece of the way to the background: a long trail costs no more than a short one."""
+    def _paint_way(self, pixmap: QPixmap, points: Sequence[Sequence[float]] | np.ndarray, colour: str) -> None:
+        """Add a piece of a way to the background: a long trail costs no more than a short one."""
         painter = QPainter(pixmap)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(pen(theme.TRACE, self.sizes.trail))
+        painter.setPen(pen(colour, self.sizes.trail))
         painter.drawPolyline(QPolygonF([self.to_screen(point) for point in points]))
         painter.end()
 
     def _paint_hand(self, painter: QPainter) -> None:
         """Handle, pointer and, once it is taken, the spring between them in the colour of its force."""
-        sizes = self.sizes
         pointer = self.to_screen(self.pointer) if self.pointer else None
         handle = self.to_screen(self.tip) if self.tip else None
         if pointer and handle and self.taken:
             step = round(min(self.force_N / FORCE_RED_N, 1.0) * (SHADES - 1))
-            painter.setPen(spring_pen(sizes.spring, step))
+            painter.setPen(spring_pen(self.sizes.spring, step))
             painter.drawLine(handle, pointer)
         if handle:
             painter.setPen(Qt.PenStyle.NoPen)
@@ -374,4 +340,4 @@ class Plane(QWidget):
         if pointer:
             painter.setPen(pen(theme.POINTER, 2.0))
             painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.drawEllipse(pointer, sizes.pointer, sizes.pointer)
+            painter.drawEllipse(pointer, self.sizes.pointer, self.sizes.pointer)
