@@ -11,7 +11,7 @@ from app.session_server.device_setup import RealSetup
 from app.session_server.session_progress import SessionProgress
 from app.session_server.simulated_person import done_without, person_at
 from app.session_server.state import State
-from app.session_server.steps import ended_by
+from app.session_server.steps import due_step, ended_by
 from core.files import InputError
 from experiments.plan import PlannedTrial, counted
 from experiments.session.files import other_protocol
@@ -66,7 +66,7 @@ def _open(state: State, command: m.Open) -> None:
             setup.data_dir, name, state.protocol, person, setup.sync, blind, hand, operators, command.form
         )
     try:
-        state.storage.take(SessionProgress(session, state.device))
+        state.storage.take(SessionProgress(session))
     except BaseException:
         session.close()
         raise
@@ -176,8 +176,8 @@ def _allow(state: State, _: m.AllowBrakes) -> None:
 
 
 def _end_step(state: State, command: m.Confirm | m.Answers) -> None:
-    step, _ = state.progress.due()
-    step.end(state.progress, state.storage.write, command)
+    step, _ = due_step(state.progress, state.device)
+    step.end(state.progress, state.device, state.storage.write, command)
     state.progress.last_end_s = None
 
 

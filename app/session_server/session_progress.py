@@ -3,11 +3,9 @@
 import statistics
 import time
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from app.ipc import messages as m
 from app.ipc.messages import OPERATOR
-from app.session_server.steps import STEPS, Step
 from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow
 from experiments.plan import PlannedTrial, break_after
 from experiments.session.files import cell, open_trials
@@ -24,9 +22,6 @@ from experiments.session.journal import (
 )
 from experiments.session.session import Session
 
-if TYPE_CHECKING:
-    from app.session_server.device_setup import RealSetup, SimulatedSetup
-
 MOST_NAMED = 8  # trials in one sentence
 
 
@@ -41,9 +36,9 @@ class Asked(NamedTuple):
 class SessionProgress:
     """An open session, and where it stands between two trials."""
 
-    def __init__(self, session: Session, device: "SimulatedSetup | RealSetup") -> None:
+    def __init__(self, session: Session) -> None:
         """What the journal tells of earlier days is not asked for again; a pause ended with the session."""
-        self.session, self.device = session, device
+        self.session = session
         self.coming: PlannedTrial | None = None
         self.last_end_s: float | None = None  # of a trial; None: what comes next is not one trial's length away
         self.rested_at = -1  # trials that were settled when the last break ended
@@ -85,17 +80,6 @@ class SessionProgress:
         session = self.session
         self.coming, self._settled, self._break_due = session.next_planned(), session.settled, session.break_due
         self.asked = self._to_ask()
-
-    def due(self) -> tuple[Step, m.Card] | None:
-        """The first step that is due, and what is to be done then; None: the next trial may start, or none is left."""
-        return next(((step, card) for step in STEPS if (card := step.due(self)) is not None), None)
-
-    @property
-    def stage(self) -> str:
-        """What the session waits for."""
-        if (due := self.due()) is not None:
-            return due[0].name
-        return m.READY if self.coming is not None else m.FINISHED
 
     @property
     def break_due(self) -> bool:

@@ -13,6 +13,7 @@ from app.session_server.loop_process import LoopProcess
 from app.session_server.preflight import check_disk, check_recording, with_advice
 from app.session_server.sandbox import Sandbox
 from app.session_server.session_progress import SessionProgress
+from app.session_server.steps import due_step, stage_of
 from app.session_server.storage import Storage
 from app.session_server.trial_runner import TrialRun, TrialRunner
 from experiments.protocol import Protocol
@@ -52,7 +53,7 @@ class State:
             return m.RUNNING
         if not self.sandbox.prepared or not self.runner.ready:
             return m.PREPARING
-        return self.progress.stage if self.progress else m.NO_SESSION
+        return stage_of(self.progress, self.device) if self.progress else m.NO_SESSION
 
     @property
     def progress(self) -> SessionProgress | None:
@@ -96,7 +97,7 @@ class State:
         """Everything that a window shows."""
         stage, progress, session, run = self.stage, self.progress, self.session, self.runner.run
         coming = progress.coming if progress else None
-        due = progress.due() if progress else None
+        due = due_step(progress, self.device) if progress else None
         at = run.planned if run else coming
         return m.Snapshot(
             stage=stage,

@@ -14,7 +14,10 @@ from core.files import InputError
 from experiments.session.journal import ANSWERS, BREAK_ENDED, CONTROLLER_ANSWERS
 
 if TYPE_CHECKING:
+    from app.session_server.device_setup import RealSetup, SimulatedSetup
     from app.session_server.session_progress import SessionProgress
+
+    DeviceSetup = SimulatedSetup | RealSetup
 
 Write = Callable[..., None]  # an event and its fields, into the journal
 
@@ -23,18 +26,19 @@ class Step(NamedTuple):
     """One kind of step."""
 
     name: str  # the stage of the session while it is due
-    due: "Callable[[SessionProgress], Card | None]"  # what is to be done; None: it is not due
+    due: "Callable[[SessionProgress, DeviceSetup], Card | None]"  # what is to be done; None: it is not due
     ended_by: type  # the command that ends it
-    end: "Callable[[SessionProgress, Write, Any], None]"  # what that command does; InputError: it is not over yet
+    #: what that command does; InputError: it is not over yet
+    end: "Callable[[SessionProgress, DeviceSetup, Write, Any], None]"
 
 
-def _questions(progress: "SessionProgress") -> Card | None:
+def _questions(progress: "SessionProgress", _: "DeviceSetup") -> Card | None:
     if progress.asked is None:
         return None
     return Card("Questions", "The participant answers them on the other screen.", "")
 
 
-def _answer(progress: "SessionProgress", write: Write, command: m.Answers) -> None:
+def _answer(progress: "SessionProgress", _: "DeviceSetup", write: Write, command: m.Answers) -> None:
     configuration, block, controller = progress.asked
     values = dict(command.values)
     if controller:
@@ -43,13 +47,13 @@ def _answer(progress: "SessionProgress", write: Write, command: m.Answers) -> No
         write(ANSWERS, configuration=configuration, block=block, values=values)
 
 
-def _break(progress: "SessionProgress") -> Card | None:
+def _break(progress: "SessionProgress", _: "DeviceSetup") -> Card | None:
     if not progress.break_due:
         return None
     return Card("Break", "A break: let go of the handle and rest.", wait_s=float(math.ceil(progress.break_left_s())))
 
 
-def _end_break(progress: "SessionProgress", write: Write, _: m.Confirm) -> None:
+def _end_break(progress: "SessionProgress", _: "DeviceSetup", write: Write, _command: m.Confirm) -> None:
     if (left := progress.break_left_s()) > 0.0:
         raise InputError(f"The break lasts {left:.0f} s more.")
     write(BREAK_ENDED, settled=progress.session.settled)
@@ -60,12 +64,24 @@ STEPS = (
     Step(m.QUESTIONS, due=_questions, ended_by=m.Answers, end=_answer),
     Step(
         m.RERIG,
-        due=lambda progress: progress.device.card(progress),
+        due=lambda progress, device: device.card(progress),
         ended_by=m.Confirm,
-        end=lambda progress, write, _: progress.device.confirm(progress, write),
+        end=lambda progress, device, write, _: device.confirm(progress, write),
     ),
     Step(m.BREAK, due=_break, ended_by=m.Confirm, end=_end_break),
 )
+
+
+def due_step(progress: "SessionProgress", device: "DeviceSetup") -> tuple[Step, Card] | None:
+    """The first step that is due, and what is to be done then; None: the next trial may start, or none is left."""
+    return next(((step, card) for step in STEPS if (card := step.due(progress, device)) is not None), None)
+
+
+def stage_of(progress: "SessionProgress", device: "DeviceSetup") -> str:
+    """What the session waits for."""
+    if (due := due_step(progress, device)) is not None:
+        return due[0].name
+    return m.READY if progress.coming is not None else m.FINISHED
 
 
 def ended_by(command: type) -> tuple[str, ...]:

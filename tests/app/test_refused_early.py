@@ -9,7 +9,6 @@ from protocols import PAPER, changed, protocol_of, short
 
 from app.cli import main
 from app.ipc.messages import OPERATOR, Setup
-from app.session_server.device_setup import SimulatedSetup
 from app.session_server.server import read_protocol
 from app.session_server.session_progress import SessionProgress
 from app.session_server.simulated_person import done_without
@@ -81,6 +80,6 @@ def test_no_questionnaire_is_put_to_a_simulated_operator(tmp_path):
         for _ in range(len(session.plan) // len(asking.devices)):
             trial = session.plan[len(session.rows)]
             session.rows.append(unmeasured_row(session.folder, trial._asdict(), "done"))
-        asked[name] = SessionProgress(session, SimulatedSetup(None, OPERATOR)).asked
+        asked[name] = SessionProgress(session).asked
         session.close()
     assert asked["01"] is None and asked["02"] is not None

@@ -18,6 +18,7 @@ from app.session_server import storage as storage_module
 from app.session_server.device_setup import SimulatedSetup
 from app.session_server.preflight import check_recording
 from app.session_server.session_progress import SessionProgress
+from app.session_server.steps import stage_of
 from app.session_server.storage import Storage
 from experiments.recording.reader import read_recording
 from experiments.session import journal
@@ -72,7 +73,7 @@ def said() -> list[tuple[str, bool]]:
 def storage(session: Session, said, monkeypatch: pytest.MonkeyPatch) -> Storage:
     monkeypatch.setattr(storage_module, "AGAIN_S", 0.0)
     storage = Storage(session.data_dir, Idle(), lambda sentence, bad=False: said.append((sentence, bad)))
-    storage.take(SessionProgress(session, MOUSE_HELD))
+    storage.take(SessionProgress(session))
     return storage
 
 
@@ -243,7 +244,7 @@ def rested(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         def open(self) -> SessionProgress:
             self.session.close()
             self.session = Session.resume(tmp_path / "data", "01", sync=False)
-            return SessionProgress(self.session, MOUSE_HELD)
+            return SessionProgress(self.session)
 
         def later(self, seconds: float) -> None:
             monkeypatch.setattr(progress_module, "datetime", shifted(seconds))
@@ -266,13 +267,13 @@ def shifted(seconds: float) -> type:
 
 def test_a_break_is_gone_on_with_when_the_bench_had_to_be_started_again(rested):
     progress = rested.open()
-    assert progress.stage == READY
+    assert stage_of(progress, MOUSE_HELD) == READY
     run_trials(rested.session, 1)
     progress = rested.open()
-    assert progress.stage == BREAK and 400.0 < progress.break_left_s() <= 600.0
+    assert stage_of(progress, MOUSE_HELD) == BREAK and 400.0 < progress.break_left_s() <= 600.0
     rested.later(450.0)
     progress = rested.open()
-    assert progress.stage == BREAK and 0.0 < progress.break_left_s() <= 150.0
+    assert stage_of(progress, MOUSE_HELD) == BREAK and 0.0 < progress.break_left_s() <= 150.0
     rested.later(-3600.0)  # somebody set the clock: the whole break, not an hour of it
     assert 400.0 < rested.open().break_left_s() <= 600.0
 
@@ -281,15 +282,15 @@ def test_a_break_that_passed_while_the_session_was_closed_is_not_asked_for(reste
     rested.open()
     run_trials(rested.session, 1)
     rested.later(3600.0)
-    assert rested.open().stage == READY
+    assert stage_of(rested.open(), MOUSE_HELD) == READY
 
 
 def test_a_break_that_was_ended_is_not_asked_for_again(rested):
     rested.open()
     run_trials(rested.session, 1)
     progress = rested.open()
-    assert progress.stage == BREAK
+    assert stage_of(progress, MOUSE_HELD) == BREAK
     rested.session.journal(BREAK_ENDED, settled=rested.session.settled)
-    assert rested.open().stage == READY
+    assert stage_of(rested.open(), MOUSE_HELD) == READY
     run_trials(rested.session, 1)
-    assert rested.open().stage == BREAK
+    assert stage_of(rested.open(), MOUSE_HELD) == BREAK
