@@ -17,6 +17,7 @@ from app.window.painting.parts import row
 from app.window.plots import TimePlot, range_for
 from app.window.words import controller_name, place
 from core import tick_log
+from experiments.analysis.flags import trial_flags
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.trials_table import COUNTED, TrialRow
 
