@@ -17,7 +17,7 @@ from core.files import InputError
 PLACES = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
 #: An environment variable: with it a bar is lines "PHD_PROGRESS 0.25" on stderr, for the program that asked for a verb.
 PROGRESS = "PHD_PROGRESS"
-LEAST_ROOM = (1240, 690)  # px, for the console with its frame
+LEAST_ROOM = (1024, 630)  # px, for the main window with its frame
 #: Prints each screen, the primary one first: name, size in points, scale, Hz, and the room for windows on it.
 SCREENS_CODE = """
 import json

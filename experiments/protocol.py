@@ -127,7 +127,7 @@ class Settings(Table, frozen=True, kw_only=True):
     repetitions: Count = 1  # of a cell within a block
     practice_trials: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 0  # before each configuration, not counted
     participants: tuple[Label, ...] = ()  # none named: anybody
-    blind: bool = False  # the console shows codes in place of controllers
+    blind: bool = False  # the experimenter sees codes in place of controllers
     show_linkage: bool = False  # to the participant
     feedback: Annotated[str, choice("none", "time", "error")] = "none"  # to the participant, after a trial
     provenance: Annotated[str, choice("", "assumed")] = ""  # "assumed": paths neither measured nor published

@@ -64,7 +64,7 @@ class Open(NamedTuple):
 
     participant: str
     resume: bool = False
-    blind: bool = False  # the console too
+    blind: bool = False  # the experimenter too
     form: dict[str, str | float] = {}  # noqa: RUF012  (never changed) what the protocol asks of a new participant
 
 
@@ -223,7 +223,7 @@ class Check(NamedTuple):
 
 
 class Card(NamedTuple):
-    """A step of the session that comes before the next trial, as the console's card shows it."""
+    """A step of the session that comes before the next trial, as a card of the window shows it."""
 
     title: str
     text: str  # what is to be done, one sentence

@@ -14,7 +14,7 @@ def add(verbs) -> None:
     """The verb and its arguments."""
     option = add_verb(
         verbs, "run", run, "open the app and run trials (the same as phd alone)",
-        "Two windows: the console, and the participant's view on the second screen (on one screen: F11).\n"
+        "One window (Home, Try, Run, Analyse), and the participant's view on the second screen (on one screen: F11).\n"
         "The simulated device is moved with the mouse: the pointer pulls the handle on a spring.\n"
         "An interrupted session is offered to be resumed.",
         "phd run --participant 01 --data-dir data\n  phd run my.toml --print-plan",

@@ -43,7 +43,7 @@ SKIP = "It is marked as skipped and does not come again."
 
 
 class RunPage(Page):
-    """The console of a session."""
+    """A session, as its experimenter sees it."""
 
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__(send)

@@ -24,7 +24,7 @@ from app.window.participant_window import ParticipantWindow
 from app.window.run_page import RunPage
 
 FRAME_S = 1.0 / 60.0
-HAND_BACK_S = 2.0  # after the participant's window was shown beside the console
+HAND_BACK_S = 2.0  # after the participant's window was shown beside the main window
 
 
 class Windows(QObject):
@@ -94,7 +94,7 @@ class Windows(QObject):
         return next((screen for screen in QGuiApplication.screens() if screen != mine), None)
 
     def show(self) -> None:
-        """The console; the participant's window at once where there is a second screen."""
+        """The main window; the participant's window at once where there is a second screen."""
         self.main.show()
         if not self.one_screen:
             self._show_participant()

@@ -113,7 +113,7 @@ def given_back(trial: TrialRow, opened: m.Opened | None) -> list[str]:
 
 
 def cell(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
-    """Controller and path of a planned trial; the controller is left out of a blind console."""
+    """Controller and path of a planned trial; the controller is left out while blind."""
     path = f"path {planned.segment}"
     return path if blind else f"{controller_name(planned.controller, opened)} · {path}"
 
