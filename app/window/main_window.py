@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import QUrl, Signal
 from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication
-from PySide6.QtWidgets import QFrame, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QLineEdit, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
 from app import __version__
 from app.ipc import messages as m
@@ -214,12 +214,16 @@ class MainWindow(QWidget):
             self.send(m.AllowBrakes())
 
     def escape(self, cause: str) -> None:
-        """Close what is asked; else, if anything is running or a session is open, brakes off. Never both."""
-        if self.cards.leave() or self.pages[self.shown].cancel():
+        """One thing: close what is asked; else leave a text field, or what a page has open, unless a trial runs; else
+        brakes off, where a session is open.
+        """
+        running = self.snapshot.stage == m.RUNNING
+        if self.cards.leave() or ((self.shown == RUN or not running) and self.pages[self.shown].cancel()):
             return
         typing = self.focusWidget()
-        if typing is not None and self.snapshot.stage != m.RUNNING and typing is not self:
+        if isinstance(typing, QLineEdit) and not running:
             typing.clearFocus()
+            return
         if self.snapshot.stage not in (m.PREPARING, m.NO_SESSION) and not self.snapshot.brakes_off:
             self.brakes_off(cause)
 

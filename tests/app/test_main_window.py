@@ -92,6 +92,15 @@ def test_escape_closes_what_is_asked_and_only_the_next_one_is_brakes_off(screens
     assert len(screens.client.off_causes) == 1
 
 
+def test_escape_in_a_note_leaves_the_note_and_nothing_else(screens: Screens) -> None:
+    screens.hear(opened(), ready(3))
+    screens.press(KEY.Key_N, modifier=CTRL)
+    screens.press(KEY.Key_Escape, screens.run.panel.note)
+    assert screens.client.off_causes == [] and not screens.run.panel.note.hasFocus()
+    screens.press(KEY.Key_Escape)
+    assert len(screens.client.off_causes) == 1
+
+
 # ------------------------------------------------------------------------------------------------- redo, skip, abort ..
 
 
