@@ -39,6 +39,8 @@ class Windows(QObject):
         self.participant = ParticipantWindow()
         self._dead = self._over = False
         self._warm_up: threading.Thread | None = None
+        self._ending: threading.Thread | None = None  # ends a session server, after which the next is started
+        self._next: tuple[Setup, object] = client.setup, None
         self._hand_back_until_s = 0.0
         self.participant.installEventFilter(self)
         main, shown = self.main, self.participant
@@ -76,9 +78,20 @@ class Windows(QObject):
         self.main.do(action)
 
     def restart(self, setup: Setup, then: object = None) -> None:
-        """End the session server and start another one with this setup; then: a command for it once it serves."""
-        self.client.stop("another setup was chosen")
-        self.client, self._dead = Client(setup), False
+        """End the session server and start another one with this setup; then: a command for it once it serves.
+
+        The window goes on meanwhile: the old one may have something to keep.
+        """
+        if self._ending is None:
+            self._next = setup, then
+            self._ending = threading.Thread(target=self.client.stop, args=("another setup was chosen",))
+            self._ending.start()
+            self.main.show_snapshot(m.Snapshot(m.PREPARING))
+
+    def _start_next(self) -> None:
+        """The old session server has ended."""
+        setup, then = self._next
+        self.client, self._dead, self._ending = Client(setup), False, None
         self.main.show_client(self.client, then)
         self.participant.show_snapshot(self.main.snapshot)
 
@@ -147,6 +160,10 @@ class Windows(QObject):
 
     def frame(self) -> None:
         """Take in what has come, and see whether the session server lives."""
+        if self._ending is not None:
+            if not self._ending.is_alive():
+                self._start_next()
+            return
         alive = self.client.alive  # asked first: what it said before it died is still read
         for message in self.client.receive():
             match message:
@@ -197,7 +214,10 @@ class Windows(QObject):
         self.participant.leaving = True
         self.participant.close()
         self.main.close_anyway()
-        self.client.stop(reason)
+        if self._ending is not None:  # it is told to end already, and no other was started
+            self._ending.join()
+        else:
+            self.client.stop(reason)
 
 
 def load_statistics() -> None:

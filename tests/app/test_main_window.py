@@ -2,6 +2,8 @@
 
 import gc
 import sys
+import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +14,8 @@ from fake_client import (
     PLAN,
     PRESETS,
     RED,
+    FakeClient,
+    before,
     movement,
     opened,
     pulse,
@@ -394,3 +398,28 @@ def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(
     qtbot.waitUntil(lambda: screens.run.card.ready)
     assert screens.press(KEY.Key_Space) == [] and not screens.run.card_shown
     assert screens.press(KEY.Key_Space) == [m.Start()]
+
+
+def test_another_setup_starts_another_server_while_the_window_goes_on(screens: Screens, monkeypatch) -> None:
+    started, ended = [], threading.Event()
+
+    class Next(FakeClient):
+        def __init__(self, setup: m.Setup) -> None:
+            super().__init__()
+            self.setup = setup
+            started.append(self)
+
+    monkeypatch.setattr("app.window.windows.Client", Next)
+    monkeypatch.setattr(screens.client, "stop", lambda reason: ended.wait())
+    old, setup = screens.client, m.Setup(Path("elsewhere"))
+    screens.hear(opened(""), before())
+    screens.windows.restart(setup, m.Open("02"))
+    screens.windows.frame()
+    assert not started and screens.main.snapshot.stage == m.PREPARING
+    ended.set()
+    screens.windows._ending.join()
+    screens.windows.frame()
+    (screens.client,) = started
+    assert screens.client.setup == setup and screens.client is not old
+    screens.hear(opened(""), before())
+    assert screens.client.sent == [m.Open("02")]
