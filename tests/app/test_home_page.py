@@ -190,7 +190,8 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     page._link_chosen(BOARD)
     shown.qtbot.waitUntil(lambda: "/dev/ttyUSB1" in texts(shown), timeout=5000)
     assert "answers, three-brake" in texts(shown)
-    assert not page.start.isEnabled() and page.why.text() == "Connect to a board first."
+    shown.qtbot.waitUntil(lambda: page.why.text() == "Connect to a board first.", timeout=5000)
+    assert not page.start.isEnabled()
     shown.type(page.port, "/tmp/port")
     QTest.keyClick(page.port, Qt.Key.Key_Return)
     chosen = shown.setup._replace(link="/tmp/port")
