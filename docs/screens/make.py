@@ -208,6 +208,17 @@ def pages(windows: Windows, hand: MadeUpHand, study: Path) -> None:
     until(lambda: after(1.0))
     shoot(main, "home")
     main.show_page(TRY)
+    for controller in (1, 4, 2):
+        until(lambda: main.snapshot.sandbox is not None)
+        assert main.snapshot.sandbox is not None
+        passes = len(main.snapshot.sandbox.passes)
+        preset = main.opened.controllers[controller]
+        now = main.snapshot.sandbox.settings
+        gain = preset.value("gain_N_s_m") or now.gain_N_s_m
+        change = {"controller": controller, "gap_m": preset.value("gap_m"), "gain_N_s_m": gain}
+        windows.client.send(m.Sandbox(now._replace(**change)))
+        if controller != 2:  # a line of the table
+            until(lambda: len(main.snapshot.sandbox.passes) > passes)  # noqa: B023
     until(lambda: hand.progress > 0.6)
     shoot(main, "try")
     main.show_page(ANALYSE, study)
