@@ -137,6 +137,7 @@ class ParticipantWindow(QWidget):
         self.view.pointer_moved.connect(self.aimed)
         self.view.pointer_left.connect(self.left)
         self.questions.answered.connect(self.answered)
+        self.instructions.turned.connect(self.start)
 
     def show_opened(self, opened: m.Opened) -> None:
         """A session, or a protocol before one."""
@@ -154,7 +155,7 @@ class ParticipantWindow(QWidget):
         )
 
     def start(self) -> bool:
-        """Space: the next page of the instructions; whether there was one."""
+        """Space or a click: the next page of the instructions; whether there was one."""
         turned = self._stack.currentWidget() is self.instructions and self.instructions.turn()
         self._choose_page()
         return turned

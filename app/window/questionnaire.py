@@ -207,6 +207,8 @@ class Questionnaire(QWidget):
 class Instructions(QWidget):
     """What the participant reads before the first trial: page by page, a text and perhaps a picture."""
 
+    turned = Signal()  # a click, for a participant without a keyboard
+
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._pages: tuple[Instruction, ...] = ()
@@ -241,6 +243,9 @@ class Instructions(QWidget):
         self.at += 1
         self._show()
         return True
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        self.turned.emit()
 
     def _show(self) -> None:
         if self.over:

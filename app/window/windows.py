@@ -61,7 +61,7 @@ class Windows(QObject):
         """The same keys; what leads to a question brings the main window to the front first."""
         main = self.main
         direct = {
-            "start": lambda: main.do("start"),
+            "start": lambda: self.participant.start() or main.do("start"),
             "escape": lambda: main.escape("Esc on the participant's screen"),
             "allow brakes": main.allow_brakes,
             "pause": lambda: main.do("pause"),

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from fake_client import LONG_BREAK, PLAN, PRESETS, movement, opened, ready, result, running, ticks
-from PySide6.QtCore import QEvent, Qt
+from PySide6.QtCore import QEvent, QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
@@ -14,6 +14,7 @@ from app.ipc import messages as m
 from app.window.painting.plane import TRAIL_STEP_PX
 from app.window.questionnaire import ITEMS
 from core import tick_log
+from experiments.protocol import Page
 
 CTRL = Qt.KeyboardModifier.ControlModifier
 
@@ -215,3 +216,45 @@ def test_questions_are_larger_where_there_is_room_and_never_cut(screens: Screens
         assert cut_texts(window) == []
         sizes.append(window.questions.done.font().pixelSize())
     assert sizes == sorted(set(sizes))
+
+
+def test_the_start_ring_has_the_radius_that_counts_and_the_dot_fits_into_it(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    view = screens.participant.view
+    for width, height in ((1280, 720), (1920, 1080)):
+        screens.participant.resize(width, height)
+        settle(screens.participant)
+        assert view.rings_px == pytest.approx((0.003 * view.scale, 0.01 * view.scale))
+        assert view.handle_px < view.rings_px[0]
+
+
+def test_the_hold_fills_the_ring_and_who_leaves_it_early_is_told(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    screens.tick(ticks(tick_log.APPROACH, 100))
+    screens.tick(ticks(tick_log.HOLD, 250, start=0.1))
+    assert screens.participant.view.held == pytest.approx(0.5, abs=0.01)
+    screens.tick(ticks(tick_log.APPROACH, 16, start=0.35))
+    assert screens.participant.view.held == 0.0 and "until it is full" in said(screens)
+    screens.tick(ticks(tick_log.APPROACH, 16, start=2.5))
+    assert "until it is full" not in said(screens)
+
+
+def test_the_text_is_never_under_the_dot(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    view = screens.participant.view
+    for x, side in ((0.3, 1), (0.7, -1)):
+        view.show_handle(view.to_plane(QPointF(x * view.width(), 0.85 * view.height())))
+        assert view.side == side
+    view.show_handle(view.to_plane(QPointF(0.5 * view.width(), 0.4 * view.height())))
+    assert view.side == 0
+
+
+def test_instructions_are_read_page_by_page_before_the_first_trial(screens: Screens) -> None:
+    window = screens.participant
+    screens.hear(opened(folder="other", instructions=(Page("Hold the handle.", b""), Page("Follow the line.", b""))))
+    screens.hear(ready(0))
+    assert window.instructions.isVisible() and window.instructions.text.text() == "Hold the handle."
+    assert screens.press(Qt.Key.Key_Space, window) == [] and window.instructions.text.text() == "Follow the line."
+    QTest.mouseClick(window.instructions, Qt.MouseButton.LeftButton)
+    assert window.view.isVisible()
+    assert screens.press(Qt.Key.Key_Space, window) == [m.Start()]
