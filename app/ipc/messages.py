@@ -68,10 +68,6 @@ class Open(NamedTuple):
     form: dict[str, str | float] = {}  # noqa: RUF012  (never changed) what the protocol asks of a new participant
 
 
-class Practice(NamedTuple):
-    """A practice trial of the session; it is kept apart and counts nowhere."""
-
-
 class Start(NamedTuple):
     """Run the next trial of the plan, or the next pass of Try on a real device."""
 

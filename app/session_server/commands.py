@@ -109,10 +109,6 @@ def _start(state: State, _: m.Start) -> None:
         raise InputError(m.NOT_NOW[m.NO_SESSION])
 
 
-def _practise(state: State, _: m.Practice) -> None:
-    _run(state, state.session, state.session.next_practice())
-
-
 def _try(state: State, command: m.Sandbox) -> None:
     if state.session is not None:
         raise InputError("A session is open: leave it before you try something out.")
@@ -209,7 +205,6 @@ IDLE = (m.PREPARING, m.READY, m.RERIG, m.BREAK, m.QUESTIONS, m.FINISHED)
 COMMANDS = {
     m.Open: Command(_open, (m.NO_SESSION,), session=False),
     m.Leave: Command(_leave, IDLE),
-    m.Practice: Command(_practise, (m.READY,)),
     m.Sandbox: Command(_try, session=False),
     m.EndSandbox: Command(lambda state, _: state.sandbox.leave(), session=False),
     m.SaveAsProtocol: Command(lambda state, command: state.sandbox.save(Path(command.path)), session=False),

@@ -13,7 +13,7 @@ from app.window.plots import Plot
 from experiments.analysis.charts import Chart, Point
 from experiments.analysis.trials_table import TrialRow
 
-POINT_PX, HOVER_PX, RING_PX, CROSS_PX = 6, 10, 15, 11
+POINT_PX, RING_PX, CROSS_PX = 6, 15, 11
 FOOT = 0.03  # of the plot's height, under the scale
 BAND = 0.08  # of the plot's height, above the scale: crosses of trials whose time was up
 #: Short names of Table I's controllers and of a measure; others stand as the protocol and the table have them.

@@ -12,10 +12,12 @@ from app.window.painting.labels import KeyButton, OneLine, breakable, line, word
 from app.window.painting.parts import row, scrolled
 from app.window.plan_grid import PlanGrid
 from app.window.preflight import advice
+from app.window.tone import player
 from app.window.words import cell, minutes, place
 from experiments.analysis.trials_table import SETTLED, TrialRow
 
 WIDTH_PX = 256
+SILENT = "The protocol has tones, and this computer has no program to play them (paplay, aplay)."
 
 
 class SessionPanel(QFrame):
@@ -103,7 +105,7 @@ class SessionPanel(QFrame):
         self.done.setToolTip("Without a result: timed out, aborted (×), skipped (–) or excluded" if missing else "")
         self.left.setText(minutes(snapshot.seconds_left) if snapshot.stage != m.FINISHED else "")
         self._show_coming(opened, snapshot)
-        self._say(snapshot)
+        self._say(opened, snapshot)
         self._allow(snapshot)
         text = "\n".join(snapshot.notes)
         if text != self.notes.toPlainText():
@@ -123,11 +125,11 @@ class SessionPanel(QFrame):
         self.coming.setText("Practice" if now.block == 0 else f"Trial {place(now, opened.plan)}")
         self.cell.setText(cell(now, opened, snapshot.blind))
 
-    def _say(self, snapshot: m.Snapshot) -> None:
+    def _say(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
         """What happened, and else why no trial can be started, unless the banner says it already."""
         said, bad = snapshot.said, snapshot.said_bad
         if not said and snapshot.stage == m.READY and not advice(snapshot):
-            said = snapshot.why_not
+            said = snapshot.why_not or (SILENT if opened.tones and player() is None else "")
         theme.name_anew(self.notice, "bad" if bad else "caution")
         self.notice.setText(breakable(said))
         self.notice.setVisible(bool(said) and snapshot.stage != m.FAILED)  # there a banner says it

@@ -15,6 +15,11 @@ GO_HZ, END_HZ = 880.0, 587.0
 PLAYERS = ("paplay", "aplay", "afplay")  # PulseAudio and PipeWire, ALSA, macOS
 
 
+def player() -> str | None:
+    """The program that plays a file; "" where the system does it; None: tones cannot be heard here."""
+    return "" if sys.platform == "win32" else next(filter(None, map(shutil.which, PLAYERS)), None)
+
+
 def tone(frequency_Hz: float) -> bytes:
     """A sine with soft ends, as a WAV file."""
     t = np.arange(round(RATE_HZ * LENGTH_S)) / RATE_HZ
@@ -33,21 +38,16 @@ class Tones:
     """Both tones, ready to be played without waiting for anything."""
 
     def __init__(self) -> None:
-        self._player = next(filter(None, map(shutil.which, PLAYERS)), None)
+        self._player = player()
         self._folder = tempfile.TemporaryDirectory(prefix="phd-tones-")
         self._files = {}
         for name, frequency in (("go", GO_HZ), ("end", END_HZ)):
             self._files[name] = Path(self._folder.name) / f"{name}.wav"
             self._files[name].write_bytes(tone(frequency))
 
-    @property
-    def can_play(self) -> bool:
-        """Whether this machine has a player."""
-        return sys.platform == "win32" or self._player is not None
-
     def play(self, name: str) -> None:
         """Begin to play "go" or "end"; returns at once."""
-        if sys.platform == "win32":
+        if self._player == "":
             import winsound
 
             winsound.PlaySound(str(self._files[name]), winsound.SND_FILENAME | winsound.SND_ASYNC)

@@ -33,10 +33,10 @@ def wait_until(what, seconds: float = LONG_S) -> None:
 
 
 def protocol_file(folder: Path) -> Path:
-    """Two controllers on one path of one device, in German; a locked device runs out of time, a free one does not."""
+    """Two controllers, one path, one device, in German. This operator takes 1.9 s without control, 2.7 s with SDOF."""
     text = re.sub(r"(?s)\[\[controller\]\].*?(?=\n\[trial\])", "", PAPER.text)
     text = re.sub(r"(?s)\[\[path\]\]\nnumber = 2.*?\n\n", "", text)
-    for key, value in (("devices", '["three-brake"]'), ("blocks", "2"), ("time_out_s", "6.0"), ("name", '"two"')):
+    for key, value in (("devices", '["three-brake"]'), ("blocks", "2"), ("time_out_s", "2.3"), ("name", '"two"')):
         text = re.sub(rf"(?m)^{key} = .*", f"{key} = {value}", text)
     controllers = '[[controller]]\nname = "None"\nkind = "none"\n[[controller]]\nname = "SDOF"\nkind = "sdof"\n'
     path = folder / "two.toml"
@@ -105,7 +105,7 @@ def test_a_whole_session_of_an_experimenter(qtbot, setup: Setup, tmp_path: Path)
         QTest.qWait(600)
     rows = read_table(Path(main.opened.folder) / "trials.csv")
     assert [row.status for row in rows[:2]] == ["excluded", "redone"] and (first.run, second.run) == (1, 2)
-    assert len(rows) == 5 and all(row.status in ("done", "timeout") for row in rows[2:])
+    assert [(row.controller, row.status) for row in rows[2:]] == [(2, "timeout"), (1, "done"), (2, "timeout")]
 
     main.show_page(ANALYSE)
     page = main.page(ANALYSE)

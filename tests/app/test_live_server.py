@@ -1,6 +1,5 @@
 """A session server from its window's side: trials, refusals, brakes-off; and that a slow window changes nothing."""
 
-import json
 import time
 from pathlib import Path
 
@@ -13,8 +12,6 @@ from synthetic_hand import SyntheticHand
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
-from experiments.recording.reader import read_recording
-from experiments.recording.schema import Recording
 
 JOINTS = range(tick_log.CURRENT, tick_log.CURRENT + 4)
 
@@ -29,15 +26,6 @@ def window(setup: Setup):
     with live_window(setup) as opened:
         opened.open()
         yield opened
-
-
-def recording(window: Window, run: int) -> Recording:
-    return read_recording(Path(window.opened.folder) / "trials" / f"run-{run:03d}.parquet")
-
-
-def events(window: Window, name: str) -> list[dict]:
-    lines = (Path(window.opened.folder) / "journal.jsonl").read_text().splitlines()
-    return [event for event in map(json.loads, lines) if event["event"] == name]
 
 
 def test_a_trial_by_hand_has_a_row_for_every_millisecond_and_says_how_late_each_was(window: Window) -> None:
@@ -55,7 +43,7 @@ def test_a_trial_by_hand_has_a_row_for_every_millisecond_and_says_how_late_each_
     wall = time.monotonic() - began
     done = window.snapshot.rows[-1]
     assert (done.run, done.status) == (run.run, "done")
-    kept = recording(window, run.run)
+    kept = window.recording(run.run)
     assert kept.whole and 1e-3 * kept.rows <= wall
     assert np.array_equal(kept.column("t_s"), np.arange(kept.rows) * 1e-3)
     lateness = kept.column("lateness_us")
@@ -94,7 +82,7 @@ def test_a_window_that_hangs_changes_nothing_and_then_hears_how_things_are(windo
     wait_until(lambda: ticks.append(len(window.client.ticks())) or sum(ticks) > 1000)  # it reads nothing of the pipe
     snapshot = window.abort("enough")
     assert snapshot.rows[-1].run == run
-    kept = recording(window, run)
+    kept = window.recording(run)
     assert kept.whole and kept.rows > 1000 and kept.outcome["timing"]["lost"] == 0
 
 
@@ -103,7 +91,7 @@ def test_a_window_that_quits_in_a_trial_ends_it_and_leaves_nothing_running(setup
     pids = window.processes()
     window.client.stop("the window was closed")
     wait_until(lambda: all(map(gone, pids)))
-    kept = recording(window, run)
+    kept = window.recording(run)
     assert kept.whole and kept.outcome["reason"] == "the window was closed"
     window.join(setup)
     window.until_stage(m.NO_SESSION)

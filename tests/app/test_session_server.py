@@ -1,6 +1,5 @@
 """The session server from its window's side, in simulated time: trials, refusals, brakes-off, what it says."""
 
-import json
 import time
 from pathlib import Path
 
@@ -15,8 +14,6 @@ from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
 from experiments.analysis.trials_table import SETTLED, read_table
-from experiments.recording.reader import read_recording
-from experiments.recording.schema import Recording
 from experiments.session.files import cell
 from experiments.session.session import Session
 
@@ -27,15 +24,6 @@ def window(tmp_path_factory: pytest.TempPathFactory):
     with local_window(Setup(tmp_path_factory.mktemp("served") / "data", sync=False)) as opened:
         opened.open()
         yield opened
-
-
-def recording(window: Window, run: int) -> Recording:
-    return read_recording(Path(window.opened.folder) / "trials" / f"run-{run:03d}.parquet")
-
-
-def events(window: Window, name: str) -> list[dict]:
-    lines = (Path(window.opened.folder) / "journal.jsonl").read_text().splitlines()
-    return [event for event in map(json.loads, lines) if event["event"] == name]
 
 
 def test_a_bench_before_its_session_says_what_the_protocol_is_and_that_everything_is_well(window: Window) -> None:
@@ -49,7 +37,7 @@ def test_an_abort_keeps_its_reason_and_the_plan_goes_on(window: Window) -> None:
     run = window.start().running.run
     snapshot = window.abort("the participant asked")
     assert (snapshot.rows[-1].run, snapshot.rows[-1].status) == (run, "aborted")
-    kept = recording(window, run)
+    kept = window.recording(run)
     assert kept.whole and kept.outcome["reason"] == "the participant asked"
     assert kept.text("phase")[-1] == "end"
     assert snapshot.coming.run == run + 1
@@ -70,7 +58,7 @@ def test_an_aborted_trial_comes_again_when_that_is_asked_for(window: Window, aga
         assert cell(planned) not in settled and cell(snapshot.coming) in map(cell, here)
 
 
-def test_an_excluded_run_stays_in_the_table_and_its_trial_does_not_come_again(window: Window) -> None:
+def test_a_run_that_is_in_no_result_cannot_be_excluded_from_them(window: Window) -> None:
     run = next(row.run for row in window.snapshot.rows if row.status == "aborted")
     window.client.send(m.Exclude(run, "a knock on the door"))
     assert "does not count" in window.until(lambda s: s.said_bad).said  # an aborted one is in no result anyway
@@ -80,7 +68,7 @@ def test_brakes_off_ends_the_trial_and_no_other_starts_until_they_are_allowed_ag
     run = window.start().running.run
     window.client.brakes_off("Esc on the participant's side")
     snapshot = window.until(lambda s: s.stage == m.READY)
-    assert recording(window, run).outcome["reason"] == "brakes off: Esc on the participant's side"
+    assert window.recording(run).outcome["reason"] == "brakes off: Esc on the participant's side"
     assert snapshot.brakes_off == "Esc on the participant's side"
     assert snapshot.checks[0].state == m.BAD
     window.client.send(m.Start())
@@ -92,8 +80,8 @@ def test_brakes_off_ends_the_trial_and_no_other_starts_until_they_are_allowed_ag
     window.until(lambda s: not s.brakes_off)
     assert cell(window.start().running) == cell(stopped)  # nobody had to ask for it
     window.abort("enough")
-    causes = [event.get("cause") for event in events(window, "brakes off")]
-    assert causes == ["Esc on the participant's side"] and len(events(window, "brakes allowed")) == 1
+    causes = [event.get("cause") for event in window.events("brakes off")]
+    assert causes == ["Esc on the participant's side"] and len(window.events("brakes allowed")) == 1
 
 
 def test_a_pause_lets_the_running_trial_end_and_no_other_begin(window: Window) -> None:
@@ -107,9 +95,9 @@ def test_a_pause_lets_the_running_trial_end_and_no_other_begin(window: Window) -
     assert "paused" in window.until(lambda s: s.said_bad).said
     window.client.send(m.Pause(False))
     window.until(lambda s: not s.paused)
-    assert len(events(window, "paused")) == 1
-    assert events(window, "resumed after a pause")[-1]["seconds"] >= 0.0
-    assert [event["text"] for event in events(window, "note")] == ["asked to move slower"]
+    assert len(window.events("paused")) == 1
+    assert window.events("resumed after a pause")[-1]["seconds"] >= 0.0
+    assert [event["text"] for event in window.events("note")] == ["asked to move slower"]
 
 
 def test_the_handle_stays_when_the_pointer_is_elsewhere(window: Window) -> None:
@@ -140,7 +128,7 @@ def test_a_pointer_that_leaves_in_mid_movement_lets_go_and_the_trial_says_so(win
     window.until_tick(lambda rows: len(rows) > seen + 100)
     assert not window.client.taken and not window.rows[seen:, tick_log.HAND_FX : tick_log.HAND_FY + 1].any()
     window.abort("enough")
-    assert recording(window, snapshot.running.run).outcome["hand_left"] == 1
+    assert window.recording(snapshot.running.run).outcome["hand_left"] == 1
 
 
 def test_what_cannot_be_is_refused_in_a_sentence(window: Window) -> None:

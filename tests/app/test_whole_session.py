@@ -99,9 +99,6 @@ def test_practice_comes_first_and_counts_nowhere(window: Window) -> None:
     practised = Path(window.opened.folder) / "practice" / "run-001.parquet"
     assert read_recording(practised).metadata["block"] == 0
     assert not (Path(window.opened.folder) / "trials.csv").exists()
-    window.client.send(m.Practice())  # one more, though none is due
-    assert window.touch().practice
-    assert window.until_stage(m.READY).coming == window.opened.plan[0]
 
 
 def test_a_trial_that_is_redone_is_kept_and_its_cell_comes_again_under_a_new_number(window: Window) -> None:

@@ -1,6 +1,7 @@
 """A session server for tests: its messages as they come, its processes, and the proof that nothing of it is left."""
 
 import contextlib
+import json
 import os
 import time
 from collections import deque
@@ -12,6 +13,8 @@ import numpy as np
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
+from experiments.recording.reader import read_recording
+from experiments.recording.schema import Recording
 
 LONG_S = 240.0  # to wait before a test fails; kernels may have to be compiled
 
@@ -132,6 +135,15 @@ class Window:
     def until_tick(self, what: Callable[[np.ndarray], object]) -> None:
         """Wait until there are ticks (n, WIDTH) of which something is true."""
         wait_until(lambda: self.look() or what(self.rows))
+
+    def recording(self, run: int) -> Recording:
+        """The recording of a run of the open session."""
+        return read_recording(Path(self.opened.folder) / "trials" / f"run-{run:03d}.parquet")
+
+    def events(self, name: str) -> list[dict]:
+        """The journal's events of this name, in the open session."""
+        lines = (Path(self.opened.folder) / "journal.jsonl").read_text().splitlines()
+        return [event for event in map(json.loads, lines) if event["event"] == name]
 
     def processes(self) -> list[int]:
         """The session server and its loop."""
