@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 if TYPE_CHECKING:  # else each process imports all of this before it can start the next
     import numpy as np
 
+    from app.ipc.scheduling import Scheduling
     from core.control.controllers import Preset
     from core.device import Device
     from core.device_interface import ZeroRecord
@@ -403,8 +404,7 @@ class Reset(NamedTuple):
 class Prepared(NamedTuple):
     """Trials can be run."""
 
-    scheduling: str  # what was got, in words
-    core: int  # that the loop has for itself; -1: none
+    scheduling: "Scheduling"  # that the loop got
 
 
 class Tried(NamedTuple):

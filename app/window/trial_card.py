@@ -17,9 +17,8 @@ from app.window.painting.parts import row
 from app.window.plots import TimePlot, range_for
 from app.window.words import controller_name, place
 from core import tick_log
-from experiments.analysis.flags import trial_flags
 from experiments.analysis.metrics import DRAWN, Metric
-from experiments.analysis.trials_table import COUNTED, TrialRow
+from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
 
 DEAF_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
 REASONS = ("Reason …", "the pointer left the window", "the participant was distracted", "the device was disturbed",
