@@ -11,8 +11,8 @@ def add(verbs) -> None:
     option = add_verb(
         verbs, "worlds", worlds, "draw sets of assumptions from ranges and ask which produce the paper's findings",
         "Each world is a study of three simulated people by the paper's protocol, without recordings, under\n"
-        "assumptions drawn from the ranges, and is judged by boxes as the paper judges. Leaves DIR/worlds.csv, a row a\n"
-        "world, and DIR/report: the share of worlds in which each statement holds, which assumption decides it, the\n"
+        "assumptions drawn from the ranges, and is judged by boxes as the paper judges. Leaves DIR/worlds.csv, a row\n"
+        "a world, and DIR/report: the share of worlds in which each statement holds, which assumption decides it, the\n"
         "nearest world to the paper, and what to measure first. Killed, it goes on with --resume to the same table;\n"
         "neither the number of cores nor the order of work changes a digit. The ranges of the paper ship as paper.",
         "phd worlds paper --n 10000 --out worlds-1", prints="the summary",

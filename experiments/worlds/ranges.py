@@ -204,10 +204,10 @@ def _check(ranges: Ranges, column: str, one: Range, where: str) -> None:
 def _changed_device(text: str, numbers: Mapping[str, Value]) -> str:
     """A device file with these numbers in place of its own, where it has them."""
     content = tomllib.loads(text)
-    for name, value in numbers.items():
-        if holder := _number_at(content, name):
-            holder[name.rpartition(".")[2]] = value
-    return toml_text(content)
+    there = {name: holder for name in numbers if (holder := _number_at(content, name))}
+    for name, holder in there.items():
+        holder[name.rpartition(".")[2]] = numbers[name]
+    return toml_text(content) if there else text
 
 
 def _number_at(content: dict[str, Any], name: str) -> dict[str, Any] | None:

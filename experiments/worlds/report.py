@@ -78,14 +78,14 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
         "![shares of worlds](overview.png)",
         "## In how many worlds each statement holds",
         _shares(worlds, other),
-        f"Bands: a difference counts from {LITTLE:.0%} of the uncontrolled box on, similar is within {SIMILAR:.0%}; the "
-        "last columns halve and double both.",
+        f"Bands: a difference counts from {LITTLE:.0%} of the uncontrolled box on, similar is within {SIMILAR:.0%}; "
+        "the last columns halve and double both.",
         "## Jointly",
         _jointly(holds),
         "## What decides each",
         _decided(found, names),
-        "In brackets the half-width of the 95 % interval. Share of the verdict's variance that goes when the assumption "
-        "alone is known (first-order index, RBD-FAST); the rest is interplay, and which three people took part.",
+        "In brackets the half-width of the 95 % interval. Share of the verdict's variance that goes when the "
+        "assumption alone is known (first-order index, RBD-FAST); the rest is interplay, and which people took part.",
         "![share of worlds against each assumption](decided-by.png)",
         "## What to measure first",
         _measure_first(ranges, names, doubt, order, found, holds),
