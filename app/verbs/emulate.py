@@ -82,12 +82,12 @@ def prompt() -> str:
     """
     from app.ipc.scheduling import leave_core, take_scheduling
 
-    got, core = take_scheduling()
-    leave_core(core)
-    if core < 0:
-        return got
+    got = take_scheduling()
+    leave_core(got.core)
+    if got.core < 0:
+        return got.words
     cores = " ".join(map(str, sorted(os.sched_getaffinity(0))))
-    return got.replace(f"core {core}", f"core {cores} (a control loop's own is {core})")
+    return f"{got.means}, core {cores} (a control loop's own is {got.core})"
 
 
 def log(line: str) -> None:
