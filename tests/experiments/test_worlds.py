@@ -1,4 +1,4 @@
-"""Worlds: each is the study that `phd study` runs; one table whatever ran where, resumed; the report tells what decides."""
+"""Worlds: each is the study that `phd study` runs; one table whatever ran where; the report names what decides."""
 
 import csv
 import math
