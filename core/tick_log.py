@@ -36,6 +36,8 @@ MEASURED = 64  # four places, joints A, E, B, C
 DECIDED = 68
 BENCH_WIDTH = 69
 
+MISSED_US = 1000.0  # a tick so late (`lateness_us`) was missed
+
 #: bits of the `stuck` column -> letters
 STUCK_LETTERS = tuple("".join(j for i, j in enumerate(JOINTS) if bits >> i & 1) for bits in range(16))
 
