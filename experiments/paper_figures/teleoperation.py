@@ -89,9 +89,9 @@ def draw_passive_master(device: Device) -> Figure:
     workspace = workspace_of(device.mechanism)
     text = (
         f"{parameters_of(device)} Simulation only; hand, slave and wall are our choice. A hand (spring of "
-        f"{HAND_N_M:g} N/m, at most {HAND_MOST_N:g} N) goes {1e3 * reach_in(workspace):.0f} mm into a wall that a slave "
-        "touches, and holds there. Brakes: controller `reflect`, full brake model. Motor: exerts the force that arrives "
-        "as it is, brakes off. Put in: the most that the work of their forces on the tip came to at any time."
+        f"{HAND_N_M:g} N/m, at most {HAND_MOST_N:g} N) goes {1e3 * reach_in(workspace):.0f} mm into a wall that a "
+        "slave touches, and holds there. Brakes: controller `reflect`, full brake model. Motor: exerts the force that "
+        "arrives as it is, brakes off. Put in: the most that the work of their forces on the tip came to at any time."
     )
     figure, [[course, energy, share]] = sheet(text, (10.0, 4.1), (0.65, 0.2, 0.5, 0.95), 1, 3, (0.75, 0.0))
     found = {m: [contact(device, workspace, delay, m) for delay in DELAYS_S] for m in (False, True)}
