@@ -6,7 +6,7 @@ import signal
 import sys
 
 from app.progress import watch_compiling
-from app.verbs.common import add_verb, whole_number_of
+from app.verbs.common import DEFAULT_DEVICES, add_verb, whole_number_of
 
 
 def add(verbs) -> None:
@@ -48,7 +48,8 @@ def emulate(args: argparse.Namespace) -> int:
     from core.path import Segment, build_path
     from experiments.protocol import load_protocol
 
-    device, *others = map(load_device, [args.device] if args.device else shipped_devices())
+    every = dict.fromkeys([DEFAULT_DEVICES[-1], *shipped_devices()])
+    device, *others = map(load_device, [args.device] if args.device else every)
     path_file = Segment(tuple(args.path[:2]), tuple(args.path[2:])) if args.path else load_protocol().paths[1]
     path = build_path(path_file, "--path")
     tip = (path.x0, path.y0)

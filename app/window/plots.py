@@ -263,7 +263,7 @@ class Traces(QWidget):
 
     def show_trial(self, device: Device) -> None:
         """Another trial: its brakes; the curves begin anew."""
-        self.currents.names = device.braked
+        self.currents.names, self.currents.unit = device.braked, device.command_unit
         for trace in self._all():
             trace.clear()
 
