@@ -19,6 +19,7 @@ from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import side_by_side, warnings, write_report
 from experiments.analysis.sensitivity import of_recording
 from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller, read_table, write_table
+from experiments.inputs import OPERATOR
 from experiments.protocol import label
 from experiments.recording.atomic_files import make_empty_folder, write_new_file
 from experiments.recording.reader import read_recording
@@ -33,7 +34,6 @@ from experiments.session.journal import (
     write_event,
 )
 from experiments.session.session import operators_from_json, preset_from_json
-from experiments.trial.inputs import OPERATOR
 
 
 @dataclass
