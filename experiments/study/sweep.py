@@ -215,7 +215,8 @@ def run_job(job: Job) -> tuple[int, bytes, int]:
     person = job.population.draw(np.random.default_rng(np.random.SeedSequence([job.seed, job.operator])))
     first = build_path(next(iter(job.paths.values())), "path")
     x, y, _, _ = point_at(first, 0.5 * first.length)
-    simulation = SimulatedDevice(job.device, (x, y))
+    assumed = job.trial.assumptions
+    simulation = SimulatedDevice(assumed.applied_to(job.device), (x, y), fidelity=assumed.simulated_fidelity)
     text, ticks = io.StringIO(), 0
     writer = csv.writer(text, lineterminator="\n")
     for repetition in range(1, job.repetitions + 1):

@@ -8,9 +8,10 @@ and 5 mm/s, the thresholds of the rules, are far above it; the acceleration's is
 
 import numpy as np
 
+from core.device_interface import VELOCITY_WINDOW
+
 Vector = tuple[float, float]
 
-WINDOW = 15  # samples
 TICK_S = 1e-3
 GAP_S = 0.05  # after a longer one the filter begins anew
 
@@ -18,7 +19,7 @@ GAP_S = 0.05  # after a longer one the filter begins anew
 class MotionFilter:
     """Positions in, velocity and acceleration out."""
 
-    def __init__(self, window: int = WINDOW) -> None:
+    def __init__(self, window: int = VELOCITY_WINDOW) -> None:
         """window: samples that the parabola goes through, at least 3."""
         self._t = np.zeros(window)  # s, oldest first
         self._p = np.zeros((window, 2))  # m
