@@ -15,7 +15,7 @@ from core.mechanism import JOINTS
 from core.simulator.state import pack_mechanism
 
 #: 1/s: the noise (rms) of the velocity that a real device senses, over its encoders' step at the tip
-#: (hardware/sensing/tip_motion), a slope through so many samples
+#: (hardware/sensing/samples.MotionFilter), a slope through so many samples
 VELOCITY_NOISE_HZ, VELOCITY_WINDOW = 17.0, 15
 
 

@@ -54,8 +54,8 @@ class Brakes(NamedTuple):
     rise: np.ndarray  # (4, 7) s: a_avg, a_1 .. a_6 of Eq. (4), rising (rates in rpm inside the formula)
     fall: np.ndarray  # (4, 7) s: the same, falling
     play: np.ndarray  # (4,) rad, width of the backlash
-    ripple: float  # N m, most by which the torque of a brake differs from its mean over a turn
-    signed: float  # 1.0: the lag of Eq. (1) acts on the signed torque, as the paper has it
+    ripple: float = 0.0  # N m, most by which the torque of a brake differs from its mean over a turn
+    signed: float = 0.0  # 1.0: the lag of Eq. (1) acts on the signed torque, as the paper has it
 
 
 def no_brakes() -> Brakes:

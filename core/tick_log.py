@@ -35,6 +35,8 @@ MEASURED = 56  # four places, joints A, E, B, C
 DECIDED = 60
 BENCH_WIDTH = 61
 
+MISSED_US = 1000.0  # a tick so late (`lateness_us`) was missed
+
 #: bits of the `stuck` column -> letters
 STUCK_LETTERS = tuple("".join(j for i, j in enumerate(JOINTS) if bits >> i & 1) for bits in range(16))
 

@@ -9,7 +9,7 @@ scipy.signal and scipy.fft are imported where they are used: they take seconds, 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -306,7 +306,12 @@ NO_METRICS = Metrics(*[None] * len(METRICS))
 
 
 def trial_metrics(recording: "Recording", path: Path) -> Metrics:
-    """Every measure of one trial, over its phase `move`; of a trial timed out, over the progress made.
+    """Every measure of one trial, as `measures_of`."""
+    return Metrics(*measures_of(recording, path, METRICS))
+
+
+def measures_of(recording: "Recording", path: Path, metrics: Sequence[Metric]) -> list[float | None]:
+    """These measures of one trial, over its phase `move`; of a trial timed out, over the progress made.
 
     Our choice: without any progress there was no movement to judge, and its measures (errors, smoothness, travel,
     everything over progress) are None; duration, mean force, switches and unreachable share remain. A trial that
@@ -314,6 +319,6 @@ def trial_metrics(recording: "Recording", path: Path) -> Metrics:
     """
     check_samples(recording)
     if not recording.in_phase("move").any():
-        return NO_METRICS
+        return [None] * len(metrics)
     m = Movement(recording, path)
-    return Metrics(*(one.of(m) if m.made_progress or not one.needs_progress else None for one in METRICS))
+    return [one.of(m) if m.made_progress or not one.needs_progress else None for one in metrics]

@@ -23,6 +23,7 @@ from experiments.paper_figures.brake import (
 )
 from experiments.paper_figures.control import draw_five_forces, draw_sdof_choice, draw_velocity_field
 from experiments.paper_figures.directions import draw_maps, draw_sketch
+from experiments.paper_figures.displays import draw_displays
 from experiments.paper_figures.release import draw_releases
 from experiments.paper_figures.workspace import draw_sdof_paths
 from experiments.recording.atomic_files import refuse_existing_files, refusing, write_new_files
@@ -68,6 +69,7 @@ def pictures(devices: Sequence[Device]) -> list[Picture]:
     return [
         Picture("fig01_unachievable_directions", "directions of force out of reach, the sketch", draw_sketch),
         Picture("fig01_unachievable_directions_workspace", everywhere, partial(draw_maps, devices)),
+        Picture("displays", "the shipped displays compared, all with the same brake", draw_displays),
         *(
             Picture(
                 f"{SDOF_FIGURE.get(device.name, 'fig04-05')}_sdof_paths_{slug}",

@@ -1,9 +1,9 @@
 """What the controller of a simulated device sees where its joints carry encoders, as on the bench.
 
 Each joint angle is a whole number of counts, and the tip follows from them. Its velocity is the slope of the parabola
-by least squares through the last samples (hardware/sensing/tip_motion): half the window old. The whole sample, with the
-force, reaches the controller some ticks later. The force itself is what the hand does: the noise of the bench's sensor
-(0.02 N) is far below the thresholds of the rules.
+by least squares through the last samples (`MotionFilter` of hardware/sensing/samples): half the window old. The whole
+sample, with the force, reaches the controller some ticks later. The force itself is what the hand does: the noise of
+the bench's sensor (0.02 N) is far below the thresholds of the rules.
 
 All of it follows from the tip's motion since the first tick, so a recording, whose columns are the true motion, gives
 it again to the last bit.

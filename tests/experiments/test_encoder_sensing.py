@@ -13,7 +13,7 @@ from core.simulator.stick_slip_mode import look
 from experiments.assumptions import Assumptions
 from experiments.trial.encoder_sensing import new_sensing, see
 from hardware.sensing.encoders import PoseSensing
-from hardware.sensing.tip_motion import MotionFilter
+from hardware.sensing.samples import MotionFilter
 
 WAY = np.linspace(0.0, 1.0, 400)
 TIPS = np.column_stack([-0.08 + 0.15 * WAY**2, 0.36 + 0.03 * np.sin(6.0 * WAY)])

@@ -5,13 +5,24 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from fake_client import PLAN, movement, result
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core import tick_log
 from core.files import InputError
 from experiments.analysis.metrics import METRICS
-from experiments.analysis.trials_table import COLUMNS, TrialRow, append_row, read_table, table_bytes, write_table
+from experiments.analysis.trials_table import (
+    COLUMNS,
+    TrialRow,
+    append_row,
+    read_table,
+    table_bytes,
+    trial_flags,
+    write_table,
+)
 
 PROMISED = (
     "participant, run, block, configuration, controller, segment, repetition, status, path_error_m, "
@@ -113,3 +124,17 @@ def test_a_spoilt_table_is_refused_by_line_and_column(tmp_path, spoil, word):
 def test_a_row_that_the_table_cannot_hold_is_a_mistake_of_the_program(column, value):
     with pytest.raises(ValueError, match=column):
         table_bytes([replace(FULL, **{column: value})])
+
+
+def test_a_hand_that_let_the_handle_go_in_the_movement_is_flagged_with_how_often() -> None:
+    row, ticks = result(PLAN[0]), movement(1, "AEB", 1.0)
+    ticks[:, tick_log.ARM_FORCE_MAX] = 40.0
+    assert trial_flags(row, ticks) == []
+    ticks[200:300, tick_log.ARM_FORCE_MAX] = 0.0
+    (flag,) = trial_flags(row, ticks)
+    assert "left the picture once" in flag
+    ticks[500:, tick_log.ARM_FORCE_MAX] = 0.0
+    assert "2 times" in trial_flags(row, ticks)[0]
+    before_it = np.copy(ticks)
+    before_it[:, tick_log.PHASE] = tick_log.APPROACH  # harmless there
+    assert trial_flags(row, before_it) == []

@@ -10,13 +10,11 @@ from devices import FIXED, FOUR, THREE, FiveBar
 
 from core.device import load_device
 from core.device_file import Encoders, ForceSensor, Sensing
-from core.device_interface import VELOCITY_WINDOW as WINDOW
 from core.files import InputError
 from hardware.emulated_board.sensors import EmulatedSensors, capability_of
 from hardware.sensing.board_clock import ClockModel, fit_line
 from hardware.sensing.encoders import PoseSensing
-from hardware.sensing.samples import ForceSensing
-from hardware.sensing.tip_motion import MotionFilter
+from hardware.sensing.samples import WINDOW, ForceSensing, MotionFilter
 
 PER_REV = 96000
 PAIRS = [*combinations(range(4), 2), (0, 1, 2, 3)]
