@@ -32,8 +32,9 @@ class Checked(NamedTuple):
 
 
 def check_decisions(
-    recording: Recording, path: Path, device: Device, preset: Preset, rules: str, assumed: Assumptions
-) -> Checked | None:
+    recording: Recording, path: Path, device: Device, preset: Preset, rules: str,
+    assumed: Assumptions = DEFAULTS,
+) -> Checked | None:  # fmt: skip
     """Take each decision of the movement again; None: an earlier version recorded it, without the sensed force.
 
     assumed: of a simulated device; a real one is as its file has it.
