@@ -22,6 +22,7 @@ from experiments.trial.tick import decide_again
 
 #: What a decision is taken from, in the order in which `decide_again` reads it.
 GIVEN = ("tip_x_m", "tip_y_m", "tip_vx_m_s", "tip_vy_m_s", "sensed_fx_N", "sensed_fy_N")
+WANTED = ("wanted_fx_N", "wanted_fy_N")  # n/a in the recordings of earlier versions, which had no force to show
 
 
 class Checked(NamedTuple):
@@ -44,7 +45,9 @@ def check_decisions(
     taken = recording.in_phase("move")
     if recording.sensors:
         taken &= recording.column("decided") == 1.0
-    given = np.column_stack([recording.column(name) for name in GIVEN])
+    without = np.full(recording.rows, np.nan)
+    wanted = [recording.columns.get(name, without) for name in WANTED]
+    given = np.column_stack((*map(recording.column, GIVEN), *wanted))
     middle = point_at(path, 0.5 * path.length)[:2]
     if recording.sensors:
         noise, sensing = velocity_noise(device, middle), new_sensing(device, DEFAULTS)

@@ -5,6 +5,7 @@
     PHASE    approach -> hold -> move -> end
     GUARD    a real device that does not obey, stands where it cannot be, moves too fast or traps a hand ends the trial
     HAND     the simulated operator moves its virtual hand (a person's pointer or force is set from outside)
+    SLAVE    a teleoperated slave follows the tip, and the force that it sends arrives: `reflect` is to show it
     DECIDE   the controller, during `move` only: brakes are off in every other phase; its velocity field goes to LOG
     SETTLE   the simulated device: currents to the brakes, which of them stick and which slip
     LOG      one row
@@ -26,7 +27,7 @@ from core import tick_log as log
 from core.brake import begin_lag, lagged_yield, torque_gain
 from core.control.algorithm import OFF, release
 from core.control.controllers import decide
-from core.control.velocity_field import NO_FIELD, TRAVEL
+from core.control.velocity_field import NEAREST, NO_FIELD, TRAVEL, WANTED
 from core.kernel import inlined, kernel
 from core.path import nearest
 from core.simulator.event import advance_event
@@ -37,6 +38,7 @@ from core.simulator.stick_slip_mode import look, resolve
 from core.stops import stop_gap
 from core.tick_log import APPROACH, END, HOLD, MOVE
 from experiments.protocol import TrialRules
+from experiments.slave import SLAVE, follow_master, set_slave
 from experiments.trial.encoder_sensing import see
 from experiments.trial.operator import TICK_S, begin_approach, operate
 
@@ -86,6 +88,7 @@ RUN = np.dtype(
         ("speed_max", "f8"),  # m/s, of a real device
         ("release_force", "f8"),  # N; infinite: a trapped hand is not released
         ("release_ticks", "i8"),
+        ("slave", SLAVE),
         # what changes
         ("tick", "i8"),
         ("phase", "i8"),
@@ -135,6 +138,8 @@ def new_run(how: TrialRules, fidelity: int, simulated_hand: bool, real: bool = F
     )
     for name, value in fields.items():
         run[name][0] = value
+    if how.slave:
+        set_slave(run["slave"][0], how.slave)
     return run
 
 
@@ -165,12 +170,16 @@ def run_ticks(
             guard(mechanism, brakes, state, run, row)
         if run.simulated_hand != 0:
             operate(operator, grip, path, run.phase, run.tick, run.phase_tick, state.tip[0], state.tip[1], noise)
+        memory[WANTED] = memory[WANTED + 1] = memory[NEAREST] = memory[NEAREST + 1] = math.nan
+        if run.slave.on != 0:
+            follow_master(run.slave, seen.tip, run.tick, memory)
         choose_currents(controller, brakes, path, memory, seen, run, row)
         row[log.SENSED_FX], row[log.SENSED_FY] = seen.hand_force[0], seen.hand_force[1]
         if run.real == 0:
             apply(mechanism, brakes, state, run.current, run.fidelity)
             resolve(mechanism, brakes, hand, state, t)
         log_row(mechanism, brakes, state, grip, run, t, row)
+        log_shown(state, run, memory, row)
         if run.real == 0:
             lagged = 1 if run.fidelity == MR else 0
             advance_event(mechanism, brakes, hand, state, step_scratch, run.current, t, TICK_S, lagged)
@@ -385,6 +394,20 @@ def log_row(mechanism, brakes, state, grip, run, t, row):
 
 
 @kernel
+def log_shown(state, run, memory, row):
+    """Stage: into the row, the force to be shown, the nearest one that can be had, and what the brakes do, Eq. (7)."""
+    here = run.slave.on != 0
+    row[log.SLAVE_X] = run.slave.place[0] if here else math.nan
+    row[log.SLAVE_Y] = run.slave.place[1] if here else math.nan
+    for axis in range(2):
+        row[log.WANTED_FX + axis], row[log.NEAREST_FX + axis] = memory[WANTED + axis], memory[NEAREST + axis]
+        shown = 0.0
+        for i in range(4):
+            shown += state.g[i, axis] * state.torque[i]
+        row[log.SHOWN_FX + axis] = shown if math.isfinite(memory[WANTED + axis]) else math.nan
+
+
+@kernel
 def resting_bits(brakes, state):
     """Which brakes of a real device rest (bit i for joint i): whether they hold is not known."""
     bits = 0
@@ -398,7 +421,8 @@ def resting_bits(brakes, state):
 def decide_again(path, controller, mechanisms, brake_records, states, sensing, memory, given, taken, codes, currents):
     """Decision codes (n,) and currents (n, 4), A, of the ticks whose decision was taken (n,), from the rows alone.
 
-    given (n, 6), from the first tick on: tip (m), its velocity (m/s) and the force (N) that the controller was given.
+    given (n, 8), from the first tick on: tip (m), its velocity (m/s), the hand force that the controller was given and
+    the force to be shown (N).
     """
     mechanism, brakes, state, sensors = mechanisms[0], brake_records[0], states[0], sensing.sensors[0]
     for n in range(given.shape[0]):
@@ -410,6 +434,7 @@ def decide_again(path, controller, mechanisms, brake_records, states, sensing, m
             seen = sensing.seen[0]
             see(mechanism, state, sensors, seen)
         if taken[n]:
+            memory[WANTED], memory[WANTED + 1] = given[n, 6], given[n, 7]
             tip = seen.tip
             codes[n] = decide(
                 controller, brakes, path, memory, tip[0], tip[1], tip[2], tip[3], given[n, 4], given[n, 5],
