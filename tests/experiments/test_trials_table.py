@@ -17,7 +17,7 @@ PROMISED = (
     "participant, run, block, configuration, controller, segment, repetition, status, path_error_m, "
     "path_error_time_m, mean_tip_force_N, acceleration_dft_sum, acceleration_weighted_rms_m_s2, "
     "force_over_progress_N, duration_s, peak_error_m, path_length_ratio, sparc, switches_per_s, "
-    "unreachable_share, recording, energy_residual_J, energy_added_max_J"
+    "unreachable_share, recording, energy_residual_J, energy_added_max_J, acceleration_exact_dft_sum"
 ).split(", ")
 
 ROW = TrialRow("01", 7, 1, "three-brake", 2, 1, 1, "done", recording="trials/run-007.parquet")
@@ -34,13 +34,13 @@ def test_columns_are_the_promised_ones_in_order():
 
 def test_a_row_stands_in_full_precision_with_empty_cells_where_nothing_was_measured(tmp_path):
     row = replace(ROW, path_error_m=1 / 3, duration_s=2.0)
-    line = b"01,7,1,three-brake,2,1,1,done,0.3333333333333333,,,,,,2.0,,,,,,trials/run-007.parquet,,\n"
+    line = b"01,7,1,three-brake,2,1,1,done,0.3333333333333333,,,,,,2.0,,,,,,trials/run-007.parquet,,,\n"
     assert table_bytes([row]).splitlines(keepends=True)[1] == line
     write_table(tmp_path / "trials.csv", [row])
     assert read_table(tmp_path / "trials.csv") == [row]
 
 
-@given(st.lists(st.none() | st.floats(allow_nan=False, allow_infinity=False), min_size=12, max_size=12))
+@given(st.lists(st.none() | st.floats(allow_nan=False, allow_infinity=False), min_size=len(MEASURES), max_size=len(MEASURES)))
 def test_every_double_comes_back_and_the_same_rows_give_the_same_bytes(values):
     row = replace(ROW, **dict(zip(MEASURES, values, strict=True)))
     with tempfile.TemporaryDirectory() as folder:
@@ -84,10 +84,12 @@ def test_later_columns_are_passed_over_but_not_thrown_away(tmp_path):
         append_row(path, ROW)
 
 
-def test_a_table_from_before_the_energies_were_kept_is_read_with_empty_cells(tmp_path):
+@pytest.mark.parametrize("lacking", [1, 3])
+def test_a_table_of_an_earlier_version_is_read_with_empty_cells(tmp_path, lacking):
     path = tmp_path / "trials.csv"
-    path.write_text("".join(line.rsplit(",", 2)[0] + "\n" for line in table_bytes([FULL]).decode().splitlines()))
-    assert read_table(path) == [replace(FULL, energy_residual_J=None, energy_added_max_J=None)]
+    lines = table_bytes([FULL]).decode().splitlines()
+    path.write_text("".join(line.rsplit(",", lacking)[0] + "\n" for line in lines))
+    assert read_table(path) == [replace(FULL, **dict.fromkeys(COLUMNS[-lacking:]))]
 
 
 @pytest.mark.parametrize(
