@@ -315,4 +315,5 @@ def test_the_tables_are_tidy(tmp_path):
     assert all(line["p"] == line["p_holm"] == line["low"] == "" for line in found)
     numbered = rows_in(tmp_path / "findings.csv")
     assert [line["number"] for line in numbered] == [str(n) for n in range(1, 12)]
-    assert set(numbered[0]) == {"number", "statement", "verdict", "numbers", "sentence"}
+    boxes = {"by_boxes", "margin_by_boxes", "why_by_boxes"}
+    assert set(numbered[0]) == {"number", "statement", "verdict", "numbers", "sentence", *boxes}
