@@ -55,7 +55,7 @@ class GuardNumbers(NamedTuple):
     let_go_force_N: float
 
 
-def new_guard(numbers: GuardNumbers, brakes: np.recarray) -> np.recarray:
+def new_guard(numbers: GuardNumbers, brakes: np.ndarray) -> np.recarray:
     """A guard at the start of a trial; brakes: as the kernels read them."""
     guard = new_record(GUARD)
     guard["push"], guard["keep_m"], guard["let_go_force"] = numbers
