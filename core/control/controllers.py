@@ -27,12 +27,12 @@ from core.control.algorithm import (
     Controller,
     release,
 )
-from core.control.guard import keep_out, make_around
+from core.control.guard import NOTHING, keep_out, make_around
 from core.control.rule_sets import rule_set
 from core.control.velocity_field import BLEND_WIDTH, NO_FIELD, field_at, field_round
 from core.files import InputError
 from core.kernel import kernel
-from core.mechanism import JOINTS
+from core.mechanism import JOINTS, no_brakes
 from core.obstacles import nearest_obstacle
 
 
@@ -54,6 +54,7 @@ ALGORITHMS: dict[str, Algorithm] = {
 }
 
 NO_CONTROL = 0
+NO_OBSTACLE = make_around(NOTHING, no_brakes())
 
 #: Every parameter that any algorithm has, each once.
 PARAMETERS = {parameter.name: parameter for one in ALGORITHMS.values() for parameter in one.parameters}
@@ -109,7 +110,7 @@ def make_controller(
     rules: str = "settled",
     blend_width: float = BLEND_WIDTH,
     velocity_noise: float = 0.0,
-    around: np.recarray | None = None,
+    around: np.recarray = NO_OBSTACLE,
 ) -> Controller:
     """A preset made ready for a device of this normalised force (N). InputError for numbers that cannot be.
 
@@ -134,7 +135,7 @@ def make_controller(
         float(device_force_normalised),
         float(blend_width),
         rule_set(rules, velocity_noise),
-        make_around() if around is None else around,
+        around,
     )
 
 

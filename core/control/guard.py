@@ -12,7 +12,6 @@ not hold for a hand that pushes harder, nor for one that turns the joints back a
 """
 
 import math
-from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
@@ -22,9 +21,10 @@ from core.control.algorithm import lock
 from core.control.velocity_field import LOCKED
 from core.files import NotNegative, Positive, Table, choice
 from core.kernel import kernel
-from core.mechanism import Brakes
+from core.linkage import tip_force_map
+from core.mechanism import Brakes, Mechanism
 from core.obstacles import MOST_EDGES, ObstacleFile, build_obstacles
-from core.simulator.state import new_record, pack_brakes
+from core.simulator.state import new_record, pack_brakes, pack_mechanism
 
 DIRECTIONS = 12  # over half a turn
 RATES = 32  # of the table of lags, up to omega_0, from which on the lag is constant
@@ -64,18 +64,24 @@ class Guard(Table, frozen=True):
     pull_N: Positive = 2.0  # a pull away from the obstacle that releases
 
 
-def make_around(
-    obstacles: Sequence[ObstacleFile] = (),
-    guide: bool = False,
-    guard: Guard | None = None,
-    brakes: Brakes | None = None,
-) -> np.recarray:
-    """What the kernels read of a trial's obstacles; brakes: of its device, for the guard."""
-    around = new_record(AROUND)
-    edges = build_obstacles(obstacles)
-    around["count"], around["guide"] = len(edges), int(guide)
+class Around(Table, frozen=True):
+    """What a protocol says of the obstacles of its trials."""
+
+    obstacles: tuple[ObstacleFile, ...] = ()
+    guide: bool = True
+    guard: Guard | None = None
+
+
+NOTHING = Around()
+
+
+def make_around(how: Around, brakes: Brakes) -> np.recarray:
+    """What the kernels read of a trial's obstacles; brakes: of its device."""
+    around, guard = new_record(AROUND), how.guard
+    edges = build_obstacles(how.obstacles)
+    around["count"], around["guide"] = len(edges), int(how.guide)
     around["edges"][0, : len(edges)] = edges
-    if guard is not None and brakes is not None:
+    if guard is not None:
         around["guard"], around["push"], around["keep"] = 1, guard.push_N, guard.keep_m
         around["let_go_force"] = guard.pull_N if guard.release == "pull" else math.inf
         learn_lags(around[0], pack_brakes(brakes, backlash=False)[0])
@@ -93,6 +99,21 @@ def learn_lags(around, brakes):
             for n in range(RATES + 1):
                 lag = time_constant(brakes, i, most, brakes.omega_0[i] * n / RATES, True)
                 around.growth[i, n] = 1.0 - math.exp(-STEP_S * inverse(lag))
+
+
+def least_held(mechanism: Mechanism, brakes: Brakes, places: np.ndarray) -> float:
+    """What a full lock holds (N) in the direction in which it holds least, at the worst of places (n, 2), m.
+
+    The torques that the brakes can hold make the tip forces a zonotope; the radius of the largest circle in it is the
+    least over u of the sum of K_i(current_max) |g_i . u|.
+    """
+    angles = np.linspace(0.0, math.pi, 360, endpoint=False)
+    directions, g, held = np.array([np.cos(angles), np.sin(angles)]), np.zeros((4, 2)), []
+    full = make_around(Around(guard=Guard()), brakes)["full"][0]
+    for x, y in places:
+        tip_force_map(pack_mechanism(mechanism)[0], x, y, g)
+        held.append(float(np.min(full @ np.abs(g @ directions))))
+    return min(held)
 
 
 @kernel
