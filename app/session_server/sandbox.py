@@ -276,8 +276,9 @@ class Sandbox:
 
     def _controller(self, s: SandboxSettings, device: Device) -> Controller:
         """As the settings have it. InputError for numbers that cannot be."""
-        force, around = device.force_normalised_N * s.brake_strength, self._protocol.trial.around
-        return make_controller(self._preset(s), force, s.rules, s.blend_width_m, around=make_around(around, device.brakes))
+        force = device.force_normalised_N * s.brake_strength
+        around = make_around(self._protocol.trial.around, device.brakes)
+        return make_controller(self._preset(s), force, s.rules, s.blend_width_m, around=around)
 
     def _preset(self, s: SandboxSettings) -> Preset:
         chosen = self._protocol.controllers[s.controller]

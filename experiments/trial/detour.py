@@ -12,7 +12,7 @@ import numpy as np
 from core.obstacles import ObstacleFile
 from core.path import Path, PathFile, Polyline, build_path, outline
 
-CLEAR_M = 0.015  # assumed: about a finger's width
+CLEAR_M = 0.03  # assumed: two fingers, more than a hand strays
 SPACING_M = 0.002  # between the places of the path that are looked at
 CORNERS = 24  # of the circle that is walked round a disc or a corner
 
