@@ -9,10 +9,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from core.obstacles import ObstacleFile
+from core.obstacles import ObstacleFile, build_obstacles, nearest_obstacle
 from core.path import Path, PathFile, Polyline, build_path, outline
 
 CLEAR_M = 0.03  # assumed: two fingers, more than a hand strays
+ENDS_SHARE = 0.8  # of an end's own distance from the obstacle
 SPACING_M = 0.002  # between the places of the path that are looked at
 CORNERS = 24  # of the circle that is walked round a disc or a corner
 
@@ -20,14 +21,18 @@ CORNERS = 24  # of the circle that is walked round a disc or a corner
 def way_round(path: PathFile, obstacles: Sequence[ObstacleFile], where: str) -> Path:
     """The path, or a polyline that leaves it where an obstacle comes nearer than `CLEAR_M`. InputError as `build_path`.
 
-    An obstacle that holds a start or an end is not walked round.
+    Where a start or an end lies nearer to an obstacle, the way is as near; one that holds an end is not walked round.
     """
     straight = build_path(path, where)
     points = outline(path, SPACING_M)
     left = False
-    for hull in (grown(one) for one in obstacles if one.half_plane_m is None):
+    for obstacle in obstacles:
+        clear = ENDS_SHARE * min(from_obstacle(obstacle, *end) for end in (points[0], points[-1]))
+        if obstacle.half_plane_m is not None or clear <= 0.0:
+            continue
+        hull = grown(obstacle, min(clear, CLEAR_M))
         inside = np.flatnonzero(is_inside(hull, points))
-        if len(inside) and inside[0] > 0 and inside[-1] < len(points) - 1:
+        if len(inside):
             before, after = points[: inside[0]], points[inside[-1] + 1 :]
             points, left = np.concatenate([before, round_hull(hull, before[-1], after[0]), after]), True
     if not left:
@@ -35,12 +40,18 @@ def way_round(path: PathFile, obstacles: Sequence[ObstacleFile], where: str) -> 
     return build_path(Polyline(points_m=tuple((x, y) for x, y in without_straight(points).tolist())), where)
 
 
-def grown(obstacle: ObstacleFile) -> np.ndarray:
-    """The corners (n, 2) of a convex outline `CLEAR_M` round a disc or polygon, counter-clockwise."""
+def from_obstacle(obstacle: ObstacleFile, x: float, y: float) -> float:
+    """How far a place is from an obstacle, m."""
+    edges = build_obstacles([obstacle])
+    return float(nearest_obstacle(edges, len(edges), x, y)[0])
+
+
+def grown(obstacle: ObstacleFile, clear: float) -> np.ndarray:
+    """The corners (n, 2) of a convex outline `clear` (m) round a disc or polygon, counter-clockwise."""
     if obstacle.disc_m is not None:
-        corners, radius = np.array([obstacle.disc_m[:2]]), obstacle.disc_m[2] + CLEAR_M
+        corners, radius = np.array([obstacle.disc_m[:2]]), obstacle.disc_m[2] + clear
     else:
-        corners, radius = np.array(obstacle.polygon_m), CLEAR_M
+        corners, radius = np.array(obstacle.polygon_m), clear
     angles = 2.0 * math.pi * np.arange(CORNERS) / CORNERS
     circle = radius / math.cos(math.pi / CORNERS) * np.column_stack([np.cos(angles), np.sin(angles)])
     return convex_hull((corners[:, None] + circle).reshape(-1, 2))
