@@ -64,6 +64,11 @@ class BrakeFile(Table, frozen=True):
         for key, constant in (("rise", self.rise), ("fall", self.fall)):
             self._check_time_constant(key, constant)
 
+    @property
+    def assumed(self) -> bool:
+        """Whether some of its numbers are assumed, by its provenance."""
+        return "assumed" in self.provenance
+
     def torque_gain(self, current: float) -> float:
         """Torque gain K (N m), Eq. (2), of the file (the kernels have their own, on arrays)."""
         k1, k2, k3, k4, k5 = self.k
