@@ -22,6 +22,7 @@ from app.session_server.preflight import with_advice
 from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.control.algorithm import Controller
 from core.control.controllers import Preset, make_controller
+from core.control.guard import make_around
 from core.control.proportional import GAIN_N_S_M, least_gain_felt
 from core.control.rule_sets import RULE_SETS
 from core.control.velocity_field import BLEND_WIDTH
@@ -32,7 +33,7 @@ from core.simulator.simulated_device import SimulatedDevice
 from core.tick_log import APPROACH, PHASE
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import Metrics, trial_metrics
-from experiments.inputs import MOUSE, OPERATOR
+from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
 from experiments.protocol_writer import save_variant
@@ -158,7 +159,7 @@ class Sandbox:
         """The settings that cannot be changed here."""
         if self.real:
             return ONLY_SIMULATED
-        return () if self._setup.hand == MOUSE else ("spring_N_m",)
+        return () if INPUTS[self._setup.hand].by_pointer else ("spring_N_m",)
 
     @property
     def state(self) -> SandboxState | None:
@@ -276,7 +277,9 @@ class Sandbox:
 
     def _controller(self, s: SandboxSettings, device: Device) -> Controller:
         """As the settings have it. InputError for numbers that cannot be."""
-        return make_controller(self._preset(s), device.force_normalised_N * s.brake_strength, s.rules, s.blend_width_m)
+        force = device.force_normalised_N * s.brake_strength
+        around = make_around(self._protocol.trial.around, device.brakes)
+        return make_controller(self._preset(s), force, s.rules, s.blend_width_m, around=around)
 
     def _preset(self, s: SandboxSettings) -> Preset:
         chosen = self._protocol.controllers[s.controller]
