@@ -124,7 +124,7 @@ BAD_SCENES = {
     "unknown joint": ("[brakes]\ntorque_N_m = {D = 1}\n", {}, r"unknown key brakes\.torque_N_m\.D"),
     "unknown integrator": ('integrator = "euler"\n', {}, "integrator must be one of event, stepping, karnopp"),
     "unknown fidelity": ('fidelity = "real"\n', {}, "fidelity must be one of"),
-    "signed lag of ideal brakes": ('brake_model = "signed"\n', {}, "'signed' needs fidelity 'mr' and integrator 'event'"),
+    "signed lag of ideal brakes": ('brake_model = "signed"\n', {}, "'signed' needs fidelity 'mr' and integrator"),
     "signed lag in steps": (
         'brake_model = "signed"\nfidelity = "mr"\nintegrator = "stepping"\n', {}, "'signed' needs fidelity 'mr'"
     ),
