@@ -15,10 +15,12 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 import msgspec
 
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
+from core.control.guard import NOTHING, Around, Guard, least_held
 from core.control.reflect import WALL_N_M
 from core.control.rule_sets import RULE_SETS
 from core.device import Device, build_device, inline_devices, load_device
 from core.files import InputError, NotNegative, Positive, Table, choice, from_plain, parse_toml, read_text, text_of_form
+from core.obstacles import ObstacleFile, build_obstacles, nearest_obstacle
 from core.path import PathFile, build_path, outline, path_from, point_at
 from core.simulator.hand import Hand, spring_hand
 from core.workspace import tip_is_free
@@ -138,6 +140,9 @@ class Settings(Table, frozen=True, kw_only=True):
     assumptions: Assumptions = Assumptions()
     trial: TrialFile = TrialFile()
     slave: Slave | None = None  # that follows the handle, and whose force `reflect` shows
+    obstacle: tuple[ObstacleFile, ...] = ()
+    guide: bool = True  # near an obstacle the controllers lead round it
+    guard: Guard | None = None  # locks all brakes in front of obstacles
     release: Release = Release()
     cues: Cues | None = None
     breaks: Breaks | None = None
@@ -215,11 +220,12 @@ def plain_text(value: str, key: str) -> None:
 
 
 class TrialRules(TrialFile, frozen=True):
-    """How a trial goes, as a trial reads it: with release (None: off), what its simulation assumes, and slave."""
+    """How a trial goes, as a trial reads it: with release (None: off), assumptions, slave and obstacles."""
 
     release: Release | None = Release()
     assumptions: Assumptions = Assumptions()
     slave: Slave | None = None
+    around: Around = NOTHING
 
 
 class Protocol(Settings, frozen=True, kw_only=True):
@@ -420,12 +426,38 @@ def _checked(
     release = file.release if file.release.on else None
     settings["assumptions"] = assumptions
     settings["trial"] = TrialRules(
-        *msgspec.structs.astuple(file.trial), release=release, assumptions=assumptions, slave=file.slave
-    )
+        *msgspec.structs.astuple(file.trial), release=release, assumptions=assumptions, slave=file.slave,
+        around=_around(file, devices, paths, where),
+    )  # fmt: skip
     return Protocol(
         text=text, overrides=dict(overrides), devices=tuple(device for _, device in devices), paths=paths,
         controllers=controllers, language_text=words, pictures=pictures, **settings,
     )  # fmt: skip
+
+
+def _around(
+    file: ProtocolFile, devices: Sequence[tuple[str, Device]], paths: Mapping[int, PathFile], where: str
+) -> Around:
+    """The obstacles. InputError if they are too many, hold an end of a path, or are guarded by brakes too weak."""
+    try:
+        edges = build_obstacles(file.obstacle)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+    if file.guard and not file.obstacle:
+        raise InputError(f"{where}: guard: there is no obstacle to guard")
+    places = {number: outline(path, REACH_SPACING_M) for number, path in paths.items()}
+    for number, points in places.items():
+        for end, (x, y) in (("starts", points[0]), ("ends", points[-1])):
+            if nearest_obstacle(edges, len(edges), x, y).distance <= 0.0:
+                raise InputError(f"{where}: path {number} {end} in an obstacle")
+        for name, device in devices if file.guard else ():
+            held = least_held(device.mechanism, device.brakes, points[:: max(len(points) // 8, 1)])
+            if held <= file.guard.push_N:
+                raise InputError(
+                    f"{where}: guard: push_N ({file.guard.push_N:g}) must be less than the {held:.1f} N that {name} "
+                    f"holds on path {number}"
+                )
+    return Around(obstacles=file.obstacle, guide=file.guide, guard=file.guard)
 
 
 def _refuse_twice(names: Sequence[str], what: str) -> None:
