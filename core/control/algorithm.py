@@ -57,7 +57,8 @@ LOCK_NO_VALID = 6
 LOCK_NONE_SELECTED = 7
 LOCK_BACK = 8
 LOCK_BACK_NONE_SELECTED = 9
-OWN = 10  # from here on: an algorithm's own decisions
+STEER = 10  # the castor of a device without brakes is steered along beta
+OWN = 11  # from here on: an algorithm's own decisions
 
 SHARED: tuple[str, ...] = (
     "none",
@@ -70,6 +71,7 @@ SHARED: tuple[str, ...] = (
     "lock: none selected, pushed away",
     "lock: moving back",
     "lock: moving back, none selected",
+    "steer",
 )
 
 #: ticks without control on purpose, near the path

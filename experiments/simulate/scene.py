@@ -190,8 +190,8 @@ def read_scene(path: str | Path) -> Scene:
     except InputError as error:
         raise InputError(f"{path}: device: {error}") from None
     interval = file.step_s if file.output_interval_s is None else file.output_interval_s
-    output_every = _whole(interval, file.step_s, f"{path}: output_interval_s", "step_s")
-    intervals = _whole(file.duration_s, interval, f"{path}: duration_s", "output intervals")
+    output_every = whole_number(interval, file.step_s, f"{path}: output_interval_s", "step_s")
+    intervals = whole_number(file.duration_s, interval, f"{path}: duration_s", "output intervals")
     if not tip_is_free(device.mechanism, *file.initial_tip_m):
         x, y = file.initial_tip_m
         raise InputError(
@@ -205,7 +205,7 @@ def read_scene(path: str | Path) -> Scene:
     )  # fmt: skip
 
 
-def _whole(total: float, part: float, where: str, of: str) -> int:
+def whole_number(total: float, part: float, where: str, of: str) -> int:
     """How many parts make the total; an InputError unless that is a whole number."""
     ratio = total / part
     if ratio > 2.0**53:

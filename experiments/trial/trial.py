@@ -29,6 +29,7 @@ from core.stops import distal_sine
 from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules, load_protocol
 from experiments.trial import tick
+from experiments.trial.castor import set_castor, skid_warnings
 from experiments.trial.operator import OPERATOR, TICK_S, Person, new_operator, take_handle
 
 #: Draws of noise per axis for one trial; a longer trial goes round.
@@ -103,6 +104,8 @@ class Trial:
             self._operator = new_operator(person, generator)
             self._noise = generator.standard_normal((NOISE_DRAWS, 2))
             take_handle(person, self.path, self.model.hand.grips)
+        if self.device.castor:
+            set_castor(self._run["cobot"][0], self.device, self.model.state["tip"][0], self.model.hand.grips["mass"][0])
         self._reason = ""  # of an abort from outside
         # of a real device
         self._connected: RealDevice | None = None
@@ -206,6 +209,8 @@ class Trial:
         about: dict[str, Any] = {"status": tick.STATUSES[status], "reason": reason}
         if isinstance(self.model, SimulatedDevice):
             about |= self.model.end_record()
+            if self.device.castor:
+                about["warnings"] += skid_warnings(self._run["cobot"][0], self.device.castor)
         else:
             about["ledger"] = "estimated from sensed force and velocity and the brake model"
             about |= {"filled": self.filled} | (self._connected.end_record() if self._connected else self._report)
