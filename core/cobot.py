@@ -31,6 +31,7 @@ from core.kernel import kernel
 from core.simulator.state import new_record
 
 MOST_WHEELS = 3
+LEFT = 0.5  # share of its force along the path that a hand keeps where it pushes away from the path
 PARALLEL = 1e-9  # sine to the wall below which a motion counts as along it
 
 COBOT = np.dtype(
@@ -198,9 +199,28 @@ def advance(cobot, fx, fy, torque, steered, goal_x, goal_y, goal_w, step):
 
 
 @kernel
-def path_goal(cobot, beta_x, beta_y, heading, within):
-    """Twist along beta (a unit vector, 1/m) that brings the heading (rad) near in about `within` metres of way."""
-    return beta_x, beta_y, (heading - cobot.pose[2]) / within if cobot.wheels > 1 else 0.0
+def path_goal(cobot, beta_x, beta_y, t_x, t_y, heading, within, fx, fy, step):
+    """Twist along beta that brings the heading (rad) of a body near in about `within` metres of way.
+
+    beta, t: desired direction and tangent of the velocity field, unit vectors. Our choice, for a castor cannot lock a
+    hand that pushes away: the body is steered between t and beta, as near to beta as leaves the hand half of its force
+    along t (`LEFT`) to move it on by; and along t where it would else roll back, away from the path.
+    """
+    vx, vy, _ = velocity(cobot)
+    vx, vy = vx + step * fx / cobot.mass, vy + step * fy / cobot.mass
+    gx, gy = beta_x, beta_y
+    along_t, along_beta = fx * t_x + fy * t_y, fx * beta_x + fy * beta_y
+    if along_t > 0.0 and along_beta < LEFT * along_t:
+        share = (LEFT * along_t - along_beta) / (along_t - along_beta)
+        gx, gy = gx + share * (t_x - gx), gy + share * (t_y - gy)
+        size = math.hypot(gx, gy)
+        gx, gy = gx / size, gy / size
+    if vx * gx + vy * gy < 0.0:
+        gx, gy = t_x, t_y
+    if cobot.wheels == 1:
+        return gx, gy, 0.0
+    rate = (heading - cobot.pose[2]) / within
+    return gx, gy, rate if vx * gx + vy * gy >= 0.0 else -rate
 
 
 @kernel

@@ -270,7 +270,8 @@ class Sandbox:
         tip = old.tip if old is not None else (path.x1, path.y1)  # there is a way to go
         if not tip_is_free(device.mechanism, *tip):
             tip, self._taken = (path.x1, path.y1), False
-        return SimulatedDevice(device, tip, p.mouse.hand() if self._setup.hand != OPERATOR else None)
+        hand = p.mouse.hand() if self._setup.hand != OPERATOR else None
+        return SimulatedDevice(p.assumptions.applied_to(device), tip, hand, p.assumptions.simulated_fidelity)
 
     def _controller(self, s: SandboxSettings, device: Device) -> Controller:
         """As the settings have it. InputError for numbers that cannot be."""

@@ -16,8 +16,8 @@ def add(verbs) -> None:
     """The three verbs and their arguments."""
     option = add_verb(
         verbs, "simulate", simulate_verb, "simulate one scene without an operator",
-        "A scene file names a device, a brake schedule and a hand force, or a cobot and a hand force; the motion goes to\n"
-        "a CSV file.",
+        "A scene file names a device, a brake schedule and a hand force, or a cobot and a hand force; the motion\n"
+        "goes to a CSV file.",
         "phd simulate scene.toml --out motion.csv", prints="the summary",
     ).add_argument  # fmt: skip
     option("scene", type=Path, metavar="SCENE.toml", help="the scene file")
@@ -104,7 +104,7 @@ def simulate_cobot_verb(args: argparse.Namespace) -> int:
         args,
         done,
         f"{args.out}: {done['rows']} rows, cobot {done['cobot']}{' (assumed)' if done['assumed'] else ''}; a servo at "
-        f"its limit in {done['rows_with_a_servo_at_its_limit']} of them, at most {done['side_force_max_N']:.3g} N sideways"
+        f"its limit in {done['rows_with_a_servo_at_its_limit']}, {done['side_force_max_N']:.3g} N sideways at most"
         + ("" if wall is None else f", {1e3 * wall:.3g} mm from the wall at least"),
         (f"{args.scene}: {warning}" for warning in done["warnings"]),
     )

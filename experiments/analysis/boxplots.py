@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from core.files import InputError
 from experiments.analysis.charts import QUARTILE_METHOD, WHISKER, Box, box_statistics, controllers_shown, left_out
-from experiments.analysis.metrics import DRAWN, Metric
+from experiments.analysis.metrics import DRAWN, FIGURES, Metric
 from experiments.analysis.sheet import (
     CHARACTERS_PER_INCH,
     LINE,
@@ -76,13 +76,13 @@ def draw_boxplots(
     out_folder: str | Path,
     note: str,
     configurations: Sequence[str] | None = None,
-    metrics: Sequence[Metric] = DRAWN,
+    metrics: Sequence[Metric] = FIGURES,
     labels: Mapping[int, str] = CONTROLLER_LABELS,
     progress: Callable[[float], None] = lambda share: None,
     protocol: str = PAPER,
     timeouts: bool = False,
 ) -> list[Path]:
-    """Draw every metric as PNG, SVG and PDF and all in one wide PNG into `out_folder`; returns the paths.
+    """Draw every metric as PNG, SVG and PDF, and those of the paper in one wide PNG; returns the paths.
 
     note: what was used, as "settled rules, low gain 5 N s/m, parameters assumed"; it stands on every figure.
     configurations: the first is drawn filled, the second open; by default as the table first names them.
@@ -100,7 +100,8 @@ def draw_boxplots(
     for metric in metrics:
         name = metric.figure if protocol == PAPER else metric.figure.partition("_")[2]
         sheets.append(([metric], 6.4, [folder / f"{name}.{form}" for form in FORMATS]))
-    sheets.append((list(metrics), 5.0 * len(metrics), [folder / "boxplots.png"]))
+    papers = [metric for metric in metrics if metric in DRAWN]
+    sheets.append((papers, 5.0 * len(papers), [folder / "boxplots.png"]))
     paths = [path for _, _, of_it in sheets for path in of_it]
     refuse_existing_files(paths)
     drawn: dict[Path, bytes] = {}

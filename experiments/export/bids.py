@@ -244,8 +244,8 @@ def _seconds(value: float) -> str:
 
 def _cells(row: TrialRow) -> list[str]:
     """A row of trials.csv as a scans table shows it."""
-    [cells] = csv.DictReader([table_bytes([row], header=False).decode()], COLUMNS)
-    return [cells[name] or MISSING for name in _SCANNED]
+    [cells] = csv.DictReader(table_bytes([row]).decode().splitlines())
+    return [cells.get(name) or MISSING for name in _SCANNED]
 
 
 def _day_time(text: str) -> str:

@@ -223,7 +223,9 @@ class Session:
             path = build_path(path_file, f"path {number}")
             x, y, _, _ = point_at(path, 0.5 * path.length)
             hand = None if self.person else self.protocol.mouse.hand()
-            self._simulations[configuration] = SimulatedDevice(self.protocol.device(configuration), (x, y), hand)
+            assumed = self.protocol.assumptions
+            device = assumed.applied_to(self.protocol.device(configuration))
+            self._simulations[configuration] = SimulatedDevice(device, (x, y), hand, assumed.simulated_fidelity)
             self._simulations[configuration].hand.grips["target"][0, :2] = (x, y)
         return self._simulations[configuration]
 

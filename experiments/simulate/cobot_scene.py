@@ -173,22 +173,21 @@ def read_cobot_scene(path: Path) -> CobotScene:
 
 
 @kernel
-def run_cobot(cobots, memory, path, rules, mode, heading, within, wall, push, most, t, step, forces, rows):
-    """Fill rows (n, WIDTH) from time t on, and advance after each by as many steps as it has forces (n, steps, 3).
+def run_cobot(cobots, memory, path, rules, mode, heading, within, wall, push, most, first, step, forces, rows):
+    """Fill rows (n, WIDTH) from row `first` on, and advance after each by as many steps as it has forces (n, steps, 3).
 
     cobots: the cobot, and a record for its rehearsals.
     """
-    cobot, limited = cobots[0], 0
+    cobot = cobots[0]
     for r in range(rows.shape[0]):
-        row = rows[r]
-        row[0] = t + r * forces.shape[1] * step
+        row, limited = rows[r], 0
+        row[0] = (first + r) * forces.shape[1] * step
         vx, vy, w = velocity(cobot)
         row[4], row[5], row[6] = vx, vy, w
         for k in range(3):
             row[1 + k] = cobot.pose[k]
             row[7 + k] = math.atan2(cobot.axis[k, 1], cobot.axis[k, 0])
-        row[10], row[11], row[12] = limited, cobot.work, 0.5 * cobot.speed * cobot.speed
-        limited = 0
+        row[11], row[12] = cobot.work, 0.5 * cobot.speed * cobot.speed
         for n in range(forces.shape[1]):
             fx, fy, torque = forces[r, n, 0], forces[r, n, 1], forces[r, n, 2]
             if mode == AT_WALL:
@@ -196,11 +195,14 @@ def run_cobot(cobots, memory, path, rules, mode, heading, within, wall, push, mo
             elif mode == ALONG_PATH:
                 vx, vy, _ = velocity(cobot)
                 field = field_at(path, memory, cobot.pose[0], cobot.pose[1], vx, vy, fx, fy, BLEND_WIDTH, rules)
-                gx, gy, gw = path_goal(cobot, field.beta_x, field.beta_y, heading, within)
-                advance(cobot, fx, fy, torque, 1, gx, gy, gw, step)
+                goal = path_goal(
+                    cobot, field.beta_x, field.beta_y, field.t_x, field.t_y, heading, within, fx, fy, step
+                )  # fmt: skip
+                advance(cobot, fx, fy, torque, 1, goal[0], goal[1], goal[2], step)
             else:
                 advance(cobot, fx, fy, torque, 0, 0.0, 0.0, 0.0, step)
             limited |= cobot.limited
+        row[10] = limited
 
 
 class CobotRun:
@@ -214,13 +216,13 @@ class CobotRun:
     def run_chunk(self, count: int) -> np.ndarray:
         """The next output rows (count, WIDTH); the first call begins at t = 0."""
         s, every = self.scene, self.scene.output_every
-        first, rows = self.done * every, np.zeros((count, WIDTH))
-        middle = (first + np.arange(count * every) + 0.5) * s.step_s  # a step holds the force of its middle
+        rows = np.zeros((count, WIDTH))
+        middle = (self.done * every + np.arange(count * every) + 0.5) * s.step_s  # a step holds the force of its middle
         forces = np.column_stack([np.interp(middle, s.force_t, s.force[:, k]) for k in range(3)])
         quarter_turns = round(2.0 * math.pi / (s.cobot.steering_rate_max_rad_s * s.step_s)) + 500
         run_cobot(
             self.cobots, self.memory, s.path, SETTLED, s.mode, s.heading_rad, s.within_m, s.wall, s.push_max_N,
-            quarter_turns, first * s.step_s, s.step_s, forces.reshape(count, every, 3), rows,
+            quarter_turns, self.done, s.step_s, forces.reshape(count, every, 3), rows,
         )  # fmt: skip
         self.done += count
         return rows
@@ -279,7 +281,7 @@ def column_names(wheels: int) -> list[str]:
 
 
 def write_rows(file: Any, rows: np.ndarray, wheels: int) -> None:
-    """Append rows; `limited`: the numbers of the castors whose servo set the pace since the row before."""
+    """Append rows; `limited`: the numbers of the castors whose servo sets the pace until the next one."""
     arrays = [pa.array(column + 0.0) for column in rows[:, : 7 + wheels].T]
     words = ["".join(str(i + 1) for i in range(wheels) if int(bits) >> i & 1) for bits in rows[:, 10]]
     table = pa.table([*arrays, pa.array(words), *map(pa.array, rows[:, 11:].T)], names=column_names(wheels))

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from core import tick_log as log
-from core.cobot import advance, place, velocity
+from core.cobot import advance, path_goal, place, velocity
 from core.control.algorithm import STEER
 from core.device import Device
 from core.device_file import Castor
@@ -45,9 +45,14 @@ def turn_castor(hand, state, run, t, row):
     """Stage, in place of SETTLE: the castor's step from t on is taken; acceleration and sensed force follow from it."""
     cobot, tip, arm_kg = run.cobot, state.tip, hand.grips[0].mass
     fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
-    steered = 1 if run.decision == STEER else 0
-    before = cobot.work
-    advance(cobot, fx, fy, 0.0, steered, row[log.DESIRED_X], row[log.DESIRED_Y], 0.0, TICK_S)
+    before, steered, gx, gy = cobot.work, 0, 0.0, 0.0
+    if run.decision == STEER:
+        steered = 1
+        gx, gy, _ = path_goal(
+            cobot, row[log.DESIRED_X], row[log.DESIRED_Y], row[log.FORWARD_X], row[log.FORWARD_Y], 0.0, 1.0, fx, fy,
+            TICK_S,
+        )  # fmt: skip
+    advance(cobot, fx, fy, 0.0, steered, gx, gy, 0.0, TICK_S)
     vx, vy, _ = velocity(cobot)
     state.acceleration[0], state.acceleration[1] = (vx - tip[2]) / TICK_S, (vy - tip[3]) / TICK_S
     state.hand_force[0] = fx - arm_kg * state.acceleration[0]

@@ -162,13 +162,23 @@ def test_a_hand_beyond_the_stated_push_is_not_promised_anything():
 def test_steered_along_a_path_the_heading_is_brought_near_and_the_way_is_the_paths():
     record = new_cobot(SCOOTER, (0.0, 0.0, 0.5))
     for _ in range(4000):
-        goal = path_goal(record[0], 0.8, 0.6, 0.0, 0.1)
+        goal = path_goal(record[0], 0.8, 0.6, 1.0, 0.0, 0.0, 0.1, 10.0, 0.0, STEP)
         advance(record[0], 10.0, 0.0, 0.0, 1, *goal, STEP)
     x, y, heading = record["pose"][0]
     assert heading == pytest.approx(0.0, abs=1e-3)
     vx, vy, _ = velocity(record[0])
     assert (vx, vy) / np.hypot(vx, vy) == pytest.approx((0.8, 0.6), abs=1e-3)
     assert record["side_force"][0] > 4.0, "the castors held the hand's force across the path"
+
+
+def test_a_hand_that_pushes_away_still_comes_to_the_path_and_keeps_half_its_force_along_it():
+    record, push = new_cobot(UNICYCLE), np.array((5.0, 5.0))
+    assert path_goal(record[0], 0.0, -1.0, 1.0, 0.0, 0.0, 1.0, 5.0, -5.0, STEP) == (0.0, -1.0, 0.0)
+    x, y, _ = path_goal(record[0], 0.0, -1.0, 1.0, 0.0, 0.0, 1.0, *push, STEP)
+    assert (x, y) == pytest.approx(np.array((0.75, -0.25)) / np.hypot(0.75, 0.25)) and push @ (x, y) > 2.5
+    slowing = path_goal(moving(UNICYCLE, 0.2, -0.2)[0], 0.6, -0.8, 1.0, 0.0, 0.0, 1.0, -5.0, 5.0, STEP)
+    assert slowing == (0.6, -0.8, 0.0), "a hand that only slows it down is let on along beta"
+    assert path_goal(moving(UNICYCLE, -0.2, 0.0)[0], 0.0, -1.0, 1.0, 0.0, 0.0, 1.0, *push, STEP)[:2] == (1.0, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -98,7 +98,7 @@ def test_a_figure_says_how_many_trials_it_leaves_out_and_crosses_those_that_time
 def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_time(tmp_path):
     rows = study()
     paths = draw_boxplots(rows, tmp_path / "a", NOTE)
-    names = ("fig16_path_error", "fig17_tip_force", "fig18_acceleration_dft_sum")
+    names = ("fig16_path_error", "fig17_tip_force", "fig18_acceleration_dft_sum", "fig18_acceleration_to_100_Hz")
     wanted = {f"{name}.{form}" for name in names for form in ("png", "svg", "pdf")} | {"boxplots.png"}
     assert {path.name for path in paths} == {path.name for path in (tmp_path / "a").iterdir()} == wanted
     draw_boxplots(rows, tmp_path / "b", NOTE)

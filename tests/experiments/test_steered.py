@@ -1,4 +1,4 @@
-"""A castor in place of brakes runs the paper's trial: the same path, operator and measures; what cannot be is refused."""
+"""A castor in place of brakes runs the paper's trial: same path, operator and measures; what cannot be is refused."""
 
 import re
 
