@@ -16,7 +16,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from app.ipc import messages as m
-from app.ipc.messages import MOUSE, OPERATOR, Pass, SandboxSettings, SandboxState
+from app.ipc.messages import Pass, SandboxSettings, SandboxState
 from app.session_server.device_setup import RealSetup, SimulatedSetup, person_at
 from app.session_server.preflight import with_advice
 from app.session_server.trial_runner import TrialRun, TrialRunner
@@ -32,6 +32,7 @@ from core.simulator.simulated_device import SimulatedDevice
 from core.tick_log import APPROACH, PHASE
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import Metrics, trial_metrics
+from experiments.inputs import MOUSE, OPERATOR
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
 from experiments.protocol_writer import save_variant

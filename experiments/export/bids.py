@@ -24,9 +24,9 @@ from experiments.analysis.trials_table import COLUMNS, DICTIONARY, STATUSES, Tri
 from experiments.export.answers import Form, answers_and_notes, forms_of, write_phenotype
 from experiments.export.columns import PHASE_LEVELS, recording_column
 from experiments.export.files import Exported, ExportedTrial, write_columns, write_json, write_rows
+from experiments.inputs import INPUTS, OPERATOR
 from experiments.recording.schema import Recording
 from experiments.session.session import version_of
-from experiments.trial.inputs import INPUTS, OPERATOR
 
 BIDS_VERSION = "1.11.1"
 TASK, TRACKSYS = "pathfollow", "fivebar"
