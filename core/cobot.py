@@ -224,21 +224,6 @@ def path_goal(cobot, beta_x, beta_y, t_x, t_y, heading, within, fx, fy, step):
 
 
 @kernel
-def copy_cobot(source, target):
-    """All that a step changes, and what it needs."""
-    target.wheels, target.mass, target.inertia, target.rate_max = (
-        source.wheels, source.mass, source.inertia, source.rate_max,
-    )  # fmt: skip
-    target.speed, target.work, target.side_force, target.limited = (
-        source.speed, source.work, source.side_force, source.limited,
-    )  # fmt: skip
-    for k in range(3):
-        target.pose[k], target.twist[k] = source.pose[k], source.twist[k]
-        for axis in range(2):
-            target.hub[k, axis], target.axis[k, axis] = source.hub[k, axis], source.axis[k, axis]
-
-
-@kernel
 def advance_along(cobot, wall, fx, fy, torque, step):
     """A step towards the motion that the free body would have without its part into the wall.
 
@@ -275,15 +260,16 @@ def stops_short(cobot, wall, push, step, most):
 
 
 @kernel
-def advance_at_wall(cobot, copy, wall, push, fx, fy, torque, step, most):
-    """A step as a free caster, or along the wall where the body could not be stopped before it any more after that.
+def advance_at_wall(cobots, wall, push, fx, fy, torque, step, most):
+    """A step of cobots[0] as a free caster, or along the wall where it could not be stopped before it any more then.
 
-    copy: a second record, of any content. The wall is kept from the centre of mass for a hand of at most `push` N and
-    no torque, from any state from which it can be kept; a heavier hand, or one that turns the body, may pass it.
+    cobots[1]: a record for the rehearsal, of any content. The wall is kept from the centre of mass for a hand of at
+    most `push` N and no torque, from any state from which it can be kept; a heavier hand, or one that turns the body,
+    may pass it.
     """
-    copy_cobot(cobot, copy)
-    advance(copy, fx, fy, torque, 0, 0.0, 0.0, 0.0, step)
-    if stops_short(copy, wall, push, step, most):
-        advance(cobot, fx, fy, torque, 0, 0.0, 0.0, 0.0, step)
+    cobots[1] = cobots[0]
+    advance(cobots[1], fx, fy, torque, 0, 0.0, 0.0, 0.0, step)
+    if stops_short(cobots[1], wall, push, step, most):
+        advance(cobots[0], fx, fy, torque, 0, 0.0, 0.0, 0.0, step)
     else:
-        advance_along(cobot, wall, fx, fy, torque, step)
+        advance_along(cobots[0], wall, fx, fy, torque, step)

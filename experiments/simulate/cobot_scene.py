@@ -191,7 +191,7 @@ def run_cobot(cobots, memory, path, rules, mode, heading, within, wall, push, mo
         for n in range(forces.shape[1]):
             fx, fy, torque = forces[r, n, 0], forces[r, n, 1], forces[r, n, 2]
             if mode == AT_WALL:
-                advance_at_wall(cobot, cobots[1], wall, push, fx, fy, torque, step, most)
+                advance_at_wall(cobots, wall, push, fx, fy, torque, step, most)
             elif mode == ALONG_PATH:
                 vx, vy, _ = velocity(cobot)
                 field = field_at(path, memory, cobot.pose[0], cobot.pose[1], vx, vy, fx, fy, BLEND_WIDTH, rules)

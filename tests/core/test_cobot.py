@@ -137,7 +137,7 @@ def test_no_hand_within_the_stated_push_passes_the_wall_and_all_come_near_it(fil
     reached = 0
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        record, copy = new_cobot(file, (0.0, 0.35, 0.0)), new_record(COBOT)
+        record = np.concatenate([new_cobot(file, (0.0, 0.35, 0.0)), new_record(COBOT)]).view(np.recarray)
         turn, least = rng.uniform(-np.pi, np.pi), np.inf
         for _ in range(1500):
             turn += rng.normal() * 0.02
@@ -145,7 +145,7 @@ def test_no_hand_within_the_stated_push_passes_the_wall_and_all_come_near_it(fil
             fx, fy = size * np.cos(turn), size * np.sin(turn)
             if record["pose"][0, 1] > 0.4:
                 fy = -size * 0.5
-            advance_at_wall(record[0], copy[0], wall, push, fx, fy, 0.0, STEP, most)
+            advance_at_wall(record, wall, push, fx, fy, 0.0, STEP, most)
             least = min(least, record["pose"][0, 1])
         assert least > 0.0
         assert 0.5 * record["speed"][0] ** 2 == pytest.approx(record["work"][0], rel=1e-9, abs=1e-9)

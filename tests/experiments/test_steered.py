@@ -57,6 +57,8 @@ def test_its_trials_are_replayed_to_the_last_bit_and_its_hand_through_brakes(stu
         assert found["equal"] and found["decisions"]["different"] == 0 and found["begins"] == "start"
     other = replay(trials / f"run-{rows[0].run:03d}.parquet", device="four-brake")
     assert other["begins"] == "move" and other["after"]["way_made"] > 0.3
+    with pytest.raises(InputError, match="Proportional, high gain: needs brakes, and unicycle has a castor"):
+        replay(trials / f"run-{rows[0].run:03d}.parquet", controller=4, protocol="paper")
     back = [row for row in read_table(study / "trials.csv") if row.configuration == "four-brake"][0]
     assert replay(trials / f"run-{back.run:03d}.parquet", device="unicycle")["after"]["way_made"] > 0.3
 
@@ -117,6 +119,14 @@ def test_a_castor_that_cannot_be_is_refused_in_a_sentence(tmp_path, old, new, re
 def test_controllers_that_need_brakes_are_refused_and_so_is_a_castor_on_a_bench(capsys, tmp_path):
     with pytest.raises(InputError, match="Proportional, high gain: needs brakes, and device unicycle has a castor"):
         load_protocol("paper", devices=["unicycle"])
+    (tmp_path / "scene.toml").write_text(
+        'device = "unicycle"\nduration_s = 0.1\nstep_s = 1e-3\ninitial_tip_m = [0.0, 0.4]\n'
+    )
+    out = ["--out", str(tmp_path / "out")]
+    for verb in (["figures", "--device", "unicycle", *out], ["simulate", str(tmp_path / "scene.toml"), *out],
+                 ["emulate", "--device", "unicycle"]):  # fmt: skip
+        assert main(verb) == 2
+        assert "unicycle has a castor" in capsys.readouterr().err
     arguments = ["run", "steered", "--device", "unicycle", "--link", "serial:/dev/null", "--data-dir", str(tmp_path)]
     assert main(arguments) == 2
     assert "unicycle has a castor, which can only be simulated" in capsys.readouterr().err
