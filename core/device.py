@@ -114,6 +114,8 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
 
 def with_brakes(device: Device, change: Callable[[BrakeFile], BrakeFile]) -> Device:
     """The device with other brakes: what `change` makes of each of its brake files. Their numbers are then assumed."""
+    if not device.braked:
+        return device
     file = parse_toml(device.text, DeviceFile, device.name)
     brakes = {}
     for joint in file.braked:
