@@ -15,15 +15,20 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 import msgspec
 
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
+from core.control.guard import NOTHING, Around, Guard, least_held
+from core.control.reflect import WALL_N_M
 from core.control.rule_sets import RULE_SETS
 from core.device import Device, build_device, load_device
 from core.files import InputError, NotNegative, Positive, Table, choice, from_plain, parse_toml, read_text, text_of_form
+from core.obstacles import ObstacleFile, build_obstacles, nearest_obstacle
 from core.path import PathFile, build_path, outline, path_from, point_at
 from core.simulator.hand import Hand, spring_hand
 from core.workspace import tip_is_free
-from experiments.assumptions import NO_VIBRATION, Assumptions, LowGain
+from experiments.assumptions import ENCODERS, NO_VIBRATION, Assumptions, LowGain, encoder_counts
 from experiments.language import ENGLISH, Language, language_text, read_language, shipped_languages
+from experiments.slave import Slave
 
+REFLECT = "reflect"
 PROPORTIONAL, GAIN = "proportional", "gain_N_s_m"  # whose least gain `--low-gain` sets
 NUMBER, TEXT = "number", "text"  # what a field of the form takes where it lists no choices
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "protocols"
@@ -134,6 +139,10 @@ class Settings(Table, frozen=True, kw_only=True):
     provenance: Annotated[str, choice("", "assumed")] = ""  # "assumed": paths neither measured nor published
     assumptions: Assumptions = Assumptions()
     trial: TrialFile = TrialFile()
+    slave: Slave | None = None  # that follows the handle, and whose force `reflect` shows
+    obstacle: tuple[ObstacleFile, ...] = ()
+    guide: bool = True  # near an obstacle the controllers lead round it
+    guard: Guard | None = None  # locks all brakes in front of obstacles
     release: Release = Release()
     cues: Cues | None = None
     breaks: Breaks | None = None
@@ -193,6 +202,7 @@ class Overrides(Table, frozen=True):
 
     rules: Rules | None = None
     assumptions: Assumptions | None = None
+    low_gain_found: Positive | None = None  # N s/m, by the rule "no vibration"
     low_gain: LowGain | None = None  # besides, of the proportional controller of least gain
     seed: Seed | None = None
     devices: tuple[str, ...] | None = None  # names
@@ -208,10 +218,12 @@ def plain_text(value: str, key: str) -> None:
 
 
 class TrialRules(TrialFile, frozen=True):
-    """How a trial goes, as a trial reads it: with the release (None: off), and what its simulation assumes."""
+    """How a trial goes, as a trial reads it: with release (None: off), assumptions, slave and obstacles."""
 
     release: Release | None = Release()
     assumptions: Assumptions = Assumptions()
+    slave: Slave | None = None
+    around: Around = NOTHING
 
 
 class Protocol(Settings, frozen=True, kw_only=True):
@@ -249,14 +261,33 @@ class Protocol(Settings, frozen=True, kw_only=True):
     @property
     def low_gain(self) -> float | None:
         """The least gain of its proportional controllers, N s/m; None without any."""
-        gains = [preset.value(GAIN) for preset in self.controllers.values() if preset.kind == PROPORTIONAL]
-        return min(gains, default=None)
+        number = self.low_gain_controller
+        return None if number is None else self.controllers[number].value(GAIN)
+
+    @property
+    def low_gain_controller(self) -> int | None:
+        """Its proportional controller of least gain."""
+        return _low_gain_controller(self.controllers)
+
+    @property
+    def unsettled(self) -> bool:
+        """Whether its low gain is given by the rule "no vibration", and the number has not been found yet."""
+        return self.assumptions.low_gain == NO_VIBRATION and "low_gain_found" not in self.overrides
+
+    def refuse_unsettled(self) -> None:
+        """InputError if the number of its low gain is not known."""
+        if self.unsettled:
+            raise InputError(
+                f"{self.name}: low gain {NO_VIBRATION!r}: phd study and phd worlds find the number on simulated "
+                "trials; here it must be given in N s/m"
+            )
 
     def note(self) -> str:
         """The note on every figure: protocol, rules, the low gain, what is assumed."""
         parts = [f"{self.name} protocol", f"{self.rules} rules"]
         if self.low_gain is not None:
-            parts.append(f"low gain {self.low_gain:g} N s/m")
+            rule = f" ({NO_VIBRATION})" if self.assumptions.low_gain == NO_VIBRATION else ""
+            parts.append(f"low gain {self.low_gain:g} N s/m{rule}")
         parts += [words] if (words := self.assumptions.words()) else []
         if any(device.assumed for device in self.devices):
             parts.append("parameters assumed")
@@ -370,7 +401,13 @@ def _checked(
     assumptions = asked.assumptions or file.assumptions
     if asked.low_gain is not None:
         assumptions = msgspec.structs.replace(assumptions, low_gain=asked.low_gain)
-    controllers = _assumed(controllers, assumptions, where)
+    controllers = _assumed(controllers, assumptions, asked.low_gain_found, where)
+    if assumptions.sensing == ENCODERS:
+        for _, device in devices:
+            encoder_counts(device)
+    for preset in controllers.values():
+        if preset.kind == REFLECT and not (file.slave or preset.value(WALL_N_M.name)):
+            raise InputError(f"{where}: controller {preset.name}: needs a [slave] or wall_N_m, it has no force to show")
     paths = _paths(file.path, where)
     cells = len(devices) * len(paths) * len(controllers)
     if (trials := cells * file.blocks * file.repetitions) > MOST_TRIALS:
@@ -384,11 +421,39 @@ def _checked(
     settings |= {name: getattr(asked, name) for name in ("rules", "seed") if name in overrides}
     release = file.release if file.release.on else None
     settings["assumptions"] = assumptions
-    settings["trial"] = TrialRules(*msgspec.structs.astuple(file.trial), release=release, assumptions=assumptions)
+    settings["trial"] = TrialRules(
+        *msgspec.structs.astuple(file.trial), release=release, assumptions=assumptions, slave=file.slave,
+        around=_around(file, devices, paths, where),
+    )  # fmt: skip
     return Protocol(
         text=text, overrides=dict(overrides), devices=tuple(device for _, device in devices), paths=paths,
         controllers=controllers, language_text=words, pictures=pictures, **settings,
     )  # fmt: skip
+
+
+def _around(
+    file: ProtocolFile, devices: Sequence[tuple[str, Device]], paths: Mapping[int, PathFile], where: str
+) -> Around:
+    """The obstacles. InputError if they are too many, hold an end of a path, or are guarded by brakes too weak."""
+    try:
+        edges = build_obstacles(file.obstacle)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+    if file.guard and not file.obstacle:
+        raise InputError(f"{where}: guard: there is no obstacle to guard")
+    places = {number: outline(path, REACH_SPACING_M) for number, path in paths.items()}
+    for number, points in places.items():
+        for end, (x, y) in (("starts", points[0]), ("ends", points[-1])):
+            if nearest_obstacle(edges, len(edges), x, y).distance <= 0.0:
+                raise InputError(f"{where}: path {number} {end} in an obstacle")
+        for name, device in devices if file.guard else ():
+            held = least_held(device.mechanism, device.brakes, points[:: max(len(points) // 8, 1)])
+            if held <= file.guard.push_N:
+                raise InputError(
+                    f"{where}: guard: push_N ({file.guard.push_N:g}) must be less than the {held:.1f} N that {name} "
+                    f"holds on path {number}"
+                )
+    return Around(obstacles=file.obstacle, guide=file.guide, guard=file.guard)
 
 
 def _refuse_twice(names: Sequence[str], what: str) -> None:
@@ -421,16 +486,24 @@ def _paths(entries: Sequence[dict[str, Any]], where: str) -> dict[int, PathFile]
     return paths
 
 
-def _assumed(controllers: dict[int, Preset], assumptions: Assumptions, where: str) -> dict[int, Preset]:
-    """The controllers under the assumptions: the low gain is that of the proportional one of least gain."""
+def _assumed(
+    controllers: dict[int, Preset], assumptions: Assumptions, found: float | None, where: str
+) -> dict[int, Preset]:
+    """The controllers under the assumptions; found: the low gain (N s/m) by the rule "no vibration"."""
+    controllers = {number: assumptions.controller(preset) for number, preset in controllers.items()}
     gain = assumptions.low_gain
-    if gain is None or gain == NO_VIBRATION:
+    if gain is None:
         return controllers
-    proportional = [number for number, preset in controllers.items() if preset.kind == PROPORTIONAL]
-    if not proportional:
+    least = _low_gain_controller(controllers)
+    if least is None:
         raise InputError(f"{where}: controller: none is proportional, there is no low gain to set")
-    least = min(proportional, key=lambda number: controllers[number].value(GAIN))
-    return {**controllers, least: controllers[least].replaced(GAIN, float(gain))}
+    number = found if gain == NO_VIBRATION else float(gain)
+    return controllers if number is None else {**controllers, least: controllers[least].replaced(GAIN, number)}
+
+
+def _low_gain_controller(controllers: Mapping[int, Preset]) -> int | None:
+    proportional = [number for number, preset in controllers.items() if preset.kind == PROPORTIONAL]
+    return min(proportional, key=lambda number: controllers[number].value(GAIN), default=None)
 
 
 def check_reach(devices: Iterable[tuple[str, Device]], paths: Mapping[int, PathFile], where: str) -> None:

@@ -8,6 +8,8 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Self
 
+from experiments.inputs import MOUSE
+
 if TYPE_CHECKING:  # else each process imports all of this before it can start the next
     import numpy as np
 
@@ -23,9 +25,6 @@ Point = tuple[float, float]  # m
 
 # ------------------------------------------------------------------------- what a window starts its session server with
 
-#: operator: a simulated person, for sessions without a hand; hid: a six-axis device whose deflection is the force
-MOUSE, OPERATOR, HID = "mouse", "operator", "hid"
-
 
 class Setup(NamedTuple):
     """Choices of the command line; None: as the protocol says."""
@@ -36,7 +35,7 @@ class Setup(NamedTuple):
     rules: str | None = None
     low_gain: float | None = None  # N s/m
     seed: int | None = None
-    hand: str = MOUSE
+    hand: str = MOUSE  # of `experiments.inputs.INPUTS`
     participant: str = ""  # to be offered first; "": the first without a session
     link: str = ""  # serial port of a device on the bench, or "PORT netft:HOST"; "": simulated
     real_time: bool = True  # try scheduling that needs a privilege
@@ -188,7 +187,7 @@ PREPARING, NO_SESSION, READY, RUNNING, RERIG, BREAK, QUESTIONS, FINISHED, FAILED
     "preparing", "no session", "ready", "running", "re-rig", "break", "questions", "finished", "failed"
 )  # fmt: skip
 
-#: stage -> why what does not fit it is refused
+#: stage -> why what does not fit it is refused; of a further step between two trials its card says so
 NOT_NOW = {
     PREPARING: "Everything is still being prepared.",
     NO_SESSION: "No session is open.",
@@ -241,7 +240,7 @@ class Opened(NamedTuple):
     plan_sha256: str
     folder: str
     real_device: bool  # currents flow in real brakes
-    hand: str  # what moves the handle: "mouse", "operator"
+    hand: str  # what moves the handle, of `INPUTS`
     blind: bool = False  # a new session is blind whether that is asked for or not
 
 
@@ -291,10 +290,15 @@ class Snapshot(NamedTuple):
     newest: "TrialRow | None" = None  # of the trials that ended since the session was opened, practice included
 
     @property
+    def not_now(self) -> str:
+        """Why what does not fit the stage is refused."""
+        return NOT_NOW[self.stage] if self.stage in NOT_NOW else f"{self.card.title}: this comes first."
+
+    @property
     def why_not(self) -> str:
         """Why no trial can be started now; "": one can. The server refuses by it, the window greys its buttons."""
         if self.stage not in (READY, NO_SESSION):
-            return NOT_NOW[self.stage]
+            return self.not_now
         if self.paused:
             return "The session is paused: resume it first (Ctrl+P)."
         if self.brakes_off:

@@ -16,12 +16,13 @@ import numpy as np
 from msgspec.structs import replace
 
 from app.ipc import messages as m
-from app.ipc.messages import MOUSE, OPERATOR, Pass, SandboxSettings, SandboxState
+from app.ipc.messages import Pass, SandboxSettings, SandboxState
 from app.session_server.device_setup import RealSetup, SimulatedSetup, person_at
 from app.session_server.preflight import with_advice
 from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.control.algorithm import Controller
 from core.control.controllers import Preset, make_controller
+from core.control.guard import make_around
 from core.control.proportional import GAIN_N_S_M, least_gain_felt
 from core.control.rule_sets import RULE_SETS
 from core.control.velocity_field import BLEND_WIDTH
@@ -32,6 +33,7 @@ from core.simulator.simulated_device import SimulatedDevice
 from core.tick_log import APPROACH, PHASE
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import Metrics, trial_metrics
+from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
 from experiments.protocol_writer import save_variant
@@ -157,7 +159,7 @@ class Sandbox:
         """The settings that cannot be changed here."""
         if self.real:
             return ONLY_SIMULATED
-        return () if self._setup.hand == MOUSE else ("spring_N_m",)
+        return () if INPUTS[self._setup.hand].by_pointer else ("spring_N_m",)
 
     @property
     def state(self) -> SandboxState | None:
@@ -270,11 +272,14 @@ class Sandbox:
         tip = old.tip if old is not None else (path.x1, path.y1)  # there is a way to go
         if not tip_is_free(device.mechanism, *tip):
             tip, self._taken = (path.x1, path.y1), False
-        return SimulatedDevice(device, tip, p.mouse.hand() if self._setup.hand != OPERATOR else None)
+        hand = p.mouse.hand() if self._setup.hand != OPERATOR else None
+        return SimulatedDevice(p.assumptions.applied_to(device), tip, hand, p.assumptions.simulated_fidelity)
 
     def _controller(self, s: SandboxSettings, device: Device) -> Controller:
         """As the settings have it. InputError for numbers that cannot be."""
-        return make_controller(self._preset(s), device.force_normalised_N * s.brake_strength, s.rules, s.blend_width_m)
+        force = device.force_normalised_N * s.brake_strength
+        around = make_around(self._protocol.trial.around, device.brakes)
+        return make_controller(self._preset(s), force, s.rules, s.blend_width_m, around=around)
 
     def _preset(self, s: SandboxSettings) -> Preset:
         chosen = self._protocol.controllers[s.controller]
