@@ -12,11 +12,11 @@ from core.files import InputError
 from core.path import Segment, build_path
 from core.tick_log import APPROACH, END, HOLD, MOVE, PHASES
 from experiments.analysis.metrics import check_samples
+from experiments.inputs import OPERATOR, SENSOR
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session.files import rows_of, sessions_in
 from experiments.session.playback import way_of
-from experiments.trial.inputs import OPERATOR, SENSOR
 from experiments.trial.operator import TICK_S
 
 STRIDE = 10  # ticks from one sample to the next, and over which each of three means is taken
