@@ -84,8 +84,9 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
         _jointly(holds),
         "## What decides each",
         _decided(found, names),
-        "In brackets the half-width of the 95 % interval; bold: above chance. Share of the verdict's variance that goes "
-        "when the assumption alone is known (first-order index, RBD-FAST); the rest is interplay, and which people took part.",
+        "In brackets the half-width of the 95 % interval; bold: above chance. Share of the verdict's variance that "
+        "goes when the assumption alone is known (first-order index, RBD-FAST); the rest is interplay, and which people "
+        "took part.",
         "![share of worlds against each assumption](decided-by.png)",
         "## What to measure first",
         _measure_first(ranges, names, doubt, order, found, holds),
