@@ -18,7 +18,7 @@ from core.device import build_device, load_device
 from core.files import InputError
 from core.linkage import tip_force_map
 from core.mechanism import JOINTS
-from core.workspace import tip_is_free
+from core.workspace import held_in_any_direction, tip_is_free
 from experiments import paper_figures
 from experiments.analysis.sheet import STYLE, figure_bytes
 from experiments.paper_figures import draw_all, pictures
@@ -31,7 +31,7 @@ from experiments.paper_figures.directions import (
     mean_unachievable,
     worst_unachievable,
 )
-from experiments.paper_figures.displays import displays, held_in_any_direction, measure_display
+from experiments.paper_figures.displays import displays, measure_display
 from experiments.paper_figures.release import RELEASE_S, places, release
 from experiments.paper_figures.workspace import sdof_family, workspace_of
 from experiments.protocol import load_protocol
