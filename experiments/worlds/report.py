@@ -85,8 +85,8 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
         "## What decides each",
         _decided(found, names),
         "In brackets the half-width of the 95 % interval; bold: above chance. Share of the verdict's variance that "
-        "goes when the assumption alone is known (first-order index, RBD-FAST); the rest is interplay, and which people "
-        "took part.",
+        "goes when the assumption alone is known (first-order index, RBD-FAST); the rest is interplay, and which "
+        "people took part.",
         "![share of worlds against each assumption](decided-by.png)",
         "## What to measure first",
         _measure_first(ranges, names, doubt, order, found, holds),
