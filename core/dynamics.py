@@ -34,6 +34,15 @@ class ArmMotion(NamedTuple):
     s: float  # m2, e1 x e2 = L1 L2 sin(theta_elbow)
 
 
+class Row(NamedTuple):
+    """What a brake acts on (the joint in its place, or a combination of the base rates), or a stop."""
+
+    x: float  # 1/m, row g
+    y: float
+    rate: float  # rad/s, g . v
+    bias: float  # rad/s2, gdot . v
+
+
 class Motion(NamedTuple):
     """The terms of the equations of motion at one tip position and velocity (SI, radians)."""
 
@@ -44,6 +53,9 @@ class Motion(NamedTuple):
     bias_y: float
     arm_1: ArmMotion  # joints A and E
     arm_2: ArmMotion  # joints B and C
+    brake_e: Row
+    brake_c: Row
+    distal: Row  # D, the angle between the distal links; with couplings E (see `core.stops`)
 
 
 @inlined
@@ -76,7 +88,36 @@ def motion(mechanism, x, y, vx, vy):
     """`Motion` at tip (x, y), m, and velocity (vx, vy), m/s. Not finite where the tip is out of reach."""
     p = arm_motion(mechanism.arm_1, x, y, vx, vy)
     q = arm_motion(mechanism.arm_2, x, y, vx, vy)
+    mxx, myy = mechanism.tip_mass + p.mass_xx + q.mass_xx, mechanism.tip_mass + p.mass_yy + q.mass_yy
+    mxy = p.mass_xy + q.mass_xy
+    bx, by = p.bias_x + q.bias_x, p.bias_y + q.bias_y
+    ex, ey, e_rate, e_bias = p.elbow_x, p.elbow_y, p.elbow_rate, p.elbow_bias
+    cx, cy, c_rate, c_bias = q.elbow_x, q.elbow_y, q.elbow_rate, q.elbow_bias
+    dx, dy = q.base_x + cx - p.base_x - ex, q.base_y + cy - p.base_y - ey
+    d_rate, d_bias = q.base_rate + c_rate - p.base_rate - e_rate, q.base_bias + c_bias - p.base_bias - e_bias
+    if mechanism.coupled != 0:
+        rotor = mechanism.coupling_rotor
+        dx, dy, d_rate, d_bias = ex, ey, e_rate, e_bias
+        if mechanism.coupled & 2 != 0:
+            ex, ey, e_rate, e_bias = combined(mechanism.combination[1], p, q)
+        if mechanism.coupled & 8 != 0:
+            cx, cy, c_rate, c_bias = combined(mechanism.combination[3], p, q)
+        mxx += rotor[1] * ex * ex + rotor[3] * cx * cx
+        mxy += rotor[1] * ex * ey + rotor[3] * cx * cy
+        myy += rotor[1] * ey * ey + rotor[3] * cy * cy
+        bx += rotor[1] * ex * e_bias + rotor[3] * cx * c_bias
+        by += rotor[1] * ey * e_bias + rotor[3] * cy * c_bias
     return Motion(
-        mechanism.tip_mass + p.mass_xx + q.mass_xx, p.mass_xy + q.mass_xy, mechanism.tip_mass + p.mass_yy + q.mass_yy,
-        p.bias_x + q.bias_x, p.bias_y + q.bias_y, p, q,
+        mxx, mxy, myy, bx, by, p, q,
+        Row(ex, ey, e_rate, e_bias), Row(cx, cy, c_rate, c_bias), Row(dx, dy, d_rate, d_bias),
+    )  # fmt: skip
+
+
+@inlined
+def combined(factors, p, q):
+    """Row, rate and bias (x, y, rate, bias) of the combination `factors` (2,) of the base joints' rates."""
+    a, b = factors[0], factors[1]
+    return (
+        a * p.base_x + b * q.base_x, a * p.base_y + b * q.base_y,
+        a * p.base_rate + b * q.base_rate, a * p.base_bias + b * q.base_bias,
     )  # fmt: skip

@@ -40,6 +40,30 @@ class Mechanism(NamedTuple):
     theta_low: np.ndarray  # (4,) rad, -inf where there is no stop
     theta_high: np.ndarray  # (4,) rad, +inf where there is no stop
     has_theta_stops: bool
+    coupled: int  # bit i: brake i acts on a combination of the base rates instead of its joint
+    combination: np.ndarray  # (4, 2) that combination of the rates of A and B; else 0
+    coupling_rotor: np.ndarray  # (4,) kg m2, rotor inertia of a coupling, on its own rate; else 0
+    lines: int  # bit 5 i + j: the rows of joints i and j (order A, E, B, C, D) are parallel at every tip
+
+
+def parallel_rows(combination: np.ndarray, coupled: int, coaxial: bool) -> int:
+    """`Mechanism.lines` for combinations (4, 2) of the base rates.
+
+    Combinations with one ratio are parallel. On coaxial bases E, C and D depend on the distance from base to tip
+    alone, and so does a combination that a turn of the whole linkage leaves as it is: A + B = 0.
+    """
+    rows: list[tuple[float, float] | None] = []  # each as a combination; E, C and D are none where bases are apart
+    for i in range(5):
+        if i < 4 and coupled >> i & 1:
+            rows.append((float(combination[i, 0]), float(combination[i, 1])))
+        else:
+            rows.append({A: (1.0, 0.0), B: (0.0, 1.0)}.get(i, (1.0, -1.0) if coaxial else None))
+    found = 0
+    for i, one in enumerate(rows):
+        for j, other in enumerate(rows):
+            if i != j and one and other and one[0] * other[1] == one[1] * other[0]:
+                found |= 1 << (5 * i + j)
+    return found
 
 
 class Brakes(NamedTuple):

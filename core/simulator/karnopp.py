@@ -78,7 +78,7 @@ def hold(mechanism, state, rx, ry, mxx, mxy, myy):
     Two rows that are not parallel hold the tip (its velocity terms inside the band are of order delta_omega^2 and left
     out); else the joints are on one line and hold it together.
     """
-    g, torque, coaxial = state.g, state.torque, mechanism.coaxial
+    g, torque, lines = state.g, state.torque, mechanism.lines
     lead, several = -1, False
     sxx = sxy = syy = 0.0
     nx, ny = -rx, -ry  # what the joints must exert together, less the middles of their ranges
@@ -87,7 +87,7 @@ def hold(mechanism, state, rx, ry, mxx, mxy, myy):
             continue
         if lead < 0:
             lead = i
-        elif not same_line(i, lead, coaxial):
+        elif not same_line(i, lead, lines):
             several = True
         middle, half = reach_of(state, i)
         nx -= g[i, 0] * middle

@@ -12,11 +12,12 @@ import numpy as np
 from core.brake import begin_lag, lagged_yield
 from core.dynamics import motion
 from core.kernel import inlined, kernel
+from core.linkage import coupled_angle
 from core.simulator.hand import grip_force, prescribed_force
 from core.simulator.solver_numbers import ENERGY_ERROR, LEAST_ENERGY, NEAR_SINGULAR, REACH, STEP_ERROR
 from core.simulator.state import MOTION
 from core.simulator.stick_slip import solve_mass
-from core.simulator.stick_slip_mode import distal_row, store
+from core.simulator.stick_slip_mode import on_circle, store
 
 STEP_SCRATCH = np.dtype(
     [
@@ -106,12 +107,11 @@ def slip_torques(brakes, state, yields, lagged):
 @inlined
 def row_of(q, j):
     """Row g and bias gdot . v of joint j (0 .. 4) in a `Motion`."""
-    arm = q.arm_1 if j < 2 else q.arm_2
     if j == 0 or j == 2:
+        arm = q.arm_1 if j < 2 else q.arm_2
         return arm.base_x, arm.base_y, arm.base_bias
-    if j < 4:
-        return arm.elbow_x, arm.elbow_y, arm.elbow_bias
-    return distal_row(q)
+    row = q.distal if j == 4 else q.brake_e if j == 1 else q.brake_c
+    return row.x, row.y, row.bias
 
 
 @inlined
@@ -123,9 +123,9 @@ def stage(mechanism, grip, held, slip, px, py, x, y, vx, vy):
     q = motion(mechanism, x, y, vx, vy)
     sx, sy = grip_force(grip, x, y, vx, vy)
     fx, fy, arm_mass = px + sx, py + sy, grip.mass
-    p, r = q.arm_1, q.arm_2
-    rx = fx - q.bias_x + slip[0] * p.base_x + slip[1] * p.elbow_x + slip[2] * r.base_x + slip[3] * r.elbow_x
-    ry = fy - q.bias_y + slip[0] * p.base_y + slip[1] * p.elbow_y + slip[2] * r.base_y + slip[3] * r.elbow_y
+    p, r, e, c = q.arm_1, q.arm_2, q.brake_e, q.brake_c
+    rx = fx - q.bias_x + slip[0] * p.base_x + slip[1] * e.x + slip[2] * r.base_x + slip[3] * c.x
+    ry = fy - q.bias_y + slip[0] * p.base_y + slip[1] * e.y + slip[2] * r.base_y + slip[3] * c.y
     mxx, mxy, myy = q.mass_xx + arm_mass, q.mass_xy, q.mass_yy + arm_mass
     ax, ay = solve_mass(mxx, mxy, myy, rx, ry)
     torque = 0.0
@@ -179,8 +179,8 @@ def rk4(mechanism, brakes, hand, state, scratch, t, dt, lagged):
     rate = state.rate
     turned, heat = scratch.turned, scratch.heat
     p2, p3, p4, r2, r3, r4 = q2.arm_1, q3.arm_1, q4.arm_1, q2.arm_2, q3.arm_2, q4.arm_2
-    a, e = (p2.base_rate, p3.base_rate, p4.base_rate), (p2.elbow_rate, p3.elbow_rate, p4.elbow_rate)
-    b, c = (r2.base_rate, r3.base_rate, r4.base_rate), (r2.elbow_rate, r3.elbow_rate, r4.elbow_rate)
+    a, e = (p2.base_rate, p3.base_rate, p4.base_rate), (q2.brake_e.rate, q3.brake_e.rate, q4.brake_e.rate)
+    b, c = (r2.base_rate, r3.base_rate, r4.base_rate), (q2.brake_c.rate, q3.brake_c.rate, q4.brake_c.rate)
     turned[0], heat[0] = booked(sixth, first[0], middle[0], last[0], rate[0], a)
     turned[1], heat[1] = booked(sixth, first[1], middle[1], last[1], rate[1], e)
     turned[2], heat[2] = booked(sixth, first[2], middle[2], last[2], rate[2], b)
@@ -238,13 +238,13 @@ def keep_on_line(mechanism, state, at, j):
     Returns the speed that this took away, m/s.
     """
     tip = at.tip
-    if j < 4 or mechanism.coaxial != 0:
+    if on_circle(mechanism, j):
         rx, ry = tip[0] - state.circle[0], tip[1] - state.circle[1]
         one_over = 1.0 / math.sqrt(rx * rx + ry * ry)
         nx, ny = rx * one_over, ry * one_over
         tip[0], tip[1] = state.circle[0] + state.circle[2] * nx, state.circle[1] + state.circle[2] * ny
     else:
-        nx, ny = keep_distal_angle(mechanism, state, tip)
+        nx, ny = keep_angle(mechanism, state, tip, j)
     along = nx * tip[2] + ny * tip[3]
     tip[2] -= along * nx
     tip[3] -= along * ny
@@ -252,24 +252,36 @@ def keep_on_line(mechanism, state, at, j):
 
 
 @kernel
-def keep_distal_angle(mechanism, state, tip):
-    """Move the tip along row D onto the margin between the distal links; the unit normal of that path there."""
-    m1, m2 = mechanism.arm_1, mechanism.arm_2
+def keep_angle(mechanism, state, tip, j):
+    """Move the tip along the row of D or of coupling j to where its angle is held; the unit normal of that path there.
+
+    D is held at the margin between the distal links, a coupling at the angle at which it stuck.
+    """
     gx, gy = 1.0, 0.0
     for _ in range(4):  # Newton steps from a place that is off by the method's error only
         q = motion(mechanism, tip[0], tip[1], 0.0, 0.0)
-        gx, gy, _ = distal_row(q)
+        gx, gy, _ = row_of(q, j)
         square = gx * gx + gy * gy
-        p, r = q.arm_1, q.arm_2
-        sine = p.s * r.s * (p.base_x * r.base_y - p.base_y * r.base_x) / (m1.length_2 * m2.length_2)
-        cosine = p.s * r.s * (p.base_x * r.base_x + p.base_y * r.base_y) / (m1.length_2 * m2.length_2)
-        target = math.asin(mechanism.margin)
-        if cosine < 0.0:
-            target = math.pi - target
-        off = state.distal_side * target - math.atan2(sine, cosine)
+        if j == 4:
+            off = off_margin(mechanism, state, q)
+        else:
+            turned = (state.circle[0] - coupled_angle(mechanism, j, tip[0], tip[1])) / (2.0 * math.pi)
+            off = 2.0 * math.pi * (turned - math.floor(turned + 0.5))
         tip[0] += gx * off / square
         tip[1] += gy * off / square
         if abs(off) < 1e-9:
             break
     one_over = 1.0 / math.sqrt(gx * gx + gy * gy)
     return gx * one_over, gy * one_over
+
+
+@kernel
+def off_margin(mechanism, state, q):
+    """How far D is from the margin between the distal links in a `Motion` (rad)."""
+    m1, m2, p, r = mechanism.arm_1, mechanism.arm_2, q.arm_1, q.arm_2
+    sine = p.s * r.s * (p.base_x * r.base_y - p.base_y * r.base_x) / (m1.length_2 * m2.length_2)
+    cosine = p.s * r.s * (p.base_x * r.base_x + p.base_y * r.base_y) / (m1.length_2 * m2.length_2)
+    target = math.asin(mechanism.margin)
+    if cosine < 0.0:
+        target = math.pi - target
+    return state.distal_side * target - math.atan2(sine, cosine)

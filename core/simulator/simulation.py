@@ -63,7 +63,7 @@ def stuck_bits(mechanism, brakes, state):
     bits = 0
     for i in range(4):
         if brakes.present[i] > 0.0 and state.torque_yield[i] > 0.0:
-            if state.held == STILL or (state.held >= 0 and same_line(i, state.held, mechanism.coaxial)):
+            if state.held == STILL or (state.held >= 0 and same_line(i, state.held, mechanism.lines)):
                 bits |= 1 << i
     return bits
 

@@ -8,7 +8,7 @@ import math
 
 from core.dynamics import motion
 from core.kernel import inlined, kernel
-from core.linkage import links
+from core.linkage import coupled_angle, links
 from core.simulator.hand import hand_force
 from core.simulator.load_sharing import leave_stops_their_share, share_at_rest, share_on_line
 from core.simulator.solver_numbers import HAND_ROUNDING, RATE_ROUNDING
@@ -32,27 +32,16 @@ def look(mechanism, state):
 
 @inlined
 def store(state, q):
-    """Copy a `Motion` into the state's arrays; row D is the rate of the angle between the distal links."""
+    """Copy a `Motion` into the state's arrays."""
     g, rate, bias, p, r = state.g, state.rate, state.bias, q.arm_1, q.arm_2
-    g[0, 0], g[0, 1], g[1, 0], g[1, 1] = p.base_x, p.base_y, p.elbow_x, p.elbow_y
-    g[2, 0], g[2, 1], g[3, 0], g[3, 1] = r.base_x, r.base_y, r.elbow_x, r.elbow_y
-    g[4, 0], g[4, 1], bias[4] = distal_row(q)
-    rate[0], rate[1], rate[2], rate[3] = p.base_rate, p.elbow_rate, r.base_rate, r.elbow_rate
-    rate[4] = r.base_rate + r.elbow_rate - p.base_rate - p.elbow_rate
-    bias[0], bias[1], bias[2], bias[3] = p.base_bias, p.elbow_bias, r.base_bias, r.elbow_bias
+    e, c, d = q.brake_e, q.brake_c, q.distal
+    g[0, 0], g[0, 1], g[1, 0], g[1, 1] = p.base_x, p.base_y, e.x, e.y
+    g[2, 0], g[2, 1], g[3, 0], g[3, 1] = r.base_x, r.base_y, c.x, c.y
+    g[4, 0], g[4, 1] = d.x, d.y
+    rate[0], rate[1], rate[2], rate[3], rate[4] = p.base_rate, e.rate, r.base_rate, c.rate, d.rate
+    bias[0], bias[1], bias[2], bias[3], bias[4] = p.base_bias, e.bias, r.base_bias, c.bias, d.bias
     state.mass[0], state.mass[1], state.mass[2] = q.mass_xx, q.mass_xy, q.mass_yy
     state.bias_force[0], state.bias_force[1] = q.bias_x, q.bias_y
-
-
-@inlined
-def distal_row(q):
-    """Row g and bias gdot . v of D, the angle between the distal links."""
-    p, r = q.arm_1, q.arm_2
-    return (
-        r.base_x + r.elbow_x - p.base_x - p.elbow_x,
-        r.base_y + r.elbow_y - p.base_y - p.elbow_y,
-        r.base_bias + r.elbow_bias - p.base_bias - p.elbow_bias,
-    )
 
 
 @kernel
@@ -95,11 +84,11 @@ def slip_torque(state, i):
 
 
 @kernel
-def slipping_force(state, held, coaxial):
+def slipping_force(state, held, lines):
     """Force of the slipping brakes on the tip, sum of g_i torque_i over joints off the held line (N)."""
     fx = fy = 0.0
     for i in range(4):
-        if not (held >= 0 and same_line(i, held, coaxial)):
+        if not (held >= 0 and same_line(i, held, lines)):
             torque = slip_torque(state, i)
             fx += state.g[i, 0] * torque
             fy += state.g[i, 1] * torque
@@ -117,14 +106,14 @@ def resolve(mechanism, brakes, hand, state, t):
         for i in range(4):
             state.torque[i] = slip_torque(state, i)
         if state.held >= 0:
-            share_on_line(state, state.held, state.line_torque, mechanism.coaxial)
+            share_on_line(state, state.held, state.line_torque, mechanism.lines)
         return
     tip, mass, arm_mass = state.tip, state.mass, hand.grips[0].mass
     fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
     mxx, mxy, myy = mass[0] + arm_mass, mass[1], mass[2] + arm_mass
     if tip[2] == 0.0 and tip[3] == 0.0:
         held, _, _ = solve_at_rest(
-            mxx, mxy, myy, state.g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial,
+            mxx, mxy, myy, state.g, state.active, state.cost_plus, state.cost_minus, mechanism.lines,
             fx, fy, state.sign,
         )  # fmt: skip
         state.held = held
@@ -135,7 +124,7 @@ def resolve(mechanism, brakes, hand, state, t):
             state.held = FREE
         for i in range(5):
             rate = state.rate[i]
-            if state.active[i] == 0 or (state.held >= 0 and same_line(i, state.held, mechanism.coaxial)):
+            if state.active[i] == 0 or (state.held >= 0 and same_line(i, state.held, mechanism.lines)):
                 continue
             at_stop = state.contact[i] != 0.0 and state.contact[i] * rate > -RATE_ROUNDING
             if not at_stop and state.sign[i] * rate >= RATE_ROUNDING:
@@ -169,10 +158,10 @@ def meet(mechanism, state, j, fx, fy, arm_mass):
     """
     g, mass = state.g, state.mass
     for i in range(5):
-        if state.active[i] != 0 and abs(state.rate[i]) <= RATE_ROUNDING and not same_line(i, j, mechanism.coaxial):
+        if state.active[i] != 0 and abs(state.rate[i]) <= RATE_ROUNDING and not same_line(i, j, mechanism.lines):
             meet_parallel(mechanism, state, j, fx, fy, arm_mass)
             return
-    sx, sy = slipping_force(state, j, mechanism.coaxial)
+    sx, sy = slipping_force(state, j, mechanism.lines)
     torque = holding_torque(
         mass[0] + arm_mass,
         mass[1],
@@ -183,7 +172,7 @@ def meet(mechanism, state, j, fx, fy, arm_mass):
         fx + sx - state.bias_force[0],
         fy + sy - state.bias_force[1],
     )
-    plus, minus = line_limits(g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial, j)
+    plus, minus = line_limits(g, state.active, state.cost_plus, state.cost_minus, mechanism.lines, j)
     if torque < -plus:
         release(mechanism, state, j, 1.0)
     elif torque > minus:
@@ -198,7 +187,7 @@ def hold(mechanism, state, j):
     if state.held != j:
         state.held = j
         for i in range(5):
-            if same_line(i, j, mechanism.coaxial):
+            if same_line(i, j, mechanism.lines):
                 state.sign[i] = 0.0
         enter_line(mechanism, state, j)
 
@@ -207,7 +196,7 @@ def hold(mechanism, state, j):
 def has_no_rate(mechanism, state, i, j):
     """True where joint i, on the line of joint j or not, stands while the tip moves."""
     return state.active[i] != 0 and (
-        same_line(i, j, mechanism.coaxial) or abs(state.rate[i]) <= RATE_ROUNDING
+        same_line(i, j, mechanism.lines) or abs(state.rate[i]) <= RATE_ROUNDING
     )
 
 
@@ -245,7 +234,7 @@ def meet_parallel(mechanism, state, j, fx, fy, arm_mass):
     s = -bias[sticks] * square / (g[sticks, 0] * g[j, 0] + g[sticks, 1] * g[j, 1])
     for k in range(5):
         if has_no_rate(mechanism, state, k, j):
-            if same_line(k, sticks, mechanism.coaxial):
+            if same_line(k, sticks, mechanism.lines):
                 state.sign[k] = 0.0
             else:
                 ratio = (g[k, 0] * g[j, 0] + g[k, 1] * g[j, 1]) / square
@@ -265,7 +254,7 @@ def slopes_at_kink(mechanism, state, k, j, free, compliance):
             ratio = (g[i, 0] * g[j, 0] + g[i, 1] * g[j, 1]) / square
             above = ratio * state.cost_plus[i] if ratio > 0.0 else -ratio * state.cost_minus[i]
             below = -ratio * state.cost_minus[i] if ratio > 0.0 else ratio * state.cost_plus[i]
-            if same_line(i, k, mechanism.coaxial):
+            if same_line(i, k, mechanism.lines):
                 left += below
                 right += above
             elif (ratio * s + bias[i]) * ratio > 0.0:
@@ -283,25 +272,39 @@ def release(mechanism, state, j, sense):
     state.held = FREE
     g = state.g
     for i in range(5):
-        if same_line(i, j, mechanism.coaxial):
+        if same_line(i, j, mechanism.lines):
             state.sign[i] = sense if g[i, 0] * g[j, 0] + g[i, 1] * g[j, 1] > 0.0 else -sense
 
 
 @kernel
 def enter_line(mechanism, state, j):
-    """Joint j is held from here on: the tip moves on a circle (its angle is held, not only its rate)."""
+    """Joint j is held from here on: its angle is held, not only its rate.
+
+    On a circle the tip turns about an elbow (A, B) or a base (the others).
+    """
     x, y = state.tip[0], state.tip[1]
     arm = mechanism.arm_1 if j < 2 else mechanism.arm_2
     cx, cy = arm.base_x, arm.base_y
-    if j == 0 or j == 2:  # the others turn about a base: E, C, and D on coaxial bases
+    if j == 0 or j == 2:
         e1x, e1y, _, _, _ = links(arm, x, y)
         cx, cy = cx + e1x, cy + e1y
     state.circle[0], state.circle[1] = cx, cy
     state.circle[2] = math.sqrt((x - cx) * (x - cx) + (y - cy) * (y - cy))
+    if j < 4 and not on_circle(mechanism, j):
+        state.circle[0] = coupled_angle(mechanism, j, x, y)
     gx, gy = state.g[j, 0], state.g[j, 1]
     along = (gx * state.tip[2] + gy * state.tip[3]) / (gx * gx + gy * gy)
     state.tip[2] -= along * gx
     state.tip[3] -= along * gy
+
+
+@kernel
+def on_circle(mechanism, j):
+    """Whether the tip moves on a circle while joint j is held.
+
+    Not with D on bases that are apart, nor with a coupling that does not depend on the distance from base to tip alone.
+    """
+    return (mechanism.coaxial != 0 if j == 4 else mechanism.coupled >> j & 1 == 0) or same_line(j, 4, mechanism.lines)
 
 
 @kernel
@@ -330,7 +333,7 @@ def finish(mechanism, state, fx, fy, arm_mass):
         return
     for i in range(5):
         state.torque[i] = slip_torque(state, i) if i < 4 else 0.0
-    sx, sy = slipping_force(state, held, mechanism.coaxial)
+    sx, sy = slipping_force(state, held, mechanism.lines)
     rx, ry = fx + sx - state.bias_force[0], fy + sy - state.bias_force[1]
     mxx, mxy, myy = mass[0] + arm_mass, mass[1], mass[2] + arm_mass
     if held >= 0:
@@ -338,7 +341,7 @@ def finish(mechanism, state, fx, fy, arm_mass):
         rx += g[held, 0] * torque
         ry += g[held, 1] * torque
         state.line_torque = torque
-        share_on_line(state, held, torque, mechanism.coaxial)
+        share_on_line(state, held, torque, mechanism.lines)
         leave_stops_their_share(state)
     ax, ay = solve_mass(mxx, mxy, myy, rx, ry)
     state.acceleration[0], state.acceleration[1] = ax, ay
@@ -369,7 +372,7 @@ def strike(mechanism, state, j, side, arm_mass):
     look(mechanism, state)
     state.held = STILL if tip[2] == 0.0 and tip[3] == 0.0 else FREE
     for i in range(5):
-        if same_line(i, j, mechanism.coaxial):
+        if same_line(i, j, mechanism.lines):
             state.rate[i] = 0.0  # exactly: `meet` decides how it goes on
         rate = state.rate[i]
         state.sign[i] = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)

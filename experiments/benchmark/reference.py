@@ -11,7 +11,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from core.ten_coordinates import HANDLE, JOINT_RATES, bodies_of, coordinates, rates, solve
+from core.ten_coordinates import HANDLE, bodies_of, coordinates, rates, solve
 from experiments.benchmark.scenes import COMPARE_S, START, BenchScene
 
 #: Tolerances of DOP853. Looser: the reference is no better than what it judges. Tighter: below what doubles carry.
@@ -69,11 +69,11 @@ class _Reference:
 
     def row(self, i) -> np.ndarray:
         """Rate of joint i per unit of tip velocity (2,)."""
-        return np.array([JOINT_RATES[i] @ rates(self.bodies, self.z[:10], axis) for axis in np.eye(2)])
+        return np.array([self.bodies.rates[i] @ rates(self.bodies, self.z[:10], axis) for axis in np.eye(2)])
 
     def take_up_pattern(self, t) -> None:
         """Which brakes stick and which way the others slip from here on."""
-        omega = JOINT_RATES @ self.z[10:]
+        omega = self.bodies.rates @ self.z[10:]
         slow = [i for i in self.braked if abs(omega[i]) < STOPPED]
         if len(slow) > 1:
             self.z[10:] = 0.0
@@ -92,7 +92,7 @@ class _Reference:
             if len(stuck) > 1:
                 continue
             found = self.answer(t, self.z, sign, stuck)
-            turning = JOINT_RATES @ found.acceleration
+            turning = self.bodies.rates @ found.acceleration
             if all(turning[i] * sign[i] > 0.0 for i in slow if sign[i] != 0.0) and all(
                 abs(found.torque[i]) <= self.yields[i] for i in stuck
             ):
@@ -144,7 +144,7 @@ class _Reference:
 
     def slip_left(self, i, t, z) -> float:
         """The rate of slipping joint i in its sense; zero: it stops."""
-        return self.sign[i] * (JOINT_RATES[i] @ z[10:])
+        return self.sign[i] * (self.bodies.rates[i] @ z[10:])
 
     def hold_left(self, i, t, z) -> float:
         """What stuck joint i could hold besides; zero: it breaks loose."""
