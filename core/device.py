@@ -111,6 +111,7 @@ def build_mechanism(file: DeviceFile) -> Mechanism:
         (length_1, length_2), (link_1, link_2) = lengths, links
         carried = set(file.braked) - set(file.coupled)
         base_rotor, elbow_rotor = (m.rotor_inertia_kg_m2 if j in carried else 0.0 for j in joints)
+        base_rotor += m.rotor_inertia_kg_m2 * sum(getattr(one, joints[0]) ** 2 for one in file.coupled.values())
         com_1, inertia_1 = centre_and_inertia(link_1, length_1)
         com_2, inertia_2 = centre_and_inertia(link_2, length_2)
         moved = inertia_1 + link_1.mass_kg * com_1**2 + (elbow_mass + link_2.mass_kg) * length_1**2
@@ -123,12 +124,11 @@ def build_mechanism(file: DeviceFile) -> Mechanism:
         )  # fmt: skip
 
     coaxial = math.dist(g.base_A_m, g.base_B_m) <= COAXIAL_WITHIN
-    coupled, combination, coupling_rotor = 0, np.zeros((4, 2)), np.zeros(4)
+    coupled, combination = 0, np.zeros((4, 2))
     for joint, coupling in file.coupled.items():
         i = JOINTS.index(joint)
         coupled |= 1 << i
         combination[i] = coupling.A, coupling.B
-        coupling_rotor[i] = m.rotor_inertia_kg_m2
     stops = [getattr(file.limits, f"theta_{joint}_rad") for joint in JOINTS]
     return Mechanism(
         arm_1=arm(g.base_A_m, (g.L_AE_m, g.L_ED_m), (m.AE, m.ED), m.joint_E_kg, "AE", side_1),
@@ -141,7 +141,7 @@ def build_mechanism(file: DeviceFile) -> Mechanism:
         has_theta_stops=any(stop is not None for stop in stops),
         coupled=coupled,
         combination=combination,
-        coupling_rotor=coupling_rotor,
+        coupling=m.rotor_inertia_kg_m2 * float(combination.prod(axis=1).sum()),
         lines=parallel_rows(combination, coupled, coaxial),
     )
 

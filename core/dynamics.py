@@ -6,7 +6,8 @@ rates that are linear in the tip velocity, so their inertia is carried to the ti
 For one arm with e1, e2, S and C = e1.e2 (core/linkage.py), kinetic energy 1/2 P w1^2 + (kC - J) w1 w2 + 1/2 D w2^2,
     link accelerations   alpha1 = e2.a / S + (w1^2 C + w2^2 L2^2) / S,  alpha2 = -e1.a / S - (w1^2 L1^2 + w2^2 C) / S
     generalised forces   Q1 = P alpha1 + (kC - J) alpha2 - k S w2^2,    Q2 = (kC - J) alpha1 + D alpha2 + k S w1^2
-and Q1, Q2 act on the tip through the same rows.
+and Q1, Q2 act on the tip through the same rows. The rotors of couplings add squares of the base rates, which are part
+of P, and their product.
 """
 
 from typing import NamedTuple
@@ -34,15 +35,6 @@ class ArmMotion(NamedTuple):
     s: float  # m2, e1 x e2 = L1 L2 sin(theta_elbow)
 
 
-class Row(NamedTuple):
-    """What a brake acts on (the joint in its place, or a combination of the base rates), or a stop."""
-
-    x: float  # 1/m, row g
-    y: float
-    rate: float  # rad/s, g . v
-    bias: float  # rad/s2, gdot . v
-
-
 class Motion(NamedTuple):
     """The terms of the equations of motion at one tip position and velocity (SI, radians)."""
 
@@ -53,9 +45,6 @@ class Motion(NamedTuple):
     bias_y: float
     arm_1: ArmMotion  # joints A and E
     arm_2: ArmMotion  # joints B and C
-    brake_e: Row
-    brake_c: Row
-    distal: Row  # D, the angle between the distal links; with couplings E (see `core.stops`)
 
 
 @inlined
@@ -89,35 +78,23 @@ def motion(mechanism, x, y, vx, vy):
     p = arm_motion(mechanism.arm_1, x, y, vx, vy)
     q = arm_motion(mechanism.arm_2, x, y, vx, vy)
     mxx, myy = mechanism.tip_mass + p.mass_xx + q.mass_xx, mechanism.tip_mass + p.mass_yy + q.mass_yy
-    mxy = p.mass_xy + q.mass_xy
-    bx, by = p.bias_x + q.bias_x, p.bias_y + q.bias_y
-    ex, ey, e_rate, e_bias = p.elbow_x, p.elbow_y, p.elbow_rate, p.elbow_bias
-    cx, cy, c_rate, c_bias = q.elbow_x, q.elbow_y, q.elbow_rate, q.elbow_bias
-    dx, dy = q.base_x + cx - p.base_x - ex, q.base_y + cy - p.base_y - ey
-    d_rate, d_bias = q.base_rate + c_rate - p.base_rate - e_rate, q.base_bias + c_bias - p.base_bias - e_bias
-    if mechanism.coupled != 0:
-        rotor = mechanism.coupling_rotor
-        dx, dy, d_rate, d_bias = ex, ey, e_rate, e_bias
-        if mechanism.coupled & 2 != 0:
-            ex, ey, e_rate, e_bias = combined(mechanism.combination[1], p, q)
-        if mechanism.coupled & 8 != 0:
-            cx, cy, c_rate, c_bias = combined(mechanism.combination[3], p, q)
-        mxx += rotor[1] * ex * ex + rotor[3] * cx * cx
-        mxy += rotor[1] * ex * ey + rotor[3] * cx * cy
-        myy += rotor[1] * ey * ey + rotor[3] * cy * cy
-        bx += rotor[1] * ex * e_bias + rotor[3] * cx * c_bias
-        by += rotor[1] * ey * e_bias + rotor[3] * cy * c_bias
-    return Motion(
-        mxx, mxy, myy, bx, by, p, q,
-        Row(ex, ey, e_rate, e_bias), Row(cx, cy, c_rate, c_bias), Row(dx, dy, d_rate, d_bias),
-    )  # fmt: skip
+    mxy, bx, by = p.mass_xy + q.mass_xy, p.bias_x + q.bias_x, p.bias_y + q.bias_y
+    if mechanism.coupling != 0.0:
+        c = mechanism.coupling
+        mxx += 2.0 * c * p.base_x * q.base_x
+        mxy += c * (p.base_x * q.base_y + p.base_y * q.base_x)
+        myy += 2.0 * c * p.base_y * q.base_y
+        bx += c * (p.base_x * q.base_bias + q.base_x * p.base_bias)
+        by += c * (p.base_y * q.base_bias + q.base_y * p.base_bias)
+    return Motion(mxx, mxy, myy, bx, by, p, q)
 
 
 @inlined
-def combined(factors, p, q):
-    """Row, rate and bias (x, y, rate, bias) of the combination `factors` (2,) of the base joints' rates."""
-    a, b = factors[0], factors[1]
+def combined(mechanism, i, q):
+    """Row g (x, y), rate and bias gdot . v of the coupling in place i in a `Motion`."""
+    a, b = mechanism.combination[i, 0], mechanism.combination[i, 1]
+    one, two = q.arm_1, q.arm_2
     return (
-        a * p.base_x + b * q.base_x, a * p.base_y + b * q.base_y,
-        a * p.base_rate + b * q.base_rate, a * p.base_bias + b * q.base_bias,
+        a * one.base_x + b * two.base_x, a * one.base_y + b * two.base_y,
+        a * one.base_rate + b * two.base_rate, a * one.base_bias + b * two.base_bias,
     )  # fmt: skip

@@ -23,7 +23,7 @@ class Arm(NamedTuple):
     length_1: float  # m, proximal link
     length_2: float  # m, distal link
     side: float  # +1: the elbow lies to the left of base -> tip; -1: to the right
-    proximal: float  # kg m2: I_1 + m_1 c_1^2 + (m_elbow + m_2) L_1^2 + base rotor + elbow rotor
+    proximal: float  # kg m2: I_1 + m_1 c_1^2 + (m_elbow + m_2) L_1^2 + rotors of base, elbow, couplings
     distal: float  # kg m2: I_2 + m_2 c_2^2 + elbow rotor
     coupling: float  # kg: m_2 c_2 / L_2
     rotor: float  # kg m2: rotor inertia at a braked elbow (it turns at w2 - w1), else 0
@@ -42,7 +42,7 @@ class Mechanism(NamedTuple):
     has_theta_stops: bool
     coupled: int  # bit i: brake i acts on a combination of the base rates instead of its joint
     combination: np.ndarray  # (4, 2) that combination of the rates of A and B; else 0
-    coupling_rotor: np.ndarray  # (4,) kg m2, rotor inertia of a coupling, on its own rate; else 0
+    coupling: float  # kg m2, by their rotors: kinetic energy coupling omega_A omega_B beside that of the arms
     lines: int  # bit 5 i + j: the rows of joints i and j (order A, E, B, C, D) are parallel at every tip
 
 

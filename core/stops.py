@@ -16,7 +16,7 @@ def stop_gap(mechanism, distal_side, x, y, theta, gap, contact_side):
 
     In rad for theta stops, in units of sine for the margins. contact_side (5,): +1 where that stop limits + motion.
     theta (4,) is work space. On a device with couplings the stops of both elbows and of D count in D's place, on the
-    rate of joint E (`core.dynamics.motion`): all depend on the distance from base to tip alone.
+    rate of joint E (`stick_slip_mode.store`): all depend on the distance from base to tip alone.
     """
     a1x, a1y, a2x, a2y, s1 = links(mechanism.arm_1, x, y)
     b1x, b1y, b2x, b2y, s2 = links(mechanism.arm_2, x, y)

@@ -10,14 +10,14 @@ import math
 import numpy as np
 
 from core.brake import begin_lag, lagged_yield
-from core.dynamics import motion
+from core.dynamics import combined, motion
 from core.kernel import inlined, kernel
 from core.linkage import coupled_angle
 from core.simulator.hand import grip_force, prescribed_force
 from core.simulator.solver_numbers import ENERGY_ERROR, LEAST_ENERGY, NEAR_SINGULAR, REACH, STEP_ERROR
 from core.simulator.state import MOTION
 from core.simulator.stick_slip import solve_mass
-from core.simulator.stick_slip_mode import on_circle, store
+from core.simulator.stick_slip_mode import distal_row, on_circle, store
 
 STEP_SCRATCH = np.dtype(
     [
@@ -105,13 +105,19 @@ def slip_torques(brakes, state, yields, lagged):
 
 
 @inlined
-def row_of(q, j):
-    """Row g and bias gdot . v of joint j (0 .. 4) in a `Motion`."""
+def row_of(mechanism, q, j):
+    """Row g and bias gdot . v of joint j (0 .. 4), as `store` has them, in a `Motion`."""
+    if mechanism.coupled >> j & 1 != 0:
+        x, y, _, bias = combined(mechanism, j, q)
+        return x, y, bias
+    arm = q.arm_1 if j < 2 else q.arm_2
     if j == 0 or j == 2:
-        arm = q.arm_1 if j < 2 else q.arm_2
         return arm.base_x, arm.base_y, arm.base_bias
-    row = q.distal if j == 4 else q.brake_e if j == 1 else q.brake_c
-    return row.x, row.y, row.bias
+    if j < 4:
+        return arm.elbow_x, arm.elbow_y, arm.elbow_bias
+    if mechanism.coupled != 0:
+        return q.arm_1.elbow_x, q.arm_1.elbow_y, q.arm_1.elbow_bias
+    return distal_row(q)
 
 
 @inlined
@@ -123,14 +129,14 @@ def stage(mechanism, grip, held, slip, px, py, x, y, vx, vy):
     q = motion(mechanism, x, y, vx, vy)
     sx, sy = grip_force(grip, x, y, vx, vy)
     fx, fy, arm_mass = px + sx, py + sy, grip.mass
-    p, r, e, c = q.arm_1, q.arm_2, q.brake_e, q.brake_c
-    rx = fx - q.bias_x + slip[0] * p.base_x + slip[1] * e.x + slip[2] * r.base_x + slip[3] * c.x
-    ry = fy - q.bias_y + slip[0] * p.base_y + slip[1] * e.y + slip[2] * r.base_y + slip[3] * c.y
+    p, r = q.arm_1, q.arm_2
+    rx = fx - q.bias_x + slip[0] * p.base_x + slip[1] * p.elbow_x + slip[2] * r.base_x + slip[3] * r.elbow_x
+    ry = fy - q.bias_y + slip[0] * p.base_y + slip[1] * p.elbow_y + slip[2] * r.base_y + slip[3] * r.elbow_y
     mxx, mxy, myy = q.mass_xx + arm_mass, q.mass_xy, q.mass_yy + arm_mass
     ax, ay = solve_mass(mxx, mxy, myy, rx, ry)
     torque = 0.0
     if held >= 0:
-        gx, gy, bias = row_of(q, held)
+        gx, gy, bias = row_of(mechanism, q, held)
         hx, hy = solve_mass(mxx, mxy, myy, gx, gy)
         torque = -(gx * ax + gy * ay + bias) / (gx * hx + gy * hy)
         ax += hx * torque
@@ -153,17 +159,20 @@ def rk4(mechanism, brakes, hand, state, scratch, t, dt, lagged):
         lagged_yields(brakes, state.lag, dt, scratch.torque_yield[0], scratch.torque_yield[1])
         middle = slip_torques(brakes, state, scratch.torque_yield[0], lagged)
         last = slip_torques(brakes, state, scratch.torque_yield[1], lagged)
+    on_joints, at_end = middle, last
+    if mechanism.coupled != 0:
+        on_joints, at_end = torques_on_joints(mechanism, middle), torques_on_joints(mechanism, last)
     half = 0.5 * dt
     px, py = prescribed_force(hand, t + half)
     qx, qy = prescribed_force(hand, t + dt)
     x, y, vx, vy = state.tip[0], state.tip[1], state.tip[2], state.tip[3]
     ax1, ay1 = state.acceleration[0], state.acceleration[1]
     x2, y2, vx2, vy2 = x + half * vx, y + half * vy, vx + half * ax1, vy + half * ay1
-    ax2, ay2, torque2, hx2, hy2, q2 = stage(mechanism, grip, held, middle, px, py, x2, y2, vx2, vy2)
+    ax2, ay2, torque2, hx2, hy2, q2 = stage(mechanism, grip, held, on_joints, px, py, x2, y2, vx2, vy2)
     x3, y3, vx3, vy3 = x + half * vx2, y + half * vy2, vx + half * ax2, vy + half * ay2
-    ax3, ay3, torque3, hx3, hy3, q3 = stage(mechanism, grip, held, middle, px, py, x3, y3, vx3, vy3)
+    ax3, ay3, torque3, hx3, hy3, q3 = stage(mechanism, grip, held, on_joints, px, py, x3, y3, vx3, vy3)
     x4, y4, vx4, vy4 = x + dt * vx3, y + dt * vy3, vx + dt * ax3, vy + dt * ay3
-    ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, grip, held, last, qx, qy, x4, y4, vx4, vy4)
+    ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, grip, held, at_end, qx, qy, x4, y4, vx4, vy4)
     sixth = dt / 6.0
     scratch.tip[0] = x + sixth * (vx + 2.0 * (vx2 + vx3) + vx4)
     scratch.tip[1] = y + sixth * (vy + 2.0 * (vy2 + vy3) + vy4)
@@ -179,8 +188,10 @@ def rk4(mechanism, brakes, hand, state, scratch, t, dt, lagged):
     rate = state.rate
     turned, heat = scratch.turned, scratch.heat
     p2, p3, p4, r2, r3, r4 = q2.arm_1, q3.arm_1, q4.arm_1, q2.arm_2, q3.arm_2, q4.arm_2
-    a, e = (p2.base_rate, p3.base_rate, p4.base_rate), (q2.brake_e.rate, q3.brake_e.rate, q4.brake_e.rate)
-    b, c = (r2.base_rate, r3.base_rate, r4.base_rate), (q2.brake_c.rate, q3.brake_c.rate, q4.brake_c.rate)
+    a, e = (p2.base_rate, p3.base_rate, p4.base_rate), (p2.elbow_rate, p3.elbow_rate, p4.elbow_rate)
+    b, c = (r2.base_rate, r3.base_rate, r4.base_rate), (r2.elbow_rate, r3.elbow_rate, r4.elbow_rate)
+    if mechanism.coupled != 0:
+        e, c = coupled_rates(mechanism, 1, a, b, e), coupled_rates(mechanism, 3, a, b, c)
     turned[0], heat[0] = booked(sixth, first[0], middle[0], last[0], rate[0], a)
     turned[1], heat[1] = booked(sixth, first[1], middle[1], last[1], rate[1], e)
     turned[2], heat[2] = booked(sixth, first[2], middle[2], last[2], rate[2], b)
@@ -188,13 +199,13 @@ def rk4(mechanism, brakes, hand, state, scratch, t, dt, lagged):
     scratch.middle_torque = 0.5 * (torque2 + torque3)
     put_back = keep_on_line(mechanism, state, scratch, held) if held >= 0 else 0.0
     tip = scratch.tip
-    ax, ay, torque, hx, hy, end = stage(mechanism, grip, held, last, qx, qy, tip[0], tip[1], tip[2], tip[3])
+    ax, ay, torque, hx, hy, end = stage(mechanism, grip, held, at_end, qx, qy, tip[0], tip[1], tip[2], tip[3])
     scratch.error = abs(ax - ax4) + abs(ay - ay4) + (put_back / dt if put_back > 0.0 else 0.0)
     scratch.acceleration[0], scratch.acceleration[1] = ax, ay
     scratch.hand_force[0], scratch.hand_force[1] = hx, hy
     scratch.line_torque = torque
     scratch.s_1, scratch.s_2 = end.arm_1.s, end.arm_2.s
-    store(scratch, end)
+    store(mechanism, scratch, end)
     m1, m2 = mechanism.arm_1, mechanism.arm_2
     limit = REACH * mechanism.margin
     least_1 = min(min(abs(p2.s), abs(p3.s)), min(abs(p4.s), abs(end.arm_1.s)))
@@ -206,6 +217,25 @@ def rk4(mechanism, brakes, hand, state, scratch, t, dt, lagged):
         scratch.error = max(scratch.error, energy_error(state, scratch) * (STEP_ERROR / ENERGY_ERROR))
     closes = least_1 > limit * area_1 and least_2 > limit * area_2
     return closes and math.isfinite(tip[0] + tip[1] + tip[2] + tip[3])
+
+
+@inlined
+def torques_on_joints(mechanism, torques):
+    """Torques on the joints A, E, B, C by brakes with `torques`, some of which act through couplings on A and B."""
+    a, e, b, c = torques
+    combination = mechanism.combination
+    a += combination[1, 0] * e + combination[3, 0] * c
+    b += combination[1, 1] * e + combination[3, 1] * c
+    return a, 0.0 if mechanism.coupled & 2 != 0 else e, b, 0.0 if mechanism.coupled & 8 != 0 else c
+
+
+@inlined
+def coupled_rates(mechanism, i, a, b, own):
+    """Rates of brake i in three stages, from those of the base joints where it is coupled, else its joint's own."""
+    if mechanism.coupled >> i & 1 == 0:
+        return own
+    x, y = mechanism.combination[i, 0], mechanism.combination[i, 1]
+    return x * a[0] + y * b[0], x * a[1] + y * b[1], x * a[2] + y * b[2]
 
 
 @inlined
@@ -260,7 +290,7 @@ def keep_angle(mechanism, state, tip, j):
     gx, gy = 1.0, 0.0
     for _ in range(4):  # Newton steps from a place that is off by the method's error only
         q = motion(mechanism, tip[0], tip[1], 0.0, 0.0)
-        gx, gy, _ = row_of(q, j)
+        gx, gy, _ = row_of(mechanism, q, j)
         square = gx * gx + gy * gy
         if j == 4:
             off = off_margin(mechanism, state, q)

@@ -73,7 +73,7 @@ MECHANISM = np.dtype(
         ("has_theta_stops", "i8"),
         ("coupled", "i8"),
         ("combination", "f8", (4, 2)),
-        ("coupling_rotor", "f8", (4,)),
+        ("coupling", "f8"),
         ("lines", "i8"),
     ]
 )

@@ -6,7 +6,7 @@
 
 import math
 
-from core.dynamics import motion
+from core.dynamics import combined, motion
 from core.kernel import inlined, kernel
 from core.linkage import coupled_angle, links
 from core.simulator.hand import hand_force
@@ -27,21 +27,40 @@ from core.simulator.stick_slip import (
 def look(mechanism, state):
     """Stage: what follows from position and velocity (rows, rates, mass, velocity terms) into the state."""
     tip = state.tip
-    store(state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))
+    store(mechanism, state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))
 
 
 @inlined
-def store(state, q):
-    """Copy a `Motion` into the state's arrays."""
+def store(mechanism, state, q):
+    """Copy a `Motion` into the state's arrays; row D is the rate of the angle between the distal links.
+
+    With couplings these have the places of their brakes, and D's place has the rate of E, for the stops.
+    """
     g, rate, bias, p, r = state.g, state.rate, state.bias, q.arm_1, q.arm_2
-    e, c, d = q.brake_e, q.brake_c, q.distal
-    g[0, 0], g[0, 1], g[1, 0], g[1, 1] = p.base_x, p.base_y, e.x, e.y
-    g[2, 0], g[2, 1], g[3, 0], g[3, 1] = r.base_x, r.base_y, c.x, c.y
-    g[4, 0], g[4, 1] = d.x, d.y
-    rate[0], rate[1], rate[2], rate[3], rate[4] = p.base_rate, e.rate, r.base_rate, c.rate, d.rate
-    bias[0], bias[1], bias[2], bias[3], bias[4] = p.base_bias, e.bias, r.base_bias, c.bias, d.bias
+    g[0, 0], g[0, 1], g[1, 0], g[1, 1] = p.base_x, p.base_y, p.elbow_x, p.elbow_y
+    g[2, 0], g[2, 1], g[3, 0], g[3, 1] = r.base_x, r.base_y, r.elbow_x, r.elbow_y
+    g[4, 0], g[4, 1], bias[4] = distal_row(q)
+    rate[0], rate[1], rate[2], rate[3] = p.base_rate, p.elbow_rate, r.base_rate, r.elbow_rate
+    rate[4] = r.base_rate + r.elbow_rate - p.base_rate - p.elbow_rate
+    bias[0], bias[1], bias[2], bias[3] = p.base_bias, p.elbow_bias, r.base_bias, r.elbow_bias
     state.mass[0], state.mass[1], state.mass[2] = q.mass_xx, q.mass_xy, q.mass_yy
     state.bias_force[0], state.bias_force[1] = q.bias_x, q.bias_y
+    if mechanism.coupled != 0:
+        g[4, 0], g[4, 1], rate[4], bias[4] = p.elbow_x, p.elbow_y, p.elbow_rate, p.elbow_bias
+        for i in (1, 3):
+            if mechanism.coupled >> i & 1 != 0:
+                g[i, 0], g[i, 1], rate[i], bias[i] = combined(mechanism, i, q)
+
+
+@inlined
+def distal_row(q):
+    """Row g and bias gdot . v of D, the angle between the distal links."""
+    p, r = q.arm_1, q.arm_2
+    return (
+        r.base_x + r.elbow_x - p.base_x - p.elbow_x,
+        r.base_y + r.elbow_y - p.base_y - p.elbow_y,
+        r.base_bias + r.elbow_bias - p.base_bias - p.elbow_bias,
+    )
 
 
 @kernel
