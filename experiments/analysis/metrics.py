@@ -139,6 +139,11 @@ def check_samples(recording: "Recording") -> None:
                 raise InputError(f"{recording.path}: {name}: the sample of tick {bad[0]} is missing or not finite")
 
 
+def columns(recording: "Recording", *names: str) -> np.ndarray:
+    """Columns of a recording side by side (n, columns)."""
+    return np.column_stack([recording.column(name) for name in names])
+
+
 class Movement:
     """The phase `move` of a recording: n ticks, 1 ms apart."""
 
@@ -174,6 +179,17 @@ class Movement:
         whole = tip_acceleration(self._columns("tip_x_m", "tip_y_m"))
         return np.empty((0, 2)) if whole is None else whole[self._rows]
 
+    @cached_property
+    def exact_acceleration(self) -> np.ndarray:
+        """Acceleration of the tip (n, 2), m/s2, as the simulator has it, unfiltered; (0, 2) of a real device.
+
+        No board has an accelerometer yet: its column is a parabola through 15 ms of encoder counts, which sees no
+        vibration of 100 Hz.
+        """
+        if self._recording.sensors:
+            return np.empty((0, 2))
+        return self._columns("tip_ax_m_s2", "tip_ay_m_s2")[self._rows]
+
     def switches_per_second(self) -> float | None:
         """Ticks at which the set of brakes with current > 0 changes, per second."""
         if self.duration_s <= 0.0:
@@ -192,6 +208,35 @@ class Movement:
         lacking = self._decided(UNREACHABLE) & outside & (self.force > FELT_FORCE_N)
         return int(np.count_nonzero(lacking)) / int(np.count_nonzero(outside))
 
+    def slave_error(self) -> float | None:
+        """Distance between the slave and the handle, mean over time, m; None without a slave."""
+        apart = self._may_be_missing("slave_x_m", "slave_y_m") - self.tip
+        return None if np.isnan(apart).any() else float(np.mean(np.hypot(*apart.T)))
+
+    def force_shown_share(self) -> float | None:
+        """Force of the brakes along the wanted one / the wanted force, both summed over the ticks that want one."""
+        wanted, shown = self._wanted(), self._may_be_missing("shown_fx_N", "shown_fy_N")
+        size = np.hypot(*wanted.T)
+        asked = size > FELT_FORCE_N
+        along = np.sum(wanted[asked] * shown[asked], axis=1) / size[asked]
+        return float(np.sum(along) / np.sum(size[asked])) if asked.any() else None
+
+    def force_unavailable_share(self) -> float | None:
+        """What the nearest force that can be had misses of the wanted one / the wanted one, both summed over ticks."""
+        wanted, nearest = self._wanted(), self._may_be_missing("nearest_fx_N", "nearest_fy_N")
+        asked = (np.hypot(*wanted.T) > FELT_FORCE_N) & np.isfinite(nearest[:, 0])
+        missed = np.hypot(*(wanted - nearest)[asked].T)
+        return float(np.sum(missed) / np.sum(np.hypot(*wanted[asked].T))) if asked.any() else None
+
+    def _wanted(self) -> np.ndarray:
+        return self._may_be_missing("wanted_fx_N", "wanted_fy_N")
+
+    def _may_be_missing(self, *names: str) -> np.ndarray:
+        """Columns (n, columns); NaN where an earlier version recorded the trial, without them."""
+        if not all(name in self._recording.columns for name in names):
+            return np.full((len(self.tip), len(names)), math.nan)
+        return self._columns(*names)[self._rows]
+
     def _decided(self, codes: frozenset[int]) -> np.ndarray:
         """True (n,) at the ticks whose decision is one of `codes` of this version, found by its words."""
         wanted = {DECISIONS[code] for code in codes}
@@ -199,7 +244,7 @@ class Movement:
         return table[self._recording.column("decision")][self._rows]
 
     def _columns(self, *names: str) -> np.ndarray:
-        return np.column_stack([self._recording.column(name) for name in names])
+        return columns(self._recording, *names)
 
 
 class Metric(NamedTuple):
@@ -217,6 +262,7 @@ class Metric(NamedTuple):
     figure: str = ""  # drawn as box plots, in this file: the number is that of the paper's figure
     stands_for: str = ""  # accuracy, force or smoothness; the first that stands for one of them is its definition
     compared: bool = False  # statistics compare the controllers by it
+    simulated_only: bool = False  # a real device has none of it: the paper's statements are not judged by it
     better: str = "lower"
     needs_progress: bool = True  # None where the tip came no way along the path: there was no movement to judge
     tells_controller: bool = False  # hidden while a session is blind
@@ -289,15 +335,43 @@ METRICS = (
         Movement.unreachable_share,
         needs_progress=False, tells_controller=True,
     ),
+    Metric(
+        "slave_error_m", "m", "Slave error", "slave error",
+        "distance between the slave and the handle, averaged over time; none without a slave",
+        Movement.slave_error,
+        shown_unit="mm", scale=1e3, needs_progress=False,
+    ),
+    Metric(
+        "force_shown_share", "", "Force shown", "share of the force shown",
+        "force of the brakes along the force to be shown / that force; none where no force is to be shown",
+        Movement.force_shown_share,
+        better="higher", needs_progress=False, tells_controller=True,
+    ),
+    Metric(
+        "force_unavailable_share", "", "Force that cannot be had", "share of the force that cannot be had",
+        "what the nearest force that passive brakes can exert misses of the force to be shown / that force",
+        Movement.force_unavailable_share,
+        needs_progress=False, tells_controller=True,
+    ),
+    Metric(
+        "acceleration_exact_dft_sum", "m/s^2", "Acceleration to 100 Hz, weighted DFT sum", "DFT sum to 100 Hz",
+        "acceleration_dft_sum of the simulator's own acceleration: it sees vibration up to 100 Hz, which the filter of "
+        "20 Hz on position hides; none on a real device, which has no accelerometer",
+        lambda m: acceleration_dft_sum(m.exact_acceleration),
+        shown_unit="m/s²", decimals=1, figure="fig18_acceleration_to_100_Hz", stands_for="smoothness", compared=True,
+        simulated_only=True,
+    ),
 )  # fmt: skip
 BY_NAME = {metric.name: metric for metric in METRICS}
-#: Figs. 16, 17 and 18.
-DRAWN = tuple(metric for metric in METRICS if metric.figure)
+FIGURES = tuple(metric for metric in METRICS if metric.figure)
+#: Figs. 16, 17 and 18: the definition of accuracy, force and smoothness.
+DRAWN = tuple({metric.stands_for: metric for metric in reversed(FIGURES)}.values())[::-1]
 
 
-def compared_for(thing: str) -> tuple[str, ...]:
+def compared_for(thing: str, on_any_device: bool = False) -> tuple[str, ...]:
     """The measures that stand for accuracy, force or smoothness ("": for themselves) and are compared."""
-    return tuple(metric.name for metric in METRICS if metric.stands_for == thing and metric.compared)
+    of_it = (metric for metric in METRICS if metric.stands_for == thing and metric.compared)
+    return tuple(metric.name for metric in of_it if not (on_any_device and metric.simulated_only))
 
 
 #: The measures of one trial, by name.
