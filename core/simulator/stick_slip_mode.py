@@ -327,7 +327,9 @@ def on_circle(mechanism, j):
 
     Not with D on bases that are apart, nor with a coupling that does not depend on the distance from base to tip alone.
     """
-    return (mechanism.coaxial != 0 if j == 4 else mechanism.coupled >> j & 1 == 0) or same_line(j, 4, mechanism.lines)
+    if j == 4:
+        return mechanism.coaxial != 0
+    return mechanism.coupled >> j & 1 == 0 or same_line(j, 4, mechanism.lines)
 
 
 @kernel

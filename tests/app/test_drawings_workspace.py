@@ -1,5 +1,6 @@
 """The plane and the workspace: what is painted follows what they are told, and the other way round."""
 
+import itertools
 import math
 import os
 
@@ -51,6 +52,7 @@ from app.window.painting.marks import (
     free_box,
     points_along,
     points_in,
+    rings_of,
 )
 from app.window.painting.plane import Plane
 from core import tick_log
@@ -65,7 +67,7 @@ from core.workspace import brake_rows
 from experiments.trial.tick import log_field
 
 THREE, FOUR = load_device("three-brake"), load_device("four-brake")
-BOTH = pytest.mark.parametrize("device", (THREE, FOUR), ids=lambda device: device.name)
+BOTH = pytest.mark.parametrize("device", (THREE, FOUR, load_device("pter")), ids=lambda device: device.name)
 PATHS = {1: ALONG, 2: ACROSS}
 LINE = build_path(ALONG, "path")
 
@@ -274,6 +276,21 @@ def test_a_brake_is_ringed_in_the_colour_of_its_state(workspace: Workspace) -> N
     at = {joint: view.to_screen(place) for joint, place in view.instant.joints.items()}
     for joint, colour in (("E", theme.BRAKE_STUCK), ("C", theme.BRAKE_SLIPPING), ("A", theme.BRAKE_OFF)):
         ring = [at[joint] + QPointF(12.0 * math.cos(a), 12.0 * math.sin(a)) for a in range(7)]
+        assert all(is_seen(image, place, colour) for place in ring), joint
+
+
+def test_the_brakes_of_couplings_are_ringed_in_a_row_at_the_bases(qtbot) -> None:
+    pter = load_device("pter")
+    workspace = shown(qtbot, Workspace((pter,), PATHS))
+    workspace.show_trial(pter, ALONG, TIP)
+    workspace.add(quiet(CURRENT_E=0.8, TORQUE_E=3.9, CURRENT_C=0.3, STUCK=2))
+    image, view = workspace.view.grab().toImage(), workspace.view
+    rings = rings_of({j: view.to_screen(p) for j, p in view.instant.joints.items()}, pter.labels, 12.0)
+    row = [rings[joint] for joint in "AECB"]
+    assert [round(b.x() - a.x()) for a, b in itertools.pairwise(row)] == [36, 36, 36]
+    assert {round(place.y()) for place in row} == {round(view.to_screen((0.0, 0.0)).y())}
+    for joint, colour in (("E", theme.BRAKE_STUCK), ("C", theme.BRAKE_SLIPPING), ("A", theme.BRAKE_OFF)):
+        ring = [rings[joint] + QPointF(12.0 * math.cos(a), 12.0 * math.sin(a)) for a in range(7)]
         assert all(is_seen(image, place, colour) for place in ring), joint
 
 

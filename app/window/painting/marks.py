@@ -40,7 +40,8 @@ def rings_of(at: Mapping[str, QPointF], labels: Mapping[str, str], radius: float
     there = [joint for joint in "AECB" if joint in labels and (joint in "AB" or labels[joint] != joint)]
     if len(there) < 2 or not at or (at["A"] - at["B"]).manhattanLength() >= 2.0 * radius + 2.0:
         return dict(at)
-    middle, apart = 0.5 * (at["A"] + at["B"]), 2.0 * radius + 4.0
+    wide = any(len(labels[joint]) > 1 for joint in there)  # a coupling's label is wider than its ring
+    middle, apart = 0.5 * (at["A"] + at["B"]), 3.0 * radius if wide else 2.0 * radius + 4.0
     places = [QPointF((k - 0.5 * (len(there) - 1)) * apart, 0.0) for k in range(len(there))]
     return {**at, **{joint: middle + place for joint, place in zip(there, places, strict=True)}}
 
