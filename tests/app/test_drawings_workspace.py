@@ -67,7 +67,7 @@ from core.workspace import brake_rows
 from experiments.trial.tick import log_field
 
 THREE, FOUR = load_device("three-brake"), load_device("four-brake")
-BOTH = pytest.mark.parametrize("device", (THREE, FOUR, load_device("pter")), ids=lambda device: device.name)
+BOTH = pytest.mark.parametrize("device", (THREE, FOUR), ids=lambda device: device.name)
 PATHS = {1: ALONG, 2: ACROSS}
 LINE = build_path(ALONG, "path")
 
