@@ -5,14 +5,15 @@ no tip position at which both arms close, or a mass matrix that has no inverse.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from core.device_file import ELBOWS, BrakeFile, DeviceFile, Link, Sensing, parse_brake, read_brake_text
-from core.files import InputError, Pair, parse_toml, read_text
+from core.files import InputError, Pair, from_plain, parse_toml, read_text, toml_text
 from core.mechanism import JOINTS, Arm, Brakes, Mechanism, no_brakes, parallel_rows
 from core.workspace import brake_rows, free_tips, why_impossible
 
@@ -58,12 +59,39 @@ def load_device(name_or_path: str | Path, folder: Path | None = None) -> Device:
                 f"unknown device {str(name_or_path)!r}: neither a shipped device ({', '.join(shipped_devices())}) "
                 "nor a file"
             )
-    text = read_text(path)
-    file = parse_toml(text, DeviceFile, str(path))
-    references = [getattr(file.brakes, joint) for joint in file.braked]
-    brake_texts = {r: read_brake_text(r, path.parent, f"{path}: brakes") for r in dict.fromkeys(references)}
-    matrix = read_text(path.parent / name) if (name := calibration_name(file)) else None
-    return build_device(text, brake_texts, str(path), matrix)
+    return device_of(read_text(path), path.parent, str(path), {})
+
+
+def device_of(text: str, folder: Path, where: str, brakes: Mapping[str, str]) -> Device:
+    """A device from the text of its file; `where` names it. brakes: texts of brake files by name, before those shipped.
+
+    folder: where other brakes, and the calibration of its force sensor, are looked for.
+    """
+    file = parse_toml(text, DeviceFile, where)
+    references = dict.fromkeys(getattr(file.brakes, joint) for joint in file.braked)
+    texts = {r: brakes[r] if r in brakes else read_brake_text(r, folder, f"{where}: brakes") for r in references}
+    matrix = read_text(folder / name) if (name := calibration_name(file)) else None
+    return build_device(text, texts, where, matrix)
+
+
+def inline_devices(
+    devices: Sequence[dict[str, Any]], brakes: Sequence[dict[str, Any]], folder: Path, where: str
+) -> dict[str, Device]:
+    """The devices whose files stand in another file as `[[device]]`, by name; its `[[brake]]`s are brakes for them."""
+    texts: dict[str, str] = {}
+    for place, content in enumerate(brakes, start=1):
+        name = from_plain(content, BrakeFile, f"{where}: brake {place}").name
+        if name in texts:
+            raise InputError(f"{where}: brake: two have the same name ({name})")
+        texts[name] = toml_text(content)
+    found: dict[str, Device] = {}
+    for place, content in enumerate(devices, start=1):
+        named = f"{where}: device {place}"
+        name = from_plain(content, DeviceFile, named).name
+        if name in found:
+            raise InputError(f"{where}: device: two have the same name ({name})")
+        found[name] = device_of(toml_text(content), folder, named, texts)
+    return found
 
 
 def build_device(text: str, brake_texts: dict[str, str], where: str, calibration_text: str | None = None) -> Device:
@@ -92,7 +120,7 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
         force_normalised_N=force_normalised(file, mechanism, brakes),
         labels={joint: joint for joint in file.braked} | {j: one.label for j, one in file.coupled.items()},
         command_unit=units.pop(),
-        assumed="assumed" in {file.provenance, *(brake.provenance for brake in brakes.values())},
+        assumed=file.provenance == "assumed" or any(brake.assumed for brake in brakes.values()),
         text=text,
         brake_texts=dict(brake_texts),
         sensing=file.sensing,

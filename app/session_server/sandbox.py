@@ -22,6 +22,7 @@ from app.session_server.preflight import with_advice
 from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.control.algorithm import Controller
 from core.control.controllers import Preset, make_controller
+from core.control.guard import make_around
 from core.control.proportional import GAIN_N_S_M, least_gain_felt
 from core.control.rule_sets import RULE_SETS
 from core.control.velocity_field import BLEND_WIDTH
@@ -276,7 +277,9 @@ class Sandbox:
 
     def _controller(self, s: SandboxSettings, device: Device) -> Controller:
         """As the settings have it. InputError for numbers that cannot be."""
-        return make_controller(self._preset(s), device.force_normalised_N * s.brake_strength, s.rules, s.blend_width_m)
+        force = device.force_normalised_N * s.brake_strength
+        around = make_around(self._protocol.trial.around, device.brakes)
+        return make_controller(self._preset(s), force, s.rules, s.blend_width_m, around=around)
 
     def _preset(self, s: SandboxSettings) -> Preset:
         chosen = self._protocol.controllers[s.controller]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from core.control.algorithm import GAP, NONE, UNREACHABLE
+from core.control.algorithm import GAP, LOCK_OBSTACLE, LOCKED, NONE, RELEASED, UNREACHABLE
 from core.control.controllers import DECISIONS
 from core.files import InputError
 from core.path import Path, measure
@@ -208,6 +208,12 @@ class Movement:
         lacking = self._decided(UNREACHABLE) & outside & (self.force > FELT_FORCE_N)
         return int(np.count_nonzero(lacking)) / int(np.count_nonzero(outside))
 
+    def share_of_ticks(self, decisions: frozenset[int]) -> float | None:
+        """Share of the ticks with one of these decisions; None without a controller."""
+        if self._decided(frozenset({NONE})).all():
+            return None
+        return float(np.mean(self._decided(decisions)))
+
     def slave_error(self) -> float | None:
         """Distance between the slave and the handle, mean over time, m; None without a slave."""
         apart = self._may_be_missing("slave_x_m", "slave_y_m") - self.tip
@@ -227,6 +233,26 @@ class Movement:
         asked = (np.hypot(*wanted.T) > FELT_FORCE_N) & np.isfinite(nearest[:, 0])
         missed = np.hypot(*(wanted - nearest)[asked].T)
         return float(np.sum(missed) / np.sum(np.hypot(*wanted[asked].T))) if asked.any() else None
+
+    def least_clearance(self) -> float | None:
+        """Least distance from the nearest obstacle, m, not under 0; None without one."""
+        distance = self._from_obstacle()
+        return None if distance is None else max(float(distance.min()), 0.0)
+
+    def deepest_entry(self) -> float | None:
+        """How deep the handle came into an obstacle, m; 0: it did not."""
+        distance = self._from_obstacle()
+        return None if distance is None else max(-float(distance.min()), 0.0)
+
+    def guarded_share(self) -> float | None:
+        """Share of the movement's ticks in which the guard of obstacles had locked all brakes."""
+        if self._from_obstacle() is None:
+            return None
+        return float(np.mean(self._decided(frozenset({LOCK_OBSTACLE}))))
+
+    def _from_obstacle(self) -> np.ndarray | None:
+        distance = self._may_be_missing("obstacle_distance_m")[:, 0]
+        return None if np.isnan(distance).any() else distance
 
     def _wanted(self) -> np.ndarray:
         return self._may_be_missing("wanted_fx_N", "wanted_fy_N")
@@ -354,12 +380,43 @@ METRICS = (
         needs_progress=False, tells_controller=True,
     ),
     Metric(
+        "least_clearance_m", "m", "Least clearance", "least clearance",
+        "least distance of the handle from the nearest obstacle, 0 inside; none without obstacles",
+        Movement.least_clearance,
+        shown_unit="mm", scale=1e3, needs_progress=False, better="higher",
+    ),
+    Metric(
+        "deepest_entry_m", "m", "Deepest entry", "deepest entry",
+        "how deep the handle came into an obstacle; none without obstacles",
+        Movement.deepest_entry,
+        shown_unit="mm", scale=1e3, needs_progress=False,
+    ),
+    Metric(
+        "guarded_share", "", "Time locked by the guard", "share of time locked by the guard",
+        "share of the movement in which the guard of obstacles had locked all brakes; none without obstacles",
+        Movement.guarded_share,
+        needs_progress=False,
+    ),
+    Metric(
         "acceleration_exact_dft_sum", "m/s^2", "Acceleration to 100 Hz, weighted DFT sum", "DFT sum to 100 Hz",
         "acceleration_dft_sum of the simulator's own acceleration: it sees vibration up to 100 Hz, which the filter of "
         "20 Hz on position hides; none on a real device, which has no accelerometer",
         lambda m: acceleration_dft_sum(m.exact_acceleration),
         shown_unit="m/s²", decimals=1, figure="fig18_acceleration_to_100_Hz", stands_for="smoothness", compared=True,
         simulated_only=True,
+    ),
+    Metric(
+        "locked_share", "", "Locked share", "share locked",
+        "share of the ticks in which the rules put full current on all brakes; none for controller 1",
+        lambda m: m.share_of_ticks(LOCKED),
+        needs_progress=False, tells_controller=True,
+    ),
+    Metric(
+        "released_share", "", "Released share", "share released",
+        "share of the ticks in which no brake was valid or selected and the rules took all current off; none for "
+        "controller 1",
+        lambda m: m.share_of_ticks(RELEASED),
+        needs_progress=False, tells_controller=True,
     ),
 )  # fmt: skip
 BY_NAME = {metric.name: metric for metric in METRICS}
