@@ -12,12 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from core.device_file import ELBOWS, BrakeFile, DeviceFile, Link, Sensing, parse_brake, read_brake_text
+from core.device_file import (
+    ELBOWS,
+    BrakeFile,
+    Castor,
+    DeviceFile,
+    Link,
+    Sensing,
+    parse_brake,
+    read_brake_text,
+)
 from core.files import InputError, Pair, from_plain, parse_toml, read_text, toml_text
 from core.mechanism import JOINTS, Arm, Brakes, Mechanism, no_brakes, parallel_rows
 from core.workspace import brake_rows, free_tips, why_impossible
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "devices"
+COBOT_FOLDER = Path(__file__).resolve().parent / "cobots"
+UNICYCLE = "unicycle"  # the shipped device with a castor in place of brakes: for simulation, not for a bench
 RAD_S_PER_RPM = 2.0 * math.pi / 60.0
 
 #: m. Our choice: bases closer than this count as one axis (g_E and g_C are then parallel to rounding).
@@ -41,6 +52,7 @@ class Device:
     sensing: Sensing | None
     calibration: np.ndarray | None  # (6, 6) of the force sensor
     calibration_text: str | None  # its file in full
+    castor: Castor | None = None  # in place of brakes
 
 
 def shipped_devices() -> list[str]:
@@ -52,6 +64,8 @@ def load_device(name_or_path: str | Path, folder: Path | None = None) -> Device:
     """A shipped device by its name, or a device file by its path (relative to `folder` or the current folder)."""
     if str(name_or_path) in shipped_devices():
         path = SHIPPED_FOLDER / f"{name_or_path}.toml"
+    elif str(name_or_path) == UNICYCLE:
+        path = COBOT_FOLDER / f"{UNICYCLE}.toml"
     else:
         path = (folder or Path()) / name_or_path
         if not str(name_or_path) or not path.is_file():
@@ -117,20 +131,23 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
         mechanism=mechanism,
         brakes=build_brakes(brakes),
         braked=file.braked,
-        force_normalised_N=force_normalised(file, mechanism, brakes),
+        force_normalised_N=file.castor.grip_N if file.castor else force_normalised(file, mechanism, brakes),
         labels={joint: joint for joint in file.braked} | {j: one.label for j, one in file.coupled.items()},
-        command_unit=units.pop(),
+        command_unit=units.pop() if units else "A",
         assumed=file.provenance == "assumed" or any(brake.assumed for brake in brakes.values()),
         text=text,
         brake_texts=dict(brake_texts),
         sensing=file.sensing,
         calibration=_calibration(file, calibration_text, where),
         calibration_text=calibration_text,
+        castor=file.castor,
     )
 
 
 def with_brakes(device: Device, change: Callable[[BrakeFile], BrakeFile]) -> Device:
     """The device with other brakes: what `change` makes of each of its brake files. Their numbers are then assumed."""
+    if not device.braked:
+        return device
     file = parse_toml(device.text, DeviceFile, device.name)
     brakes = {}
     for joint in file.braked:

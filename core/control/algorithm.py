@@ -61,7 +61,8 @@ LOCK_NONE_SELECTED = 7
 LOCK_BACK = 8
 LOCK_BACK_NONE_SELECTED = 9
 LOCK_OBSTACLE = 10
-OWN = 11  # from here on: an algorithm's own decisions
+STEER = 11  # the castor of a device without brakes is steered along beta
+OWN = 12  # from here on: an algorithm's own decisions
 
 SHARED: tuple[str, ...] = (
     "none",
@@ -75,6 +76,7 @@ SHARED: tuple[str, ...] = (
     "lock: moving back",
     "lock: moving back, none selected",
     "lock: obstacle",
+    "steer",
 )
 
 #: ticks without control on purpose, near the path

@@ -192,7 +192,7 @@ class Movement:
 
     def switches_per_second(self) -> float | None:
         """Ticks at which the set of brakes with current > 0 changes, per second."""
-        if self.duration_s <= 0.0:
+        if self.duration_s <= 0.0 or not self._recording.braked:
             return None
         on = self._columns(*(f"current_{joint}_A" for joint in self._recording.braked))[self._rows] > 0.0
         return int(np.count_nonzero(np.any(on[1:] != on[:-1], axis=1))) / self.duration_s

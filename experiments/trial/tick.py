@@ -8,6 +8,7 @@
     SLAVE    a teleoperated slave follows the tip, and the force that it sends arrives: `reflect` is to show it
     DECIDE   the controller, during `move` only: brakes are off in every other phase; its velocity field goes to LOG
     SETTLE   the simulated device: currents to the brakes, which of them stick and which slip
+             a castor in place of brakes: it is steered along the field, or turns freely
     LOG      one row
     STEP     the simulated device moves on by a tick
 
@@ -25,6 +26,7 @@ import numpy as np
 
 from core import tick_log as log
 from core.brake import begin_lag, lagged_yield, torque_gain
+from core.cobot import COBOT
 from core.control.algorithm import OFF, release
 from core.control.controllers import decide
 from core.control.velocity_field import NEAREST, NO_FIELD, SIDE, TRAVEL, WANTED
@@ -40,6 +42,7 @@ from core.stops import stop_gap
 from core.tick_log import APPROACH, END, HOLD, MOVE
 from experiments.protocol import TrialRules
 from experiments.slave import SLAVE, follow_master, set_slave
+from experiments.trial.castor import move_with_castor, turn_castor
 from experiments.trial.encoder_sensing import see
 from experiments.trial.operator import TICK_S, begin_approach, operate
 
@@ -90,6 +93,8 @@ RUN = np.dtype(
         ("release_force", "f8"),  # N; infinite: a trapped hand is not released
         ("release_ticks", "i8"),
         ("slave", SLAVE),
+        ("cobot", COBOT),  # the castor in place of brakes, if there is one
+        ("castor_work", "f8"),  # J, of the hand in its last step
         # what changes
         ("tick", "i8"),
         ("phase", "i8"),
@@ -115,7 +120,7 @@ RUN = np.dtype(
 )
 
 
-def new_run(how: TrialRules, fidelity: int, simulated_hand: bool, real: bool = False) -> np.recarray:
+def new_run(how: TrialRules, fidelity: int, simulated_hand: bool, real: bool = False) -> np.ndarray:
     """A trial before its first tick, by the trial rules of a protocol."""
     approach_s = how.approach_time_out_s if simulated_hand else PERSON_APPROACH_S
     run = new_record(RUN)
@@ -178,13 +183,17 @@ def run_ticks(
             follow_master(run.slave, seen.tip, run.tick, memory)
         choose_currents(controller, brakes, path, memory, seen, run, row)
         row[log.SENSED_FX], row[log.SENSED_FY] = seen.hand_force[0], seen.hand_force[1]
-        if run.real == 0:
+        if run.cobot.wheels != 0:
+            turn_castor(hand, state, run, t, row)
+        elif run.real == 0:
             apply(mechanism, brakes, state, run.current, run.fidelity)
             resolve(mechanism, brakes, hand, state, t)
         log_row(mechanism, brakes, state, grip, run, t, row)
         log_shown(state, run, memory, row)
         log_obstacle(controller.around[0], state.tip, row)
-        if run.real == 0:
+        if run.cobot.wheels != 0:
+            move_with_castor(mechanism, hand, state, run)
+        elif run.real == 0:
             lagged = 1 if run.fidelity == MR else 0
             advance_event(mechanism, brakes, hand, state, step_scratch, run.current, t, TICK_S, lagged)
         run.tick += 1

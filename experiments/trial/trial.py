@@ -31,6 +31,7 @@ from experiments.assumptions import DEFAULTS
 from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules, load_protocol
 from experiments.trial import tick
+from experiments.trial.castor import set_castor, skid_warnings
 from experiments.trial.detour import way_round
 from experiments.trial.encoder_sensing import Sensing, decision_noise, new_sensing
 from experiments.trial.operator import OPERATOR, TICK_S, Person, new_operator, take_handle
@@ -115,6 +116,8 @@ class Trial:
             self._noise = generator.standard_normal((NOISE_DRAWS, 2))
             self._way = way_round(path, how.around.obstacles, f"path {planned.segment}")
             take_handle(person, self._way, self.model.hand.grips)
+        if self.device.castor:
+            set_castor(self._run["cobot"][0], self.device, self.model.state["tip"][0], self.model.hand.grips["mass"][0])
         self._reason = ""  # of an abort from outside
         # of a real device
         self._connected: RealDevice | None = None
@@ -219,6 +222,8 @@ class Trial:
         about: dict[str, Any] = {"status": tick.STATUSES[status], "reason": reason}
         if isinstance(self.model, SimulatedDevice):
             about |= self.model.end_record()
+            if self.device.castor:
+                about["warnings"] += skid_warnings(self._run["cobot"][0], self.device.castor)
         else:
             about["ledger"] = "estimated from sensed force and velocity and the brake model"
             about |= {"filled": self.filled} | (self._connected.end_record() if self._connected else self._report)
