@@ -154,7 +154,7 @@ class Canvas(Plane):
         painter.setPen(pen(theme.ARM_CORE, 3.0, round_cap=True))
         for one, other in ARMS if at else ():
             painter.drawLine(at[one], at[other])
-        rings = rings_of(at, instant.device.braked, 5.5)
+        rings = rings_of(at, instant.device.labels, 5.5)
         for joint in instant.device.braked if at else "":
             painter.setPen(pen(SHADE[self._doing.get(joint, Doing()).state], 3.0))
             painter.setBrush(shade(theme.PANEL))

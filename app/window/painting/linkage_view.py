@@ -160,8 +160,9 @@ class LinkageView(Plane):
             paint_wedge(painter, handle, wedge)
         paint_arms(painter, at, ARM_PX, 2.0)
         if DIRECTIONS in self.shown and self._field is not None:
-            paint_directions(painter, handle, directions(self.device, self.instant.g, self._field), self._field)
-        paint_joints(painter, rings, self.device.braked, self.labels.doing, self.blind)
+            found = directions(self.device, self.instant.g, self._field)
+            paint_directions(painter, handle, found, self._field, self.device.labels)
+        paint_joints(painter, rings, self.device.labels, self.labels.doing, self.blind)
         paint_arrow(painter, handle, arrow_of(self.instant.brakes), theme.BRAKE_SLIPPING, 3.0)
         paint_arrow(painter, handle, arrow_of(self.instant.hand), theme.GOOD, 3.0)
 
@@ -186,7 +187,7 @@ class LinkageView(Plane):
         """Where the joints and their rings are, px; none where the linkage is hidden."""
         shown = instant.joints if LINKAGE in self.shown else {}
         at = {joint: self.to_screen(place) for joint, place in shown.items()}
-        return at, rings_of(at, self.device.braked, JOINT_PX)
+        return at, rings_of(at, self.device.labels, JOINT_PX)
 
     def _marks(self, instant: Instant) -> dict[str, QPointF]:
         """The points (px) beside which the labels stand: the rings, the heads of both forces' arrows."""
