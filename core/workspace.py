@@ -62,6 +62,16 @@ def brake_rows(mechanism: Mechanism, x: npt.ArrayLike, y: npt.ArrayLike) -> Arra
     return np.array(rows)
 
 
+def held_in_any_direction(rows: Array, torque: Array) -> Array:
+    """The force (...,), N, that brakes with rows (n, 2, ...) and torques (n,), N m, hold whatever its direction.
+
+    They hold the zonotope sum of [-torque_i, torque_i] g_i; its sides lie along the rows, and the nearest one counts.
+    """
+    normals = np.stack([-rows[:, 1], rows[:, 0]], axis=1) / np.hypot(rows[:, 0], rows[:, 1])[:, None]
+    reach = np.abs(np.einsum("ki...,ji...->kj...", normals, rows))
+    return np.asarray(np.einsum("kj...,j->k...", reach, torque).min(axis=0))
+
+
 def tip_is_free(mechanism: Mechanism, x: npt.ArrayLike, y: npt.ArrayLike) -> Mask:
     """Where both arms close with every margin and theta stop kept, and y > 0. Shape as x and y (m)."""
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)

@@ -400,7 +400,7 @@ def test_the_field_of_a_tick_is_the_one_with_which_the_controller_decided() -> N
         _, field = decide(controller, device.brakes, ready, memory, *state, g, np.array((1.0, 0.0, 1.0)), current)
         row = np.zeros(tick_log.WIDTH)
         row[tick_log.TRAVEL_SENSE] = memory[TRAVEL]
-        log_field(field, row)
+        log_field(field, memory, row)
         assert field_of(row) == field
         senses.add(memory[TRAVEL])
         if memory[PIECE] == before[PIECE]:

@@ -80,7 +80,8 @@ class Wedge(NamedTuple):
 def field_of(row: np.ndarray) -> Field | None:
     """The velocity field at the handle as the controller had it in a tick; None where it did not decide."""
     distance, _, t_x, t_y, beta_x, beta_y = row[tick_log.PATH_DISTANCE : tick_log.DESIRED_Y + 1].tolist()
-    side = math.copysign(1.0, distance)  # of the tip, as seen along t
+    turned = t_y * beta_x - t_x * beta_y  # beta lies between t and n; on the path both are one
+    side = math.copysign(1.0, turned if abs(turned) > 1e-9 else distance)
     return Field(abs(distance), t_x, t_y, side * t_y, -side * t_x, beta_x, beta_y) if math.isfinite(t_x) else None
 
 
