@@ -66,7 +66,7 @@ def test_a_trial_in_finer_steps_has_the_same_ticks_decisions_and_noise():
     assert np.array_equal(once[:, tick_log.DECISION], finer[:, tick_log.DECISION])
     motion = slice(tick_log.TIP_X, tick_log.TIP_X + 4)
     apart = [np.max(np.abs(one[:, motion] - finer[:, motion])) for one in (once, fine)]
-    assert 0.0 < apart[1] <= apart[0] < 1e-5
+    assert 0.0 < apart[1] < 0.05 * apart[0] and apart[0] < 5e-5  # second order: a tenth of the step, a hundredth
 
 
 def test_the_table_and_its_sentence_show_what_was_found():
