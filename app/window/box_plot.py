@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QEvent, Qt, Signal
 
 from app.window.painting import theme
 from app.window.painting.labels import OneLine
@@ -73,10 +73,19 @@ class ChartPlot(Plot):
         bottom.setTicks([[(x, SHORT.get(text, text)) for x, text in chart.ticks]] if chart.ticks else None)
         bottom.setLabel(chart.x_title or None)
         bottom.showLabel(bool(chart.x_title))
-        lines = max((SHORT.get(text, text).count("\n") + 1 for _, text in chart.ticks), default=0)
-        bottom.setHeight(6 + lines * (theme.SMALL + 5) if lines else None)
+        self._size_ticks()
         self.show_all()
         self.show_ring(self._ringed)
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange and self.chart is not None:
+            self._size_ticks()
+
+    def _size_ticks(self) -> None:
+        """Room for the names along the axis."""
+        lines = max((SHORT.get(text, text).count("\n") + 1 for _, text in self.chart.ticks), default=0)
+        self.item.getAxis("bottom").setHeight(6 + lines * theme.text_px(theme.SMALL + 5) if lines else None)
 
     def show_all(self) -> None:
         """Zoom out to all of it."""
