@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QApplication,
     QButtonGroup,
+    QGridLayout,
     QHBoxLayout,
     QLabel,
     QMenu,
@@ -20,6 +21,7 @@ from PySide6.QtWidgets import (
     QStackedWidget,
     QVBoxLayout,
     QWidget,
+    QWidgetAction,
 )
 
 from app.ipc import messages as m
@@ -64,7 +66,7 @@ def toggle(text: str, do: Callable[..., object], on: bool = False) -> QPushButto
 
 
 class Chips(QWidget):
-    """A filter: a chip for each choice, lit while it is shown; many of them are a menu."""
+    """A filter: a chip for each choice, lit while it is shown; many of them open below a button and stay open."""
 
     changed = Signal()
 
@@ -73,6 +75,7 @@ class Chips(QWidget):
         self._title, self._off = title, set()
         self._names: dict[str, str] = {}
         self.chips: dict[str, QPushButton] = {}
+        self.menu: QPushButton | None = None  # of many
         self._row = QHBoxLayout(self)
         self._row.setContentsMargins(0, 0, 0, 0)
         self._row.setSpacing(6)
@@ -87,30 +90,49 @@ class Chips(QWidget):
         if dict(names) == self._names:
             return
         self._off |= {choice for choice in off if choice not in self._names}
-        self._names = dict(names)
+        self._names, self.menu = dict(names), None
         clear(self._row)
-        self.chips = {}
+        self.chips = {
+            choice: toggle(name, lambda on, choice=choice: self._switch({choice}, on), choice not in self._off)
+            for choice, name in names.items()
+        }
         if len(names) > MOST_CHIPS:
-            self._row.addWidget(self._menu())
+            self.menu = QPushButton(objectName="toggle")
+            self.menu.setMenu(self._menu())
+            self._row.addWidget(self.menu)
+            self._count()
             return
         self._row.addWidget(word(self._title, "quiet"))
-        for choice, name in names.items():
-            chip = toggle(name, lambda on, choice=choice: self._switch(choice, on), choice not in self._off)
-            self.chips[choice] = chip
+        for chip in self.chips.values():
             self._row.addWidget(chip)
 
-    def _menu(self) -> QPushButton:
-        made, menu = QPushButton(f"{self._title}: {len(self._names)}"), QMenu(self)
-        for choice, name in self._names.items():
-            action = menu.addAction(name)
-            action.setCheckable(True)
-            action.setChecked(choice not in self._off)
-            action.toggled.connect(lambda on, choice=choice: self._switch(choice, on))
-        made.setMenu(menu)
-        return made
+    def _menu(self) -> QMenu:
+        """All chips in rows, and both ways to choose many at once."""
+        menu, inside, chips = QMenu(self), QWidget(), QGridLayout(spacing=6)
+        inside.setObjectName("clear")
+        for at, chip in enumerate(self.chips.values()):
+            chips.addWidget(chip, *divmod(at, MOST_CHIPS))
+        column = QVBoxLayout(inside)
+        column.addLayout(row(*(button(text, lambda on=on: self._switch(set(self._names), on), "small")
+                               for text, on in (("All", True), ("None", False))), 1))  # fmt: skip
+        column.addLayout(chips)
+        action = QWidgetAction(menu)
+        action.setDefaultWidget(inside)
+        menu.addAction(action)
+        return menu
 
-    def _switch(self, choice: str, on: bool) -> None:
-        (self._off.discard if on else self._off.add)(choice)
+    def _count(self) -> None:
+        chosen, there = len(self.chosen), len(self._names)
+        if self.menu is not None:
+            self.menu.setText(f"{self._title}: {'all' if chosen == there else chosen} of {there}  ▾")
+
+    def _switch(self, choices: set[str], on: bool) -> None:
+        """Show these, or leave them out; all of them together change the charts once."""
+        (self._off.difference_update if on else self._off.update)(choices)
+        for choice, chip in self.chips.items():
+            with QSignalBlocker(chip):
+                chip.setChecked(choice not in self._off)
+        self._count()
         self.changed.emit()
 
 
@@ -341,6 +363,8 @@ class AnalysePage(Page):
         self.summary.setText(" · ".join(parts if late else parts[:2]))
         if not results.rows:
             self._show_empty(f"Nothing is recorded in {results.folder} yet.")
+        elif not rows:
+            self._show_empty("None of the trials is chosen: the filters above leave all of them out.")
         elif self.page == FINDINGS:
             self.stack.setCurrentWidget(self.verdicts)
             self.verdicts.show_conclusions(None)

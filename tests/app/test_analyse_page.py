@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import fake_client
@@ -11,6 +12,7 @@ import pytest
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from protocols import short
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt
+from PySide6.QtGui import QFontMetricsF
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel, QPushButton
 from sessions import new_session, run_trials
@@ -152,6 +154,40 @@ def test_codes_of_a_blind_session_have_one_colour_and_nothing_is_claimed(qtbot, 
     page.show_page(FINDINGS)
     qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
     assert "blind" in page.verdicts.shown.refusal and not page.verdicts.shown.found
+
+
+def test_many_participants_are_chosen_below_one_button_that_stays_open_and_counts_them(qtbot, tmp_path: Path) -> None:
+    for n in range(1, 25):
+        who = f"{n:02d}"
+        table_of(tmp_path, who).parent.mkdir(parents=True)
+        write_table(table_of(tmp_path, who), results_of(who, n)[:4])
+    page = page_on(qtbot, tmp_path)
+    people = page.people
+    assert people.menu.text().startswith("Participants: all of 24")
+    menu = people.menu.menu()
+    menu.popup(page.mapToGlobal(page.rect().center()))
+    for who in ("07", "08"):
+        QTest.mouseClick(people.chips[who], Qt.MouseButton.LeftButton)
+    assert menu.isVisible() and people.menu.text().startswith("Participants: 22 of 24") and len(page.rows) == 88
+    QApplication.processEvents()
+    for chip in people.chips.values():
+        assert chip.width() >= chip.sizeHint().width() and menu.rect().contains(chip.mapTo(menu, chip.rect().center()))
+    every, none = menu.findChildren(QPushButton, "small")
+    QTest.mouseClick(none, Qt.MouseButton.LeftButton)
+    assert not page.rows and "none" in page.empty.text().lower()
+    QTest.mouseClick(people.chips["12"], Qt.MouseButton.LeftButton)
+    assert {row.participant for row in page.rows} == {"12"}
+    QTest.mouseClick(every, Qt.MouseButton.LeftButton)
+    assert len(page.rows) == 96
+    menu.close()
+    page.show_page(PERSON)
+    QApplication.processEvents()
+    axis, font = page.plots[0].item.getAxis("bottom"), theme.font(theme.SMALL)
+    named = [(axis.mapFromParent(page.plots[0].item.vb.mapViewToScene(QPointF(x, 0.0))).x(), text)
+             for x, text in axis._tickLevels[0]]  # fmt: skip
+    assert len(named) > 5  # every second or third name, and none lies on another
+    for (x, text), (beyond, other) in pairwise(named):
+        assert beyond - x > 0.5 * sum(QFontMetricsF(font).horizontalAdvance(word) for word in (text, other))
 
 
 def test_the_statements_are_judged_on_what_is_shown(qtbot, data: Path) -> None:
