@@ -60,7 +60,7 @@ class Graph(pg.PlotWidget):
         for axis in self._axes():
             axis.setPen(theme.LINE)
             axis.setTextPen(theme.QUIET)
-            axis.setStyle(tickLength=-3)
+            axis.setStyle(tickLength=-3, hideOverlappingLabels=False)
             axis.enableAutoSIPrefix(False)
         self._size_text()
 
