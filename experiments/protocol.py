@@ -21,6 +21,7 @@ from core.files import InputError, NotNegative, Positive, Table, choice, from_pl
 from core.path import PathFile, build_path, outline, path_from, point_at
 from core.simulator.hand import Hand, spring_hand
 from core.workspace import tip_is_free
+from experiments.assumptions import NO_VIBRATION, Assumptions, LowGain
 from experiments.language import ENGLISH, Language, language_text, read_language, shipped_languages
 
 PROPORTIONAL, GAIN = "proportional", "gain_N_s_m"  # whose least gain `--low-gain` sets
@@ -131,6 +132,7 @@ class Settings(Table, frozen=True, kw_only=True):
     show_linkage: bool = False  # to the participant
     feedback: Annotated[str, choice("none", "time", "error")] = "none"  # to the participant, after a trial
     provenance: Annotated[str, choice("", "assumed")] = ""  # "assumed": paths neither measured nor published
+    assumptions: Assumptions = Assumptions()
     trial: TrialFile = TrialFile()
     release: Release = Release()
     cues: Cues | None = None
@@ -190,7 +192,8 @@ class Overrides(Table, frozen=True):
     """What can be asked for in place of what a file holds."""
 
     rules: Rules | None = None
-    low_gain: Positive | None = None  # N s/m, of the proportional controller of least gain
+    assumptions: Assumptions | None = None
+    low_gain: LowGain | None = None  # besides, of the proportional controller of least gain
     seed: Seed | None = None
     devices: tuple[str, ...] | None = None  # names
 
@@ -205,9 +208,10 @@ def plain_text(value: str, key: str) -> None:
 
 
 class TrialRules(TrialFile, frozen=True):
-    """How a trial goes, as a trial reads it: with the release (None: off)."""
+    """How a trial goes, as a trial reads it: with the release (None: off), and what its simulation assumes."""
 
     release: Release | None = Release()
+    assumptions: Assumptions = Assumptions()
 
 
 class Protocol(Settings, frozen=True, kw_only=True):
@@ -253,6 +257,7 @@ class Protocol(Settings, frozen=True, kw_only=True):
         parts = [f"{self.name} protocol", f"{self.rules} rules"]
         if self.low_gain is not None:
             parts.append(f"low gain {self.low_gain:g} N s/m")
+        parts += [words] if (words := self.assumptions.words()) else []
         if any(device.assumed for device in self.devices):
             parts.append("parameters assumed")
         elif self.paths_assumed:
@@ -362,8 +367,10 @@ def _checked(
     _refuse_twice([preset.name for preset in presets], f"{where}: controller: two controllers")
     numbers = [controller.number for controller in file.controller]
     controllers = _numbered(numbers, presets, f"{where}: controller")
+    assumptions = asked.assumptions or file.assumptions
     if asked.low_gain is not None:
-        controllers = _with_low_gain(controllers, asked.low_gain, where)
+        assumptions = msgspec.structs.replace(assumptions, low_gain=asked.low_gain)
+    controllers = _assumed(controllers, assumptions, where)
     paths = _paths(file.path, where)
     cells = len(devices) * len(paths) * len(controllers)
     if (trials := cells * file.blocks * file.repetitions) > MOST_TRIALS:
@@ -376,7 +383,8 @@ def _checked(
     settings = {name: getattr(file, name) for name in Settings.__struct_fields__}
     settings |= {name: getattr(asked, name) for name in ("rules", "seed") if name in overrides}
     release = file.release if file.release.on else None
-    settings["trial"] = TrialRules(*msgspec.structs.astuple(file.trial), release=release)
+    settings["assumptions"] = assumptions
+    settings["trial"] = TrialRules(*msgspec.structs.astuple(file.trial), release=release, assumptions=assumptions)
     return Protocol(
         text=text, overrides=dict(overrides), devices=tuple(device for _, device in devices), paths=paths,
         controllers=controllers, language_text=words, pictures=pictures, **settings,
@@ -413,8 +421,11 @@ def _paths(entries: Sequence[dict[str, Any]], where: str) -> dict[int, PathFile]
     return paths
 
 
-def _with_low_gain(controllers: Mapping[int, Preset], gain: float, where: str) -> dict[int, Preset]:
-    """The controllers with this gain (N s/m) for the proportional one of least gain."""
+def _assumed(controllers: dict[int, Preset], assumptions: Assumptions, where: str) -> dict[int, Preset]:
+    """The controllers under the assumptions: the low gain is that of the proportional one of least gain."""
+    gain = assumptions.low_gain
+    if gain is None or gain == NO_VIBRATION:
+        return controllers
     proportional = [number for number, preset in controllers.items() if preset.kind == PROPORTIONAL]
     if not proportional:
         raise InputError(f"{where}: controller: none is proportional, there is no low gain to set")

@@ -1,7 +1,9 @@
 """What the verbs share. A verb is its arguments, one call that does the work, and one answer that is printed."""
 
 import argparse
+import contextlib
 import json
+import math
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -63,6 +65,14 @@ def whole_number_of(at_least: int) -> Callable[[str], int]:
         return int(text)
 
     return whole_number
+
+
+def low_gain(text: str) -> float:
+    """The type of --low-gain."""
+    with contextlib.suppress(ValueError):
+        if 0.0 < (gain := float(text)) < math.inf:
+            return gain
+    raise argparse.ArgumentTypeError(f"must be a number greater than 0, in N s/m, not {text!r}")
 
 
 def devices_of(args: argparse.Namespace) -> list:

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from app.progress import Display, import_screen, watch_compiling
-from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, whole_number_of
+from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole_number_of
 from core.files import InputError
 
 
@@ -35,8 +35,8 @@ def add(verbs) -> None:
         help="with --link serial:PORT: an ATI Net F/T on the network in place of the board's force channels",
     )  # fmt: skip
     option("--rules", choices=RULES, help="in place of the protocol's")
-    low_gain = "N s/m, of the proportional controller of least gain, in place of the protocol's"
-    option("--low-gain", type=float, metavar="5|500", help=low_gain)
+    least_gain = "N s/m, of the proportional controller of least gain, in place of the protocol's"
+    option("--low-gain", type=low_gain, metavar="NUMBER", help=least_gain)
     option("--seed", type=whole_number_of(0), metavar="1", help="of the order of trials, in place of the protocol's")
     participant = "who moves the handle (default: the first without a session)"
     option("--participant", type=label, metavar="01", help=participant)

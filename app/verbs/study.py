@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from app.verbs.common import DEVICES, RULES, add_verb, answer, as_text, whole_number_of, with_progress
+from app.verbs.common import DEVICES, RULES, add_verb, answer, as_text, low_gain, whole_number_of, with_progress
 from core.files import InputError
 
 #: Of a study that is new; one that is resumed has as many as it had.
@@ -30,9 +30,8 @@ def add(verbs) -> None:
     option("--device", **DEVICES)
     option("--rules", choices=RULES, help="rule set of the controllers (default: the protocol's)")
     option(
-        "--low-gain", type=low_gain, metavar="5|500",
-        help="N s/m of the proportional controller of least gain, 5 of the paper's: 5 as its Table I prints it, or 500 "
-        "(default: the protocol's)",
+        "--low-gain", type=low_gain, metavar="NUMBER",
+        help="N s/m of the proportional controller of least gain (default: the protocol's; Table I: 5)",
     )  # fmt: skip
     option("--population", metavar="NAME|PATH", help="of the operators: shipped, or a file (default: average)")
     option("--resume", action="store_true", help="go on with the interrupted study in DIR, as it was begun")
@@ -43,13 +42,6 @@ def add(verbs) -> None:
     )  # fmt: skip
     option("--cluster", metavar="ADDRESS", help="of --sweep: run it on this Dask scheduler (tcp://HOST:8786)")
     option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
-
-
-def low_gain(text: str) -> float:
-    """The type of --low-gain."""
-    if text not in ("5", "500"):
-        raise argparse.ArgumentTypeError(f"invalid choice: {text!r} (choose from 5, 500)")
-    return float(text)
 
 
 def study(args: argparse.Namespace) -> int:

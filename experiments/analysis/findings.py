@@ -11,10 +11,9 @@ One rule for all, fixed before any data:
   interval: unclear.
 - below:   yes if the whole interval is under 0; else no if it is all over 0, or within 15 % of the uncontrolled
            median either way (no difference to speak of).
-- similar: within 15 % of the uncontrolled median (for "little change in accuracy": 0.5 mm) either way. Yes if the
-           whole interval is; no if none of it is.
-- at most: "negligible cost", "gains nothing": at most 0.5 mm in accuracy, 15 % of the uncontrolled median in force and
-           smoothness. Yes if the whole interval is; no if none of it is.
+- similar: within 15 % of the uncontrolled median either way. Yes if the whole interval is; no if none of it is.
+- at most: "negligible cost", "gains nothing": at most 15 % of the uncontrolled median more. Yes if the whole interval
+           is; no if none of it is.
 - A comparison is unclear otherwise (the interval is too wide), and when a controller or device was not tried, or when
   under 90 % of its trials reached the end of the path (what was measured is then how far the tip came).
 - A claim is true or false if all its comparisons are, else unclear: measures or configurations disagree.
@@ -49,7 +48,6 @@ from experiments.analysis.trials_table import TrialRow, to_compare
 
 BELOW, SIMILAR, AT_MOST = "below", "similar", "at most"
 SIMILAR_SHARE = 0.15  # of the uncontrolled median
-NEGLIGIBLE_M = 0.0005
 LEAST_FINISHED = 0.9  # share of the trials of each controller compared
 HOLDS, FAILS, CANNOT_TELL = "holds", "does not hold", "cannot tell"
 
@@ -67,7 +65,8 @@ class Claim(NamedTuple):
     first: Controllers
     second: Controllers
     spread: bool = False  # compare how far trials lie from the middle of the box, not the trials
-    negligible: bool = False  # the band is 0.5 mm, not 15 %
+    little: bool = False  # "little change": `box_findings` then has a narrower band
+    clear: bool = False  # "significantly": `box_findings` then wants the boxes apart
     devices: bool = False  # first on the three-brake device, second on the four-brake one; else each device in turn
 
 
@@ -89,8 +88,12 @@ def _each(
 
 _ALL = (2, 3, 4, 5)  # the controllers that brake
 STATEMENTS = (
-    Statement(1, "SDOF control (without and with gap) reduces path error", _each(BELOW, ERROR, (2, 1), (3, 1))),
-    Statement(2, "Proportional control reduces path error at either gain", _each(BELOW, ERROR, (4, 1), (5, 1))),
+    Statement(
+        1, "SDOF control (without and with gap) reduces path error", _each(BELOW, ERROR, (2, 1), (3, 1), clear=True)
+    ),
+    Statement(
+        2, "Proportional control reduces path error at either gain", _each(BELOW, ERROR, (4, 1), (5, 1), clear=True)
+    ),
     Statement(
         3,
         "SDOF with gap is the most consistent in accuracy",
@@ -98,11 +101,13 @@ STATEMENTS = (
     ),
     Statement(4, "The gap makes SDOF smoother", _each(BELOW, ROUGHNESS, (3, 2))),
     Statement(5, "The gap lowers the force of SDOF", _each(BELOW, FORCE, (3, 2))),
-    Statement(6, "The gap costs a negligible amount of accuracy", _each(AT_MOST, ERROR, (3, 2), negligible=True)),
+    Statement(6, "The gap costs a negligible amount of accuracy", _each(AT_MOST, ERROR, (3, 2))),
     Statement(
         7,
         "The low gain lowers force and is smoother, with little change in accuracy",
-        _each(BELOW, FORCE, (5, 4)) + _each(BELOW, ROUGHNESS, (5, 4)) + _each(SIMILAR, ERROR, (5, 4), negligible=True),
+        _each(BELOW, FORCE, (5, 4), clear=True)
+        + _each(BELOW, ROUGHNESS, (5, 4), clear=True)
+        + _each(SIMILAR, ERROR, (5, 4), little=True),
     ),
     Statement(
         8,
@@ -117,7 +122,7 @@ STATEMENTS = (
     Statement(
         10,
         "Four brakes gain nothing over three, and their uncontrolled error spreads wider",
-        _each(AT_MOST, ERROR, (_ALL, _ALL), negligible=True, devices=True)
+        _each(AT_MOST, ERROR, (_ALL, _ALL), devices=True)
         + _each(AT_MOST, FORCE, (_ALL, _ALL), devices=True)
         + _each(AT_MOST, ROUGHNESS, (_ALL, _ALL), devices=True)
         + _each(BELOW, ERROR, (1, 1), spread=True, devices=True),
@@ -157,9 +162,8 @@ class Comparison(NamedTuple):
     where: str
     answer: bool | None  # None: unclear
     reason: str = ""  # why unclear, when it is not the interval's width
-    found: Interval | None = None  # of first minus second, in the unit
-    band: float = 0.0  # what counts as similar or negligible, in the unit
-    unit: str = ""  # "mm" or "%", of the uncontrolled median
+    found: Interval | None = None  # of first minus second, in the measure's shown unit
+    band: float = 0.0  # what counts as similar or negligible, in that unit
 
     @property
     def what(self) -> str:
@@ -175,18 +179,19 @@ class Comparison(NamedTuple):
         """Where, and the difference with its interval."""
         if self.found is None:
             return f"{self.where} ({self.reason})"
-        digits = 2 if self.unit == "mm" else 0
-        middle, low, high = (f"{round(value, digits) + 0.0:+.{digits}f}" for value in self.found[1:])
-        interval = f" ({low} to {high})" if self.found.is_bounded else ""
-        return f"{self.where} {middle} {self.unit}{interval}"
+        metric = BY_NAME[self.measure]
+        middle, low, high = (f"{round(value, 2) + 0.0:+.2f}" for value in self.found[1:])
+        inside = [f"{low} to {high}"] if self.found.is_bounded else []
+        inside += [f"band {self.band:.2f}"] if self.claim.kind != BELOW else []
+        return f"{self.where} {middle} {metric.shown_unit}" + (f" ({'; '.join(inside)})" if inside else "")
 
     @property
     def needed(self) -> str:
         """What the difference must be for the claim."""
         if self.claim.kind == BELOW:
             return "less than 0"
-        band = f"{1e3 * NEGLIGIBLE_M:g} mm" if self.claim.negligible else f"{100 * SIMILAR_SHARE:g} %"
-        return f"at most +{band}" if self.claim.kind == AT_MOST else f"within {band} either way"
+        band = f"{100 * SIMILAR_SHARE:g} % of the uncontrolled median, the band"
+        return f"at most {band}" if self.claim.kind == AT_MOST else f"within {band}, either way"
 
     @property
     def margin(self) -> float:
@@ -256,12 +261,10 @@ def _compare(
         reason = f"{BY_NAME[measure].short} without control is 0 on {here}"
     if reason:
         return Comparison(claim, measure, where, None, reason)
-    middle = float(np.median(uncontrolled))
-    in_mm = measure in ERROR and (claim.negligible or claim.kind == BELOW)
-    scale, unit = (1e3, "mm") if in_mm else (100.0 / middle, "%")
-    band = scale * (NEGLIGIBLE_M if claim.negligible else SIMILAR_SHARE * middle)
+    scale = BY_NAME[measure].scale
+    band = scale * SIMILAR_SHARE * float(np.median(uncontrolled))
     interval = mean_interval(scale * np.array(differences))
-    return Comparison(claim, measure, where, answer(claim.kind, interval, band), "", interval, band, unit)
+    return Comparison(claim, measure, where, answer(claim.kind, interval, band), "", interval, band)
 
 
 def _why_not(

@@ -5,11 +5,13 @@ Plain sentences and tables; the same rows and note give the same bytes.
 
 import csv
 import io
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from core.control.controllers import Preset
 from core.files import InputError
+from experiments.analysis.box_findings import BoxFinding, box_findings_of
 from experiments.analysis.findings import CONTROLLER, HOLDS, Finding, description_only, findings, why_no_findings
 from experiments.analysis.metrics import BY_NAME, DRAWN
 from experiments.analysis.participants import configurations_of, finished_share, people_of, scores, too_few
@@ -22,11 +24,13 @@ from experiments.recording.atomic_files import write_new_files
 SHOWN = tuple(metric.name for metric in DRAWN)
 SIMULATED = "The operators are simulated: read it as what this model says, not as people."
 READ = (
-    "A difference is taken within each participant; then stands the mean participant's, in brackets its 95 % interval "
-    "(Student's t, which takes the differences as normal; fewer participants only widen it, one alone has none and "
-    "decides nothing); % is of the uncontrolled median. Similar: within 15 %. Negligible in accuracy: at most 0.5 mm. "
-    "A statement holds only if every device and every measure of one thing says so; where they disagree, the interval "
-    "is too wide, or under 90 % of the trials reached the end, one cannot tell."
+    "By boxes, as the paper judges: all trials of everyone in one box for each controller and device; medians (and "
+    "quartiles), lower by at least 15 % of the uncontrolled median, little changed within 15 %, similar within 30 %, "
+    "on every device (docs/judging.md). Within each participant: a difference is taken within each, then stands the "
+    "mean participant's, in brackets its 95 % interval (Student's t, which takes the differences as normal; fewer "
+    "participants only widen it, one alone has none and decides nothing). Similar or negligible: within a band of 15 % "
+    "of the uncontrolled median. It holds only if every device and every measure of one thing says so; where they "
+    "disagree, the interval is too wide, or under 90 % of the trials reached the end, one cannot tell."
 )
 
 
@@ -55,14 +59,15 @@ def write_report(
     names = CONTROLLER if controllers is None or not refusal else {k: one.name for k, one in controllers.items()}
     none = 1 if controllers is None else next((k for k, one in controllers.items() if one.kind == "none"), 0)
     found = [] if refusal else findings(rows, timeouts)
+    by_boxes = [] if refusal else box_findings_of(rows, timeouts)
     parts = ["# Report", f"{note[:1].upper()}{note[1:].rstrip('.')}. {_trials(rows, names, timeouts)}"]
     parts += [f"**{warning}**" for warning in warnings(rows, found, simulated)]
     parts.append("## The paper's findings")
-    parts += [refusal] if refusal else [_findings_table(found), READ]
+    parts += [refusal] if refusal else [_findings_table(found, by_boxes), READ]
     texts = {"participant_means.csv": _means_csv(to_compare(rows, timeouts))}
     if not coded:
         results = [*statistics(rows, timeouts), *sensitivity(rows, variants, timeouts)]
-        texts |= {"findings.csv": _findings_csv(found)} if found else {}
+        texts |= {"findings.csv": _findings_csv(found, by_boxes)} if found else {}
         texts["statistics.csv"] = _csv(Result._fields, results)
         parts += ["## Against no control", *_against_none(results, names, none), "## What else to know"]
         parts.append("\n".join(f"- {sentence}" for sentence in sentences(results, names)))
@@ -81,17 +86,21 @@ def _csv(header: Sequence[str], lines: Iterable[Sequence[object]]) -> str:
     return text.getvalue()
 
 
-def _findings_csv(found: Sequence[Finding]) -> str:
-    """One line a statement: its number, words, verdict, every number behind it, and the deciding ones in a sentence."""
+def _findings_csv(found: Sequence[Finding], by_boxes: Sequence[BoxFinding]) -> str:
+    """One line a statement: its number, words, verdict, every number behind it, and the deciding ones in a sentence;
+    then the verdict by boxes, its margin (in uncontrolled medians) and its sentence.
+    """
     words = {True: "yes", False: "no", None: "unclear"}
     lines = []
-    for one in found:
+    for one, box in zip(found, by_boxes, strict=True):
         numbers = "; ".join(
             f"{c.what}: {c.numbers}{f', n = {c.found.people}' if c.found else ''}: {words[c.answer]}"
             for c in one.comparisons
         )
-        lines.append((one.statement.number, one.statement.text, one.verdict, numbers, one.sentence))
-    return _csv(("number", "statement", "verdict", "numbers", "sentence"), lines)
+        of_box = box.verdict, None if math.isnan(box.margin) else box.margin, box.sentence
+        lines.append((one.statement.number, one.statement.text, one.verdict, numbers, one.sentence, *of_box))
+    header = ("number", "statement", "verdict", "numbers", "sentence", "by_boxes", "margin_by_boxes", "why_by_boxes")
+    return _csv(header, lines)
 
 
 def _means_csv(rows: Sequence[TrialRow]) -> str:
@@ -142,9 +151,11 @@ def _number(result: Result, scale: float, digits: int) -> str:
     return f"{text} ({low:+.{digits}f} to {high:+.{digits}f})"
 
 
-def _findings_table(found: Sequence[Finding]) -> str:
-    table = ["| | the paper says | here | why |", "|---|---|---|---|"]
-    table += [f"| {f.statement.number} | {f.statement.text} | **{f.verdict}** | {f.sentence} |" for f in found]
+def _findings_table(found: Sequence[Finding], by_boxes: Sequence[BoxFinding]) -> str:
+    table = ["| | the paper says | by boxes | why | within each participant | why |", "|---" * 6 + "|"]
+    for one, box in zip(found, by_boxes, strict=True):
+        judged = f"**{box.verdict}** | {box.sentence} | **{one.verdict}** | {one.sentence}"
+        table.append(f"| {one.statement.number} | {one.statement.text} | {judged} |")
     return "\n".join(table)
 
 
@@ -264,10 +275,14 @@ def _order(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]
 
 
 def side_by_side(choices: Mapping[str, Sequence[TrialRow]]) -> str:
-    """Markdown: the verdicts of several studies (at least one) in columns, then why those that do not hold do not."""
+    """Markdown: the verdicts of several studies (at least one) in columns, within each participant and by boxes, then
+    why those that do not hold within each participant do not.
+    """
     found = {label: findings(rows) for label, rows in choices.items()}
-    lines = [f"| | the paper says | {' | '.join(found)} |", "|---" * (2 + len(found)) + "|"]
-    for of_all in zip(*found.values(), strict=True):
+    by_boxes = {label: box_findings_of(rows) for label, rows in choices.items()}
+    columns = [*found, *(f"{label}, by boxes" for label in found)]
+    lines = [f"| | the paper says | {' | '.join(columns)} |", "|---" * (2 + len(columns)) + "|"]
+    for of_all in zip(*found.values(), *by_boxes.values(), strict=True):
         statement = of_all[0].statement
         lines.append(f"| {statement.number} | {statement.text} | {' | '.join(one.verdict for one in of_all)} |")
     parts = ["\n".join(lines)]

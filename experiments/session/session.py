@@ -380,6 +380,7 @@ class Session:
             "seed": self.protocol.seed,
             "rules": self.protocol.rules,
             "note": self.protocol.note(),
+            "assumptions": msgspec.to_builtins(self.protocol.assumptions),
             "plan_sha256": self.plan_sha256,
         }
 
@@ -389,7 +390,6 @@ class Session:
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
             "hand": self.hand,
             "person": self.person._asdict() if self.person else None,
-            "fidelity": "mr",
             "assumed": self.protocol.assumed,
             "protocol": protocol_to_json(self.protocol),
             "blind": self.blind,

@@ -94,7 +94,7 @@ WRONG_ARGUMENTS = {
     ),
     "seed": (["study", "--seed", "-1", "--out", "s"], "--seed"),
     "rules": (["study", "--rules", "none", "--out", "s"], "--rules: invalid choice"),
-    "low gain": (["study", "--low-gain", "50", "--out", "s"], "--low-gain: invalid choice"),
+    "low gain": (["study", "--low-gain", "much", "--out", "s"], "--low-gain: must be a number greater than 0"),
     "study device": (["study", "--device", "six-brake", "--out", "s"], "unknown device 'six-brake'"),
     "study device twice": (["study", "--device", "four-brake", "four-brake", "--out", "s"], "have the same name"),
     "device without a verb": (["--device", "six-brake"], "unknown device 'six-brake'"),

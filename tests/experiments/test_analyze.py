@@ -138,8 +138,9 @@ def test_the_findings_of_two_studies_stand_side_by_side_and_why_those_that_fail_
     head = next(line for line in text.splitlines() if line.startswith("| |"))
     assert f"| other | {study.name} |" in head and text.count("\n| ") >= 11
     for line in text.splitlines():
-        if re.match(r"\| \d+ \|", line):  # the same data: the same verdicts
-            assert len(set(line.strip("|").split("|")[2:])) == 1
+        if re.match(r"\| \d+ \|", line):  # the same data: the same verdicts, within each participant and by boxes
+            of_other, of_study, *by_boxes = line.strip("|").split("|")[2:]
+            assert of_other == of_study and len(set(by_boxes)) == 1
     assert files(study) == before
     capsys.readouterr()
     assert main(["analyze", str(other), "--beside", str(other), "--out", str(tmp_path / "no")]) == 2

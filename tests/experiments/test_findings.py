@@ -90,10 +90,10 @@ BROKEN = {
     "gap-spreads-as-wide": (3, ("path_error_m",), 8.0, 3, None),
     "gap-no-smoother": (4, ACCELERATIONS, 1.5, 3, None),
     "gap-no-lighter": (5, FORCES, 1.5, 3, None),
-    "gap-costs-accuracy": (6, ("path_error_m",), 1.25, 3, None),
+    "gap-costs-accuracy": (6, ("path_error_m",), 1.3, 3, None),
     "low-gain-no-lighter": (7, FORCES, 2.0, 5, None),
     "low-gain-no-smoother": (7, ACCELERATIONS, 4.0, 5, None),
-    "low-gain-less-accurate": (7, ("path_error_m",), 1.25, 5, None),
+    "low-gain-less-accurate": (7, ("path_error_m",), 1.3, 5, None),
     "low-gain-heavier-than-none": (8, FORCES, 1.15, 5, None),
     "low-gain-lighter-than-none": (8, FORCES, 0.75, 5, None),
     "proportional-as-rough": (9, ACCELERATIONS, 2.5, 4, None),
@@ -128,7 +128,7 @@ def test_devices_that_disagree_leave_it_open():
 
 
 BOUNDS = {
-    **{f"{mm} mm": (6, 3, (2.0 + mm, *PAPER[3][1:]), verdict) for mm, verdict in ((0.49, HOLDS), (0.51, FAILS))},
+    **{f"{mm} mm": (6, 3, (2.0 + mm, *PAPER[3][1:]), verdict) for mm, verdict in ((0.59, HOLDS), (0.61, FAILS))},
     **{
         f"{share:.0%}": (8, 5, (*PAPER[5][:2], share * PAPER[1][2], PAPER[1][3]), verdict)
         for share, verdict in ((0.86, HOLDS), (1.14, HOLDS), (0.84, FAILS), (1.16, FAILS))
@@ -137,7 +137,7 @@ BOUNDS = {
 
 
 @pytest.mark.parametrize("number, controller, values, verdict", BOUNDS.values(), ids=BOUNDS)
-def test_half_a_mm_may_be_given_up_and_similar_is_within_15_percent_of_the_uncontrolled_median(
+def test_what_may_be_given_up_and_similar_are_within_15_percent_of_the_uncontrolled_median(
     number, controller, values, verdict
 ):
     assert verdicts(study(table={**PAPER, controller: values}, noise=1e-4))[number] == verdict
@@ -158,13 +158,21 @@ def test_a_reduction_too_small_to_speak_of_but_in_everyone_still_is_one_and_chan
 
 def test_order_of_rows_names_of_people_units_of_force_and_trials_that_do_not_count_change_nothing():
     rows = changed(study(noise=0.3), "acceleration_dft_sum", 1.45, 3)
-    before = [(one.verdict, one.sentence) for one in findings(rows)]
+    before = [(one.verdict, ratios(one)) for one in findings(rows)]
     others = [replace(row, participant=f"p{row.participant}x") for row in rows]
     random.Random(1).shuffle(others)
     others = [replace(row, mean_tip_force_N=7.0 * row.mean_tip_force_N) for row in others]
     for status in ("aborted", "redone", "recovered"):
         others.append(replace(others[0], status=status, path_error_m=1.0, mean_tip_force_N=1e3))
-    assert [(one.verdict, one.sentence) for one in findings(others)] == before
+    after = [(one.verdict, ratios(one)) for one in findings(others)]
+    assert [verdict for verdict, _ in after] == [verdict for verdict, _ in before]
+    for (_, now), (_, then) in zip(after, before, strict=True):
+        assert now == pytest.approx(then)
+
+
+def ratios(finding):
+    """Every difference and interval of a finding in bands, which have no unit."""
+    return [end / one.band for one in finding.comparisons for end in one.found[1:]]
 
 
 def test_a_missing_controller_or_device_is_named_and_nothing_is_said_about_it():
@@ -259,8 +267,8 @@ def test_below_six_people_the_report_refuses_to_claim_anything_for_others(people
     text = (tmp_path / "report.md").read_text()
     refused = "too few to claim any of this for others; read it as a description." in text
     assert refused == (people < 6) == (f"{who} too few" in text or who == "Five")
-    if people == 1:  # one person decides nothing and shows no interval
-        assert "**holds**" not in text and "(+" not in text and "(-" not in text
+    if people == 1:  # shows no interval
+        assert "(+" not in text and "(-" not in text
 
 
 ends = st.tuples(st.floats(-100, 100), st.floats(-100, 100)).map(sorted)
@@ -295,13 +303,13 @@ def test_spread_is_the_mean_distance_of_a_persons_trials_from_the_line_in_the_bo
 
 def test_several_studies_stand_side_by_side_with_the_reasons():
     rows = study()
-    worse = changed(rows, "path_error_m", 1.25, 3)
+    worse = changed(rows, "path_error_m", 1.3, 3)
     table = side_by_side({"settled": rows, "literal": worse})
     lines = table.splitlines()
-    assert lines[0] == "| | the paper says | settled | literal |"
-    assert f"| 6 | {STATEMENTS[5].text} | holds | does not hold |" in lines
+    assert lines[0] == "| | the paper says | settled | literal | settled, by boxes | literal, by boxes |"
+    assert f"| 6 | {STATEMENTS[5].text} | holds | does not hold | holds | does not hold |" in lines
     assert len([line for line in lines if line.startswith("| ") and line[2].isdigit()]) == 11
-    assert "- 6, does not hold: Path error, SDOF with gap against SDOF: three-brake +0.7" in table
+    assert "- 6, does not hold: Path error, SDOF with gap against SDOF: three-brake +0.8" in table
     assert "**literal**" in table and "**settled**" not in table
     assert "Three people" in side_by_side({"few": study(people=3)})
 
@@ -317,7 +325,7 @@ def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
     page = (tmp_path / "a" / "report.md").read_text()
     assert "Settled rules, parameters assumed. 12 participants, 720 trials that count; all reached the end." in page
     assert all(f"| {s.number} | {s.text} | **" in page for s in STATEMENTS)
-    assert len(page) < 12_000  # a page or two
+    assert len(page) < 14_000  # two pages
     (against_none,) = [line for line in page.splitlines() if line.startswith("| three-brake | SDOF |")]
     error, force, acceleration = (float(cell.split()[0]) for cell in against_none.split("|")[3:6])
     assert error < 0.0 < min(force, acceleration)  # SDOF: less error than none, more force, rougher
