@@ -41,6 +41,7 @@ from experiments.analysis.participants import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow
 from experiments.export.results import Conclusions, Job, Results, conclude, new_folder, read_results
 from experiments.session.files import STORED
+from experiments.session.journal import exclude_run
 from experiments.session.playback import Playback, read_playback
 
 FINDINGS = "findings"
@@ -181,7 +182,7 @@ class AnalysePage(Page):
         self.page = POOLED
         self._asked: Path | None = None  # a folder, in place of the open session's
         self._folder = Path()  # that is shown or being read
-        self._reading, self._opening, self._concluding = Work(), Work(), Work()
+        self._reading, self._opening, self._concluding, self._excluding = Work(), Work(), Work(), Work()
         self.tabs: dict[str, QPushButton] = {}
         self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
         self.timeouts, self.logarithmic = toggle("Timeouts in the boxes", self._show), toggle("Log scale", self._show)
@@ -196,6 +197,8 @@ class AnalysePage(Page):
         self._reading.done.connect(self._show_results)
         self._concluding.done.connect(self.verdicts.show_conclusions)
         self._opening.done.connect(self._show_trial)
+        self._excluding.done.connect(self._excluded)
+        self.side.exclusion.excluded.connect(self.exclude)
         self.side.closed.connect(self.close_trial)
         self.side.stepped.connect(self.step)
         for plot in self.plots:
@@ -256,10 +259,13 @@ class AnalysePage(Page):
             self._read(self._of_session())
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
-        grown = (snapshot.rows, snapshot.blind) != (self.snapshot.rows, self.snapshot.blind)
+        before = self.snapshot
+        grown = (snapshot.rows, snapshot.blind) != (before.rows, before.blind)
         super().show_snapshot(snapshot)
-        if grown and self.isVisible() and self._folder == self._of_session():
+        if grown and self.isVisible() and self._of_session() in (self._folder, *self._folder.parents):
             self._read(self._folder)
+        if snapshot.said_bad and snapshot.said != before.said and self.side.isVisible():
+            self.side.note_that(snapshot.said, bad=True)
 
     def begin(self, what: object = None) -> None:
         """What: a data folder, a study's or a session's; or a recording. Without: the open session's data folder."""
@@ -282,7 +288,8 @@ class AnalysePage(Page):
         return True
 
     def keys(self) -> dict[str, Callable[[], object]]:
-        return {"export": self.export, **({"start": self.side.play_or_pause} if self.side.isVisible() else {})}
+        of_trial = {"start": self.side.play_or_pause, "exclude": self.side.exclusion.exclude}
+        return {"export": self.export} | (of_trial if self.side.isVisible() else {})
 
     def _of_session(self) -> Path:
         """The data folder of the open session (DATA/sub-01/ses-01), or the one where sessions will be."""
@@ -321,6 +328,9 @@ class AnalysePage(Page):
         )
         self._tell(" ".join(results.problems), "caution")
         self._show()
+        now = next((row for row in results.rows if trial_of(row) == trial_of(self.chosen)), None)
+        if now is not None and now.status != self.chosen.status:
+            self.open_trial(now)
 
     # what is shown
 
@@ -450,6 +460,20 @@ class AnalysePage(Page):
         at = next((i for i, row in enumerate(rows) if trial_of(row) == trial_of(self.chosen)), -1 if by > 0 else 0)
         if rows:
             self.open_trial(rows[(at + by) % len(rows)])
+
+    def exclude(self, reason: str) -> None:
+        """The trial that is shown, out of every result: by the session server if it has the session, else here."""
+        session = self.side.trial.path.resolve().parent.parent
+        if self.opened is not None and self.opened.participant and Path(self.opened.folder).resolve() == session:
+            self.send(m.Exclude(self.side.trial.row.run, reason))
+        else:
+            self._excluding.ask(exclude_run, session, self.side.trial.row.run, reason)
+
+    def _excluded(self, refused: InputError | None) -> None:
+        if refused is not None:
+            self.side.note_that(str(refused), bad=True)
+        else:
+            self._read(self._folder)
 
     # export
 

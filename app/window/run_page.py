@@ -97,7 +97,7 @@ class RunPage(Page):
             (self.panel.cell_asked, self._show_cell),
             (self.card.kept, self._keep),
             (self.card.redo_asked, self.redo),
-            (self.card.excluded, self._exclude),
+            (self.card.exclusion.excluded, self._exclude),
             (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
             (self.centre.aimed, self.aimed),
             (self.centre.left, self.left),
@@ -107,7 +107,7 @@ class RunPage(Page):
 
     def keys(self) -> dict[str, Callable[[], object]]:
         return {
-            "start": self.start, "redo": self.redo, "exclude": self.card.exclude, "skip": self.skip,
+            "start": self.start, "redo": self.redo, "exclude": self.card.exclusion.exclude, "skip": self.skip,
             "pause": self.pause, "abort": self.abort, "note": self.panel.write_note,
         }  # fmt: skip
 

@@ -22,12 +22,13 @@ from app.window.painting.layers import extent_of_paths
 from app.window.painting.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
 from app.window.painting.parts import button, row
 from app.window.painting.theme import show_whole
+from app.window.trial_card import Exclusion
 from app.window.trial_traces import BESIDE, TrialTraces
 from app.window.work import Verb, Work
 from core import tick_log
 from core.files import InputError
 from experiments.analysis.metrics import BY_NAME, DRAWN, METRICS
-from experiments.analysis.trials_table import TrialRow
+from experiments.analysis.trials_table import COUNTED, TrialRow
 from experiments.session.playback import Beside, Playback, read_beside, read_playback
 
 FRAME_MS = 16
@@ -66,7 +67,7 @@ class TrialView(QFrame):
         self.dot, self.title = word("●", size=theme.TITLE), word("", size=theme.TITLE, bold=True)
         self.about, self.measures, self.beside_measures = OneLine(""), OneLine(""), OneLine("")
         self.beside_measures.setStyleSheet(f"color: {BESIDE}")
-        self.note = line("", "quiet", theme.SMALL)
+        self.note, self.exclusion = line("", "quiet", theme.SMALL), Exclusion()
         self.workspace: Workspace | None = None
         self.traces = TrialTraces()
         self.traces.asked.connect(self.go_to)
@@ -113,8 +114,9 @@ class TrialView(QFrame):
         layout.addWidget(self.decision)
         layout.addLayout(foot)
         layout.addWidget(self.note)
-        self.beside_measures.hide()
-        self.note.hide()
+        layout.addWidget(self.exclusion)
+        for absent in (self.beside_measures, self.note, self.exclusion):
+            absent.hide()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         wide = self.width() > WIDE_PX
@@ -128,6 +130,7 @@ class TrialView(QFrame):
     def show_trial(self, trial: Playback | InputError) -> None:
         """Another trial, from its beginning; or why it cannot be shown."""
         self.end()
+        self.exclusion.hide()
         if isinstance(trial, InputError):
             self.note_that(str(trial), bad=True)
             return
@@ -144,7 +147,9 @@ class TrialView(QFrame):
             f"{m.title}: {m.scale * v:.3g} {m.shown_unit}" for m in METRICS if (v := values.get(m.name)) is not None
         ))  # fmt: skip
         self.beside_measures.hide()
-        self.note_that("")
+        self.note_that(f"This trial is excluded: {trial.excluded}." if trial.excluded else "", bad=True)
+        self.exclusion.clear()
+        self.exclusion.setVisible(not self._whole and row is not None and row.status in COUNTED)
         self._put_workspace()
         self.workspace.view.show_beside(np.empty((0, 2)), BESIDE)
         self.traces.show_trial(trial)
@@ -159,6 +164,7 @@ class TrialView(QFrame):
         """A trial is being read, or has no recording: its row is all there is."""
         self.dot.setStyleSheet(f"color: {colour_of(row.controller)}")
         self.title.setText(f"P{row.participant} run {row.run}")
+        self.exclusion.hide()
         if not row.recording:
             self.note_that(f"This trial was {row.status}: there is no recording.", bad=True)
 

@@ -17,6 +17,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel, QPushButton
 from sessions import new_session, run_trials
 
+from app.ipc import messages as m
 from app.window.analyse_page import FINDINGS, PAGES, AnalysePage
 from app.window.box_plot import ChartPlot, colour_of
 from app.window.painting import theme
@@ -24,6 +25,7 @@ from app.window.painting.labels import OneLine
 from experiments.analysis.charts import PERSON, POOLED, QUESTIONS
 from experiments.analysis.findings import FAILS
 from experiments.analysis.trials_table import TrialRow, read_table, write_table
+from experiments.session.session import Session
 
 
 def results_of(participant: str, seed: int) -> list[TrialRow]:
@@ -256,6 +258,59 @@ def test_a_recording_that_is_asked_for_opens_among_the_trials_of_its_data_folder
     assert page.side.playing
     page.end()
     assert not page.side.playing  # another page is at the front
+
+
+@pytest.fixture
+def recorded(qtbot, tmp_path: Path) -> AnalysePage:
+    """The page on a session of two trials that is not open, with the second beside the charts."""
+    session = new_session(tmp_path / "data", protocol=short())
+    run_trials(session, 2)
+    session.close()
+    page = page_on(qtbot, session.folder / "trials" / "run-002.parquet")
+    qtbot.waitUntil(lambda: page.side.trial is not None and bool(page.rows), timeout=60_000)
+    return page
+
+
+def test_a_trial_of_a_session_that_is_not_open_is_excluded_for_a_reason_and_then_says_so(
+    qtbot, recorded: AnalysePage
+) -> None:
+    page, exclusion = recorded, recorded.side.exclusion
+    assert exclusion.isVisible() and not exclusion.button.isEnabled()  # not without a reason
+    exclusion.reason.setCurrentIndex(2)
+    reason = exclusion.reason.currentText()
+    QTest.mouseClick(exclusion.button, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: reason in page.side.note.text(), timeout=60_000)
+    assert page.side.note.text() == f"This trial is excluded: {reason}." and not exclusion.isVisible()
+    assert "excluded" in page.side.measures.text() and [row.run for row in page.rows] == [1]
+    session = page.results.folder / "sub-01" / "ses-01"
+    assert [row.status for row in read_table(session / "trials.csv")] == ["done", "excluded"]
+    resumed = Session.resume(page.results.folder, "01")
+    assert [row.status for row in resumed.rows] == ["done", "excluded"]
+    resumed.close()
+
+
+def test_a_trial_of_the_open_session_is_excluded_by_the_session_server(qtbot, recorded: AnalysePage) -> None:
+    page, sent = recorded, []
+    page.send = sent.append
+    session = page.results.folder / "sub-01" / "ses-01"
+    page.show_opened(fake_client.opened("01", folder=str(session)))
+    page.side.exclusion.reason.setCurrentIndex(1)
+    page.keys()["exclude"]()
+    assert sent == [m.Exclude(2, page.side.exclusion.reason.currentText())]
+    page.show_snapshot(fake_client.ready(2, said="A trial is running.", said_bad=True))
+    assert page.side.note.text() == "A trial is running."
+
+
+def test_a_session_that_another_process_has_open_is_not_touched(qtbot, recorded: AnalysePage) -> None:
+    page = recorded
+    other = Session.resume(page.results.folder, "01")
+    try:
+        page.side.exclusion.reason.setCurrentIndex(1)
+        page.side.exclusion.exclude()
+        qtbot.waitUntil(lambda: "in use by a running process" in page.side.note.text(), timeout=60_000)
+    finally:
+        other.close()
+    assert [row.status for row in read_table(other.folder / "trials.csv")] == ["done", "done"]
 
 
 def test_an_export_of_one_session_is_beside_the_sessions_and_not_in_it(qtbot, tmp_path: Path) -> None:
