@@ -20,7 +20,6 @@ from core.device import Device
 from core.mechanism import JOINTS
 
 WINDOW_S = 6.0  # what a live plot shows while it follows
-WORDS_EVERY_S = 0.1  # numbers that change faster cannot be read
 NOTHING = "–"
 HIDDEN = "hidden: the session is blind"
 NO_TRIAL = "no trial yet"

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, Qt, QTimer, Signal
+from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QResizeEvent, QShortcut
 from PySide6.QtWidgets import QApplication, QBoxLayout, QFrame, QVBoxLayout, QWidget
 
@@ -177,7 +177,7 @@ class TrialView(QFrame):
     def _put_workspace(self) -> None:
         trial = self.trial
         if self.workspace is None:
-            self.workspace = Workspace((trial.device,), {1: trial.way})
+            self.workspace = Workspace((trial.device,), {1: trial.way}, self._whole)
             self._middle.insertWidget(0, self.workspace, 4)
             if not self._whole:
                 self.workspace.view.setMinimumSize(200, 110)
@@ -185,9 +185,7 @@ class TrialView(QFrame):
                     self.workspace.view.show_layer(layer, False)
         self.workspace.set_blind(trial.blind)
         if not self._whole:
-            for layer in self.workspace.buttons.values():
-                layer.hide()
-            self.workspace.view.set_extent(extent_of_paths([trial.way], AROUND_M), QMarginsF(8.0, 8.0, 8.0, 8.0))
+            self.workspace.view.set_extent(extent_of_paths([trial.way], AROUND_M))
 
     # which moment
 

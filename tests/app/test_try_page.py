@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, ready
-from PySide6.QtCore import QEvent, Qt
+from PySide6.QtCore import QEvent, QRectF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog
 from screens import point
 
 from app.ipc import messages as m
 from app.window.painting import theme
+from app.window.painting.marks import arrow_of
 from app.window.try_page import BACK, DIALS, TryPage
 from core import tick_log
 from core.control.controllers import Preset
@@ -189,6 +190,38 @@ def test_the_pointer_over_the_canvas_is_the_hand_and_lets_go_when_it_leaves(held
     assert aimed[-1] == pytest.approx((0.02, 0.41), abs=1e-6)
     QApplication.sendEvent(canvas, QEvent(QEvent.Type.Leave))
     assert left
+
+
+def test_the_forces_labels_never_lie_on_each_other_on_an_arrow_on_the_dot_or_outside(held: Held) -> None:
+    canvas, generator = held.page.canvas, np.random.default_rng(1)
+    canvas.show_slack(0.005)
+    for size in ((1000, 490), (1256, 610), (1896, 970)):
+        held.page.resize(*size)
+        QApplication.processEvents()
+        for _ in range(150):
+            tip = np.array((0.0, 0.4)) + generator.uniform(-1.0, 1.0, 2) * (0.11, 0.03)
+            hand, brakes = generator.normal(scale=8.0, size=2), generator.normal(scale=4.0, size=4)
+            canvas.pointer = canvas.to_plane(canvas.to_screen(tip + 0.005 * hand))
+            rows = movement(1, "AEB", 0.05)
+            rows[:, tick_log.TIP_X : tick_log.TIP_Y + 1] = tip
+            rows[:, tick_log.HAND_FX], rows[:, tick_log.HAND_FY] = hand
+            rows[:, tick_log.TORQUE : tick_log.TORQUE + 4] = brakes * (1.0, 1.0, 1.0, 0.0)
+            taken = bool(generator.random() < 0.7)
+            canvas.add(rows, taken)
+            if generator.random() < 0.3:  # between two of these the words stay, and only their places change
+                canvas.word()
+            canvas.grab()
+            boxes, handle = list(canvas.labels.boxes.values()), canvas.to_screen(canvas.instant.tip)
+            ends = [canvas.to_screen(canvas.pointer)] if taken else [handle + arrow_of(canvas.instant.hand)]
+            ends.append(handle + arrow_of(canvas.instant.brakes))
+            seen = QRectF(canvas.rect())
+            for at, box in enumerate(boxes):
+                assert seen.contains(box) and not box.contains(handle)
+                assert not any(box.intersects(other) for other in boxes[:at])
+                for end in ends:
+                    along = [handle + (end - handle) * part for part in np.linspace(0.0, 1.0, 200)]
+                    assert not any(box.contains(place) for place in along if seen.contains(place))
+                assert not box.intersects(QRectF(canvas.inset.geometry()))
 
 
 def test_the_canvas_is_zoomed_to_each_path(held: Held) -> None:
