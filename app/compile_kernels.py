@@ -22,17 +22,17 @@ def main() -> None:
     from app.loop.loop import run_stopped_trial
     from core.simulator.simulation import Simulation
     from experiments.protocol import load_protocol
-    from experiments.study.sweep import Job, run_job
+    from experiments.study.sweep import Job
     from experiments.trial.population import load_population
     from experiments.trial.trial import load_kernels
 
     protocol = load_protocol()
     device, preset = protocol.devices[0], protocol.controllers[1]
     # a trial of a simulated operator on one path, with its measures
-    run_job(Job(
+    Job(
         0, load_population("average"), device, protocol.rules, preset, 1, protocol.seed, 1, {1: protocol.paths[1]},
         protocol.trial,
-    ))  # fmt: skip
+    ).run()  # fmt: skip
     Simulation(device, (0.0, 0.4)).run(1e-3, 1e-3, np.zeros(4))  # a scene: every integrator is compiled with a step
     run_stopped_trial()  # the control loop
     load_kernels()  # a trial on a real device

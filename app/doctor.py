@@ -84,16 +84,25 @@ def screens() -> list[Check]:
     return lines
 
 
+#: says whether it is the best there is, and what it is
+SCHEDULING = """
+import json
+from app.ipc.scheduling import take_scheduling
+got = take_scheduling()
+print(json.dumps([got.real_time and got.locked, got.words]))
+"""
+
+
 def scheduling() -> Check:
     """The best scheduling that the control loop gets here."""
-    answer = tried("from app.ipc.scheduling import take_scheduling; print(take_scheduling()[0])")
+    answer = tried(SCHEDULING)
     if answer.returncode != 0:
         last = (answer.stderr.strip().splitlines() or ["no reason given"])[-1]
         return check("scheduling", f"could not be tried: {last}", REINSTALL, bad=True)
-    got = answer.stdout.strip()
-    if got.startswith("real-time") and "not locked" not in got:
-        return check("scheduling", got)
-    return Check("scheduling", CAUTION, got, ADVICE if sys.platform == "linux" else "")
+    best, words = json.loads(answer.stdout)
+    if best:
+        return check("scheduling", words)
+    return Check("scheduling", CAUTION, words, ADVICE if sys.platform == "linux" else "")
 
 
 def cores() -> Check:

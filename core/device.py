@@ -31,6 +31,7 @@ class Device:
     brakes: Brakes
     braked: str  # letters of the braked joints in the order A, E, B, C, e.g. "AEB"
     force_normalised_N: float
+    command_unit: str  # of what is commanded to its brakes, "A" unless their files name another
     assumed: bool  # some of its numbers are assumed: marked wherever they are shown
     text: str  # the device file in full
     brake_texts: dict[str, str]  # name (as in [brakes]) -> the brake file in full
@@ -72,6 +73,9 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
         if reference not in brake_texts:
             raise InputError(f"{where}: brakes.{joint}: the brake file {reference!r} is missing")
         brakes[joint] = parse_brake(brake_texts[reference], f"brake file {reference}")
+    units = {brake.command_unit for brake in brakes.values()}
+    if len(units) > 1:
+        raise InputError(f"{where}: brakes: all must be commanded in one unit, not in {' and '.join(sorted(units))}")
     mechanism = build_mechanism(file)
     if reason := why_impossible(mechanism):
         raise InputError(f"{where}: {reason}")
@@ -81,6 +85,7 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
         brakes=build_brakes(brakes),
         braked=file.braked,
         force_normalised_N=force_normalised(file.geometry, brakes),
+        command_unit=units.pop(),
         assumed="assumed" in {file.provenance, *(brake.provenance for brake in brakes.values())},
         text=text,
         brake_texts=dict(brake_texts),

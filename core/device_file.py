@@ -9,7 +9,17 @@ from typing import Annotated
 
 import msgspec
 
-from core.files import InputError, NotNegative, Pair, Positive, Table, choice, parse_toml, read_text
+from core.files import (
+    InputError,
+    NotNegative,
+    Pair,
+    Positive,
+    Table,
+    choice,
+    parse_toml,
+    read_text,
+    text_of_form,
+)
 from core.mechanism import JOINTS
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "brake_files"
@@ -33,7 +43,7 @@ class TimeConstant(Table, frozen=True):
 
 
 class BrakeFile(Table, frozen=True):
-    """A brake file."""
+    """A brake file. Where no current commands the brake, `command_unit` names the unit: currents are then in that."""
 
     name: Annotated[str, msgspec.Meta(min_length=1)]
     current_max_A: Positive
@@ -45,6 +55,7 @@ class BrakeFile(Table, frozen=True):
     fall: TimeConstant
     backlash_deg: Annotated[float, msgspec.Meta(ge=0, lt=360)]
     provenance: str = ""  # where the numbers come from; "assumed": not measured
+    command_unit: Annotated[str, text_of_form("[!-~ ]{1,12}", "1 to 12 characters of plain text")] = "A"
 
     def __post_init__(self) -> None:
         self._check_torque_gain()
@@ -91,8 +102,8 @@ class BrakeFile(Table, frozen=True):
                 value = constant.below_omega_0(current, w)
                 if not 0 < value < math.inf:
                     raise ValueError(
-                        f"{key}.a gives a time constant of {value:.3g} s at {2.0**w:.3g} rpm and {current:g} A; "
-                        "it must be positive from floor_rpm to omega_0_rpm"
+                        f"{key}.a gives a time constant of {value:.3g} s at {2.0**w:.3g} rpm and {current:g} "
+                        f"{self.command_unit}; it must be positive from floor_rpm to omega_0_rpm"
                     )
 
 

@@ -15,7 +15,7 @@ from core.mechanism import JOINTS
 from core.simulator.state import pack_mechanism
 
 #: 1/s: the noise (rms) of the velocity that a real device senses, over its encoders' step at the tip
-#: (hardware/sensing/tip_motion)
+#: (hardware/sensing/samples.MotionFilter)
 VELOCITY_NOISE_HZ = 17.0
 
 

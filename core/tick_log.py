@@ -25,15 +25,18 @@ TARGET_VX, TARGET_VY = 29, 30
 ARM_HELD_X, ARM_HELD_Y, ARM_FORCE_MAX = 31, 32, 33
 ARM_STIFFNESS = 34  # three places, xx, xy, yy
 PATH_DISTANCE, TRAVEL_SENSE, FORWARD_X, FORWARD_Y, DESIRED_X, DESIRED_Y = range(37, 43)  # of the velocity field
-WIDTH = 43
+SLAVE_X, SLAVE_Y, WANTED_FX, WANTED_FY, NEAREST_FX, NEAREST_FY, SHOWN_FX, SHOWN_FY = range(43, 51)
+WIDTH = 51
 
 # Further places in the rows of a device on the bench.
-BOARD_US, HOST_S, FILLED = 43, 44, 45
-COUNT = 46  # four places, encoders of the joints A, E, B, C
-FORCE_COUNT = 50  # six places, force channels
-MEASURED = 56  # four places, joints A, E, B, C
-DECIDED = 60
-BENCH_WIDTH = 61
+BOARD_US, HOST_S, FILLED = 51, 52, 53
+COUNT = 54  # four places, encoders of the joints A, E, B, C
+FORCE_COUNT = 58  # six places, force channels
+MEASURED = 64  # four places, joints A, E, B, C
+DECIDED = 68
+BENCH_WIDTH = 69
+
+MISSED_US = 1000.0  # a tick so late (`lateness_us`) was missed
 
 #: bits of the `stuck` column -> letters
 STUCK_LETTERS = tuple("".join(j for i, j in enumerate(JOINTS) if bits >> i & 1) for bits in range(16))
@@ -136,6 +139,15 @@ COLUMNS = (
     Column("forward_y", FORWARD_Y, "", "tangent of the path in the travel sense at the handle's nearest point, y"),
     Column("desired_x", DESIRED_X, "", "desired direction of motion (unit vector), x"),
     Column("desired_y", DESIRED_Y, "", "desired direction of motion (unit vector), y"),
+    # A force that the controller is to show, a slave's or a virtual wall's; n/a where there is none.
+    Column("slave_x_m", SLAVE_X, "m", "position of the slave that follows the handle, x"),
+    Column("slave_y_m", SLAVE_Y, "m", "position of the slave, y"),
+    Column("wanted_fx_N", WANTED_FX, "N", "force on the handle that is to be shown at this tick, x"),
+    Column("wanted_fy_N", WANTED_FY, "N", "force on the handle that is to be shown at this tick, y"),
+    Column("nearest_fx_N", NEAREST_FX, "N", "the nearest force that the brakes can exert in steady state, x"),
+    Column("nearest_fy_N", NEAREST_FY, "N", "the nearest force that the brakes can exert in steady state, y"),
+    Column("shown_fx_N", SHOWN_FX, "N", "force of the brakes on the handle while a force is to be shown, x"),
+    Column("shown_fy_N", SHOWN_FY, "N", "force of the brakes on the handle while a force is to be shown, y"),
 )  # fmt: skip
 #: The rest of a simulated device's hand, beside its target: with these a trial is replayed to the last bit.
 ARM_COLUMNS = tuple(column.name for column in COLUMNS if column.of == SIMULATED)

@@ -49,6 +49,19 @@ def arm_pose(arm: Arm, x: Array, y: Array) -> ArmPose:
         return ArmPose(e1, (rx - e1[0], ry - e1[1]), -across * square)
 
 
+def brake_rows(mechanism: Mechanism, x: npt.ArrayLike, y: npt.ArrayLike) -> Array:
+    """Rows g (4, 2, ...) of the brakes at many tips (m), Eqs. (7) and (8); NaN out of reach.
+
+    As `core.linkage.tip_force_map` for one tip.
+    """
+    x, y, rows = np.asarray(x, dtype=float), np.asarray(y, dtype=float), []
+    for arm in (mechanism.arm_1, mechanism.arm_2):
+        e1, e2, s = arm_pose(arm, x, y)
+        with np.errstate(all="ignore"):
+            rows += [np.array(e2) / s, -np.add(e1, e2) / s]
+    return np.array(rows)
+
+
 def tip_is_free(mechanism: Mechanism, x: npt.ArrayLike, y: npt.ArrayLike) -> Mask:
     """Where both arms close with every margin and theta stop kept, and y > 0. Shape as x and y (m)."""
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)

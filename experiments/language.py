@@ -3,6 +3,7 @@
 import string
 import tomllib
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 
 from core.files import InputError, read_text
@@ -28,6 +29,7 @@ def language_text(name_or_path: str, folder: Path) -> str:
     return read_text(folder / name_or_path)
 
 
+@lru_cache
 def read_language(text: str, where: str) -> Language:
     """A language from its file's text. InputError, in one sentence, unless it has English's keys and placeholders."""
     try:

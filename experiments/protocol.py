@@ -15,6 +15,7 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 import msgspec
 
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
+from core.control.reflect import WALL_N_M
 from core.control.rule_sets import RULE_SETS
 from core.device import Device, build_device, load_device
 from core.files import InputError, NotNegative, Positive, Table, choice, from_plain, parse_toml, read_text, text_of_form
@@ -23,7 +24,9 @@ from core.simulator.hand import Hand, spring_hand
 from core.workspace import tip_is_free
 from experiments.assumptions import NO_VIBRATION, Assumptions, LowGain
 from experiments.language import ENGLISH, Language, language_text, read_language, shipped_languages
+from experiments.slave import Slave
 
+REFLECT = "reflect"
 PROPORTIONAL, GAIN = "proportional", "gain_N_s_m"  # whose least gain `--low-gain` sets
 NUMBER, TEXT = "number", "text"  # what a field of the form takes where it lists no choices
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "protocols"
@@ -134,6 +137,7 @@ class Settings(Table, frozen=True, kw_only=True):
     provenance: Annotated[str, choice("", "assumed")] = ""  # "assumed": paths neither measured nor published
     assumptions: Assumptions = Assumptions()
     trial: TrialFile = TrialFile()
+    slave: Slave | None = None  # that follows the handle, and whose force `reflect` shows
     release: Release = Release()
     cues: Cues | None = None
     breaks: Breaks | None = None
@@ -208,10 +212,11 @@ def plain_text(value: str, key: str) -> None:
 
 
 class TrialRules(TrialFile, frozen=True):
-    """How a trial goes, as a trial reads it: with the release (None: off), and what its simulation assumes."""
+    """How a trial goes, as a trial reads it: with release (None: off), what its simulation assumes, and slave."""
 
     release: Release | None = Release()
     assumptions: Assumptions = Assumptions()
+    slave: Slave | None = None
 
 
 class Protocol(Settings, frozen=True, kw_only=True):
@@ -371,6 +376,9 @@ def _checked(
     if asked.low_gain is not None:
         assumptions = msgspec.structs.replace(assumptions, low_gain=asked.low_gain)
     controllers = _assumed(controllers, assumptions, where)
+    for preset in controllers.values():
+        if preset.kind == REFLECT and not (file.slave or preset.value(WALL_N_M.name)):
+            raise InputError(f"{where}: controller {preset.name}: needs a [slave] or wall_N_m, it has no force to show")
     paths = _paths(file.path, where)
     cells = len(devices) * len(paths) * len(controllers)
     if (trials := cells * file.blocks * file.repetitions) > MOST_TRIALS:
@@ -384,7 +392,9 @@ def _checked(
     settings |= {name: getattr(asked, name) for name in ("rules", "seed") if name in overrides}
     release = file.release if file.release.on else None
     settings["assumptions"] = assumptions
-    settings["trial"] = TrialRules(*msgspec.structs.astuple(file.trial), release=release, assumptions=assumptions)
+    settings["trial"] = TrialRules(
+        *msgspec.structs.astuple(file.trial), release=release, assumptions=assumptions, slave=file.slave
+    )
     return Protocol(
         text=text, overrides=dict(overrides), devices=tuple(device for _, device in devices), paths=paths,
         controllers=controllers, language_text=words, pictures=pictures, **settings,

@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 if TYPE_CHECKING:  # else each process imports all of this before it can start the next
     import numpy as np
 
-    from core.control.controllers import Preset
+    from app.ipc.scheduling import Scheduling
     from core.device import Device
     from core.device_interface import ZeroRecord
-    from core.path import PathFile
     from experiments.analysis.trials_table import TrialRow
-    from experiments.language import Language
     from experiments.plan import PlannedTrial
-    from experiments.protocol import Page, TrialRules
+    from experiments.protocol import Protocol
     from experiments.trial.trial import Changed, Trial
 
 Point = tuple[float, float]  # m
@@ -238,25 +236,12 @@ class Opened(NamedTuple):
     """What does not change while a session is open (or, before one, of the protocol); sent on joining and on Open."""
 
     participant: str  # "" before a session
-    protocol: str  # its name
-    devices: "tuple[Device, ...]"
-    paths: "dict[int, PathFile]"  # segment number -> path
-    controllers: "dict[int, Preset]"
+    protocol: "Protocol"
     plan: "tuple[PlannedTrial, ...]"
     plan_sha256: str
     folder: str
-    note: str  # what every figure says: rules, low gain, assumed
-    feedback: str  # to the participant: "none", "time", "error"
-    show_linkage: bool  # to the participant
-    cues: tuple[float, float] | None  # s: a move shorter / longer than this earns "slower" / "faster"
-    seed: int
     real_device: bool  # currents flow in real brakes
     hand: str  # what moves the handle: "mouse", "operator"
-    rules: str  # by which the controllers decide: "settled", "literal"
-    trial: "TrialRules"  # of the protocol
-    language: "Language"  # the participant's
-    instructions: "tuple[Page, ...]"  # that the participant reads first
-    tones: bool  # at "go" and at the end
     blind: bool = False  # a new session is blind whether that is asked for or not
 
 
@@ -403,8 +388,7 @@ class Reset(NamedTuple):
 class Prepared(NamedTuple):
     """Trials can be run."""
 
-    scheduling: str  # what was got, in words
-    core: int  # that the loop has for itself; -1: none
+    scheduling: "Scheduling"  # that the loop got
 
 
 class Tried(NamedTuple):

@@ -1,4 +1,4 @@
-"""The best scheduling that the control loop can get, and in words what it got.
+"""The best scheduling that the control loop can get, and what it got.
 
 Linux: real-time (FIFO) with its memory locked where the user may; otherwise the shortest slice of the default
 scheduler. Both: no timer slack, and a processor core that the other processes of the program leave. None of this exists
@@ -11,6 +11,7 @@ import os
 import platform
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 PRIORITY = 50  # below the kernel's own threads for interrupts
 SLICE_NS = 100_000  # the shortest that the default scheduler grants
@@ -36,8 +37,23 @@ class _Attributes(ctypes.Structure):
     ]  # fmt: skip
 
 
-def take_scheduling(real_time: bool = True) -> tuple[str, int]:
-    """For the calling thread, which is the loop: what it got in words, and its own core (-1: none).
+class Scheduling(NamedTuple):
+    """What the control loop got."""
+
+    real_time: bool
+    locked: bool  # its memory cannot be swapped out
+    core: int  # its own; -1: none
+    means: str  # in words
+
+    @property
+    def words(self) -> str:
+        """All of it."""
+        place = f", core {self.core}" if self.core >= 0 else ""
+        return f"{self.means}{place}{', memory not locked' if self.real_time and not self.locked else ''}"
+
+
+def take_scheduling(real_time: bool = True) -> Scheduling:
+    """The best scheduling there is, for the calling thread, which is the loop.
 
     real_time = False leaves the privileged ways out: to measure what a user without them gets.
     """
@@ -45,15 +61,14 @@ def take_scheduling(real_time: bool = True) -> tuple[str, int]:
     gc.freeze()
     gc.disable()
     if sys.platform != "linux":
-        return f"default: {platform.system()} offers nothing better here", -1
+        return Scheduling(False, False, -1, f"default: {platform.system()} offers nothing better here")
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(_SET_TIMER_SLACK, 1, 0, 0, 0)
     core = _own_core()
-    place = f", core {core}" if core >= 0 else ""
     locked = real_time and libc.mlockall(_LOCK_NOW_AND_LATER) == 0
     if real_time and _fifo():
-        return f"real-time: FIFO {PRIORITY}{place}{'' if locked else ', memory not locked'}", core
-    return f"default{', short slice' if _short_slice(libc) else ''}{place}", core
+        return Scheduling(True, locked, core, f"real-time: FIFO {PRIORITY}")
+    return Scheduling(False, locked, core, f"default{', short slice' if _short_slice(libc) else ''}")
 
 
 def program_cores() -> set[int]:

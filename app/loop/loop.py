@@ -83,9 +83,9 @@ class Loop:
             run_idle(np.empty(20), self._timespec)
         else:
             run_stopped_trial()
-        scheduling, core = take_scheduling(real_time)
-        self.ring.control.core = core
-        self._answer(m.Prepared(scheduling, core))
+        scheduling = take_scheduling(real_time)
+        self.ring.control.core = scheduling.core
+        self._answer(m.Prepared(scheduling))
 
     def work(self, jobs: Any) -> None:
         """Jobs from a pipe, until it ends."""

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 from app.ipc import messages as m
 from app.ipc.messages import HID, MOUSE, OPERATOR
-from app.session_server.device_setup import RealSetup
+from app.session_server.device_setup import RealSetup, person_at
+from app.session_server.preflight import done_without
 from app.session_server.session_progress import SessionProgress
-from app.session_server.simulated_person import done_without, person_at
 from app.session_server.state import State
 from app.session_server.steps import due_step, ended_by
 from core.files import InputError

@@ -9,20 +9,24 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from app.ipc import messages as m
-from app.ipc.messages import CONNECT, DONE, HOME, ZERO, Card, Check, DeviceStatus
+from app.ipc.messages import CONNECT, DONE, HOME, OPERATOR, ZERO, Card, Check, DeviceStatus, Setup
 from app.ipc.ring import Ring
 from app.session_server.preflight import check_device, check_hand, check_real, check_sensor
 from core.device import Device
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
-from experiments.plan import PlannedTrial
+from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol, home_of
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter
 from experiments.session.journal import HOMED, RERIGGED, ZEROED
 from experiments.session.session import Session
 from experiments.trial.inputs import SENSOR
+from experiments.trial.operator import Person
+from experiments.trial.population import load_population
 from experiments.trial.trial import Trial
 from hardware.hid import HidHand
 
@@ -251,3 +255,11 @@ class RealSetup:
 def same(one: Device, other: Device) -> bool:
     """Whether two devices are so by the same files."""
     return (one.text, one.brake_texts, one.calibration_text) == (other.text, other.brake_texts, other.calibration_text)
+
+
+def person_at(setup: Setup, protocol: Protocol, participant: str) -> Person | None:
+    """The simulated operator that has this participant's place, if one moves the handle."""
+    if setup.hand != OPERATOR:
+        return None
+    seeds = np.random.SeedSequence([protocol.seed, participant_index(participant)])
+    return load_population().draw(np.random.default_rng(seeds))

@@ -6,11 +6,14 @@ import statistics
 import tempfile
 import time
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
-from app.ipc.messages import BAD, CAUTION, GOOD, WAITING, Check, DeviceStatus, Timing
-from app.ipc.scheduling import ADVICE
+from app.ipc.messages import BAD, CAUTION, GOOD, OPERATOR, WAITING, Check, DeviceStatus, Setup, Timing
+from app.ipc.scheduling import ADVICE, Scheduling
 from core.faults import FAULTS, advice, after
+
+if TYPE_CHECKING:
+    from experiments.protocol import Protocol
 
 #: bytes. Our choice: a trial takes 7 MB at most, a session of 60 well under the lower one
 LOW, TOO_LOW = 2_000_000_000, 200_000_000
@@ -58,18 +61,20 @@ def check_hand(hand: str) -> Check:
     return Check("Hand", GOOD, {"operator": "simulated operator"}.get(hand, hand))
 
 
-def check_loop(tried: Timing | None, dead: bool, last: Timing | None = None) -> Check:
+def check_loop(
+    tried: Timing | None, dead: bool, scheduling: Scheduling | None, last: Timing | None = None
+) -> Check:
     """tried: how it kept its deadlines for a moment without work; None: not yet. last: over the last trial, if any."""
     if dead:
         return Check("Loop", WAITING, "starting again")
-    if tried is None:
+    if tried is None or scheduling is None:
         return Check("Loop", WAITING, "preparing")
     kept = last or tried
     text = f"1 kHz, p99 {kept.p99_us:,.0f} µs" + (f", {kept.missed} missed" if kept.missed else "")
     if kept.p99_us <= LATE_US and kept.missed == 0:
         return Check("Loop", GOOD, text)
     advice = "Ticks come late: close other programs."
-    return Check("Loop", CAUTION, text, advice if kept.scheduling.startswith("real-time") else f"{advice} {ADVICE}")
+    return Check("Loop", CAUTION, text, advice if scheduling.real_time else f"{advice} {ADVICE}")
 
 
 def check_disk(folder: Path, sync: bool = False) -> tuple[Check, int]:
@@ -131,3 +136,15 @@ def with_advice(name: str, reason: str) -> str:
         return ""
     what = f"{name}: {reason}" if name else f"{reason[0].upper()}{reason[1:]}"
     return f"{what}. {advice(reason)}".strip()
+
+
+def done_without(setup: Setup, protocol: "Protocol") -> str:
+    """What the protocol asks for and a simulated operator's sessions have not, as a sentence; "": nothing is amiss."""
+    asked = {
+        "no blinding": protocol.blind, "no practice": protocol.practice_trials > 0,
+        "no questionnaire": protocol.questionnaire.on,
+    }  # fmt: skip
+    missing = [what for what, is_asked in asked.items() if is_asked]
+    if setup.hand != OPERATOR or not missing:
+        return ""
+    return f"A simulated operator moves the handle: {' and '.join(missing)}, whatever the protocol says."

@@ -16,7 +16,6 @@ from core.faults import cause
 from experiments.recording.writer import RecordingWriter
 
 DRAIN_S = 0.02
-LATE_US = 1000.0  # a tick so late has missed its millisecond
 Take = Callable[[np.ndarray], None]
 LIVE = 500  # looks into the ring, 10 s: the percentiles of a trial that runs are of these
 
@@ -90,7 +89,7 @@ class Recorder:
             if len(rows):
                 lateness = rows[:, tick_log.LATENESS_US].copy()
                 self._max_us = max(self._max_us, float(lateness.max()))
-                self._missed += int(np.count_nonzero(lateness >= LATE_US))
+                self._missed += int(np.count_nonzero(lateness >= tick_log.MISSED_US))
                 self._lateness.append(lateness)
 
     def _try(self, write: Callable[[], None]) -> None:
@@ -103,5 +102,5 @@ class Recorder:
 def timing_of(lateness_us: np.ndarray, scheduling: str, stolen_ms: float = 0.0) -> Timing:
     """The figures of a loop's lateness (n,), us, while its core was kept from it for `stolen_ms`."""
     p50, p99 = np.percentile(lateness_us, (50.0, 99.0))
-    missed = int(np.count_nonzero(lateness_us >= LATE_US))
+    missed = int(np.count_nonzero(lateness_us >= tick_log.MISSED_US))
     return Timing(float(p50), float(p99), float(lateness_us.max()), missed, scheduling, stolen_ms)

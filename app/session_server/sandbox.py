@@ -17,9 +17,8 @@ from msgspec.structs import replace
 
 from app.ipc import messages as m
 from app.ipc.messages import MOUSE, OPERATOR, Pass, SandboxSettings, SandboxState
-from app.session_server.device_setup import RealSetup, SimulatedSetup
+from app.session_server.device_setup import RealSetup, SimulatedSetup, person_at
 from app.session_server.preflight import with_advice
-from app.session_server.simulated_person import person_at
 from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.control.algorithm import Controller
 from core.control.controllers import Preset, make_controller

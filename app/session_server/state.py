@@ -71,25 +71,12 @@ class State:
         protocol = session.protocol if session else self.protocol
         return m.Opened(
             participant=session.participant if session else "",
-            protocol=protocol.name,
-            devices=tuple(protocol.devices),
-            paths=dict(protocol.paths),
-            controllers=dict(protocol.controllers),
+            protocol=protocol,
             plan=tuple(session.plan) if session else (),
             plan_sha256=session.plan_sha256 if session else "",
             folder=str(session.folder if session else self.setup.data_dir),
-            note=protocol.note(),
-            feedback=protocol.feedback,
-            show_linkage=protocol.show_linkage,
-            cues=(protocol.cues.too_fast_s, protocol.cues.too_slow_s) if protocol.cues else None,
-            seed=protocol.seed,
             real_device=self.device.real,
             hand=self.device.hand,
-            rules=protocol.rules,
-            trial=protocol.trial,
-            language=protocol.sentences,
-            instructions=protocol.pages,
-            tones=protocol.tones,
             blind=protocol.blind and self.setup.hand != OPERATOR,
         )
 

@@ -4,7 +4,7 @@ import contextlib
 
 from app.ipc.messages import Check, Done, Prepared, Run, Timing, Tried, Try
 from app.ipc.ring import BRAKES_OFF, END_TRIAL, HAND_BACK, RING_FULL, SERVER_SILENT, STOPPED, Ring
-from app.ipc.scheduling import leave_core
+from app.ipc.scheduling import Scheduling, leave_core
 from app.session_server.loop_process import LoopProcess
 from app.session_server.preflight import check_loop
 from app.session_server.recorder import Recorder, Take, timing_of
@@ -120,7 +120,7 @@ class TrialRunner:
         """loop: the first one, already started. real_time: try scheduling that needs a privilege. port: of a board."""
         self._ring, self._loop, self._real_time, self._port = ring, loop, real_time, port
         self._starts = 1
-        self._scheduling = ""
+        self.scheduling: Scheduling | None = None  # that the loop got; None: it is not ready yet
         self._tried: Timing | None = None
         self._last: Timing | None = None  # of the last trial
         self.run: TrialRun | None = None
@@ -163,16 +163,16 @@ class TrialRunner:
         ended = None
         for answer in self._loop.receive(HAND_BACK_S if self.run and self.run.is_handed_back else 0.0):
             match answer:
-                case Prepared(scheduling, core):
-                    self._scheduling, self._starts = scheduling, 0
-                    leave_core(core)
+                case Prepared(scheduling):
+                    self.scheduling, self._starts = scheduling, 0
+                    leave_core(scheduling.core)
                     self._loop.send(Try(TRY_TICKS))
                 case Tried(lateness_us):
-                    self._tried = timing_of(lateness_us, self._scheduling)
+                    self._tried = timing_of(lateness_us, self.scheduling.words)
                 case Done():
                     ended, self.run = self.run, None
-                    ended.returned(answer, self._scheduling)
-                    self._last = ended.recorder.timing(self._scheduling)
+                    ended.returned(answer, self.scheduling.words)
+                    self._last = ended.recorder.timing(self.scheduling.words)
                 case _:
                     self._told.append(answer)
         if ended is None and (self._loop.dead or self._loop.hung):
@@ -193,13 +193,13 @@ class TrialRunner:
     @property
     def timing(self) -> Timing | None:
         """The loop's lateness over the running trial, or the last, or the time without one."""
-        now = self.run.recorder.timing(self._scheduling) if self.run else None
+        now = self.run.recorder.timing(self.scheduling.words) if self.run else None
         return now or self._last or self._tried
 
     @property
     def check(self) -> Check:
         """For the pre-flight row."""
-        return check_loop(self._tried, self._loop.dead, self._last)
+        return check_loop(self._tried, self._loop.dead, self.scheduling, self._last)
 
     def close(self) -> None:
         """End the loop."""

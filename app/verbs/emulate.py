@@ -6,7 +6,7 @@ import signal
 import sys
 
 from app.progress import watch_compiling
-from app.verbs.common import add_verb, whole_number_of
+from app.verbs.common import DEFAULT_DEVICES, add_verb, whole_number_of
 
 
 def add(verbs) -> None:
@@ -48,7 +48,8 @@ def emulate(args: argparse.Namespace) -> int:
     from core.path import Segment, build_path
     from experiments.protocol import load_protocol
 
-    device, *others = map(load_device, [args.device] if args.device else shipped_devices())
+    every = dict.fromkeys([DEFAULT_DEVICES[-1], *shipped_devices()])
+    device, *others = map(load_device, [args.device] if args.device else every)
     path_file = Segment(tuple(args.path[:2]), tuple(args.path[2:])) if args.path else load_protocol().paths[1]
     path = build_path(path_file, "--path")
     tip = (path.x0, path.y0)
@@ -82,12 +83,12 @@ def prompt() -> str:
     """
     from app.ipc.scheduling import leave_core, take_scheduling
 
-    got, core = take_scheduling()
-    leave_core(core)
-    if core < 0:
-        return got
+    got = take_scheduling()
+    leave_core(got.core)
+    if got.core < 0:
+        return got.words
     cores = " ".join(map(str, sorted(os.sched_getaffinity(0))))
-    return got.replace(f"core {core}", f"core {cores} (a control loop's own is {core})")
+    return f"{got.means}, core {cores} (a control loop's own is {got.core})"
 
 
 def log(line: str) -> None:

@@ -35,7 +35,7 @@ def measure_all(seconds: float, progress: Callable[[float], None] = lambda share
     cores = len(program_cores()) if sys.platform == "linux" else os.cpu_count() or 1
     found: list[dict] = []
     for real_time in (True, False):
-        if found and not found[0]["scheduling"].startswith("real-time"):
+        if found and not found[0]["real_time"]:
             break  # no privilege: it would be the same again
         for busy in (0, cores):
             done = len(found)
@@ -72,8 +72,8 @@ def measure(
                 wait(ring, runner, over)
                 pieces.append(run.recorder.lateness_us)
                 ticks, stolen_ms = ticks + len(pieces[-1]), stolen_ms + runner.timing.stolen_ms
-        timing = timing_of(np.concatenate(pieces), runner.timing.scheduling, stolen_ms)
-        return {**timing._asdict(), "ticks": ticks, "busy": busy}
+        timing = timing_of(np.concatenate(pieces), runner.scheduling.words, stolen_ms)
+        return {**timing._asdict(), "ticks": ticks, "busy": busy, "real_time": runner.scheduling.real_time}
     finally:
         if runner.run:
             runner.run.let_go()

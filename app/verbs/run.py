@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         args.participant or "", link,
     )  # fmt: skip
     if setup.hand == OPERATOR:
-        from app.session_server.simulated_person import done_without
+        from app.session_server.preflight import done_without
 
         if without := done_without(setup, protocol_of(args)):
             print(f"phd: {without}", file=sys.stderr)

@@ -284,7 +284,7 @@ class DevicePage(QWidget):
 
     def _quantised(self, status: m.DeviceStatus) -> str:
         device = self._device(status.device)
-        found = quantisation(device, status, self._opened.controllers) if device else None
+        found = quantisation(device, status, self._opened.protocol.controllers) if device else None
         if found is None:
             return ""
         gain, step, noise, force = found
@@ -296,14 +296,14 @@ class DevicePage(QWidget):
         )
 
     def _device(self, name: str) -> Device | None:
-        return next((one for one in self._opened.devices if one.name == name), None)
+        return next((one for one in self._opened.protocol.devices if one.name == name), None)
 
     def _ask(self, text: str) -> None:
         """Say what the step needs before it is taken."""
         self.leave()
         step, says = STEPS[text]
         if step == m.HOME:
-            x, y = home_of(self._device(self._snapshot.coming.configuration), self._opened.paths)
+            x, y = home_of(self._device(self._snapshot.coming.configuration), self._opened.protocol.paths)
             says = says.format(f"x = {1e3 * x:.0f} mm, y = {1e3 * y:.0f} mm")
 
         def do() -> None:

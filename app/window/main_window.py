@@ -63,11 +63,12 @@ class Footer(QFrame):
         home = Path.home()
         inside = self._path.is_relative_to(home)
         self.folder.setText(f"~/{self._path.relative_to(home)}" if inside else str(self._path))
-        parts = [f"seed {opened.seed}", f"phd {__version__}"]
+        parts = [f"seed {opened.protocol.seed}", f"phd {__version__}"]
         if opened.plan_sha256:
             parts.insert(1, f"plan {opened.plan_sha256[:4]}…{opened.plan_sha256[-2:]}")
         self.origin.setText(" · ".join(parts))
-        self.origin.setToolTip(f"Plan {opened.plan_sha256}\n{opened.note}" if opened.plan_sha256 else opened.note)
+        note = opened.protocol.note()
+        self.origin.setToolTip(f"Plan {opened.plan_sha256}\n{note}" if opened.plan_sha256 else note)
 
     def show_pulse(self, pulse: m.Pulse) -> None:
         """The newest proof of recording."""

@@ -158,19 +158,25 @@ class ParticipantWindow(QWidget):
 
     def show_opened(self, opened: m.Opened) -> None:
         """A session, or a protocol before one."""
+        protocol = opened.protocol
         if self._opened is None or opened.folder != self._opened.folder:
-            self.instructions.show_pages(opened.instructions if opened.participant else (), opened.language)
+            self.instructions.show_pages(protocol.pages if opened.participant else (), protocol.sentences)
         self._opened = opened
-        self.questions.show_language(opened.language)
+        self.questions.show_language(protocol.sentences)
         self.view.mouse = hand_is_mouse(opened)
-        self.view.radii_m = (opened.trial.start_radius_m, opened.trial.end_radius_m)
+        self.view.radii_m = (protocol.trial.start_radius_m, protocol.trial.end_radius_m)
         if not self.view.mouse:
             self.view.show_pointer(None)
-        paths = opened.paths.values()
+        paths = protocol.paths.values()
         self.view.set_extent(
+<<<<<<< HEAD
             extent_of_linkages(opened.devices, paths) if opened.show_linkage
             else extent_at_half_width(paths, self.view.radii_m)
         )  # fmt: skip
+=======
+            extent_of_linkages(protocol.devices, paths) if protocol.show_linkage else extent_of_paths(paths, MARGIN_M)
+        )
+>>>>>>> main
 
     def start(self) -> bool:
         """Space or a click: the next page of the instructions; whether there was one."""
@@ -231,9 +237,9 @@ class ParticipantWindow(QWidget):
         if self._opened is None:
             return
         self._phase = -1
-        self.view.show_path(self._opened.paths[planned.segment])
-        device = next((one for one in self._opened.devices if one.name == planned.configuration), None)
-        self.view.show_linkage(device if self._opened.show_linkage else None)
+        protocol = self._opened.protocol
+        self.view.show_path(protocol.paths[planned.segment])
+        self.view.show_linkage(protocol.device(planned.configuration) if protocol.show_linkage else None)
         self.view.show_handle(tip)
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
@@ -263,10 +269,10 @@ class ParticipantWindow(QWidget):
                 self._early_s = t
             elif self._phase == -1:
                 self._early_s = -LEFT_EARLY_S
-            if self._opened is not None and self._opened.tones and now in (tick_log.MOVE, tick_log.END):
+            if self._opened is not None and self._opened.protocol.tones and now in (tick_log.MOVE, tick_log.END):
                 self.tones.play("go" if now == tick_log.MOVE else "end")
             self._phase = now
-        hold_s = self._opened.trial.hold_s if self._opened is not None else 0.0
+        hold_s = self._opened.protocol.trial.hold_s if self._opened is not None else 0.0
         holds = now == tick_log.HOLD and hold_s > 0.0
         self.view.show_hold(min((t - self._hold_from_s) / hold_s, 1.0) if holds else 0.0)
 

@@ -282,7 +282,7 @@ class Traces(QWidget):
 
     def show_trial(self, device: Device) -> None:
         """Another trial: its brakes; the curves begin anew."""
-        self.currents.names = device.braked
+        self.currents.names, self.currents.unit = device.braked, device.command_unit
         for trace in self._all():
             trace.clear()
 
@@ -315,7 +315,7 @@ class TimingStrip(Trace):
     """How late each tick of the loop comes, on a logarithmic scale; percentiles, missed ticks, scheduling in words."""
 
     LEAST_US, DECADES = 1.0, 4.0  # the scale: 1 us at the bottom, 100 us in the middle, 10 ms at the top
-    LATE_US, MISSED_US = 100.0, 1000.0  # a point in the colour of a caution from here on; red: a tick was missed
+    LATE_US = 100.0  # a point in the colour of a caution from here on; red: the tick was missed
 
     def __init__(self) -> None:
         self.timing: Timing | None = None
@@ -332,7 +332,7 @@ class TimingStrip(Trace):
         share = np.clip(np.log10(np.maximum(lateness, self.LEAST_US)), 0.0, self.DECADES)
         late = lateness >= self.LATE_US
         if late.any():
-            colours = [theme.BAD if us >= self.MISSED_US else theme.CAUTION for us in lateness[late]]
+            colours = [theme.BAD if us >= tick_log.MISSED_US else theme.CAUTION for us in lateness[late]]
             self.late.addPoints(x=t[late], y=share[late], brush=[pg.mkBrush(colour) for colour in colours])
         super().add(t, share[None])
 

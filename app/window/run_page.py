@@ -30,6 +30,7 @@ from core import tick_log
 from core.files import InputError
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
+from experiments.protocol import Protocol
 
 if TYPE_CHECKING:
     from experiments.session.playback import Playback
@@ -231,7 +232,7 @@ class RunPage(Page):
             self._shown, self._looked_at = now, None
             self._waiting.clear()
             self._ticks.clear()
-            device = next(device for device in opened.devices if device.name == now.configuration)
+            device = opened.protocol.device(now.configuration)
             self.centre.begin(now, snapshot.tip)
             self.traces.show_trial(device)
             self.energy.clear()
@@ -349,11 +350,11 @@ class Centre(QWidget):
         """Another session or protocol: its devices and paths decide the scale."""
         before, self._opened = self._opened, opened
         if self.workspace is not None:
-            if before is not None and same_places(before, opened):
+            if before is not None and same_places(before.protocol, opened.protocol):
                 return
             self._layout.removeWidget(self.workspace)
             self.workspace.deleteLater()
-        self.workspace = Workspace(opened.devices, opened.paths)
+        self.workspace = Workspace(opened.protocol.devices, opened.protocol.paths)
         self.workspace.view.setMouseTracking(True)
         self.workspace.view.installEventFilter(self)
         self._layout.addWidget(self.workspace, 1)
@@ -379,8 +380,8 @@ class Centre(QWidget):
         """A trial, running or to come."""
         if self._opened is None or self.workspace is None:
             return
-        device = next(device for device in self._opened.devices if device.name == planned.configuration)
-        self.workspace.show_trial(device, self._opened.paths[planned.segment], tip)
+        protocol = self._opened.protocol
+        self.workspace.show_trial(protocol.device(planned.configuration), protocol.paths[planned.segment], tip)
         if self._snapshot.running is not None:
             self._write(self._moving(tick_log.APPROACH, not hand_is_mouse(self._opened)) or words.Shown(""))
 
@@ -405,6 +406,6 @@ class Centre(QWidget):
         self.small.setText(shown.small)
 
 
-def same_places(a: m.Opened, b: m.Opened) -> bool:
-    """Whether two sessions have the same devices and paths."""
+def same_places(a: Protocol, b: Protocol) -> bool:
+    """Whether two protocols have the same devices and paths."""
     return [device.text for device in a.devices] == [device.text for device in b.devices] and a.paths == b.paths

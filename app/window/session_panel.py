@@ -129,7 +129,7 @@ class SessionPanel(QFrame):
         """What happened, and else why no trial can be started, unless the banner says it already."""
         said, bad = snapshot.said, snapshot.said_bad
         if not said and snapshot.stage == m.READY and not advice(snapshot):
-            said = snapshot.why_not or (SILENT if opened.tones and player() is None else "")
+            said = snapshot.why_not or (SILENT if opened.protocol.tones and player() is None else "")
         theme.name_anew(self.notice, "bad" if bad else "caution")
         self.notice.setText(breakable(said))
         self.notice.setVisible(bool(said) and snapshot.stage != m.FAILED)  # there a banner says it

@@ -14,12 +14,16 @@ from app.window.box_plot import colour_of
 from app.window.painting import theme
 from app.window.painting.labels import Choice, KeyButton, OneLine, line, word
 from app.window.painting.parts import row
+<<<<<<< HEAD
 from app.window.plots import Graph, TimePlot, range_for
 from app.window.words import controller_name, place
+=======
+from app.window.plots import TimePlot, range_for
+from app.window.words import place
+>>>>>>> main
 from core import tick_log
-from experiments.analysis.flags import trial_flags
 from experiments.analysis.metrics import DRAWN, Metric
-from experiments.analysis.trials_table import COUNTED, TrialRow
+from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
 
 DEAF_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
 REASONS = ("Reason …", "the pointer left the window", "the participant was distracted", "the device was disturbed",
@@ -207,7 +211,7 @@ class TrialCard(QFrame):
         self.title.setText(f"Trial {place(row, opened.plan)} of {len(opened.plan)}")
         took = f" in {row.duration_s:.1f} s" if row.duration_s is not None else ""
         self.outcome.setText({"done": f"done{took}", "timeout": "time was up"}.get(row.status, row.status))
-        self.what.setText(f"{controller_name(row.controller, opened)} · path {row.segment}")
+        self.what.setText(f"{opened.protocol.controller_name(row.controller)} · path {row.segment}")
         earlier = f"{len(same) or 'no'} earlier trial{'' if len(same) == 1 else 's'}"
         self.legend.setText(f"Large: this trial · in its colour: {earlier} with this controller · grey: others")
         for measure in self.measures:

@@ -96,7 +96,7 @@ class CurrentTrace(TrialTrace):
         for joint, current in zip(JOINTS, self.currents[:, near], strict=True):
             if current[0] == current[0]:
                 duty = 100.0 * np.count_nonzero(current) / current.size
-                parts.append((f"{joint} {current.max():.2f} A {duty:.0f} %", theme.JOINT[joint]))
+                parts.append((f"{joint} {current.max():.2f} {self.unit} {duty:.0f} %", theme.JOINT[joint]))
         self.figures.show_parts(*parts)
         self.figures.setToolTip(f"Largest current and share of the time with current, in {DUTY_S} s about the cursor")
 
@@ -146,6 +146,7 @@ class TrialTraces(QWidget):
         ticks, t = trial.ticks, trial.t
         self.error.show_trial(t, 1e3 * trial.error)
         self.force.show_trial(t, np.hypot(ticks[:, tick_log.HAND_FX], ticks[:, tick_log.HAND_FY]))
+        self.currents.unit = trial.device.command_unit
         self.currents.show_currents(t, currents_of(ticks, trial.device.braked), trial.blind)
         self.error.show_all()
 

@@ -336,12 +336,13 @@ class PassTable(QTableWidget):
 
 def preset_of(s: m.SandboxSettings, opened: m.Opened) -> Preset:
     """The controller with the gap and the gain that are set."""
-    return opened.controllers[s.controller].replaced("gap_m", s.gap_m).replaced("gain_N_s_m", s.gain_N_s_m)
+    return opened.protocol.controllers[s.controller].replaced("gap_m", s.gap_m).replaced("gain_N_s_m", s.gain_N_s_m)
 
 
 def gains_of(opened: m.Opened) -> list[float]:
     """Of the protocol's guides, N s/m."""
-    return [preset.value("gain_N_s_m") for preset in opened.controllers.values() if preset.kind == "proportional"]
+    presets = opened.protocol.controllers.values()
+    return [preset.value("gain_N_s_m") for preset in presets if preset.kind == "proportional"]
 
 
 class TryPage(Page):
@@ -405,7 +406,7 @@ class TryPage(Page):
         """The controllers, devices and paths of a protocol, and the dials."""
         frame, column = panel("How should it guide you?")
         column.setSpacing(6)
-        for place, (number, preset) in enumerate(opened.controllers.items(), start=1):
+        for place, (number, preset) in enumerate(opened.protocol.controllers.items(), start=1):
             guide = self.guides[number] = GuideButton(number, preset.name, str(place) if place < 10 else "")
             guide.feel.setText(feel(preset, gains_of(opened)))
             guide.clicked.connect(lambda _=False, number=number: self._choose(number))
@@ -414,8 +415,8 @@ class TryPage(Page):
         self.warning.setMinimumHeight(2 * self.warning.fontMetrics().height())  # so that nothing jumps
         column.addWidget(self.warning)
         choices = {
-            "device": {brakes_of(device.name): device.name for device in opened.devices},
-            "path": {f"Path {number}": number for number in opened.paths},
+            "device": {brakes_of(device.name): device.name for device in opened.protocol.devices},
+            "path": {f"Path {number}": number for number in opened.protocol.paths},
             "rules": {name.capitalize(): name for name in RULE_SETS},
         }
         for field, among in choices.items():
@@ -470,7 +471,7 @@ class TryPage(Page):
     def _choose(self, number: int) -> None:
         """A controller, with the gap and the gain that the protocol gives it."""
         assert self.opened is not None
-        preset = self.opened.controllers[number]
+        preset = self.opened.protocol.controllers[number]
         gain = {GAIN: preset.value(GAIN)} if preset.kind == "proportional" else {}
         self._set(controller=number, gap_m=preset.value("gap_m"), **gain)
 
@@ -496,13 +497,14 @@ class TryPage(Page):
     # ------------------------------------------------------------------------------------------- what the server sends
 
     def show_opened(self, opened: m.Opened) -> None:
-        before = self.opened
+        before, protocol = self.opened, opened.protocol
         super().show_opened(opened)
-        if before is None or (before.controllers, before.paths) != (opened.controllers, opened.paths):
+        had = before.protocol if before is not None else None
+        if had is None or (had.controllers, had.paths) != (protocol.controllers, protocol.paths):
             self.guides.clear()
             self.settings = self._theirs = self._place = None
             self._fill(opened)
-            self.canvas.radii_m = (opened.trial.start_radius_m, opened.trial.end_radius_m)
+            self.canvas.radii_m = (protocol.trial.start_radius_m, protocol.trial.end_radius_m)
         if before is None or before.participant:
             self._ask()
 
@@ -566,17 +568,22 @@ class TryPage(Page):
         if self._place != (s.device, s.path):
             assert self.opened is not None
             self._place = s.device, s.path
+<<<<<<< HEAD
             device = next(one for one in self.opened.devices if one.name == s.device)
             self.canvas.show_trial(device, self.opened.paths[s.path], snapshot.tip)
+=======
+            protocol = self.opened.protocol
+            self.canvas.show_place(protocol.device(s.device), protocol.paths[s.path], snapshot.tip)
+>>>>>>> main
 
     def _show_settings(self) -> None:
         s, now, opened = self.settings, self.snapshot.sandbox, self.opened
         if s is None or now is None or opened is None:
             return
-        gains, chosen = gains_of(opened), opened.controllers[s.controller]
+        gains, chosen = gains_of(opened), opened.protocol.controllers[s.controller]
         for number, guide in self.guides.items():
             guide.setChecked(number == s.controller)
-            preset = preset_of(s, opened) if number == s.controller else opened.controllers[number]
+            preset = preset_of(s, opened) if number == s.controller else opened.protocol.controllers[number]
             guide.feel.setText(feel(preset, gains))
         self.segments["device"].choose(brakes_of(s.device))
         self.segments["path"].choose(f"Path {s.path}")

@@ -45,7 +45,7 @@ CELL = ("configuration", "block", "segment", "controller", "repetition")  # what
 
 def language_of(opened: m.Opened | None) -> Language:
     """The participant's language; English before there is a protocol."""
-    return opened.language if opened is not None else ENGLISH_WORDS
+    return opened.protocol.sentences if opened is not None else ENGLISH_WORDS
 
 
 def moving(phase: int, taken: bool, language: Language, left_early: bool = False) -> Shown | None:
@@ -97,15 +97,16 @@ def given_back(trial: TrialRow, opened: m.Opened | None) -> list[str]:
     """Feedback and cue after a trial, as far as the protocol gives them and the trial was done."""
     if opened is None or trial.status != "done":
         return []
-    language, parts = opened.language, []
-    if opened.feedback == "time" and trial.duration_s is not None:
+    protocol, language, parts = opened.protocol, opened.protocol.sentences, []
+    if protocol.feedback == "time" and trial.duration_s is not None:
         parts.append(language["time"].format(seconds=f"{trial.duration_s:.1f}"))
-    if opened.feedback == "error" and trial.path_error_m is not None:
+    if protocol.feedback == "error" and trial.path_error_m is not None:
         parts.append(language["error"].format(mm=f"{1e3 * trial.path_error_m:.1f}"))
-    if opened.cues is not None and trial.duration_s is not None:
-        shortest, longest = opened.cues
-        cue = "slower" if trial.duration_s < shortest else "faster" if trial.duration_s > longest else ""
-        parts += [language[cue]] if cue else []
+    if protocol.cues is not None and trial.duration_s is not None:
+        if trial.duration_s < protocol.cues.too_fast_s:
+            parts.append(language["slower"])
+        elif trial.duration_s > protocol.cues.too_slow_s:
+            parts.append(language["faster"])
     return parts
 
 
@@ -115,17 +116,13 @@ def given_back(trial: TrialRow, opened: m.Opened | None) -> list[str]:
 def cell(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
     """Controller and path of a planned trial; the controller is left out while blind."""
     path = f"path {planned.segment}"
-    return path if blind else f"{controller_name(planned.controller, opened)} · {path}"
+    return path if blind else f"{opened.protocol.controller_name(planned.controller)} · {path}"
 
 
 def describe(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
     """A planned trial in words."""
     return f"{planned.configuration} · {cell(planned, opened, blind)}"
 
-
-def controller_name(controller: int | str, opened: m.Opened) -> str:
-    """The name of a controller of the protocol; a blind session's code stays as it is."""
-    return controller if isinstance(controller, str) else opened.controllers[controller].name
 
 
 def place(planned: PlannedTrial, plan: Sequence[PlannedTrial]) -> int:

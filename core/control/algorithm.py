@@ -29,7 +29,7 @@ class Algorithm(NamedTuple):
     kind: str  # its word
     parameters: tuple[Parameter, ...]
     own: tuple[str, ...]  # decisions of its own, each for every joint J: codes OWN + 4 n + joint index
-    #: kernel (controller, brakes, field, vx, vy, fx, fy, g, mass, current): writes current (4,) A, returns the decision
+    #: kernel (controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current): writes current (4,) A; the decision
     decide: Callable[..., int]
 
 

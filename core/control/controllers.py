@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
-from core.control import proportional, sdof
+from core.control import proportional, reflect, sdof
 from core.control.algorithm import GAP_M, IN_GAP, NONE, NOT_FINITE, OWN, SHARED, Algorithm, Controller, release
 from core.control.rule_sets import rule_set
 from core.control.velocity_field import BLEND_WIDTH, NO_FIELD, field_at
@@ -22,7 +22,7 @@ from core.mechanism import JOINTS
 
 
 @kernel
-def no_control(controller, brakes, field, vx, vy, fx, fy, g, mass, current):
+def no_control(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
     """Control never acts."""
     return NONE
 
@@ -34,6 +34,7 @@ ALGORITHMS: dict[str, Algorithm] = {
         Algorithm("none", (), (), no_control),
         sdof.ALGORITHM,
         proportional.ALGORITHM,
+        reflect.ALGORITHM,
     )
 }
 
@@ -126,10 +127,10 @@ def _numbered(number: int, offset: int, this: Callable[..., int], others: Callab
     """
 
     @kernel
-    def decide_as(controller, brakes, field, vx, vy, fx, fy, g, mass, current):
+    def decide_as(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
         if controller.algorithm != number:
-            return others(controller, brakes, field, vx, vy, fx, fy, g, mass, current)
-        code = this(controller, brakes, field, vx, vy, fx, fy, g, mass, current)
+            return others(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current)
+        code = this(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current)
         return code + offset if code >= OWN else code
 
     return decide_as
@@ -149,7 +150,7 @@ _decide_as_its_algorithm = _any_of(ALGORITHMS.values())
 
 @kernel
 def decide(controller, brakes, path, memory, x, y, vx, vy, fx, fy, g, mass, current):
-    """One tick of control: writes current (4,) A, updates memory (3,); returns the decision code and the field.
+    """One tick of control: writes current (4,) A, updates memory (7,); returns the decision code and the field.
 
     Tip (x, y) m, its velocity m/s, hand force N; g (4, 2) with omega_i = g_i . v; mass (3,) = M_xx, M_xy, M_yy of
     the tip, kg. Input that is not finite releases the brakes and leaves the memory alone; the field is then NaN.
@@ -160,4 +161,4 @@ def decide(controller, brakes, path, memory, x, y, vx, vy, fx, fy, g, mass, curr
     field = field_at(path, memory, x, y, vx, vy, fx, fy, controller.blend_width, controller.rules)
     if field.distance < controller.gap_m:
         return IN_GAP, field
-    return _decide_as_its_algorithm(controller, brakes, field, vx, vy, fx, fy, g, mass, current), field
+    return _decide_as_its_algorithm(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current), field

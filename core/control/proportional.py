@@ -147,7 +147,7 @@ def best_brake(brakes, g, field, vx, vy, push_x, push_y, felt, rules):
 
 
 @kernel
-def decide(controller, brakes, field, vx, vy, fx, fy, g, mass, current):
+def decide(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
     """Proportional velocity control (Section IV-C): K_y |v_beta_y| on the best brake, locks included."""
     rules = controller.rules
     felt = fx * fx + fy * fy > rules.felt_force * rules.felt_force

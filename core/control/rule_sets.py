@@ -27,6 +27,7 @@ class Rules(NamedTuple):
     # (5) v_beta_x below minus this locks (at least four times the velocity noise).
     back_speed: float = 0.005  # m/s. Zero: velocity noise of 1 mm/s locks some hundred times a second
     # Both sets.
+    least_shown: float = 0.5  # N. Zero: brakes come on for a force that is not felt, and stay on by noise
     on_path: float = 1e-9  # m. (6) This near is d = 0 and the last side is kept: above rounding, far below any encoder
     span_rounding: float = 1e-9  # of a unit vector. Zero: an SDOF path along t or n itself is in or out by rounding
     no_effect: float = 0.02  # of |force|: a smaller component counts as none in H. Zero: [0 -1] is never seen

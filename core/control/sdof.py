@@ -60,7 +60,7 @@ def nearest_valid_brake(brakes, g, field, rules):
 
 
 @kernel
-def decide(controller, brakes, field, vx, vy, fx, fy, g, mass, current):
+def decide(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
     """SDOF velocity control (Section IV-B): the normalised force on the brake with the nearest valid path."""
     i = nearest_valid_brake(brakes, g, field, controller.rules)
     if i < 0:

@@ -15,8 +15,9 @@ from core.path import Path, held_piece, measure, on_piece
 BLEND_WIDTH = 0.05  # m, the paper's boundary: nearer than this the direction is blended to the path's
 
 #: Places in the memory: travel sense (+1 to the end), side of the path (+1 left; 0 not yet known), piece of the path
-#: (-1: not yet known).
-TRAVEL, SIDE, PIECE = range(3)
+#: (-1: not yet known). Then, of one tick, the tip force that the controller is to show (two places, N; NaN: none), and
+#: the nearest one that its brakes can exert (two places, NaN: it showed none).
+TRAVEL, SIDE, PIECE, WANTED, NEAREST = 0, 1, 2, 3, 5
 
 
 class Field(NamedTuple):
@@ -35,8 +36,8 @@ NO_FIELD = Field(*[math.nan] * 7)  # without a tip, velocity and force there is 
 
 
 def new_memory() -> np.ndarray:
-    """What a controller remembers between ticks, (3,), at the start of a trial: towards the end, no side, no piece."""
-    return np.array([1.0, 0.0, -1.0])
+    """What a controller remembers between ticks, (7,), at the start of a trial: towards the end, no side, no piece."""
+    return np.array([1.0, 0.0, -1.0, *[math.nan] * 4])
 
 
 @kernel
@@ -78,7 +79,7 @@ def desired_direction(distance, n_x, n_y, t_x, t_y, blend_width):
 
 @kernel
 def field_at(path, memory, x, y, vx, vy, fx, fy, blend_width, rules):
-    """The field at the tip (x, y) for its velocity and the hand force; updates memory (3,)."""
+    """The field at the tip (x, y) for its velocity and the hand force; updates memory."""
     piece = held_piece(path, int(memory[PIECE]), x, y)
     memory[PIECE] = piece
     _, distance, tx, ty = on_piece(path, piece, x, y)

@@ -81,7 +81,7 @@ class MadeUpHand(QObject):
             self.now = rows[-1]
         if self.now is None:
             return
-        self._path = build_path(opened.paths[running.segment], "path")
+        self._path = build_path(opened.protocol.paths[running.segment], "path")
         tip = self.now[tick_log.TIP_X : tick_log.TIP_Y + 1]
         slow = np.hypot(self.now[tick_log.TIP_VX], self.now[tick_log.TIP_VY]) < SPEED_M_S
         frames = min(max(float(self.now[tick_log.T]) - self._at_s, 0.0) / FRAME_S, 10.0)
@@ -212,7 +212,7 @@ def pages(windows: Windows, hand: MadeUpHand, study: Path) -> None:
         until(lambda: main.snapshot.sandbox is not None)
         assert main.snapshot.sandbox is not None
         passes = len(main.snapshot.sandbox.passes)
-        preset = main.opened.controllers[controller]
+        preset = main.opened.protocol.controllers[controller]
         now = main.snapshot.sandbox.settings
         gain = preset.value("gain_N_s_m") or now.gain_N_s_m
         change = {"controller": controller, "gap_m": preset.value("gap_m"), "gain_N_s_m": gain}

@@ -9,7 +9,7 @@ scipy.signal and scipy.fft are imported where they are used: they take seconds, 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -192,6 +192,35 @@ class Movement:
         lacking = self._decided(UNREACHABLE) & outside & (self.force > FELT_FORCE_N)
         return int(np.count_nonzero(lacking)) / int(np.count_nonzero(outside))
 
+    def slave_error(self) -> float | None:
+        """Distance between the slave and the handle, mean over time, m; None without a slave."""
+        apart = self._may_be_missing("slave_x_m", "slave_y_m") - self.tip
+        return None if np.isnan(apart).any() else float(np.mean(np.hypot(*apart.T)))
+
+    def force_shown_share(self) -> float | None:
+        """Force of the brakes along the wanted one / the wanted force, both summed over the ticks that want one."""
+        wanted, shown = self._wanted(), self._may_be_missing("shown_fx_N", "shown_fy_N")
+        size = np.hypot(*wanted.T)
+        asked = size > FELT_FORCE_N
+        along = np.sum(wanted[asked] * shown[asked], axis=1) / size[asked]
+        return float(np.sum(along) / np.sum(size[asked])) if asked.any() else None
+
+    def force_unavailable_share(self) -> float | None:
+        """What the nearest force that can be had misses of the wanted one / the wanted one, both summed over ticks."""
+        wanted, nearest = self._wanted(), self._may_be_missing("nearest_fx_N", "nearest_fy_N")
+        asked = (np.hypot(*wanted.T) > FELT_FORCE_N) & np.isfinite(nearest[:, 0])
+        missed = np.hypot(*(wanted - nearest)[asked].T)
+        return float(np.sum(missed) / np.sum(np.hypot(*wanted[asked].T))) if asked.any() else None
+
+    def _wanted(self) -> np.ndarray:
+        return self._may_be_missing("wanted_fx_N", "wanted_fy_N")
+
+    def _may_be_missing(self, *names: str) -> np.ndarray:
+        """Columns (n, columns); NaN where an earlier version recorded the trial, without them."""
+        if not all(name in self._recording.columns for name in names):
+            return np.full((len(self.tip), len(names)), math.nan)
+        return self._columns(*names)[self._rows]
+
     def _decided(self, codes: frozenset[int]) -> np.ndarray:
         """True (n,) at the ticks whose decision is one of `codes` of this version, found by its words."""
         wanted = {DECISIONS[code] for code in codes}
@@ -289,6 +318,24 @@ METRICS = (
         Movement.unreachable_share,
         needs_progress=False, tells_controller=True,
     ),
+    Metric(
+        "slave_error_m", "m", "Slave error", "slave error",
+        "distance between the slave and the handle, averaged over time; none without a slave",
+        Movement.slave_error,
+        shown_unit="mm", scale=1e3, needs_progress=False,
+    ),
+    Metric(
+        "force_shown_share", "", "Force shown", "share of the force shown",
+        "force of the brakes along the force to be shown / that force; none where no force is to be shown",
+        Movement.force_shown_share,
+        better="higher", needs_progress=False, tells_controller=True,
+    ),
+    Metric(
+        "force_unavailable_share", "", "Force that cannot be had", "share of the force that cannot be had",
+        "what the nearest force that passive brakes can exert misses of the force to be shown / that force",
+        Movement.force_unavailable_share,
+        needs_progress=False, tells_controller=True,
+    ),
 )  # fmt: skip
 BY_NAME = {metric.name: metric for metric in METRICS}
 #: Figs. 16, 17 and 18.
@@ -306,7 +353,12 @@ NO_METRICS = Metrics(*[None] * len(METRICS))
 
 
 def trial_metrics(recording: "Recording", path: Path) -> Metrics:
-    """Every measure of one trial, over its phase `move`; of a trial timed out, over the progress made.
+    """Every measure of one trial, as `measures_of`."""
+    return Metrics(*measures_of(recording, path, METRICS))
+
+
+def measures_of(recording: "Recording", path: Path, metrics: Sequence[Metric]) -> list[float | None]:
+    """These measures of one trial, over its phase `move`; of a trial timed out, over the progress made.
 
     Our choice: without any progress there was no movement to judge, and its measures (errors, smoothness, travel,
     everything over progress) are None; duration, mean force, switches and unreachable share remain. A trial that
@@ -314,6 +366,6 @@ def trial_metrics(recording: "Recording", path: Path) -> Metrics:
     """
     check_samples(recording)
     if not recording.in_phase("move").any():
-        return NO_METRICS
+        return [None] * len(metrics)
     m = Movement(recording, path)
-    return Metrics(*(one.of(m) if m.made_progress or not one.needs_progress else None for one in METRICS))
+    return [one.of(m) if m.made_progress or not one.needs_progress else None for one in metrics]

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, get_args
 
 import numpy as np
 
+from core import tick_log
 from core.files import InputError
 from core.path import build_path, path_from
 from experiments.analysis.metrics import METRICS, NO_METRICS, trial_metrics
@@ -38,6 +39,8 @@ STATUSES = {
 COUNTED = ("done", "timeout")
 #: Trials that settle their cell of the plan: after any other the cell is run again.
 SETTLED = ("done", "timeout", "aborted", "skipped", "excluded")
+
+CLIPPED = 0.999  # of the largest force of the hand's spring
 
 Measure = float | None
 Controller = int | str  # a code, "K3", while the session is blind
@@ -236,3 +239,31 @@ def row_of(recording: "Recording", folder: Path) -> TrialRow:
         energy_added_max_J=outcome.get("energy_added_max_J"),
         **metrics._asdict(),
     )
+
+
+def trial_flags(row: TrialRow, ticks: np.ndarray | None) -> list[str]:
+    """What the experimenter should know of a trial before it is kept, as sentences; none: nothing is amiss.
+
+    ticks: (n, tick_log.WIDTH), where they are at hand.
+    """
+    flags = []
+    if row.status == "timeout":
+        flags.append("Time ran out before the end was reached")
+    if row.status == "aborted":
+        flags.append("The trial was aborted")
+    if ticks is None or not len(ticks):
+        return flags
+    move = ticks[ticks[:, tick_log.PHASE] == tick_log.MOVE]
+    late = int(np.count_nonzero(ticks[:, tick_log.LATENESS_US] >= tick_log.MISSED_US))
+    if late:
+        flags.append(f"{late} tick{'s' if late > 1 else ''} came a millisecond or more too late")
+    most = move[:, tick_log.ARM_FORCE_MAX]
+    force = np.hypot(move[:, tick_log.HAND_FX], move[:, tick_log.HAND_FY])
+    left = int(np.count_nonzero((most[:-1] > 0.0) & (most[1:] == 0.0)))
+    if left:
+        often = "once" if left == 1 else f"{left} times"
+        flags.append(f"The pointer left the picture {often}, and the hand let the handle go")
+    clipped = 1e-3 * np.count_nonzero((most > 0.0) & np.isfinite(most) & (force >= CLIPPED * most))
+    if clipped:
+        flags.append(f"The hand force was at its limit for {clipped:.2f} s")
+    return flags

@@ -163,7 +163,7 @@ def _channels(trial: ExportedTrial) -> tuple[list[_Channel], dict[str, np.ndarra
                 meaning = f"1: the brake at joint {joint} is stuck, 0: it is not"
                 channels.append(_Channel(f"stuck_{joint}", description=meaning))
             continue
-        meaning, unit = recording_column(name)
+        meaning, unit = recording_column(name, recording.metadata.get("command_unit", "A"))
         meaning += ": the code of a word in Decisions of _motion.json" if name == "decision" else ""
         columns[name] = recording.column(name)
         if name == "t_s":

@@ -50,11 +50,18 @@ DECISION_READING = (
 )
 
 
-def recording_column(name: str) -> Column:
-    """What a column of a recording means. InputError if it is not described: another version wrote it."""
+def recording_column(name: str, command_unit: str = "A") -> Column:
+    """What a column of a recording means. InputError if it is not described: another version wrote it.
+
+    command_unit: of what was commanded to the brakes, where it was no current.
+    """
     if name not in RECORDING:
         raise InputError(f"recording: column {name} is not described, it cannot be exported")
-    return RECORDING[name]
+    column = RECORDING[name]
+    if column.unit == "A" and command_unit != "A":
+        meaning = column.meaning.replace("current", f"value ({command_unit})", 1)
+        return column._replace(meaning=meaning, unit=command_unit)
+    return column
 
 
 def scale_column(name: str) -> Column:

@@ -53,7 +53,8 @@ class CsvTables:
         path = self.folder / place
         path.parent.mkdir(parents=True, exist_ok=True)
         recording = trial.recording
-        self._columns |= {name: recording_column(name) for name in trial.names}
+        unit = recording.metadata.get("command_unit", "A")
+        self._columns |= {name: recording_column(name, unit) for name in trial.names}
         columns = {
             name: pa.array(recording.text(name), pa.string()) if name in TEXT_COLUMNS else recording.column(name)
             for name in trial.names

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
+from core import tick_log
 from core.files import InputError
 from experiments.analysis.chart_figures import draw_chart
 from experiments.analysis.charts import ORDER, POOLED, Chart, View, charts, left_out, legend
@@ -39,7 +40,6 @@ from experiments.session.journal import (
 PAGE = 8.27, 11.69  # inches: A4
 MARGIN, LINE = 0.8, 0.19  # inches
 CHARACTERS = 92  # of a line of small text
-LATE_US = 1000.0  # a tick so late was missed
 LOOKS = {
     "title": {"fontsize": 14.0},
     "head": {"fontsize": 10.5},
@@ -140,7 +140,7 @@ def _timing(session: Path, rows: Sequence[TrialRow]) -> Iterator[tuple[str, str]
         yield "text", "The trials did not run in real time."
     else:
         half, most = np.quantile(late, (0.5, 0.99))
-        missed = int(np.count_nonzero(late >= LATE_US))
+        missed = int(np.count_nonzero(late >= tick_log.MISSED_US))
         yield "text", (
             f"{len(late)} ticks in {len(lateness)} recordings: half of them at most {half:.0f} µs late, 99 % at most "
             f"{most:.0f} µs, the latest {late.max():.0f} µs; {missed} a millisecond or more."

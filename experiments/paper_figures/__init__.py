@@ -1,4 +1,4 @@
-"""The paper's Figs. 1 and 4 to 14, remade from our models: no data of the paper are drawn, only our models.
+"""The paper's Figs. 1 and 4 to 14, remade from our models, and its future work; no data of the paper are drawn.
 
 Each module draws a group of figures; `draw_all` names their files and writes them, all or none.
 """
@@ -23,7 +23,9 @@ from experiments.paper_figures.brake import (
 )
 from experiments.paper_figures.control import draw_five_forces, draw_sdof_choice, draw_velocity_field
 from experiments.paper_figures.directions import draw_maps, draw_sketch
+from experiments.paper_figures.displays import draw_displays
 from experiments.paper_figures.release import draw_releases
+from experiments.paper_figures.teleoperation import draw_passive_master
 from experiments.paper_figures.workspace import draw_sdof_paths
 from experiments.recording.atomic_files import refuse_existing_files, refusing, write_new_files
 
@@ -68,6 +70,7 @@ def pictures(devices: Sequence[Device]) -> list[Picture]:
     return [
         Picture("fig01_unachievable_directions", "directions of force out of reach, the sketch", draw_sketch),
         Picture("fig01_unachievable_directions_workspace", everywhere, partial(draw_maps, devices)),
+        Picture("displays", "the shipped displays compared, all with the same brake", draw_displays),
         *(
             Picture(
                 f"{SDOF_FIGURE.get(device.name, 'fig04-05')}_sdof_paths_{slug}",
@@ -92,6 +95,14 @@ def pictures(devices: Sequence[Device]) -> list[Picture]:
         Picture("fig12_velocity_field", "desired directions around the path y = 40 cm", draw_velocity_field),
         Picture("fig13_sdof_selection", chooses, partial(draw_sdof_choice, most_brakes)),
         Picture("fig14_proportional_selection", five, draw_five_forces),
+        *(
+            Picture(
+                f"passive_master_{slug}",
+                f"a delayed slave's force shown by brakes, and by a motor: {device.name}",
+                partial(draw_passive_master, device),
+            )
+            for device, slug in of_devices
+        ),
     ]
 
 

@@ -43,6 +43,11 @@ class Brake(NamedTuple):
     def assumed(self) -> bool:
         return self.file.provenance == "assumed"
 
+    @property
+    def command(self) -> str:
+        """What is commanded: a current, unless the file names another unit."""
+        return "current" if self.file.command_unit == "A" else "command"
+
     def torque_gain(self, currents: Iterable[float]) -> Array:
         """K (n,), N m, at currents (n,), A."""
         return np.array([torque_gain(self.record, A, current) for current in currents])
@@ -76,30 +81,32 @@ def draw_torque_gain(brake: Brake) -> Figure:
     """Fig. 6, the fit equation."""
     k1, k2, k3, k4, k5 = brake.file.k
     knee, largest = brake.file.knee_A, brake.file.current_max_A
-    text = f"{parameters_of(brake)} Model only. Circles: the currents at which the paper measured the brake."
+    measured = brake.file.command_unit == "A"  # a field is no current of the paper's
+    circles = " Circles: the currents at which the paper measured the brake." if measured else ""
+    text = f"{parameters_of(brake)} Model only.{circles}"
     figure, [[axes]] = sheet(text, (5.6, 4.0), (0.65, 0.2, 0.5, 0.45))
     plain(axes)
-    current = np.linspace(0.0, largest, 401)
+    current, unit = np.linspace(0.0, largest, 401), brake.file.command_unit
     gain = brake.torque_gain(current)
     top = 1.08 * gain[-1]
     if 0.0 < knee < largest:
         axes.axvline(knee, color=QUIET, linewidth=0.9, linestyle=(0, (4, 3)))
-        axes.annotate(f"knee, {knee:g} A", (knee, top), (4, -4), textcoords="offset points", va="top", color=QUIET)
+        axes.annotate(f"knee, {knee:g} {unit}", (knee, top), (4, -4), textcoords="offset points", va="top", color=QUIET)
     axes.plot(current, gain, color=BLUE, linewidth=2.0)
-    tested = TESTED_A[TESTED_A <= largest]
+    tested = TESTED_A[TESTED_A <= largest] if measured else np.empty(0)
     axes.plot(tested, brake.torque_gain(tested), "o", color=BLUE, markerfacecolor="white", markersize=6)
     axes.annotate(
         f"off-state torque $k_2$ = {k2:g} N m", (0.0, k2), (24, -1), textcoords="offset points", va="center",
         arrowprops={"arrowstyle": "-", "color": QUIET, "linewidth": 0.8, "shrinkB": 4}, bbox=WHITE,
     )  # fmt: skip
-    below = f"I < {knee:g} A:   K = {k1:g} I{_plus(k2)}"
-    above = f"I ≥ {knee:g} A:   K = {k3:g} I²{_plus(k4)} I{_plus(k5)}"
+    below = f"I < {knee:g} {unit}:   K = {k1:g} I{_plus(k2)}\n" if knee > 0.0 else ""
+    above = f"I ≥ {knee:g} {unit}:   K = {k3:g} I²{_plus(k4)} I{_plus(k5)}"
     axes.text(
-        0.98, 0.26, f"{below}\n{above}".replace("-", "−"), transform=axes.transAxes, ha="right", va="center",
+        0.98, 0.26, f"{below}{above}".replace("-", "−"), transform=axes.transAxes, ha="right", va="center",
         linespacing=1.7, fontsize=8.5, bbox=WHITE,
     )  # fmt: skip
     axes.set(xlim=(-0.02 * largest, 1.03 * largest), ylim=(0.0, top))
-    axes.set(xlabel="current I (A)", ylabel="torque gain K (N m)")
+    axes.set(xlabel=f"{brake.command} I ({unit})", ylabel="torque gain K (N m)")
     title(axes, f"Torque gain, Eq. (2), {brake.name}")
     return figure
 
@@ -132,7 +139,7 @@ def draw_time_constants(brake: Brake) -> Figure:
             axes.plot(i, w, constant_ms(i, w, way == "rising"), color=TEXT, linewidth=0.7, zorder=2)
         axes.set_zlim(0.0, 1.05 * top)
         axes.set_yticks(speed, [f"{rpm:g}" for rpm in TESTED_RPM])
-        axes.set_xlabel("current (A)", labelpad=4)
+        axes.set_xlabel(f"{brake.command} ({brake.file.command_unit})", labelpad=4)
         axes.set_ylabel("speed (rpm)", labelpad=5)
         axes.set_zlabel("time constant (ms)", labelpad=3)
         axes.tick_params(labelsize=7.5, pad=1)
@@ -187,7 +194,7 @@ def draw_current_steps(brake: Brake) -> Figure:
     largest = brake.file.current_max_A
     steps = [(t, share * largest) for t, share in STEPS]
     upper.step([*(t for t, _ in steps), STEPS_END_S], [*(i for _, i in steps), 0.0], where="post", color=TEXT)
-    upper.set(ylim=(0.0, 1.1 * largest), ylabel="current (A)")
+    upper.set(ylim=(0.0, 1.1 * largest), ylabel=f"{brake.command} ({brake.file.command_unit})")
     title(upper, "Commanded current")
     times = np.linspace(0.0, STEPS_END_S, 881)
     for speed, colour, line in STEP_SPEEDS:
@@ -244,12 +251,12 @@ def torque_as_worded(brake: Brake, angles: Array, current: float, step: float) -
 
 def draw_sinusoidal_motion(brake: Brake) -> Figure:
     """Fig. 10, the model's output."""
-    current = SINE_SHARE * brake.file.current_max_A
+    current, unit = SINE_SHARE * brake.file.current_max_A, brake.file.command_unit
     text = (
         f"{parameters_of(brake)} Model only, joint moved by {math.degrees(AMPLITUDE_RAD):g}° sin(2π {FREQUENCY_HZ:g} "
-        f"Hz t) at a steady {current:g} A; backlash {brake.file.backlash_deg:g}°. Ours: after each reversal the brake "
-        "holds its off-state torque until the play is crossed, and always opposes the motion. Paper's wording: the "
-        "signed torque lags, so it drives the joint after each reversal (shaded), which no brake can."
+        f"Hz t) at a steady {current:g} {unit}; backlash {brake.file.backlash_deg:g}°. Ours: after each reversal the "
+        "brake holds its off-state torque until the play is crossed, and always opposes the motion. Paper's wording: "
+        "the signed torque lags, so it drives the joint after each reversal (shaded), which no brake can."
     )
     step, period = SINE_STEP_S, 1.0 / FREQUENCY_HZ
     times = np.arange(round(3.5 * period / step) + 1) * step - 1.0 * period

@@ -20,7 +20,7 @@ from matplotlib.patheffects import withStroke
 
 from core.device import Device
 from core.mechanism import JOINTS, Mechanism
-from core.workspace import Array, arm_pose
+from core.workspace import Array, brake_rows
 from experiments.analysis.sheet import BLUE, CM, QUIET, SHADED, SMALL, TEXT, arrow, plain, sheet, title
 from experiments.paper_figures.brake import parameters_of
 from experiments.paper_figures.workspace import Workspace, draw_outline, in_cm, workspace_of
@@ -54,13 +54,9 @@ def achievable_span(lines: Sequence[float], velocity: float) -> tuple[float, flo
 
 
 def force_lines(mechanism: Mechanism, braked: str, x: Array, y: Array) -> Array:
-    """Angles (..., n) of the force lines of the brakes at many tips: A, B along the distal links, E, C base to tip."""
-    angles = []
-    for joint in braked:
-        pose = arm_pose(mechanism.arm_1 if joint in JOINTS[:2] else mechanism.arm_2, x, y)
-        along = pose.e2 if joint in "AB" else (pose.e1[0] + pose.e2[0], pose.e1[1] + pose.e2[1])
-        angles.append(np.arctan2(along[1], along[0]))
-    return np.stack(angles, axis=-1)
+    """Angles (..., n) of the force lines of the brakes at many tips."""
+    rows = brake_rows(mechanism, x, y)[[JOINTS.index(joint) for joint in braked]]
+    return np.asarray(np.moveaxis(np.arctan2(rows[:, 1], rows[:, 0]), 0, -1))
 
 
 def draw_sketch() -> Figure:

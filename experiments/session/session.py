@@ -400,6 +400,8 @@ class Session:
             "assumed": trial.device.assumed,
             "start": trial.start,
         }  # fmt: skip
+        if trial.device.command_unit != "A":
+            about["command_unit"] = trial.device.command_unit
         return about if self.blind else about | {"preset": preset_to_json(preset)}
 
 

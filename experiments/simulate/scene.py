@@ -250,7 +250,7 @@ def _check_commands(values: np.ndarray, device: Device, fidelity: str, where) ->
             elif value < 0.0:
                 reason = " must not be negative"
             else:
-                reason = f" must be at most {limit:g} A (current_max_A of the brake)"
+                reason = f" must be at most {limit:g} {device.command_unit} (current_max_A of the brake)"
             raise InputError(f"{place}{reason}, not {value:g}")
 
 

@@ -19,6 +19,7 @@ from experiments.trial.tick import decide_again
 
 #: What a decision is taken from, in the order in which `decide_again` reads it.
 GIVEN = ("tip_x_m", "tip_y_m", "tip_vx_m_s", "tip_vy_m_s", "sensed_fx_N", "sensed_fy_N")
+WANTED = ("wanted_fx_N", "wanted_fy_N")  # n/a in the recordings of earlier versions, which had no force to show
 
 
 class Checked(NamedTuple):
@@ -35,7 +36,9 @@ def check_decisions(recording: Recording, path: Path, device: Device, preset: Pr
     taken = recording.in_phase("move")
     if recording.sensors:
         taken &= recording.column("decided") == 1.0
-    given = np.column_stack([recording.column(name)[taken] for name in GIVEN])
+    without = np.full(recording.rows, np.nan)
+    wanted = [recording.columns.get(name, without) for name in WANTED]
+    given = np.column_stack([column[taken] for column in (*map(recording.column, GIVEN), *wanted)])
     noise = velocity_noise(device, point_at(path, 0.5 * path.length)[:2]) if recording.sensors else 0.0
     controller = make_controller(preset, device.force_normalised_N, rules, velocity_noise=noise)
     codes, currents = np.zeros(len(given), dtype=np.int64), np.zeros((len(given), 4))

@@ -1,44 +1,29 @@
 """`phd study --sweep`: many studies at once, without recordings, on all cores or a cluster, into one tidy table.
 
-OUT/sweep.json        what the sweep is, in full
-OUT/parts/000001.csv  the rows of one job, once it is done: a sweep that was killed goes on with the others
-OUT/sweep.csv         all rows, once all jobs are done; the parts are then gone
-
-A job's trials depend on nothing but the job, so the table is the same, byte by byte, whatever ran where and when.
+How its folder is filled, resumed and spread over workers: `jobs`.
 """
 
-import contextlib
 import csv
-import functools
 import io
 import itertools
-import json
 import math
-import os
-import signal
-import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import joblib
 import msgspec
 import numpy as np
 
-from core import tick_log
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.device import Device
 from core.files import InputError, Table, choice, parse_toml, read_text
-from core.path import PathFile, build_path, point_at
-from core.simulator.simulated_device import SimulatedDevice
-from experiments.analysis.metrics import NO_METRICS, Metrics, trial_metrics
+from core.path import PathFile
+from experiments.analysis.metrics import Metrics
 from experiments.plan import PlannedTrial
 from experiments.protocol import PARAMETER_TYPES, Count, Rules, Text, TrialRules, load_protocol, plain_text
-from experiments.recording.atomic_files import give_new_name, make_empty_folder, written_beside
-from experiments.recording.schema import recording_of
-from experiments.session.files import LOCK, hold_lock
+from experiments.study.jobs import Done, Work, run_work
+from experiments.study.unrecorded import Measured, normals, person_of, run_measured, switched_on
 from experiments.trial.population import Population, load_population
 from experiments.trial.tick import TICK_S
 from experiments.trial.trial import Trial
@@ -107,6 +92,34 @@ class Job:
     paths: dict[int, PathFile]
     trial: TrialRules
 
+    def run(self) -> Done:
+        """Its rows, in the order of `COLUMNS`; a measure that is missing or not finite is empty."""
+        person, simulation = person_of(self.population, self.seed, self.operator), switched_on(self.device, self.paths)
+        text, ticks = io.StringIO(), 0
+        writer = csv.writer(text, lineterminator="\n")
+        for repetition in range(1, self.repetitions + 1):
+            for segment, path in self.paths.items():
+                # as in a study: the same noise for every controller, device and rule set
+                noise = normals(self.seed, self.operator, segment, repetition)
+                planned = PlannedTrial(1, 1, self.device.name, 1, segment, repetition)
+                trial = Trial(simulation, planned, path, self.preset, self.rules, self.trial, person, noise)
+                one = run_measured(trial)
+                writer.writerow(self._row(one))
+                ticks += one.ticks
+        return Done(text.getvalue().encode(), ticks)
+
+    def _row(self, one: Measured) -> list[object]:
+        measured = (*one.measures.values(), *(one.outcome[name] for name in ENERGIES))
+        return [
+            self.population.name, self.device.name, self.rules, self.preset.kind, *map(self.preset.value, PARAMETERS),
+            self.operator, one.planned.segment, one.planned.repetition, one.outcome["status"], *map(as_cell, measured),
+        ]  # fmt: skip
+
+
+def as_cell(value: float | None) -> str:
+    """A number as it stands in the table; empty where it is missing or not finite."""
+    return "" if value is None or not math.isfinite(value) else repr(float(value))
+
 
 @dataclass(frozen=True)
 class Sweep:
@@ -153,9 +166,7 @@ def _beside(path: Path, name: str) -> str | Path:
     return there if there.is_file() else name
 
 
-STORED, TABLE, PARTS = "sweep.json", "sweep.csv", "parts"
-CHUNK_TICKS = 65_536
-LOOK_S = 0.5  # how often a worker looks whether its parent lives
+KIND = "sweep"
 ENERGIES = ("energy_residual_J", "energy_added_max_J")
 COLUMNS = (
     "population", "configuration", "rules", "kind", *PARAMETERS, "operator", "segment", "repetition", "status",
@@ -170,179 +181,18 @@ def run_sweep(
     cluster: str | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> dict:
-    """Run every job that is not done yet, then write the table; the summary. InputError for wrong input.
-
-    cluster: address of a Dask scheduler, whose workers must have this program; None: the cores of this machine.
-    """
-    began = time.perf_counter()
-    out = Path(out)
-    if not resume:
-        make_empty_folder(out, "a sweep needs a new or empty folder (or --resume)", (LOCK, f".{STORED}.partial"))
-    elif not out.is_dir():
-        raise InputError(f"{out}: holds no sweep to resume")
-    with hold_lock(out):
-        (compare if resume else store)(out, sweep)
-        parts = {job.number: out / PARTS / f"{job.number:06d}.csv" for job in sweep.jobs}
-        waiting = [] if (out / TABLE).exists() else [job for job in sweep.jobs if not parts[job.number].exists()]
-        done, ticks = len(sweep.jobs) - len(waiting), 0
-        if waiting:
-            (out / PARTS).mkdir(exist_ok=True)
-        with ending_at_once():
-            for number, data, more in results(waiting, cluster):
-                with written_beside(parts[number], data, sync=False) as partial:
-                    partial.rename(parts[number])
-                done, ticks = done + 1, ticks + more
-                progress(done / len(sweep.jobs))
-        rows = gather(out / TABLE, list(parts.values()))
+    """Run every job that is not done yet, then write the table; the summary. As `run_work`."""
+    finished = run_work(Work(KIND, sweep.name, sweep.texts, COLUMNS, sweep.jobs), Path(out), resume, cluster, progress)
+    with finished.table.open(newline="") as stream:
+        done = [row["status"] == "done" for row in csv.DictReader(stream)]
     return {
-        "out": str(out / TABLE),
+        "out": str(finished.table),
         "name": sweep.name,
         "jobs": len(sweep.jobs),
-        "already_done": len(sweep.jobs) - len(waiting),
-        "trials": len(rows),
-        "share_done": float(np.mean([row["status"] == "done" for row in rows])),
+        "already_done": finished.already_done,
+        "trials": len(done),
+        "share_done": float(np.mean(done)),
         "parameters": "assumed" if sweep.assumed else "as in the files",
-        "simulated_s": ticks * TICK_S,
-        "wall_s": time.perf_counter() - began,
+        "simulated_s": finished.ticks * TICK_S,
+        "wall_s": finished.wall_s,
     }
-
-
-# -------------------------------------------------------------------------------------------------------------- a job
-
-
-def run_job(job: Job) -> tuple[int, bytes, int]:
-    """The job's number, its rows as they stand in the table, and how many ticks that took."""
-    person = job.population.draw(np.random.default_rng(np.random.SeedSequence([job.seed, job.operator])))
-    first = build_path(next(iter(job.paths.values())), "path")
-    x, y, _, _ = point_at(first, 0.5 * first.length)
-    simulation = SimulatedDevice(job.device, (x, y))
-    text, ticks = io.StringIO(), 0
-    writer = csv.writer(text, lineterminator="\n")
-    for repetition in range(1, job.repetitions + 1):
-        for segment, path in job.paths.items():
-            # as in a study: the same noise for every controller, device and rule set
-            generator = np.random.default_rng(np.random.SeedSequence([job.seed, job.operator, segment, repetition]))
-            planned = PlannedTrial(1, 1, job.device.name, 1, segment, repetition)
-            trial = Trial(simulation, planned, path, job.preset, job.rules, job.trial, person, generator)
-            rows = run_trial(trial)
-            writer.writerow(table_row(job, trial, rows))
-            ticks += len(rows)
-    return job.number, text.getvalue().encode(), ticks
-
-
-def run_trial(trial: Trial) -> np.ndarray:
-    """Every tick of a trial (n, tick_log.WIDTH)."""
-    blocks = []
-    while not trial.finished:
-        block = np.empty((CHUNK_TICKS, tick_log.WIDTH))
-        blocks.append(block[: trial.run(block)])
-    return np.concatenate(blocks)
-
-
-def table_row(job: Job, trial: Trial, rows: np.ndarray) -> list[object]:
-    """A trial's row of the table, in the order of `COLUMNS`; a measure that is missing or not finite is empty."""
-    outcome, preset = trial.outcome(), job.preset
-    recording = recording_of(rows, job.device.braked)
-    metrics = trial_metrics(recording, trial.path) if recording.in_phase("move").any() else NO_METRICS
-    measured = (*metrics, *(outcome[name] for name in ENERGIES))
-    return [
-        job.population.name, job.device.name, job.rules, preset.kind, *map(preset.value, PARAMETERS), job.operator,
-        trial.planned.segment, trial.planned.repetition, outcome["status"],
-        *("" if value is None or not math.isfinite(value) else repr(float(value)) for value in measured),
-    ]  # fmt: skip
-
-
-# --------------------------------------------------------------------------------------------------------- the workers
-
-
-def results(jobs: Sequence[Job], cluster: str | None) -> Iterator[tuple[int, bytes, int]]:
-    """The results of the jobs as they come, from all cores or the cluster's workers."""
-    if cluster is None:
-        if jobs:  # its kernels are compiled here, if they have to be, rather than by every worker at the same time
-            yield run_job(jobs[0])
-        calls = (joblib.delayed(run_beside_parent)(job, os.getpid()) for job in jobs[1:])
-        workers = max(1, min(joblib.cpu_count(), len(jobs) - 1))
-        yield from joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(calls)
-        return
-    try:
-        from dask.distributed import Client
-    except ImportError:
-        raise InputError("--cluster: needs dask.distributed (pip install -c constraints.txt -e '.[cluster]')") from None
-    try:
-        client = Client(cluster, timeout=10)
-    except (OSError, ValueError) as error:
-        raise InputError(f"--cluster: no Dask scheduler answers at {cluster} ({error})") from None
-    with client, joblib.parallel_config(backend="dask"):
-        yield from joblib.Parallel(return_as="generator_unordered")(joblib.delayed(run_job)(job) for job in jobs)
-
-
-@contextlib.contextmanager
-def ending_at_once() -> Iterator[None]:
-    """An interrupt ends the process on the spot: finished jobs are on the disk, and the workers see that their parent
-    is gone. An orderly end would wait for them, sometimes for ever.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.signal(number, signal.SIG_DFL) for number in (signal.SIGTERM, signal.SIGINT)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def run_beside_parent(job: Job, parent: int) -> tuple[int, bytes, int]:
-    """A job in a worker of this machine, which ends when the sweep does, however that ends."""
-    if os.getpid() != parent:
-        end_with(parent)
-    return run_job(job)
-
-
-@functools.cache
-def end_with(parent: int) -> None:
-    """From now on this process ends when its parent does."""
-
-    def look() -> None:
-        while os.getppid() == parent:
-            time.sleep(LOOK_S)
-        os._exit(1)
-
-    threading.Thread(target=look, name="looks at its parent", daemon=True).start()
-
-
-# ----------------------------------------------------------------------------------------------------------- the files
-
-
-def store(out: Path, sweep: Sweep) -> None:
-    """Write what the sweep is into its folder."""
-    about = json.dumps({"name": sweep.name, "texts": sweep.texts}, indent=1, sort_keys=True).encode() + b"\n"
-    with written_beside(out / STORED, about) as partial:
-        give_new_name(partial, out / STORED)
-
-
-def compare(out: Path, sweep: Sweep) -> None:
-    """InputError unless the folder's sweep is this one: a changed file would mix two sweeps in one table."""
-    try:
-        stored = json.loads((out / STORED).read_text(encoding="utf-8"))["texts"]
-    except FileNotFoundError:
-        raise InputError(f"{out}: holds no sweep to resume (no {STORED})") from None
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{out / STORED}: is damaged ({type(error).__name__}: {error})") from None
-    changed = sorted(key for key in {*stored, *sweep.texts} if stored.get(key) != sweep.texts.get(key))
-    if changed:
-        raise InputError(f"{out / STORED}: the sweep was begun with another {', '.join(changed)}; use a new folder")
-
-
-def gather(table: Path, parts: Sequence[Path]) -> list[dict[str, str]]:
-    """The rows of the table, which is written from the parts if it is not there yet; the parts then go."""
-    if not table.exists():
-        data = (",".join(COLUMNS) + "\n").encode() + b"".join(part.read_bytes() for part in parts)
-        with written_beside(table, data) as partial:
-            give_new_name(partial, table)
-    for part in parts:
-        part.unlink(missing_ok=True)
-    with contextlib.suppress(FileNotFoundError):
-        parts[0].parent.rmdir()
-    with table.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))

@@ -67,6 +67,8 @@ class Person(NamedTuple):
     tremor_N: Annotated[float, (0.0, 20.0)]  # rms per axis
     tremor_Hz: Annotated[float, (3.0, 20.0)]
     tremor_band_Hz: Annotated[float, (0.1, 10.0)]  # width of the tremor's peak at half power
+    sees_cursor: Annotated[float, (0.0, 1.0)] = 1.0  # share of the distance to the path that is seen on the way
+    aims_at_end: Annotated[float, (0.0, 1.0)] = 0.0  # 1: at the end a handle that stands is led on, sideways too
 
 
 OPERATOR = np.dtype(
@@ -262,8 +264,11 @@ def follow(operator, grip, path, tick, phase_tick, tip_progress):
         slope = 0.0
     stands = math.sqrt(rate_along * rate_along + rate_across * rate_across) < operator.still_speed_m_s
     stands = stands and phase_tick * TICK_S > 2.0 * operator.reaction_s
-    missing = path.length - seen[2] if moving and operator.progress >= 1.0 else 0.0
-    error = 0.0 if stands else -seen[3]
+    arriving = moving and operator.progress >= 1.0
+    stands = stands and not (arriving and operator.aims_at_end == 1.0)
+    missing = path.length - seen[2] if arriving else 0.0
+    sight = 1.0 if arriving else operator.sees_cursor  # our choice: the end is found without a cursor, too
+    error = 0.0 if stands else -sight * seen[3]
     correct(operator, missing, error, rate_along if missing != 0.0 else 0.0, rate_across, 1.0)
 
     wander = share * (1.0 - share)

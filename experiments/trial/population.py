@@ -65,6 +65,13 @@ class Spread(Table, frozen=True):
             raise ValueError(f"low ({self.low:g}) must not exceed high ({self.high:g})")
 
 
+#: Numbers that files of an earlier version lack, as their operators had them.
+EARLIER = {
+    key: Spread(source="assumed: as every operator before this number came", value=value)
+    for key, value in Person._field_defaults.items()
+}
+
+
 class _Named(Table, frozen=True):
     """What a population file holds besides a person's numbers."""
 
@@ -81,8 +88,9 @@ class _Named(Table, frozen=True):
 
 #: A population file as it stands: its name, and a Spread for each field of Person.
 PopulationFile = msgspec.defstruct(
-    "PopulationFile", [(key, Spread) for key in Person._fields], bases=(_Named,), frozen=True, kw_only=True,
-    forbid_unknown_fields=True,
+    "PopulationFile",
+    [(key, Spread, EARLIER[key]) if key in EARLIER else (key, Spread) for key in Person._fields],
+    bases=(_Named,), frozen=True, kw_only=True, forbid_unknown_fields=True,
 )  # fmt: skip
 
 

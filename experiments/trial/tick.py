@@ -4,6 +4,7 @@
     PHASE    approach -> hold -> move -> end
     GUARD    a real device that does not obey, stands where it cannot be, moves too fast or traps a hand ends the trial
     HAND     the simulated operator moves its virtual hand (a person's pointer or force is set from outside)
+    SLAVE    a teleoperated slave follows the tip, and the force that it sends arrives: `reflect` is to show it
     DECIDE   the controller, during `move` only: brakes are off in every other phase; its velocity field goes to LOG
     SETTLE   the simulated device: currents to the brakes, which of them stick and which slip
     LOG      one row
@@ -25,7 +26,7 @@ from core import tick_log as log
 from core.brake import begin_lag, lagged_yield
 from core.control.algorithm import OFF, release
 from core.control.controllers import decide
-from core.control.velocity_field import NO_FIELD, TRAVEL
+from core.control.velocity_field import NEAREST, NO_FIELD, TRAVEL, WANTED
 from core.kernel import inlined, kernel
 from core.path import nearest
 from core.simulator.event import advance_event
@@ -36,6 +37,7 @@ from core.simulator.stick_slip_mode import look, resolve
 from core.stops import stop_gap
 from core.tick_log import APPROACH, END, HOLD, MOVE
 from experiments.protocol import TrialRules
+from experiments.slave import SLAVE, follow_master, set_slave
 from experiments.trial.operator import TICK_S, begin_approach, operate
 
 RUNNING, DONE, TIMEOUT, ABORTED = range(4)
@@ -84,6 +86,7 @@ RUN = np.dtype(
         ("speed_max", "f8"),  # m/s, of a real device
         ("release_force", "f8"),  # N; infinite: a trapped hand is not released
         ("release_ticks", "i8"),
+        ("slave", SLAVE),
         # what changes
         ("tick", "i8"),
         ("phase", "i8"),
@@ -133,6 +136,8 @@ def new_run(how: TrialRules, fidelity: int, simulated_hand: bool, real: bool = F
     )
     for name, value in fields.items():
         run[name][0] = value
+    if how.slave:
+        set_slave(run["slave"][0], how.slave)
     return run
 
 
@@ -159,12 +164,16 @@ def run_ticks(
             guard(mechanism, brakes, state, run, row)
         if run.simulated_hand != 0:
             operate(operator, grip, path, run.phase, run.tick, run.phase_tick, state.tip[0], state.tip[1], noise)
+        memory[WANTED] = memory[WANTED + 1] = memory[NEAREST] = memory[NEAREST + 1] = math.nan
+        if run.slave.on != 0:
+            follow_master(run.slave, state.tip, run.tick, memory)
         choose_currents(controller, brakes, path, memory, state, run, row)
         row[log.SENSED_FX], row[log.SENSED_FY] = state.hand_force[0], state.hand_force[1]
         if run.real == 0:
             apply(brakes, state, run.current, run.fidelity)
             resolve(mechanism, brakes, hand, state, t)
         log_row(mechanism, brakes, state, grip, run, t, row)
+        log_shown(state, run, memory, row)
         if run.real == 0:
             lagged = 1 if run.fidelity == MR else 0
             advance_event(mechanism, brakes, hand, state, step_scratch, run.current, t, TICK_S, lagged)
@@ -378,6 +387,20 @@ def log_row(mechanism, brakes, state, grip, run, t, row):
 
 
 @kernel
+def log_shown(state, run, memory, row):
+    """Stage: into the row, the force to be shown, the nearest one that can be had, and what the brakes do, Eq. (7)."""
+    here = run.slave.on != 0
+    row[log.SLAVE_X] = run.slave.place[0] if here else math.nan
+    row[log.SLAVE_Y] = run.slave.place[1] if here else math.nan
+    for axis in range(2):
+        row[log.WANTED_FX + axis], row[log.NEAREST_FX + axis] = memory[WANTED + axis], memory[NEAREST + axis]
+        shown = 0.0
+        for i in range(4):
+            shown += state.g[i, axis] * state.torque[i]
+        row[log.SHOWN_FX + axis] = shown if math.isfinite(memory[WANTED + axis]) else math.nan
+
+
+@kernel
 def resting_bits(brakes, state):
     """Which brakes of a real device rest (bit i for joint i): whether they hold is not known."""
     bits = 0
@@ -391,13 +414,14 @@ def resting_bits(brakes, state):
 def decide_again(path, controller, mechanisms, brake_records, states, memory, given, codes, currents):
     """Decision codes (n,) and currents (n, 4), A, of the ticks of a movement, from the rows alone.
 
-    given (n, 6): tip (m), its velocity (m/s) and the sensed hand force (N).
+    given (n, 8): tip (m), its velocity (m/s), the sensed hand force and the force to be shown (N).
     """
     mechanism, brakes, state = mechanisms[0], brake_records[0], states[0]
     for n in range(given.shape[0]):
         for i in range(4):
             state.tip[i] = given[n, i]
         look(mechanism, state)
+        memory[WANTED], memory[WANTED + 1] = given[n, 6], given[n, 7]
         codes[n] = decide(
             controller, brakes, path, memory, given[n, 0], given[n, 1], given[n, 2], given[n, 3], given[n, 4],
             given[n, 5], state.g, state.mass, currents[n],

@@ -6,7 +6,7 @@ starts again. The decoder survives any bytes and counts what it met.
 
 from dataclasses import dataclass
 
-from cobs import cobs
+import corncobs
 from fastcrc import crc32
 
 MAX_PAYLOAD = 124  # bytes: message type and fields
@@ -41,7 +41,7 @@ def encode_frame(payload: bytes) -> bytes:
     """One frame with its zero byte. ValueError if the payload is empty or longer than MAX_PAYLOAD."""
     if not 1 <= len(payload) <= MAX_PAYLOAD:
         raise ValueError(f"a payload has 1 to {MAX_PAYLOAD} bytes, not {len(payload)}")
-    return cobs.encode(payload + checksum(payload).to_bytes(CRC_BYTES, "little")) + b"\0"
+    return corncobs.encode(payload + checksum(payload).to_bytes(CRC_BYTES, "little")) + b"\0"
 
 
 class FrameDecoder:
@@ -82,8 +82,8 @@ class FrameDecoder:
             self._bad("too_long")
             return None
         try:
-            decoded = cobs.decode(encoded)
-        except cobs.DecodeError:
+            decoded = corncobs.decode(encoded)
+        except corncobs.DecodeError:
             self._bad("bad_cobs")
             return None
         if len(decoded) <= CRC_BYTES:

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from experiments.protocol import load_protocol
-from hardware.sensing.tip_motion import WINDOW
+from hardware.sensing.samples import WINDOW
 from tests.benchmarks.board_bench import AGAIN, compared, medians, settings, table
 from tests.benchmarks.board_trials import ALL, CASES, Effects, Setting, on_the_board, on_the_simulated_device
 

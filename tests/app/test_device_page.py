@@ -6,7 +6,7 @@ import os
 import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
-from fake_client import DEVICES, PRESETS, opened, ready, running
+from fake_client import DEVICES, PRESETS, opened, paper, ready, running
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
@@ -169,7 +169,7 @@ def test_a_gain_feels_the_encoders_as_far_as_their_steps_are_coarse(page: Device
     assert force == pytest.approx(gain * noise) and quantisation(DEVICE, status(homed=False), PRESETS) is None
     assert "can be felt" in texts(page)
     gentle = {n: one._replace(values=tuple(0.001 * value for value in one.values)) for n, one in PRESETS.items()}
-    page.show_session(opened(controllers=gentle, **ON_BENCH), ready(3, checks=WELL))
+    page.show_session(opened(protocol=paper(controllers=gentle), **ON_BENCH), ready(3, checks=WELL))
     assert "can be felt" not in texts(page) and "One encoder count is" in texts(page)
 
 

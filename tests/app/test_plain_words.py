@@ -11,6 +11,7 @@ from screens import Screens, cut_texts, opened_screens, settle
 
 from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus
+from app.ipc.scheduling import Scheduling
 from app.session_server.preflight import check_loop, check_real, check_sensor
 from app.session_server.storage import Storage
 from app.verbs.common import as_text, in_words
@@ -21,6 +22,7 @@ from experiments.analysis.statistics import Result
 from hardware.serial_port import _reason
 
 IDLE = m.Timing(0.2, 0.4, 1.0, 0, "default")
+DEFAULT = Scheduling(False, False, -1, "default")
 LATE = m.Timing(50.0, 30_947.0, 41_000.0, 2180, "default")
 
 
@@ -55,11 +57,11 @@ def test_a_break_that_is_over_asks_for_no_more_rest(screens: Screens) -> None:
 
 
 def test_the_loop_is_judged_by_its_last_trial_once_there_is_one() -> None:
-    assert check_loop(IDLE, False).state == m.GOOD
-    late = check_loop(IDLE, False, LATE)
+    assert check_loop(IDLE, False, DEFAULT).state == m.GOOD
+    late = check_loop(IDLE, False, DEFAULT, LATE)
     assert late.state == m.CAUTION and "30,947" in late.text and "2180 missed" in late.text
-    assert check_loop(LATE, False, IDLE).state == m.GOOD
-    assert check_loop(None, False, LATE).state == m.WAITING
+    assert check_loop(LATE, False, DEFAULT, IDLE).state == m.GOOD
+    assert check_loop(None, False, None, LATE).state == m.WAITING
 
 
 def test_without_its_board_a_force_sensor_is_not_ready() -> None:

@@ -143,6 +143,13 @@ def test_another_device_has_other_brakes(traces: Traces) -> None:
     assert traces.currents.value.endswith("B 0.50 A")
 
 
+def test_what_is_commanded_to_a_brake_is_shown_in_the_unit_of_its_file(traces: Traces) -> None:
+    traces.show_trial(load_device("er-two-brake"))
+    traces.add(quiet(CURRENT_B=2.5))
+    traces.word()
+    assert traces.currents.value.endswith("B 2.50 kV/mm")
+
+
 def test_a_blind_console_hides_the_currents_and_nothing_else(traces: Traces) -> None:
     one, other = quiet(2000, CURRENT_E=0.8, HAND_FX=2.0), quiet(2000, CURRENT_B=0.3, HAND_FX=2.0)
     pictures = []

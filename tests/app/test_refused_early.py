@@ -9,9 +9,9 @@ from protocols import PAPER, changed, protocol_of, short
 
 from app.cli import main
 from app.ipc.messages import OPERATOR, Setup
+from app.session_server.preflight import done_without
 from app.session_server.server import read_protocol
 from app.session_server.session_progress import SessionProgress
-from app.session_server.simulated_person import done_without
 from core.files import InputError
 from experiments.protocol import MOST_TRIALS
 from experiments.session.journal import unmeasured_row

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from fake_client import LONG_BREAK, PLAN, PRESETS, movement, opened, ready, result, running, ticks
+from fake_client import LONG_BREAK, PLAN, PRESETS, movement, opened, paper, ready, result, running, ticks
 from PySide6.QtCore import QEvent, QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
@@ -15,7 +15,11 @@ from app.window.painting.plane import TRAIL_STEP_PX
 from app.window.participant_window import TEXT_TOP
 from app.window.questionnaire import ITEMS
 from core import tick_log
+<<<<<<< HEAD
 from experiments.protocol import Page, load_protocol, shipped_protocols
+=======
+from experiments.protocol import Cues, Instruction
+>>>>>>> main
 
 CTRL = Qt.KeyboardModifier.ControlModifier
 
@@ -93,23 +97,24 @@ def test_breaks_and_the_end_are_said_and_the_path_is_away(screens: Screens) -> N
 
 
 def test_feedback_and_cues_are_given_only_where_the_protocol_says_so(screens: Screens) -> None:
-    plain, told = opened(), opened(feedback="time", cues=(3.0, 6.0))  # the trial took 2.4 s
+    cues = Cues(too_fast_s=3.0, too_slow_s=6.0)  # the trial took 2.4 s
+    plain, told = opened(), opened(protocol=paper(feedback="time", cues=cues))
     for protocol, expected in ((plain, False), (told, True)):
         screens.hear(protocol, running())
         screens.hear(ready(1))
         assert ("2.4 seconds" in said(screens)) == expected and ("slower" in said(screens)) == expected
-    slow = opened(cues=(0.5, 2.0))
+    slow = opened(protocol=paper(cues=Cues(too_fast_s=0.5, too_slow_s=2.0)))
     screens.hear(slow, running())
     screens.hear(ready(1))
     assert "faster" in said(screens) and "2.4" not in said(screens)
-    screens.hear(opened(feedback="error"), running())
+    screens.hear(opened(protocol=paper(feedback="error")), running())
     screens.hear(ready(1))
     assert re.search(r"1\.1 mm", said(screens))
 
 
 def test_the_linkage_is_seen_only_where_the_protocol_says_so(screens: Screens) -> None:
     for over, shown in enumerate((False, True)):
-        screens.hear(opened(show_linkage=shown), running(over))
+        screens.hear(opened(protocol=paper(show_linkage=shown)), running(over))
         screens.tick(ticks(tick_log.MOVE))
         assert (screens.participant.view._device is not None) == shown
 
@@ -252,7 +257,8 @@ def test_the_text_is_never_under_the_dot(screens: Screens) -> None:
 
 def test_instructions_are_read_page_by_page_before_the_first_trial(screens: Screens) -> None:
     window = screens.participant
-    screens.hear(opened(folder="other", instructions=(Page("Hold the handle.", b""), Page("Follow the line.", b""))))
+    pages = (Instruction(text="Hold the handle."), Instruction(text="Follow the line."))
+    screens.hear(opened(protocol=paper(instruction=pages), folder="other"))
     screens.hear(ready(0))
     assert window.instructions.isVisible() and window.instructions.text.text() == "Hold the handle."
     assert screens.press(Qt.Key.Key_Space, window) == [] and window.instructions.text.text() == "Follow the line."

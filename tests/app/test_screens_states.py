@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fake_client import GREEN, LONG_BREAK, PLAN, RED, movement, opened, ready, running
+from fake_client import GREEN, LONG_BREAK, PLAN, RED, movement, opened, paper, ready, running
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel
 from screens import Screens, cut_texts, opened_screens, settle, visible_texts
@@ -35,7 +35,7 @@ def test_nobody_is_told_that_the_next_trial_comes_while_its_start_is_blocked(scr
 
 
 def test_feedback_stays_while_the_start_is_blocked(screens: Screens) -> None:
-    screens.hear(opened(feedback="time"), ready(3, checks=RED))
+    screens.hear(opened(protocol=paper(feedback="time")), ready(3, checks=RED))
     assert screens.participant.view.shown == words.Shown("Well done", "2.4 seconds")
 
 
@@ -77,7 +77,7 @@ def test_after_a_break_the_participant_sees_the_path_that_comes(screens: Screens
     view = screens.participant.view
     assert view.path is None and view.tip is None
     screens.hear(ready(22))
-    assert view.path == opened().paths[PLAN[22].segment] and view.tip is not None
+    assert view.path == opened().protocol.paths[PLAN[22].segment] and view.tip is not None
 
 
 def test_energy_makes_no_claim_before_there_is_a_tick(screens: Screens) -> None:

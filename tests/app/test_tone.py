@@ -5,7 +5,7 @@ import wave
 
 import numpy as np
 import pytest
-from fake_client import opened, ready, running, ticks
+from fake_client import opened, paper, ready, running, ticks
 from screens import Screens, opened_screens
 
 from app.window.tone import END_HZ, GO_HZ, RATE_HZ, tone
@@ -33,7 +33,7 @@ def test_tones_come_at_go_and_at_the_end_once_each_and_only_where_the_protocol_h
 ) -> None:
     played: list[str] = []
     monkeypatch.setattr(screens.participant.tones, "play", played.append)
-    screens.hear(opened(tones=on), running())
+    screens.hear(opened(protocol=paper(tones=on)), running())
     screens.participant.show()
     for phase in (tick_log.APPROACH, tick_log.HOLD, tick_log.MOVE, tick_log.MOVE, tick_log.END, tick_log.END):
         screens.tick(ticks(phase))
@@ -42,7 +42,7 @@ def test_tones_come_at_go_and_at_the_end_once_each_and_only_where_the_protocol_h
 
 def test_tones_that_cannot_be_heard_are_named_to_the_experimenter(screens: Screens, monkeypatch) -> None:
     monkeypatch.setattr("app.window.session_panel.player", lambda: None)
-    screens.hear(opened(tones=True), ready(1))
+    screens.hear(opened(protocol=paper(tones=True)), ready(1))
     assert "no program to play them" in screens.run.panel.notice.text()
-    screens.hear(opened(tones=False), ready(1))
+    screens.hear(opened(protocol=paper(tones=False)), ready(1))
     assert not screens.run.panel.notice.isVisible()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, ready
+from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, paper, ready
 from PySide6.QtCore import QEvent, QRectF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog
@@ -91,7 +91,7 @@ def test_with_a_session_open_it_asks_for_nothing_and_says_why(qtbot) -> None:
 
 def test_another_protocol_brings_its_own_controllers(held: Held) -> None:
     other = {7: Preset("Wall", "sdof", (0.01,))}
-    held.page.show_opened(opened("", controllers=other))
+    held.page.show_opened(opened("", paper(controllers=other)))
     wall = INITIAL._replace(controller=7, gap_m=0.01)
     held.page.show_snapshot(tried(wall, initial=wall))
     feels = {number: guide.feel.text() for number, guide in held.page.guides.items()}

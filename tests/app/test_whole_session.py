@@ -85,7 +85,7 @@ def test_a_first_try_is_with_a_controller_that_brakes(window: Window) -> None:
     assert window.opened.hand == "mouse"
     window.client.send(m.Sandbox())
     tried = window.touch().running
-    assert window.opened.controllers[tried.controller].kind != "none" and tried.block == 0
+    assert window.opened.protocol.controllers[tried.controller].kind != "none" and tried.block == 0
     window.client.send(m.EndSandbox())
     window.until_stage(m.NO_SESSION)
 

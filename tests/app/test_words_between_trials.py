@@ -1,16 +1,18 @@
 """What stands on the screens between trials: feedback whatever comes next, whole, with what to do; other windows."""
 
 import pytest
-from fake_client import LONG_BREAK, PLAN, opened, ready, result, running
+from fake_client import LONG_BREAK, PLAN, opened, paper, ready, result, running
 from PySide6.QtWidgets import QLabel
 from screens import Screens, cut_texts, opened_screens, settle, visible_texts
 
 from app.ipc import messages as m
 from app.window import words
 from experiments.analysis.trials_table import STATUSES
-from experiments.language import ENGLISH_WORDS, FOLDER, read_language
+from experiments.language import ENGLISH_WORDS, FOLDER, language_text
+from experiments.protocol import Cues
 
-GIVEN = opened(feedback="error", cues=(3.0, 6.0))  # the trials of the fake bench take 2.4 s
+CUES = Cues(too_fast_s=3.0, too_slow_s=6.0)  # the trials of the fake client take 2.4 s
+GIVEN = opened(protocol=paper(feedback="error", cues=CUES))
 ERROR, CUE = "mm from the line on average", ENGLISH_WORDS["slower"]
 
 
@@ -40,8 +42,9 @@ def test_after_practice_there_is_how_it_ended_and_no_second_welcome(screens: Scr
 
 
 def test_the_participant_reads_the_language_of_the_protocol(screens: Screens) -> None:
-    german = read_language((FOLDER / "de.toml").read_text(encoding="utf-8"), "de")
-    screens.hear(opened(language=german), ready(1))
+    protocol = paper(language="de", language_text=language_text("de", FOLDER))
+    german = protocol.sentences
+    screens.hear(opened(protocol=protocol), ready(1))
     assert screens.participant.view.shown.large == screens.run.centre.large.text() == "Gut gemacht"
     screens.hear(ready(1, stage=m.QUESTIONS))
     assert german["effort"] in [label.text() for label in screens.participant.questions.findChildren(QLabel)]

@@ -27,7 +27,7 @@ from experiments.trial.trial import Trial
 from hardware.emulated_board.board import TICK_US, Board
 from hardware.emulated_board.device import EmulatedDevice
 from hardware.emulated_board.sensors import capability_of, sensing_of
-from hardware.sensing.tip_motion import WINDOW, MotionFilter, Vector
+from hardware.sensing.samples import WINDOW, MotionFilter, Vector
 from hardware.serial_device import SerialDevice
 
 LONGEST_TICKS = 120_000

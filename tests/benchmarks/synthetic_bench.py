@@ -75,11 +75,7 @@ class SyntheticBench:
         protocol = load_protocol(devices=(device,))
         plan = make_plan(protocol, "01")
         self._planned = next(trial for trial in plan if trial.segment == 1)
-        self.opened = m.Opened(
-            "01", protocol.name, tuple(protocol.devices), dict(protocol.paths), dict(protocol.controllers), plan,
-            "0" * 64, "synthetic", protocol.note(), "none", False, None, protocol.seed, False, "mouse",
-            protocol.rules, protocol.trial, protocol.sentences, protocol.pages, False,
-        )  # fmt: skip
+        self.opened = m.Opened("01", protocol, plan, "0" * 64, "synthetic", False, "mouse")
         path = protocol.paths[1]
         assert isinstance(path, Segment)
         self._rows = synthetic_trial(load_device(device), path, TRIAL_S)

@@ -30,6 +30,14 @@ def test_shipped_brake_follows_its_gain_and_time_constants_as_printed_beside_the
             assert brake.fall.below_omega_0(current, w) == pytest.approx(0.020 + 0.002 * square)
 
 
+def test_the_er_brake_rises_with_the_square_of_the_field_and_follows_in_4_ms_at_any_speed():
+    brake = parse_brake((SHIPPED_FOLDER / "er-disc.toml").read_text(), "brake")
+    assert [brake.torque_gain(field) for field in (0.0, 1.0, 2.0, 4.0)] == pytest.approx([0.2, 0.5, 1.4, 5.0])
+    assert (brake.command_unit, brake.knee_A) == ("kV/mm", 0.0)
+    for constant in (brake.rise, brake.fall):
+        assert {constant.a_avg_s, constant.below_omega_0(0.0, -3.0), constant.below_omega_0(4.0, 2.9)} == {0.004}
+
+
 BAD_BRAKES = {
     "negative off torque": ("0.35,", "-0.35,", "k gives a negative torque at zero current"),
     "falls below the knee": ("k = .3.25", "k = [-1", "must rise with the current"),
@@ -45,6 +53,7 @@ BAD_BRAKES = {
     "floor above omega_0": (r"floor_rpm = 0\.125", "floor_rpm = 9", "must not exceed omega_0_rpm"),
     "no current": ("current_max_A = 1.0", "current_max_A = 0.0", "current_max_A must be greater than 0"),
     "five coefficients": (r"0\.066\]", "0.066, 1]", r"rise\.a must hold 6 values, not 7"),
+    "no unit": ("knee_A", 'command_unit = ""\nknee_A', "command_unit must be 1 to 12 characters of plain text"),
     "unknown key": ("knee_A", "knee_mA = 1\nknee_A", "unknown key knee_mA"),
     "backlash": ("backlash_deg = 0.75", "backlash_deg = -1", "backlash_deg must be at least 0"),
 }

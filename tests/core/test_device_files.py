@@ -41,10 +41,20 @@ LINK = r"= \{mass_kg = 0.30, com_m = \S+ inertia_kg_m2 = \S+\}"
 # what the shipped files say
 
 
-def test_shipped_devices_are_the_two_configurations_and_say_that_they_are_assumed():
-    assert shipped_devices() == ["four-brake", "three-brake"]
-    assert (THREE.braked, FOUR.braked) == ("AEB", "AEBC")
-    assert THREE.assumed and FOUR.assumed
+def test_shipped_devices_are_the_papers_and_those_it_names_and_say_that_they_are_assumed():
+    shipped = {name: load_device(name) for name in shipped_devices()}
+    assert {name: device.braked for name, device in shipped.items()} == {
+        "er-two-brake": "AB", "four-brake": "AEBC", "three-brake": "AEB",
+    }  # fmt: skip
+    assert all(device.assumed for device in shipped.values())
+
+
+def test_the_brakes_of_a_device_are_commanded_in_one_unit():
+    assert (FOUR.command_unit, load_device("er-two-brake").command_unit) == ("A", "kV/mm")
+    field = BRAKE.replace("\nk = ", '\ncommand_unit = "kV/mm"\nk = ', 1)
+    with pytest.raises(InputError, match="commanded in one unit, not in A and kV/mm"):
+        mixed = changed(FOUR.text, ('A = "mrb-2107-3"', 'A = "field"'))
+        build_device(mixed, {"mrb-2107-3": BRAKE, "field": field}, "my.toml")
 
 
 def test_three_brake_device_has_coaxial_bases_and_four_equal_arms():

@@ -176,6 +176,9 @@ def test_every_column_that_can_be_recorded_or_tabled_is_described_with_its_unit(
     assert set(described["trials.csv"]) == set(COLUMNS)
     ours = described["sub-*/ses-*/run-*.csv"]
     assert set(ours) == set(names) and "joint C" in ours["torque_C_N_m"]["description"]
+    field = recording_column("current_A_A", "kV/mm")
+    assert (field.unit, field.meaning) == ("kV/mm", "value (kV/mm) commanded to the brake at joint A")
+    assert recording_column("tip_x_m", "kV/mm") == recording_column("tip_x_m")
 
 
 def test_what_is_damaged_or_not_finished_is_left_out_and_named(study, tmp_path, capsys):

@@ -250,6 +250,7 @@ def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
     rows[:, tick_log.TIP_Y] = 0.4 + 1e-4 * np.cumsum(generator.normal(size=3000))
     rows[:, [tick_log.TIP_VX, tick_log.HAND_FX, tick_log.CURRENT]] = np.abs(generator.normal(size=(3000, 3)))
     rows[:, tick_log.DECISION] = generator.integers(0, len(control.DECISIONS), 3000)
+    rows[:, tick_log.WANTED_FX] = 10.0
     with RecordingWriter(tmp_path / "run-001.arrows", "A", {}, sync=False) as writer:
         writer.write(rows)
     from_file = m.trial_metrics(read_recording(tmp_path / "run-001.arrows"), PATH)

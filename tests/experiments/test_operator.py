@@ -64,6 +64,43 @@ def test_a_sideways_push_is_answered_after_the_delay_of_its_sense_and_towards_th
 
 
 @pytest.mark.nojit
+def test_without_a_cursor_nothing_is_seen_of_the_error_on_the_way_and_all_of_it_at_the_end():
+    path = line((-0.1, 0.4), (0.1, 0.4))
+    person = noiseless(somebody(2, give_up_per_s=0.0, reaction_s=0.0, movement_s=1.0, bias_m=0.0, curvature_m=0.0))
+    person = person._replace(felt_gain=0.0)
+    tips = np.stack([np.linspace(-0.1, 0.1, 2000), np.full(2000, 0.4)], axis=1)
+    pushed = tips + (0.0, 0.008)
+    answers = []
+    for cursor in (0.0, 0.5, 1.0):
+        led = person._replace(sees_cursor=cursor)
+        answers.append((Scripted(led, path).move(pushed)[0] - Scripted(led, path).move(tips)[0])[:, 1])
+    blind, half, seeing = answers
+    assert np.all(blind[:1000] == 0.0) and blind[-1] < -0.003
+    assert seeing[999] < 1.5 * half[999] < -1e-3
+
+
+@pytest.mark.nojit
+def test_a_handle_that_stands_beside_the_end_is_pulled_at_the_end_by_people_who_aim_at_it():
+    path = line((-0.1, 0.4), (0.1, 0.4))
+    person = noiseless(somebody(6, reaction_s=0.2, movement_s=0.5, felt_gain=0.0, bias_m=0.0, curvature_m=0.0))
+    beside = np.tile((0.1, 0.412), (4000, 1))
+    for aims in (0.0, 1.0):
+        hand = Scripted(person._replace(aims_at_end=aims), path)
+        targets, held = hand.move(beside)
+        assert (targets[-1, 1] - 0.412 < -0.02) == (aims == 1.0)
+        assert (held[-1, 0] == pytest.approx(person.effort_max_N)) == (aims == 0.0)
+
+
+@pytest.mark.nojit
+def test_people_whose_error_comes_from_the_device_lead_the_handle_along_the_path_itself():
+    path = line((-0.1, 0.4), (0.1, 0.4))
+    person = noiseless(load_population("from-device").draw(np.random.default_rng(4)))
+    tips = np.stack([np.linspace(-0.1, 0.1, 3000), np.full(3000, 0.4)], axis=1)
+    targets, held = Scripted(person, path).move(tips)
+    assert np.all(targets[:, 1] == 0.4) and np.all(held[:, 1] == 0.0)
+
+
+@pytest.mark.nojit
 def test_turning_the_scene_turns_what_the_operator_does():
     person, n = noiseless(somebody(3)), 400
     generator = np.random.default_rng(0)

@@ -7,9 +7,10 @@ from protocols import PAPER
 
 from core import tick_log
 from core.device import load_device
-from core.path import Arc, Polyline, Segment, build_path, measure
+from core.path import Arc, Polyline, Segment, build_path
 from core.simulator.hand import grip_force
 from core.simulator.simulated_device import SimulatedDevice
+from experiments.analysis.metrics import along_path, mean_over_progress
 from experiments.plan import PlannedTrial
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial
@@ -75,22 +76,43 @@ def test_an_unaided_operator_follows_any_path_to_its_end_without_a_jump_of_the_v
         assert np.abs(np.diff(move[:, [tick_log.TARGET_X, tick_log.TARGET_Y]], axis=0)).max() < 1e-3
 
 
+def path_error(move, path):
+    """The measure of trials.csv, m."""
+    progress, distance = along_path(move[:, [tick_log.TIP_X, tick_log.TIP_Y]], build_path(path, "path"))
+    return mean_over_progress(distance, progress)
+
+
 def test_unaided_people_err_push_and_move_within_the_ranges_they_are_set_to():
     """Most trials on the three-brake device lie in the ranges of path error, force and speed of decision 08."""
     error, force, speed = [], [], []
     for seed in range(16):
         for path in PAPER.paths.values():
             trial, rows = one_trial(somebody(seed), path=path, seed=seed)
-            move, found = moving(rows), np.empty((len(rows), 4))
+            move = moving(rows)
             assert trial.outcome()["status"] == "done"
-            measure(build_path(path, "path"), np.ascontiguousarray(move[:, [tick_log.TIP_X, tick_log.TIP_Y]]), found)
-            progress, distance, _, _ = found[: len(move)].T
-            error.append(np.trapezoid(np.abs(distance), np.maximum.accumulate(progress)) / np.ptp(progress))
+            error.append(path_error(move, path))
             force.append(np.hypot(move[:, tick_log.HAND_FX], move[:, tick_log.HAND_FY]).mean())
             speed.append(np.hypot(move[:, tick_log.TIP_VX], move[:, tick_log.TIP_VY]).max())
     for values, low, high in ((error, 0.0011, 0.0042), (force, 1.9, 4.4), (speed, 0.11, 0.24)):
         assert np.mean([low <= value <= high for value in values]) > 0.65
         assert low < np.median(values) < high
+
+
+def test_the_device_alone_takes_an_unaided_hand_further_off_than_the_gap_and_the_heavier_one_further():
+    """Decision 13; the gap of the paper's SDOF controller is 5 mm."""
+    people = [load_population("from-device").draw(np.random.default_rng(seed)) for seed in range(40)]
+    error = {name: [] for name in DEVICES}
+    for name, errors in error.items():
+        for seed, person in enumerate(people):
+            simulation = SimulatedDevice(DEVICES[name], (0.0, 0.38))
+            # where a trial ended is where the next one sets out from: the order of the paths is random, as in a study
+            for path in np.random.default_rng(seed).permutation([*PAPER.paths.values()] * 2):
+                trial, rows = one_trial(person, path=path, seed=seed, device=name, simulation=simulation)
+                if trial.outcome()["status"] == "done":
+                    errors.append(path_error(moving(rows), path))
+        assert len(errors) > 150  # of 160
+    assert np.median(error["three-brake"] + error["four-brake"]) > 0.0055
+    assert 0.004 < np.median(error["three-brake"]) < 0.85 * np.median(error["four-brake"])
 
 
 @pytest.mark.parametrize("name", DEVICES)

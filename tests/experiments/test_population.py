@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from people import AVERAGE
+from people import AVERAGE, somebody
 from scipy import stats
 
 from core.files import InputError
@@ -13,7 +13,7 @@ from experiments.trial.population import LIMITS, load_population, shipped_popula
 
 #: what a name may end in; the rest are pure numbers
 UNITS = ("_N_m", "_N_s_m", "_N_s", "_N", "_kg", "_m_s", "_per_s", "_s", "_m", "_Hz")
-PURE = {"skill", "felt_gain", "noise_share"}
+PURE = {"skill", "felt_gain", "noise_share", "sees_cursor", "aims_at_end"}
 
 
 @pytest.fixture
@@ -44,8 +44,22 @@ def test_every_shipped_number_has_a_unit_and_a_source_and_says_where_it_is_assum
     assert population.assumed
 
 
-def test_shipped_are_the_steady_the_average_and_the_tremulous():
-    assert shipped_populations() == ["average", "steady", "tremulous"]
+def test_shipped_are_the_steady_the_average_the_tremulous_and_those_whose_error_comes_from_the_device():
+    assert shipped_populations() == ["average", "from-device", "steady", "tremulous"]
+
+
+def test_a_file_of_before_lacks_cursor_and_end_and_its_people_are_who_they_were():
+    later = ("sees_cursor", "aims_at_end")
+    assert Person._fields[-2:] == later  # the draws of the others are as they were
+    assert not any(key in AVERAGE.text for key in later)
+    assert (somebody(3).sees_cursor, somebody(3).aims_at_end) == (1.0, 0.0)
+
+
+def test_people_whose_error_comes_from_the_device_have_no_error_of_their_own_and_tune_nothing_to_findings():
+    population = load_population("from-device")
+    for key in ("bias_m", "curvature_m", "trial_bias_m", "felt_gain"):
+        assert population.spreads[key].value == 0.0
+    assert population.changed_after_findings == ()
 
 
 @pytest.mark.parametrize("name", shipped_populations())
@@ -110,5 +124,5 @@ def test_a_file_that_cannot_be_meant_is_refused_by_file_key_and_reason(refused, 
 
 
 def test_a_population_that_does_not_exist_is_refused_and_the_shipped_ones_are_named():
-    with pytest.raises(InputError, match="nobody.*average, steady, tremulous"):
+    with pytest.raises(InputError, match="nobody.*average, from-device, steady, tremulous"):
         load_population("nobody")

@@ -7,13 +7,14 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from app.cli import main
 from core.files import InputError
-from experiments.study.sweep import COLUMNS, load_sweep, run_job, run_sweep
+from experiments.study.sweep import COLUMNS, load_sweep, run_sweep
 
 SMALL = """
 name = "small"
@@ -64,7 +65,7 @@ def test_a_resumed_sweep_gives_the_same_table_byte_for_byte_and_runs_only_what_i
     (cut / "parts").mkdir(parents=True)
     (cut / "sweep.json").write_bytes((tmp_path / "whole" / "sweep.json").read_bytes())
     for job in sweep.jobs[2:5]:
-        (cut / "parts" / f"{job.number:06d}.csv").write_bytes(run_job(job)[1])
+        (cut / "parts" / f"{job.number:06d}.csv").write_bytes(job.run().rows)
     summary = run_sweep(sweep, cut, resume=True)
     assert summary["already_done"] == 3
     assert (cut / "sweep.csv").read_bytes() == (tmp_path / "whole" / "sweep.csv").read_bytes()
@@ -74,10 +75,10 @@ def test_a_resumed_sweep_gives_the_same_table_byte_for_byte_and_runs_only_what_i
 def test_the_same_person_meets_every_controller_with_the_same_noise(file):
     """Without control nothing but the device acts: another rule set must not change a single digit."""
     jobs = [job for job in load_sweep(file).jobs if job.preset.name == "none"]
-    one = run_job(jobs[0])[1]
-    other = run_job(jobs[0].__class__(**{**jobs[0].__dict__, "rules": "literal"}))[1]
+    one = jobs[0].run().rows
+    other = replace(jobs[0], rules="literal").run().rows
     assert other.replace(b"literal", b"settled") == one
-    assert run_job(jobs[1])[1] != one
+    assert jobs[1].run().rows != one
 
 
 def test_a_changed_file_is_not_mixed_into_a_sweep_that_was_begun(file, tmp_path):
@@ -85,7 +86,7 @@ def test_a_changed_file_is_not_mixed_into_a_sweep_that_was_begun(file, tmp_path)
     run_sweep(load_sweep(file), out)
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     file.write_text(SMALL.replace("0.005", "0.004"))
-    with pytest.raises(InputError, match="begun with another sweep"):
+    with pytest.raises(InputError, match="a sweep was begun with another sweep"):
         run_sweep(load_sweep(file), out, resume=True)
     with pytest.raises(InputError, match="is not empty"):
         run_sweep(load_sweep(file), out)
@@ -161,7 +162,7 @@ def test_a_killed_sweep_leaves_no_worker_and_goes_on_with_what_was_done(file, tm
     first = load_sweep(file).jobs[0]
     part = out / "parts" / f"{first.number:06d}.csv"
     if part.exists():
-        assert part.read_bytes() == run_job(first)[1]
+        assert part.read_bytes() == first.run().rows
     assert json.loads((out / "sweep.json").read_text())["name"] == "small"
 
 

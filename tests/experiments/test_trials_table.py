@@ -5,13 +5,24 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from fake_client import PLAN, movement, result
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core import tick_log
 from core.files import InputError
 from experiments.analysis.metrics import METRICS
-from experiments.analysis.trials_table import COLUMNS, TrialRow, append_row, read_table, table_bytes, write_table
+from experiments.analysis.trials_table import (
+    COLUMNS,
+    TrialRow,
+    append_row,
+    read_table,
+    table_bytes,
+    trial_flags,
+    write_table,
+)
 
 PROMISED = (
     "participant, run, block, configuration, controller, segment, repetition, status, path_error_m, "
@@ -34,13 +45,14 @@ def test_columns_are_the_promised_ones_in_order():
 
 def test_a_row_stands_in_full_precision_with_empty_cells_where_nothing_was_measured(tmp_path):
     row = replace(ROW, path_error_m=1 / 3, duration_s=2.0)
-    line = b"01,7,1,three-brake,2,1,1,done,0.3333333333333333,,,,,,2.0,,,,,,trials/run-007.parquet,,\n"
-    assert table_bytes([row]).splitlines(keepends=True)[1] == line
+    line = b"01,7,1,three-brake,2,1,1,done,0.3333333333333333,,,,,,2.0,,,,,,trials/run-007.parquet,,"
+    later = b"," * (len(COLUMNS) - len(PROMISED)) + b"\n"
+    assert table_bytes([row]).splitlines(keepends=True)[1] == line + later
     write_table(tmp_path / "trials.csv", [row])
     assert read_table(tmp_path / "trials.csv") == [row]
 
 
-@given(st.lists(st.none() | st.floats(allow_nan=False, allow_infinity=False), min_size=12, max_size=12))
+@given(st.tuples(*[st.none() | st.floats(allow_nan=False, allow_infinity=False)] * len(MEASURES)))
 def test_every_double_comes_back_and_the_same_rows_give_the_same_bytes(values):
     row = replace(ROW, **dict(zip(MEASURES, values, strict=True)))
     with tempfile.TemporaryDirectory() as folder:
@@ -86,8 +98,12 @@ def test_later_columns_are_passed_over_but_not_thrown_away(tmp_path):
 
 def test_a_table_from_before_the_energies_were_kept_is_read_with_empty_cells(tmp_path):
     path = tmp_path / "trials.csv"
-    path.write_text("".join(line.rsplit(",", 2)[0] + "\n" for line in table_bytes([FULL]).decode().splitlines()))
-    assert read_table(path) == [replace(FULL, energy_residual_J=None, energy_added_max_J=None)]
+    before = PROMISED.index("energy_residual_J")
+    path.write_text(
+        "".join(",".join(line.split(",")[:before]) + "\n" for line in table_bytes([FULL]).decode().splitlines())
+    )
+    later = dict.fromkeys(COLUMNS[before:])
+    assert read_table(path) == [replace(FULL, **later)]
 
 
 @pytest.mark.parametrize(
@@ -113,3 +129,17 @@ def test_a_spoilt_table_is_refused_by_line_and_column(tmp_path, spoil, word):
 def test_a_row_that_the_table_cannot_hold_is_a_mistake_of_the_program(column, value):
     with pytest.raises(ValueError, match=column):
         table_bytes([replace(FULL, **{column: value})])
+
+
+def test_a_hand_that_let_the_handle_go_in_the_movement_is_flagged_with_how_often() -> None:
+    row, ticks = result(PLAN[0]), movement(1, "AEB", 1.0)
+    ticks[:, tick_log.ARM_FORCE_MAX] = 40.0
+    assert trial_flags(row, ticks) == []
+    ticks[200:300, tick_log.ARM_FORCE_MAX] = 0.0
+    (flag,) = trial_flags(row, ticks)
+    assert "left the picture once" in flag
+    ticks[500:, tick_log.ARM_FORCE_MAX] = 0.0
+    assert "2 times" in trial_flags(row, ticks)[0]
+    before_it = np.copy(ticks)
+    before_it[:, tick_log.PHASE] = tick_log.APPROACH  # harmless there
+    assert trial_flags(row, before_it) == []

@@ -14,8 +14,7 @@ from core.files import InputError
 from hardware.emulated_board.sensors import EmulatedSensors, capability_of
 from hardware.sensing.board_clock import ClockModel, fit_line
 from hardware.sensing.encoders import PoseSensing
-from hardware.sensing.samples import ForceSensing
-from hardware.sensing.tip_motion import WINDOW, MotionFilter
+from hardware.sensing.samples import WINDOW, ForceSensing, MotionFilter
 
 PER_REV = 96000
 PAIRS = [*combinations(range(4), 2), (0, 1, 2, 3)]

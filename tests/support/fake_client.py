@@ -4,12 +4,13 @@ import math
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace
 
 from app.ipc import messages as m
 from core import tick_log
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, make_plan, plan_hash
-from experiments.protocol import load_protocol
+from experiments.protocol import Protocol, load_protocol
 
 PAPER = load_protocol()
 DEVICES, PATHS, PRESETS = PAPER.devices, PAPER.paths, PAPER.controllers
@@ -69,14 +70,16 @@ class FakeClient:
         self.stopped = reason
 
 
-def opened(participant: str = "01", **changes) -> m.Opened:
-    """A session (or, with participant "", none yet) of the paper's protocol."""
+def paper(**changes) -> Protocol:
+    """The paper's protocol with other keys."""
+    return replace(PAPER, **changes)
+
+
+def opened(participant: str = "01", protocol: Protocol = PAPER, **changes) -> m.Opened:
+    """A session (or, with participant "", none yet) of a protocol."""
     plan = PLAN if participant else ()
-    return m.Opened(
-        participant, "paper", DEVICES, dict(PATHS), dict(PRESETS), plan, plan_hash(plan) if plan else "",
-        "data/sub-01/ses-01", "settled rules, low gain 5 N s/m, parameters assumed", "none", False, None, 1, False,
-        "mouse", "settled", PAPER.trial, PAPER.sentences, PAPER.pages, False,
-    )._replace(**changes)  # fmt: skip
+    sha256 = plan_hash(plan) if plan else ""
+    return m.Opened(participant, protocol, plan, sha256, "data/sub-01/ses-01", False, "mouse")._replace(**changes)
 
 
 def result(trial: PlannedTrial, status: str = "done", error: float = 0.002) -> TrialRow:

@@ -96,7 +96,7 @@ class BoardSession:
                 coming = window.snapshot.coming
                 window.client.send(m.Skip("the brakes may never act"))
                 window.until(lambda s, before=coming: s.coming != before)
-            path = window.opened.paths[window.snapshot.coming.segment]
+            path = window.opened.protocol.paths[window.snapshot.coming.segment]
             self.emulated.order(path=msgspec.to_builtins(path if whole else half(path)))
             window.ticks.clear()
             window.client.send(m.Start())

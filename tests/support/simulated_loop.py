@@ -12,6 +12,7 @@ from simulated_bench import Bench, BenchWire
 from app.ipc import messages as m
 from app.ipc.messages import Done, Prepared, Run, Setup, Tried, Try
 from app.ipc.ring import HAND_BACK, Ring
+from app.ipc.scheduling import Scheduling
 from app.loop.loop import Loop
 from app.loop.real_time import end_early, put, take_aim
 from app.session_server.commands import do
@@ -21,6 +22,8 @@ from core import tick_log
 from experiments.session.files import hold_lock
 from experiments.trial.tick import run_ticks
 from hardware.serial_device import SerialDevice
+
+SCHEDULING = Scheduling(False, False, -1, "simulated time")
 
 PIECE = 60  # ticks at each look of the server
 
@@ -32,7 +35,7 @@ class SimulatedLoop:
 
     def __init__(self, ring: Ring) -> None:
         self._ring, self._trial = ring, None
-        self._answers: list[object] = [Prepared("simulated time", -1)]
+        self._answers: list[object] = [Prepared(SCHEDULING)]
 
     def send(self, job: object) -> None:
         match pickle.loads(pickle.dumps(job)):  # as through the pipe
@@ -92,7 +95,7 @@ class BoardLoop:
                 sleep=self._pass_time,
             ),
         )  # fmt: skip
-        pickle.dump(Prepared("simulated time", -1), self._out)
+        pickle.dump(Prepared(SCHEDULING), self._out)
 
     def _pass_time(self, seconds: float) -> None:
         with self._board.lock:

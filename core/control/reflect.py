@@ -1,0 +1,186 @@
+"""Reflected force: the brakes show a wanted tip force as the nearest one that they can exert.
+
+A brake pushes only against the motion of its joint, with a torque from K(0) (it drags without current) to
+K(current_max), Eq. (2). So the tip forces that can be had are a zonotope, and the nearest one to the wanted force f is
+    min |sum g_i tau_i - f|^2   over   tau_i = -sense_i u_i,  K_i(0) <= u_i <= K_i(current_max),
+solved exactly by a finite list of cases (`nearest_passive_force`). What cannot be had is not made up for: a spring that
+pushes back while it gives way, and any force along the motion, stay away, and the hand alone supplies energy.
+
+The wanted force is that of a slave (experiments/slave.py: the device is the passive master of a teleoperation), or,
+with `wall_N_m`, that of a virtual spring: wall_N_m times the distance beyond the gap, towards the path.
+
+The "coercive force approximation" of later work (Cho, Kim, Song 2005; read by its abstract) shows on a redundant brake
+display a force that it cannot have by one that it can, and wall-following is smooth where the net force across the wall
+vanishes (2004). Both are this function with another wanted force: for the latter f = -(F . n) n, what the hand pushes
+into the wall; the nearest force is unique, so a smooth f is shown smoothly.
+"""
+
+import math
+
+from core.brake import current_for_torque, torque_gain
+from core.control.algorithm import GAP_M, NONE, OWN, Algorithm, Parameter
+from core.control.proportional import impending_direction, joint_sense
+from core.control.velocity_field import NEAREST, WANTED
+from core.kernel import kernel
+
+WALL_N_M = Parameter("wall_N_m", "wall stiffness", "N/m", 1.0, 0.0)
+WALL = 1  # its place among the values
+WHOLE, IN_PART = OWN, OWN + 4
+#: N. A wanted force that is missed by less counts as shown whole: far below what a hand feels
+MISSED_N = 1e-6
+#: Share of a brake's range by which a case may be outside it by rounding
+ROUNDING = 1e-9
+
+
+@kernel
+def nearest_passive_force(ax, ay, low, high, fx, fy, torque):
+    """Fill torque (4,), N m, low_i <= torque_i <= high_i, so that sum a_i torque_i is nearest to f; returns that (N).
+
+    ax, ay, low, high: tuples of four; a_i, 1/m, is the tip force of brake i for each N m; a brake with low = high has
+    that torque. The nearest force is unique. Of several ways to have it the one of least sum of shares
+    (torque_i - low_i) / (high_i - low_i) is taken (our choice: the least braking that shows the force).
+    """
+    base_x, base_y = 0.0, 0.0
+    for i in range(4):
+        base_x += ax[i] * low[i]
+        base_y += ay[i] * low[i]
+    wx, wy = fx - base_x, fy - base_y
+    # what brakes i and j add to their low torques; bit k of `full`: brake k adds all it can
+    i, j, add_i, add_j, full, outside = nearest_on_edge(ax, ay, low, high, wx, wy)
+    if not outside:
+        p, q, add_p, add_q, others = inside(ax, ay, low, high, wx, wy)
+        if p >= 0:
+            i, j, add_i, add_j, full = p, q, add_p, add_q, others
+    shown_x, shown_y = 0.0, 0.0
+    for k in range(4):
+        torque[k] = high[k] if full >> k & 1 else low[k]
+        if k == i:
+            torque[k] = low[k] + add_i
+        elif k == j:
+            torque[k] = low[k] + add_j
+        shown_x += ax[k] * torque[k]
+        shown_y += ay[k] * torque[k]
+    return shown_x, shown_y
+
+
+@kernel
+def nearest_on_edge(ax, ay, low, high, wx, wy):
+    """The point of the zonotope's boundary nearest to w: (brake on the edge, -1, what it adds, 0, full ones, outside).
+
+    Each brake gives two edges: on either side of its line the brakes that push to that side are full, the others low.
+    outside: w lies beyond an edge. Brake -1: no brake can add anything.
+    """
+    brake, add, full, outside, least = -1, 0.0, 0, False, math.inf
+    for j in range(4):
+        square = ax[j] * ax[j] + ay[j] * ay[j]
+        room = high[j] - low[j]
+        if not (room > 0.0 and square > 0.0):
+            continue
+        for side in (1.0, -1.0):
+            nx, ny = -side * ay[j], side * ax[j]
+            rx, ry, others = wx, wy, 0
+            for k in range(4):
+                push = nx * ax[k] + ny * ay[k]
+                if k != j and (push > 0.0 or (push == 0.0 and k > j)):
+                    rx -= ax[k] * (high[k] - low[k])
+                    ry -= ay[k] * (high[k] - low[k])
+                    others |= 1 << k
+            if nx * rx + ny * ry > 0.0:
+                outside = True
+            along = min(max((ax[j] * rx + ay[j] * ry) / square, 0.0), room)
+            off_x, off_y = rx - along * ax[j], ry - along * ay[j]
+            distance = off_x * off_x + off_y * off_y
+            if distance < least:
+                brake, add, full, least = j, along, others, distance
+    return brake, -1, add, 0.0, full, outside
+
+
+@kernel
+def inside(ax, ay, low, high, wx, wy):
+    """Two brakes (i, j) that have w exactly, each other one low or full (bits): (i, j, what they add, full ones).
+
+    Of all such the one of least sum of shares: a vertex of that linear programme has at most two brakes in between.
+    i is -1 where no two brakes have w.
+    """
+    best, found_i, found_j, found_add_i, found_add_j, full = math.inf, -1, -1, 0.0, 0.0, 0
+    for i in range(3):
+        room_i = high[i] - low[i]
+        for j in range(i + 1, 4):
+            room_j = high[j] - low[j]
+            sine = ax[i] * ay[j] - ay[i] * ax[j]
+            least = ROUNDING * (abs(ax[i]) + abs(ay[i])) * (abs(ax[j]) + abs(ay[j]))  # below: parallel
+            if not (room_i > 0.0 and room_j > 0.0 and abs(sine) > least):
+                continue
+            for bits in range(16):
+                if bits >> i & 1 or bits >> j & 1:
+                    continue
+                rx, ry, shares, possible = wx, wy, 0.0, True
+                for k in range(4):
+                    if bits >> k & 1:
+                        room = high[k] - low[k]
+                        possible = possible and room > 0.0
+                        rx -= ax[k] * room
+                        ry -= ay[k] * room
+                        shares += 1.0
+                add_i, add_j = (rx * ay[j] - ry * ax[j]) / sine, (ax[i] * ry - ay[i] * rx) / sine
+                possible = possible and -ROUNDING * room_i <= add_i <= (1.0 + ROUNDING) * room_i
+                possible = possible and -ROUNDING * room_j <= add_j <= (1.0 + ROUNDING) * room_j
+                shares += add_i / room_i + add_j / room_j
+                if possible and shares < best:
+                    best, found_i, found_j, full = shares, i, j, bits
+                    found_add_i, found_add_j = min(max(add_i, 0.0), room_i), min(max(add_j, 0.0), room_j)
+    return found_i, found_j, found_add_i, found_add_j, full
+
+
+@kernel
+def opposing(brakes, g, i, vx, vy, push_x, push_y, felt, still_rate):
+    """What brake i can do to the tip now: its force for each N m (1/m), its least and its largest torque (N m).
+
+    All zero without a brake, and where its joint neither turns nor is about to: then it has no side to push to.
+    """
+    if brakes.present[i] == 0.0:
+        return 0.0, 0.0, 0.0, 0.0
+    gx, gy = g[i, 0], g[i, 1]
+    sense = joint_sense(gx * vx + gy * vy, gx * push_x + gy * push_y, felt, still_rate)
+    if sense == 0.0:
+        return 0.0, 0.0, 0.0, 0.0
+    return -sense * gx, -sense * gy, torque_gain(brakes, i, 0.0), torque_gain(brakes, i, brakes.current_max[i])
+
+
+@kernel
+def decide(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
+    """Show the wanted force; it and the nearest that can be had (N, in steady state) stand in memory afterwards."""
+    rules, stiffness = controller.rules, controller.values[WALL]
+    if stiffness > 0.0:
+        force = stiffness * (field.distance - controller.gap_m)
+        memory[WANTED], memory[WANTED + 1] = force * field.n_x, force * field.n_y
+    wanted_x, wanted_y = memory[WANTED], memory[WANTED + 1]
+    square = wanted_x * wanted_x + wanted_y * wanted_y
+    if not square > rules.least_shown * rules.least_shown:  # nor where there is no wanted force (NaN)
+        return NONE
+    felt = fx * fx + fy * fy > rules.felt_force * rules.felt_force
+    push_x, push_y = impending_direction(fx, fy, mass)
+    still = rules.still_rate
+    ax0, ay0, low0, high0 = opposing(brakes, g, 0, vx, vy, push_x, push_y, felt, still)
+    ax1, ay1, low1, high1 = opposing(brakes, g, 1, vx, vy, push_x, push_y, felt, still)
+    ax2, ay2, low2, high2 = opposing(brakes, g, 2, vx, vy, push_x, push_y, felt, still)
+    ax3, ay3, low3, high3 = opposing(brakes, g, 3, vx, vy, push_x, push_y, felt, still)
+    ax, ay = (ax0, ax1, ax2, ax3), (ay0, ay1, ay2, ay3)
+    low, high = (low0, low1, low2, low3), (high0, high1, high2, high3)
+    near_x, near_y = nearest_passive_force(ax, ay, low, high, wanted_x, wanted_y, current)
+    memory[NEAREST], memory[NEAREST + 1] = near_x, near_y
+    most, brake = -math.inf, 0
+    for i in range(4):
+        force = current[i] * math.hypot(ax[i], ay[i])
+        if brakes.present[i] != 0.0 and force > most:
+            most, brake = force, i
+        current[i] = current_for_torque(brakes, i, current[i])
+    return (WHOLE if math.hypot(wanted_x - near_x, wanted_y - near_y) < MISSED_N else IN_PART) + brake
+
+
+ALGORITHM = Algorithm(
+    "reflect",
+    (GAP_M, WALL_N_M),
+    ("show {J}", "show {J}, in part"),  # J: the brake that exerts most of it
+    decide,
+)

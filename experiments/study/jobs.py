@@ -1,0 +1,204 @@
+"""Many jobs into one table, without recordings: on all cores or a cluster, resumed after a kill.
+
+OUT/KIND.json         what the work is, in full
+OUT/parts/000001.csv  the rows of one job, once it is done: work that was killed goes on with the others
+OUT/KIND.csv          all rows, once all jobs are done; the parts are then gone
+
+A job's rows depend on nothing but the job, so the table is the same, byte by byte, whatever ran where and when.
+"""
+
+import contextlib
+import functools
+import json
+import os
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import joblib
+
+from core.files import InputError
+from experiments.recording.atomic_files import give_new_name, make_empty_folder, written_beside
+from experiments.session.files import LOCK, hold_lock
+
+PARTS = "parts"
+LOOK_S = 0.5  # how often a worker looks whether its parent lives
+
+
+class Done(NamedTuple):
+    """What a job made."""
+
+    rows: bytes  # its lines of the table
+    ticks: int  # simulated
+
+
+class Job(Protocol):
+    """What one process does at a time."""
+
+    @property
+    def number(self) -> int:
+        """Its place in the table, from 1."""
+
+    def run(self) -> Done: ...
+
+
+@dataclass(frozen=True)
+class Work:
+    """Jobs whose rows make one table."""
+
+    kind: str  # "sweep": names its files, and it in refusals
+    name: str
+    texts: Mapping[str, str]  # everything that decides it, in full
+    columns: tuple[str, ...]
+    jobs: Sequence[Job]
+
+
+class Finished(NamedTuple):
+    """How a run of work went."""
+
+    table: Path
+    already_done: int  # jobs
+    ticks: int
+    wall_s: float
+
+
+def run_work(
+    work: Work,
+    out: Path,
+    resume: bool = False,
+    cluster: str | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Finished:
+    """Run every job that is not done yet, then write the table. InputError for wrong input.
+
+    cluster: address of a Dask scheduler, whose workers must have this program; None: the cores of this machine.
+    """
+    began = time.perf_counter()
+    stored, table = out / f"{work.kind}.json", out / f"{work.kind}.csv"
+    if not resume:
+        make_empty_folder(
+            out, f"{_a(work)} needs a new or empty folder (or --resume)", (LOCK, f".{stored.name}.partial")
+        )
+    elif not out.is_dir():
+        raise InputError(f"{out}: holds no {work.kind} to resume")
+    with hold_lock(out):
+        (_compare if resume else _store)(stored, work)
+        parts = {job.number: out / PARTS / f"{job.number:06d}.csv" for job in work.jobs}
+        there = {path.name for path in (out / PARTS).glob("*.csv")}
+        waiting = [] if table.exists() else [job for job in work.jobs if parts[job.number].name not in there]
+        done, ticks = len(work.jobs) - len(waiting), 0
+        progress(done / len(work.jobs))
+        if waiting:
+            (out / PARTS).mkdir(exist_ok=True)
+        with _ending_at_once():
+            for number, (rows, more) in _results(waiting, cluster):
+                with written_beside(parts[number], rows, sync=False) as partial:
+                    partial.rename(parts[number])
+                done, ticks = done + 1, ticks + more
+                progress(done / len(work.jobs))
+        _gather(table, work.columns, list(parts.values()))
+    return Finished(table, len(work.jobs) - len(waiting), ticks, time.perf_counter() - began)
+
+
+def _a(work: Work) -> str:
+    return work.kind if work.kind.endswith("s") else f"a {work.kind}"
+
+
+# --------------------------------------------------------------------------------------------------------- the workers
+
+
+def _results(jobs: Sequence[Job], cluster: str | None) -> Iterator[tuple[int, Done]]:
+    """The results of the jobs as they come, from all cores or the cluster's workers."""
+    if cluster is None:
+        if jobs:  # its kernels are compiled here, if they have to be, rather than by every worker at the same time
+            yield _run(jobs[0])
+        calls = (joblib.delayed(_run_beside_parent)(job, os.getpid()) for job in jobs[1:])
+        workers = max(1, min(joblib.cpu_count(), len(jobs) - 1))
+        yield from joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(calls)
+        return
+    try:
+        from dask.distributed import Client
+    except ImportError:
+        raise InputError("--cluster: needs dask.distributed (pip install -c constraints.txt -e '.[cluster]')") from None
+    try:
+        client = Client(cluster, timeout=10)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--cluster: no Dask scheduler answers at {cluster} ({error})") from None
+    with client, joblib.parallel_config(backend="dask"):
+        yield from joblib.Parallel(return_as="generator_unordered")(joblib.delayed(_run)(job) for job in jobs)
+
+
+def _run(job: Job) -> tuple[int, Done]:
+    return job.number, job.run()
+
+
+def _run_beside_parent(job: Job, parent: int) -> tuple[int, Done]:
+    """A job in a worker of this machine, which ends when the work does, however that ends."""
+    if os.getpid() != parent:
+        _end_with(parent)
+    return _run(job)
+
+
+@functools.cache
+def _end_with(parent: int) -> None:
+    """From now on this process ends when its parent does."""
+
+    def look() -> None:
+        while os.getppid() == parent:
+            time.sleep(LOOK_S)
+        os._exit(1)
+
+    threading.Thread(target=look, name="looks at its parent", daemon=True).start()
+
+
+@contextlib.contextmanager
+def _ending_at_once() -> Iterator[None]:
+    """An interrupt ends the process on the spot: finished jobs are on the disk, and the workers see that their parent
+    is gone. An orderly end would wait for them, sometimes for ever.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+# ----------------------------------------------------------------------------------------------------------- the files
+
+
+def _store(path: Path, work: Work) -> None:
+    """Write what the work is into its folder."""
+    about = json.dumps({"name": work.name, "texts": dict(work.texts)}, indent=1, sort_keys=True).encode() + b"\n"
+    with written_beside(path, about) as partial:
+        give_new_name(partial, path)
+
+
+def _compare(path: Path, work: Work) -> None:
+    """InputError unless the folder's work is this one: a changed file would mix two in one table."""
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))["texts"]
+    except FileNotFoundError:
+        raise InputError(f"{path.parent}: holds no {work.kind} to resume (no {path.name})") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: is damaged ({type(error).__name__}: {error})") from None
+    changed = sorted(key for key in {*stored, *work.texts} if stored.get(key) != work.texts.get(key))
+    if changed:
+        raise InputError(f"{path}: {_a(work)} was begun with another {', '.join(changed)}; use a new folder")
+
+
+def _gather(table: Path, columns: Sequence[str], parts: Sequence[Path]) -> None:
+    """Write the table from the parts if it is not there yet; the parts then go."""
+    if not table.exists():
+        data = (",".join(columns) + "\n").encode() + b"".join(part.read_bytes() for part in parts)
+        with written_beside(table, data) as partial:
+            give_new_name(partial, table)
+    shutil.rmtree(table.parent / PARTS, ignore_errors=True)

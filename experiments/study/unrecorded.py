@@ -1,0 +1,125 @@
+"""Trials of simulated operators without recordings: the ticks of `phd study`, measured and not kept."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from core import tick_log
+from core.device import Device
+from core.path import PathFile, build_path, point_at
+from core.simulator.simulated_device import SimulatedDevice
+from experiments.analysis.metrics import METRICS, Metric, measures_of
+from experiments.plan import PlannedTrial, make_plan, participant_index
+from experiments.protocol import Protocol
+from experiments.recording.schema import recording_of
+from experiments.trial.operator import Person
+from experiments.trial.population import Population
+from experiments.trial.trial import Trial
+
+#: Ticks that one block of rows holds: more than a trial of the paper's protocol can have.
+BLOCK_TICKS = 65_536
+
+
+class Measured(NamedTuple):
+    """A trial that was run."""
+
+    planned: PlannedTrial
+    outcome: Mapping[str, object]
+    measures: Mapping[str, float | None]
+    ticks: int
+
+
+class Normals:
+    """Standard normal draws of a generator, kept: trials with the same noise draw it once.
+
+    In place of a `numpy.random.Generator`, for a trial that draws nothing else from it.
+    """
+
+    def __init__(self, seed: Sequence[int]) -> None:
+        self._generator = np.random.default_rng(np.random.SeedSequence(seed))
+        self._drawn: list[np.ndarray] = []
+        self._next = 0
+
+    def from_the_first(self) -> "Normals":
+        """The same draws again."""
+        self._next = 0
+        return self
+
+    def standard_normal(self, size: int | tuple[int, ...]) -> np.ndarray:
+        """The next draws, as the generator would give them; not to be changed."""
+        if self._next == len(self._drawn):
+            self._drawn.append(self._generator.standard_normal(size))
+            self._drawn[-1].flags.writeable = False
+        drawn = self._drawn[self._next]
+        assert drawn.shape == (size if isinstance(size, tuple) else (size,))
+        self._next += 1
+        return drawn
+
+
+def normals(*seed: int) -> Normals:
+    """The draws of a trial: the same for every controller and device."""
+    return _kept(seed).from_the_first()
+
+
+@lru_cache(maxsize=12)  # each holds a megabyte; an operator of the paper's study has six
+def _kept(seed: tuple[int, ...]) -> Normals:
+    return Normals(seed)
+
+
+def person_of(population: Population, seed: int, operator: int) -> Person:
+    """The operator of this number (1..), as in a study."""
+    return population.draw(np.random.default_rng(np.random.SeedSequence([seed, operator])))
+
+
+def switched_on(device: Device, paths: Mapping[int, PathFile]) -> SimulatedDevice:
+    """A device as a session begins with it: at rest in the middle of the first path."""
+    first = build_path(next(iter(paths.values())), "path")
+    x, y, _, _ = point_at(first, 0.5 * first.length)
+    return SimulatedDevice(device, (x, y))
+
+
+def study_trials(
+    protocol: Protocol, population: Population, operators: int, metrics: Sequence[Metric] = METRICS
+) -> Iterator[Measured]:
+    """Every trial of a study, in its order; the same numbers as `phd study` writes into its table."""
+    for operator in range(1, operators + 1):
+        label = f"{operator:02d}"
+        index = participant_index(label)
+        person = person_of(population, protocol.seed, index)
+        devices: dict[str, SimulatedDevice] = {}
+        for planned in make_plan(protocol, label, coded=False):
+            if planned.configuration not in devices:
+                devices[planned.configuration] = switched_on(protocol.device(planned.configuration), protocol.paths)
+            trial = Trial(
+                devices[planned.configuration], planned, protocol.paths[planned.segment],
+                protocol.controllers[int(planned.controller)], protocol.rules, protocol.trial, person,
+                normals(protocol.seed, index, planned.segment, planned.repetition),
+            )  # fmt: skip
+            yield run_measured(trial, metrics)
+
+
+def run_measured(trial: Trial, metrics: Sequence[Metric] = METRICS) -> Measured:
+    """Run a trial to its end and measure it."""
+    rows = run_trial(trial)
+    recording = recording_of(rows, trial.device.braked)
+    found = measures_of(recording, trial.path, metrics)
+    names = [metric.name for metric in metrics]
+    return Measured(trial.planned, trial.outcome(), dict(zip(names, found, strict=True)), len(rows))
+
+
+def run_trial(trial: Trial) -> np.ndarray:
+    """Every tick of a trial (n, tick_log.WIDTH); to be used before the next trial, which takes the same room."""
+    block = _block()
+    n = trial.run(block)
+    blocks = [block[:n]]
+    while not trial.finished:
+        block = np.empty((BLOCK_TICKS, tick_log.WIDTH))
+        blocks.append(block[: trial.run(block)])
+    return blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
+
+
+@cache
+def _block() -> np.ndarray:
+    return np.empty((BLOCK_TICKS, tick_log.WIDTH))
