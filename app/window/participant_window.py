@@ -169,14 +169,9 @@ class ParticipantWindow(QWidget):
             self.view.show_pointer(None)
         paths = protocol.paths.values()
         self.view.set_extent(
-<<<<<<< HEAD
-            extent_of_linkages(opened.devices, paths) if opened.show_linkage
+            extent_of_linkages(protocol.devices, paths) if protocol.show_linkage
             else extent_at_half_width(paths, self.view.radii_m)
         )  # fmt: skip
-=======
-            extent_of_linkages(protocol.devices, paths) if protocol.show_linkage else extent_of_paths(paths, MARGIN_M)
-        )
->>>>>>> main
 
     def start(self) -> bool:
         """Space or a click: the next page of the instructions; whether there was one."""

@@ -14,13 +14,8 @@ from app.window.box_plot import colour_of
 from app.window.painting import theme
 from app.window.painting.labels import Choice, KeyButton, OneLine, line, word
 from app.window.painting.parts import row
-<<<<<<< HEAD
 from app.window.plots import Graph, TimePlot, range_for
-from app.window.words import controller_name, place
-=======
-from app.window.plots import TimePlot, range_for
 from app.window.words import place
->>>>>>> main
 from core import tick_log
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags

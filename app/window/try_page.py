@@ -568,13 +568,8 @@ class TryPage(Page):
         if self._place != (s.device, s.path):
             assert self.opened is not None
             self._place = s.device, s.path
-<<<<<<< HEAD
-            device = next(one for one in self.opened.devices if one.name == s.device)
-            self.canvas.show_trial(device, self.opened.paths[s.path], snapshot.tip)
-=======
             protocol = self.opened.protocol
-            self.canvas.show_place(protocol.device(s.device), protocol.paths[s.path], snapshot.tip)
->>>>>>> main
+            self.canvas.show_trial(protocol.device(s.device), protocol.paths[s.path], snapshot.tip)
 
     def _show_settings(self) -> None:
         s, now, opened = self.settings, self.snapshot.sandbox, self.opened

@@ -15,11 +15,7 @@ from app.window.painting.plane import TRAIL_STEP_PX
 from app.window.participant_window import TEXT_TOP
 from app.window.questionnaire import ITEMS
 from core import tick_log
-<<<<<<< HEAD
-from experiments.protocol import Page, load_protocol, shipped_protocols
-=======
-from experiments.protocol import Cues, Instruction
->>>>>>> main
+from experiments.protocol import Cues, Instruction, load_protocol, shipped_protocols
 
 CTRL = Qt.KeyboardModifier.ControlModifier
 
@@ -273,7 +269,7 @@ def test_the_widest_path_of_each_shipped_protocol_takes_half_of_any_screen_that_
     view = screens.participant.view
     for name in shipped_protocols():
         protocol = load_protocol(name)
-        screens.hear(opened(paths=dict(protocol.paths), folder=name), ready())
+        screens.hear(opened(protocol=protocol, folder=name), ready(coming=None))
         for width, height in ((1280, 1024), (1024, 768), (1680, 1050), (1280, 720), (1920, 1080), (2560, 1080)):
             screens.participant.resize(width, height)
             settle(screens.participant)

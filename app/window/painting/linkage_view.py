@@ -225,4 +225,5 @@ class Workspace(Layered):
     def set_blind(self, blind: bool) -> None:
         """Hide brake colours, torques, the brakes' force and what they could exert."""
         self.view.set_blind(blind)
-        self.buttons[REACHABLE].setVisible(not blind)
+        if REACHABLE in self.buttons:
+            self.buttons[REACHABLE].setVisible(not blind)
