@@ -168,8 +168,8 @@ class Verdicts(QScrollArea):
 
 
 def coloured(text: str, colour: str) -> str:
-    """A text as HTML."""
-    return f'<span style="color: {colour}">{escape(text)}</span>'
+    """A text as HTML; no line ends within a unit such as m/s."""
+    return f'<span style="color: {colour}">{escape(text)}</span>'.replace("m/s", "m/\u2060s")
 
 
 class AnalysePage(Page):
@@ -198,7 +198,7 @@ class AnalysePage(Page):
         self._concluding.done.connect(self.verdicts.show_conclusions)
         self._opening.done.connect(self._show_trial)
         self._excluding.done.connect(self._excluded)
-        self.side.exclusion.excluded.connect(self.exclude)
+        self.side.excluded.connect(self.exclude)
         self.side.closed.connect(self.close_trial)
         self.side.stepped.connect(self.step)
         for plot in self.plots:
@@ -288,8 +288,7 @@ class AnalysePage(Page):
         return True
 
     def keys(self) -> dict[str, Callable[[], object]]:
-        of_trial = {"start": self.side.play_or_pause, "exclude": self.side.exclusion.exclude}
-        return {"export": self.export} | (of_trial if self.side.isVisible() else {})
+        return {"export": self.export, **({"start": self.side.play_or_pause} if self.side.isVisible() else {})}
 
     def _of_session(self) -> Path:
         """The data folder of the open session (DATA/sub-01/ses-01), or the one where sessions will be."""

@@ -19,7 +19,7 @@ KEYS = {
     "escape": Key(("Esc",), "close a question; else brakes off at once"),
     "allow brakes": Key(("Ctrl+B",), "let the brakes act again"),
     "redo": Key(("Ctrl+R",), "repeat the last trial, or the one on the card"),
-    "exclude": Key(("Ctrl+X",), "exclude the trial on the card, or beside the charts"),
+    "exclude": Key(("Ctrl+X",), "exclude the trial on the card"),
     "skip": Key(("Ctrl+S",), "skip the next trial"),
     "pause": Key(("Ctrl+P",), "pause after this trial, or resume"),
     "abort": Key(("Ctrl+A",), "abort the running trial"),

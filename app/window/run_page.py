@@ -99,7 +99,7 @@ class RunPage(Page):
             (self.panel.cell_asked, self._show_cell),
             (self.card.kept, self._keep),
             (self.card.redo_asked, self.redo),
-            (self.card.exclusion.excluded, self._exclude),
+            (self.card.excluded, self._exclude),
             (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
             (self.centre.aimed, self.aimed),
             (self.centre.left, self.left),
@@ -109,7 +109,7 @@ class RunPage(Page):
 
     def keys(self) -> dict[str, Callable[[], object]]:
         return {
-            "start": self.start, "redo": self.redo, "exclude": self.card.exclusion.exclude, "skip": self.skip,
+            "start": self.start, "redo": self.redo, "exclude": self.card.exclude, "skip": self.skip,
             "pause": self.pause, "abort": self.abort, "note": self.panel.write_note,
         }  # fmt: skip
 
@@ -302,7 +302,7 @@ class RunPage(Page):
         if wanted and row is not None and (row != self.card.row or not self.card_shown):
             ticks = np.concatenate(self._ticks) if self._ticks else None
             self.card.show_row(row, rows, ticks, opened, snapshot)
-            self.card.keep.setText("Keep and go on" if looked_at is None else "Close")
+            self.card.keep.setText("Keep" if looked_at is None else "Close")
         self._right.setCurrentIndex(1 if wanted else 0)
 
     # what a question's card asks for

@@ -17,6 +17,7 @@ from app.window.words import cell, minutes, place
 from experiments.analysis.trials_table import SETTLED, TrialRow
 
 WIDTH_PX = 256
+LEAST_PLAN_PX = 60  # high, of the plan
 SILENT = "The protocol has tones, and this computer has no program to play them (paplay, aplay)."
 
 
@@ -68,7 +69,7 @@ class SessionPanel(QFrame):
         self._scroll = scrolled(self.grid)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self._scroll.setMinimumHeight(96)
+        self._scroll.setMinimumHeight(LEAST_PLAN_PX)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(14, 10, 14, 12)
         layout.setSpacing(5)
@@ -97,7 +98,7 @@ class SessionPanel(QFrame):
         """Where the session stands and what can be asked for."""
         self.head.setText(f"Participant {opened.participant}" if opened.participant else "No session is open")
         self.grid.show_session(opened, snapshot)
-        self._scroll.setMaximumHeight(max(self.grid.sizeHint().height() + 2, 96))
+        self._scroll.setMaximumHeight(max(self.grid.sizeHint().height() + 2, LEAST_PLAN_PX))
         statuses = list(self.grid.statuses.values())
         over, valid = sum(status in SETTLED for status in statuses), statuses.count("done")
         missing = f" · {over - valid} without a result" if over > valid else ""

@@ -10,7 +10,7 @@ from PySide6.QtCore import QEvent, Qt, Signal
 from PySide6.QtWidgets import QFrame, QGridLayout, QPushButton, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
-from app.window.box_plot import colour_of
+from app.window.box_plot import SHORT, colour_of
 from app.window.painting import theme
 from app.window.painting.labels import Choice, KeyButton, OneLine, line, word
 from app.window.painting.parts import row
@@ -44,7 +44,7 @@ class Measure(QWidget):
         layout = QGridLayout(self)
         layout.setContentsMargins(0, 2, 0, 2)
         layout.setVerticalSpacing(0)
-        layout.addWidget(word(metric.title, "quiet", theme.SMALL), 0, 0)
+        layout.addWidget(OneLine(SHORT.get(metric.title, metric.title), "quiet"), 0, 0)
         layout.addLayout(row(self.value, self.unit, 1), 1, 0)
         layout.addWidget(self.graph, 0, 1, 2, 1)
         layout.setColumnStretch(0, 2)
@@ -115,43 +115,12 @@ class WholeTrace(TimePlot):
         self.draw_curves(self.curves, self._t, self._error[None])
 
 
-class Exclusion(QWidget):
-    """A reason, and the button that excludes the trial for it: off until one is chosen."""
-
-    excluded = Signal(str)  # reason
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.setObjectName("clear")
-        self.reason, self.button = Choice(), QPushButton("Exclude")
-        self.button.setToolTip("Ctrl+X; choose a reason first")
-        self.reason.addItems(REASONS)
-        self.reason.currentIndexChanged.connect(lambda at: self.button.setEnabled(at > 0))
-        self.button.clicked.connect(self.exclude)
-        for widget in (self.reason, self.button):
-            widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.setLayout(row(self.reason, self.button))
-        self.layout().setContentsMargins(0, 0, 0, 0)
-        self.layout().setStretch(0, 2)
-        self.layout().setStretch(1, 1)
-        self.clear()
-
-    def clear(self) -> None:
-        """Another trial: no reason yet."""
-        self.reason.setCurrentIndex(0)
-        self.button.setEnabled(False)
-
-    def exclude(self) -> None:
-        """For the chosen reason; without one nothing happens."""
-        if self.isVisible() and self.button.isEnabled():
-            self.excluded.emit(self.reason.currentText())
-
-
 class TrialCard(QFrame):
     """Keep, repeat or exclude a trial."""
 
     kept = Signal()
     redo_asked = Signal()
+    excluded = Signal(str)  # reason
 
     def __init__(self) -> None:
         super().__init__(objectName="panel")
@@ -163,15 +132,24 @@ class TrialCard(QFrame):
         self.measures = [Measure(metric) for metric in DRAWN]
         self.trace = WholeTrace()
         self.flags = line("", "quiet")
-        self.keep = KeyButton("Keep and go on", "Space", "main")
-        self.redo, self.exclusion = QPushButton("Repeat …"), Exclusion()
+        self.keep = KeyButton("Keep", "Space", "main")
+        self.redo, self.out = QPushButton("Repeat …"), QPushButton("Exclude")
         self.redo.setToolTip("Ctrl+R")
-        self.redo.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.out.setToolTip("Ctrl+X; choose a reason first")
+        self.reason = Choice()
+        self.reason.addItems(REASONS)
+        self.reason.currentIndexChanged.connect(lambda at: self.out.setEnabled(at > 0))
+        self.out.setEnabled(False)
+        for widget in (self.redo, self.out, self.reason):
+            widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.keep.clicked.connect(self.kept)
         self.redo.clicked.connect(self.redo_asked)
-        decide = row(self.keep, self.redo)
-        decide.setStretch(0, 2)
-        decide.setStretch(1, 1)
+        self.out.clicked.connect(self.exclude)
+        decide = QGridLayout()
+        for at, widget in enumerate((self.keep, self.redo, self.reason, self.out)):
+            decide.addWidget(widget, at // 2, at % 2)
+        decide.setColumnStretch(0, 2)
+        decide.setColumnStretch(1, 1)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(14, 10, 14, 12)
         layout.setSpacing(6)
@@ -180,10 +158,10 @@ class TrialCard(QFrame):
         layout.addWidget(self.legend)
         for measure in self.measures:
             layout.addWidget(measure)
-        layout.addWidget(self.trace, 1)
+        layout.addWidget(self.trace, 1000)
+        layout.addStretch(1)
         layout.addWidget(self.flags)
         layout.addLayout(decide)
-        layout.addWidget(self.exclusion)
 
     @property
     def ready(self) -> bool:
@@ -196,7 +174,7 @@ class TrialCard(QFrame):
         """The newest trial, among the rows of its session; ticks (n, tick_log.WIDTH) of it, if they are known."""
         if self.row is None or row.run != self.row.run:
             self._since_s = time.monotonic()
-            self.exclusion.clear()
+            self.reason.setCurrentIndex(0)
         self.row = row
         colour = theme.QUIET if snapshot.blind else colour_of(row.controller)
         counted = [other for other in rows if other.status in COUNTED and other.run != row.run]
@@ -217,3 +195,8 @@ class TrialCard(QFrame):
             self.trace.show_ticks(ticks)
         theme.name_anew(self.flags, "caution" if flags else "quiet")
         self.flags.setText("\n".join(f"▲ {flag}" for flag in flags) or NO_FLAGS)
+
+    def exclude(self) -> None:
+        """For the chosen reason; without one nothing happens."""
+        if self.isVisible() and self.reason.currentIndex() > 0:
+            self.excluded.emit(self.reason.currentText())

@@ -85,6 +85,7 @@ class CurrentTrace(TrialTrace):
     def show_currents(self, t: np.ndarray, currents: np.ndarray, hidden: bool) -> None:
         """Times (n,) s, currents (4, n) A, NaN for a joint without a brake. hidden: the session is blind."""
         self.currents, self.hidden = currents, hidden
+        self.title.setText(f"Currents, {self.unit}")
         self.show_trial(t, np.nanmax(currents, axis=0, initial=0.0))
 
     def show_value(self, at: int) -> None:
@@ -96,7 +97,7 @@ class CurrentTrace(TrialTrace):
         for joint, current in zip(JOINTS, self.currents[:, near], strict=True):
             if current[0] == current[0]:
                 duty = 100.0 * np.count_nonzero(current) / current.size
-                parts.append((f"{joint} {current.max():.2f} {self.unit} {duty:.0f} %", theme.JOINT[joint]))
+                parts.append((f"{joint} {current.max():.2f} {duty:.0f} %", theme.JOINT[joint]))
         self.figures.show_parts(*parts)
         self.figures.setToolTip(f"Largest current and share of the time with current, in {DUTY_S} s about the cursor")
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QResizeEvent, QShortcut
-from PySide6.QtWidgets import QApplication, QBoxLayout, QFrame, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QBoxLayout, QFrame, QMenu, QVBoxLayout, QWidget
 
 from app.window.box_plot import colour_of
 from app.window.painting import theme
@@ -22,7 +22,7 @@ from app.window.painting.layers import extent_of_paths
 from app.window.painting.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
 from app.window.painting.parts import button, row
 from app.window.painting.theme import show_whole
-from app.window.trial_card import Exclusion
+from app.window.trial_card import REASONS
 from app.window.trial_traces import BESIDE, TrialTraces
 from app.window.work import Verb, Work
 from core import tick_log
@@ -54,6 +54,7 @@ class TrialView(QFrame):
 
     closed = Signal()
     stepped = Signal(int)  # -1, 1: the trial before, the next one
+    excluded = Signal(str)  # reason
 
     def __init__(self, whole: bool = False) -> None:
         """whole: a window of its own, with the buttons of the workspace and without those of the page."""
@@ -67,7 +68,11 @@ class TrialView(QFrame):
         self.dot, self.title = word("●", size=theme.TITLE), word("", size=theme.TITLE, bold=True)
         self.about, self.measures, self.beside_measures = OneLine(""), OneLine(""), OneLine("")
         self.beside_measures.setStyleSheet(f"color: {BESIDE}")
-        self.note, self.exclusion = line("", "quiet", theme.SMALL), Exclusion()
+        self.note = line("", "quiet", theme.SMALL)
+        self.exclude = button("Exclude …", lambda: None, "small", "For one of these reasons; the recording is kept")
+        self.exclude.setMenu(reasons := QMenu(self.exclude))
+        for reason in REASONS[1:]:
+            reasons.addAction(reason[0].upper() + reason[1:], lambda reason=reason: self.excluded.emit(reason))
         self.workspace: Workspace | None = None
         self.traces = TrialTraces()
         self.traces.asked.connect(self.go_to)
@@ -89,7 +94,7 @@ class TrialView(QFrame):
             button("›", lambda: self.stepped.emit(1), "small", "The next trial"),
             button("×", self.closed.emit, "small", "Close"),
         )
-        for widget in (self.play_button, self.speed, self.beside, *self.steps):
+        for widget in (self.play_button, self.speed, self.beside, self.exclude, *self.steps):
             widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self._lay_out()
@@ -107,15 +112,14 @@ class TrialView(QFrame):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(12, 8, 12, 10)
         layout.setSpacing(5)
-        layout.addLayout(row(self.dot, self.title, 1, *self.steps))
+        layout.addLayout(row(self.dot, self.title, 1, self.exclude, *self.steps))
         for widget in (self.about, self.measures, self.beside_measures):
             layout.addWidget(widget)
         layout.addLayout(self._middle, 1)
         layout.addWidget(self.decision)
         layout.addLayout(foot)
         layout.addWidget(self.note)
-        layout.addWidget(self.exclusion)
-        for absent in (self.beside_measures, self.note, self.exclusion):
+        for absent in (self.beside_measures, self.note, self.exclude):
             absent.hide()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -130,7 +134,7 @@ class TrialView(QFrame):
     def show_trial(self, trial: Playback | InputError) -> None:
         """Another trial, from its beginning; or why it cannot be shown."""
         self.end()
-        self.exclusion.hide()
+        self.exclude.hide()
         if isinstance(trial, InputError):
             self.note_that(str(trial), bad=True)
             return
@@ -148,8 +152,7 @@ class TrialView(QFrame):
         ))  # fmt: skip
         self.beside_measures.hide()
         self.note_that(f"This trial is excluded: {trial.excluded}." if trial.excluded else "", bad=True)
-        self.exclusion.clear()
-        self.exclusion.setVisible(not self._whole and row is not None and row.status in COUNTED)
+        self.exclude.setVisible(not self._whole and row is not None and row.status in COUNTED)
         self._put_workspace()
         self.workspace.view.show_beside(np.empty((0, 2)), BESIDE)
         self.traces.show_trial(trial)
@@ -164,7 +167,7 @@ class TrialView(QFrame):
         """A trial is being read, or has no recording: its row is all there is."""
         self.dot.setStyleSheet(f"color: {colour_of(row.controller)}")
         self.title.setText(f"P{row.participant} run {row.run}")
-        self.exclusion.hide()
+        self.exclude.hide()
         if not row.recording:
             self.note_that(f"This trial was {row.status}: there is no recording.", bad=True)
 

@@ -154,7 +154,7 @@ class Canvas(ForceView):
             self.paint_forces(painter)
 
     def paint_over_handle(self, painter: QPainter) -> None:
-        if self.instant is not None and self.labelled and self.labels.cover(self.marks(), self.solid()):
+        if self.instant is not None and self.labelled and self.labels.cover(self.marks(), self.solid(), self.room()):
             self.place_labels()  # something has moved under one of them
         super().paint_over_handle(painter)
 
@@ -298,6 +298,7 @@ class PassTable(QTableWidget):
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft)
         head.setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
         head.setSectionsClickable(False)
+        head.setStyleSheet("QHeaderView::section { padding: 2px 0; }")  # level with the cells
         head.setMinimumSectionSize(40)
         for column in (0, 1, 2, 6):
             head.setSectionResizeMode(column, QHeaderView.ResizeMode.ResizeToContents)
@@ -317,7 +318,7 @@ class PassTable(QTableWidget):
         for at, one in enumerate(reversed(passes)):
             s, preset = one.settings, preset_of(one.settings, opened)
             colour = theme.CONTROLLER.get(s.controller, theme.TEXT)
-            noted = " · changed on the way" if one.changed else " · time-out" if one.status == "timeout" else ""
+            noted = " · changed" if one.changed else " · time-out" if one.status == "timeout" else ""
             dials = (f"{dial.label.lower()} {getattr(s, dial.name) * dial.scale:.4g} {dial.unit}" for dial in DIALS)
             about = f"{preset.name}; path {s.path}, {s.rules} rules, {', '.join(dials)}"
             texts = [str(one.number), feel(preset, gains_of(opened)) + noted, brakes_of(s.device)]

@@ -22,6 +22,7 @@ from app.window.analyse_page import FINDINGS, PAGES, AnalysePage
 from app.window.box_plot import ChartPlot, colour_of
 from app.window.painting import theme
 from app.window.painting.labels import OneLine
+from app.window.trial_card import REASONS
 from experiments.analysis.charts import PERSON, POOLED, QUESTIONS
 from experiments.analysis.findings import FAILS
 from experiments.analysis.trials_table import TrialRow, read_table, write_table
@@ -274,13 +275,11 @@ def recorded(qtbot, tmp_path: Path) -> AnalysePage:
 def test_a_trial_of_a_session_that_is_not_open_is_excluded_for_a_reason_and_then_says_so(
     qtbot, recorded: AnalysePage
 ) -> None:
-    page, exclusion = recorded, recorded.side.exclusion
-    assert exclusion.isVisible() and not exclusion.button.isEnabled()  # not without a reason
-    exclusion.reason.setCurrentIndex(2)
-    reason = exclusion.reason.currentText()
-    QTest.mouseClick(exclusion.button, Qt.MouseButton.LeftButton)
+    page, reason = recorded, REASONS[2]
+    assert page.side.exclude.isVisible()
+    page.side.exclude.menu().actions()[1].trigger()
     qtbot.waitUntil(lambda: reason in page.side.note.text(), timeout=60_000)
-    assert page.side.note.text() == f"This trial is excluded: {reason}." and not exclusion.isVisible()
+    assert page.side.note.text() == f"This trial is excluded: {reason}." and not page.side.exclude.isVisible()
     assert "excluded" in page.side.measures.text() and [row.run for row in page.rows] == [1]
     session = page.results.folder / "sub-01" / "ses-01"
     assert [row.status for row in read_table(session / "trials.csv")] == ["done", "excluded"]
@@ -294,9 +293,8 @@ def test_a_trial_of_the_open_session_is_excluded_by_the_session_server(qtbot, re
     page.send = sent.append
     session = page.results.folder / "sub-01" / "ses-01"
     page.show_opened(fake_client.opened("01", folder=str(session)))
-    page.side.exclusion.reason.setCurrentIndex(1)
-    page.keys()["exclude"]()
-    assert sent == [m.Exclude(2, page.side.exclusion.reason.currentText())]
+    page.side.exclude.menu().actions()[0].trigger()
+    assert sent == [m.Exclude(2, REASONS[1])]
     page.show_snapshot(fake_client.ready(2, said="A trial is running.", said_bad=True))
     assert page.side.note.text() == "A trial is running."
 
@@ -305,8 +303,7 @@ def test_a_session_that_another_process_has_open_is_not_touched(qtbot, recorded:
     page = recorded
     other = Session.resume(page.results.folder, "01")
     try:
-        page.side.exclusion.reason.setCurrentIndex(1)
-        page.side.exclusion.exclude()
+        page.side.exclude.menu().actions()[0].trigger()
         qtbot.waitUntil(lambda: "in use by a running process" in page.side.note.text(), timeout=60_000)
     finally:
         other.close()

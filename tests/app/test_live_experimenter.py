@@ -82,8 +82,8 @@ def test_a_whole_session_of_an_experimenter(qtbot, setup: Setup, tmp_path: Path)
     assert len(main.opened.plan) == 4 and run.centre.large.text() == "Willkommen"
     run_trial(windows)
     first = main.snapshot.rows[-1]
-    run.card.exclusion.reason.setCurrentIndex(1)
-    QTest.mouseClick(run.card.exclusion.button, LEFT)
+    run.card.reason.setCurrentIndex(1)
+    QTest.mouseClick(run.card.out, LEFT)
     wait_until(lambda: main.snapshot.rows[-1].status == "excluded" and not run.card_shown)
     run_trial(windows)
     second = main.snapshot.rows[-1]

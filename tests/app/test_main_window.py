@@ -400,10 +400,9 @@ def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(
     screens.run.panel.grid.clicked.emit(rows[0])
     qtbot.waitUntil(lambda: screens.run.card_shown, timeout=20_000)
     assert screens.run.card.row == rows[0] and screens.run.card.trace.isVisible()
-    exclusion = screens.run.card.exclusion
-    exclusion.reason.setCurrentIndex(2)
-    exclusion.exclude()
-    assert screens.client.sent[-1] == m.Exclude(rows[0].run, exclusion.reason.currentText())
+    screens.run.card.reason.setCurrentIndex(2)
+    screens.run.card.exclude()
+    assert screens.client.sent[-1] == m.Exclude(rows[0].run, screens.run.card.reason.currentText())
     screens.run.panel.grid.clicked.emit(rows[1])
     qtbot.waitUntil(lambda: screens.run.card_shown and screens.run.card.row == rows[1], timeout=20_000)
     qtbot.waitUntil(lambda: screens.run.card.ready)

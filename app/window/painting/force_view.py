@@ -173,7 +173,7 @@ class ForceView(Plane):
 
     def paint_over_handle(self, painter: QPainter) -> None:
         if self.instant is not None and self.tip is not None and self.labelled:
-            self.labels.paint(painter, self.marks())
+            self.labels.paint(painter, self.marks(), self.room())
 
 
 class Layered(QFrame):

@@ -96,8 +96,9 @@ class LinkageView(ForceView):
         return self._worded_view and LINKAGE in self.shown
 
     def marks(self) -> dict[str, QPointF]:
-        """The middles of the joints' rings too."""
-        return self._joints()[1] | super().marks()
+        """The middles of the joints' rings too, as far as they are seen."""
+        seen = QRectF(self.rect())
+        return {joint: at for joint, at in self._joints()[1].items() if seen.contains(at)} | super().marks()
 
     def drawn(self) -> np.ndarray:
         """Arms, rings and directions too."""

@@ -226,7 +226,6 @@ class Labels:
         self.doing: dict[str, Doing] = {}  # joint -> what its brake does
         self.sides: dict[str, Side] = {}
         self.boxes: dict[str, QRectF] = {}  # where each stands, px
-        self._room = QRectF()
 
     def word(self, instant: Instant, doing: dict[str, Doing]) -> None:
         """New words: of each brake, of both forces."""
@@ -245,41 +244,40 @@ class Labels:
 
         Solid points and other labels are covered only where there is no other place.
         """
-        self._room = room
         for name in (name for name in self.words if name in marks):
             force = instant.hand if name == HAND else instant.brakes
             sides = [*SIDES[name], *NEAR] if name in SIDES else sides_of(force)
             sides = [self.sides[name], *sides] if name in self.sides else sides
-            best, box = free_box((self._box(name, marks[name], side) for side in sides), solid, drawn, room)
+            best, box = free_box((self._box(name, marks[name], side, room) for side in sides), solid, drawn, room)
             self.sides[name] = sides[best]
             solid = np.vstack((solid, points_in(box)))
 
-    def cover(self, marks: Mapping[str, QPointF], solid: np.ndarray) -> bool:
+    def cover(self, marks: Mapping[str, QPointF], solid: np.ndarray, room: QRectF) -> bool:
         """Whether one of them now lies on another, or on a solid point (n, 2), px."""
-        self._stand(marks)
+        self._stand(marks, room)
         boxes = list(self.boxes.values())
         if any(box.intersects(other) for at, box in enumerate(boxes) for other in boxes[:at]):
             return True
         return bool(boxes and counts_in(boxes, solid).any())
 
-    def paint(self, painter: QPainter, marks: Mapping[str, QPointF]) -> None:
-        """Write each label beside its mark (px)."""
-        self._stand(marks)
+    def paint(self, painter: QPainter, marks: Mapping[str, QPointF], room: QRectF) -> None:
+        """Write each label beside its mark, in the room (px)."""
+        self._stand(marks, room)
         for name, box in self.boxes.items():
             words = self.words[name]
             colour = FORCE_SHADE.get(name) or (theme.QUIET if words == OFF else SHADE[words.split()[0]])
             painter.fillRect(box, shade(theme.CANVAS, 0.6))  # to be read even where it must lie on something
             write(painter, box.center(), words, self._size, self._bold, colour)
 
-    def _stand(self, marks: Mapping[str, QPointF]) -> None:
+    def _stand(self, marks: Mapping[str, QPointF], room: QRectF) -> None:
         self.boxes = {
-            name: self._box(name, marks[name], self.sides.get(name, RIGHT_OF)) for name in self.words if name in marks
+            name: self._box(name, marks[name], self.sides.get(name, RIGHT_OF), room)
+            for name in self.words
+            if name in marks
         }
 
-    def _box(self, name: str, mark: QPointF, side: Side) -> QRectF:
+    def _box(self, name: str, mark: QPointF, side: Side, room: QRectF) -> QRectF:
         away = FORCE_AWAY_PX if name in FORCE_SHADE else JOINT_AWAY_PX
         width = text_width(self.words[name], self._size, self._bold) + 2.0
-        if self._room.isNull():
-            return box_at(mark, side, away, width, text_px(self._size + 3))
-        mark = inside(QRectF(mark, QSizeF()), self._room).topLeft()
-        return inside(box_at(mark, side, away, width, text_px(self._size + 3)), self._room)
+        mark = inside(QRectF(mark, QSizeF()), room).topLeft()
+        return inside(box_at(mark, side, away, width, text_px(self._size + 3)), room)
