@@ -35,6 +35,7 @@ class Progress:
 
     def __init__(self, doing: str) -> None:
         self.doing, self.start, self.shown = doing, time.monotonic(), ""
+        self.first: tuple[float, float] | None = None  # when it was first called, and with which share
 
     def __call__(self, share: float, where: str = "") -> None:
         """where: stands for the percentage."""
@@ -44,10 +45,20 @@ class Progress:
         if not sys.stderr.isatty() or time.monotonic() - self.start < 1.0:
             return
         full = round(share * self.CELLS)
-        line = f"\r{self.doing} [{'#' * full}{'.' * (self.CELLS - full)}] {where or f'{share:4.0%}'}"
+        place = where or f"{share:4.0%}{self._left(share)}"
+        line = f"\r{self.doing} [{'#' * full}{'.' * (self.CELLS - full)}] {place}"
         if line != self.shown:
-            print(line, end="", file=sys.stderr, flush=True)
+            print(line, "\033[K", sep="", end="", file=sys.stderr, flush=True)
             self.shown = line
+
+    def _left(self, share: float) -> str:
+        """The time that is left at the pace so far, from a minute on."""
+        self.first = self.first or (time.monotonic(), share)
+        begun, at_first = self.first
+        if share <= at_first:
+            return ""
+        minutes = round((1.0 - share) / (share - at_first) * (time.monotonic() - begun) / 60.0)
+        return f", {minutes // 60} h {minutes % 60:02d} min left" if minutes >= 1 else ""
 
     def __enter__(self) -> "Progress":
         return self

@@ -63,18 +63,17 @@ def time_constant(brakes, i, current, rate, rising):
 
 
 @kernel
-def begin_lag(brakes, i, current, torque_yield, rate, acceleration, step, lag):
+def begin_lag(brakes, i, current, gain, torque_yield, rate, acceleration, step, lag):
     """Freeze the lag of Eq. (1) for brake i over the next `step` seconds; fills lag[i] for `lagged_yield`.
 
-    The torque follows K with the time constant a: exact for constant current and speed. Otherwise a is taken at the
-    middle of the step with the speed predicted from `rate` and `acceleration`; where the predicted speed crosses
+    The torque follows K (`gain`) with the time constant a: exact for constant current and speed. Otherwise a is taken
+    at the middle of the step with the speed predicted from `rate` and `acceleration`; where the predicted speed crosses
     omega_0 or the floor, the step is split there, each part with its own constant (second order across them).
     Differs from the paper: the lag acts on the yield magnitude, not on the signed torque, which would drive with the
-    motion after each reversal.
+    motion after each reversal. (With `Brakes.signed` the simulator runs the paper's words: see `turn_torques`.)
 
     lag[i] = (K, y at the start, 1/a first part, time of the split, 1/a second part).
     """
-    gain = torque_gain(brakes, i, current)
     rising = gain > torque_yield
     start, end = abs(rate), abs(rate + acceleration * step)
     split = step

@@ -5,7 +5,8 @@ no tip position at which both arms close, or a mass matrix that has no inverse.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +93,21 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
         sensing=file.sensing,
         calibration=_calibration(file, calibration_text, where),
         calibration_text=calibration_text,
+    )
+
+
+def with_brakes(device: Device, change: Callable[[BrakeFile], BrakeFile]) -> Device:
+    """The device with other brakes: what `change` makes of each of its brake files. Their numbers are then assumed."""
+    file = parse_toml(device.text, DeviceFile, device.name)
+    brakes = {}
+    for joint in file.braked:
+        reference = getattr(file.brakes, joint)
+        brakes[joint] = change(parse_brake(device.brake_texts[reference], f"brake file {reference}"))
+    return replace(
+        device,
+        brakes=build_brakes(brakes)._replace(ripple=device.brakes.ripple, signed=device.brakes.signed),
+        force_normalised_N=force_normalised(file.geometry, brakes),
+        assumed=True,
     )
 
 

@@ -35,6 +35,11 @@ class TimeConstant(Table, frozen=True):
     a_avg_s: Positive
     a: tuple[float, float, float, float, float, float]
 
+    def slower(self, factor: float) -> "TimeConstant":
+        """The same, so many times as long."""
+        a1, a2, a3, a4, a5, a6 = (factor * number for number in self.a)
+        return TimeConstant(a_avg_s=factor * self.a_avg_s, a=(a1, a2, a3, a4, a5, a6))
+
     def below_omega_0(self, current: float, speed_log2: float) -> float:
         """Time constant (s), Eq. (4) below omega_0; speed_log2 is the paper's omega_L: log2 of rpm."""
         a1, a2, a3, a4, a5, a6 = self.a
@@ -63,6 +68,19 @@ class BrakeFile(Table, frozen=True):
             raise ValueError(f"floor_rpm ({self.floor_rpm:g}) must not exceed omega_0_rpm ({self.omega_0_rpm:g})")
         for key, constant in (("rise", self.rise), ("fall", self.fall)):
             self._check_time_constant(key, constant)
+
+    def changed(self, lag: float, drag: float, backlash_deg: float | None) -> "BrakeFile":
+        """The brake with `lag` times its time constants and `drag` times its torque without current.
+
+        The drag is there beside the field's torque: without it K is less by k_2 at every current. backlash_deg: None:
+        as it is.
+        """
+        k1, k2, k3, k4, k5 = self.k
+        more = (drag - 1.0) * k2
+        play = self.backlash_deg if backlash_deg is None else backlash_deg
+        rise, fall = self.rise.slower(lag), self.fall.slower(lag)
+        k = (k1, drag * k2, k3, k4, k5 + more)
+        return msgspec.structs.replace(self, k=k, rise=rise, fall=fall, backlash_deg=play)
 
     def torque_gain(self, current: float) -> float:
         """Torque gain K (N m), Eq. (2), of the file (the kernels have their own, on arrays)."""

@@ -15,8 +15,8 @@ from core.mechanism import JOINTS
 from core.simulator.state import pack_mechanism
 
 #: 1/s: the noise (rms) of the velocity that a real device senses, over its encoders' step at the tip
-#: (hardware/sensing/samples.MotionFilter)
-VELOCITY_NOISE_HZ = 17.0
+#: (hardware/sensing/samples.MotionFilter), a slope through so many samples
+VELOCITY_NOISE_HZ, VELOCITY_WINDOW = 17.0, 15
 
 
 class AnyDevice(Protocol):
@@ -121,9 +121,13 @@ def encoder_step(device: Device, tip: tuple[float, float], counts_per_rev: Seque
     return 1.0 / least if least > 0.0 else math.inf
 
 
-def velocity_noise(device: Device, tip: tuple[float, float]) -> float:
-    """Noise (m/s, rms) of the sensed velocity at a tip (m); 0 where the device file has no encoders."""
+def velocity_noise(device: Device, tip: tuple[float, float], window: int = VELOCITY_WINDOW) -> float:
+    """Noise (m/s, rms) of the sensed velocity at a tip (m); 0 where the device file has no encoders.
+
+    window: samples of its filter, through which the noise of a slope falls as (n^3 - n)^-1/2.
+    """
     encoders = device.sensing.encoders if device.sensing else None
     if encoders is None:
         return 0.0
-    return VELOCITY_NOISE_HZ * encoder_step(device, tip, [getattr(encoders, joint) or 0 for joint in JOINTS])
+    step = encoder_step(device, tip, [getattr(encoders, joint) or 0 for joint in JOINTS])
+    return VELOCITY_NOISE_HZ * step * math.sqrt((VELOCITY_WINDOW**3 - VELOCITY_WINDOW) / (window**3 - window))

@@ -54,9 +54,12 @@ class Brakes(NamedTuple):
     rise: np.ndarray  # (4, 7) s: a_avg, a_1 .. a_6 of Eq. (4), rising (rates in rpm inside the formula)
     fall: np.ndarray  # (4, 7) s: the same, falling
     play: np.ndarray  # (4,) rad, width of the backlash
+    ripple: float = 0.0  # N m, most by which the torque of a brake differs from its mean over a turn
+    signed: float = 0.0  # 1.0: the lag of Eq. (1) acts on the signed torque, as the paper has it
 
 
 def no_brakes() -> Brakes:
     """No joint carries a brake: all numbers zero."""
     wide = {"k": 5, "rise": 7, "fall": 7}
-    return Brakes(*(np.zeros((4, wide[name]) if name in wide else 4) for name in Brakes._fields))
+    arrays = [np.zeros((4, wide[name]) if name in wide else 4) for name in Brakes._fields[:-2]]
+    return Brakes._make([*arrays, 0.0, 0.0])

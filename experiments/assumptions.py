@@ -3,11 +3,16 @@
 The defaults are what this program assumes where a file has no such table.
 """
 
+from dataclasses import replace
 from typing import Annotated, Any
 
 import msgspec
 
-from core.files import NotNegative, Positive, Table, choice, text_of_form
+from core.control.controllers import GAP_M, Preset
+from core.device import Device, with_brakes
+from core.device_interface import VELOCITY_WINDOW
+from core.files import InputError, NotNegative, Positive, Table, choice, text_of_form
+from core.mechanism import JOINTS
 
 NO_VIBRATION = "no vibration"
 ENCODERS = "encoders"
@@ -28,8 +33,8 @@ class Assumptions(Table, frozen=True):
     torque_ripple_N_m: NotNegative = 0.0  # from the least to the most over a turn
     # what the controller sees of the simulated device
     sensing: Annotated[str, choice("ideal", ENCODERS)] = "ideal"
-    filter_samples: Annotated[int, msgspec.Meta(ge=3, le=63)] = 15  # of the velocity, as on the bench; encoders alone
-    delay_samples: Annotated[int, msgspec.Meta(ge=0, le=63)] = 1  # encoders alone
+    filter_samples: Annotated[int, msgspec.Meta(ge=3, le=63)] = VELOCITY_WINDOW  # of the velocity from encoders
+    delay_samples: Annotated[int, msgspec.Meta(ge=0, le=63)] = 1  # of what the encoders give
     # the controllers, on a real device too
     gap_reading: Annotated[str, choice("half", "full")] = "half"  # what a gap is: half the band's width, or all of it
     low_gain: LowGain | None = None  # of the proportional controller of least gain; None: as in its file
@@ -39,6 +44,27 @@ class Assumptions(Table, frozen=True):
         """Those that are not the defaults."""
         own, usual = msgspec.structs.asdict(self), msgspec.structs.asdict(DEFAULTS)
         return {name: value for name, value in own.items() if value != usual[name]}
+
+    @property
+    def simulated_fidelity(self) -> str:
+        """What of the brakes the simulator models. A brake without drag that lags nowhere gives what is asked of it."""
+        return "mr" if self.fidelity == "mr" else "static"
+
+    def applied_to(self, device: Device) -> Device:
+        """The device to simulate: with the brakes that are assumed, which its controllers know."""
+        drag = 0.0 if self.fidelity == "ideal" else self.drag_factor
+        if (self.lag_factor, drag, self.backlash_deg) != (1.0, 1.0, None):
+            device = with_brakes(device, lambda brake: brake.changed(self.lag_factor, drag, self.backlash_deg))
+        ripple = 0.5 * self.torque_ripple_N_m
+        signed = float(self.brake_model == "signed" and self.fidelity == "mr")  # without a lag they are one
+        if (ripple, signed) == (0.0, 0.0):
+            return device
+        return replace(device, brakes=device.brakes._replace(ripple=ripple, signed=signed))
+
+    def controller(self, preset: Preset) -> Preset:
+        """A controller with its gap as it is read."""
+        gap = preset.value(GAP_M.name)
+        return preset.replaced(GAP_M.name, 0.5 * gap) if gap and self.gap_reading == "full" else preset
 
     def words(self) -> str:
         """Those that are not the defaults, as a figure's note names them; the low gain has a note of its own."""
@@ -50,3 +76,14 @@ class Assumptions(Table, frozen=True):
 
 
 DEFAULTS = Assumptions()
+
+
+def encoder_counts(device: Device) -> list[int]:
+    """Counts per revolution of the encoders (4,), 0 at a joint without one. InputError: they do not give the tip."""
+    encoders = device.sensing.encoders if device.sensing else None
+    counts = [getattr(encoders, joint, None) or 0 for joint in JOINTS]
+    if not any(counts[:1] + counts[2:3]) and (device.mechanism.coaxial or not any(counts)):
+        raise InputError(
+            f"device {device.name}: has no encoders that give its tip, so assumptions.sensing cannot be {ENCODERS!r}"
+        )
+    return counts

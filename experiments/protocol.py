@@ -22,7 +22,7 @@ from core.files import InputError, NotNegative, Positive, Table, choice, from_pl
 from core.path import PathFile, build_path, outline, path_from, point_at
 from core.simulator.hand import Hand, spring_hand
 from core.workspace import tip_is_free
-from experiments.assumptions import NO_VIBRATION, Assumptions, LowGain
+from experiments.assumptions import ENCODERS, NO_VIBRATION, Assumptions, LowGain, encoder_counts
 from experiments.language import ENGLISH, Language, language_text, read_language, shipped_languages
 from experiments.slave import Slave
 
@@ -376,6 +376,9 @@ def _checked(
     if asked.low_gain is not None:
         assumptions = msgspec.structs.replace(assumptions, low_gain=asked.low_gain)
     controllers = _assumed(controllers, assumptions, where)
+    if assumptions.sensing == ENCODERS:
+        for _, device in devices:
+            encoder_counts(device)
     for preset in controllers.values():
         if preset.kind == REFLECT and not (file.slave or preset.value(WALL_N_M.name)):
             raise InputError(f"{where}: controller {preset.name}: needs a [slave] or wall_N_m, it has no force to show")
@@ -433,6 +436,7 @@ def _paths(entries: Sequence[dict[str, Any]], where: str) -> dict[int, PathFile]
 
 def _assumed(controllers: dict[int, Preset], assumptions: Assumptions, where: str) -> dict[int, Preset]:
     """The controllers under the assumptions: the low gain is that of the proportional one of least gain."""
+    controllers = {number: assumptions.controller(preset) for number, preset in controllers.items()}
     gain = assumptions.low_gain
     if gain is None or gain == NO_VIBRATION:
         return controllers

@@ -28,7 +28,12 @@ def protocol_text(content: Mapping[str, Any]) -> str:
 
     Keys keep their order, but tables come after plain values. A key whose value is None is left out.
     """
-    return ABOUT + "\n".join(_table(content, "")).strip("\n") + "\n"
+    return ABOUT + toml_text(content)
+
+
+def toml_text(content: Mapping[str, Any]) -> str:
+    """The TOML text of any file that is given so."""
+    return "\n".join(_table(content, "")).strip("\n") + "\n"
 
 
 def save_protocol(path: Path, content: Mapping[str, Any], replacing: bool = False) -> None:
@@ -99,14 +104,14 @@ def _device_files(
             brake |= {"k": [strength * k for k in brake["k"]], "provenance": "assumed"}
             brake["backlash_deg"] = brake["backlash_deg"] if backlash_deg is None else backlash_deg
         named = f"{path.stem}-brake-{number}.toml"
-        brakes[named] = "\n".join(_table(brake, "")) + "\n"
+        brakes[named] = toml_text(brake)
         for joint, other in about["brakes"].items():
             about["brakes"][joint] = named if other == reference else other
     about["name"], files = f"{path.stem}-{device.name}", dict(brakes)
     if device.calibration_text is not None:
         about["sensing"]["force"]["calibration"] = f"{path.stem}-calibration.txt"
         files[f"{path.stem}-calibration.txt"] = device.calibration_text
-    made = "\n".join(_table(about, "")).strip("\n") + "\n"
+    made = toml_text(about)
     files[f"{path.stem}-device.toml"] = made
     return files, build_device(made, brakes, f"{path.stem}-device.toml", device.calibration_text)
 

@@ -8,6 +8,8 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Self
 
+from experiments.inputs import MOUSE
+
 if TYPE_CHECKING:  # else each process imports all of this before it can start the next
     import numpy as np
 
@@ -23,9 +25,6 @@ Point = tuple[float, float]  # m
 
 # ------------------------------------------------------------------------- what a window starts its session server with
 
-#: operator: a simulated person, for sessions without a hand; hid: a six-axis device whose deflection is the force
-MOUSE, OPERATOR, HID = "mouse", "operator", "hid"
-
 
 class Setup(NamedTuple):
     """Choices of the command line; None: as the protocol says."""
@@ -36,7 +35,7 @@ class Setup(NamedTuple):
     rules: str | None = None
     low_gain: float | None = None  # N s/m
     seed: int | None = None
-    hand: str = MOUSE
+    hand: str = MOUSE  # of `experiments.inputs.INPUTS`
     participant: str = ""  # to be offered first; "": the first without a session
     link: str = ""  # serial port of a device on the bench, or "PORT netft:HOST"; "": simulated
     real_time: bool = True  # try scheduling that needs a privilege
@@ -241,7 +240,7 @@ class Opened(NamedTuple):
     plan_sha256: str
     folder: str
     real_device: bool  # currents flow in real brakes
-    hand: str  # what moves the handle: "mouse", "operator"
+    hand: str  # what moves the handle, of `INPUTS`
     blind: bool = False  # a new session is blind whether that is asked for or not
 
 

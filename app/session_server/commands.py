@@ -6,27 +6,18 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from app.ipc import messages as m
-from app.ipc.messages import HID, MOUSE, OPERATOR
 from app.session_server.device_setup import RealSetup, person_at
 from app.session_server.preflight import done_without
 from app.session_server.session_progress import SessionProgress
 from app.session_server.state import State
 from app.session_server.steps import due_step, ended_by
 from core.files import InputError
+from experiments.inputs import INPUTS
 from experiments.plan import PlannedTrial, counted
 from experiments.session.files import other_protocol
 from experiments.session.journal import NOTE, PAUSED, RESUMED_AFTER_PAUSE
 from experiments.session.session import Session
-from experiments.trial.inputs import SENSOR
 from experiments.trial.population import load_population
-
-#: hand -> in words
-HANDS = {
-    MOUSE: "the simulated device and the mouse",
-    HID: "the simulated device and a six-axis device",
-    OPERATOR: "the simulated device and a simulated operator",
-    SENSOR: "a device on the bench",
-}
 
 
 def do(state: State, command: object) -> None:
@@ -88,10 +79,12 @@ def _wrong_hand(state: State, session: Session) -> str:
     """Why no trials of the session can be run with this hand; "": they can. Everything else can be done."""
     if session.hand == state.device.hand:
         return ""
-    begun = HANDS.get(session.hand, f"{session.hand!r}, an unknown hand")  # session.json was edited
+    begun = INPUTS.get(session.hand)  # None: session.json was edited
+    begun_with = begun.begun_with if begun else f"{session.hand!r}, an unknown hand"
+    now = INPUTS[state.device.hand].begun_with
     return (
-        f"This session was begun with {begun}, and now there is {HANDS[state.device.hand]}. No trials can be run, "
-        "because they could not be compared with the earlier ones."
+        f"This session was begun with {begun_with}, and now there is {now}. No trials can be run, because they could "
+        "not be compared with the earlier ones."
     )
 
 

@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.ipc import messages as m
-from app.ipc.messages import CONNECT, DONE, HOME, OPERATOR, ZERO, Card, Check, DeviceStatus, Setup
+from app.ipc.messages import CONNECT, DONE, HOME, ZERO, Card, Check, DeviceStatus, Setup
 from app.ipc.ring import Ring
 from app.session_server.preflight import check_device, check_hand, check_real, check_sensor
 from core.device import Device
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
+from experiments.inputs import HID, OPERATOR, SENSOR
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol, home_of
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter
 from experiments.session.journal import HOMED, RERIGGED, ZEROED
 from experiments.session.session import Session
-from experiments.trial.inputs import SENSOR
 from experiments.trial.operator import Person
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial
@@ -43,9 +43,9 @@ class SimulatedSetup:
     real, status = False, None
 
     def __init__(self, ring: Ring, hand: str, hid: Callable[[], HidHand] = HidHand) -> None:
-        """hand: what moves it, `messages.MOUSE` .. InputError: it is a six-axis device, and none is attached."""
+        """hand: what moves it, of `INPUTS` InputError: it is a six-axis device, and none is attached."""
         self.hand, self._ring = hand, ring
-        self._hid = HidInput(ring, hid()) if hand == m.HID else None
+        self._hid = HidInput(ring, hid()) if hand == HID else None
 
     def card(self, progress: "SessionProgress") -> Card | None:
         """What is to be done before the coming trial; None: nothing."""

@@ -8,9 +8,10 @@ import time
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
-from app.ipc.messages import BAD, CAUTION, GOOD, OPERATOR, WAITING, Check, DeviceStatus, Setup, Timing
+from app.ipc.messages import BAD, CAUTION, GOOD, WAITING, Check, DeviceStatus, Setup, Timing
 from app.ipc.scheduling import ADVICE, Scheduling
 from core.faults import FAULTS, advice, after
+from experiments.inputs import INPUTS, OPERATOR
 
 if TYPE_CHECKING:
     from experiments.protocol import Protocol
@@ -57,8 +58,8 @@ def check_sensor(status: DeviceStatus | None) -> Check:
 
 
 def check_hand(hand: str) -> Check:
-    """hand: "mouse", "operator"."""
-    return Check("Hand", GOOD, {"operator": "simulated operator"}.get(hand, hand))
+    """hand: of `INPUTS`."""
+    return Check("Hand", GOOD, INPUTS[hand].title.lower())
 
 
 def check_loop(

@@ -16,7 +16,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from app.ipc import messages as m
-from app.ipc.messages import MOUSE, OPERATOR, Pass, SandboxSettings, SandboxState
+from app.ipc.messages import Pass, SandboxSettings, SandboxState
 from app.session_server.device_setup import RealSetup, SimulatedSetup, person_at
 from app.session_server.preflight import with_advice
 from app.session_server.trial_runner import TrialRun, TrialRunner
@@ -32,6 +32,7 @@ from core.simulator.simulated_device import SimulatedDevice
 from core.tick_log import APPROACH, PHASE
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import Metrics, trial_metrics
+from experiments.inputs import MOUSE, OPERATOR
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
 from experiments.protocol_writer import save_variant
@@ -270,7 +271,8 @@ class Sandbox:
         tip = old.tip if old is not None else (path.x1, path.y1)  # there is a way to go
         if not tip_is_free(device.mechanism, *tip):
             tip, self._taken = (path.x1, path.y1), False
-        return SimulatedDevice(device, tip, p.mouse.hand() if self._setup.hand != OPERATOR else None)
+        hand = p.mouse.hand() if self._setup.hand != OPERATOR else None
+        return SimulatedDevice(p.assumptions.applied_to(device), tip, hand, p.assumptions.simulated_fidelity)
 
     def _controller(self, s: SandboxSettings, device: Device) -> Controller:
         """As the settings have it. InputError for numbers that cannot be."""

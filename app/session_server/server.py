@@ -17,12 +17,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from app.ipc import messages as m
-from app.ipc.messages import OPERATOR, Setup
+from app.ipc.messages import Setup
 from app.ipc.pipe import Pipe
 from app.ipc.ring import Ring
 from app.session_server.loop_process import LoopProcess
 from core import tick_log
 from core.files import InputError
+from experiments.inputs import OPERATOR
 
 if TYPE_CHECKING:
     from experiments.protocol import Protocol

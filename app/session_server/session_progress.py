@@ -5,8 +5,8 @@ import time
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
-from app.ipc.messages import OPERATOR
 from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow
+from experiments.inputs import OPERATOR
 from experiments.plan import PlannedTrial, break_after
 from experiments.session.files import cell, open_trials
 from experiments.session.journal import (

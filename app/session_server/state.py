@@ -6,7 +6,7 @@
 import time
 
 from app.ipc import messages as m
-from app.ipc.messages import OPERATOR, Setup
+from app.ipc.messages import Setup
 from app.ipc.ring import Ring
 from app.session_server.device_setup import RealSetup, SimulatedSetup
 from app.session_server.loop_process import LoopProcess
@@ -16,6 +16,7 @@ from app.session_server.session_progress import SessionProgress
 from app.session_server.steps import due_step, stage_of
 from app.session_server.storage import Storage
 from app.session_server.trial_runner import TrialRun, TrialRunner
+from experiments.inputs import OPERATOR
 from experiments.protocol import Protocol
 from experiments.session.journal import BRAKES_ALLOWED, BRAKES_OFF, WINDOW_LOST
 from experiments.session.session import Session

@@ -8,6 +8,7 @@ from pathlib import Path
 from app.progress import Display, import_screen, watch_compiling
 from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole_number_of
 from core.files import InputError
+from experiments.inputs import CHOICES, MOUSE, OPERATOR
 
 
 def add(verbs) -> None:
@@ -23,7 +24,7 @@ def add(verbs) -> None:
     option("protocol", nargs="?", default="paper", metavar="PROTOCOL.toml", help=protocol)
     option("--device", **{**DEVICES, "help": "devices in place of the protocol's, by shipped name or path"})
     option(
-        "--input", choices=("mouse", "hid", "operator"), default="mouse",
+        "--input", choices=CHOICES, default=MOUSE,
         help="where the hand force comes from: the mouse (default), a six-axis device, or a simulated operator",
     )  # fmt: skip
     option(
@@ -58,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     link = link_of(args)
     display = Display("open a window on")
     from app.ipc.client import Client
-    from app.ipc.messages import OPERATOR, Setup
+    from app.ipc.messages import Setup
     from app.window.painting import palette
 
     devices = tuple(map(whole, args.device)) if args.device else None
@@ -95,7 +96,7 @@ def link_of(args: argparse.Namespace) -> str:
     kind, _, port = args.link.partition(":")
     if kind != "serial" or not port:
         raise InputError(f"--link: must be sim or serial:PORT, not {args.link!r}")
-    if args.input != "mouse":
+    if args.input != MOUSE:
         raise InputError(f"--input {args.input}: on the bench the force sensor measures what the hand does")
     from hardware.serial_port import find_port
 
@@ -124,7 +125,7 @@ def print_plan(args: argparse.Namespace) -> int:
 
     protocol = protocol_of(args)
     participant = args.participant or free_participant(args.data_dir, protocol.participants)
-    if args.input != "operator":
+    if args.input != OPERATOR:
         protocol.refuse_stranger(participant)
     print(print_plan(protocol, participant), end="")
     return 0

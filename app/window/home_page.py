@@ -35,6 +35,7 @@ from app.window.protocol_editor import TOML, ProtocolEditor
 from app.window.work import Work
 from core.device import shipped_devices
 from core.files import InputError
+from experiments.inputs import CHOICES, INPUTS, MOUSE, SENSOR
 from experiments.plan import counted, make_plan, plan_summary, print_plan
 from experiments.protocol import NUMBER, Protocol, load_protocol, shipped_protocols
 from experiments.session.files import free_participant, session_folder
@@ -45,10 +46,7 @@ LOOK_MS = 2000  # between two looks at the ports
 LINE_PX = 32  # high, a line of the form at most
 SIMULATED, BOARD = "Simulated", "Board"
 FILE, AS_PROTOCOL = "A file …", "As the protocol says"
-HANDS = {m.MOUSE: "Mouse", m.HID: "Six-axis device", m.OPERATOR: "Simulated operator"}
-HAND_WORDS = {
-    m.MOUSE: "pulls the handle by a spring", m.HID: "its deflection is the force", m.OPERATOR: "no person is needed",
-}  # fmt: skip
+HANDS = {name: INPUTS[name].title for name in CHOICES}
 
 
 class Loaded(NamedTuple):
@@ -138,7 +136,7 @@ class HomePage(Page):
         self.protocol.activated.connect(self._protocol_chosen)
         self.devices.activated.connect(self._devices_chosen)
         self.hand.activated.connect(lambda: self._choose(hand=self.hand.value()))
-        self.hand.fill(HANDS, m.MOUSE)
+        self.hand.fill(HANDS, MOUSE)
         self.summary, self.hand_words = line("", bold=True), line("", "quiet")
         self.show_plan, self.edit = button("Plan", self._ask_plan), button("Edit", self._edit)
         self.link = Segments((SIMULATED, BOARD), SIMULATED)
@@ -385,7 +383,7 @@ class HomePage(Page):
 
     def _connect(self, port: str) -> None:
         if port and not self._session_open:
-            self.setup_asked.emit(self.chosen._replace(link=port, hand=m.MOUSE), None)
+            self.setup_asked.emit(self.chosen._replace(link=port, hand=MOUSE), None)
 
     def _take_folder(self, folder: Path) -> None:
         self.setup_asked.emit(self.chosen._replace(data_dir=folder, participant=""), None)
@@ -462,7 +460,7 @@ class HomePage(Page):
             self.blind.setEnabled(False)
         self._ports_box.setVisible(self.on_board)
         self.hand.setVisible(not self.on_board)
-        self.hand_words.setText("measured by the force sensor" if self.on_board else HAND_WORDS[self.hand.value()])
+        self.hand_words.setText(INPUTS[SENSOR if self.on_board else self.hand.value()].does)
         self.data.show_session(is_open, self._hindrance())
 
     def _start(self) -> None:

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from app.ipc import messages as m
-from app.ipc.messages import MOUSE
 from app.window.painting import theme
 from core import tick_log
 from experiments.analysis.trials_table import TrialRow
+from experiments.inputs import MOUSE
 from experiments.language import ENGLISH_WORDS, Language
 from experiments.plan import PlannedTrial
 

@@ -51,6 +51,7 @@ DECISIONS: tuple[str, ...] = (
 
 _MOST = max(len(one.parameters) for one in ALGORITHMS.values())
 
+
 class Preset(NamedTuple):
     """One row of Table I, or of a protocol's own table of controllers."""
 

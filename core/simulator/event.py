@@ -22,7 +22,17 @@ from core.simulator.hand import hand_force
 from core.simulator.runge_kutta import age_yields, begin, joint_acceleration, rk4
 from core.simulator.stepping import advance_stepping, stiffer_than
 from core.simulator.stick_slip import STILL, largest_excess, same_line, solve_at_rest
-from core.simulator.stick_slip_mode import enter_line, finish, meet, release, resolve, set_costs, settle_edges, strike
+from core.simulator.stick_slip_mode import (
+    enter_line,
+    finish,
+    meet,
+    release,
+    resolve,
+    set_costs,
+    settle_edges,
+    stand,
+    strike,
+)
 
 
 @kernel
@@ -63,6 +73,7 @@ def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagge
                 state.events += 1
                 crowd += 1
                 set_costs(brakes, state)
+                stand(brakes, state)
                 from_rest(mechanism, state, fx, fy, arm_mass)
                 settle_edges(brakes, state)
                 finish(mechanism, state, fx, fy, arm_mass)
@@ -87,7 +98,7 @@ def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagge
             kind, step = locate(mechanism, brakes, hand, state, scratch, now, step, kind, guess, lagged)
         heat = scratch.heat
         gives_energy = min(min(heat[0], heat[1]), min(heat[2], heat[3])) < -limits.GIVEN  # a joint reversed unseen
-        if gives_energy and step > limits.FINEST:
+        if gives_energy and step > limits.FINEST and brakes.signed == 0.0:
             state.refined += 1
             longest = 0.5 * step
             continue
@@ -177,6 +188,7 @@ def happen(mechanism, brakes, hand, state, scratch, kind, t):
     at_rest = tip[2] == 0.0 and tip[3] == 0.0
     if kind == SPEED or at_rest or (kind < SPEED and comes_to_rest(mechanism, state)):
         stop_moving(state)
+        stand(brakes, state)
         from_rest(mechanism, state, fx, fy, arm_mass)
     elif kind >= STOP:
         meet(mechanism, state, kind - STOP, fx, fy, arm_mass)

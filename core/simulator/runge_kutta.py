@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from core.brake import begin_lag, lagged_yield
+from core.brake import begin_lag, lagged_yield, torque_gain
 from core.dynamics import motion
 from core.kernel import inlined, kernel
 from core.simulator.hand import grip_force, prescribed_force
@@ -43,13 +43,18 @@ def begin(brakes, state, currents, step, lagged):
     """Freeze each brake's lag for the coming step (only where the scene has one)."""
     if lagged == 0:
         return
+    signed = brakes.signed != 0.0
     for i in range(4):
         if brakes.present[i] > 0.0:
             rate, acceleration = 0.0, 0.0
             if state.sign[i] != 0.0:
                 rate = state.rate[i]
                 acceleration = joint_acceleration(state, i)
-            begin_lag(brakes, i, currents[i], state.torque_yield[i], rate, acceleration, step, state.lag)
+            gain = torque_gain(brakes, i, currents[i])
+            if signed and brakes.play[i] > 0.0 and state.edge[i] == 0.0:
+                gain = brakes.k[i, 1]  # inside the backlash; the torque follows with its lag
+            gain += state.ripple[i]
+            begin_lag(brakes, i, currents[i], gain, state.torque_yield[i], rate, acceleration, step, state.lag)
 
 
 @kernel
@@ -89,7 +94,7 @@ def slip_torques(brakes, state, yields, lagged):
         if sign == 0.0 or state.active[i] == 0:
             continue
         held = state.cost_plus[i] if sign > 0.0 else state.cost_minus[i]
-        if lagged != 0 and (brakes.play[i] == 0.0 or state.edge[i] * sign > 0.0):
+        if lagged != 0 and (brakes.play[i] == 0.0 or state.edge[i] * sign > 0.0 or brakes.signed != 0.0):
             held = yields[i]
         torque = -sign * held
         if i == 0:

@@ -1,4 +1,4 @@
-"""The simulated device that trials run on: full brake model, and it stays as the last trial left it.
+"""The simulated device that trials run on: it stays as the last trial left it.
 
 A trial's ticks are made by the tick kernel itself; the emulated board takes its ticks one by one (`settle`, `move`).
 """
@@ -11,7 +11,7 @@ import numpy as np
 from core.device import Device
 from core.kernel import kernel
 from core.simulator.hand import Hand
-from core.simulator.simulation import Ledger, Simulation, advance, apply
+from core.simulator.simulation import MR, Ledger, Simulation, advance, apply
 from core.simulator.state import CARRIED, STATE, pack_brakes
 from core.simulator.stick_slip import STILL
 from core.simulator.stick_slip_mode import look, resolve
@@ -20,9 +20,14 @@ from core.simulator.stick_slip_mode import look, resolve
 class SimulatedDevice(Simulation):
     """Implements `core.device_interface.AnyDevice`."""
 
-    def __init__(self, device: Device, tip: tuple[float, float], hand: Hand | None = None) -> None:
-        """At rest at `tip` (m), brakes off. hand: whose spring or force moves it; None: a hand without force."""
-        super().__init__(device, tip, fidelity="mr", integrator="event", hand=hand)
+    def __init__(
+        self, device: Device, tip: tuple[float, float], hand: Hand | None = None, fidelity: str = "mr"
+    ) -> None:
+        """At rest at `tip` (m), brakes off. hand: whose spring or force moves it; None: a hand without force.
+
+        fidelity: "mr", or "static": brakes without lag and backlash.
+        """
+        super().__init__(device, tip, fidelity=fidelity, integrator="event", hand=hand)
         self._before = self.ledger()
 
     @property
@@ -38,6 +43,8 @@ class SimulatedDevice(Simulation):
         state["carry"][0] = 0.0
         state["held"][0] = STILL
         state["added_by_brakes"][0] = 0.0
+        state["torque_yield"][0] -= state["ripple"][0]
+        state["ripple"][0] = 0.0
         look(self.mechanism[0], state[0])
         self._before = self.ledger()
 
@@ -55,9 +62,10 @@ class SimulatedDevice(Simulation):
         backlash_rad: None: each brake's own. The yields follow with their lag, Eq. (1); a rotor keeps its share of the
         play. So nothing moves, and no energy appears.
         """
-        fresh = pack_brakes(self.device.brakes, backlash=True)
+        lagged = self.fidelity == MR
+        fresh = pack_brakes(self.device.brakes, backlash=lagged)
         fresh["k"] *= strength
-        if backlash_rad is not None:
+        if backlash_rad is not None and lagged:
             fresh["play"] = np.where(fresh["present"] > 0.0, backlash_rad, 0.0)
         before, now, state = self.brakes["play"][0].copy(), fresh["play"][0], self.state
         share = np.divide(state["play"][0], before, out=np.full(4, 0.5), where=before > 0.0)
@@ -92,7 +100,7 @@ class SimulatedDevice(Simulation):
 @kernel
 def settle(mechanisms, brakes, hand, states, scratches, currents, t, fidelity, integrator):
     """See `SimulatedDevice.settle`."""
-    apply(brakes[0], states[0], currents, fidelity)
+    apply(mechanisms[0], brakes[0], states[0], currents, fidelity)
     resolve(mechanisms[0], brakes[0], hand, states[0], t)
 
 

@@ -1,10 +1,12 @@
 """The simulated device: commands in, motion out. One step is a short list of stages.
 
-    apply    the commands of this step become yield torques (fidelity: what of the brake model a scene needs)
+    apply    the commands of this step become yield torques (fidelity: what of the brake model a scene needs), with
+             their ripple
     resolve  which brakes stick, which slip, and the torques that follow
     advance  the integrator carries the state over the step
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +14,7 @@ import numpy as np
 from core.brake import torque_gain
 from core.device import Device
 from core.kernel import kernel
+from core.linkage import joint_angles
 from core.simulator.event import advance_event
 from core.simulator.hand import Hand, new_hand, split_at_knots
 from core.simulator.karnopp import advance_karnopp, resolve_in_band
@@ -31,8 +34,12 @@ EVENT, STEPPING, KARNOPP = range(3)
 ROW_WIDTH = 10  # t, x, y, vx, vy, torque A, E, B, C, stuck bits
 
 
+#: Torque ripple: periods a turn. Assumed; the paper tells its size alone.
+RIPPLE_PERIODS = 36
+
+
 @kernel
-def apply(brakes, state, commands, fidelity):
+def apply(mechanism, brakes, state, commands, fidelity):
     """Stage: yields from the commands (4,): yield torques (ideal), currents (static); mr has its lag."""
     if fidelity == IDEAL:
         for i in range(4):
@@ -41,6 +48,24 @@ def apply(brakes, state, commands, fidelity):
         for i in range(4):
             if brakes.present[i] > 0.0:
                 state.torque_yield[i] = torque_gain(brakes, i, commands[i])
+    if brakes.ripple > 0.0:
+        swing(mechanism, brakes, state, fidelity)
+
+
+@kernel
+def swing(mechanism, brakes, state, fidelity):
+    """Torque ripple: over a turn the torque of a brake swings about its mean, as the paper saw it do by about 1 N m.
+
+    Assumed: a sine of the joint's angle, held over the step, whose height is at most what the field adds to the torque
+    without current. So the yield stays positive, and at a constant current its mean is K.
+    """
+    joint_angles(mechanism, state.tip[0], state.tip[1], state.theta)
+    for i in range(4):
+        if brakes.present[i] > 0.0:
+            mean = state.torque_yield[i] - (state.ripple[i] if fidelity == MR else 0.0)
+            height = min(brakes.ripple, max(mean - brakes.k[i, 1], 0.0))
+            state.ripple[i] = height * math.sin(RIPPLE_PERIODS * state.theta[i])
+            state.torque_yield[i] = mean + state.ripple[i]
 
 
 @kernel
@@ -111,7 +136,7 @@ def run_rows(
             while t < end:
                 while cursor + 1 < times.shape[0] and times[cursor + 1] <= t + EDGE_S:
                     cursor += 1
-                apply(brakes, state, values[cursor], fidelity)
+                apply(mechanism, brakes, state, values[cursor], fidelity)
                 if integrator == KARNOPP:
                     resolve_in_band(mechanism, brakes, hand, state, t)
                 else:
@@ -149,6 +174,7 @@ class Ledger:
     fallbacks: int
     shortened: int
     refined: int
+    signed: bool  # the lag acts on the signed torque, which is not passive
 
     def warnings(self) -> tuple[str, ...]:
         """Why the motion that the ledger belongs to may be wrong, a sentence each; none where it agrees."""
@@ -159,7 +185,12 @@ class Ledger:
                 f"the energy ledger leaves {self.residual:.2g} J of {changed_hands:.2g} J unexplained: "
                 "the motion may be wrong; choose a smaller step"
             )
-        if not added <= ADDED_J:
+        if self.signed and added > ADDED_J:
+            found.append(
+                f"a brake added {added:.2g} J within a step: with the lag on the signed torque (brake model signed) "
+                "the device is not passive"
+            )
+        elif not added <= ADDED_J:
             found.append(f"a brake added {added:.2g} J within a step, which no brake can; choose a smaller step")
         return tuple(found)
 
@@ -220,5 +251,5 @@ class Simulation:
             float(s["work_hand"][0]), tuple(map(float, s["heat"][0])), float(s["lost_at_stops"][0]),
             float(kinetic(s[0])), float(energy_residual(s[0])), float(s["added_by_brakes"][0]),
             int(s["steps"][0]), int(s["events"][0]), int(s["fallbacks"][0]), int(s["shortened"][0]),
-            int(s["refined"][0]),
+            int(s["refined"][0]), bool(self.brakes["signed"][0]),
         )  # fmt: skip

@@ -34,6 +34,8 @@ STATE = np.dtype(
         ("torque_yield", "f8", (4,)),  # N m, what each brake can hold now (outside the backlash)
         ("edge", "f8", (4,)),  # backlash: +1 at the upper edge of the play, -1 at the lower, 0 inside
         ("play", "f8", (4,)),  # rad, position in the backlash
+        ("ripple", "f8", (4,)),  # N m, what the ripple adds to the yields of this step
+        ("sense", "f8", (4,)),  # lag on the signed torque: the sense of slip that positive yields oppose; 0 at rest
         # energy ledger, J
         ("work_hand", "f8"),
         ("heat", "f8", (4,)),  # dissipated in each brake
@@ -51,12 +53,14 @@ STATE = np.dtype(
         ("cost_minus", "f8", (5,)),  # N m, against - motion
         ("active", "i8", (5,)),  # 1: the joint carries a brake or touches a stop
         ("lag", "f8", (4, 5)),
+        ("theta", "f8", (4,)),  # rad
         ("settled", "i8"),  # 1: the last step left pattern, acceleration and torques of a moving tip as they are now
     ]
 )
 
-#: Fields that are filled before they are read, in every step. All others are what a device takes from trial to trial.
-_FILLED_FIRST = ("cost_plus", "cost_minus", "active", "lag")
+#: Fields that are filled before they are read, in every step or after every rest. All others are what a device takes
+#: from trial to trial.
+_FILLED_FIRST = ("ripple", "sense", "cost_plus", "cost_minus", "active", "lag", "theta")
 CARRIED = tuple(name for name in STATE.names or () if name not in _FILLED_FIRST)
 
 ARM = np.dtype([(name, "f8") for name in Arm._fields])
@@ -72,7 +76,7 @@ MECHANISM = np.dtype(
         ("has_theta_stops", "i8"),
     ]
 )
-BRAKES = np.dtype([(name, "f8", value.shape) for name, value in no_brakes()._asdict().items()])
+BRAKES = np.dtype([(name, "f8", np.shape(value)) for name, value in no_brakes()._asdict().items()])
 
 
 def new_record(dtype: np.dtype) -> np.recarray:

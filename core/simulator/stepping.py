@@ -104,8 +104,8 @@ def implicit_velocity(mechanism, brakes, hand, state, scratch, t, h, lagged):
     px = (mxx + cxx) * vx + (mxy + cxy) * vy + h * (fx - state.bias_force[0])
     py = (mxy + cxy) * vx + (myy + cyy) * vy + h * (fy - state.bias_force[1])
     for i in range(5):
-        state.cost_plus[i] *= h
-        state.cost_minus[i] *= h
+        state.cost_plus[i] = h * max(state.cost_plus[i], 0.0)  # below zero only where the lag is on the signed torque
+        state.cost_minus[i] = h * max(state.cost_minus[i], 0.0)
     held, ux, uy = solve_at_rest(
         mxx + cxx, mxy + cxy, myy + cyy, state.g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial,
         px, py, scratch.sign,

@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from experiments.analysis.boxplots import FORMATS, TIMEOUT_COLOUR, colour_of, draw_box
-from experiments.analysis.charts import GROUP_SHARE, Chart, View, left_out, legend
+from experiments.analysis.charts import GROUP_SHARE, Box, Chart, View, left_out, legend
 from experiments.analysis.sheet import (
     CHARACTERS_PER_INCH,
     LINE,
@@ -25,6 +24,11 @@ from experiments.analysis.sheet import (
 from experiments.analysis.trials_table import TrialRow
 from experiments.recording.atomic_files import write_new_files
 
+FORMATS = ("png", "svg", "pdf")
+#: Of Table I's five, again from the first for further ones. The screen's palette, darker where it would fade on white
+#: paper; place and label tell them apart without colour. A code has no colour of a controller.
+CONTROLLER_COLOURS = ("#6f7b87", "#d98200", "#c9a11a", "#2f7fc4", "#6cb0e6")
+TIMEOUT_COLOUR = "#c47400"
 LEAST_WIDTH, BOX_IN, HEIGHT = 6.4, 0.24, 4.8  # inches; a box takes so much of the width
 
 
@@ -66,10 +70,10 @@ def chart_figure(chart: Chart, rows: Sequence[TrialRow], note: str, view: View) 
 
 
 def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
-    """One chart on `axes`: its points show what lies beyond the whiskers."""
+    """One chart on `axes`."""
     for at in chart.boxes:
-        colour = colour_of(at.controller)
-        draw_box(axes, at.box._replace(outliers=()), at.x, 2.0 * at.half, colour, at.filled)
+        box = at.box._replace(outliers=()) if chart.points else at.box  # they are among the points
+        draw_box(axes, box, at.x, 2.0 * at.half, colour_of(at.controller), at.filled)
     for controller, filled in {(point.controller, point.filled): None for point in chart.points}:
         of_it = [p for p in chart.points if (p.controller, p.filled) == (controller, filled)]
         colour = colour_of(controller)
@@ -94,3 +98,24 @@ def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     axes.set_title(f"{chart.title} ({chart.unit})", loc="left", fontsize=10.5, pad=14)
+
+
+def colour_of(controller: int | str) -> str:
+    """Table I's five colours, which begin again for further controllers; a code has none of its own."""
+    return QUIET if isinstance(controller, str) else CONTROLLER_COLOURS[(controller - 1) % len(CONTROLLER_COLOURS)]
+
+
+def draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, filled: bool) -> None:
+    """Our choice: one trial, whose box would be a line and neither filled nor open, is a square that is."""
+    face = colour if filled else "white"
+    if box.count == 1:
+        look = {"markerfacecolor": face, "markeredgecolor": colour, "markeredgewidth": 1.3, "zorder": 4}
+        axes.plot([x], [box.median], "s", markersize=7.0, **look)
+        return
+    axes.bar(x, box.q3 - box.q1, width, box.q1, facecolor=face, edgecolor=colour, linewidth=1.3, zorder=3)
+    axes.vlines([x, x], [box.low, box.q3], [box.q1, box.high], colors=colour, linewidth=1.2, zorder=2)
+    axes.hlines([box.low, box.high], x - width / 4, x + width / 4, colors=colour, linewidth=1.2, zorder=2)
+    axes.hlines(box.median, x - width / 2, x + width / 2, colors=TEXT, linewidth=1.8, zorder=4)
+    if box.outliers:
+        look = {"markerfacecolor": "none", "markeredgecolor": colour, "markeredgewidth": 1.1, "zorder": 3}
+        axes.plot([x] * len(box.outliers), box.outliers, "o", markersize=4.0, **look)

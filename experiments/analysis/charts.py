@@ -70,7 +70,8 @@ class PlacedBox(NamedTuple):
     half: float  # of its width
     box: Box
     controller: int | str
-    filled: bool
+    configuration: str
+    filled: bool  # it is the first configuration
 
 
 class Chart(NamedTuple):
@@ -91,7 +92,8 @@ class Chart(NamedTuple):
     @property
     def highest(self) -> float:
         """The largest value of its points and boxes; 0 if there is none."""
-        return max((point.y for point in (*self.points, *self.others)), default=0.0)
+        ends = [end for placed in self.boxes for end in (placed.box.q3, placed.box.high, *placed.box.outliers)]
+        return max((*ends, *(point.y for point in (*self.points, *self.others))), default=0.0)
 
 
 class View(NamedTuple):
@@ -191,13 +193,27 @@ def charts(page: str, rows: Sequence[TrialRow], view: View, answers: Sequence[An
     return [make(rows, metric, view) for metric in DRAWN]
 
 
-def _pooled(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
+def pooled(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
+    """Boxes alone, as in Figs. 16 to 18 of the paper: of each controller in each configuration that has a trial."""
+    return _pooled(rows, metric, view, least=1)._replace(points=(), others=())
+
+
+def boxes(
+    rows: Sequence[TrialRow], metric: Metric, configurations: Sequence[str], timeouts: bool = False
+) -> dict[tuple[int | str, str], Box]:
+    """(controller, configuration) -> its box in those figures."""
+    names = {row.controller: "" for row in rows if isinstance(row.controller, int)}
+    chart = pooled(rows, metric, View(tuple(configurations), names, timeouts=timeouts))
+    return {(placed.controller, placed.configuration): placed.box for placed in chart.boxes}
+
+
+def _pooled(rows: Sequence[TrialRow], metric: Metric, view: View, least: int = LEAST_IN_A_BOX) -> Chart:
     groups = controllers_shown(rows, view.names)
 
     def place(row: TrialRow) -> tuple:
         return row.controller, row.configuration
 
-    return _boxed(POOLED, rows, metric, view, groups, view.configurations, place)
+    return _boxed(POOLED, rows, metric, view, groups, view.configurations, place, least)
 
 
 def _by_participant(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
@@ -218,8 +234,12 @@ def _boxed(
     groups: Mapping,
     members: Sequence,
     place: Callable[[TrialRow], tuple],
+    least: int = LEAST_IN_A_BOX,
 ) -> Chart:
-    """Boxes in groups. groups: each with its name; members: of a group; place: which of both a trial belongs to."""
+    """Boxes in groups. groups: each with its name; members: of a group; place: which of both a trial belongs to.
+
+    least: fewer trials have no box.
+    """
     order, room = list(groups), GROUP_SHARE / max(len(members), 1)
 
     def middle(row: TrialRow) -> float:
@@ -238,9 +258,9 @@ def _boxed(
     boxes = tuple(
         PlacedBox(
             at, BOX_SHARE * room, box_statistics(metric.scale * getattr(row, metric.name) for row in inside),
-            inside[0].controller, inside[0].configuration == view.configurations[0],
+            inside[0].controller, inside[0].configuration, inside[0].configuration == view.configurations[0],
         )
-        for at, inside in found.items() if len(inside) >= LEAST_IN_A_BOX
+        for at, inside in found.items() if len(inside) >= least
     )  # fmt: skip
     ticks = tuple((float(i), name) for i, name in enumerate(names_along_axis(groups)))
     span = (-0.5, max(len(order), 1) - 0.5)
@@ -323,7 +343,7 @@ def _questionnaire(answers: Sequence[Answer], view: View) -> Chart:
         points.append(Point(x, a.value, a.controller, a.configuration == view.configurations[0], text))
         found.setdefault(middle, []).append(points[-1])
     boxes = tuple(
-        PlacedBox(at, BOX_SHARE * room, box_statistics(p.y for p in inside), inside[0].controller, inside[0].filled)
+        PlacedBox(at, BOX_SHARE * room, box_statistics(p.y for p in inside), inside[0].controller, "", inside[0].filled)
         for at, inside in found.items()
         if len(inside) >= LEAST_IN_A_BOX
     )

@@ -51,7 +51,7 @@ SIMILAR_SHARE = 0.15  # of the uncontrolled median
 LEAST_FINISHED = 0.9  # share of the trials of each controller compared
 HOLDS, FAILS, CANNOT_TELL = "holds", "does not hold", "cannot tell"
 
-ERROR, FORCE, ROUGHNESS = (compared_for(thing) for thing in ("accuracy", "force", "smoothness"))
+ERROR, FORCE, ROUGHNESS = (compared_for(thing, on_any_device=True) for thing in ("accuracy", "force", "smoothness"))
 CONTROLLER = {1: "none", 2: "SDOF", 3: "SDOF with gap", 4: "proportional high gain", 5: "proportional low gain"}
 GROUP = {(2, 3): "SDOF, both", (4, 5): "proportional, both", (2, 3, 4, 5): "all controllers"}
 Controllers = tuple[int, ...]  # several: their mean

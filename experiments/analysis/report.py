@@ -66,10 +66,11 @@ def write_report(
     parts += [refusal] if refusal else [_findings_table(found, by_boxes), READ]
     texts = {"participant_means.csv": _means_csv(to_compare(rows, timeouts))}
     if not coded:
-        results = [*statistics(rows, timeouts), *sensitivity(rows, variants, timeouts)]
+        results = [*statistics(rows, timeouts), *sensitivity(rows, variants, timeouts, none)]
         texts |= {"findings.csv": _findings_csv(found, by_boxes)} if found else {}
         texts["statistics.csv"] = _csv(Result._fields, results)
-        parts += ["## Against no control", *_against_none(results, names, none), "## What else to know"]
+        parts += ["## Against no control", *_against_none(results, names, none), *_roughness(results, names)]
+        parts.append("## What else to know")
         parts.append("\n".join(f"- {sentence}" for sentence in sentences(results, names)))
     texts["report.md"] = "\n\n".join(parts) + "\n"
     write_new_files({folder / name: text.encode() for name, text in texts.items()})
@@ -181,6 +182,25 @@ def _against_none(results: Sequence[Result], names: Mapping[int, str], none: int
     how = "Change of the participants' means (Hodges-Lehmann"
     how += ")." if few else ", 95 % interval). *: Wilcoxon p < 0.05 after Holm's correction for all pairs."
     return ["\n".join(lines), how, *_out_of_reach(results, {key[0] for key in chosen})]
+
+
+def _roughness(results: Sequence[Result], names: Mapping[int, str]) -> list[str]:
+    """Table of how rough each controller is beside no control, by each definition of smoothness."""
+    found = {(r.configuration, r.measure, r.first): r.value or 0.0 for r in results if r.test == "roughness"}
+    if not found:
+        return []
+    controllers = list(dict.fromkeys(key[2] for key in found))
+    lines = [f"| device | by | {' | '.join(_name(k, names) for k in controllers)} |"]
+    lines.append("|---" * (2 + len(controllers)) + "|")
+    for device, measure in dict.fromkeys(key[:2] for key in found):
+        cells = [f"{found[cell]:.2f}" if (cell := (device, measure, k)) in found else "" for k in controllers]
+        lines.append(f"| {device} | {measure} | {' | '.join(cells)} |")
+    how = (
+        "Median of the trials over that of no control. `acceleration_dft_sum`, the paper's as we read it, takes the "
+        "acceleration from positions under a low-pass of 20 Hz; `acceleration_exact_dft_sum` from the simulator: it "
+        "sees vibration up to 100 Hz. `phd analyze` adds other weights, filters and ranges from the recordings."
+    )
+    return ["## How rough, by what is looked at", "\n".join(lines), how]
 
 
 def _out_of_reach(results: Sequence[Result], configurations: set[str]) -> list[str]:

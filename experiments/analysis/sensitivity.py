@@ -1,22 +1,24 @@
-"""Whether the order of the controllers depends on how a measure is defined.
+"""Whether the order of the controllers depends on how a measure is defined, and how rough each is by which definition.
 
 Definitions that the table holds: path error over progress, over time, at its peak; force over time, over progress;
-weighted DFT sum, weighted rms, SPARC. Definitions that need the recordings (weights of the DFT, its highest frequency,
-the filter before differentiation) come as `variants`: a function from a row to named values, see `of_recording`.
+weighted DFT sum, weighted rms, SPARC, weighted DFT sum of the exact acceleration. Definitions that need the recordings
+(weights of the DFT, its highest frequency, the filter before differentiation, the source of the acceleration) come as
+`variants`: a function from a row to named values, see `of_recording`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from experiments.analysis.metrics import BY_NAME, METRICS, tip_acceleration, weighted_amplitudes
+from experiments.analysis.metrics import BY_NAME, METRICS, columns, tip_acceleration, weighted_amplitudes
 from experiments.analysis.participants import configurations_of
 from experiments.analysis.statistics import Result
 from experiments.analysis.trials_table import TrialRow, to_compare
 from experiments.recording.reader import read_recording
+from experiments.recording.schema import Recording
 
 #: What stands for one thing; the first is the definition that the figures use.
 DEFINITIONS = {
@@ -29,7 +31,7 @@ Variants = Callable[[TrialRow], Mapping[str, float | None]]
 class Smoothness(NamedTuple):
     """One definition of the weighted DFT sum."""
 
-    cutoff_hz: float = 20.0  # of the low-pass on position
+    cutoff_hz: float | None = 20.0  # of the low-pass on position; None: the simulator's own acceleration, unfiltered
     highest_hz: float = 100.0
     power: float = 1.0  # weight (f / 1 Hz)^power
 
@@ -41,6 +43,11 @@ SMOOTHNESS = {
     "dft_sum, up to 50 Hz": Smoothness(highest_hz=50.0),
     "dft_sum, filter 10 Hz": Smoothness(cutoff_hz=10.0),
     "dft_sum, filter 40 Hz": Smoothness(cutoff_hz=40.0),
+    "dft_sum, filter 80 Hz": Smoothness(cutoff_hz=80.0),
+    "dft_sum, filter 160 Hz": Smoothness(cutoff_hz=160.0),
+    "dft_sum, exact, up to 20 Hz": Smoothness(None, highest_hz=20.0),
+    "dft_sum, exact, up to 50 Hz": Smoothness(None, highest_hz=50.0),
+    "dft_sum, exact, up to 250 Hz": Smoothness(None, highest_hz=250.0),
 }
 
 
@@ -49,27 +56,31 @@ def of_recording(folder: str | Path) -> Variants:
 
     def variants(row: TrialRow) -> dict[str, float | None]:
         recording = read_recording(Path(folder) / row.recording)
-        tip = np.column_stack([recording.column("tip_x_m"), recording.column("tip_y_m")])
-        move = recording.in_phase("move")
-        return {name: dft_sum(tip, move, how) for name, how in SMOOTHNESS.items()}
+        return {name: dft_sum(recording, how) for name, how in SMOOTHNESS.items()}
 
     return variants
 
 
-def dft_sum(tip: np.ndarray, move: np.ndarray, how: Smoothness) -> float | None:
-    """`metrics.acceleration_dft_sum` by another definition; tip (n, 2) m of a whole recording, move (n,) bool."""
-    acceleration = tip_acceleration(tip, how.cutoff_hz)
+def dft_sum(recording: Recording, how: Smoothness) -> float | None:
+    """`metrics.acceleration_dft_sum` by another definition; None where there is nothing to measure."""
+    if how.cutoff_hz is None:
+        acceleration = None if recording.sensors else columns(recording, "tip_ax_m_s2", "tip_ay_m_s2")
+    else:
+        acceleration = tip_acceleration(columns(recording, "tip_x_m", "tip_y_m"), how.cutoff_hz)
     if acceleration is None:
         return None
-    weighted = weighted_amplitudes(acceleration[move], how.highest_hz, how.power)
+    weighted = weighted_amplitudes(acceleration[recording.in_phase("move")], how.highest_hz, how.power)
     return float(np.sum(weighted)) if len(weighted) else None
 
 
-def sensitivity(rows: Sequence[TrialRow], variants: Variants | None = None, timeouts: bool = False) -> list[Result]:
+def sensitivity(
+    rows: Sequence[TrialRow], variants: Variants | None = None, timeouts: bool = False, none: int = 1
+) -> list[Result]:
     """The order of controllers, best first, by each definition, and how well it agrees with the first one's.
 
     Controllers stand in the order of the mean over participants of their means. `value`: Kendall's tau with the first
     definition's order (1: the same order, -1: reversed). timeouts: trials whose time was up count as well.
+    Of smoothness also each controller's median over that of no control (number `none`), by each definition.
     """
     rows = to_compare(rows, timeouts)
     values = [vars(row) | (dict(variants(row)) if variants and row.duration_s else {}) for row in rows]
@@ -89,7 +100,23 @@ def sensitivity(rows: Sequence[TrialRow], variants: Variants | None = None, time
                 order = " < ".join(str(k) for k in sorted(means, key=means.__getitem__))
                 about = ("order", definition, configuration, order, definitions[0], people, "kendall_tau")
                 results.append(Result(*about, None if np.isnan(tau) else float(tau)))
+                if thing == "smoothness" and not _higher_is_better(definition):
+                    results += _roughness(here, definition, configuration, people, none)
     return results
+
+
+def _roughness(
+    values: Sequence[Mapping], definition: str, configuration: str, people: int, none: int
+) -> Iterator[Result]:
+    """How many times as rough as no control each controller is: ratio of the medians of all trials."""
+    cells: dict[int, list[float]] = {}
+    for of_row in values:
+        if of_row.get(definition) is not None:
+            cells.setdefault(of_row["controller"], []).append(of_row[definition])
+    uncontrolled = float(np.median(cells.pop(none, [0.0])))
+    for controller in sorted(cells) if uncontrolled > 0.0 else ():
+        about = ("roughness", definition, configuration, str(controller), str(none), people, "ratio_of_medians")
+        yield Result(*about, float(np.median(cells[controller])) / uncontrolled)
 
 
 def _means(values: Sequence[Mapping], definition: str) -> dict[int, float]:
@@ -98,9 +125,13 @@ def _means(values: Sequence[Mapping], definition: str) -> dict[int, float]:
     for of_row in values:
         if of_row.get(definition) is not None:
             cells.setdefault((of_row["controller"], of_row["participant"]), []).append(of_row[definition])
-    sign = -1.0 if definition in BY_NAME and BY_NAME[definition].better == "higher" else 1.0
+    sign = -1.0 if _higher_is_better(definition) else 1.0
     controllers = sorted({controller for controller, _ in cells})
     return {k: sign * float(np.mean([np.mean(v) for (j, _), v in cells.items() if j == k])) for k in controllers}
+
+
+def _higher_is_better(definition: str) -> bool:
+    return definition in BY_NAME and BY_NAME[definition].better == "higher"
 
 
 def swapped(order: str, other: str) -> list[tuple[int, int]]:

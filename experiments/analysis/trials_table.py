@@ -94,7 +94,7 @@ class Column(NamedTuple):
 
 
 def _columns() -> tuple[str, ...]:
-    """Measures that came after the first version stand at the end: an earlier table lacks them, and is still read."""
+    """Measures that came after the first version stand at the end."""
     measures = [metric.name for metric in METRICS]
     others = [one.name for one in fields(TrialRow) if one.name not in measures]
     first = measures.index("unreachable_share") + 1
@@ -104,6 +104,7 @@ def _columns() -> tuple[str, ...]:
 
 COLUMNS = _columns()
 _LEAST = COLUMNS[: COLUMNS.index("recording") + 1]  # the columns of the first version: any table has them
+_ALWAYS = COLUMNS[: COLUMNS.index("energy_added_max_J") + 1]  # any later one: only where some trial has a value
 _TYPES = {one.name: get_args(one.type) for one in fields(TrialRow)}
 #: The data dictionary. Measures are taken over the phase `move`; an empty cell: there was nothing to measure.
 DICTIONARY: Mapping[str, Column] = {name: Column(*_TYPES[name][1:]) for name in COLUMNS}
@@ -140,16 +141,17 @@ def _value(column: str, cell: str) -> object:
     return cell if kind is str or kind == Controller and is_code(cell) else int(cell)
 
 
-def table_bytes(rows: Iterable[TrialRow], header: bool = True) -> bytes:
-    """The rows as they stand in the file."""
-    text = io.StringIO()
+def table_bytes(rows: Iterable[TrialRow]) -> bytes:
+    """The rows as they stand in the file: a later measure has a column where some trial has it."""
+    rows, text = list(rows), io.StringIO()
+    later = [name for name in COLUMNS[len(_ALWAYS) :] if any(getattr(row, name) is not None for row in rows)]
+    columns = (*_ALWAYS, *later)
     writer = csv.writer(text, lineterminator="\n")
-    if header:
-        writer.writerow(COLUMNS)
+    writer.writerow(columns)
     for row in rows:
         if row.status not in STATUSES:
             raise ValueError(f"trials table: status {row.status!r} is not one of {', '.join(STATUSES)}")
-        writer.writerow([_cell(column, getattr(row, column)) for column in COLUMNS])
+        writer.writerow([_cell(column, getattr(row, column)) for column in columns])
     return text.getvalue().encode()
 
 
@@ -179,15 +181,14 @@ def append_row(path: str | Path, row: TrialRow) -> None:
 
 
 def read_table(path: str | Path) -> list[TrialRow]:
-    """The rows of a table, with their types; columns after the known ones are passed over. InputError if none."""
+    """The rows of a table, with their types; columns that are not known are passed over. InputError if none."""
     path = Path(path)
     try:
         with path.open(encoding="utf-8", newline="") as file:
             lines = list(csv.reader(file))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: the table cannot be read: {error}") from None
-    known = min(len(lines[0]), len(COLUMNS)) if lines else 0
-    if known < len(_LEAST) or tuple(lines[0][:known]) != COLUMNS[:known]:
+    if not lines or tuple(lines[0][: len(_LEAST)]) != _LEAST:
         raise InputError(f"{path}: the first line does not name the columns of a trials table")
     return [_row(path, number, lines[0], cells) for number, cells in enumerate(lines[1:], start=2)]
 
@@ -196,7 +197,9 @@ def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -
     if len(cells) != len(header):
         raise InputError(f"{path}: line {number} has {len(cells)} cells, not {len(header)}")
     values = {}
-    for column, cell in zip(COLUMNS, cells, strict=False):  # an older table lacks the later columns
+    for column, cell in zip(header, cells, strict=True):
+        if column not in _TYPES:
+            continue
         try:
             values[column] = _value(column, cell)
         except ValueError:

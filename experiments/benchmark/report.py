@@ -34,8 +34,13 @@ def table(result: dict) -> str:
             f"{row['rms_error_m']:10.1e} {row['max_error_m']:11.1e} {_or_blank(row['creep_m_s'], '8.1e')} "
             f"{_or_blank(row['events'], '7d')} {_or_blank(row['fallbacks'], '5d')} {_or_blank(row['order'], '6.2f')}"
         )
-    lines += ["", "reference: event at 10 us a step; largest distance from DOP853 on Eq. (5), m"]
-    lines += [f"  {c['device']:18} {c['scene']}  {c['max_difference_m']:.1e}" for c in result["reference"]["checks"]]
+    reference = result["reference"]
+    lines += ["", f"reference: event at {1e6 * reference['step_s']:.0f} us a step; its largest distance (m) from",
+              f"{reference['against']}, up to the first touch of a hard stop"]  # fmt: skip
+    lines += [
+        f"  {c['fidelity']:6} {c['device']:18} {c['scene']}  {c['max_difference_m']:.1e} in {c['compared_s']:.2f} s"
+        for c in reference["checks"]
+    ]
     lines += ["", *_compared(result["rows"])]
     lines += ["", "karnopp at 1 ms: RMS error (m), and creep of locked brakes (m/s), against delta_omega (rad/s)"]
     lines += [

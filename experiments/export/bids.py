@@ -24,9 +24,9 @@ from experiments.analysis.trials_table import COLUMNS, DICTIONARY, STATUSES, Tri
 from experiments.export.answers import Form, answers_and_notes, forms_of, write_phenotype
 from experiments.export.columns import PHASE_LEVELS, recording_column
 from experiments.export.files import Exported, ExportedTrial, write_columns, write_json, write_rows
+from experiments.inputs import INPUTS, OPERATOR
 from experiments.recording.schema import Recording
 from experiments.session.session import version_of
-from experiments.trial.inputs import INPUTS, OPERATOR
 
 BIDS_VERSION = "1.11.1"
 TASK, TRACKSYS = "pathfollow", "fivebar"
@@ -244,8 +244,8 @@ def _seconds(value: float) -> str:
 
 def _cells(row: TrialRow) -> list[str]:
     """A row of trials.csv as a scans table shows it."""
-    [cells] = csv.DictReader([table_bytes([row], header=False).decode()], COLUMNS)
-    return [cells[name] or MISSING for name in _SCANNED]
+    [cells] = csv.DictReader(table_bytes([row]).decode().splitlines())
+    return [cells.get(name) or MISSING for name in _SCANNED]
 
 
 def _day_time(text: str) -> str:

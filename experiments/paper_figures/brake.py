@@ -168,7 +168,8 @@ def step_response(brake: Brake, steps: Sequence[tuple[float, float]], times: Arr
         duration = min(end, float(times[-1])) - begin
         if duration <= 0.0:
             break
-        begin_lag(brake.record, A, current, now, rate, 0.0, duration, lag)
+        gain = torque_gain(brake.record, A, current)
+        begin_lag(brake.record, A, current, gain, now, rate, 0.0, duration, lag)
         for k in np.flatnonzero((times >= begin) & (times < end)):
             torque[k] = lagged_yield(lag, A, times[k] - begin)
         now = lagged_yield(lag, A, duration)

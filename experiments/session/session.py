@@ -22,6 +22,7 @@ from core.files import InputError
 from core.path import build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.trials_table import COUNTED, TrialRow, append_row, write_table
+from experiments.inputs import MOUSE, OPERATOR, SENSOR
 from experiments.plan import (
     PRACTICE_BLOCK,
     PlannedTrial,
@@ -41,7 +42,6 @@ from experiments.session import files
 from experiments.session import journal as events
 from experiments.session.blind import KEY, new_key, read_key, write_key
 from experiments.session.recover import recover_session
-from experiments.trial.inputs import OPERATOR, SENSOR
 from experiments.trial.operator import Person
 from experiments.trial.population import Operators
 from experiments.trial.trial import Trial
@@ -54,7 +54,7 @@ class Session:
 
     def __init__(
         self, data_dir: Path, participant: str, protocol: Protocol, person: Person | None = None, sync: bool = True,
-        blind: bool | None = None, hand: str = "mouse", operators: Operators | None = None,
+        blind: bool | None = None, hand: str = MOUSE, operators: Operators | None = None,
         form: Mapping[str, str | float] | None = None,
     ) -> None:  # fmt: skip
         """Create the folder and store the plan. person: a simulated operator; None: a hand at the mouse or device.
@@ -222,7 +222,9 @@ class Session:
             path = build_path(path_file, f"path {number}")
             x, y, _, _ = point_at(path, 0.5 * path.length)
             hand = None if self.person else self.protocol.mouse.hand()
-            self._simulations[configuration] = SimulatedDevice(self.protocol.device(configuration), (x, y), hand)
+            assumed = self.protocol.assumptions
+            device = assumed.applied_to(self.protocol.device(configuration))
+            self._simulations[configuration] = SimulatedDevice(device, (x, y), hand, assumed.simulated_fidelity)
             self._simulations[configuration].hand.grips["target"][0, :2] = (x, y)
         return self._simulations[configuration]
 

@@ -129,10 +129,13 @@ class SceneFile(Table, frozen=True):
     integrator: Annotated[str, choice("event", "stepping", "karnopp")] = "event"
     initial_tip_velocity_m_s: Pair = (0.0, 0.0)
     fidelity: Annotated[str, choice("ideal", "static", "mr")] = "ideal"
+    brake_model: Annotated[str, choice("yield", "signed")] = "yield"  # what the lag of Eq. (1) acts on
     brakes: BrakeTable = BrakeTable()
     force: ForceTable = ForceTable()
 
     def __post_init__(self) -> None:
+        if self.brake_model == "signed" and (self.fidelity, self.integrator) != ("mr", "event"):
+            raise ValueError("brake_model 'signed' needs fidelity 'mr' and integrator 'event'")
         right, wrong = "torque_N_m", "current_amperes"
         if self.fidelity != "ideal":
             right, wrong = wrong, right
@@ -189,6 +192,8 @@ def read_scene(path: str | Path) -> Scene:
         device = load_device(file.device, path.parent)
     except InputError as error:
         raise InputError(f"{path}: device: {error}") from None
+    if file.brake_model == "signed":
+        device = replace(device, brakes=device.brakes._replace(signed=1.0))
     interval = file.step_s if file.output_interval_s is None else file.output_interval_s
     output_every = _whole(interval, file.step_s, f"{path}: output_interval_s", "step_s")
     intervals = _whole(file.duration_s, interval, f"{path}: duration_s", "output intervals")

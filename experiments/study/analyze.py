@@ -12,13 +12,14 @@ from pathlib import Path
 
 from core.control.controllers import Preset
 from core.files import InputError
-from experiments.analysis.boxplots import boxes, draw_boxplots, in_order
-from experiments.analysis.charts import told_apart
+from experiments.analysis.boxplots import draw_boxplots
+from experiments.analysis.charts import boxes, told_apart
 from experiments.analysis.findings import findings, why_no_findings
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import side_by_side, warnings, write_report
 from experiments.analysis.sensitivity import of_recording
-from experiments.analysis.trials_table import COUNTED, TrialRow, read_table, write_table
+from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller, read_table, write_table
+from experiments.inputs import OPERATOR
 from experiments.protocol import label
 from experiments.recording.atomic_files import make_empty_folder, write_new_file
 from experiments.recording.reader import read_recording
@@ -33,7 +34,6 @@ from experiments.session.journal import (
     write_event,
 )
 from experiments.session.session import operators_from_json, preset_from_json
-from experiments.trial.inputs import OPERATOR
 
 
 @dataclass
@@ -186,9 +186,9 @@ def changed_boxes(table: Path, found: Found) -> list[str]:
     changes, names = [], found.controllers
     for metric in DRAWN:
         before, after = (
-            boxes(told_apart(rows), metric.name, configurations, metric.scale) for rows in (before_rows, found.rows)
+            boxes(told_apart(rows), metric, configurations) for rows in (before_rows, found.rows)
         )
-        for key in sorted({*before, *after}, key=in_order):
+        for key in sorted({*before, *after}, key=lambda cell: (by_controller(cell[0]), cell[1])):
             old, new = before.get(key), after.get(key)
             if old and new and (old.count, old.median) == (new.count, new.median):
                 continue

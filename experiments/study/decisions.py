@@ -1,6 +1,7 @@
 """Every decision of a recorded trial taken again, from the recording and the session's device and controller alone.
 
-The controller is given what it was given then: tip, velocity and sensed force of each tick. Nothing is simulated.
+The controller is given what it was given then: tip, velocity and sensed force of each tick; or what the encoders of a
+simulated device made of the tip's motion until then. Nothing is simulated.
 """
 
 from typing import NamedTuple
@@ -14,7 +15,9 @@ from core.device_interface import velocity_noise
 from core.mechanism import JOINTS
 from core.path import Path, point_at
 from core.simulator.state import new_state, pack_brakes, pack_mechanism
+from experiments.assumptions import DEFAULTS, Assumptions
 from experiments.recording.schema import Recording
+from experiments.trial.encoder_sensing import decision_noise, new_sensing
 from experiments.trial.tick import decide_again
 
 #: What a decision is taken from, in the order in which `decide_again` reads it.
@@ -29,8 +32,14 @@ class Checked(NamedTuple):
     different: int  # of them, by the decision or by any current
 
 
-def check_decisions(recording: Recording, path: Path, device: Device, preset: Preset, rules: str) -> Checked | None:
-    """Take each decision of the movement again; None: an earlier version recorded it, without the sensed force."""
+def check_decisions(
+    recording: Recording, path: Path, device: Device, preset: Preset, rules: str,
+    assumed: Assumptions = DEFAULTS,
+) -> Checked | None:  # fmt: skip
+    """Take each decision of the movement again; None: an earlier version recorded it, without the sensed force.
+
+    assumed: of a simulated device; a real one is as its file has it.
+    """
     if not all(name in recording.columns for name in GIVEN):
         return None
     taken = recording.in_phase("move")
@@ -38,16 +47,22 @@ def check_decisions(recording: Recording, path: Path, device: Device, preset: Pr
         taken &= recording.column("decided") == 1.0
     without = np.full(recording.rows, np.nan)
     wanted = [recording.columns.get(name, without) for name in WANTED]
-    given = np.column_stack([column[taken] for column in (*map(recording.column, GIVEN), *wanted)])
-    noise = velocity_noise(device, point_at(path, 0.5 * path.length)[:2]) if recording.sensors else 0.0
+    given = np.column_stack((*map(recording.column, GIVEN), *wanted))
+    middle = point_at(path, 0.5 * path.length)[:2]
+    if recording.sensors:
+        noise, sensing = velocity_noise(device, middle), new_sensing(device, DEFAULTS)
+    else:
+        device = assumed.applied_to(device)
+        noise, sensing = decision_noise(device, middle, assumed), new_sensing(device, assumed)
     controller = make_controller(preset, device.force_normalised_N, rules, velocity_noise=noise)
     codes, currents = np.zeros(len(given), dtype=np.int64), np.zeros((len(given), 4))
     decide_again(
         path, controller, pack_mechanism(device.mechanism), pack_brakes(device.brakes, backlash=False),
-        new_state(0.0, 0.0), new_memory(), given, codes, currents,
+        new_state(0.0, 0.0), sensing, new_memory(), given, taken, codes, currents,
     )  # fmt: skip
+    codes, currents = codes[taken], currents[taken]
     words = np.array(DECISIONS, dtype=object)
     different = words[codes] != recording.text("decision")[taken]
     for joint in device.braked:
         different |= currents[:, JOINTS.index(joint)] != recording.column(f"current_{joint}_A")[taken]
-    return Checked(len(given), int(np.count_nonzero(different)))
+    return Checked(len(codes), int(np.count_nonzero(different)))

@@ -74,7 +74,7 @@ def replay(
     checked: Checked | None = None
     if not isinstance(row.controller, str):  # a blind session does not say which controller it was
         own_control = recorded_protocol.controllers[row.controller], recorded_protocol.rules
-        checked = check_decisions(recording, trial.path, own, *own_control)
+        checked = check_decisions(recording, trial.path, own, *own_control, recorded_protocol.assumptions)
         if whole and kind == "target" and (preset, chosen.rules) == own_control:
             difference = first_difference(recording, rows)
     rows = rows[trial.first :] if whole else rows

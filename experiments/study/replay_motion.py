@@ -152,7 +152,8 @@ class ReplayedDevice(SimulatedDevice):
     def __init__(self, trial: Recorded, device: Device, hand: Hand, whole: bool) -> None:
         """whole: from the trial's first tick, on the device that it was recorded on; else from the first of `move`."""
         x, y = (float(trial.recording.column(name)[0 if whole else trial.first]) for name in ("tip_x_m", "tip_y_m"))
-        super().__init__(device, (x, y), hand)
+        assumed = trial.stored.protocol.assumptions
+        super().__init__(assumed.applied_to(device), (x, y), hand, assumed.simulated_fidelity)
         self.recorded, self.whole = trial, whole
 
     def begin(self) -> None:

@@ -94,7 +94,8 @@ class Job:
 
     def run(self) -> Done:
         """Its rows, in the order of `COLUMNS`; a measure that is missing or not finite is empty."""
-        person, simulation = person_of(self.population, self.seed, self.operator), switched_on(self.device, self.paths)
+        person = person_of(self.population, self.seed, self.operator)
+        simulation = switched_on(self.device, self.paths, self.trial.assumptions)
         text, ticks = io.StringIO(), 0
         writer = csv.writer(text, lineterminator="\n")
         for repetition in range(1, self.repetitions + 1):

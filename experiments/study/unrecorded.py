@@ -11,6 +11,7 @@ from core.device import Device
 from core.path import PathFile, build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import METRICS, Metric, measures_of
+from experiments.assumptions import Assumptions
 from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.protocol import Protocol
 from experiments.recording.schema import recording_of
@@ -73,11 +74,11 @@ def person_of(population: Population, seed: int, operator: int) -> Person:
     return population.draw(np.random.default_rng(np.random.SeedSequence([seed, operator])))
 
 
-def switched_on(device: Device, paths: Mapping[int, PathFile]) -> SimulatedDevice:
-    """A device as a session begins with it: at rest in the middle of the first path."""
+def switched_on(device: Device, paths: Mapping[int, PathFile], assumed: Assumptions) -> SimulatedDevice:
+    """A device under these assumptions as a session begins with it: at rest in the middle of the first path."""
     first = build_path(next(iter(paths.values())), "path")
     x, y, _, _ = point_at(first, 0.5 * first.length)
-    return SimulatedDevice(device, (x, y))
+    return SimulatedDevice(assumed.applied_to(device), (x, y), fidelity=assumed.simulated_fidelity)
 
 
 def study_trials(
@@ -91,7 +92,8 @@ def study_trials(
         devices: dict[str, SimulatedDevice] = {}
         for planned in make_plan(protocol, label, coded=False):
             if planned.configuration not in devices:
-                devices[planned.configuration] = switched_on(protocol.device(planned.configuration), protocol.paths)
+                device = protocol.device(planned.configuration)
+                devices[planned.configuration] = switched_on(device, protocol.paths, protocol.assumptions)
             trial = Trial(
                 devices[planned.configuration], planned, protocol.paths[planned.segment],
                 protocol.controllers[int(planned.controller)], protocol.rules, protocol.trial, person,

@@ -1,6 +1,7 @@
 """One tick of a trial (1 kHz): the same list of stages for every kind of hand and of device.
 
-    SENSE    a real device's sample, which stands in the row, becomes the state; its ledger is an estimate
+    SENSE    a real device's sample, which stands in the row, becomes the state; its ledger is an estimate. Of a
+             simulated device with encoders: what its controller is to see
     PHASE    approach -> hold -> move -> end
     GUARD    a real device that does not obey, stands where it cannot be, moves too fast or traps a hand ends the trial
     HAND     the simulated operator moves its virtual hand (a person's pointer or force is set from outside)
@@ -10,8 +11,8 @@
     LOG      one row
     STEP     the simulated device moves on by a tick
 
-A simulated device passes SENSE and GUARD unchanged: its state is the truth. A real one passes SETTLE and STEP: its
-wires get the currents after the tick, and its next sample shows their effect.
+A simulated device passes GUARD unchanged, and SENSE, too, where its sensing is ideal: its state is the truth. A real
+one passes SETTLE and STEP: its wires get the currents after the tick, and its next sample shows their effect.
 
 The brakes' torques of a real device cannot be sensed. The column is an estimate: what the brake model (Eqs. 1, 2 and 4,
 without backlash) gives for a brake at the measured current while its joint turns; 0 while the joint rests, for the
@@ -23,7 +24,7 @@ import math
 import numpy as np
 
 from core import tick_log as log
-from core.brake import begin_lag, lagged_yield
+from core.brake import begin_lag, lagged_yield, torque_gain
 from core.control.algorithm import OFF, release
 from core.control.controllers import decide
 from core.control.velocity_field import NEAREST, NO_FIELD, TRAVEL, WANTED
@@ -38,6 +39,7 @@ from core.stops import stop_gap
 from core.tick_log import APPROACH, END, HOLD, MOVE
 from experiments.protocol import TrialRules
 from experiments.slave import SLAVE, follow_master, set_slave
+from experiments.trial.encoder_sensing import see
 from experiments.trial.operator import TICK_S, begin_approach, operate
 
 RUNNING, DONE, TIMEOUT, ABORTED = range(4)
@@ -143,14 +145,14 @@ def new_run(how: TrialRules, fidelity: int, simulated_hand: bool, real: bool = F
 
 @kernel
 def run_ticks(
-    path, controller, mechanisms, brake_records, hand, states, scratches, runs, operators, noise, memory, rows
+    path, controller, mechanisms, brake_records, hand, states, scratches, runs, operators, noise, memory, sensing, rows
 ):
     """Run ticks until rows are full or the trial is finished; returns how many were run.
 
     rows: (n, WIDTH), or (n, BENCH_WIDTH) of a real device, one for each sample, with what was sensed in them.
     """
     mechanism, brakes, state, step_scratch = mechanisms[0], brake_records[0], states[0], scratches[0]
-    run, operator, grip = runs[0], operators[0], hand.grips[0]
+    run, operator, grip, sensors = runs[0], operators[0], hand.grips[0], sensing.sensors[0]
     for n in range(rows.shape[0]):
         if run.finished != 0:
             return n
@@ -159,6 +161,10 @@ def run_ticks(
             begin(run, state, operator, path)
         if run.real != 0:
             sense(mechanism, brakes, state, grip, run, row)
+        seen = state
+        if sensors.on != 0:
+            seen = sensing.seen[0]
+            see(mechanism, state, sensors, seen)
         next_phase(run, path, state, grip)
         if run.real != 0:
             guard(mechanism, brakes, state, run, row)
@@ -166,11 +172,11 @@ def run_ticks(
             operate(operator, grip, path, run.phase, run.tick, run.phase_tick, state.tip[0], state.tip[1], noise)
         memory[WANTED] = memory[WANTED + 1] = memory[NEAREST] = memory[NEAREST + 1] = math.nan
         if run.slave.on != 0:
-            follow_master(run.slave, state.tip, run.tick, memory)
-        choose_currents(controller, brakes, path, memory, state, run, row)
-        row[log.SENSED_FX], row[log.SENSED_FY] = state.hand_force[0], state.hand_force[1]
+            follow_master(run.slave, seen.tip, run.tick, memory)
+        choose_currents(controller, brakes, path, memory, seen, run, row)
+        row[log.SENSED_FX], row[log.SENSED_FY] = seen.hand_force[0], seen.hand_force[1]
         if run.real == 0:
-            apply(brakes, state, run.current, run.fidelity)
+            apply(mechanism, brakes, state, run.current, run.fidelity)
             resolve(mechanism, brakes, hand, state, t)
         log_row(mechanism, brakes, state, grip, run, t, row)
         log_shown(state, run, memory, row)
@@ -219,7 +225,8 @@ def estimate_energies(brakes, state, run, row):
             continue
         current = row[log.MEASURED + i]
         current = min(max(current, 0.0), brakes.current_max[i]) if math.isfinite(current) else 0.0
-        begin_lag(brakes, i, current, state.torque_yield[i], state.rate[i], 0.0, TICK_S, state.lag)
+        gain = torque_gain(brakes, i, current)
+        begin_lag(brakes, i, current, gain, state.torque_yield[i], state.rate[i], 0.0, TICK_S, state.lag)
         state.torque_yield[i] = lagged_yield(state.lag, i, TICK_S)
         if abs(state.rate[i]) >= RESTING_RAD_S:
             state.torque[i] = -math.copysign(state.torque_yield[i], state.rate[i])
@@ -334,21 +341,21 @@ def full_lock(brakes, current):
 
 
 @inlined
-def choose_currents(controller, brakes, path, memory, state, run, row):
+def choose_currents(controller, brakes, path, memory, seen, run, row):
     """Stage: the controller decides on the newest sample; outside the movement the brakes are off."""
     if run.real != 0:
         row[log.DECIDED] = 1.0 if run.phase == MOVE and run.newest != 0 else 0.0
     if run.phase == MOVE and run.newest != 0:
-        tip = state.tip
+        tip = seen.tip
         run.decision, field = decide(
             controller, brakes, path, memory, tip[0], tip[1], tip[2], tip[3],
-            state.hand_force[0], state.hand_force[1], state.g, state.mass, run.current,
+            seen.hand_force[0], seen.hand_force[1], seen.g, seen.mass, run.current,
         )  # fmt: skip
         log_field(field, row)
     else:
         log_field(NO_FIELD, row)
         if run.phase == MOVE:
-            row[log.PATH_DISTANCE] = memory[TRAVEL] * nearest(path, state.tip[0], state.tip[1])[1]
+            row[log.PATH_DISTANCE] = memory[TRAVEL] * nearest(path, seen.tip[0], seen.tip[1])[1]
         else:
             release(run.current)
             run.decision = OFF
@@ -411,18 +418,25 @@ def resting_bits(brakes, state):
 
 
 @kernel
-def decide_again(path, controller, mechanisms, brake_records, states, memory, given, codes, currents):
-    """Decision codes (n,) and currents (n, 4), A, of the ticks of a movement, from the rows alone.
+def decide_again(path, controller, mechanisms, brake_records, states, sensing, memory, given, taken, codes, currents):
+    """Decision codes (n,) and currents (n, 4), A, of the ticks whose decision was taken (n,), from the rows alone.
 
-    given (n, 8): tip (m), its velocity (m/s), the sensed hand force and the force to be shown (N).
+    given (n, 8), from the first tick on: tip (m), its velocity (m/s), the hand force that the controller was given and
+    the force to be shown (N).
     """
-    mechanism, brakes, state = mechanisms[0], brake_records[0], states[0]
+    mechanism, brakes, state, sensors = mechanisms[0], brake_records[0], states[0], sensing.sensors[0]
     for n in range(given.shape[0]):
+        seen = state
         for i in range(4):
             state.tip[i] = given[n, i]
         look(mechanism, state)
-        memory[WANTED], memory[WANTED + 1] = given[n, 6], given[n, 7]
-        codes[n] = decide(
-            controller, brakes, path, memory, given[n, 0], given[n, 1], given[n, 2], given[n, 3], given[n, 4],
-            given[n, 5], state.g, state.mass, currents[n],
-        )[0]  # fmt: skip
+        if sensors.on != 0:
+            seen = sensing.seen[0]
+            see(mechanism, state, sensors, seen)
+        if taken[n]:
+            memory[WANTED], memory[WANTED + 1] = given[n, 6], given[n, 7]
+            tip = seen.tip
+            codes[n] = decide(
+                controller, brakes, path, memory, tip[0], tip[1], tip[2], tip[3], given[n, 4], given[n, 5],
+                seen.g, seen.mass, currents[n],
+            )[0]  # fmt: skip

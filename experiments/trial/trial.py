@@ -26,9 +26,11 @@ from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
 from core.simulator.state import new_record
 from core.stops import distal_sine
+from experiments.assumptions import DEFAULTS
 from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules, load_protocol
 from experiments.trial import tick
+from experiments.trial.encoder_sensing import Sensing, decision_noise, new_sensing
 from experiments.trial.operator import OPERATOR, TICK_S, Person, new_operator, take_handle
 
 #: Draws of noise per axis for one trial; a longer trial goes round.
@@ -62,6 +64,7 @@ class Arguments(NamedTuple):
     operator: np.ndarray
     noise: np.ndarray
     memory: np.ndarray
+    sensing: Sensing
 
 
 class Trial:
@@ -87,12 +90,15 @@ class Trial:
         self.path: Path = build_path(path, f"path {planned.segment}")
         middle = point_at(self.path, 0.5 * self.path.length)[:2]
         if isinstance(device, SimulatedDevice):
-            self.device, noise = device.device, 0.0
+            self.device = device.device
+            noise = decision_noise(self.device, middle, how.assumptions)
             self.model: Simulation = device
+            self.sensing = new_sensing(self.device, how.assumptions)
             device.begin()
         else:  # what is known of it: sensed motion, and the brake model
             self.device, noise = device, velocity_noise(device, middle)
             self.model = Simulation(device, middle, fidelity="mr", integrator="event", backlash=False)
+            self.sensing = new_sensing(device, DEFAULTS)
         self.controller: Controller = make_controller(
             preset, self.device.force_normalised_N, rules, velocity_noise=noise
         )
@@ -147,7 +153,8 @@ class Trial:
         """The trial as the kernels see it; what they change is changed here."""
         run, operator = self._run.view(np.ndarray), self._operator.view(np.ndarray)
         return Arguments(
-            self.path, self.controller, *self.model.arguments(), run, operator, self._noise, self._memory
+            self.path, self.controller, *self.model.arguments(), run, operator, self._noise, self._memory,
+            self.sensing,
         )
 
     def changed(self) -> Changed:

@@ -7,7 +7,7 @@ import numpy as np
 
 from core.device import Device
 from core.device_file import ForceSensor
-from core.device_interface import DeviceError, DeviceSample, ZeroRecord
+from core.device_interface import VELOCITY_WINDOW, DeviceError, DeviceSample, ZeroRecord
 from core.faults import cause
 from core.files import InputError
 from hardware.sensing.board_clock import ClockModel
@@ -16,7 +16,7 @@ from hardware.wire.messages import Fault, Hello, Sample, joints_of
 
 Vector = tuple[float, float]
 
-WINDOW = 15  # samples that the parabola goes through
+WINDOW = VELOCITY_WINDOW  # samples that the parabola goes through
 TICK_S = 1e-3
 GAP_S = 0.05  # after a longer gap between positions the motion filter begins anew
 FAULT_CODES = {

@@ -1,6 +1,7 @@
 """The page Analyse: points that can be read and opened, filters, timeouts above the scale, an export that is whole."""
 
 import os
+import pickle
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -62,11 +63,11 @@ def data(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def page_on(qtbot, data: Path, size: tuple[int, int] = (1280, 640)) -> AnalysePage:
+def page_on(qtbot, data: Path) -> AnalysePage:
     theme.dress(QApplication.instance())
     page = AnalysePage(lambda command: None)
     qtbot.addWidget(page)
-    page.resize(*size)
+    page.resize(1280, 640)
     page.show()
     page.begin(data)
     qtbot.waitUntil(lambda: page.results is not None, timeout=60_000)
@@ -310,15 +311,16 @@ def test_a_session_that_another_process_has_open_is_not_touched(qtbot, recorded:
     assert [row.status for row in read_table(other.folder / "trials.csv")] == ["done", "done"]
 
 
-def test_an_export_of_one_session_is_beside_the_sessions_and_not_in_it(qtbot, tmp_path: Path) -> None:
+def test_the_report_of_one_session_is_asked_for_beside_the_sessions_and_not_in_it(qtbot, tmp_path, monkeypatch) -> None:
     session = new_session(tmp_path / "data", protocol=short())
     run_trials(session, 1)
     session.close()
     page = page_on(qtbot, session.folder)
+    begun: list[bytes] = []
+    monkeypatch.setattr(page._export, "begin", lambda module, given: begun.append(given))
     QTest.mouseClick(page.report_button, Qt.MouseButton.LeftButton)
-    folder = tmp_path / "data" / "results-1"
-    qtbot.waitUntil(folder.exists, timeout=120_000)
-    assert [path.name for path in folder.iterdir()] == ["sub-01_ses-01_report.pdf"]
+    job = pickle.loads(begun[0])
+    assert (job.folder, job.report, job.sessions) == (tmp_path / "data" / "results-1", True, (session.folder,))
 
 
 def test_the_next_trial_and_the_one_before_are_those_that_are_shown(qtbot, data: Path) -> None:
@@ -371,15 +373,20 @@ def test_an_export_that_does_not_end_leaves_nothing(qtbot, data: Path, end: str)
 # --------------------------------------------------------------------------------------------------------------- look
 
 
-@pytest.mark.parametrize("size", [(1000, 490), (1256, 610), (1896, 970)])
 @pytest.mark.parametrize("name", [POOLED, FINDINGS])
-def test_no_text_is_cut(qtbot, data: Path, size: tuple[int, int], name: str) -> None:
-    page = page_on(qtbot, data, size)
+def test_no_text_is_cut(qtbot, data: Path, name: str) -> None:
+    page = page_on(qtbot, data)
     page.show_page(name)
     if name == FINDINGS:
         qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
-    QTest.qWait(50)
-    assert (page.width(), page.height()) == size and set(page.tabs) == set(PAGES)
+    for size in ((1000, 490), (1256, 610), (1896, 970)):
+        page.resize(*size)
+        QTest.qWait(50)
+        assert (page.width(), page.height()) == size and set(page.tabs) == set(PAGES)
+        check_that_no_text_is_cut(page)
+
+
+def check_that_no_text_is_cut(page: AnalysePage) -> None:
     for label in page.findChildren(QLabel):
         if label.isVisible() and not isinstance(label, OneLine) and not label.wordWrap():
             assert label.width() >= label.sizeHint().width(), label.text()

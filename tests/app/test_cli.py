@@ -182,6 +182,18 @@ def test_progress_shows_on_a_terminal_only_and_only_after_a_second(monkeypatch, 
         assert bool(capsys.readouterr().err) == shows  # the bar is wiped again
 
 
+def test_progress_names_the_time_left_at_the_pace_since_it_began(monkeypatch, capsys):
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    progress = Progress("worlds")
+    for after, share, left in ((2.0, 0.5, ""), (1200.0, 0.6, ", 1 h 20 min left"), (4760.0, 0.999, "")):
+        now[0] += after
+        progress(share)
+        shown = capsys.readouterr().err
+        assert f"{share:4.0%}{left}\033[K" in shown and ("left" in shown) == bool(left)
+
+
 def phd(*arguments: str, **options) -> subprocess.Popen:
     return subprocess.Popen(
         [sys.executable, "-m", "app.cli", *arguments],

@@ -7,7 +7,6 @@ import pytest
 from protocols import PAPER
 
 from app.ipc import messages as m
-from app.ipc.messages import HID
 from app.ipc.ring import Ring
 from app.loop.real_time import take_aim
 from app.session_server.device_setup import SimulatedSetup
@@ -15,6 +14,7 @@ from core import tick_log
 from core.files import InputError
 from core.simulator.hand import grip_force
 from core.simulator.simulated_device import SimulatedDevice
+from experiments.inputs import HID
 from hardware.hid import WORD, HidHand, Reading
 
 

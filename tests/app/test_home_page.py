@@ -19,6 +19,7 @@ from app.window.data_panel import Recent
 from app.window.home_page import BOARD, SIMULATED, HomePage
 from app.window.page import ANALYSE, RUN, TRY
 from app.window.painting import theme
+from experiments.inputs import OPERATOR
 from experiments.protocol import PAPER, load_protocol
 from experiments.session.overview import DataOverview, SessionOverview
 from hardware.discovery import PortFound
@@ -123,7 +124,7 @@ def test_another_choice_starts_another_session_server_only_when_the_session_star
     assert shown.setups == [] == shown.sent
     page.show_snapshot(before(checks=(GREEN[0], m.Check("Hand", m.BAD, "no six-axis device"), *GREEN[2:])))
     shown.click(page.start)
-    chosen = shown.setup._replace(protocol="curves", hand=m.OPERATOR, devices=("four-brake",))
+    chosen = shown.setup._replace(protocol="curves", hand=OPERATOR, devices=("four-brake",))
     assert shown.setups == [(chosen, m.Open("01"))] and shown.sent == []
     page.show_setup(chosen)
     page.show_snapshot(before())

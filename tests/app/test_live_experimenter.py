@@ -15,11 +15,12 @@ from PySide6.QtWidgets import QApplication, QWidget
 
 from app.ipc import messages as m
 from app.ipc.client import Client
-from app.ipc.messages import OPERATOR, Setup
+from app.ipc.messages import Setup
 from app.window.page import ANALYSE, RUN
 from app.window.painting import theme
 from app.window.windows import Windows
 from experiments.analysis.trials_table import read_table
+from experiments.inputs import OPERATOR
 from experiments.session.verify import verify
 
 LEFT = Qt.MouseButton.LeftButton

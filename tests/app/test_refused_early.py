@@ -8,11 +8,12 @@ import pytest
 from protocols import PAPER, changed, protocol_of, short
 
 from app.cli import main
-from app.ipc.messages import OPERATOR, Setup
+from app.ipc.messages import Setup
 from app.session_server.preflight import done_without
 from app.session_server.server import read_protocol
 from app.session_server.session_progress import SessionProgress
 from core.files import InputError
+from experiments.inputs import OPERATOR
 from experiments.protocol import MOST_TRIALS
 from experiments.session.journal import unmeasured_row
 from experiments.session.session import Session

@@ -12,6 +12,7 @@ from synthetic_hand import SyntheticHand
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
+from experiments.inputs import OPERATOR
 from experiments.protocol import load_protocol
 
 
@@ -143,7 +144,7 @@ def test_the_pointer_keeps_the_handle_from_pass_to_pass(window: LocalWindow) -> 
 
 
 def test_a_simulated_operator_makes_its_passes_alone_and_has_no_spring_to_set(tmp_path: Path) -> None:
-    with local_window(Setup(tmp_path / "data", hand=m.OPERATOR, sync=False)) as window:
+    with local_window(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as window:
         window.client.send(m.Sandbox())
         tried = window.until(lambda s: s.sandbox and s.sandbox.passes).sandbox
         assert tried.passes[0].status == "done" and tried.fixed == ("spring_N_m",)

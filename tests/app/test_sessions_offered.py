@@ -8,7 +8,8 @@ from sessions import new_session
 from simulated_loop import local_window
 
 from app.ipc import messages as m
-from app.ipc.messages import OPERATOR, Setup
+from app.ipc.messages import Setup
+from experiments.inputs import OPERATOR
 
 
 @pytest.mark.parametrize("hand", ["mouse", OPERATOR])

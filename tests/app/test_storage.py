@@ -12,7 +12,7 @@ import pytest
 from protocols import PAPER, changed, protocol_of, short
 from sessions import new_session, run, run_trials
 
-from app.ipc.messages import BAD, BREAK, CAUTION, MOUSE, READY
+from app.ipc.messages import BAD, BREAK, CAUTION, READY
 from app.session_server import session_progress as progress_module
 from app.session_server import storage as storage_module
 from app.session_server.device_setup import SimulatedSetup
@@ -20,6 +20,7 @@ from app.session_server.preflight import check_recording
 from app.session_server.session_progress import SessionProgress
 from app.session_server.steps import stage_of
 from app.session_server.storage import Storage
+from experiments.inputs import MOUSE
 from experiments.recording.reader import read_recording
 from experiments.session import journal
 from experiments.session.files import cell, rows_of

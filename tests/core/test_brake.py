@@ -22,7 +22,7 @@ PLAY = math.radians(0.75)
 
 def lag_for(current, start, rate, acceleration, step, brakes=BRAKES):
     lag = np.zeros((4, 5))
-    begin_lag(brakes, 0, current, start, rate, acceleration, step, lag)
+    begin_lag(brakes, 0, current, torque_gain(brakes, 0, current), start, rate, acceleration, step, lag)
     return lag
 
 

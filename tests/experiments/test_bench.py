@@ -7,25 +7,27 @@ import numpy as np
 import pytest
 from devices import BENCH
 
+import core.brake
 from app.cli import main
 from core.simulator.simulation import Simulation
+from core.simulator.state import pack_brakes
 from experiments.benchmark.bench import Row, creep, simulated, with_order
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
-from experiments.benchmark.reference import reference_tips
+from experiments.benchmark.reference import brakes_of, reference_tips, time_constant, torque_gain
 from experiments.benchmark.report import table, work_precision
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, bench_devices, bench_scenes
 
 SCENES = [scene for device in bench_devices() for scene in bench_scenes(device)]
 
 
-_REFERENCES: dict[tuple[str, str], np.ndarray] = {}
+_REFERENCES: dict[tuple[str, str, str], np.ndarray] = {}
 
 
-def reference(scene):
-    """The reference's tips, computed once for each scene."""
-    key = scene.name, scene.device.name
+def reference(scene, fidelity="ideal"):
+    """The reference's tips, computed once for each scene and fidelity."""
+    key = scene.name, scene.device.name, fidelity
     if key not in _REFERENCES:
-        _REFERENCES[key] = reference_tips(scene)
+        _REFERENCES[key] = reference_tips(scene, fidelity)
     return _REFERENCES[key]
 
 
@@ -55,6 +57,30 @@ def test_event_motion_equals_dop853_on_the_ten_coordinate_form(scene):
     """Two routes with nothing in common but the device file: equations, stick-slip solver, integrator, events."""
     apart = np.linalg.norm(simulated(scene, "event", "ideal", 1e-4)[1] - reference(scene), axis=1)
     assert apart.max() < 2e-12
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=_name)
+def test_event_motion_with_lagging_brakes_nears_dop853_on_eq_1_and_eq_5_with_second_order(scene):
+    tips = reference(scene, "mr")
+    compared = np.isfinite(tips[:, 0])
+    assert compared.all() or scene.name == "S4"  # there the hand throws the device against a hard stop
+    assert np.count_nonzero(compared) > 80
+    coarse, fine = (
+        np.linalg.norm(simulated(scene, "event", "mr", step)[1] - tips, axis=1)[compared].max() for step in (1e-3, 1e-4)
+    )
+    assert fine < 3e-6
+    assert fine < 1e-12 or fine < 0.02 * coarse
+
+
+def test_the_reference_has_the_torque_gain_and_time_constant_of_the_brake_model():
+    brake = next(one for one in brakes_of(bench_devices()[0]) if one is not None)
+    packed = pack_brakes(bench_devices()[0].brakes, backlash=False)[0]
+    for current in (0.0, 0.1, 0.2, 0.7, 1.0):
+        assert torque_gain(brake, current) == pytest.approx(core.brake.torque_gain(packed, 0, current), rel=1e-14)
+        for rate in (0.0, 1e-3, 0.02, -0.3, 0.83, 5.0):
+            for rising in (True, False):
+                expected = core.brake.time_constant(packed, 0, current, rate, rising)
+                assert time_constant(brake, current, rate, rising) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=_name)
@@ -110,6 +136,8 @@ def test_bench_writes_what_it_prints(tmp_path, capsys, monkeypatch):
             assert row["rms_error_m"] <= 1e-8 and row["fallbacks"] == 0
             if row["scene"] == "S3":
                 assert row["creep_m_s"] == 0.0
+    for check in result["reference"]["checks"]:
+        assert check["max_difference_m"] < (1e-12 if check["fidelity"] == "ideal" else 1e-7), check
     assert "event" in table(result)
     assert work_precision(result)["pdf"].startswith(b"%PDF")
     assert (tmp_path / "b" / "work-precision.png").stat().st_size > 10_000

@@ -9,9 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.cbook import boxplot_stats
+from matplotlib.collections import PathCollection
+from matplotlib.colors import to_hex
 
 from core.files import InputError
-from experiments.analysis.boxplots import Box, box_statistics, boxes, draw, draw_boxplots
+from experiments.analysis.boxplots import draw, draw_boxplots
+from experiments.analysis.chart_figures import TIMEOUT_COLOUR
+from experiments.analysis.charts import Box, box_statistics, boxes
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.trials_table import TrialRow
 from experiments.protocol import label
@@ -65,7 +69,7 @@ def test_a_box_of_nothing_or_of_no_number_is_refused(values):
 
 def test_a_study_of_three_has_18_trials_in_each_of_10_boxes():
     rows = study()
-    found = boxes(rows, "path_error_m", BOTH, 1e3)
+    found = boxes(rows, DRAWN[0], BOTH)
     assert len(found) == 10 and {box.count for box in found.values()} == {18}
     by_hand = [1e3 * row.path_error_m for row in rows if (row.controller, row.configuration) == (4, "four-brake")]
     assert found[4, "four-brake"].median == pytest.approx(np.median(by_hand))
@@ -76,11 +80,11 @@ def test_a_trial_that_was_not_done_is_in_no_box_and_a_timed_out_one_only_if_aske
     for i, status in ((0, "timeout"), (2, "aborted"), (4, "redone"), (6, "excluded")):
         rows[i] = replace(rows[i], status=status, path_error_m=0.065)
     assert [rows[i].controller for i in (0, 2, 4, 6)] == [1, 2, 3, 4]
-    found = boxes(rows, "path_error_m", BOTH)
+    found = boxes(rows, DRAWN[0], BOTH)
     assert [found[controller, "three-brake"].count for controller in (1, 2, 3, 4, 5)] == [17, 17, 17, 17, 18]
-    assert max(max(box.high, *box.outliers, 0.0) for box in found.values()) < 0.065
-    asked = boxes(rows, "path_error_m", BOTH, timeouts=True)
-    assert asked[1, "three-brake"].count == 18 and 0.065 in asked[1, "three-brake"].outliers
+    assert max(max(box.high, *box.outliers, 0.0) for box in found.values()) < 65.0
+    asked = boxes(rows, DRAWN[0], BOTH, timeouts=True)
+    assert asked[1, "three-brake"].count == 18 and 65.0 in asked[1, "three-brake"].outliers
     assert {key: box for key, box in asked.items() if key != (1, "three-brake")}.items() <= found.items()
 
 
@@ -91,14 +95,17 @@ def test_a_figure_says_how_many_trials_it_leaves_out_and_crosses_those_that_time
     figure, foot = drawn(rows, timeouts=timeouts)
     where = "in the boxes" if timeouts else "crosses above the scale, not in the boxes"
     assert f"2 trials timed out: {where}. 1 trial excluded by the experimenter" in foot
-    crosses = [line for line in figure.axes[0].lines if line.get_marker() == "x"]
+    crosses = [
+        place for marks in figure.axes[0].collections if isinstance(marks, PathCollection)
+        for place in marks.get_offsets() if to_hex(marks.get_edgecolor()[0]) == TIMEOUT_COLOUR
+    ]  # fmt: skip
     assert len(crosses) == (0 if timeouts else 2)
 
 
 def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_time(tmp_path):
     rows = study()
     paths = draw_boxplots(rows, tmp_path / "a", NOTE)
-    names = ("fig16_path_error", "fig17_tip_force", "fig18_acceleration_dft_sum")
+    names = ("fig16_path_error", "fig17_tip_force", "fig18_acceleration_dft_sum", "fig18_acceleration_to_100_Hz")
     wanted = {f"{name}.{form}" for name in names for form in ("png", "svg", "pdf")} | {"boxplots.png"}
     assert {path.name for path in paths} == {path.name for path in (tmp_path / "a").iterdir()} == wanted
     draw_boxplots(rows, tmp_path / "b", NOTE)

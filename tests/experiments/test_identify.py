@@ -24,7 +24,7 @@ from experiments.identify.steps import Step, mean_step, read_steps
 BRAKE = parse_brake((SHIPPED_FOLDER / "mrb-2107-3.toml").read_text(), "brake")
 QUIET = BENCH._replace(noise_N_m=0.0, ripple_N_m=0.0)
 #: Coverage is counted over this many seeds here (over 200 outside the suite): enough to see a wrong interval.
-SEEDS = 40
+SEEDS = 24
 
 
 def truth(brake: BrakeFile) -> np.ndarray:
@@ -60,8 +60,8 @@ def test_95_percent_intervals_cover_the_truth_and_are_narrow_under_ripple_and_no
     values = np.array([[row.value for row in one.parameters()] for one in found])
     half_widths = np.array([[row.half_width for row in one.parameters()] for one in found])
     covered = np.mean(np.abs(values - truth(BRAKE)) <= half_widths, axis=0)
-    # of 40 intervals that hold in 90 % of all cases, fewer than 32 do once in 65 times
-    assert np.all(covered >= 32 / SEEDS), covered
+    # of 24 intervals that hold in 90 % of all cases, fewer than 18 do once in 130 times
+    assert np.all(covered >= 18 / SEEDS), covered
     assert 0.92 <= covered.mean() <= 0.985
     assert [one.omega_0_rpm for one in found] == [8.0] * SEEDS
     names = [row.name for row in found[0].parameters()]

@@ -1,5 +1,6 @@
 """The measures on hand-made movements whose answers are known."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from core.path import Arc, Polyline, build_path, line, point_at
 from experiments.analysis import metrics as m
 from experiments.analysis.sensitivity import DEFINITIONS
 from experiments.recording.reader import read_recording
-from experiments.recording.schema import Recording, recording_of
+from experiments.recording.schema import Recording, Sensors, recording_of
 from experiments.recording.writer import RecordingWriter
 
 USE_SDOF = control.DECISIONS.index("sdof A")
@@ -45,10 +46,10 @@ def measured(recording, path=PATH):
 
 
 def test_what_each_figure_shows_is_the_definition_of_one_thing():
-    drawn = [metric for metric in m.METRICS if metric.figure]
-    assert [metric.stands_for for metric in drawn] == ["accuracy", "force", "smoothness"]
-    assert [metric.name for metric in drawn] == [names[0] for names in DEFINITIONS.values()]
-    assert all(metric.compared for metric in drawn)
+    assert [metric.stands_for for metric in m.DRAWN] == ["accuracy", "force", "smoothness"]
+    assert [metric.name for metric in m.DRAWN] == [names[0] for names in DEFINITIONS.values()]
+    assert set(m.DRAWN) < set(m.FIGURES)
+    assert all(metric.compared for metric in m.FIGURES)
 
 
 ARC = build_path(Arc((0.0, 0.3), 0.1, 150.0, 30.0), "arc")
@@ -249,6 +250,7 @@ def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
     rows[:, tick_log.TIP_X] = np.linspace(-0.1, 0.1, 3000)
     rows[:, tick_log.TIP_Y] = 0.4 + 1e-4 * np.cumsum(generator.normal(size=3000))
     rows[:, [tick_log.TIP_VX, tick_log.HAND_FX, tick_log.CURRENT]] = np.abs(generator.normal(size=(3000, 3)))
+    rows[:, tick_log.TIP_AX] = generator.normal(size=3000)
     rows[:, tick_log.DECISION] = generator.integers(0, len(control.DECISIONS), 3000)
     rows[:, tick_log.WANTED_FX] = 10.0
     with RecordingWriter(tmp_path / "run-001.arrows", "A", {}, sync=False) as writer:
@@ -259,6 +261,8 @@ def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
     deviation = np.abs(tip[move, 1] - 0.4)
     assert from_file.path_error_time_m == pytest.approx(deviation.mean(), rel=1e-12)
     assert from_file.acceleration_dft_sum == m.acceleration_dft_sum(m.tip_acceleration(tip)[move])
+    exact = m.acceleration_dft_sum(rows[move][:, [tick_log.TIP_AX, tick_log.TIP_AY]])
+    assert from_file.acceleration_exact_dft_sum == exact
     assert from_file.sparc == m.sparc(rows[move, tick_log.TIP_VX])
     assert all(value is not None for value in from_file)
 
@@ -295,6 +299,31 @@ def test_dft_sum_matches_the_definition_summed_term_by_term():
             total, squares = total + f * a, squares + f**2 * a**2
     assert m.acceleration_dft_sum(acceleration) == pytest.approx(total, rel=1e-12)
     assert m.acceleration_weighted_rms(acceleration) == pytest.approx(np.sqrt(0.5 * squares), rel=1e-12)
+
+
+def vibrating(frequency, amplitude=0.5):
+    """A movement along the path with a vibration across it: its tip and its exact acceleration (m/s2)."""
+    t = np.arange(5200) / 1000.0
+    r = np.clip((t - 1.1) / 4.0, 0.0, 1.0)
+    along = -0.1 + 0.2 * (10.0 * r**3 - 15.0 * r**4 + 6.0 * r**5)  # smooth: what the filter of 20 Hz shows is the wave
+    wave = amplitude * np.cos(2 * np.pi * frequency * t)
+    return hand_made(along, y=0.4 - wave / (2 * np.pi * frequency) ** 2, TIP_AY=wave)
+
+
+def test_a_vibration_of_60_hz_is_seen_in_the_exact_acceleration_and_not_through_the_filter_of_20_hz():
+    calm, slow, fast = measured(vibrating(60.0, 0.0)), measured(vibrating(5.0)), measured(vibrating(60.0))
+    assert fast.acceleration_exact_dft_sum == pytest.approx(60.0 * 0.5, rel=1e-6)
+    assert fast.acceleration_dft_sum - calm.acceleration_dft_sum < 0.05 * fast.acceleration_exact_dft_sum
+    assert slow.acceleration_exact_dft_sum == pytest.approx(5.0 * 0.5, rel=1e-6)
+    assert slow.acceleration_dft_sum == pytest.approx(slow.acceleration_exact_dft_sum, rel=0.05)
+
+
+def test_a_real_device_without_an_accelerometer_has_no_exact_acceleration_and_is_judged_without_it():
+    real = measured(replace(vibrating(60.0), sensors=Sensors("AB", 0)))
+    assert real.acceleration_exact_dft_sum is None
+    assert real.acceleration_dft_sum is not None
+    name = "acceleration_exact_dft_sum"
+    assert name in m.compared_for("smoothness") and name not in m.compared_for("smoothness", on_any_device=True)
 
 
 def test_longer_noise_raises_the_dft_sum_but_not_the_weighted_rms():

@@ -7,6 +7,7 @@ import json
 import shutil
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 from protocols import PAPER, changed, protocol_of, short
@@ -241,3 +242,28 @@ def test_energy_from_a_brake_is_a_doubt_whatever_else_the_ledger_says():
     moved = replace(before, work_hand=1.0, heat=(0.9, 0.0, 0.1, 0.0))
     assert ledger_warnings(before, replace(moved, residual=0.01)) == []
     assert len(ledger_warnings(before, replace(moved, residual=0.03))) == 1
+
+
+WORLDS = {
+    "ideal brakes": 'fidelity = "ideal"',
+    "static brakes": 'fidelity = "static"',
+    "signed lag": 'brake_model = "signed"',
+    "slow brakes with drag": "lag_factor = 3.0\ndrag_factor = 2.0\nbacklash_deg = 0.0",
+    "ripple": "torque_ripple_N_m = 1.0",
+    "encoders": 'sensing = "encoders"\ndelay_samples = 4\nfilter_samples = 21',
+    "full gap, another low gain": 'gap_reading = "full"\nlow_gain = 200.0',
+}
+
+
+@pytest.mark.parametrize("lines", WORLDS.values(), ids=WORLDS)
+def test_a_trial_under_other_assumptions_replays_to_equal_ticks_and_equal_decisions(tmp_path, lines):
+    protocol = protocol_of(f"{short(paths=1).text}\n[assumptions]\n{lines}\n")
+    session = new_session(tmp_path, protocol=protocol)
+    run_trials(session, 5)
+    session.close()
+    for path in recordings(session.folder):
+        told, said = replayed(path)
+        assert said == ("start", True, 0), path
+        assert read_recording(path).metadata["assumptions"] == msgspec.to_builtins(protocol.assumptions)
+        not_passive = [doubt for doubt in told["warnings"] if "is not passive" in doubt]
+        assert len(told["warnings"]) == len(not_passive) and bool(not_passive) <= ("signed" in lines)

@@ -15,8 +15,10 @@ from core.simulator.hand import new_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
 from core.simulator.state import new_record
+from experiments.assumptions import DEFAULTS
 from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules, load_protocol
+from experiments.trial.encoder_sensing import new_sensing
 from experiments.trial.operator import OPERATOR
 from experiments.trial.tick import new_run, run_ticks
 from experiments.trial.trial import Trial
@@ -41,7 +43,7 @@ def push(device, path, number, tip, force, ticks, fidelity="static", rules="sett
     s = simulation
     n = run_ticks(
         path, controller, s.mechanism, s.brakes, s.hand, s.state, s.step_scratch,
-        run, new_record(OPERATOR), np.zeros((1, 2)), new_memory(), rows,
+        run, new_record(OPERATOR), np.zeros((1, 2)), new_memory(), new_sensing(device, DEFAULTS), rows,
     )  # fmt: skip
     return rows[:n]
 

@@ -38,6 +38,7 @@ from experiments.analysis.statistics import (
     statistics,
 )
 from experiments.analysis.trials_table import TrialRow
+from experiments.recording.reader import read_recording
 
 DEVICES = ("three-brake", "four-brake")
 
@@ -274,11 +275,13 @@ def test_smoothness_by_other_definitions_starts_from_the_metrics_own(tmp_path):
     t = np.arange(n) / 1000.0
     rows[:, tick_log.TIP_X], rows[:, tick_log.TIP_Y] = 0.1 * np.sin(3.0 * t), 0.4 + 0.001 * np.sin(90.0 * t)
     rows[:, tick_log.PHASE] = np.where((t > 0.1) & (t < 1.1), PHASES.index("move"), PHASES.index("end"))
+    rows[:, tick_log.TIP_AX] = np.sin(900.0 * t)
     path = record(tmp_path / "run-001.arrows", rows)
-    tip = rows[:, [tick_log.TIP_X, tick_log.TIP_Y]]
     move = (t > 0.1) & (t < 1.1)
-    own = acceleration_dft_sum(tip_acceleration(tip)[move])
-    assert dft_sum(tip, move, Smoothness()) == pytest.approx(own, rel=1e-9)
+    own = acceleration_dft_sum(tip_acceleration(rows[:, [tick_log.TIP_X, tick_log.TIP_Y]])[move])
+    exact = acceleration_dft_sum(rows[move][:, [tick_log.TIP_AX, tick_log.TIP_AY]])
+    assert dft_sum(read_recording(path), Smoothness()) == pytest.approx(own, rel=1e-9)
+    assert dft_sum(read_recording(path), Smoothness(cutoff_hz=None)) == pytest.approx(exact, rel=1e-12)
     trial = replace(study(people=1)[0], controller=1, recording=path.name, acceleration_dft_sum=own)
     found = of_recording(tmp_path)(trial)
     assert list(found) == list(SMOOTHNESS)
@@ -286,6 +289,20 @@ def test_smoothness_by_other_definitions_starts_from_the_metrics_own(tmp_path):
     results = sensitivity([trial, replace(trial, controller=2)], of_recording(tmp_path))
     assert {r.measure for r in results} >= set(SMOOTHNESS)
     assert all(r.people == 1 for r in results)
+
+
+def test_how_rough_a_controller_is_is_its_median_over_that_of_no_control_by_each_definition_on_each_device():
+    rows = [
+        replace(row, acceleration_dft_sum=2.0 * row.controller, acceleration_exact_dft_sum=float(row.controller) ** 2)
+        for row in study(people=2)
+    ]
+    found = {
+        (r.configuration, r.measure, r.first, r.second): r.value for r in sensitivity(rows) if r.test == "roughness"
+    }
+    for device in {row.configuration for row in rows}:
+        assert found[device, "acceleration_dft_sum", "4", "1"] == 4.0
+        assert found[device, "acceleration_exact_dft_sum", "4", "1"] == 16.0
+    assert not any(measure == "sparc" for _, measure, _, _ in found)  # nearer 0 is smoother: no ratio
 
 
 def test_the_tables_are_tidy(tmp_path):
@@ -298,4 +315,5 @@ def test_the_tables_are_tidy(tmp_path):
     assert all(line["p"] == line["p_holm"] == line["low"] == "" for line in found)
     numbered = rows_in(tmp_path / "findings.csv")
     assert [line["number"] for line in numbered] == [str(n) for n in range(1, 12)]
-    assert set(numbered[0]) == {"number", "statement", "verdict", "numbers", "sentence"}
+    boxes = {"by_boxes", "margin_by_boxes", "why_by_boxes"}
+    assert set(numbered[0]) == {"number", "statement", "verdict", "numbers", "sentence", *boxes}

@@ -83,7 +83,8 @@ def lost(name: str = "") -> str:
     return f"{said} {name} is recovered and its trial is repeated next." if name else said
 
 
-SETTLED_TICKS = 700  # the handle has come to rest where the hand holds it
+LEAST_TICKS = 150  # that a link listens before anything happens: its clock model has settled
+AT_REST_M, AT_REST_M_S = 1e-3, 1e-3  # the handle has come to rest where the hand holds it
 
 
 class Case:
@@ -105,10 +106,16 @@ class Case:
         self.flowing = self.killed = self.past = False
         self.words, self.afterwards, self.again_s = "", "", 0.0
         self.row = None  # of the table
-        self.idle(lambda: self.board.ticks >= SETTLED_TICKS and self.look() is not None and self.look().state == GOOD)
+        self.idle(lambda: self.at_rest and self.look() is not None and self.look().state == GOOD)
         self.between() if phase == BETWEEN else self.trial()
 
     # between trials
+
+    @property
+    def at_rest(self) -> bool:
+        x, y, vx, vy = self.board.device.motion
+        off = np.hypot(*np.subtract((x, y), AWAY if self.phase == "approach" else START))
+        return self.board.ticks >= LEAST_TICKS and off < AT_REST_M and np.hypot(vx, vy) < AT_REST_M_S
 
     def look(self):
         """The device's item of the pre-flight row, by what the loop has told."""

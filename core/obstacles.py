@@ -1,0 +1,127 @@
+"""Obstacles in the workspace: discs, half-planes and convex polygons, and how far the tip is from the nearest one.
+
+The kernels read every obstacle as straight edges with a radius around them: a disc is an edge without length, a
+half-plane an edge without ends, a polygon its sides, counter-clockwise. Lengths in m.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple
+
+import msgspec
+import numpy as np
+
+from core.files import Pair, Positive, Table
+from core.kernel import kernel
+
+#: Columns of an edge: its obstacle's number, start (m), unit tangent (outside is to its right), length (m; infinite:
+#: without ends), radius around it (m).
+OBSTACLE, X, Y, TX, TY, LENGTH, RADIUS = range(7)
+NONE = np.zeros((0, 7))  # no obstacle
+
+Corners = Annotated[tuple[Pair, ...], msgspec.Meta(min_length=3, max_length=32)]
+
+
+class ObstacleFile(Table, frozen=True):
+    """One obstacle as it stands in a protocol: a disc, a half-plane or a convex polygon."""
+
+    disc_m: tuple[float, float, Positive] | None = None  # centre, radius
+    half_plane_m: tuple[float, float, float, float] | None = None  # a point of its edge, a vector to its outside
+    polygon_m: Corners | None = None  # corners in their order, convex
+
+    def __post_init__(self) -> None:
+        given = [value for value in (self.disc_m, self.half_plane_m, self.polygon_m) if value is not None]
+        if len(given) != 1:
+            raise ValueError("must be one of disc_m, half_plane_m, polygon_m")
+        self.edges(0)
+
+    def edges(self, number: int) -> list[list[float]]:
+        """Its edges as the kernels read them. ValueError if it has no inside, or is not convex."""
+        if self.disc_m is not None:
+            x, y, radius = self.disc_m
+            return [[number, x, y, 1.0, 0.0, 0.0, radius]]
+        if self.half_plane_m is not None:
+            x, y, n_x, n_y = self.half_plane_m
+            if (size := math.hypot(n_x, n_y)) <= 0.0:
+                raise ValueError("half_plane_m: the direction to its outside has no length")
+            return [[number, x, y, -n_y / size, n_x / size, math.inf, 0.0]]
+        corners = np.array(self.polygon_m, dtype=float)
+        if _twice_area(corners) < 0.0:
+            corners = corners[::-1]
+        sides = np.roll(corners, -1, axis=0) - corners
+        lengths = np.hypot(sides[:, 0], sides[:, 1])
+        if not lengths.all():
+            raise ValueError("polygon_m: two corners on end are the same")
+        tangents = sides / lengths[:, None]
+        following = np.roll(tangents, -1, axis=0)
+        turns = np.arctan2(
+            tangents[:, 0] * following[:, 1] - tangents[:, 1] * following[:, 0], (tangents * following).sum(axis=1)
+        )
+        if not ((turns > 0.0).all() and math.isclose(turns.sum(), 2.0 * math.pi, abs_tol=1e-6)):
+            raise ValueError("polygon_m: must be convex, with an angle at every corner")
+        return [
+            [number, *corner, *tangent, length, 0.0]
+            for corner, tangent, length in zip(corners, tangents, lengths, strict=True)
+        ]
+
+
+def _twice_area(corners: np.ndarray) -> float:
+    """Positive where the corners (n, 2) run counter-clockwise, m2."""
+    x, y = corners.T
+    return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+
+
+def build_obstacles(files: Sequence[ObstacleFile]) -> np.ndarray:
+    """The edges (n, 7) of all obstacles as the kernels read them."""
+    edges = [edge for number, one in enumerate(files) for edge in one.edges(number)]
+    return np.array(edges) if edges else NONE
+
+
+class Nearest(NamedTuple):
+    """The nearest obstacle as seen from the tip."""
+
+    distance: float  # m, negative inside; infinite: there is no obstacle
+    n_x: float  # unit vector away from it
+    n_y: float
+
+
+@kernel
+def nearest_obstacle(edges, x, y):
+    """`Nearest` of the tip (x, y), m, among the edges (n, 7) of all obstacles."""
+    distance, n_x, n_y = math.inf, 0.0, 0.0
+    first = 0
+    while first < edges.shape[0]:
+        after = first + 1
+        while after < edges.shape[0] and edges[after, OBSTACLE] == edges[first, OBSTACLE]:
+            after += 1
+        one = away_from(edges, first, after, x, y)
+        if one.distance < distance:
+            distance, n_x, n_y = one.distance, one.n_x, one.n_y
+        first = after
+    return Nearest(distance, n_x, n_y)
+
+
+@kernel
+def away_from(edges, first, after, x, y):
+    """`Nearest` where the edges first .. after - 1 are the only obstacle."""
+    inside, side_x, side_y = -math.inf, 0.0, 0.0  # the least deep way out, as long as the tip is behind every edge
+    distance, n_x, n_y = math.inf, 0.0, 0.0
+    for i in range(first, after):
+        t_x, t_y, length = edges[i, TX], edges[i, TY], edges[i, LENGTH]
+        r_x, r_y = x - edges[i, X], y - edges[i, Y]
+        outward = t_y * r_x - t_x * r_y
+        along = t_x * r_x + t_y * r_y
+        if length > 0.0 and outward > inside:
+            inside, side_x, side_y = outward, t_y, -t_x
+        if length == math.inf:
+            return Nearest(outward, t_y, -t_x)
+        along -= min(max(along, 0.0), length)  # beyond its ends
+        size = math.sqrt(along * along + outward * outward)
+        if size - edges[i, RADIUS] < distance:
+            distance = size - edges[i, RADIUS]
+            n_x, n_y = t_y, -t_x
+            if size > 0.0:
+                n_x, n_y = (along * t_x + outward * t_y) / size, (along * t_y - outward * t_x) / size
+    if -math.inf < inside <= 0.0:
+        return Nearest(inside, side_x, side_y)
+    return Nearest(distance, n_x, n_y)

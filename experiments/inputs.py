@@ -1,0 +1,44 @@
+"""The kinds of hands that move the handle, each declared once.
+
+The command line, the window, sessions and exports read the table. How a kind comes to a force is a law of
+`core.simulator.hand`; what steers it stands in `app/session_server/device_setup.py`.
+"""
+
+from typing import NamedTuple
+
+
+class Input(NamedTuple):
+    """One kind of hand."""
+
+    name: str  # on the command line, in sessions and recordings
+    title: str
+    does: str  # beside the choice
+    begun_with: str  # a session that was begun with it was begun with ..
+    meaning: str  # in exports
+    simulated: bool = True  # it moves a simulated device: one can choose it
+
+
+MOUSE, HID, OPERATOR, SENSOR = "mouse", "hid", "operator", "force sensor"
+INPUTS = {
+    one.name: one
+    for one in (
+        Input(
+            MOUSE, "Mouse", "pulls the handle by a spring", "the simulated device and the mouse",
+            "a person who pulled the simulated handle with the mouse",
+        ),
+        Input(
+            HID, "Six-axis device", "its deflection is the force", "the simulated device and a six-axis device",
+            "a person who pushed a six-axis device: its deflection, not a force sensor, moved the simulated handle",
+        ),
+        Input(
+            OPERATOR, "Simulated operator", "no person is needed", "the simulated device and a simulated operator",
+            "simulated operator: no person took part",
+        ),
+        Input(
+            SENSOR, "Hand", "measured by the force sensor", "a device on the bench",
+            "a hand at the device on the bench, its force measured by the device's sensor", simulated=False,
+        ),
+    )
+}  # fmt: skip
+#: Those that one can choose.
+CHOICES = tuple(one.name for one in INPUTS.values() if one.simulated)

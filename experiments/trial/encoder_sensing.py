@@ -1,0 +1,104 @@
+"""What the controller of a simulated device sees where its joints carry encoders, as on the bench.
+
+Each joint angle is a whole number of counts, and the tip follows from them. Its velocity is the slope of the parabola
+by least squares through the last samples (`MotionFilter` of hardware/sensing/samples): half the window old. The whole
+sample, with the force, reaches the controller some ticks later. The force itself is what the hand does: the noise of
+the bench's sensor (0.02 N) is far below the thresholds of the rules.
+
+All of it follows from the tip's motion since the first tick, so a recording, whose columns are the true motion, gives
+it again to the last bit.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from core.device import Device
+from core.device_interface import velocity_noise
+from core.kernel import kernel
+from core.linkage import joint_angles
+from core.simulator.state import new_record, new_state
+from core.simulator.stick_slip_mode import look
+from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
+from experiments.trial.operator import TICK_S
+
+_RING = 128  # samples, a power of two: more than the longest window and delay together
+_LAST = _RING - 1
+
+SENSING = np.dtype(
+    [
+        ("on", "i8"),  # 0: the controller sees the truth
+        ("steps", "f8", (4,)),  # 1/rad, counts of each joint's encoder
+        ("pairs", "i8", (2, 2)),  # joints whose angles give the tip; two encoders: the same pair twice
+        ("window", "i8"),  # samples
+        ("delay", "i8"),  # samples
+        ("taken", "i8"),  # samples so far
+        ("ring", "f8", (_RING, 4)),  # past samples: tip, m, and force, N
+        ("theta", "f8", (4,)),  # rad, work space
+    ]
+)
+
+
+class Sensing(NamedTuple):
+    """The sensors of a simulated device, and what its controller sees: a state of which motion and force are filled."""
+
+    sensors: np.ndarray
+    seen: np.ndarray
+
+
+def new_sensing(device: Device, assumptions: Assumptions) -> Sensing:
+    """Before the first sample."""
+    record = new_record(SENSING)
+    if assumptions.sensing == ENCODERS:
+        steps = encoder_counts(device)
+        joints = [i for i, count in enumerate(steps) if count]
+        record["on"][0] = 1
+        record["steps"][0] = np.array(steps) / (2.0 * math.pi)
+        record["pairs"][0] = np.reshape(joints if len(joints) == 4 else 2 * joints, (2, 2))
+        record["window"][0], record["delay"][0] = assumptions.filter_samples, assumptions.delay_samples
+    return Sensing(record.view(np.ndarray), new_state(0.0, 0.0).view(np.ndarray))
+
+
+def decision_noise(device: Device, tip: tuple[float, float], assumptions: Assumptions) -> float:
+    """Noise (m/s, rms) of the velocity that the controller of a simulated device sees."""
+    return velocity_noise(device, tip, assumptions.filter_samples) if assumptions.sensing == ENCODERS else 0.0
+
+
+@kernel
+def see(mechanism, state, sensing, seen):
+    """Stage: take a sample of the device; the one that reaches the controller now becomes `seen`."""
+    n, ring = sensing.taken, sensing.ring
+    x, y = counted_tip(mechanism, state, sensing)
+    for k in range(_RING if n == 0 else 1):  # as if it had rested there before
+        sample = ring[(n + k) & _LAST]
+        sample[0], sample[1] = x, y
+        sample[2], sample[3] = state.hand_force[0], state.hand_force[1]
+    sensing.taken = n + 1
+    newest = ring[(n - sensing.delay) & _LAST]
+    window = sensing.window
+    vx = vy = 0.0
+    for k in range(1, window):
+        sample, weight = ring[(n - sensing.delay - k) & _LAST], 0.5 * (window - 1) - k
+        vx += weight * (sample[0] - newest[0])  # exact zeros while nothing moves
+        vy += weight * (sample[1] - newest[1])
+    scale = 12.0 / (window * (window * window - 1.0) * TICK_S)
+    seen.tip[0], seen.tip[1], seen.tip[2], seen.tip[3] = newest[0], newest[1], scale * vx, scale * vy
+    seen.hand_force[0], seen.hand_force[1] = newest[2], newest[3]
+    look(mechanism, seen)
+
+
+@kernel
+def counted_tip(mechanism, state, sensing):
+    """The tip (m) by the counts of the encoders, from the true one and its rows g: exact to the counts' square."""
+    g, theta = state.g, sensing.theta
+    joint_angles(mechanism, state.tip[0], state.tip[1], theta)
+    x, y = state.tip[0], state.tip[1]
+    for k in range(2):
+        i, j = sensing.pairs[k, 0], sensing.pairs[k, 1]
+        a = math.floor(theta[i] * sensing.steps[i] + 0.5) / sensing.steps[i] - theta[i]
+        b = math.floor(theta[j] * sensing.steps[j] + 0.5) / sensing.steps[j] - theta[j]
+        half = 0.5 / (g[i, 0] * g[j, 1] - g[i, 1] * g[j, 0])
+        x += half * (g[j, 1] * a - g[i, 1] * b)
+        y += half * (g[i, 0] * b - g[j, 0] * a)
+    return x, y

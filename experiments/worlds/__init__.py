@@ -1,0 +1,1 @@
+"""Many worlds: which sets of assumptions produce the paper's findings."""

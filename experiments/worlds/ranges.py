@@ -1,0 +1,237 @@
+"""Ranges files: what each assumption of a simulated study may be, and the worlds that are drawn from them.
+
+An assumption is a choice or number that a simulated study makes and the paper does not print; a world is one set of
+assumptions. A range is {low, high} (`log = true`: even in the logarithm) or a list of choices, with its source
+("assumed" where nothing stands behind it). The tables of a file, and what their keys are:
+
+    [rules] [population]    the range itself: rule sets; populations, shipped or files
+    [assumptions.KEY]       a key of the table [assumptions] of protocols
+    [operator.KEY]          a number of a population file, for everyone
+    [operator_factor.KEY]   a factor on it; KEY may be how several begin: `stiffness`
+    [device."TABLE.KEY"]    a number of the device files that have it, as "mass.joint_C_kg"
+"""
+
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+
+from core.files import InputError, Table, parse_toml, read_text
+from experiments.assumptions import Assumptions
+from experiments.protocol import Count, Protocol, Text, load_protocol, protocol_from_json, protocol_to_json
+from experiments.protocol_writer import toml_text
+from experiments.trial.operator import Person
+from experiments.trial.population import Population, load_population, population_of
+
+SHIPPED_FOLDER = Path(__file__).resolve().parent / "ranges"
+DIGITS = 6  # of a number that is drawn
+Value = str | float | int | bool
+
+
+class Range(Table, frozen=True):
+    """What one assumption may be: {low, high} or choices, and where that comes from."""
+
+    source: Text
+    low: float | None = None
+    high: float | None = None
+    log: bool = False
+    choices: Annotated[tuple[Value, ...], msgspec.Meta(min_length=2)] | None = None
+    settled_by: str = ""  # what would settle it
+    label: str = ""  # in reports and pictures, with its unit
+
+    def __post_init__(self) -> None:
+        if (self.low is None) != (self.high is None) or (self.low is None) == (self.choices is None):
+            raise ValueError("must hold low and high, or choices")
+        if self.choices is not None and (self.log or len(set(self.choices)) < len(self.choices)):
+            raise ValueError("choices must differ, and have no log")
+        if self.low is not None and self.high is not None:
+            if not self.low < self.high:
+                raise ValueError(f"low ({self.low:g}) must be less than high ({self.high:g})")
+            if self.log and not self.low > 0.0:
+                raise ValueError(f"low must be greater than 0 where log is true, not {self.low:g}")
+
+    def value(self, share: float) -> Value:
+        """The value at this share (0 .. 1) of the range."""
+        if self.choices is not None:
+            return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
+        assert self.low is not None and self.high is not None
+        if self.log:
+            return float(f"{self.low * (self.high / self.low) ** share:.{DIGITS}g}")
+        return float(f"{self.low + share * (self.high - self.low):.{DIGITS}g}")
+
+    @property
+    def ends(self) -> tuple[Value, ...]:
+        """What must be possible for the whole range to be."""
+        return self.choices if self.choices is not None else (self.value(0.0), self.value(1.0))
+
+
+class RangesFile(Table, frozen=True):
+    """A ranges file as it stands."""
+
+    name: Text
+    protocol: Text = "paper"
+    operators: Count = 3
+    rules: Range | None = None
+    population: Range | None = None
+    assumptions: dict[str, Range] = {}
+    operator: dict[str, Range] = {}
+    operator_factor: dict[str, Range] = {}
+    device: dict[str, Range] = {}
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """A ranges file, checked: every end of every range makes a study that can be run."""
+
+    name: str
+    text: str
+    protocol: Protocol
+    operators: int
+    populations: Mapping[str, str]  # name in the file -> the population file in full
+    ranges: Mapping[str, Range]  # by column: "rules", "assumptions.low_gain", ..
+
+    @cached_property
+    def stored_protocol(self) -> Mapping[str, Any]:
+        """The protocol as a study stores it, from which those of the worlds are made."""
+        return protocol_to_json(self.protocol)
+
+    def drawn(self, n: int, seed: int) -> np.ndarray:
+        """The shares (n, ranges) at which n worlds lie: a Latin hypercube."""
+        from SALib.sample import latin  # here: it takes seconds
+
+        return latin.sample(problem(self.ranges), n, seed=seed)
+
+    def values(self, shares: Sequence[float]) -> dict[str, Value]:
+        """The assumptions of a world at these shares, by column."""
+        pairs = zip(self.ranges.items(), shares, strict=True)
+        return {name: one.value(float(share)) for (name, one), share in pairs}
+
+    def study(self, values: Mapping[str, Value], seed: int) -> tuple[Protocol, Population]:
+        """What `phd study` would run for a world; columns that are left out are as in the files. InputError if wrong"""
+        tables: dict[str, dict[str, Value]] = {}
+        for column, value in values.items():
+            table, _, key = column.partition(".")
+            tables.setdefault(table, {})[key] = value
+        where = f"world of {self.name}"
+        overrides = self.protocol.overrides | {"seed": seed}
+        if "rules" in tables:
+            overrides["rules"] = tables["rules"][""]
+        if "assumptions" in tables:
+            plain = msgspec.to_builtins(self.protocol.assumptions)
+            overrides["assumptions"] = {**plain, **tables["assumptions"]}
+        about = {**self.stored_protocol, "overrides": overrides}
+        if "device" in tables:
+            about["devices"] = [
+                {**one, "file": _changed_device(one["file"], tables["device"])} for one in about["devices"]
+            ]
+        chosen = str(tables["population"][""]) if "population" in tables else next(iter(self.populations))
+        text = self.populations[chosen]
+        if "operator" in tables or "operator_factor" in tables:
+            text = _changed_people(text, tables.get("operator", {}), tables.get("operator_factor", {}))
+        return protocol_from_json(about, where), population_of(text, f"{where}: population {chosen}")
+
+
+def problem(ranges: Mapping[str, Range]) -> dict[str, Any]:
+    """The assumptions as SALib takes them: each as its share of the range."""
+    return {"num_vars": len(ranges), "names": list(ranges), "bounds": [[0.0, 1.0]] * len(ranges)}
+
+
+def shipped_ranges() -> list[str]:
+    """Names of the ranges that come with the product."""
+    return sorted(file.stem for file in SHIPPED_FOLDER.glob("*.toml"))
+
+
+def load_ranges(name_or_path: str | Path) -> Ranges:
+    """Shipped ranges by name, or a file. InputError, one sentence with file and key, for what cannot be run."""
+    path = SHIPPED_FOLDER / f"{name_or_path}.toml" if str(name_or_path) in shipped_ranges() else Path(name_or_path)
+    if not path.is_file():
+        shipped = ", ".join(shipped_ranges())
+        raise InputError(f"unknown ranges {str(name_or_path)!r}: neither shipped ones ({shipped}) nor a file")
+    text = read_text(path)
+    file = parse_toml(text, RangesFile, str(path))
+    ranges = dict(_by_column(file))
+    if not ranges:
+        raise InputError(f"{path}: holds no range")
+    names = [str(one) for one in file.population.choices or ()] if file.population else ["average"]
+    populations = {name: load_population(_beside(path, name)).text for name in names}
+    found = Ranges(file.name, text, load_protocol(_beside(path, file.protocol)), file.operators, populations, ranges)
+    for column, one in ranges.items():
+        _check(found, column, one, str(path))
+    return found
+
+
+def _by_column(file: RangesFile) -> Iterator[tuple[str, Range]]:
+    for table in ("rules", "population"):
+        if (one := getattr(file, table)) is not None:
+            yield table, one
+    for table in ("assumptions", "operator", "operator_factor", "device"):
+        for key, one in getattr(file, table).items():
+            yield f"{table}.{key}", one
+
+
+def _beside(path: Path, name: str) -> str | Path:
+    """A file beside the ranges file where there is one of that name, else the shipped thing of that name."""
+    there = path.parent / name
+    return there if there.is_file() else name
+
+
+def _check(ranges: Ranges, column: str, one: Range, where: str) -> None:
+    """InputError unless each end of a range, with all else as in the files, makes a study."""
+    table, _, key = column.partition(".")
+    known: dict[str, Callable[[str], bool]] = {
+        "assumptions": lambda name: name in Assumptions.__struct_fields__,
+        "operator": lambda name: name in Person._fields,
+        "operator_factor": lambda name: bool(_begin_with(name)),
+        "device": lambda name: any(_number_at(tomllib.loads(d.text), name) for d in ranges.protocol.devices),
+    }
+    if table in known and not known[table](key):
+        raise InputError(f"{where}: {column}: there is no such number of {table.replace('_', ', ')}")
+    if table in ("rules", "population") and one.choices is None:
+        raise InputError(f"{where}: {column}: must hold choices")
+    for value in one.ends:
+        for population in ranges.populations if table.startswith("operator") else (next(iter(ranges.populations)),):
+            try:
+                ranges.study({"population": population, column: value}, 0)
+            except InputError as error:
+                raise InputError(f"{where}: {column}: {value!r} cannot be: {error}") from None
+
+
+def _changed_device(text: str, numbers: Mapping[str, Value]) -> str:
+    """A device file with these numbers in place of its own, where it has them."""
+    content = tomllib.loads(text)
+    there = {name: holder for name in numbers if (holder := _number_at(content, name))}
+    for name, holder in there.items():
+        holder[name.rpartition(".")[2]] = numbers[name]
+    return toml_text(content) if there else text
+
+
+def _number_at(content: dict[str, Any], name: str) -> dict[str, Any] | None:
+    """The table of a file that holds this number; None: the file does not have it."""
+    *tables, key = name.split(".")
+    for table in tables:
+        content = content.get(table, {})
+        if not isinstance(content, dict):
+            return None
+    return content if isinstance(content.get(key), int | float) else None
+
+
+def _changed_people(text: str, numbers: Mapping[str, Value], factors: Mapping[str, Value]) -> str:
+    """A population file with these numbers for everyone, and these factors on others."""
+    content = tomllib.loads(text)
+    for key, value in numbers.items():
+        content[key] = {"value": value, "source": "assumed: of a world"}
+    for beginning, factor in factors.items():
+        for key in (name for name in _begin_with(beginning) if name in content):
+            spread = content[key]
+            scaled = {one: float(factor) * number for one, number in spread.items() if one != "source"}
+            content[key] = {**scaled, "source": f"assumed: {factor:g} times {spread['source']}"}
+    return toml_text(content)
+
+
+def _begin_with(name: str) -> list[str]:
+    return [key for key in Person._fields if key == name or key.startswith(f"{name}_")]

@@ -1,0 +1,233 @@
+"""The report on worlds, from their table: shares, what decides, what to measure first, the world nearest the paper."""
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from experiments.analysis.box_findings import LITTLE, SIMILAR, PooledBox, box_findings
+from experiments.analysis.findings import STATEMENTS
+from experiments.analysis.metrics import BY_NAME
+from experiments.worlds.indices import Indices, indices, settled
+from experiments.worlds.pictures import decided_by, label, overview, wilson
+from experiments.worlds.ranges import Ranges
+
+BANDS = {"half the bands": 0.5, "twice the bands": 2.0}
+DECIDING = 3  # assumptions that the table names for each statement
+
+
+class Worlds(NamedTuple):
+    """A table of worlds, read."""
+
+    seeds: np.ndarray  # (n,)
+    share_done: np.ndarray  # (n,)
+    margins: np.ndarray  # (n, statements); nan: one cannot tell
+    cells: list[tuple[str, str, int]]  # measure, configuration, controller
+    quartiles: np.ndarray  # (n, cells, 3); nan: no box
+
+    @property
+    def holds(self) -> np.ndarray:
+        """(n, statements)"""
+        return np.nan_to_num(self.margins, nan=-1.0) >= 0.0
+
+    def boxes(self, world: int) -> dict[tuple[str, str, int], PooledBox]:
+        """Of the world in this row."""
+        rows = zip(self.cells, self.quartiles[world].tolist(), strict=True)
+        return {cell: PooledBox(*row) for cell, row in rows if not math.isnan(row[0])}
+
+
+def read_worlds(table: Path) -> Worlds:
+    """The numbers of worlds.csv."""
+    with table.open(newline="", encoding="utf-8") as stream:
+        lines = csv.reader(stream)
+        header = next(lines)
+        margins = [header.index(f"margin_{statement.number}") for statement in STATEMENTS]
+        boxes = [i for i, name in enumerate(header) if name.count(":") == 3]
+        wanted = [header.index("seed"), header.index("share_done"), *margins, *boxes]
+        numbers = np.array([[float(line[i] or "nan") for i in wanted] for line in lines])
+    names = [header[i].split(":") for i in boxes[::3]]
+    cells = [(measure, device, int(controller)) for measure, device, controller, _ in names]
+    k = 2 + len(margins)
+    return Worlds(numbers[:, 0], numbers[:, 1], numbers[:, 2:k], cells, numbers[:, k:].reshape(len(numbers), -1, 3))
+
+
+def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, bytes], dict[str, object]]:
+    """The files of the report by name, and what the summary says of it."""
+    worlds = read_worlds(table)
+    n, shares = len(worlds.seeds), ranges.drawn(len(worlds.seeds), seed)
+    holds = worlds.holds
+    other = {name: judged_again(worlds, ranges, bands) for name, bands in BANDS.items()}
+    found = indices(ranges.ranges, shares, holds)
+    doubt = settled(found, holds)
+    order = np.argsort(-doubt, kind="stable")
+    names = [label(column, one) for column, one in ranges.ranges.items()]
+    note = (
+        f"{n} worlds of the ranges {ranges.name!r}, seed {seed}: each a study of {ranges.operators} simulated people "
+        "under assumptions of its own, judged by pooled boxes. Shares are of the worlds drawn, not of what is likely."
+    )
+    nearest = nearest_world(worlds)
+    parts = [
+        f"# Worlds: {ranges.name}",
+        note
+        + " The people are simulated: read it as what this model says. A statement of which one cannot tell (too few "
+        "trials reached the end) counts as one that does not hold. The rules: docs/judging.md.",
+        "![shares of worlds](overview.png)",
+        "## In how many worlds each statement holds",
+        _shares(worlds, other),
+        f"Bands: a difference counts from {LITTLE:.0%} of the uncontrolled box on, similar is within {SIMILAR:.0%}; "
+        "the last columns halve and double both.",
+        "## Jointly",
+        _jointly(holds),
+        "## What decides each",
+        _decided(found, names),
+        "In brackets the half-width of the 95 % interval. Share of the verdict's variance that goes when the "
+        "assumption alone is known (first-order index, RBD-FAST); the rest is interplay, and which people took part.",
+        "![share of worlds against each assumption](decided-by.png)",
+        "## What to measure first",
+        _measure_first(ranges, names, doubt, order, found, holds),
+        "## The nearest world to the paper",
+        _nearest(worlds, nearest, ranges, shares[nearest]),
+    ]
+    files = {
+        "report.md": ("\n\n".join(parts) + "\n").encode(),
+        "overview.png": overview(holds, other, [(names[j], float(doubt[j])) for j in order], note),
+        "decided-by.png": decided_by(ranges.ranges, shares, holds, *found, note),
+        "indices.csv": _indices_csv(ranges, found),
+        "jointly.csv": _jointly_csv(holds),
+    }
+    most = int(holds.sum(axis=1).max())
+    return files, {
+        "all_hold": f"{holds.all(axis=1).mean():.2%} of the worlds",
+        "most_hold": f"{most} of {len(STATEMENTS)} statements, in world {nearest + 1}",
+        "measure_first": names[order[0]],
+    }
+
+
+def judged_again(worlds: Worlds, ranges: Ranges, bands: float) -> np.ndarray:
+    """Whether each statement holds (n, statements) with bands so many times as wide."""
+    devices = [device.name for device in ranges.protocol.devices]
+    found = [box_findings(worlds.boxes(i), devices, bands) for i in range(len(worlds.seeds))]
+    return np.array([[one.margin >= 0.0 for one in of_world] for of_world in found])
+
+
+def nearest_world(worlds: Worlds) -> int:
+    """The row of the world in which most statements hold, and among these miss the others by least.
+
+    A statement of which one cannot tell is missed by one uncontrolled median.
+    """
+    missed = np.minimum(np.nan_to_num(worlds.margins, nan=-1.0), 0.0).sum(axis=1)
+    return int(np.lexsort((-missed, -worlds.holds.sum(axis=1)))[0])
+
+
+def _table(head: Sequence[str], lines: Sequence[Sequence[object]]) -> str:
+    rows = [head, ["---"] * len(head), *lines]
+    return "\n".join(f"| {' | '.join(map(str, row))} |" for row in rows)
+
+
+def _shares(worlds: Worlds, other: dict[str, np.ndarray]) -> str:
+    n, holds = len(worlds.seeds), worlds.holds
+    lines = []
+    for i, statement in enumerate(STATEMENTS):
+        low, high = wilson(int(holds[:, i].sum()), n)
+        unclear = np.isnan(worlds.margins[:, i]).mean()
+        again = [f"{verdicts[:, i].mean():.1%}" for verdicts in other.values()]
+        share = f"**{holds[:, i].mean():.1%}** ({low:.1%} to {high:.1%})"
+        lines.append((statement.number, statement.text, share, f"{unclear:.1%}", *again))
+    return _table(("", "the paper says", "holds in", "cannot tell", *other), lines)
+
+
+def _jointly(holds: np.ndarray) -> str:
+    count = holds.sum(axis=1)
+    at_least = ", ".join(f"{k} or more {np.mean(count >= k):.1%}" for k in range(len(STATEMENTS), 4, -1))
+    but_one = []
+    for i, statement in enumerate(STATEMENTS):
+        others = np.delete(holds, i, axis=1).all(axis=1)
+        if others.any():
+            but_one.append(f"{statement.number}: {others.mean():.2%}, and it in {holds[others, i].mean():.0%} of these")
+    without = "; ".join(but_one) or "none: in no world do any ten hold"
+    return (
+        f"All eleven hold in **{holds.all(axis=1).mean():.2%}** of the worlds. Of the eleven hold: {at_least}.\n\n"
+        f"All but one, by the one left out: {without}. Each pair: jointly.csv."
+    )
+
+
+def _decided(found: Indices, names: Sequence[str]) -> str:
+    lines = []
+    for i, statement in enumerate(STATEMENTS):
+        if not np.isfinite(found.first[i]).any():
+            lines.append((statement.number, statement.text, *["-"] * (DECIDING + 1)))
+            continue
+        order = np.argsort(-found.first[i], kind="stable")[:DECIDING]
+        cells = [f"{names[j]} {found.first[i, j]:.2f} ({found.half_width[i, j]:.2f})" for j in order]
+        rest = f"{max(1.0 - found.first[i].sum(), 0.0):.2f}"
+        lines.append((statement.number, statement.text, *cells, rest))
+    heads = ["first", "second", "third"][:DECIDING]
+    return _table(("", "the paper says", *heads, "all that no one alone explains"), lines)
+
+
+def _measure_first(
+    ranges: Ranges, names: Sequence[str], doubt: np.ndarray, order: np.ndarray, found: Indices, holds: np.ndarray
+) -> str:
+    p = holds.mean(axis=0)
+    lines = []
+    for j in order:
+        of_it = np.nan_to_num(found.first[:, j] * p * (1.0 - p))
+        main = [f"{STATEMENTS[i].number}" for i in np.argsort(-of_it, kind="stable")[:3] if of_it[i] > 0.0]
+        one = list(ranges.ranges.values())[j]
+        lines.append((names[j], f"{doubt[j]:.1%}", ", ".join(main), one.settled_by or "-", one.source))
+    return _table(("assumption", "settles of all doubt", "mainly", "settled by", "what it rests on now"), lines)
+
+
+def _nearest(worlds: Worlds, row: int, ranges: Ranges, shares: np.ndarray) -> str:
+    margins, values = worlds.margins[row], ranges.values(shares.tolist())
+    held = int(worlds.holds[row].sum())
+    missing = [
+        f"{s.number} (by {-m:.2f})" if not math.isnan(m) else f"{s.number} (one cannot tell)"
+        for s, m in zip(STATEMENTS, margins, strict=True)
+        if not m >= 0.0
+    ]
+    boxes = worlds.boxes(row)
+    lines = []
+    for measure, device, controller in worlds.cells:
+        metric, box = BY_NAME[measure], boxes.get((measure, device, controller))
+        numbers = [f"{metric.scale * q:.2f}" for q in box] if box else ["-"] * 3
+        lines.append(
+            (metric.title, device, controller, f"{numbers[1]} ({numbers[0]} to {numbers[2]}) {metric.shown_unit}")
+        )
+    assumed = [(label(column, one), values[column]) for column, one in ranges.ranges.items()]
+    missed = f"missing: {', '.join(missing)}, in units of the uncontrolled median" if missing else "none is missing"
+    return "\n\n".join(
+        (
+            f"World {row + 1}, seed {int(worlds.seeds[row])}: {held} of {len(STATEMENTS)} statements hold; {missed}.",
+            _table(("assumption", "in this world"), assumed),
+            _table(("measure", "device", "controller", "median (quartiles)"), lines),
+        )
+    )
+
+
+def _csv(lines: Sequence[Sequence[object]]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(lines)
+    return text.getvalue().encode()
+
+
+def _indices_csv(ranges: Ranges, found: Indices) -> bytes:
+    lines: list[Sequence[object]] = [("statement", "assumption", "first_order_index", "half_width_95")]
+    for i, statement in enumerate(STATEMENTS):
+        for j, column in enumerate(ranges.ranges):
+            pair = found.first[i, j], found.half_width[i, j]
+            lines.append((statement.number, column, *("" if np.isnan(x) else f"{x:.4g}" for x in pair)))
+    return _csv(lines)
+
+
+def _jointly_csv(holds: np.ndarray) -> bytes:
+    """Share of worlds in which both of two statements hold."""
+    both = holds.astype(float).T @ holds / len(holds)
+    numbers = [statement.number for statement in STATEMENTS]
+    return _csv(
+        [("statement", *numbers), *((k, *(f"{x:.4f}" for x in row)) for k, row in zip(numbers, both, strict=True))]
+    )

@@ -1,0 +1,258 @@
+"""Worlds: each is the study that `phd study` runs; one table whatever ran where; the report names what decides."""
+
+import csv
+import math
+from pathlib import Path
+
+import joblib
+import numpy as np
+import pytest
+
+from app.cli import main
+from core.files import InputError
+from experiments.analysis.box_findings import box_findings_of, pooled_boxes
+from experiments.analysis.findings import HOLDS, STATEMENTS
+from experiments.protocol import load_protocol
+from experiments.session.files import write_pooled_table
+from experiments.study.study import run_study
+from experiments.worlds.indices import Indices, indices, settled
+from experiments.worlds.pictures import wilson
+from experiments.worlds.ranges import Range, load_ranges, shipped_ranges
+from experiments.worlds.report import Worlds, judged_again, nearest_world, read_worlds, report_files
+from experiments.worlds.worlds import columns, run_worlds, worlds_of
+
+RANGES = """
+name = "small"
+protocol = "small.toml"
+operators = 1
+[rules]
+choices = ["settled", "literal"]
+source = "two readings"
+[assumptions.low_gain]
+low = 5.0
+high = 1000.0
+log = true
+source = "Table I"
+label = "low gain (N s/m)"
+settled_by = "the authors' code"
+[operator_factor.stiffness]
+low = 0.5
+high = 2.0
+source = "assumed"
+[operator.movement_s]
+low = 1.0
+high = 1.5
+source = "assumed"
+[device."mass.joint_C_kg"]
+low = 0.0
+high = 1.4
+source = "assumed"
+"""
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory) -> Path:
+    """A ranges file and its protocol: 10 trials a world."""
+    folder = tmp_path_factory.mktemp("ranges")
+    text = load_protocol("paper").text
+    cut = text[: text.index("[[path]]\nnumber = 2")] + text[text.index("[[controller]]") :]
+    (folder / "small.toml").write_text(
+        cut.replace("blocks = 3", "blocks = 1").replace('name = "paper"', 'name = "small"')
+    )
+    (folder / "ranges.toml").write_text(RANGES)
+    return folder / "ranges.toml"
+
+
+@pytest.fixture(scope="module")
+def whole(small, tmp_path_factory) -> Path:
+    """Four worlds, run in one go."""
+    out = tmp_path_factory.mktemp("worlds") / "out"
+    run_worlds(load_ranges(small), out, 4)
+    return out
+
+
+def lines(out: Path) -> list[dict[str, str]]:
+    with (out / "worlds.csv").open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_a_world_is_the_study_of_the_same_assumptions_and_seed(small, whole, tmp_path):
+    ranges = load_ranges(small)
+    for world, line in list(zip(worlds_of(ranges, 4, 1), lines(whole), strict=True))[:2]:
+        protocol, population = ranges.study(world.values, world.seed)
+        assert protocol.low_gain == world.values["assumptions.low_gain"] and protocol.seed == int(line["seed"])
+        assert protocol.rules == line["rules"]
+        run_study(tmp_path / f"{world.number}", 1, protocol, population)
+        rows = write_pooled_table(tmp_path / f"{world.number}")
+        boxes = pooled_boxes(rows)
+        assert len(boxes) == 2 * 5 * 3
+        for (measure, device, controller), box in boxes.items():
+            for name, value in box._asdict().items():
+                assert line[f"{measure}:{device}:{controller}:{name}"] == repr(value)
+        for found in box_findings_of(rows):
+            number = found.statement.number
+            assert line[f"statement_{number}"] == found.verdict
+            assert line[f"margin_{number}"] == ("" if math.isnan(found.margin) else repr(found.margin))
+
+
+def test_every_assumption_reaches_the_study(small):
+    ranges = load_ranges(small)
+    usual, people = ranges.study({}, 3)
+    values = {"operator_factor.stiffness": 2.0, "operator.movement_s": 1.25, "device.mass.joint_C_kg": 0.25}
+    changed, others = ranges.study({**values, "rules": "literal", "assumptions.low_gain": 33.0}, 3)
+    assert (changed.rules, changed.low_gain, usual.rules, usual.low_gain) == ("literal", 33.0, "settled", 5.0)
+    one, other = (some.draw(np.random.default_rng(1)) for some in (people, others))
+    for name in ("stiffness_along_N_m", "stiffness_across_N_m"):
+        assert getattr(other, name) == pytest.approx(2.0 * getattr(one, name))
+    assert other.movement_s == 1.25 and other.mass_kg == one.mass_kg
+    assert "joint_C_kg = 0.25" in changed.devices[1].text and "joint_C_kg = 1.4" in usual.devices[1].text
+    assert usual.devices[0].text == changed.devices[0].text  # the three-brake device has no mass at C
+
+
+def test_a_resumed_run_gives_the_same_table_byte_for_byte_and_runs_only_what_is_missing(small, whole, tmp_path):
+    ranges = load_ranges(small)
+    cut = tmp_path / "cut"
+    (cut / "parts").mkdir(parents=True)
+    (cut / "worlds.json").write_bytes((whole / "worlds.json").read_bytes())
+    for world in worlds_of(ranges, 4, 1)[1:3]:
+        (cut / "parts" / f"{world.number:06d}.csv").write_bytes(world.run().rows)
+    assert run_worlds(ranges, cut, 4, resume=True)["already_done"] == 2
+    assert (cut / "worlds.csv").read_bytes() == (whole / "worlds.csv").read_bytes()
+    for name in ("report.md", "indices.csv", "overview.png"):
+        assert (cut / "report" / name).read_bytes() == (whole / "report" / name).read_bytes()
+    with pytest.raises(InputError, match="worlds was begun with another n"):
+        run_worlds(ranges, cut, 5, resume=True)
+
+
+def test_neither_the_number_of_cores_nor_the_order_changes_a_digit(small, whole, tmp_path, monkeypatch):
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 1)
+    ranges = load_ranges(small)
+    run_worlds(ranges, tmp_path / "one", 4)
+    assert (tmp_path / "one" / "worlds.csv").read_bytes() == (whole / "worlds.csv").read_bytes()
+    backwards = [world.run().rows for world in reversed(worlds_of(ranges, 4, 1))]
+    assert (whole / "worlds.csv").read_bytes().split(b"\n", 1)[1] == b"".join(reversed(backwards))
+    run_worlds(ranges, tmp_path / "other", 2, seed=2)
+    assert [line["seed"] for line in lines(tmp_path / "other")] != [line["seed"] for line in lines(whole)][:2]
+
+
+WRONG = {
+    "no range": (RANGES.split("[rules]")[0], "holds no range"),
+    "unknown key": (RANGES.replace("settled_by", "settles"), "settles"),
+    "no source": (RANGES.replace('source = "Table I"\n', ""), "source"),
+    "upside down": (RANGES.replace("low = 5.0", "low = 5000.0"), "low (5000) must be less than high (1000)"),
+    "log of zero": (RANGES.replace("low = 5.0", "low = 0.0"), "low must be greater than 0 where log is true"),
+    "half a range": (RANGES.replace("high = 1000.0\n", ""), "must hold low and high, or choices"),
+    "one choice": (RANGES.replace(', "literal"]', "]"), "rules.choices"),
+    "unknown rules": (RANGES.replace('"literal"', '"magic"'), "rules: 'magic' cannot be"),
+    "unknown assumption": (RANGES.replace("assumptions.low_gain", "assumptions.speed"), "speed: there is no such"),
+    "assumption out of bounds": (RANGES.replace("low = 5.0", "low = -5.0").replace("log = true", ""), "low_gain"),
+    "unknown number of operators": (RANGES.replace("operator.movement_s", "operator.joy"), "joy: there is no such"),
+    "operator out of bounds": (RANGES.replace("high = 1.5", "high = 1500.0"), "operator.movement_s: 1500.0 cannot be"),
+    "factor out of bounds": (RANGES.replace("high = 2.0", "high = 2e4"), "stiffness: 20000.0 cannot be"),
+    "unknown number of devices": (RANGES.replace("joint_C_kg", "joint_D_kg"), "mass.joint_D_kg: there is no"),
+    "unknown protocol": (RANGES.replace('"small.toml"', '"large"'), "unknown protocol 'large'"),
+    "unknown population": (RANGES + '[population]\nchoices = ["average", "kings"]\nsource = "x"', "kings"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("text, says", WRONG.values(), ids=WRONG)
+def test_a_wrong_ranges_file_is_one_sentence_and_nothing_is_written(small, tmp_path, capsys, text, says):
+    (tmp_path / "small.toml").write_bytes((small.parent / "small.toml").read_bytes())
+    (tmp_path / "ranges.toml").write_text(text)
+    assert main(["worlds", str(tmp_path / "ranges.toml"), "--n", "2", "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and says in said.err and said.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_other_controllers_than_the_papers_have_no_statements_to_judge(small, tmp_path, capsys):
+    text = (small.parent / "small.toml").read_text().replace("gap_m = 0.005", "gap_m = 0.0")
+    (tmp_path / "small.toml").write_text(text)
+    (tmp_path / "ranges.toml").write_text(RANGES)
+    assert main(["worlds", str(tmp_path / "ranges.toml"), "--out", str(tmp_path / "out")]) == 2
+    assert "not those of the paper's Table I" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_the_shipped_ranges_can_be_run_and_say_what_they_rest_on():
+    assert shipped_ranges() == ["paper"]
+    ranges = load_ranges("paper")
+    assert ranges.operators == 3 and len(ranges.ranges) >= 15
+    assert all(one.source and one.settled_by and one.label for one in ranges.ranges.values())
+
+
+def test_values_spread_over_a_range_evenly_and_over_its_logarithm_where_asked(small):
+    ranges = load_ranges(small)
+    drawn = [ranges.values(shares) for shares in ranges.drawn(200, 1)]
+    gains = np.array([one["assumptions.low_gain"] for one in drawn])
+    assert abs(np.mean(gains < math.sqrt(5.0 * 1000.0)) - 0.5) < 0.01
+    times = np.array([one["operator.movement_s"] for one in drawn])
+    assert 1.0 <= times.min() and times.max() <= 1.5 and abs(np.mean(times < 1.25) - 0.5) < 0.01
+    assert sum(one["rules"] == "literal" for one in drawn) == 100
+
+
+def made_worlds(n: int = 1000) -> tuple[dict[str, Range], np.ndarray, np.ndarray]:
+    """Statement 1 is decided by the second assumption, 2 by the first and third together, the others always hold."""
+    ranges = {name: Range(source="made", low=0.0, high=1.0) for name in "abcd"}
+    shares = np.random.default_rng(1).random((n, 4))
+    holds = np.ones((n, len(STATEMENTS)), dtype=bool)
+    holds[:, 0] = shares[:, 1] > 0.7
+    holds[:, 1] = (shares[:, 0] > 0.5) & (shares[:, 2] > 0.5)
+    return ranges, shares, holds
+
+
+def test_indices_find_what_decides_and_what_would_settle_most():
+    ranges, shares, holds = made_worlds()
+    found = indices(ranges, shares, holds)
+    assert found.first[0, 1] == pytest.approx(1.0, abs=0.1) and found.first[0, [0, 2, 3]].max() < 0.05
+    for j in (0, 2):  # Var(E[y | a]) / Var(y) = (1/4)^2 / (1/4 * 3/4)
+        assert abs(found.first[1, j] - 1.0 / 3.0) < 1.5 * found.half_width[1, j] < 0.2
+    assert np.isnan(found.first[2:]).all()  # all worlds agree
+    doubt = settled(found, holds)
+    assert np.argmax(doubt) == 1 and doubt.sum() <= 1.1 and doubt[3] < 0.05
+    assert np.isnan(indices(ranges, shares[:50], holds[:50]).first).all()
+    assert not settled(Indices(found.first * np.nan, found.half_width), np.ones_like(holds)).any()
+
+
+def test_the_nearest_world_holds_most_statements_and_misses_the_others_by_least():
+    margins = np.full((4, len(STATEMENTS)), 0.1)
+    margins[0, :2] = -0.1
+    margins[1, 0] = -0.5
+    margins[2, 5] = -0.2
+    margins[3, 3] = math.nan  # one cannot tell
+    worlds = Worlds(np.arange(4), np.ones(4), margins, [], np.empty((4, 0, 3)))
+    assert nearest_world(worlds) == 2
+    assert worlds.holds.sum(axis=1).tolist() == [9, 10, 10, 10]
+
+
+def test_the_table_is_enough_to_judge_again_and_to_write_the_report(small, whole):
+    ranges, worlds = load_ranges(small), read_worlds(whole / "worlds.csv")
+    assert np.array_equal(judged_again(worlds, ranges, 1.0), worlds.holds)
+    verdicts = [[line[f"statement_{k}"] == HOLDS for k in range(1, 12)] for line in lines(whole)]
+    assert np.array_equal(worlds.holds, verdicts)
+    files, summary = report_files(whole / "worlds.csv", ranges, 1)
+    assert {path.name: path.read_bytes() for path in (whole / "report").iterdir()} == files
+    page = files["report.md"].decode()
+    assert page.startswith("# Worlds: small\n\n4 worlds of the ranges 'small', seed 1")
+    nearest = nearest_world(worlds)
+    assert f"World {nearest + 1}, seed {lines(whole)[nearest]['seed']}:" in page
+    assert f"low gain (N s/m) | {float(lines(whole)[nearest]['assumptions.low_gain'])}" in page
+    for statement in STATEMENTS:
+        share = np.mean([of_world[statement.number - 1] for of_world in verdicts])
+        assert f"| {statement.number} | {statement.text} | **{share:.1%}** (" in page
+    assert tuple(lines(whole)[0]) == columns(ranges)
+    assert files["overview.png"].startswith(b"\x89PNG") and "all_hold" in summary
+
+
+def test_the_interval_of_a_share_is_wilsons():
+    low, high = wilson(5, 20)
+    assert (float(low), float(high)) == pytest.approx((0.1119, 0.4687), abs=1e-3)
+    assert tuple(map(float, wilson(0, 10))) == pytest.approx((0.0, 0.2775), abs=1e-3)
+
+
+def test_trials_that_did_not_reach_the_end_are_in_no_box(small):
+    """As `pooled_boxes` has it: under 90 % done, no box."""
+    from experiments.worlds.worlds import _boxes
+
+    measures = {"path_error_m": 1.0, "mean_tip_force_N": 2.0, "acceleration_dft_sum": None}
+    boxes = _boxes({("three-brake", 1): [measures] * 9 + [None], ("three-brake", 2): [measures] * 8 + [None]})
+    assert sorted(boxes) == [("mean_tip_force_N", "three-brake", 1), ("path_error_m", "three-brake", 1)]
