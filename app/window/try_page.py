@@ -41,6 +41,7 @@ from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
 from core.control.rule_sets import RULE_SETS
 from core.device import Device
 from core.path import PathFile
+from experiments.assumptions import SENSINGS
 
 RIGHT_PX, NAME_PX = 390, 112
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
@@ -59,6 +60,10 @@ BACK = Shown("Back to the start", "The next pass begins in the green circle")
 GAIN = "gain_N_s_m"
 READY = Shown("Ready", "Space starts a pass")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
+SENSING = (
+    "What the controller sees. Ideal: the true motion. Encoders, as on the bench: joint angles by their counts, the "
+    "velocity as the slope over the last 15 ms, all of it 1 ms late."
+)
 REAL = "Real brakes: what you change acts in the next pass, and each pass waits for Space."
 
 
@@ -320,7 +325,7 @@ class PassTable(QTableWidget):
             colour = theme.CONTROLLER.get(s.controller, theme.TEXT)
             noted = " · changed" if one.changed else " · time-out" if one.status == "timeout" else ""
             dials = (f"{dial.label.lower()} {getattr(s, dial.name) * dial.scale:.4g} {dial.unit}" for dial in DIALS)
-            about = f"{preset.name}; path {s.path}, {s.rules} rules, {', '.join(dials)}"
+            about = f"{preset.name}; path {s.path}, {s.rules} rules, {s.sensing} sensing, {', '.join(dials)}"
             texts = [str(one.number), feel(preset, gains_of(opened)) + noted, brakes_of(s.device)]
             for column, text in enumerate(texts):
                 item = QTableWidgetItem(text)
@@ -419,6 +424,7 @@ class TryPage(Page):
             "device": {brakes_of(device.name): device.name for device in opened.protocol.devices},
             "path": {f"Path {number}": number for number in opened.protocol.paths},
             "rules": {name.capitalize(): name for name in RULE_SETS},
+            "sensing": {name.capitalize(): name for name in SENSINGS},
         }
         for field, among in choices.items():
             segments = self.segments[field] = Segments(list(among))
@@ -427,6 +433,7 @@ class TryPage(Page):
             name.setFixedWidth(NAME_PX)
             column.addLayout(row(name, segments))
             segments.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self.segments["sensing"].setToolTip(SENSING)
         for dial in DIALS:
             made = self.dials[dial.name] = DialRow(dial)
             made.moved.connect(lambda name, value: self._set(**{name: value}))
@@ -584,7 +591,9 @@ class TryPage(Page):
         self.segments["device"].choose(brakes_of(s.device))
         self.segments["path"].choose(f"Path {s.path}")
         self.segments["rules"].choose(s.rules.capitalize())
-        self.segments["device"].setEnabled("device" not in now.fixed)
+        self.segments["sensing"].choose(s.sensing.capitalize())
+        for name in ("device", "sensing"):
+            self.segments[name].setEnabled(name not in now.fixed)
         own = {parameter.name for parameter in ALGORITHMS[chosen.kind].parameters}
         for name, dial in self.dials.items():
             dial.show_setting(getattr(s, name))
@@ -595,6 +604,7 @@ class TryPage(Page):
         self.canvas.show_slack(s.gap_m if "gap_m" in own else 0.0)
         changed = [dial.label.lower() for dial in DIALS if getattr(s, dial.name) != getattr(now.initial, dial.name)]
         changed = [name for name in changed if name.split()[0] not in ("slack", "gain")]
+        changed += ["sensing"] if s.sensing != now.initial.sensing else []
         self.changed.setText(f"Changed: {', '.join(changed)}" if changed else "")
 
     def _show_passes(self) -> None:

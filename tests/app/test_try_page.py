@@ -5,7 +5,7 @@ import pytest
 from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, paper, ready
 from PySide6.QtCore import QEvent, QRectF, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QFileDialog
+from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import point
 
 from app.ipc import messages as m
@@ -14,8 +14,9 @@ from app.window.painting.marks import arrow_of
 from app.window.try_page import BACK, DIALS, TryPage
 from core import tick_log
 from core.control.controllers import Preset
+from experiments.assumptions import IDEAL
 
-INITIAL = m.SandboxSettings("three-brake", 1, 2, "settled", 0.0, 10_000.0, 0.05, 200.0, 1.0, 0.75)
+INITIAL = m.SandboxSettings("three-brake", 1, 2, "settled", 0.0, 10_000.0, 0.05, 200.0, 1.0, 0.75, IDEAL)
 GAINS_FELT = 11.5  # N s/m and more
 
 
@@ -241,6 +242,16 @@ def test_a_refusal_brings_the_settings_back_and_stands_beside_the_table(held: He
     held.page.dials["backlash_deg"].slider.setValue(0)
     QTest.mouseClick(held.page.reset, Qt.MouseButton.LeftButton)
     assert held.last() == INITIAL and not held.page.changed.text()
+
+
+def test_the_controller_sees_the_truth_or_what_encoders_give_of_a_simulated_device(held: Held) -> None:
+    sensing = held.page.segments["sensing"]
+    ideal, encoders = sensing.findChildren(QPushButton)
+    assert sensing.value() == "Ideal" and "15 ms" in sensing.toolTip()
+    QTest.mouseClick(encoders, Qt.MouseButton.LeftButton)
+    assert held.last() == INITIAL._replace(sensing="encoders") and held.page.changed.text() == "Changed: sensing"
+    held.page.show_snapshot(tried(fixed=("sensing",), by_start=True))
+    assert not sensing.isEnabled()
 
 
 def test_save_as_protocol_asks_for_a_name_and_the_server_writes(held: Held, monkeypatch) -> None:
