@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QUrl, Signal
+from PySide6.QtCore import QEvent, QUrl, Signal
 from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication
 from PySide6.QtWidgets import QFrame, QLineEdit, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
@@ -135,9 +135,20 @@ class MainWindow(QWidget):
         layout.addWidget(self.preflight.advice)
         layout.addWidget(self._stack, 1)
         layout.addWidget(self.footer)
+        self._keep_large_enough()
         room = QGuiApplication.primaryScreen().availableSize()
-        self.setMinimumSize(min(SMALLEST[0], room.width()), min(SMALLEST[1], room.height()))
         self.resize(min(LARGEST[0], room.width()), min(LARGEST[1], room.height()))
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange:
+            self._keep_large_enough()
+
+    def _keep_large_enough(self) -> None:
+        """Larger text needs a larger window, as far as the screen has room."""
+        room = QGuiApplication.primaryScreen().availableSize()
+        width, height = map(theme.text_px, SMALLEST)
+        self.setMinimumSize(min(width, room.width()), min(height, room.height()))
 
     def _connect(self) -> None:
         for name, tab in self.tabs.items():

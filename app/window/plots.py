@@ -81,9 +81,11 @@ class Graph(pg.PlotWidget):
 class Plot(QFrame):
     """A panel with a title, a value at the right of it, and a plot under them."""
 
+    figures_px = theme.NORMAL
+
     def __init__(self, title: str, parent: QWidget | None = None) -> None:
         super().__init__(parent, objectName="panel")
-        self.title, self.figures = word(title, bold=True), Figures(theme.NORMAL, right=True)
+        self.title, self.figures = word(title, bold=True), Figures(self.figures_px, right=True)
         self.graph = Graph()
         self.item = self.graph.getPlotItem()
         self.item.setContentsMargins(0, 0, 0, 0)

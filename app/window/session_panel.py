@@ -3,7 +3,7 @@
 It shows the snapshot and emits what is asked for; it decides nothing.
 """
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QEvent, Qt, Signal
 from PySide6.QtWidgets import QFrame, QLineEdit, QPlainTextEdit, QSizePolicy, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
@@ -34,7 +34,6 @@ class SessionPanel(QFrame):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent, objectName="panel")
-        self.setFixedWidth(WIDTH_PX)
         self.head = word("", size=theme.HEAD, bold=True)
         self.done, self.left = word("", "quiet", theme.SMALL), word("", size=theme.TITLE, bold=True)
         self.grid = PlanGrid()
@@ -64,6 +63,7 @@ class SessionPanel(QFrame):
         self.notes.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
         self.notes.hide()
         self._lay_out()
+        self.setFixedWidth(theme.text_px(WIDTH_PX))
 
     def _lay_out(self) -> None:
         self._scroll = scrolled(self.grid)
@@ -88,6 +88,11 @@ class SessionPanel(QFrame):
         layout.addWidget(self.note)
         layout.addWidget(self.notes, 20)
         layout.addStretch(1)
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange:
+            self.setFixedWidth(theme.text_px(WIDTH_PX))
 
     def write_note(self) -> None:
         """The keyboard is the line for notes."""

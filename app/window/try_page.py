@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QModelIndex, QPointF, QRectF, QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, QMarginsF, QModelIndex, QPointF, QRectF, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent, QPainter, QPainterPath, QPainterPathStroker, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import (
     QFileDialog,
@@ -194,7 +194,7 @@ class GuideButton(QPushButton):
         self.layout().setContentsMargins(6, 0, 12, 0)
         for part in self.findChildren(QWidget):
             part.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self.setMinimumHeight(34)
+        self.setMinimumHeight(30)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setAccessibleName(name)
 
@@ -240,15 +240,15 @@ class DialRow(QWidget):
 
     def __init__(self, dial: Dial) -> None:
         super().__init__(objectName="clear")
-        self.dial, self.slider, self.value, name = dial, QSlider(Qt.Orientation.Horizontal), word(""), word(dial.label)
+        self.dial, self.slider = dial, QSlider(Qt.Orientation.Horizontal)
+        self.name, self.value = word(dial.label), word("")
         self.slider.setRange(0, dial.place(dial.most))
         self.slider.setAccessibleName(dial.label)
         self.slider.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.slider.valueChanged.connect(lambda place: self.moved.emit(dial.name, dial.at(place) / dial.scale))
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.value.setMinimumWidth(92)
-        name.setFixedWidth(NAME_PX)
-        layout = row(name, self.slider, self.value)
+        layout = row(self.name, self.slider, self.value)
         layout.setContentsMargins(0, 0, 0, 0)
         self.setLayout(layout)
 
@@ -312,7 +312,7 @@ class PassTable(QTableWidget):
             self.setItemDelegateForColumn(column, self._bars)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        self.setColumnHidden(2, self.width() < 640)
+        self.setColumnHidden(2, self.width() < theme.text_px(640))
         super().resizeEvent(event)
 
     def show_passes(self, passes: Sequence[m.Pass], opened: m.Opened) -> None:
@@ -373,7 +373,7 @@ class TryPage(Page):
         self.guides: dict[int, GuideButton] = {}
         self.dials: dict[str, DialRow] = {}
         self.segments: dict[str, Segments] = {}
-        self._controls = scrolled(QWidget())
+        self._controls, self._names = scrolled(QWidget()), []
         self._lay_out()
         self.canvas.pointer_moved.connect(self.aimed)
         self.canvas.pointer_left.connect(self.left)
@@ -400,7 +400,6 @@ class TryPage(Page):
         left.setSpacing(theme.GAP)
         left.addWidget(workspace, 3)
         left.addWidget(passes, 2)
-        self._controls.setFixedWidth(RIGHT_PX)
         layout = row(spacing=theme.GAP)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addLayout(left, 1)
@@ -411,7 +410,7 @@ class TryPage(Page):
     def _fill(self, opened: m.Opened) -> None:
         """The controllers, devices and paths of a protocol, and the dials."""
         frame, column = panel("How should it guide you?")
-        column.setSpacing(6)
+        column.setSpacing(5)
         for place, (number, preset) in enumerate(opened.protocol.controllers.items(), start=1):
             guide = self.guides[number] = GuideButton(number, preset.name, str(place) if place < 10 else "")
             guide.feel.setText(feel(preset, gains_of(opened)))
@@ -429,13 +428,13 @@ class TryPage(Page):
         for field, among in choices.items():
             segments = self.segments[field] = Segments(list(among))
             segments.chosen.connect(lambda text, field=field, among=among: self._set(**{field: among[text]}))
-            name = word(field.capitalize())
-            name.setFixedWidth(NAME_PX)
-            column.addLayout(row(name, segments))
+            column.addLayout(row(name := word(field.capitalize()), segments))
+            self._names.append(name)
             segments.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.segments["sensing"].setToolTip(SENSING)
         for dial in DIALS:
             made = self.dials[dial.name] = DialRow(dial)
+            self._names.append(made.name)
             made.moved.connect(lambda name, value: self._set(**{name: value}))
             column.addWidget(made)
         self.changed = OneLine("", "quiet", theme.NORMAL)
@@ -443,6 +442,18 @@ class TryPage(Page):
         column.addStretch(1)
         column.addLayout(row(self.changed, self.reset))
         self._controls.setWidget(frame)
+        self._size_controls()
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange:
+            self._size_controls()
+
+    def _size_controls(self) -> None:
+        """Wider for larger text; all names of settings alike."""
+        self._controls.setFixedWidth(theme.text_px(RIGHT_PX))
+        for name in self._names:
+            name.setFixedWidth(theme.text_px(NAME_PX))
 
     # ------------------------------------------------------------------------------------------- what is asked for
 
@@ -510,6 +521,7 @@ class TryPage(Page):
         had = before.protocol if before is not None else None
         if had is None or (had.controllers, had.paths) != (protocol.controllers, protocol.paths):
             self.guides.clear()
+            self._names.clear()
             self.settings = self._theirs = self._place = None
             self._fill(opened)
             self.canvas.radii_m = (protocol.trial.start_radius_m, protocol.trial.end_radius_m)
