@@ -125,7 +125,7 @@ class TrialView(QFrame):
     def resizeEvent(self, event: QResizeEvent) -> None:
         wide = self.width() > WIDE_PX
         self._middle.setDirection(QBoxLayout.Direction.LeftToRight if wide else QBoxLayout.Direction.TopToBottom)
-        for part, share in enumerate((5, 4) if wide else (4, 7)):
+        for part, share in enumerate((5, 4) if wide else (3, 8)):
             self._middle.setStretch(part, share)
         super().resizeEvent(event)
 
