@@ -87,7 +87,7 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
         braked=file.braked,
         force_normalised_N=force_normalised(file.geometry, brakes),
         command_unit=units.pop(),
-        assumed="assumed" in {file.provenance, *(brake.provenance for brake in brakes.values())},
+        assumed=file.provenance == "assumed" or any(brake.assumed for brake in brakes.values()),
         text=text,
         brake_texts=dict(brake_texts),
         sensing=file.sensing,

@@ -69,6 +69,11 @@ class BrakeFile(Table, frozen=True):
         for key, constant in (("rise", self.rise), ("fall", self.fall)):
             self._check_time_constant(key, constant)
 
+    @property
+    def assumed(self) -> bool:
+        """Whether some of its numbers are assumed, by its provenance."""
+        return "assumed" in self.provenance
+
     def changed(self, lag: float, drag: float, backlash_deg: float | None) -> "BrakeFile":
         """The brake with `lag` times its time constants and `drag` times its torque without current.
 

@@ -16,6 +16,7 @@ class Input(NamedTuple):
     begun_with: str  # a session that was begun with it was begun with ..
     meaning: str  # in exports
     simulated: bool = True  # it moves a simulated device: one can choose it
+    by_pointer: bool = False  # the pointer over the path is the hand
 
 
 MOUSE, HID, OPERATOR, SENSOR = "mouse", "hid", "operator", "force sensor"
@@ -24,7 +25,7 @@ INPUTS = {
     for one in (
         Input(
             MOUSE, "Mouse", "pulls the handle by a spring", "the simulated device and the mouse",
-            "a person who pulled the simulated handle with the mouse",
+            "a person who pulled the simulated handle with the mouse", by_pointer=True,
         ),
         Input(
             HID, "Six-axis device", "its deflection is the force", "the simulated device and a six-axis device",

@@ -197,6 +197,7 @@ class Overrides(Table, frozen=True):
 
     rules: Rules | None = None
     assumptions: Assumptions | None = None
+    low_gain_found: Positive | None = None  # N s/m, by the rule "no vibration"
     low_gain: LowGain | None = None  # besides, of the proportional controller of least gain
     seed: Seed | None = None
     devices: tuple[str, ...] | None = None  # names
@@ -254,14 +255,33 @@ class Protocol(Settings, frozen=True, kw_only=True):
     @property
     def low_gain(self) -> float | None:
         """The least gain of its proportional controllers, N s/m; None without any."""
-        gains = [preset.value(GAIN) for preset in self.controllers.values() if preset.kind == PROPORTIONAL]
-        return min(gains, default=None)
+        number = self.low_gain_controller
+        return None if number is None else self.controllers[number].value(GAIN)
+
+    @property
+    def low_gain_controller(self) -> int | None:
+        """Its proportional controller of least gain."""
+        return _low_gain_controller(self.controllers)
+
+    @property
+    def unsettled(self) -> bool:
+        """Whether its low gain is given by the rule "no vibration", and the number has not been found yet."""
+        return self.assumptions.low_gain == NO_VIBRATION and "low_gain_found" not in self.overrides
+
+    def refuse_unsettled(self) -> None:
+        """InputError if the number of its low gain is not known."""
+        if self.unsettled:
+            raise InputError(
+                f"{self.name}: low gain {NO_VIBRATION!r}: phd study and phd worlds find the number on simulated "
+                "trials; here it must be given in N s/m"
+            )
 
     def note(self) -> str:
         """The note on every figure: protocol, rules, the low gain, what is assumed."""
         parts = [f"{self.name} protocol", f"{self.rules} rules"]
         if self.low_gain is not None:
-            parts.append(f"low gain {self.low_gain:g} N s/m")
+            rule = f" ({NO_VIBRATION})" if self.assumptions.low_gain == NO_VIBRATION else ""
+            parts.append(f"low gain {self.low_gain:g} N s/m{rule}")
         parts += [words] if (words := self.assumptions.words()) else []
         if any(device.assumed for device in self.devices):
             parts.append("parameters assumed")
@@ -375,7 +395,7 @@ def _checked(
     assumptions = asked.assumptions or file.assumptions
     if asked.low_gain is not None:
         assumptions = msgspec.structs.replace(assumptions, low_gain=asked.low_gain)
-    controllers = _assumed(controllers, assumptions, where)
+    controllers = _assumed(controllers, assumptions, asked.low_gain_found, where)
     if assumptions.sensing == ENCODERS:
         for _, device in devices:
             encoder_counts(device)
@@ -434,17 +454,24 @@ def _paths(entries: Sequence[dict[str, Any]], where: str) -> dict[int, PathFile]
     return paths
 
 
-def _assumed(controllers: dict[int, Preset], assumptions: Assumptions, where: str) -> dict[int, Preset]:
-    """The controllers under the assumptions: the low gain is that of the proportional one of least gain."""
+def _assumed(
+    controllers: dict[int, Preset], assumptions: Assumptions, found: float | None, where: str
+) -> dict[int, Preset]:
+    """The controllers under the assumptions; found: the low gain (N s/m) by the rule "no vibration"."""
     controllers = {number: assumptions.controller(preset) for number, preset in controllers.items()}
     gain = assumptions.low_gain
-    if gain is None or gain == NO_VIBRATION:
+    if gain is None:
         return controllers
-    proportional = [number for number, preset in controllers.items() if preset.kind == PROPORTIONAL]
-    if not proportional:
+    least = _low_gain_controller(controllers)
+    if least is None:
         raise InputError(f"{where}: controller: none is proportional, there is no low gain to set")
-    least = min(proportional, key=lambda number: controllers[number].value(GAIN))
-    return {**controllers, least: controllers[least].replaced(GAIN, float(gain))}
+    number = found if gain == NO_VIBRATION else float(gain)
+    return controllers if number is None else {**controllers, least: controllers[least].replaced(GAIN, number)}
+
+
+def _low_gain_controller(controllers: Mapping[int, Preset]) -> int | None:
+    proportional = [number for number, preset in controllers.items() if preset.kind == PROPORTIONAL]
+    return min(proportional, key=lambda number: controllers[number].value(GAIN), default=None)
 
 
 def check_reach(devices: Iterable[tuple[str, Device]], paths: Mapping[int, PathFile], where: str) -> None:

@@ -188,7 +188,7 @@ PREPARING, NO_SESSION, READY, RUNNING, RERIG, BREAK, QUESTIONS, FINISHED, FAILED
     "preparing", "no session", "ready", "running", "re-rig", "break", "questions", "finished", "failed"
 )  # fmt: skip
 
-#: stage -> why what does not fit it is refused
+#: stage -> why what does not fit it is refused; of a further step between two trials its card says so
 NOT_NOW = {
     PREPARING: "Everything is still being prepared.",
     NO_SESSION: "No session is open.",
@@ -291,10 +291,15 @@ class Snapshot(NamedTuple):
     newest: "TrialRow | None" = None  # of the trials that ended since the session was opened, practice included
 
     @property
+    def not_now(self) -> str:
+        """Why what does not fit the stage is refused."""
+        return NOT_NOW[self.stage] if self.stage in NOT_NOW else f"{self.card.title}: this comes first."
+
+    @property
     def why_not(self) -> str:
         """Why no trial can be started now; "": one can. The server refuses by it, the window greys its buttons."""
         if self.stage not in (READY, NO_SESSION):
-            return NOT_NOW[self.stage]
+            return self.not_now
         if self.paused:
             return "The session is paused: resume it first (Ctrl+P)."
         if self.brakes_off:

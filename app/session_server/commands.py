@@ -10,7 +10,7 @@ from app.session_server.device_setup import RealSetup, person_at
 from app.session_server.preflight import done_without
 from app.session_server.session_progress import SessionProgress
 from app.session_server.state import State
-from app.session_server.steps import due_step, ended_by
+from app.session_server.steps import STEPS, due_step, ended_by
 from core.files import InputError
 from experiments.inputs import INPUTS
 from experiments.plan import PlannedTrial, counted
@@ -42,7 +42,7 @@ def refused(state: State, command: "Command") -> str:
     if command.session and state.progress is None:
         return state.broken or m.NOT_NOW[m.NO_SESSION]
     if command.stages and state.stage not in command.stages:
-        return state.broken or m.NOT_NOW[state.stage]
+        return state.broken or state.snapshot().not_now
     return f"{state.storage.undone}." if command.stored and state.storage.undone else ""
 
 
@@ -193,7 +193,7 @@ class Command(NamedTuple):
 
 
 #: no trial runs, and one could
-IDLE = (m.PREPARING, m.READY, m.RERIG, m.BREAK, m.QUESTIONS, m.FINISHED)
+IDLE = (m.PREPARING, m.READY, *(step.name for step in STEPS), m.FINISHED)
 
 COMMANDS = {
     m.Open: Command(_open, (m.NO_SESSION,), session=False),

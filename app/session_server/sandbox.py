@@ -33,7 +33,7 @@ from core.tick_log import APPROACH, PHASE
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import Metrics, trial_metrics
 from experiments.assumptions import SENSINGS, Assumptions
-from experiments.inputs import MOUSE, OPERATOR
+from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
 from experiments.protocol_writer import save_variant
@@ -162,7 +162,7 @@ class Sandbox:
         """The settings that cannot be changed here."""
         if self.real:
             return ONLY_SIMULATED
-        return () if self._setup.hand == MOUSE else ("spring_N_m",)
+        return () if INPUTS[self._setup.hand].by_pointer else ("spring_N_m",)
 
     @property
     def state(self) -> SandboxState | None:

@@ -41,7 +41,7 @@ class SessionProgress:
         self.session = session
         self.coming: PlannedTrial | None = None
         self.last_end_s: float | None = None  # of a trial; None: what comes next is not one trial's length away
-        self.rested_at = -1  # trials that were settled when the last break ended
+        self.newest_line: dict[str, dict[str, Any]] = {}  # event -> its newest line of the journal: what a step reads
         self.notes: list[str] = []
         self._rest_from_s = time.monotonic()  # when the last trial ended
         self.newest: TrialRow | None = None  # of the trials that ended since it was taken up
@@ -51,17 +51,16 @@ class SessionProgress:
             self.take_in(event, at, about)
         self.paused_s: float | None = None  # since when
         if self.break_left_s() <= 0.0:  # it has passed while the session was closed, or there is none
-            self.rested_at = session.settled
+            self.newest_line[BREAK_ENDED.name] = {"settled": session.settled}
         self.look_ahead()
         self.rigged = self.coming.configuration if self.coming else ""  # the configuration of a simulated device
 
     def take_in(self, event: Event, at: str, about: dict[str, Any]) -> None:
         """A line of the journal, from an earlier day or of now (ISO time): what it changes."""
+        self.newest_line[event.name] = about
         if event is ENDED:
             since_s = (datetime.now(UTC) - datetime.fromisoformat(at)).total_seconds()
             self._rest_from_s = time.monotonic() - max(0.0, since_s)  # a clock that was set back: the whole break
-        elif event is BREAK_ENDED:
-            self.rested_at = about["settled"]
         elif event is NOTE:
             self.notes.append(f"{datetime.fromisoformat(at).astimezone():%H:%M} {about['text']}")
         elif event is ANSWERS:
@@ -84,7 +83,8 @@ class SessionProgress:
     @property
     def break_due(self) -> bool:
         """Whether a break comes before the next trial, and has not been ended."""
-        return self._break_due and self._settled != self.rested_at
+        rested_at = self.newest_line.get(BREAK_ENDED.name, {}).get("settled")  # trials that were settled when it ended
+        return self._break_due and self._settled != rested_at
 
     def break_left_s(self) -> float:
         """How long the break lasts at least, from now."""

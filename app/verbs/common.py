@@ -67,12 +67,16 @@ def whole_number_of(at_least: int) -> Callable[[str], int]:
     return whole_number
 
 
-def low_gain(text: str) -> float:
+def low_gain(text: str) -> float | str:
     """The type of --low-gain."""
+    from experiments.assumptions import NO_VIBRATION
+
+    if text == NO_VIBRATION:
+        return text
     with contextlib.suppress(ValueError):
         if 0.0 < (gain := float(text)) < math.inf:
             return gain
-    raise argparse.ArgumentTypeError(f"must be a number greater than 0, in N s/m, not {text!r}")
+    raise argparse.ArgumentTypeError(f"must be a number greater than 0, in N s/m, or {NO_VIBRATION!r}, not {text!r}")
 
 
 def devices_of(args: argparse.Namespace) -> list:

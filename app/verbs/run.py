@@ -115,7 +115,10 @@ def protocol_of(args: argparse.Namespace):
     """The protocol with what the command line gives in place of its own."""
     from experiments.protocol import load_protocol
 
-    return load_protocol(args.protocol, devices=args.device, rules=args.rules, low_gain=args.low_gain, seed=args.seed)
+    asked = {"rules": args.rules, "low_gain": args.low_gain, "seed": args.seed}
+    protocol = load_protocol(args.protocol, devices=args.device, **asked)
+    protocol.refuse_unsettled()
+    return protocol
 
 
 def print_plan(args: argparse.Namespace) -> int:

@@ -30,8 +30,9 @@ def add(verbs) -> None:
     option("--device", **DEVICES)
     option("--rules", choices=RULES, help="rule set of the controllers (default: the protocol's)")
     option(
-        "--low-gain", type=low_gain, metavar="NUMBER",
-        help="N s/m of the proportional controller of least gain (default: the protocol's; Table I: 5)",
+        "--low-gain", type=low_gain, metavar="NUMBER|'no vibration'",
+        help="N s/m of the proportional controller of least gain, or the paper's rule: the largest gain without "
+        "detectable vibration, found on simulated trials (default: the protocol's; Table I: 5)",
     )  # fmt: skip
     option("--population", metavar="NAME|PATH", help="of the operators: shipped, or a file (default: average)")
     option("--resume", action="store_true", help="go on with the interrupted study in DIR, as it was begun")

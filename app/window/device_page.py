@@ -278,7 +278,7 @@ class DevicePage(QWidget):
             return "Start a session first: its journal records these steps."
         if self._snapshot.coming is None:
             return "All trials of the plan are done."
-        between = self._snapshot.stage in (m.READY, m.RERIG, m.BREAK, m.QUESTIONS)
+        between = self._snapshot.stage == m.READY or self._snapshot.card is not None
         return "" if between else "These steps are taken between two trials."
 
     def _quantised(self, status: m.DeviceStatus) -> str:

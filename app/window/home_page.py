@@ -63,6 +63,7 @@ def load(setup: m.Setup) -> Loaded:
     protocol = load_protocol(
         setup.protocol, devices=setup.devices, rules=setup.rules, low_gain=setup.low_gain, seed=setup.seed
     )
+    protocol.refuse_unsettled()
     participant = setup.participant
     if not participant or session_folder(setup.data_dir, participant).exists():
         try:

@@ -165,7 +165,7 @@ class MainWindow(QWidget):
             "larger": lambda: theme.scale_text(1),
             "smaller": lambda: theme.scale_text(-1),
             "device": lambda: self.show_page(HOME, "device"),
-            **{name.lower(): (lambda name=name: self.show_page(name)) for name in PAGES},
+            **{name.lower(): (lambda name=name: self.show_page(name)) for name in PAGES if name.lower() in KEYS},
         }
         bind(self, own | {name: (lambda name=name: self.do(name)) for name in KEYS if name not in own})
 

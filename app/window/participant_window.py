@@ -198,7 +198,8 @@ class ParticipantWindow(QWidget):
             return
         self.view.show_handle(snapshot.tip)
         self.view.show_hold(0.0)
-        if snapshot.stage in (m.RERIG, m.BREAK, m.FINISHED, m.FAILED, m.NO_SESSION, m.PREPARING):
+        step = snapshot.card is not None and snapshot.stage != m.QUESTIONS
+        if step or snapshot.stage in (m.FINISHED, m.FAILED, m.NO_SESSION, m.PREPARING):
             self.view.show_path(None)
             self.view.show_handle(None)
             self.view.show_pointer(None)

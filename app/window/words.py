@@ -7,7 +7,7 @@ from app.ipc import messages as m
 from app.window.painting import theme
 from core import tick_log
 from experiments.analysis.trials_table import TrialRow
-from experiments.inputs import MOUSE
+from experiments.inputs import INPUTS
 from experiments.language import ENGLISH_WORDS, Language
 from experiments.plan import PlannedTrial
 
@@ -63,8 +63,8 @@ def moving(phase: int, taken: bool, language: Language, left_early: bool = False
 def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = False) -> Shown:
     """The lines while no trial runs. own_start: the person who reads them has the space bar."""
     language = language_of(opened)
-    if snapshot.stage in STAGES or snapshot.paused:
-        stage = snapshot.stage if snapshot.stage in STAGES else m.BREAK
+    if snapshot.stage in STAGES or snapshot.card is not None or snapshot.paused:
+        stage = snapshot.stage if snapshot.stage in STAGES else m.BREAK if snapshot.card is None else m.RERIG
         large, small = STAGES[stage]
         first = feedback(snapshot, opened) if stage in (m.RERIG, m.BREAK, m.FINISHED) else ""
         return Shown(language[large], " · ".join(filter(None, (first, language.get(small, "")))))
@@ -163,4 +163,4 @@ def size(count: int) -> str:
 
 def hand_is_mouse(opened: m.Opened | None) -> bool:
     """Whether the pointer is the hand (until it is known what is, yes: the pointer does nothing then)."""
-    return opened is None or opened.hand == MOUSE
+    return opened is None or INPUTS[opened.hand].by_pointer

@@ -78,6 +78,8 @@ GAP = frozenset({IN_GAP})
 UNREACHABLE = frozenset(
     {RELEASE_NO_VALID, RELEASE_NONE_SELECTED, LOCK_NO_VALID, LOCK_NONE_SELECTED, LOCK_BACK_NONE_SELECTED}
 )
+#: of them, those in which the rules take all current off the brakes
+RELEASED = frozenset({RELEASE_NO_VALID, RELEASE_NONE_SELECTED})
 #: ticks with full current on all brakes
 LOCKED = frozenset({LOCK_NO_VALID, LOCK_NONE_SELECTED, LOCK_BACK, LOCK_BACK_NONE_SELECTED})
 

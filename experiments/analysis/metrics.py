@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from core.control.algorithm import GAP, NONE, UNREACHABLE
+from core.control.algorithm import GAP, LOCKED, NONE, RELEASED, UNREACHABLE
 from core.control.controllers import DECISIONS
 from core.files import InputError
 from core.path import Path, measure
@@ -208,6 +208,12 @@ class Movement:
         lacking = self._decided(UNREACHABLE) & outside & (self.force > FELT_FORCE_N)
         return int(np.count_nonzero(lacking)) / int(np.count_nonzero(outside))
 
+    def share_of_ticks(self, decisions: frozenset[int]) -> float | None:
+        """Share of the ticks with one of these decisions; None without a controller."""
+        if self._decided(frozenset({NONE})).all():
+            return None
+        return float(np.mean(self._decided(decisions)))
+
     def slave_error(self) -> float | None:
         """Distance between the slave and the handle, mean over time, m; None without a slave."""
         apart = self._may_be_missing("slave_x_m", "slave_y_m") - self.tip
@@ -360,6 +366,19 @@ METRICS = (
         lambda m: acceleration_dft_sum(m.exact_acceleration),
         shown_unit="m/s²", decimals=1, figure="fig18_acceleration_to_100_Hz", stands_for="smoothness", compared=True,
         simulated_only=True,
+    ),
+    Metric(
+        "locked_share", "", "Locked share", "share locked",
+        "share of the ticks in which the rules put full current on all brakes; none for controller 1",
+        lambda m: m.share_of_ticks(LOCKED),
+        needs_progress=False, tells_controller=True,
+    ),
+    Metric(
+        "released_share", "", "Released share", "share released",
+        "share of the ticks in which no brake was valid or selected and the rules took all current off; none for "
+        "controller 1",
+        lambda m: m.share_of_ticks(RELEASED),
+        needs_progress=False, tells_controller=True,
     ),
 )  # fmt: skip
 BY_NAME = {metric.name: metric for metric in METRICS}

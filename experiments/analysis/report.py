@@ -70,6 +70,7 @@ def write_report(
         texts |= {"findings.csv": _findings_csv(found, by_boxes)} if found else {}
         texts["statistics.csv"] = _csv(Result._fields, results)
         parts += ["## Against no control", *_against_none(results, names, none), *_roughness(results, names)]
+        parts += _locks_and_releases(rows, names)
         parts.append("## What else to know")
         parts.append("\n".join(f"- {sentence}" for sentence in sentences(results, names)))
     texts["report.md"] = "\n\n".join(parts) + "\n"
@@ -201,6 +202,28 @@ def _roughness(results: Sequence[Result], names: Mapping[int, str]) -> list[str]
         "sees vibration up to 100 Hz. `phd analyze` adds other weights, filters and ranges from the recordings."
     )
     return ["## How rough, by what is looked at", "\n".join(lines), how]
+
+
+def _locks_and_releases(rows: Sequence[TrialRow], names: Mapping[int, str]) -> list[str]:
+    """Table of how often the rules lock or release because no brake is right, by device and controller."""
+    shares: dict[tuple[str, int | str], list[tuple[float, float]]] = {}
+    for row in rows:
+        if row.status in COUNTED and row.locked_share is not None and row.released_share is not None:
+            shares.setdefault((row.configuration, row.controller), []).append((row.locked_share, row.released_share))
+    if not shares:
+        return []
+    lines = ["| device | controller | locked (% of ticks) | released (%) | trials with a lock |", "|---" * 5 + "|"]
+    for (device, controller), found in sorted(shares.items()):
+        locked, released = (100.0 * sum(values) / len(found) for values in zip(*found, strict=True))
+        with_lock = sum(one > 0.0 for one, _ in found)
+        lines.append(
+            f"| {device} | {_name(controller, names)} | {locked:.2f} | {released:.2f} | {with_lock} of {len(found)} |"
+        )
+    how = (
+        "Mean share of the ticks. Locked: full current on all brakes, because no brake was valid or selected and the "
+        "hand pushed away, or because it moved back. Released: no current, because no brake was valid or selected."
+    )
+    return ["## Locks and releases", "\n".join(lines), how]
 
 
 def _out_of_reach(results: Sequence[Result], configurations: set[str]) -> list[str]:

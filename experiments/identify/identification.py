@@ -92,6 +92,17 @@ class Identification:
             assumed["backlash_deg"] = "steps do not show it"
         return assumed
 
+    def given(self, backlash_deg: float | None) -> list[str]:
+        """Keys of the brake file whose numbers were given by hand."""
+        omega_0 = [] if self.scatter else ["omega_0_rpm"]
+        return omega_0 + ([] if backlash_deg is None else ["backlash_deg"])
+
+    @property
+    def identified(self) -> list[str]:
+        """Keys of the brake file whose numbers the steps show."""
+        omega_0 = ["omega_0_rpm"] if self.scatter and self.flat_part_seen else []
+        return ["k", "rise", "fall", *omega_0]
+
     @property
     def set_aside(self) -> list[Measured]:
         """The averaged steps without a transient that stands out."""

@@ -1,8 +1,9 @@
 """`phd identify`: from measured current steps to a brake file, with intervals, residuals and Figs. 6 to 8.
 
-What the steps do not show is called assumed in the file: the largest current, the knee, the backlash, the floor (a
-quarter of the lowest measured speed: our choice, the paper sets none), and omega_0 where no two measured speeds lie in
-the flat part of Eq. (4). Numbers that are hardly in the units of their columns are taken as they are, with a warning.
+The file's provenance names what was identified, what was given by hand, and what the steps do not show and is assumed:
+the largest current, the knee, the backlash, the floor (a quarter of the lowest measured speed: our choice, the paper
+sets none), and omega_0 where no two measured speeds lie in the flat part of Eq. (4). A device with such a brake is
+shown as assumed. Numbers that are hardly in the units of their columns are taken as they are, with a warning.
 """
 
 import contextlib
@@ -78,18 +79,19 @@ def _brake_text(found: Identification, name: str, backlash_deg: float | None, fl
     k1, k2, k3, k4 = (value[key] for key in K_NAMES[:4])
     value["k_5"] = round(k1 * KNEE_A + k2 - (k3 * KNEE_A + k4) * KNEE_A, 9)  # continuous, as rounded
     assumed = found.assumed(backlash_deg)
-    how = {
-        "backlash_deg": "given",
-        "omega_0_rpm": "where the time constants scatter least" if found.scatter else "given",
-    }
-    how |= {key: f"assumed: {why}" for key, why in assumed.items()}
-    provenance = f"identified from {found.source}; assumed: {', '.join(assumed)}"
+    given = found.given(backlash_deg)
+    how = {"omega_0_rpm": "identified: where the time constants scatter least"}
+    how |= dict.fromkeys(given, "given") | {key: f"assumed: {why}" for key, why in assumed.items()}
+    provenance = f"identified from {found.source}: {', '.join(found.identified)}"
+    provenance += f"; given: {', '.join(given)}" if given else ""
+    provenance += f"; assumed: {', '.join(assumed)}"
     if found.doubtful:
         provenance += f"; doubtful units: {', '.join(found.doubtful)}"
 
     def line(key: str) -> str:
         number = f"{value[key]!r},"
-        return f"    {number:16}# {key.partition('.')[2] or key} +- {rows[key].half_width:.2g} {rows[key].unit}"
+        why = ": K is continuous at the knee" if key == "k_5" else ""
+        return f"    {number:16}# {key.partition('.')[2] or key} +- {rows[key].half_width:.2g} {rows[key].unit}{why}"
 
     def number(key: str, value: float) -> str:
         return f"{key} = {value!r}".ljust(24) + f"# {how[key]}"
@@ -141,6 +143,8 @@ def summary(found: Identification, backlash_deg: float | None = None) -> dict[st
         ],
         "omega_0_rpm": found.omega_0_rpm,
         "omega_0_by": found.omega_0_by,
+        "identified": found.identified,
+        "given": found.given(backlash_deg),
         "assumed": found.assumed(backlash_deg),
         "warnings": found.warnings,
         "scatter_by_omega_0": [{"omega_0_rpm": key, "scatter": value} for key, value in found.scatter.items()],

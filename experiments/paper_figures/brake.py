@@ -41,7 +41,7 @@ class Brake(NamedTuple):
 
     @property
     def assumed(self) -> bool:
-        return self.file.provenance == "assumed"
+        return self.file.assumed
 
     @property
     def command(self) -> str:

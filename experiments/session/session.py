@@ -67,6 +67,7 @@ class Session:
         """
         if person is None:
             protocol.refuse_stranger(participant)
+        protocol.refuse_unsettled()
         protocol.refuse_answers(form or {})
         is_blind = (protocol.blind and person is None) if blind is None else blind
         plan = make_plan(protocol, participant, is_blind)

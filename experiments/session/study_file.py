@@ -53,6 +53,7 @@ def refuse_other(folder: Path, study: StudyPlan, asked: Mapping[str, object]) ->
     asked: operators, seed, rules, low_gain -> value; devices, protocol, population -> the thing itself.
     """
     own = {"operators": study.operators, "protocol": study.protocol, "population": study.population}
+    own |= {"low_gain": study.protocol.assumptions.low_gain or study.protocol.low_gain}
     for name, value in asked.items():
         begun = own[name] if name in own else getattr(study.protocol, name)
         if _content(value) != _content(begun):

@@ -22,6 +22,7 @@ from experiments.session.files import LOCK, STORED, hold_lock, session_folder, w
 from experiments.session.journal import TRIAL_CUT_OFF
 from experiments.session.session import Session
 from experiments.session.study_file import STUDY, StudyPlan, read_study, refuse_other, write_study
+from experiments.study.low_gain import settled
 from experiments.trial.population import Population
 from experiments.trial.tick import TICK_S
 from experiments.trial.trial import Trial, load_kernels
@@ -42,7 +43,7 @@ def run_study(
     out = Path(out)
     make_empty_folder(out, "a study needs a new or empty folder (or --resume)", (LOCK, f".{STUDY}.partial"))
     with hold_lock(out):
-        study = StudyPlan(operators, protocol, population)
+        study = StudyPlan(operators, settled(protocol, population), population)
         write_study(out, study)
         return Run(out, study, progress).carry_out()
 

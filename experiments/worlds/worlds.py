@@ -23,6 +23,7 @@ from experiments.plan import make_plan
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import write_new_files
 from experiments.study.jobs import Done, Work, run_work
+from experiments.study.low_gain import settled
 from experiments.study.unrecorded import study_trials
 from experiments.trial.tick import TICK_S
 from experiments.worlds.ranges import Ranges, Value
@@ -45,6 +46,7 @@ class World:
     def run(self) -> Done:
         """Its row, in the order of `columns`."""
         protocol, population = self.ranges.study(self.values, self.seed)
+        protocol = settled(protocol, population)
         trials: dict[tuple[str, int], list[Mapping[str, float | None] | None]] = {}
         ticks, finished = 0, 0
         for one in study_trials(protocol, population, self.ranges.operators, DRAWN):

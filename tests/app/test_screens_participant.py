@@ -50,7 +50,7 @@ def test_with_the_mouse_it_says_how_to_take_hold_and_without_it_does_not(screens
     assert "pointer" in said(screens)
     screens.tick(ticks(phase), taken=True)
     assert "pointer" not in said(screens)
-    screens.hear(opened(hand="sensor"), running(1))
+    screens.hear(opened(hand="force sensor"), running(1))
     screens.tick(ticks(phase), taken=False)
     assert "pointer" not in said(screens)
 
@@ -132,7 +132,7 @@ def test_the_pointer_is_the_hand_in_metres(screens: Screens) -> None:
     view = screens.participant.view
     point(view, view.to_screen((0.03, 0.35)))
     assert screens.client.aimed[-1] == pytest.approx((0.03, 0.35), abs=1e-6)
-    screens.hear(opened(hand="sensor"))
+    screens.hear(opened(hand="force sensor"))
     count = len(screens.client.aimed)
     point(view, view.to_screen((0.0, 0.3)))
     assert len(screens.client.aimed) == count

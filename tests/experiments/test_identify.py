@@ -108,7 +108,7 @@ def test_the_averaged_step_is_the_mean_of_its_repeats_also_on_different_clocks()
 def test_torque_gain_is_continuous_at_the_knee_and_the_file_is_a_brake():
     found = identify_steps(synthetic_steps(BRAKE, 0, repeats=1), "steps.csv")
     brake = parse_brake(brake_text(found, 'my "brake"'), "brake")
-    assert brake.name == 'my "brake"' and brake.provenance.startswith("identified from steps.csv; assumed: ")
+    assert brake.name == 'my "brake"' and brake.provenance.startswith("identified from steps.csv: k, rise, fall, ")
     k1, k2, k3, k4, k5 = brake.k
     assert k1 * 0.2 + k2 == pytest.approx(k3 * 0.04 + k4 * 0.2 + k5, abs=1e-8)
     assert np.array(brake.k) == pytest.approx(found.gain.values, rel=1e-4)
@@ -188,7 +188,23 @@ def test_the_file_calls_assumed_what_steps_do_not_show_and_nothing_else(quiet):
         lines = [line.split(" = ")[0] for line in text.splitlines() if "# assumed: " in line]
         expected = assumed or ["current_max_A", "knee_A", "floor_rpm"]
         assert sorted(lines) == sorted(expected) == sorted(summary(found, backlash)["assumed"])
-        assert parse_brake(text, "brake").provenance == f"identified from steps.csv; assumed: {', '.join(expected)}"
+        given = [] if backlash is None else ["backlash_deg"]
+        shown = "identified from steps.csv: k, rise, fall, omega_0_rpm" + "; given: backlash_deg" * len(given)
+        brake = parse_brake(text, "brake")
+        assert brake.provenance == f"{shown}; assumed: {', '.join(expected)}" and brake.assumed
+        assert summary(found, backlash)["given"] == given
+        marked = [*found.identified, *given, *expected, "name", "provenance", "command_unit"]
+        assert sorted(marked) == sorted(BrakeFile.__struct_fields__)
+
+
+def test_what_is_called_identified_is_neither_given_nor_assumed():
+    """omega_0 from 4 rpm and below is assumed, by hand given, and identified only where the flat part is seen."""
+    for speeds, omega_0, where in ((SPEEDS, None, "identified"), (SPEEDS[:4], None, "assumed"), (SPEEDS, 8.0, "given")):
+        found = identify_steps(synthetic_steps(BRAKE, 1, QUIET, speeds=speeds, repeats=1), "steps.csv", omega_0)
+        numbers = summary(found)
+        assert [key for key in ("identified", "given", "assumed") if "omega_0_rpm" in numbers[key]] == [where]
+        line = next(one for one in brake_text(found, "mine").splitlines() if one.startswith("omega_0_rpm"))
+        assert f"# {where}" in line
 
 
 def test_the_command_warns_on_stderr_and_in_json(folder, capsys):

@@ -301,6 +301,17 @@ def test_dft_sum_matches_the_definition_summed_term_by_term():
     assert m.acceleration_weighted_rms(acceleration) == pytest.approx(np.sqrt(0.5 * squares), rel=1e-12)
 
 
+def test_locked_and_released_ticks_are_counted_apart_and_not_without_a_controller():
+    decisions = np.full(5200, USE_SDOF)
+    decisions[1200:1600] = algorithm.LOCK_NO_VALID
+    decisions[2000:2200] = algorithm.LOCK_BACK
+    decisions[3000:3100] = algorithm.RELEASE_NO_VALID
+    found = measured(hand_made(DECISION=decisions))
+    assert (found.locked_share, found.released_share) == (600 / 4000, 100 / 4000)
+    found = measured(hand_made(DECISION=np.full(5200, algorithm.NONE)))
+    assert (found.locked_share, found.released_share) == (None, None)
+
+
 def vibrating(frequency, amplitude=0.5):
     """A movement along the path with a vibration across it: its tip and its exact acceleration (m/s2)."""
     t = np.arange(5200) / 1000.0

@@ -1,0 +1,75 @@
+"""The low gain by the paper's rule: the largest without detectable vibration."""
+
+import json
+
+import numpy as np
+import pytest
+from protocols import PEOPLE, protocol_of, short
+from sessions import new_session
+
+from app.cli import main
+from core.files import InputError
+from experiments.protocol import GAIN, Protocol, protocol_from_json, protocol_to_json
+from experiments.study.low_gain import DETECTED_M_S2, GAINS, settled, vibrations
+from experiments.study.unrecorded import study_trials
+
+
+@pytest.fixture(scope="module")
+def unsettled() -> Protocol:
+    return protocol_of(f'{short(paths=1).text}\n[assumptions]\nlow_gain = "no vibration"\n')
+
+
+@pytest.fixture(scope="module")
+def found(unsettled) -> Protocol:
+    return settled(unsettled, PEOPLE)
+
+
+def test_the_gain_found_does_not_vibrate_and_the_next_one_does(unsettled, found):
+    assert found.low_gain in GAINS[1:-1]
+    low = found.controllers[5]
+    without = vibrations(found, PEOPLE, found.controllers[1])
+    steps = GAINS.index(found.low_gain)
+    added = [vibrations(found, PEOPLE, low.replaced(GAIN, GAINS[n])) - without for n in (steps, steps + 1)]
+    assert added[0].max() <= DETECTED_M_S2**2 < added[1].max()
+
+
+def test_the_number_found_is_stored_with_its_rule_and_not_looked_for_again(found):
+    again = protocol_from_json(protocol_to_json(found), "stored")
+    assert again.low_gain == found.low_gain and again.assumptions.low_gain == "no vibration" and not again.unsettled
+    assert settled(again, PEOPLE) is again
+    assert f"low gain {found.low_gain:g} N s/m (no vibration)" in again.note()
+    assert again.controllers[4].value(GAIN) == 10_000.0
+
+
+def test_the_same_seed_finds_the_same_gain_and_another_world_another(unsettled, found):
+    assert settled(unsettled, PEOPLE).low_gain == found.low_gain
+    about = protocol_to_json(unsettled)
+    slow = {"low_gain": "no vibration", "sensing": "encoders", "lag_factor": 0.2}
+    other = settled(protocol_from_json({**about, "overrides": {"assumptions": slow}}, "other"), PEOPLE)
+    assert other.low_gain != found.low_gain
+
+
+def test_a_session_needs_the_number(unsettled, tmp_path, capsys):
+    with pytest.raises(InputError, match="find the number on simulated trials; here it must be given in N s/m"):
+        new_session(tmp_path, protocol=unsettled)
+    assert main(["run", "--low-gain", "no vibration", "--print-plan"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_study_by_the_rule_prints_and_stores_the_number_and_goes_on_with_it(unsettled, tmp_path, capsys):
+    path, out = tmp_path / "mine.toml", tmp_path / "out"
+    path.write_text(unsettled.text)
+    asked = ["study", str(path), "--operators", "1", "--out", str(out)]
+    assert main([*asked, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    stored = json.loads((out / "study.json").read_text())["protocol"]["overrides"]
+    assert told["low_gain_N_s_m"] == stored["low_gain_found"] in GAINS
+    assert "(no vibration)" in (out / "report" / "report.md").read_text()
+    assert main([*asked, "--resume", "--low-gain", "no vibration"]) == 0
+    assert main([*asked, "--resume", "--low-gain", "5"]) == 2
+    assert "--low-gain: the study was begun with no vibration" in capsys.readouterr().err
+
+
+def test_trials_without_recordings_are_under_the_same_assumptions(found):
+    trials = [one for one in study_trials(found, PEOPLE, 1) if one.planned.controller == 5]
+    assert trials and all(np.isfinite(one.measures["path_error_m"]) for one in trials)
