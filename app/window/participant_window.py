@@ -111,7 +111,8 @@ def extent_at_half_width(paths: Collection[PathFile], radii_m: tuple[float, floa
 
     Our choice: one scale for a session, so that the same movement of the hand is the same on the screen in every
     trial; a narrower path then takes less than half. Where the paths are too high for that above the text, the height
-    decides (the paper's, 16 cm, on a screen wider than 16:9), because a path must be seen whole.
+    decides (the paper's, 16 cm, on a screen wider than 16:9), because a path must be seen whole; paths that lie side
+    by side must all be seen where they are.
     """
     around = extent_of_paths(paths, 0.0)
     widest = max(extent_of_paths([path], 0.0).width() for path in paths)
