@@ -5,18 +5,31 @@ no tip position at which both arms close, or a mass matrix that has no inverse.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from core.device_file import ELBOWS, BrakeFile, DeviceFile, Geometry, Link, Sensing, parse_brake, read_brake_text
-from core.files import InputError, Pair, parse_toml, read_text
+from core.device_file import (
+    ELBOWS,
+    BrakeFile,
+    Castor,
+    DeviceFile,
+    Geometry,
+    Link,
+    Sensing,
+    parse_brake,
+    read_brake_text,
+)
+from core.files import InputError, Pair, from_plain, parse_toml, read_text, toml_text
 from core.mechanism import JOINTS, Arm, Brakes, Mechanism, no_brakes
 from core.workspace import why_impossible
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "devices"
+COBOT_FOLDER = Path(__file__).resolve().parent / "cobots"
+UNICYCLE = "unicycle"  # the shipped device with a castor in place of brakes: for simulation, not for a bench
 RAD_S_PER_RPM = 2.0 * math.pi / 60.0
 
 #: m. Our choice: bases closer than this count as one axis (g_E and g_C are then parallel to rounding).
@@ -39,6 +52,7 @@ class Device:
     sensing: Sensing | None
     calibration: np.ndarray | None  # (6, 6) of the force sensor
     calibration_text: str | None  # its file in full
+    castor: Castor | None = None  # in place of brakes
 
 
 def shipped_devices() -> list[str]:
@@ -50,6 +64,8 @@ def load_device(name_or_path: str | Path, folder: Path | None = None) -> Device:
     """A shipped device by its name, or a device file by its path (relative to `folder` or the current folder)."""
     if str(name_or_path) in shipped_devices():
         path = SHIPPED_FOLDER / f"{name_or_path}.toml"
+    elif str(name_or_path) == UNICYCLE:
+        path = COBOT_FOLDER / f"{UNICYCLE}.toml"
     else:
         path = (folder or Path()) / name_or_path
         if not str(name_or_path) or not path.is_file():
@@ -57,12 +73,39 @@ def load_device(name_or_path: str | Path, folder: Path | None = None) -> Device:
                 f"unknown device {str(name_or_path)!r}: neither a shipped device ({', '.join(shipped_devices())}) "
                 "nor a file"
             )
-    text = read_text(path)
-    file = parse_toml(text, DeviceFile, str(path))
-    references = [getattr(file.brakes, joint) for joint in file.braked]
-    brake_texts = {r: read_brake_text(r, path.parent, f"{path}: brakes") for r in dict.fromkeys(references)}
-    matrix = read_text(path.parent / name) if (name := calibration_name(file)) else None
-    return build_device(text, brake_texts, str(path), matrix)
+    return device_of(read_text(path), path.parent, str(path), {})
+
+
+def device_of(text: str, folder: Path, where: str, brakes: Mapping[str, str]) -> Device:
+    """A device from the text of its file; `where` names it. brakes: texts of brake files by name, before those shipped.
+
+    folder: where other brakes, and the calibration of its force sensor, are looked for.
+    """
+    file = parse_toml(text, DeviceFile, where)
+    references = dict.fromkeys(getattr(file.brakes, joint) for joint in file.braked)
+    texts = {r: brakes[r] if r in brakes else read_brake_text(r, folder, f"{where}: brakes") for r in references}
+    matrix = read_text(folder / name) if (name := calibration_name(file)) else None
+    return build_device(text, texts, where, matrix)
+
+
+def inline_devices(
+    devices: Sequence[dict[str, Any]], brakes: Sequence[dict[str, Any]], folder: Path, where: str
+) -> dict[str, Device]:
+    """The devices whose files stand in another file as `[[device]]`, by name; its `[[brake]]`s are brakes for them."""
+    texts: dict[str, str] = {}
+    for place, content in enumerate(brakes, start=1):
+        name = from_plain(content, BrakeFile, f"{where}: brake {place}").name
+        if name in texts:
+            raise InputError(f"{where}: brake: two have the same name ({name})")
+        texts[name] = toml_text(content)
+    found: dict[str, Device] = {}
+    for place, content in enumerate(devices, start=1):
+        named = f"{where}: device {place}"
+        name = from_plain(content, DeviceFile, named).name
+        if name in found:
+            raise InputError(f"{where}: device: two have the same name ({name})")
+        found[name] = device_of(toml_text(content), folder, named, texts)
+    return found
 
 
 def build_device(text: str, brake_texts: dict[str, str], where: str, calibration_text: str | None = None) -> Device:
@@ -85,19 +128,22 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
         mechanism=mechanism,
         brakes=build_brakes(brakes),
         braked=file.braked,
-        force_normalised_N=force_normalised(file.geometry, brakes),
-        command_unit=units.pop(),
+        force_normalised_N=file.castor.grip_N if file.castor else force_normalised(file.geometry, brakes),
+        command_unit=units.pop() if units else "A",
         assumed=file.provenance == "assumed" or any(brake.assumed for brake in brakes.values()),
         text=text,
         brake_texts=dict(brake_texts),
         sensing=file.sensing,
         calibration=_calibration(file, calibration_text, where),
         calibration_text=calibration_text,
+        castor=file.castor,
     )
 
 
 def with_brakes(device: Device, change: Callable[[BrakeFile], BrakeFile]) -> Device:
     """The device with other brakes: what `change` makes of each of its brake files. Their numbers are then assumed."""
+    if not device.braked:
+        return device
     file = parse_toml(device.text, DeviceFile, device.name)
     brakes = {}
     for joint in file.braked:

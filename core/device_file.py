@@ -248,6 +248,13 @@ class Sensing(Table, frozen=True):
     home_m: Pair | None = None  # where a jig holds the handle while the encoders are homed
 
 
+class Castor(Table, frozen=True):
+    """A steered castor under the handle, in place of brakes (core/cobot.py: unicycle)."""
+
+    steering_rate_max_rad_s: Positive
+    grip_N: Positive  # sideways force that the wheel is taken to hold; the model does not skid, it warns
+
+
 class DeviceFile(Table, frozen=True):
     """A device file."""
 
@@ -257,6 +264,7 @@ class DeviceFile(Table, frozen=True):
     brakes: BrakeNames
     limits: Limits = Limits()
     sensing: Sensing | None = None
+    castor: Castor | None = None
     provenance: str = ""  # "assumed": not measured, and marked so wherever these numbers are shown
 
     def __post_init__(self) -> None:
@@ -268,8 +276,14 @@ class DeviceFile(Table, frozen=True):
                 f"sensing.force.inertia_beyond_kg ({force.inertia_beyond_kg:g}) is part of mass.tip_kg "
                 f"({self.mass.tip_kg:g}) and cannot exceed it"
             )
-        if not self.braked:
+        if not self.braked and not self.castor:
             raise ValueError("brakes must name at least one of the joints A, E, B, C")
+        m = self.mass
+        links = m.AE.mass_kg, m.ED.mass_kg, m.BC.mass_kg, m.CD.mass_kg, m.joint_E_kg, m.joint_C_kg
+        if self.castor and (self.braked or any(links)):
+            raise ValueError(
+                "castor: the model has the mass of the handle alone (tip_kg), with no brakes and massless links"
+            )
 
     @property
     def braked(self) -> str:

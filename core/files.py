@@ -3,9 +3,11 @@
 A file format is a tree of `Table`s. Every refusal is an `InputError` that names file, key and reason.
 """
 
+import json
 import math
 import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -70,6 +72,45 @@ def from_plain(content: Any, kind: Any, where: str) -> Any:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
         raise InputError(f"{where}: {_sentence(str(error), content).lstrip()}") from None
+
+
+def toml_text(content: Mapping[str, Any]) -> str:
+    """The TOML text of what `tomllib` reads: dictionaries, lists, texts and numbers.
+
+    Keys keep their order, but tables come after plain values. A key whose value is None is left out.
+    """
+    return "\n".join(_toml_table(content, "")).strip("\n") + "\n"
+
+
+def _toml_table(content: Mapping[str, Any], name: str) -> list[str]:
+    """The lines of a table: its plain values, then the tables and the lists of tables in it."""
+    given = {key: value for key, value in content.items() if value is not None}
+    nested = {key: value for key, value in given.items() if isinstance(value, Mapping) or _is_list_of_tables(value)}
+    lines = [f"{_toml_key(key)} = {_toml_value(value)}" for key, value in given.items() if key not in nested]
+    for key, value in nested.items():
+        inner = f"{name}.{_toml_key(key)}" if name else _toml_key(key)
+        if isinstance(value, Mapping):
+            lines += ["", f"[{inner}]", *_toml_table(value, inner)]
+        else:
+            for entry in value:
+                lines += ["", f"[[{inner}]]", *_toml_table(entry, inner)]
+    return lines
+
+
+def _is_list_of_tables(value: Any) -> bool:
+    return isinstance(value, list | tuple) and bool(value) and all(isinstance(entry, Mapping) for entry in value)
+
+
+def _toml_key(key: str) -> str:
+    return key if key.isascii() and key.replace("_", "").replace("-", "").isalnum() else _toml_value(key)
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml_value, value))}]"
+    if isinstance(value, float):
+        return repr(value)
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # as TOML writes texts, integers, booleans
 
 
 def text_of_form(pattern: str, words: str) -> msgspec.Meta:

@@ -17,7 +17,7 @@ from core.kernel import kernel
 #: Columns of an edge: its obstacle's number, start (m), unit tangent (outside is to its right), length (m; infinite:
 #: without ends), radius around it (m).
 OBSTACLE, X, Y, TX, TY, LENGTH, RADIUS = range(7)
-NONE = np.zeros((0, 7))  # no obstacle
+MOST_EDGES = 64  # of all obstacles of a trial
 
 Corners = Annotated[tuple[Pair, ...], msgspec.Meta(min_length=3, max_length=32)]
 
@@ -72,9 +72,11 @@ def _twice_area(corners: np.ndarray) -> float:
 
 
 def build_obstacles(files: Sequence[ObstacleFile]) -> np.ndarray:
-    """The edges (n, 7) of all obstacles as the kernels read them."""
+    """The edges (n, 7) of all obstacles as the kernels read them. ValueError if they are too many."""
     edges = [edge for number, one in enumerate(files) for edge in one.edges(number)]
-    return np.array(edges) if edges else NONE
+    if len(edges) > MOST_EDGES:
+        raise ValueError(f"obstacle: they have {len(edges)} edges together, {MOST_EDGES} at most")
+    return np.array(edges).reshape(-1, 7)
 
 
 class Nearest(NamedTuple):
@@ -86,13 +88,13 @@ class Nearest(NamedTuple):
 
 
 @kernel
-def nearest_obstacle(edges, x, y):
-    """`Nearest` of the tip (x, y), m, among the edges (n, 7) of all obstacles."""
+def nearest_obstacle(edges, count, x, y):
+    """`Nearest` of the tip (x, y), m, among the first `count` edges (n, 7), those of all obstacles."""
     distance, n_x, n_y = math.inf, 0.0, 0.0
     first = 0
-    while first < edges.shape[0]:
+    while first < count:
         after = first + 1
-        while after < edges.shape[0] and edges[after, OBSTACLE] == edges[first, OBSTACLE]:
+        while after < count and edges[after, OBSTACLE] == edges[first, OBSTACLE]:
             after += 1
         one = away_from(edges, first, after, x, y)
         if one.distance < distance:

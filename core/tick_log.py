@@ -26,15 +26,16 @@ ARM_HELD_X, ARM_HELD_Y, ARM_FORCE_MAX = 31, 32, 33
 ARM_STIFFNESS = 34  # three places, xx, xy, yy
 PATH_DISTANCE, TRAVEL_SENSE, FORWARD_X, FORWARD_Y, DESIRED_X, DESIRED_Y = range(37, 43)  # of the velocity field
 SLAVE_X, SLAVE_Y, WANTED_FX, WANTED_FY, NEAREST_FX, NEAREST_FY, SHOWN_FX, SHOWN_FY = range(43, 51)
-WIDTH = 51
+OBSTACLE_DISTANCE = 51
+WIDTH = 52
 
 # Further places in the rows of a device on the bench.
-BOARD_US, HOST_S, FILLED = 51, 52, 53
-COUNT = 54  # four places, encoders of the joints A, E, B, C
-FORCE_COUNT = 58  # six places, force channels
-MEASURED = 64  # four places, joints A, E, B, C
-DECIDED = 68
-BENCH_WIDTH = 69
+BOARD_US, HOST_S, FILLED = 52, 53, 54
+COUNT = 55  # four places, encoders of the joints A, E, B, C
+FORCE_COUNT = 59  # six places, force channels
+MEASURED = 65  # four places, joints A, E, B, C
+DECIDED = 69
+BENCH_WIDTH = 70
 
 MISSED_US = 1000.0  # a tick so late (`lateness_us`) was missed
 
@@ -148,6 +149,10 @@ COLUMNS = (
     Column("nearest_fy_N", NEAREST_FY, "N", "the nearest force that the brakes can exert in steady state, y"),
     Column("shown_fx_N", SHOWN_FX, "N", "force of the brakes on the handle while a force is to be shown, x"),
     Column("shown_fy_N", SHOWN_FY, "N", "force of the brakes on the handle while a force is to be shown, y"),
+    Column(
+        "obstacle_distance_m", OBSTACLE_DISTANCE, "m",
+        "distance of the handle from the nearest obstacle, negative inside; n/a where there is none",
+    ),
 )  # fmt: skip
 #: The rest of a simulated device's hand, beside its target: with these a trial is replayed to the last bit.
 ARM_COLUMNS = tuple(column.name for column in COLUMNS if column.of == SIMULATED)

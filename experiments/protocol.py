@@ -15,10 +15,12 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 import msgspec
 
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
+from core.control.guard import NOTHING, Around, Guard, least_held
 from core.control.reflect import WALL_N_M
 from core.control.rule_sets import RULE_SETS
-from core.device import Device, build_device, load_device
+from core.device import Device, build_device, inline_devices, load_device
 from core.files import InputError, NotNegative, Positive, Table, choice, from_plain, parse_toml, read_text, text_of_form
+from core.obstacles import ObstacleFile, build_obstacles, nearest_obstacle
 from core.path import PathFile, build_path, outline, path_from, point_at
 from core.simulator.hand import Hand, spring_hand
 from core.workspace import tip_is_free
@@ -27,6 +29,7 @@ from experiments.language import ENGLISH, Language, language_text, read_language
 from experiments.slave import Slave
 
 REFLECT = "reflect"
+STEERED = ("none", "sdof")  # the controllers that a device with a castor in place of brakes can have
 PROPORTIONAL, GAIN = "proportional", "gain_N_s_m"  # whose least gain `--low-gain` sets
 NUMBER, TEXT = "number", "text"  # what a field of the form takes where it lists no choices
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "protocols"
@@ -138,6 +141,9 @@ class Settings(Table, frozen=True, kw_only=True):
     assumptions: Assumptions = Assumptions()
     trial: TrialFile = TrialFile()
     slave: Slave | None = None  # that follows the handle, and whose force `reflect` shows
+    obstacle: tuple[ObstacleFile, ...] = ()
+    guide: bool = True  # near an obstacle the controllers lead round it
+    guard: Guard | None = None  # locks all brakes in front of obstacles
     release: Release = Release()
     cues: Cues | None = None
     breaks: Breaks | None = None
@@ -187,7 +193,9 @@ ControllerFile = msgspec.defstruct(
 class ProtocolFile(Settings, frozen=True, kw_only=True):
     """One protocol as it stands in its file."""
 
-    devices: Annotated[tuple[Text, ...], _SOME]  # shipped names, or paths from the file's folder
+    devices: Annotated[tuple[Text, ...], _SOME]  # of `device` below, shipped names, or paths from the file's folder
+    device: tuple[dict[str, Any], ...] = ()  # device files that stand in this one
+    brake: tuple[dict[str, Any], ...] = ()  # brake files that stand in this one, for those devices
     path: Annotated[tuple[dict[str, Any], ...], _SOME]  # each a path of core.path, and its number
     controller: Annotated[tuple[ControllerFile, ...], _SOME]
 
@@ -213,11 +221,12 @@ def plain_text(value: str, key: str) -> None:
 
 
 class TrialRules(TrialFile, frozen=True):
-    """How a trial goes, as a trial reads it: with release (None: off), what its simulation assumes, and slave."""
+    """How a trial goes, as a trial reads it: with release (None: off), assumptions, slave and obstacles."""
 
     release: Release | None = Release()
     assumptions: Assumptions = Assumptions()
     slave: Slave | None = None
+    around: Around = NOTHING
 
 
 class Protocol(Settings, frozen=True, kw_only=True):
@@ -354,10 +363,12 @@ def read_protocol(
     """A protocol from the text of its file, which stands in `folder`; `where` names it. Else as `load_protocol`."""
     file = parse_toml(text, ProtocolFile, where)
     overrides = {name: value for name, value in asked.items() if value is not None}
+    inline = inline_devices(file.device, file.brake, folder, where)
     if devices is None:
-        found = [_device(reference, folder, f"{where}: devices") for reference in file.devices]
+        found = [_device(inline.get(name, name), folder, f"{where}: devices") for name in file.devices]
     else:
-        found = [_device(reference, Path(), "--device") for reference in devices]
+        asked_for = [inline.get(name, name) if isinstance(name, str) else name for name in devices]
+        found = [_device(reference, Path(), "--device") for reference in asked_for]
         overrides["devices"] = [device.name for _, device in found]
     try:
         pictures = {one.picture: (folder / one.picture).read_bytes() for one in file.instruction if one.picture}
@@ -400,6 +411,9 @@ def _checked(
         for _, device in devices:
             encoder_counts(device)
     for preset in controllers.values():
+        for named, device in devices:
+            if device.castor and preset.kind not in STEERED:
+                raise InputError(f"{where}: controller {preset.name}: needs brakes, and {named} has a castor")
         if preset.kind == REFLECT and not (file.slave or preset.value(WALL_N_M.name)):
             raise InputError(f"{where}: controller {preset.name}: needs a [slave] or wall_N_m, it has no force to show")
     paths = _paths(file.path, where)
@@ -416,12 +430,38 @@ def _checked(
     release = file.release if file.release.on else None
     settings["assumptions"] = assumptions
     settings["trial"] = TrialRules(
-        *msgspec.structs.astuple(file.trial), release=release, assumptions=assumptions, slave=file.slave
-    )
+        *msgspec.structs.astuple(file.trial), release=release, assumptions=assumptions, slave=file.slave,
+        around=_around(file, devices, paths, where),
+    )  # fmt: skip
     return Protocol(
         text=text, overrides=dict(overrides), devices=tuple(device for _, device in devices), paths=paths,
         controllers=controllers, language_text=words, pictures=pictures, **settings,
     )  # fmt: skip
+
+
+def _around(
+    file: ProtocolFile, devices: Sequence[tuple[str, Device]], paths: Mapping[int, PathFile], where: str
+) -> Around:
+    """The obstacles. InputError if they are too many, hold an end of a path, or are guarded by brakes too weak."""
+    try:
+        edges = build_obstacles(file.obstacle)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+    if file.guard and not file.obstacle:
+        raise InputError(f"{where}: guard: there is no obstacle to guard")
+    places = {number: outline(path, REACH_SPACING_M) for number, path in paths.items()}
+    for number, points in places.items():
+        for end, (x, y) in (("starts", points[0]), ("ends", points[-1])):
+            if nearest_obstacle(edges, len(edges), x, y).distance <= 0.0:
+                raise InputError(f"{where}: path {number} {end} in an obstacle")
+        for name, device in devices if file.guard else ():
+            held = least_held(device.mechanism, device.brakes, points[:: max(len(points) // 8, 1)])
+            if held <= file.guard.push_N:
+                raise InputError(
+                    f"{where}: guard: push_N ({file.guard.push_N:g}) must be less than the {held:.1f} N that {name} "
+                    f"holds on path {number}"
+                )
+    return Around(obstacles=file.obstacle, guide=file.guide, guard=file.guard)
 
 
 def _refuse_twice(names: Sequence[str], what: str) -> None:

@@ -1,7 +1,6 @@
 """Writes protocol files: TOML that `experiments.protocol` reads, and paths from the points that draw them."""
 
 import cmath
-import json
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -12,7 +11,7 @@ import msgspec
 
 from core.control.controllers import ALGORITHMS, Preset
 from core.device import Device, build_device, load_device, shipped_devices
-from core.files import InputError, Pair
+from core.files import InputError, Pair, toml_text
 from core.path import Polyline, Segment, path_from
 from experiments.assumptions import IDEAL
 from experiments.language import shipped_languages
@@ -25,16 +24,8 @@ ABOUT = "# A protocol of phd. The shipped experiments/protocols/paper.toml says 
 
 
 def protocol_text(content: Mapping[str, Any]) -> str:
-    """The TOML text of a protocol that is given as `tomllib` reads it: dictionaries, lists, texts and numbers.
-
-    Keys keep their order, but tables come after plain values. A key whose value is None is left out.
-    """
+    """The TOML text of a protocol that is given as `tomllib` reads it."""
     return ABOUT + toml_text(content)
-
-
-def toml_text(content: Mapping[str, Any]) -> str:
-    """The TOML text of any file that is given so."""
-    return "\n".join(_table(content, "")).strip("\n") + "\n"
 
 
 def save_protocol(path: Path, content: Mapping[str, Any], replacing: bool = False) -> None:
@@ -62,9 +53,13 @@ def save_variant(
 
     strength, backlash_deg: of its brakes, as a share of K(I) and of all brakes (None: each brake's own). Where they are
     not the device's, or the device is not a shipped one, device and brake files are written beside. Instructions and a
-    translation are left out: they stand in files beside the other protocol.
+    translation are left out: they stand in files beside the other protocol. The controllers are as the protocol's
+    assumptions made them.
     """
-    content = {key: value for key, value in tomllib.loads(protocol.text).items() if key != "instruction"}
+    left_out = ("instruction", "device", "brake")
+    content = {key: value for key, value in tomllib.loads(protocol.text).items() if key not in left_out}
+    applied = {"gap_reading": None, "low_gain": None} | ({} if backlash_deg is None else {"backlash_deg": None})
+    content["assumptions"] = msgspec.to_builtins(protocol.assumptions) | applied
     if protocol.language not in shipped_languages():
         content.pop("language", None)
     paths = {entry.get("number", place): entry for place, entry in enumerate(content["path"], start=1)}
@@ -117,37 +112,6 @@ def _device_files(
     made = toml_text(about)
     files[f"{path.stem}-device.toml"] = made
     return files, build_device(made, brakes, f"{path.stem}-device.toml", device.calibration_text)
-
-
-def _table(content: Mapping[str, Any], name: str) -> list[str]:
-    """The lines of a table: its plain values, then the tables and the lists of tables in it."""
-    given = {key: value for key, value in content.items() if value is not None}
-    nested = {key: value for key, value in given.items() if isinstance(value, Mapping) or _is_list_of_tables(value)}
-    lines = [f"{_key(key)} = {_value(value)}" for key, value in given.items() if key not in nested]
-    for key, value in nested.items():
-        inner = f"{name}.{_key(key)}" if name else _key(key)
-        if isinstance(value, Mapping):
-            lines += ["", f"[{inner}]", *_table(value, inner)]
-        else:
-            for entry in value:
-                lines += ["", f"[[{inner}]]", *_table(entry, inner)]
-    return lines
-
-
-def _is_list_of_tables(value: Any) -> bool:
-    return isinstance(value, list | tuple) and bool(value) and all(isinstance(entry, Mapping) for entry in value)
-
-
-def _key(key: str) -> str:
-    return key if key.isascii() and key.replace("_", "").replace("-", "").isalnum() else _value(key)
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_value, value))}]"
-    if isinstance(value, float):
-        return repr(value)
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # as TOML writes texts, integers, booleans
 
 
 def points_of(path: Mapping[str, Any]) -> list[Pair]:

@@ -100,7 +100,7 @@ def put(controls, ring, row):
 @native
 def run_trial(
     controls, ring, row, timespec,
-    path, controller, mechanism, brakes, hand, state, scratch, runs, operator, noise, memory, sensing,
+    path, way, controller, mechanism, brakes, hand, state, scratch, runs, operator, noise, memory, sensing,
 ):  # fmt: skip
     """One trial in real time on the simulated device, to its last tick or until it is to be handed back.
 
@@ -116,7 +116,7 @@ def run_trial(
             take_aim(control, grip, state[0].tip, run.phase, force_max)
             run.held = 1 if control.push_count != 0 else control.taken
         run_ticks(
-            path, controller, mechanism, brakes, hand, state, scratch, runs, operator, noise, memory, sensing, row
+            path, way, controller, mechanism, brakes, hand, state, scratch, runs, operator, noise, memory, sensing, row
         )  # fmt: skip
         row[0, LATENESS_US] = 1e-3 * late
         put(controls, ring, row[0])

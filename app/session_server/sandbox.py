@@ -22,6 +22,7 @@ from app.session_server.preflight import with_advice
 from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.control.algorithm import Controller
 from core.control.controllers import Preset, make_controller
+from core.control.guard import make_around
 from core.control.proportional import GAIN_N_S_M, least_gain_felt
 from core.control.rule_sets import RULE_SETS
 from core.control.velocity_field import BLEND_WIDTH
@@ -280,8 +281,9 @@ class Sandbox:
 
     def _controller(self, s: SandboxSettings, device: Device, noise: float = 0.0) -> Controller:
         """As the settings have it; noise: of the velocity that it sees, m/s. InputError for numbers that cannot be."""
-        force_N = device.force_normalised_N * s.brake_strength
-        return make_controller(self._preset(s), force_N, s.rules, s.blend_width_m, velocity_noise=noise)
+        force = device.force_normalised_N * s.brake_strength
+        around = make_around(self._protocol.trial.around, device.brakes)
+        return make_controller(self._preset(s), force, s.rules, s.blend_width_m, noise, around)
 
     def _assumed(self, s: SandboxSettings) -> Assumptions:
         """The protocol's assumptions with the sensing of the settings."""

@@ -84,6 +84,9 @@ def devices_of(args: argparse.Namespace) -> list:
     from core.device import load_device
 
     devices = [load_device(device) for device in args.device or DEFAULT_DEVICES]
+    for device in devices:
+        if device.castor:
+            raise InputError(f"--device: {device.name} has a castor, no brakes: it runs in studies and sessions")
     names = [device.name for device in devices]
     if len(set(names)) < len(names):
         raise InputError(f"--device: two devices have the same name ({', '.join(names)})")

@@ -7,6 +7,7 @@ import sys
 
 from app.progress import watch_compiling
 from app.verbs.common import DEFAULT_DEVICES, add_verb, whole_number_of
+from core.files import InputError
 
 
 def add(verbs) -> None:
@@ -50,6 +51,8 @@ def emulate(args: argparse.Namespace) -> int:
 
     every = dict.fromkeys([DEFAULT_DEVICES[-1], *shipped_devices()])
     device, *others = map(load_device, [args.device] if args.device else every)
+    if device.castor:
+        raise InputError(f"--device: {device.name} has a castor, which can only be simulated")
     path_file = Segment(tuple(args.path[:2]), tuple(args.path[2:])) if args.path else load_protocol().paths[1]
     path = build_path(path_file, "--path")
     tip = (path.x0, path.y0)

@@ -16,7 +16,8 @@ def add(verbs) -> None:
     """The three verbs and their arguments."""
     option = add_verb(
         verbs, "simulate", simulate_verb, "simulate one scene without an operator",
-        "A scene file names a device, a brake schedule and a hand force; the motion goes to a CSV file.",
+        "A scene file names a device, a brake schedule and a hand force, or a cobot and a hand force; the motion\n"
+        "goes to a CSV file.",
         "phd simulate scene.toml --out motion.csv", prints="the summary",
     ).add_argument  # fmt: skip
     option("scene", type=Path, metavar="SCENE.toml", help="the scene file")
@@ -67,8 +68,11 @@ def number_between(above: float, below: float, reason: str):
 
 
 def simulate_verb(args: argparse.Namespace) -> int:
+    from experiments.simulate.cobot_scene import is_cobot_scene
     from experiments.simulate.scene import read_scene
 
+    if is_cobot_scene(args.scene):
+        return simulate_cobot_verb(args)
     scene = read_scene(args.scene)
     from experiments.simulate.simulate import simulate
 
@@ -86,6 +90,22 @@ def simulate_verb(args: argparse.Namespace) -> int:
         f"{args.out}: {done['rows']} rows, device {device.name}{' (assumed)' if device.assumed else ''}, "
         f"{done['simulated_s']:g} s simulated in {done['wall_s']:.3g} s{compiled}: {done['steps']} steps, "
         f"{done['events']} events, {done['fallbacks']} fallbacks",
+        (f"{args.scene}: {warning}" for warning in done["warnings"]),
+    )
+    return 0
+
+
+def simulate_cobot_verb(args: argparse.Namespace) -> int:
+    from experiments.simulate.cobot_scene import read_cobot_scene, simulate_cobot
+
+    done = with_progress("simulating", simulate_cobot, read_cobot_scene(args.scene), args.out, compiles=True)
+    wall = done["least_distance_from_wall_m"]
+    answer(
+        args,
+        done,
+        f"{args.out}: {done['rows']} rows, cobot {done['cobot']}{' (assumed)' if done['assumed'] else ''}; a servo at "
+        f"its limit in {done['rows_with_a_servo_at_its_limit']}, {done['side_force_max_N']:.3g} N sideways at most"
+        + ("" if wall is None else f", {1e3 * wall:.3g} mm from the wall at least"),
         (f"{args.scene}: {warning}" for warning in done["warnings"]),
     )
     return 0

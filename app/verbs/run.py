@@ -58,6 +58,9 @@ def run(args: argparse.Namespace) -> int:
         return print_plan(args)
     link = link_of(args)
     display = Display("open a window on")
+    for device in protocol_of(args).devices if link else ():
+        if device.castor:
+            raise InputError(f"--link: {device.name} has a castor, which can only be simulated")
     from app.ipc.client import Client
     from app.ipc.messages import Setup
     from app.window.painting import palette

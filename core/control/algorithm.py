@@ -8,6 +8,8 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+import numpy as np
+
 from core.brake import current_for_torque
 from core.control.rule_sets import Rules
 from core.kernel import kernel
@@ -42,6 +44,7 @@ class Controller(NamedTuple):
     force_normalised: float  # N, the most that is commanded of any brake
     blend_width: float  # m
     rules: Rules
+    around: np.ndarray  # one record: the obstacles of the trial, their guide and guard (`core.control.guard.AROUND`)
 
 
 GAP_M = Parameter("gap_m", "gap", "mm", 1e3, 0.0)
@@ -57,7 +60,9 @@ LOCK_NO_VALID = 6
 LOCK_NONE_SELECTED = 7
 LOCK_BACK = 8
 LOCK_BACK_NONE_SELECTED = 9
-OWN = 10  # from here on: an algorithm's own decisions
+LOCK_OBSTACLE = 10
+STEER = 11  # the castor of a device without brakes is steered along beta
+OWN = 12  # from here on: an algorithm's own decisions
 
 SHARED: tuple[str, ...] = (
     "none",
@@ -70,6 +75,8 @@ SHARED: tuple[str, ...] = (
     "lock: none selected, pushed away",
     "lock: moving back",
     "lock: moving back, none selected",
+    "lock: obstacle",
+    "steer",
 )
 
 #: ticks without control on purpose, near the path
@@ -81,7 +88,7 @@ UNREACHABLE = frozenset(
 #: of them, those in which the rules take all current off the brakes
 RELEASED = frozenset({RELEASE_NO_VALID, RELEASE_NONE_SELECTED})
 #: ticks with full current on all brakes
-LOCKED = frozenset({LOCK_NO_VALID, LOCK_NONE_SELECTED, LOCK_BACK, LOCK_BACK_NONE_SELECTED})
+LOCKED = frozenset({LOCK_NO_VALID, LOCK_NONE_SELECTED, LOCK_BACK, LOCK_BACK_NONE_SELECTED, LOCK_OBSTACLE})
 
 
 @kernel

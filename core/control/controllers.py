@@ -12,13 +12,28 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
+import numpy as np
+
 from core.control import proportional, reflect, sdof
-from core.control.algorithm import GAP_M, IN_GAP, NONE, NOT_FINITE, OWN, SHARED, Algorithm, Controller, release
+from core.control.algorithm import (
+    GAP_M,
+    IN_GAP,
+    LOCK_OBSTACLE,
+    NONE,
+    NOT_FINITE,
+    OWN,
+    SHARED,
+    Algorithm,
+    Controller,
+    release,
+)
+from core.control.guard import NOTHING, keep_out, make_around
 from core.control.rule_sets import rule_set
-from core.control.velocity_field import BLEND_WIDTH, NO_FIELD, field_at
+from core.control.velocity_field import BLEND_WIDTH, NO_FIELD, field_at, field_round
 from core.files import InputError
 from core.kernel import kernel
-from core.mechanism import JOINTS
+from core.mechanism import JOINTS, no_brakes
+from core.obstacles import nearest_obstacle
 
 
 @kernel
@@ -39,6 +54,7 @@ ALGORITHMS: dict[str, Algorithm] = {
 }
 
 NO_CONTROL = 0
+NO_OBSTACLE = make_around(NOTHING, no_brakes())
 
 #: Every parameter that any algorithm has, each once.
 PARAMETERS = {parameter.name: parameter for one in ALGORITHMS.values() for parameter in one.parameters}
@@ -95,10 +111,12 @@ def make_controller(
     rules: str = "settled",
     blend_width: float = BLEND_WIDTH,
     velocity_noise: float = 0.0,
+    around: np.recarray = NO_OBSTACLE,
 ) -> Controller:
     """A preset made ready for a device of this normalised force (N). InputError for numbers that cannot be.
 
     rules: "settled" or "literal"; velocity_noise (m/s, rms) of the device's sensing widens one threshold of `settled`.
+    around: the obstacles of the trial (`make_around`).
     """
     if preset.kind not in ALGORITHMS:
         raise InputError(f"controller {preset.name}: {preset.kind!r} is none of {', '.join(ALGORITHMS)}")
@@ -118,6 +136,7 @@ def make_controller(
         float(device_force_normalised),
         float(blend_width),
         rule_set(rules, velocity_noise),
+        around,
     )
 
 
@@ -151,7 +170,7 @@ _decide_as_its_algorithm = _any_of(ALGORITHMS.values())
 
 @kernel
 def decide(controller, brakes, path, memory, x, y, vx, vy, fx, fy, g, mass, current):
-    """One tick of control: writes current (4,) A, updates memory (7,); returns the decision code and the field.
+    """One tick of control: writes current (4,) A, updates memory (9,); returns the decision code and the field.
 
     Tip (x, y) m, its velocity m/s, hand force N; g (4, 2) with omega_i = g_i . v; mass (3,) = M_xx, M_xy, M_yy of
     the tip, kg. Input that is not finite releases the brakes and leaves the memory alone; the field is then NaN.
@@ -160,6 +179,15 @@ def decide(controller, brakes, path, memory, x, y, vx, vy, fx, fy, g, mass, curr
     if not math.isfinite(x + y + vx + vy + fx + fy):
         return NONE if controller.algorithm == NO_CONTROL else NOT_FINITE, NO_FIELD
     field = field_at(path, memory, x, y, vx, vy, fx, fy, controller.blend_width, controller.rules)
+    around = controller.around[0]
+    if around.count > 0:
+        near = nearest_obstacle(around.edges, around.count, x, y)
+        if around.guard != 0 and keep_out(around, near, brakes, memory, vx, vy, fx, fy, g, mass, current):
+            return LOCK_OBSTACLE, field
+        if around.guide != 0 and near.distance < controller.blend_width:
+            blend, rules = controller.blend_width, controller.rules
+            field = field_round(near, field.distance, memory, vx, vy, fx, fy, blend, rules)
+            return _decide_as_its_algorithm(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current), field
     if field.distance < controller.gap_m:
         return IN_GAP, field
     return _decide_as_its_algorithm(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current), field

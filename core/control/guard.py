@@ -12,15 +12,19 @@ not hold for a hand that pushes harder, nor for one that turns the joints back a
 """
 
 import math
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
 
 from core.brake import inverse, time_constant, torque_gain
 from core.control.algorithm import lock
+from core.control.velocity_field import LOCKED
+from core.files import NotNegative, Positive, Table, choice
 from core.kernel import kernel
-from core.obstacles import nearest_obstacle
-from core.simulator.state import new_record
+from core.linkage import tip_force_map
+from core.mechanism import Brakes, Mechanism
+from core.obstacles import MOST_EDGES, ObstacleFile, build_obstacles
+from core.simulator.state import new_record, pack_brakes, pack_mechanism
 
 DIRECTIONS = 12  # over half a turn
 RATES = 32  # of the table of lags, up to omega_0, from which on the lag is constant
@@ -30,14 +34,18 @@ LONGEST_S = 0.3  # what has not come to rest after it counts as never
 #: the directions between those that are looked at.
 MARGIN = 0.15
 STANDS_M_S = 0.001  # slower towards the obstacle counts as standing
+RELEASE_SHARE = 0.8
 
-#: What the guard remembers and works with.
-GUARD = np.dtype(
+#: A trial's obstacles, and what they do to its control: guide (`velocity_field.field_round`) and guard, work space too.
+AROUND = np.dtype(
     [
+        ("count", "i8"),  # of edges
+        ("edges", "f8", (MOST_EDGES, 7)),  # as in core.obstacles
+        ("guide", "i8"),  # 1: near an obstacle its field counts in place of the path's
+        ("guard", "i8"),
         ("push", "f8"),  # N, the largest push that is allowed for
-        ("keep_m", "f8"),  # stop so far before the edge
+        ("keep", "f8"),  # m: stop so far before the edge
         ("let_go_force", "f8"),  # N, a pull away from the obstacle that releases; infinite: none does
-        ("locked", "i8"),
         ("full", "f8", (4,)),  # N m, yields at full current
         ("growth", "f8", (4, RATES + 1)),  # share of the missing yield that a step brings, by joint rate
         ("per_rate", "f8", (4,)),  # s/rad: places in that table
@@ -47,33 +55,65 @@ GUARD = np.dtype(
 )
 
 
-class GuardNumbers(NamedTuple):
-    """What a protocol says of the guard."""
+class Guard(Table, frozen=True):
+    """`[guard]` of a protocol. All assumed."""
 
-    push_N: float
-    keep_m: float
-    let_go_force_N: float
+    push_N: Positive = 20.0  # the largest push of a hand that it allows for
+    keep_m: NotNegative = 0.0  # it stops the tip so far before the edge
+    release: Annotated[str, choice("pull", "clear")] = "pull"  # also by a pull, or only once the tip can be stopped
+    pull_N: Positive = 2.0  # a pull away from the obstacle that releases
 
 
-def new_guard(numbers: GuardNumbers, brakes: np.recarray) -> np.recarray:
-    """A guard at the start of a trial; brakes: as the kernels read them."""
-    guard = new_record(GUARD)
-    guard["push"], guard["keep_m"], guard["let_go_force"] = numbers
-    learn_lags(guard[0], brakes[0])
-    return guard
+class Around(Table, frozen=True):
+    """What a protocol says of the obstacles of its trials."""
+
+    obstacles: tuple[ObstacleFile, ...] = ()
+    guide: bool = True
+    guard: Guard | None = None
+
+
+NOTHING = Around()
+
+
+def make_around(how: Around, brakes: Brakes) -> np.recarray:
+    """What the kernels read of a trial's obstacles; brakes: of its device."""
+    around, guard = new_record(AROUND), how.guard
+    edges = build_obstacles(how.obstacles)
+    around["count"], around["guide"] = len(edges), int(how.guide)
+    around["edges"][0, : len(edges)] = edges
+    if guard is not None:
+        around["guard"], around["push"], around["keep"] = 1, guard.push_N, guard.keep_m
+        around["let_go_force"] = guard.pull_N if guard.release == "pull" else math.inf
+        learn_lags(around[0], pack_brakes(brakes, backlash=False)[0])
+    return around
 
 
 @kernel
-def learn_lags(guard, brakes):
+def learn_lags(around, brakes):
     """Fill the tables of full yields and of their growth."""
     for i in range(4):
         if brakes.present[i] != 0.0:
             most = brakes.current_max[i]
-            guard.full[i] = torque_gain(brakes, i, most)
-            guard.per_rate[i] = RATES / brakes.omega_0[i] if brakes.omega_0[i] > 0.0 else math.inf
+            around.full[i] = torque_gain(brakes, i, most)
+            around.per_rate[i] = RATES / brakes.omega_0[i] if brakes.omega_0[i] > 0.0 else math.inf
             for n in range(RATES + 1):
                 lag = time_constant(brakes, i, most, brakes.omega_0[i] * n / RATES, True)
-                guard.growth[i, n] = 1.0 - math.exp(-STEP_S * inverse(lag))
+                around.growth[i, n] = 1.0 - math.exp(-STEP_S * inverse(lag))
+
+
+def least_held(mechanism: Mechanism, brakes: Brakes, places: np.ndarray) -> float:
+    """What a full lock holds (N) in the direction in which it holds least, at the worst of places (n, 2), m.
+
+    The torques that the brakes can hold make the tip forces a zonotope; the radius of the largest circle in it is the
+    least over u of the sum of K_i(current_max) |g_i . u|.
+    """
+    angles = np.linspace(0.0, math.pi, 360, endpoint=False)
+    directions, g, held = np.array([np.cos(angles), np.sin(angles)]), np.zeros((4, 2)), []
+    full = make_around(Around(guard=Guard()), brakes)["full"][0]
+    for x, y in places:
+        tip_force_map(pack_mechanism(mechanism)[0], x, y, g)
+        held.append(float(np.min(full @ np.abs(g @ directions))))
+    return min(held)
 
 
 @kernel
@@ -84,17 +124,18 @@ def least_mass(mass):
 
 
 @kernel
-def stopping_distance(guard, brakes, g, mass, vx, vy, off, torque, most):
+def stopping_distance(around, brakes, g, mass, vx, vy, most):
     """How far (m) the tip can come from now on with all brakes locked, an upper bound; infinite: further than `most`.
 
-    g (4, 2), mass (3,) kg, torque (4,): yields now, N m; off: the brakes have just had no current.
+    g (4, 2), mass (3,) kg. The brakes are taken to have had no current until now: so the bound needs no more than the
+    tip, and what a brake holds already only shortens the way.
     """
     for k in range(DIRECTIONS):
         angle = math.pi * k / DIRECTIONS
         u_x, u_y = math.cos(angle), math.sin(angle)
         for i in range(4):
-            guard.lever[k, i] = abs(g[i, 0] * u_x + g[i, 1] * u_y)
-            guard.torque[k, i] = brakes.k[i, 1] if off else torque[i]
+            around.lever[k, i] = abs(g[i, 0] * u_x + g[i, 1] * u_y)
+            around.torque[k, i] = brakes.k[i, 1]
     lightest = least_mass(mass)
     energy = 0.5 * (mass[0] * vx * vx + 2.0 * mass[1] * vx * vy + mass[2] * vy * vy) * (1.0 + MARGIN)
     way = 0.0
@@ -102,7 +143,7 @@ def stopping_distance(guard, brakes, g, mass, vx, vy, off, torque, most):
         if way > most:
             break
         speed = math.sqrt(2.0 * energy / lightest)
-        slowing = (least_hold(guard, brakes, way, speed) - guard.push) / lightest
+        slowing = (least_hold(around, brakes, way, speed) - around.push) / lightest
         if speed <= slowing * STEP_S:  # at rest within the step
             way += 0.5 * speed * speed / slowing if speed > 0.0 else 0.0
             return way if way <= most else math.inf
@@ -113,7 +154,7 @@ def stopping_distance(guard, brakes, g, mass, vx, vy, off, torque, most):
 
 
 @kernel
-def least_hold(guard, brakes, way, speed):
+def least_hold(around, brakes, way, speed):
     """What the brakes take (J/m) in the direction in which they take least, `way` (m) after the joints' last turn; then
     a step at this speed (m/s) for the yields.
     """
@@ -123,32 +164,30 @@ def least_hold(guard, brakes, way, speed):
         for i in range(4):
             if brakes.present[i] == 0.0:
                 continue
-            lever = guard.lever[k, i]
+            lever = around.lever[k, i]
             if way * lever >= brakes.play[i]:
-                held += guard.torque[k, i] * lever
-            place = min(speed * lever * guard.per_rate[i], float(RATES))
-            guard.torque[k, i] += guard.growth[i, int(place)] * (guard.full[i] - guard.torque[k, i])
+                held += around.torque[k, i] * lever
+            place = min(speed * lever * around.per_rate[i], float(RATES))
+            around.torque[k, i] += around.growth[i, int(place)] * (around.full[i] - around.torque[k, i])
         least = min(least, held)
     return least
 
 
 @kernel
-def keep_out(guard, edges, brakes, state, current):
-    """Lock all brakes where the tip could not be stopped in front of an obstacle; whether they are.
+def keep_out(around, near, brakes, memory, vx, vy, fx, fy, g, mass, current):
+    """Lock all brakes where the tip could not be stopped in front of the nearest obstacle; whether they are locked.
 
-    They stay locked until the tip could be stopped even with brakes that have no torque yet (so a lock never ends in
-    the next lock), or the hand pulls away. state: of the device; current (4,) A.
+    They stay locked until the tip could be stopped in `RELEASE_SHARE` of the room (so a lock does not end in the next
+    one), or the hand pulls away. Velocity m/s, hand force N; current (4,) A.
     """
-    vx, vy = state.tip[2], state.tip[3]
-    near = nearest_obstacle(edges, state.tip[0], state.tip[1])
-    room = near.distance - guard.keep_m
-    pull = state.hand_force[0] * near.n_x + state.hand_force[1] * near.n_y
-    if pull > guard.let_go_force and vx * near.n_x + vy * near.n_y >= -STANDS_M_S:
-        guard.locked = 0
+    room = near.distance - around.keep
+    pull = fx * near.n_x + fy * near.n_y
+    if pull > around.let_go_force and vx * near.n_x + vy * near.n_y >= -STANDS_M_S:
+        memory[LOCKED] = 0.0
         return False
-    off = guard.locked != 0
-    way = stopping_distance(guard, brakes, state.g, state.mass, vx, vy, off, state.torque_yield, room)
-    guard.locked = 1 if way >= room else 0
-    if guard.locked != 0:
+    share = RELEASE_SHARE if memory[LOCKED] != 0.0 else 1.0
+    stops = stopping_distance(around, brakes, g, mass, vx, vy, share * room) < share * room
+    memory[LOCKED] = 0.0 if stops else 1.0
+    if not stops:
         lock(brakes, current)
-    return guard.locked != 0
+    return not stops

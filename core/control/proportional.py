@@ -193,4 +193,4 @@ def least_gain_felt(device: "Device", places: np.ndarray, speed: float = 0.1) ->
         for joint, length in zip(joints, (arm.length_2, reach), strict=True):  # |g| = length / |S|
             if device.brakes.present[joint]:
                 drags.append(np.min(device.brakes.k[joint, 1] * length / np.abs(pose.s)))
-    return float(min(drags)) / speed
+    return float(min(drags, default=0.0)) / speed

@@ -1,6 +1,7 @@
 """SDOF velocity control (Section IV-B, Fig. 13): of the paths a single locked brake would leave, the best one.
 
-Locking brake i leaves the tip one way to go, its local SDOF path p_i, at right angles to the force of that brake.
+Locking brake i leaves the tip one way to go, its local SDOF path p_i, at right angles to the force of that brake. A
+castor in place of brakes leaves any way that it is steered to: the best one is then beta itself (our choice).
 """
 
 import math
@@ -10,6 +11,7 @@ from core.control.algorithm import (
     LOCK_NO_VALID,
     OWN,
     RELEASE_NO_VALID,
+    STEER,
     Algorithm,
     actuate,
     lock,
@@ -64,6 +66,8 @@ def decide(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
     """SDOF velocity control (Section IV-B): the normalised force on the brake with the nearest valid path."""
     i = nearest_valid_brake(brakes, g, field, controller.rules)
     if i < 0:
+        if brakes.present[0] + brakes.present[1] + brakes.present[2] + brakes.present[3] == 0.0:
+            return STEER
         if pushes_away(fx, fy, field, controller.rules):
             lock(brakes, current)
             return LOCK_NO_VALID

@@ -16,8 +16,9 @@ BLEND_WIDTH = 0.05  # m, the paper's boundary: nearer than this the direction is
 
 #: Places in the memory: travel sense (+1 to the end), side of the path (+1 left; 0 not yet known), piece of the path
 #: (-1: not yet known). Then, of one tick, the tip force that the controller is to show (two places, N; NaN: none), and
-#: the nearest one that its brakes can exert (two places, NaN: it showed none).
-TRAVEL, SIDE, PIECE, WANTED, NEAREST = 0, 1, 2, 3, 5
+#: the nearest one that its brakes can exert (two places, NaN: it showed none). Then the travel sense round an obstacle,
+#: and whether the guard has locked the brakes.
+TRAVEL, SIDE, PIECE, WANTED, NEAREST, ROUND, LOCKED = 0, 1, 2, 3, 5, 7, 8
 
 
 class Field(NamedTuple):
@@ -36,8 +37,8 @@ NO_FIELD = Field(*[math.nan] * 7)  # without a tip, velocity and force there is 
 
 
 def new_memory() -> np.ndarray:
-    """What a controller remembers between ticks, (7,), at the start of a trial: towards the end, no side, no piece."""
-    return np.array([1.0, 0.0, -1.0, *[math.nan] * 4])
+    """What a controller remembers between ticks, (9,), at the start of a trial: towards the end, no side, no piece."""
+    return np.array([1.0, 0.0, -1.0, *[math.nan] * 4, 1.0, 0.0])
 
 
 @kernel
@@ -91,6 +92,22 @@ def field_at(path, memory, x, y, vx, vy, fx, fy, blend_width, rules):
     n_x, n_y = side * ty, -side * tx
     beta_x, beta_y = desired_direction(abs(distance), n_x, n_y, t_x, t_y, blend_width)
     return Field(abs(distance), t_x, t_y, n_x, n_y, beta_x, beta_y)
+
+
+@kernel
+def field_round(near, distance, memory, vx, vy, fx, fy, blend_width, rules):
+    """The field beside the nearest obstacle, a path that only repels; updates the memory of the sense round it.
+
+    t runs along its edge in the sense of the hand, n outward; beta turns from t, blend_width (m) away, to n at the edge
+    and inside. distance (m): from the path, which control is still measured by.
+    """
+    tx, ty = near.n_y, -near.n_x
+    sense = travel_sense(memory[ROUND], tx * fx + ty * fy, tx * vx + ty * vy, rules)
+    memory[ROUND] = sense
+    t_x, t_y = sense * tx, sense * ty
+    inwards = max(blend_width - near.distance, 0.0)
+    beta_x, beta_y = desired_direction(inwards, near.n_x, near.n_y, t_x, t_y, blend_width)
+    return Field(distance, t_x, t_y, near.n_x, near.n_y, beta_x, beta_y)
 
 
 def field_around(path: Path, places: np.ndarray, sense: float, blend_width: float = BLEND_WIDTH) -> Field:

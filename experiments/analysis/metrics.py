@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from core.control.algorithm import GAP, LOCKED, NONE, RELEASED, UNREACHABLE
+from core.control.algorithm import GAP, LOCK_OBSTACLE, LOCKED, NONE, RELEASED, UNREACHABLE
 from core.control.controllers import DECISIONS
 from core.files import InputError
 from core.path import Path, measure
@@ -192,7 +192,7 @@ class Movement:
 
     def switches_per_second(self) -> float | None:
         """Ticks at which the set of brakes with current > 0 changes, per second."""
-        if self.duration_s <= 0.0:
+        if self.duration_s <= 0.0 or not self._recording.braked:
             return None
         on = self._columns(*(f"current_{joint}_A" for joint in self._recording.braked))[self._rows] > 0.0
         return int(np.count_nonzero(np.any(on[1:] != on[:-1], axis=1))) / self.duration_s
@@ -233,6 +233,26 @@ class Movement:
         asked = (np.hypot(*wanted.T) > FELT_FORCE_N) & np.isfinite(nearest[:, 0])
         missed = np.hypot(*(wanted - nearest)[asked].T)
         return float(np.sum(missed) / np.sum(np.hypot(*wanted[asked].T))) if asked.any() else None
+
+    def least_clearance(self) -> float | None:
+        """Least distance from the nearest obstacle, m, not under 0; None without one."""
+        distance = self._from_obstacle()
+        return None if distance is None else max(float(distance.min()), 0.0)
+
+    def deepest_entry(self) -> float | None:
+        """How deep the handle came into an obstacle, m; 0: it did not."""
+        distance = self._from_obstacle()
+        return None if distance is None else max(-float(distance.min()), 0.0)
+
+    def guarded_share(self) -> float | None:
+        """Share of the movement's ticks in which the guard of obstacles had locked all brakes."""
+        if self._from_obstacle() is None:
+            return None
+        return float(np.mean(self._decided(frozenset({LOCK_OBSTACLE}))))
+
+    def _from_obstacle(self) -> np.ndarray | None:
+        distance = self._may_be_missing("obstacle_distance_m")[:, 0]
+        return None if np.isnan(distance).any() else distance
 
     def _wanted(self) -> np.ndarray:
         return self._may_be_missing("wanted_fx_N", "wanted_fy_N")
@@ -358,6 +378,24 @@ METRICS = (
         "what the nearest force that passive brakes can exert misses of the force to be shown / that force",
         Movement.force_unavailable_share,
         needs_progress=False, tells_controller=True,
+    ),
+    Metric(
+        "least_clearance_m", "m", "Least clearance", "least clearance",
+        "least distance of the handle from the nearest obstacle, 0 inside; none without obstacles",
+        Movement.least_clearance,
+        shown_unit="mm", scale=1e3, needs_progress=False, better="higher",
+    ),
+    Metric(
+        "deepest_entry_m", "m", "Deepest entry", "deepest entry",
+        "how deep the handle came into an obstacle; none without obstacles",
+        Movement.deepest_entry,
+        shown_unit="mm", scale=1e3, needs_progress=False,
+    ),
+    Metric(
+        "guarded_share", "", "Time locked by the guard", "share of time locked by the guard",
+        "share of the movement in which the guard of obstacles had locked all brakes; none without obstacles",
+        Movement.guarded_share,
+        needs_progress=False,
     ),
     Metric(
         "acceleration_exact_dft_sum", "m/s^2", "Acceleration to 100 Hz, weighted DFT sum", "DFT sum to 100 Hz",

@@ -192,11 +192,13 @@ def read_scene(path: str | Path) -> Scene:
         device = load_device(file.device, path.parent)
     except InputError as error:
         raise InputError(f"{path}: device: {error}") from None
+    if device.castor:
+        raise InputError(f'{path}: device: {device.name} has a castor, no brakes: name it as cobot in place of device')
     if file.brake_model == "signed":
         device = replace(device, brakes=device.brakes._replace(signed=1.0))
     interval = file.step_s if file.output_interval_s is None else file.output_interval_s
-    output_every = _whole(interval, file.step_s, f"{path}: output_interval_s", "step_s")
-    intervals = _whole(file.duration_s, interval, f"{path}: duration_s", "output intervals")
+    output_every = whole_number(interval, file.step_s, f"{path}: output_interval_s", "step_s")
+    intervals = whole_number(file.duration_s, interval, f"{path}: duration_s", "output intervals")
     if not tip_is_free(device.mechanism, *file.initial_tip_m):
         x, y = file.initial_tip_m
         raise InputError(
@@ -210,7 +212,7 @@ def read_scene(path: str | Path) -> Scene:
     )  # fmt: skip
 
 
-def _whole(total: float, part: float, where: str, of: str) -> int:
+def whole_number(total: float, part: float, where: str, of: str) -> int:
     """How many parts make the total; an InputError unless that is a whole number."""
     ratio = total / part
     if ratio > 2.0**53:

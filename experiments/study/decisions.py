@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from core.control.controllers import DECISIONS, Preset, make_controller
+from core.control.guard import NOTHING, Around, make_around
 from core.control.velocity_field import new_memory
 from core.device import Device
 from core.device_interface import velocity_noise
@@ -34,11 +35,11 @@ class Checked(NamedTuple):
 
 def check_decisions(
     recording: Recording, path: Path, device: Device, preset: Preset, rules: str,
-    assumed: Assumptions = DEFAULTS,
+    assumed: Assumptions = DEFAULTS, around: Around = NOTHING,
 ) -> Checked | None:  # fmt: skip
     """Take each decision of the movement again; None: an earlier version recorded it, without the sensed force.
 
-    assumed: of a simulated device; a real one is as its file has it.
+    assumed: of a simulated device; a real one is as its file has it. around: the obstacles of the trial.
     """
     if not all(name in recording.columns for name in GIVEN):
         return None
@@ -54,7 +55,10 @@ def check_decisions(
     else:
         device = assumed.applied_to(device)
         noise, sensing = decision_noise(device, middle, assumed), new_sensing(device, assumed)
-    controller = make_controller(preset, device.force_normalised_N, rules, velocity_noise=noise)
+    controller = make_controller(
+        preset, device.force_normalised_N, rules, velocity_noise=noise,
+        around=make_around(around, device.brakes),
+    )  # fmt: skip
     codes, currents = np.zeros(len(given), dtype=np.int64), np.zeros((len(given), 4))
     decide_again(
         path, controller, pack_mechanism(device.mechanism), pack_brakes(device.brakes, backlash=False),

@@ -18,7 +18,7 @@ from core.files import InputError
 from core.path import Path as PathAhead
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import along_path, trial_metrics
-from experiments.protocol import Protocol, check_reach, load_protocol
+from experiments.protocol import STEERED, Protocol, check_reach, load_protocol
 from experiments.recording.atomic_files import refuse_existing_files, write_new_file
 from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns, recording_of
 from experiments.study.decisions import Checked, check_decisions
@@ -64,6 +64,8 @@ def replay(
     chosen, number = choose_controller(trial, controller, protocol)
     preset = chosen.controllers[number]
     onto = own if device is None else choose_device(trial, device)
+    if onto.castor and preset.kind not in STEERED:
+        raise InputError(f"controller {preset.name}: needs brakes, and {onto.name} has a castor")
     kind, moved = choose_hand(trial, hand)
     if out is not None:
         refuse_existing_files([out])
@@ -74,7 +76,8 @@ def replay(
     checked: Checked | None = None
     if not isinstance(row.controller, str):  # a blind session does not say which controller it was
         own_control = recorded_protocol.controllers[row.controller], recorded_protocol.rules
-        checked = check_decisions(recording, trial.path, own, *own_control, recorded_protocol.assumptions)
+        how = recorded_protocol.trial
+        checked = check_decisions(recording, trial.path, own, *own_control, how.assumptions, how.around)
         if whole and kind == "target" and (preset, chosen.rules) == own_control:
             difference = first_difference(recording, rows)
     rows = rows[trial.first :] if whole else rows

@@ -10,16 +10,18 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, get_type_hints
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
-from core.device import Device
+from core.device import Device, inline_devices
 from core.files import InputError, Table, choice, parse_toml, read_text
 from core.path import PathFile
 from experiments.analysis.metrics import Metrics
+from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
 from experiments.plan import PlannedTrial
 from experiments.protocol import PARAMETER_TYPES, Count, Rules, Text, TrialRules, load_protocol, plain_text
 from experiments.study.jobs import Done, Work, run_work
@@ -56,6 +58,18 @@ SweptController = msgspec.defstruct(
 )  # fmt: skip
 
 
+def _swept(key: str) -> tuple[str, Any, None]:
+    hint = get_type_hints(Assumptions, include_extras=True)[key]
+    return key, Annotated[tuple[hint, ...], msgspec.Meta(min_length=1)] | None, None
+
+
+#: Assumptions, each with every value that it is to have. Gains stand with the controllers.
+SweptAssumptions = msgspec.defstruct(
+    "SweptAssumptions", [_swept(key) for key in Assumptions.__struct_fields__ if key != "low_gain"], frozen=True,
+    kw_only=True, forbid_unknown_fields=True,
+)  # fmt: skip
+
+
 class SweepFile(Table, frozen=True):
     """One sweep as it stands in its file."""
 
@@ -68,11 +82,20 @@ class SweepFile(Table, frozen=True):
     populations: Names = ("average",)
     devices: Names | None = None
     rules: Annotated[tuple[Rules, ...], msgspec.Meta(min_length=1)] | None = None
+    assumptions: SweptAssumptions = SweptAssumptions()
+    device: tuple[dict[str, Any], ...] = ()  # as in a protocol file
+    brake: tuple[dict[str, Any], ...] = ()
+
+    @property
+    def varied(self) -> dict[str, tuple]:
+        """The assumptions that it names, with their values."""
+        given = msgspec.structs.asdict(self.assumptions)
+        return {key: values for key, values in given.items() if values is not None}
 
     def __post_init__(self) -> None:
         plain_text(self.name, "name")
-        for key in ("populations", "devices", "rules"):
-            values = getattr(self, key) or ()
+        named = {key: getattr(self, key) or () for key in ("populations", "devices", "rules")}
+        for key, values in (named | {f"assumptions.{key}": values for key, values in self.varied.items()}).items():
             if len(set(values)) < len(values):
                 raise ValueError(f"{key}: the same one stands there twice")
 
@@ -85,12 +108,13 @@ class Job:
     population: Population
     device: Device
     rules: str
+    trial: TrialRules  # with its assumptions
     preset: Preset
     operator: int
     seed: int
     repetitions: int
     paths: dict[int, PathFile]
-    trial: TrialRules
+    varied: tuple[str, ...]  # assumptions that are not the same in all jobs
 
     def run(self) -> Done:
         """Its rows, in the order of `COLUMNS`; a measure that is missing or not finite is empty."""
@@ -112,7 +136,9 @@ class Job:
     def _row(self, one: Measured) -> list[object]:
         measured = (*one.measures.values(), *(one.outcome[name] for name in ENERGIES))
         return [
-            self.population.name, self.device.name, self.rules, self.preset.kind, *map(self.preset.value, PARAMETERS),
+            self.population.name, self.device.name, self.rules,
+            *(getattr(self.trial.assumptions, name) for name in self.varied),
+            self.preset.kind, *map(self.preset.value, PARAMETERS),
             self.operator, one.planned.segment, one.planned.repetition, one.outcome["status"], *map(as_cell, measured),
         ]  # fmt: skip
 
@@ -129,14 +155,22 @@ class Sweep:
     name: str
     texts: dict[str, str]  # every file that decides it, in full
     assumed: bool
+    varied: tuple[str, ...]
     jobs: tuple[Job, ...]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Of its table: the assumptions that vary stand behind the rules."""
+        place = COLUMNS.index("rules") + 1
+        return (*COLUMNS[:place], *self.varied, *COLUMNS[place:])
 
 
 def load_sweep(path: Path) -> Sweep:
     """The sweep of a file. InputError, one sentence with file and key, for anything that cannot be run."""
     text = read_text(path)
     file = parse_toml(text, SweepFile, str(path))
-    devices = None if file.devices is None else [_beside(path, name) for name in file.devices]
+    inline = inline_devices(file.device, file.brake, path.parent, str(path))
+    devices = None if file.devices is None else [inline.get(name) or _beside(path, name) for name in file.devices]
     protocol = load_protocol(_beside(path, file.protocol), devices=devices)
     populations = [load_population(_beside(path, name)) for name in file.populations]
     names = [one.name for one in populations]
@@ -146,19 +180,31 @@ def load_sweep(path: Path) -> Sweep:
     if len(set(presets)) < len(presets):
         raise InputError(f"{path}: controller: the same controller stands there twice")
     rules = file.rules or (protocol.rules,)
-    varied = populations, protocol.devices, rules, presets, range(1, file.operators + 1)
-    count = math.prod(map(len, varied))
+    chosen = [dict(zip(file.varied, values, strict=True)) for values in itertools.product(*file.varied.values())]
+    assumed = [replace(protocol.assumptions, **one) for one in chosen]
+    if any(one.sensing == ENCODERS for one in assumed):
+        for device in protocol.devices:
+            encoder_counts(device)
+    trials = [replace(protocol.trial, assumptions=one) for one in assumed]
+    cells = populations, protocol.devices, rules, trials, presets, range(1, file.operators + 1)
+    count = math.prod(map(len, cells))
     if count > MOST_JOBS:
         raise InputError(f"{path}: {count} people in cells are more than the {MOST_JOBS} that one sweep may have")
-    alike = file.seed, file.repetitions, protocol.paths, protocol.trial
-    jobs = tuple(Job(number, *cell, *alike) for number, cell in enumerate(itertools.product(*varied), start=1))
+    varied = tuple(key for key, values in file.varied.items() if len(values) > 1)
+    jobs = tuple(
+        Job(
+            number, population, device, rule, trial, trial.assumptions.controller(preset), operator, file.seed,
+            file.repetitions, protocol.paths, varied,
+        )
+        for number, (population, device, rule, trial, preset, operator) in enumerate(itertools.product(*cells), start=1)
+    )  # fmt: skip
     texts = {"sweep": text, f"protocol {protocol.name}": protocol.text}
     texts |= {f"population {one.name}": one.text for one in populations}
     for device in protocol.devices:
         texts |= {f"device {device.name}": device.text}
         texts |= {f"brake {name} of {device.name}": brake for name, brake in device.brake_texts.items()}
-    assumed = protocol.assumed or any(one.assumed for one in populations)
-    return Sweep(file.name, texts, assumed, jobs)
+    is_assumed = protocol.assumed or any(one.assumed for one in populations)
+    return Sweep(file.name, texts, is_assumed, varied, jobs)
 
 
 def _beside(path: Path, name: str) -> str | Path:
@@ -183,7 +229,8 @@ def run_sweep(
     progress: Callable[[float], None] = lambda share: None,
 ) -> dict:
     """Run every job that is not done yet, then write the table; the summary. As `run_work`."""
-    finished = run_work(Work(KIND, sweep.name, sweep.texts, COLUMNS, sweep.jobs), Path(out), resume, cluster, progress)
+    work = Work(KIND, sweep.name, sweep.texts, sweep.columns, sweep.jobs)
+    finished = run_work(work, Path(out), resume, cluster, progress)
     with finished.table.open(newline="") as stream:
         done = [row["status"] == "done" for row in csv.DictReader(stream)]
     return {

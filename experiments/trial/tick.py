@@ -8,6 +8,7 @@
     SLAVE    a teleoperated slave follows the tip, and the force that it sends arrives: `reflect` is to show it
     DECIDE   the controller, during `move` only: brakes are off in every other phase; its velocity field goes to LOG
     SETTLE   the simulated device: currents to the brakes, which of them stick and which slip
+             a castor in place of brakes: it is steered along the field, or turns freely
     LOG      one row
     STEP     the simulated device moves on by a tick
 
@@ -25,10 +26,12 @@ import numpy as np
 
 from core import tick_log as log
 from core.brake import begin_lag, lagged_yield, torque_gain
+from core.cobot import COBOT
 from core.control.algorithm import OFF, release
 from core.control.controllers import decide
-from core.control.velocity_field import NEAREST, NO_FIELD, TRAVEL, WANTED
+from core.control.velocity_field import NEAREST, NO_FIELD, SIDE, TRAVEL, WANTED
 from core.kernel import inlined, kernel
+from core.obstacles import nearest_obstacle
 from core.path import nearest
 from core.simulator.event import advance_event
 from core.simulator.runge_kutta import kinetic
@@ -39,6 +42,7 @@ from core.stops import stop_gap
 from core.tick_log import APPROACH, END, HOLD, MOVE
 from experiments.protocol import TrialRules
 from experiments.slave import SLAVE, follow_master, set_slave
+from experiments.trial.castor import move_with_castor, turn_castor
 from experiments.trial.encoder_sensing import see
 from experiments.trial.operator import TICK_S, begin_approach, operate
 
@@ -89,6 +93,8 @@ RUN = np.dtype(
         ("release_force", "f8"),  # N; infinite: a trapped hand is not released
         ("release_ticks", "i8"),
         ("slave", SLAVE),
+        ("cobot", COBOT),  # the castor in place of brakes, if there is one
+        ("castor_work", "f8"),  # J, of the hand in its last step
         # what changes
         ("tick", "i8"),
         ("phase", "i8"),
@@ -145,10 +151,12 @@ def new_run(how: TrialRules, fidelity: int, simulated_hand: bool, real: bool = F
 
 @kernel
 def run_ticks(
-    path, controller, mechanisms, brake_records, hand, states, scratches, runs, operators, noise, memory, sensing, rows
-):
+    path, way, controller, mechanisms, brake_records, hand, states, scratches, runs, operators, noise, memory, sensing,
+    rows,
+):  # fmt: skip
     """Run ticks until rows are full or the trial is finished; returns how many were run.
 
+    way: that the simulated operator takes, the path or a detour round obstacles.
     rows: (n, WIDTH), or (n, BENCH_WIDTH) of a real device, one for each sample, with what was sensed in them.
     """
     mechanism, brakes, state, step_scratch = mechanisms[0], brake_records[0], states[0], scratches[0]
@@ -158,7 +166,7 @@ def run_ticks(
             return n
         row, t = rows[n], run.tick * TICK_S
         if run.tick == 0:
-            begin(run, state, operator, path)
+            begin(run, state, operator, way)
         if run.real != 0:
             sense(mechanism, brakes, state, grip, run, row)
         seen = state
@@ -169,18 +177,23 @@ def run_ticks(
         if run.real != 0:
             guard(mechanism, brakes, state, run, row)
         if run.simulated_hand != 0:
-            operate(operator, grip, path, run.phase, run.tick, run.phase_tick, state.tip[0], state.tip[1], noise)
+            operate(operator, grip, way, run.phase, run.tick, run.phase_tick, state.tip[0], state.tip[1], noise)
         memory[WANTED] = memory[WANTED + 1] = memory[NEAREST] = memory[NEAREST + 1] = math.nan
         if run.slave.on != 0:
             follow_master(run.slave, seen.tip, run.tick, memory)
         choose_currents(controller, brakes, path, memory, seen, run, row)
         row[log.SENSED_FX], row[log.SENSED_FY] = seen.hand_force[0], seen.hand_force[1]
-        if run.real == 0:
+        if run.cobot.wheels != 0:
+            turn_castor(hand, state, run, t, row)
+        elif run.real == 0:
             apply(mechanism, brakes, state, run.current, run.fidelity)
             resolve(mechanism, brakes, hand, state, t)
         log_row(mechanism, brakes, state, grip, run, t, row)
         log_shown(state, run, memory, row)
-        if run.real == 0:
+        log_obstacle(controller.around[0], state.tip, row)
+        if run.cobot.wheels != 0:
+            move_with_castor(mechanism, hand, state, run)
+        elif run.real == 0:
             lagged = 1 if run.fidelity == MR else 0
             advance_event(mechanism, brakes, hand, state, step_scratch, run.current, t, TICK_S, lagged)
         run.tick += 1
@@ -191,13 +204,13 @@ def run_ticks(
 
 
 @kernel
-def begin(run, state, operator, path):
+def begin(run, state, operator, way):
     """First tick: the ledger's zero, and the operator sets out for the start."""
     run.energy_zero[0] = state.work_hand
     run.energy_zero[1] = state.heat[0] + state.heat[1] + state.heat[2] + state.heat[3]
     run.energy_zero[2] = state.lost_at_stops
     if run.simulated_hand != 0:
-        begin_approach(operator, state.tip[0], state.tip[1], path)
+        begin_approach(operator, state.tip[0], state.tip[1], way)
 
 
 @kernel
@@ -351,9 +364,9 @@ def choose_currents(controller, brakes, path, memory, seen, run, row):
             controller, brakes, path, memory, tip[0], tip[1], tip[2], tip[3],
             seen.hand_force[0], seen.hand_force[1], seen.g, seen.mass, run.current,
         )  # fmt: skip
-        log_field(field, row)
+        log_field(field, memory, row)
     else:
-        log_field(NO_FIELD, row)
+        log_field(NO_FIELD, memory, row)
         if run.phase == MOVE:
             row[log.PATH_DISTANCE] = memory[TRAVEL] * nearest(path, seen.tip[0], seen.tip[1])[1]
         else:
@@ -363,9 +376,9 @@ def choose_currents(controller, brakes, path, memory, seen, run, row):
 
 
 @kernel
-def log_field(field, row):
-    """Into the row: the velocity field; n is to the right of t where the distance is positive, else to its left."""
-    row[log.PATH_DISTANCE] = math.copysign(field.distance, field.t_y * field.n_x - field.t_x * field.n_y)
+def log_field(field, memory, row):
+    """Into the row: the velocity field; the distance is positive where the tip is to the left of `forward`."""
+    row[log.PATH_DISTANCE] = math.copysign(field.distance, memory[TRAVEL] * memory[SIDE])
     row[log.FORWARD_X], row[log.FORWARD_Y] = field.t_x, field.t_y
     row[log.DESIRED_X], row[log.DESIRED_Y] = field.beta_x, field.beta_y
 
@@ -405,6 +418,14 @@ def log_shown(state, run, memory, row):
         for i in range(4):
             shown += state.g[i, axis] * state.torque[i]
         row[log.SHOWN_FX + axis] = shown if math.isfinite(memory[WANTED + axis]) else math.nan
+
+
+@kernel
+def log_obstacle(around, tip, row):
+    """Stage: into the row, how far the nearest obstacle is."""
+    row[log.OBSTACLE_DISTANCE] = math.nan
+    if around.count > 0:
+        row[log.OBSTACLE_DISTANCE] = nearest_obstacle(around.edges, around.count, tip[0], tip[1]).distance
 
 
 @kernel

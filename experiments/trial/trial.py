@@ -15,6 +15,7 @@ import numpy as np
 from core import tick_log
 from core.control.algorithm import Controller
 from core.control.controllers import Preset, make_controller
+from core.control.guard import make_around
 from core.control.velocity_field import new_memory
 from core.device import Device
 from core.device_interface import DeviceSample, RealDevice, velocity_noise
@@ -30,6 +31,8 @@ from experiments.assumptions import DEFAULTS
 from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules, load_protocol
 from experiments.trial import tick
+from experiments.trial.castor import set_castor, skid_warnings
+from experiments.trial.detour import way_round
 from experiments.trial.encoder_sensing import Sensing, decision_noise, new_sensing
 from experiments.trial.operator import OPERATOR, TICK_S, Person, new_operator, take_handle
 
@@ -54,6 +57,7 @@ class Arguments(NamedTuple):
     """What `run_ticks` takes before the rows, in its order: a trial as the kernels see it."""
 
     path: Path
+    way: Path
     controller: Controller
     mechanism: np.ndarray
     brakes: np.ndarray
@@ -100,15 +104,20 @@ class Trial:
             self.model = Simulation(device, middle, fidelity="mr", integrator="event", backlash=False)
             self.sensing = new_sensing(device, DEFAULTS)
         self.controller: Controller = make_controller(
-            preset, self.device.force_normalised_N, rules, velocity_noise=noise
-        )
+            preset, self.device.force_normalised_N, rules, velocity_noise=noise,
+            around=make_around(how.around, self.device.brakes),
+        )  # fmt: skip
+        self._way = self.path  # of the operator
         self._memory = new_memory()
         self._run = tick.new_run(how, self.model.fidelity, person is not None, self.real)
         self._operator, self._noise = new_record(OPERATOR), np.zeros((1, 2))
         if person is not None and generator is not None:
             self._operator = new_operator(person, generator)
             self._noise = generator.standard_normal((NOISE_DRAWS, 2))
-            take_handle(person, self.path, self.model.hand.grips)
+            self._way = way_round(path, how.around.obstacles, f"path {planned.segment}")
+            take_handle(person, self._way, self.model.hand.grips)
+        if self.device.castor:
+            set_castor(self._run["cobot"][0], self.device, self.model.state["tip"][0], self.model.hand.grips["mass"][0])
         self._reason = ""  # of an abort from outside
         # of a real device
         self._connected: RealDevice | None = None
@@ -153,7 +162,7 @@ class Trial:
         """The trial as the kernels see it; what they change is changed here."""
         run, operator = self._run.view(np.ndarray), self._operator.view(np.ndarray)
         return Arguments(
-            self.path, self.controller, *self.model.arguments(), run, operator, self._noise, self._memory,
+            self.path, self._way, self.controller, *self.model.arguments(), run, operator, self._noise, self._memory,
             self.sensing,
         )
 
@@ -213,6 +222,8 @@ class Trial:
         about: dict[str, Any] = {"status": tick.STATUSES[status], "reason": reason}
         if isinstance(self.model, SimulatedDevice):
             about |= self.model.end_record()
+            if self.device.castor:
+                about["warnings"] += skid_warnings(self._run["cobot"][0], self.device.castor)
         else:
             about["ledger"] = "estimated from sensed force and velocity and the brake model"
             about |= {"filled": self.filled} | (self._connected.end_record() if self._connected else self._report)

@@ -21,10 +21,9 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from core.files import InputError, Table, parse_toml, read_text
+from core.files import InputError, Table, parse_toml, read_text, toml_text
 from experiments.assumptions import Assumptions
 from experiments.protocol import Count, Protocol, Text, load_protocol, protocol_from_json, protocol_to_json
-from experiments.protocol_writer import toml_text
 from experiments.trial.operator import Person
 from experiments.trial.population import Population, load_population, population_of
 

@@ -10,6 +10,7 @@ from app.cli import main
 from core.device import load_device
 from core.linkage import joint_angles
 from core.simulator.state import pack_mechanism
+from experiments.study.sweep import load_sweep
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 
@@ -27,7 +28,8 @@ def test_every_example_runs_to_its_end(scene, tmp_path):
     columns = rows_of(scene, tmp_path)
     times = np.array(columns["t_s"], dtype=float)
     assert times[0] == 0.0 and np.all(np.diff(times) > 0.0)
-    assert np.isfinite(np.array(columns["tip_x_m"], dtype=float)).all()
+    x = columns["x_m" if scene.startswith("scooter") else "tip_x_m"]
+    assert np.isfinite(np.array(x, dtype=float)).all()
 
 
 def test_a_locked_brake_keeps_its_joint_angle_while_the_tip_moves(tmp_path):
@@ -40,3 +42,20 @@ def test_a_locked_brake_keeps_its_joint_angle_while_the_tip_moves(tmp_path):
     assert np.hypot(x[-1] - x[0], y[-1] - y[0]) > 0.05
     assert np.ptp(angles[:, 0]) < 1e-12 and np.ptp(angles[:, 1]) > 0.1
     assert all("A" in stuck for stuck in columns["stuck"])
+
+
+def test_the_lag_on_the_signed_torque_runs_and_warns_that_it_adds_energy(tmp_path, capsys):
+    rows_of("signed-lag", tmp_path)
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "(brake model signed) the device is not passive" in said
+
+
+@pytest.mark.parametrize("file", sorted((EXAMPLES / "protocols").glob("*.toml")), ids=lambda file: file.stem)
+def test_every_protocol_can_be_run(file):
+    assert main(["run", str(file), "--print-plan"]) == 0
+
+
+@pytest.mark.parametrize("file", sorted((EXAMPLES / "sweeps").glob("*.toml")), ids=lambda file: file.stem)
+def test_every_sweep_can_be_run(file):
+    sweep = load_sweep(file)
+    assert sweep.jobs[0].run().ticks > 0

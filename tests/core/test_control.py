@@ -213,7 +213,7 @@ def test_the_mirror_image_of_device_path_and_hand_gets_the_mirrored_decision(see
         (g * [-1.0, 1.0] * rng.choice([-1.0, 1.0], (4, 1)))[swap],  # the sense in which a joint counts is free
         mass * [1.0, -1.0, 1.0],
     )
-    expected = code if code < USE_SDOF else code - (code - 10) % 4 + swap[(code - 10) % 4]
+    expected = code if code < USE_SDOF else code - (code - USE_SDOF) % 4 + swap[(code - USE_SDOF) % 4]
     assert mirrored[0] == expected
     assert mirrored[1][swap] == pytest.approx(current, abs=1e-12)
 

@@ -7,9 +7,15 @@ import numpy as np
 import pytest
 
 from core.files import InputError, from_plain
-from core.obstacles import NONE, ObstacleFile, away_from, build_obstacles, nearest_obstacle
+from core.obstacles import MOST_EDGES, Nearest, ObstacleFile, away_from, build_obstacles
+from core.obstacles import nearest_obstacle as nearest_of
 
 SQUARE = ((0.1, 0.3), (0.2, 0.3), (0.2, 0.4), (0.1, 0.4))
+
+
+def nearest_obstacle(edges: np.ndarray, x: float, y: float) -> Nearest:
+    """Of all edges."""
+    return Nearest(*nearest_of(edges, len(edges), x, y))
 
 
 def outline(corners: tuple[tuple[float, float], ...], spacing: int = 2000) -> np.ndarray:
@@ -63,7 +69,7 @@ def test_of_several_obstacles_the_nearest_counts_and_none_is_infinitely_far() ->
     for x, y in np.random.default_rng(5).uniform((-0.2, 0.2), (0.3, 0.5), (200, 2)):
         distances = [away_from(edges, 0, len(edges), x, y).distance for edges in alone]
         assert nearest_obstacle(both, x, y).distance == min(distances)
-    assert nearest_obstacle(NONE, 0.0, 0.4).distance == math.inf
+    assert nearest_obstacle(np.zeros((0, 7)), 0.0, 0.4).distance == math.inf
 
 
 @pytest.mark.parametrize(
@@ -84,3 +90,10 @@ def test_of_several_obstacles_the_nearest_counts_and_none_is_infinitely_far() ->
 def test_an_obstacle_that_cannot_be_is_refused_in_a_sentence(content: dict, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         from_plain(msgspec.json.decode(msgspec.json.encode(content)), ObstacleFile, "file")
+
+
+def test_more_edges_than_the_kernels_have_room_for_are_refused() -> None:
+    discs = [ObstacleFile(disc_m=(0.001 * n, 0.4, 0.01)) for n in range(MOST_EDGES + 1)]
+    assert len(build_obstacles(discs[1:])) == MOST_EDGES
+    with pytest.raises(ValueError, match="at most"):
+        build_obstacles(discs)

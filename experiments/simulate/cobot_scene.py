@@ -1,0 +1,288 @@
+"""Scenes of a cobot (`core/cobot.py`): castors steered freely, along a path or along a wall, under a given hand force.
+
+    cobot = "scooter"                 # a shipped cobot (scooter, unicycle), or a path to a cobot file     (required)
+    duration_s = 4.0                  #                                                                    (required)
+    step_s = 1e-3                     #                                                                    (required)
+    output_interval_s = 1e-2          # default: step_s
+    initial_pose = [0.0, 0.0, 0.0]    # m, m, rad: centre of mass and heading, at rest, castors along the body's x axis
+    [force]                           # of the hand, at the centre of mass; no table: none
+    constant = [10.0, 0.0, 0.5]       # N, N, N m; or file = "hand.csv", header t_s,fx_N,fy_N,torque_N_m, linear between
+    [path]                            # steered along it by the velocity field of the controllers; a path of core.path
+    kind = "segment"
+    start_m = [0.0, 0.0]
+    end_m = [1.0, 0.0]
+    heading_rad = 0.0                 # that the body takes, within about `within_m` of way
+    within_m = 0.3
+    [wall]                            # instead of a path: a free caster that never passes it
+    at_m = [0.0, -0.3]
+    normal = [0.0, 1.0]               # to the free side
+    push_max_N = 200.0                # the hand's: beyond it nothing is promised
+"""
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import csv as pa_csv
+
+from core.cobot import COBOT, CobotFile, advance, advance_at_wall, new_cobot, path_goal, velocity
+from core.control.rule_sets import SETTLED
+from core.control.velocity_field import BLEND_WIDTH, field_at, new_memory
+from core.device import COBOT_FOLDER, UNICYCLE, load_device
+from core.files import InputError, NotNegative, Pair, Positive, Table, parse_toml, read_text
+from core.kernel import kernel
+from core.path import Path as PathAhead
+from core.path import build_path, line, path_from
+from core.simulator.state import new_record
+from experiments.simulate.scene import TIME_WITHIN, read_number_table, whole_number
+from experiments.simulate.simulate import CHUNK_ROWS, CHUNK_STEPS, SURE_WITHIN_M, create_file
+
+FREE, ALONG_PATH, AT_WALL = range(3)
+#: t, pose (3), velocity (3), angles of the castors (3), limited castors (bits), hand's work, kinetic energy
+WIDTH = 13
+Triple = tuple[float, float, float]
+
+
+class HandTable(Table, frozen=True):
+    """What the hand does: a file, or a constant."""
+
+    file: str | None = None
+    constant: Triple | None = None
+
+    def __post_init__(self) -> None:
+        if self.file is not None and self.constant is not None:
+            raise ValueError("give either file or constant, not both")
+
+
+class WallTable(Table, frozen=True):
+    """A straight wall, and the hand that it holds against."""
+
+    at_m: Pair
+    normal: Pair
+    push_max_N: NotNegative
+
+    def __post_init__(self) -> None:
+        if not math.hypot(*self.normal) > 0.0:
+            raise ValueError("normal must have a direction")
+
+
+class CobotSceneFile(Table, frozen=True):
+    """A scene as it stands in its file."""
+
+    cobot: str
+    duration_s: Positive
+    step_s: Positive
+    output_interval_s: Positive | None = None
+    initial_pose: Triple = (0.0, 0.0, 0.0)
+    force: HandTable = HandTable()
+    path: dict[str, Any] | None = None
+    wall: WallTable | None = None
+
+    def __post_init__(self) -> None:
+        if self.path is not None and self.wall is not None:
+            raise ValueError("give either path or wall, not both")
+        if self.step_s <= TIME_WITHIN:
+            raise ValueError(f"step_s must be more than {TIME_WITHIN:g} s")
+
+
+class CobotScene(NamedTuple):
+    """A scene that has passed every check."""
+
+    cobot: CobotFile
+    pose: Triple
+    step_s: float
+    output_every: int  # steps from one output row to the next
+    rows: int  # the first at t = 0
+    mode: int
+    path: PathAhead
+    heading_rad: float
+    within_m: float
+    wall: np.ndarray  # (4,) a place, and the unit normal
+    push_max_N: float
+    force_t: np.ndarray  # (m,) s
+    force: np.ndarray  # (m, 3)
+
+    def finer(self) -> "CobotScene":
+        """The same at half the step."""
+        return self._replace(step_s=0.5 * self.step_s, output_every=2 * self.output_every)
+
+
+def is_cobot_scene(path: Path) -> bool:
+    """Whether a scene file is one of a cobot: it names one."""
+    return any(line.split("=")[0].strip() == "cobot" for line in read_text(path).splitlines())
+
+
+def load_cobot(reference: str, folder: Path, where: str) -> CobotFile:
+    """A shipped cobot by its name, or a cobot file by its path."""
+    if reference == UNICYCLE:
+        device = load_device(UNICYCLE)
+        assert device.castor is not None
+        return CobotFile(
+            name=device.name, mass_kg=device.mechanism.tip_mass, inertia_kg_m2=1.0, hubs_m=((0.0, 0.0),),
+            steering_rate_max_rad_s=device.castor.steering_rate_max_rad_s, provenance="assumed" * device.assumed,
+        )  # fmt: skip
+    shipped = sorted(file.stem for file in COBOT_FOLDER.glob("*.toml"))
+    path = COBOT_FOLDER / f"{reference}.toml" if reference in shipped else folder / reference
+    if not reference or not path.is_file():
+        names = ", ".join(shipped)
+        raise InputError(f"{where}: unknown cobot {reference!r}: neither a shipped one ({names}) nor a file")
+    return parse_toml(read_text(path), CobotFile, str(path))
+
+
+def read_cobot_scene(path: Path) -> CobotScene:
+    """The scene of a file; every path inside is relative to it. An InputError names file, key and reason."""
+    file = parse_toml(read_text(path), CobotSceneFile, str(path))
+    cobot = load_cobot(file.cobot, path.parent, f"{path}: cobot")
+    interval = file.step_s if file.output_interval_s is None else file.output_interval_s
+    every = whole_number(interval, file.step_s, f"{path}: output_interval_s", "step_s")
+    rows = whole_number(file.duration_s, interval, f"{path}: duration_s", "output intervals") + 1
+    mode, ahead, heading, within = FREE, line((0.0, 0.0), (1.0, 0.0)), 0.0, 1.0
+    if file.path is not None:
+        about = dict(file.path)
+        mode, heading, within = ALONG_PATH, about.pop("heading_rad", 0.0), about.pop("within_m", 0.3)
+        for key, value in (("heading_rad", heading), ("within_m", within)):
+            if not (isinstance(value, float | int) and math.isfinite(value)) or (key == "within_m" and value <= 0.0):
+                raise InputError(f"{path}: path.{key} must be a finite number, and within_m positive, not {value!r}")
+        ahead = build_path(path_from(about, f"{path}: path"), f"{path}: path")
+    wall, push = np.zeros(4), 0.0
+    if file.wall is not None:
+        (nx, ny), mode, push = file.wall.normal, AT_WALL, file.wall.push_max_N
+        wall = np.array((*file.wall.at_m, nx / math.hypot(nx, ny), ny / math.hypot(nx, ny)))
+        if (file.initial_pose[0] - wall[0]) * wall[2] + (file.initial_pose[1] - wall[1]) * wall[3] < 0.0:
+            raise InputError(f"{path}: initial_pose: stands behind the wall")
+    times, force = np.zeros(1), np.array([file.force.constant or (0.0, 0.0, 0.0)])
+    if file.force.file is not None:
+        name = path.parent / file.force.file
+        table = read_number_table(name, f"{path}: force.file")
+        if table.columns != ("t_s", "fx_N", "fy_N", "torque_N_m"):
+            raise InputError(f"{name}: line 1: the header must be t_s,fx_N,fy_N,torque_N_m")
+        table.check_times()
+        if table.values[-1, 0] < file.duration_s - TIME_WITHIN:
+            raise InputError(f"{name}: ends at {table.values[-1, 0]:g} s, before the scene ({file.duration_s:g} s)")
+        times, force = table.values[:, 0], table.values[:, 1:]
+    if len(cobot.hubs_m) == 1 and np.any(force[:, 2]):
+        raise InputError(f"{path}: force: {cobot.name} has one castor and no heading, its torque must be 0")
+    return CobotScene(
+        cobot, file.initial_pose, file.step_s, every, rows, mode, ahead, float(heading), float(within), wall, push,
+        times, force,
+    )  # fmt: skip
+
+
+@kernel
+def run_cobot(cobots, memory, path, rules, mode, heading, within, wall, push, most, first, step, forces, rows):
+    """Fill rows (n, WIDTH) from row `first` on, and advance after each by as many steps as it has forces (n, steps, 3).
+
+    cobots: the cobot, and a record for its rehearsals.
+    """
+    cobot = cobots[0]
+    for r in range(rows.shape[0]):
+        row, limited = rows[r], 0
+        row[0] = (first + r) * forces.shape[1] * step
+        vx, vy, w = velocity(cobot)
+        row[4], row[5], row[6] = vx, vy, w
+        for k in range(3):
+            row[1 + k] = cobot.pose[k]
+            row[7 + k] = math.atan2(cobot.axis[k, 1], cobot.axis[k, 0])
+        row[11], row[12] = cobot.work, 0.5 * cobot.speed * cobot.speed
+        for n in range(forces.shape[1]):
+            fx, fy, torque = forces[r, n, 0], forces[r, n, 1], forces[r, n, 2]
+            if mode == AT_WALL:
+                advance_at_wall(cobots, wall, push, fx, fy, torque, step, most)
+            elif mode == ALONG_PATH:
+                vx, vy, _ = velocity(cobot)
+                field = field_at(path, memory, cobot.pose[0], cobot.pose[1], vx, vy, fx, fy, BLEND_WIDTH, rules)
+                goal = path_goal(
+                    cobot, field.beta_x, field.beta_y, field.t_x, field.t_y, heading, within, fx, fy, step
+                )  # fmt: skip
+                advance(cobot, fx, fy, torque, 1, goal[0], goal[1], goal[2], step)
+            else:
+                advance(cobot, fx, fy, torque, 0, 0.0, 0.0, 0.0, step)
+            limited |= cobot.limited
+        row[10] = limited
+
+
+class CobotRun:
+    """A scene being simulated, chunk by chunk."""
+
+    def __init__(self, scene: CobotScene) -> None:
+        self.scene, self.done = scene, 0
+        self.cobots = np.concatenate([new_cobot(scene.cobot, scene.pose), new_record(COBOT)])
+        self.memory = new_memory()
+
+    def run_chunk(self, count: int) -> np.ndarray:
+        """The next output rows (count, WIDTH); the first call begins at t = 0."""
+        s, every = self.scene, self.scene.output_every
+        rows = np.zeros((count, WIDTH))
+        middle = (self.done * every + np.arange(count * every) + 0.5) * s.step_s  # a step holds the force of its middle
+        forces = np.column_stack([np.interp(middle, s.force_t, s.force[:, k]) for k in range(3)])
+        quarter_turns = round(2.0 * math.pi / (s.cobot.steering_rate_max_rad_s * s.step_s)) + 500
+        run_cobot(
+            self.cobots, self.memory, s.path, SETTLED, s.mode, s.heading_rad, s.within_m, s.wall, s.push_max_N,
+            quarter_turns, self.done, s.step_s, forces.reshape(count, every, 3), rows,
+        )  # fmt: skip
+        self.done += count
+        return rows
+
+
+def simulate_cobot(
+    scene: CobotScene, out_path: Path, progress: Callable[[float], None] = lambda share: None
+) -> dict[str, Any]:
+    """Run a scene into a new CSV file; the summary. Nothing is left behind if that fails.
+
+    Beside it runs the same scene at half the step: where they come apart, a warning says so.
+    """
+    file, wheels = create_file(out_path), len(scene.cobot.hubs_m)
+    run, check = CobotRun(scene), CobotRun(scene.finer())
+    apart, done, limited_rows, nearest = 0.0, 0, 0, math.inf
+    start = time.perf_counter()
+    try:
+        with file:
+            file.write((",".join(column_names(wheels)) + "\n").encode())
+            while done < scene.rows:
+                count = min(CHUNK_ROWS, max(CHUNK_STEPS // scene.output_every, 1), scene.rows - done)
+                rows, other = run.run_chunk(count), check.run_chunk(count)
+                if not np.isfinite(rows).all():
+                    raise FloatingPointError("the simulated motion is no longer finite")
+                write_rows(file, rows, wheels)
+                apart = max(apart, float(np.max(np.hypot(*(rows - other)[:, 1:3].T))))
+                limited_rows += int(np.count_nonzero(rows[:, 10]))
+                distance = (rows[:, 1] - scene.wall[0]) * scene.wall[2] + (rows[:, 2] - scene.wall[1]) * scene.wall[3]
+                nearest = min(nearest, float(distance.min()))
+                done += count
+                progress(done / scene.rows)
+    except BaseException:
+        out_path.unlink(missing_ok=True)
+        raise
+    warnings = [f"half the step puts it up to {1e3 * apart:.3g} mm elsewhere; choose a smaller step_s"]
+    record = run.cobots[0]
+    return {
+        "cobot": scene.cobot.name,
+        "assumed": scene.cobot.provenance == "assumed",
+        "rows": scene.rows,
+        "wall_s": time.perf_counter() - start,
+        "half_step_differs_m": apart,
+        "rows_with_a_servo_at_its_limit": limited_rows,
+        "side_force_max_N": float(record["side_force"]),
+        "energy_residual_J": 0.5 * float(record["speed"]) ** 2 - float(record["work"]),
+        "least_distance_from_wall_m": nearest if scene.mode == AT_WALL else None,
+        "warnings": warnings if apart > SURE_WITHIN_M else [],
+    }
+
+
+def column_names(wheels: int) -> list[str]:
+    """The header of the output."""
+    castors = [f"castor_{i}_rad" for i in range(1, wheels + 1)]
+    pose = ["t_s", "x_m", "y_m", "heading_rad", "vx_m_s", "vy_m_s", "rate_rad_s"]
+    return [*pose, *castors, "limited", "work_J", "kinetic_J"]
+
+
+def write_rows(file: Any, rows: np.ndarray, wheels: int) -> None:
+    """Append rows; `limited`: the numbers of the castors whose servo sets the pace until the next one."""
+    arrays = [pa.array(column + 0.0) for column in rows[:, : 7 + wheels].T]
+    words = ["".join(str(i + 1) for i in range(wheels) if int(bits) >> i & 1) for bits in rows[:, 10]]
+    table = pa.table([*arrays, pa.array(words), *map(pa.array, rows[:, 11:].T)], names=column_names(wheels))
+    pa_csv.write_csv(table, file, pa_csv.WriteOptions(include_header=False, quoting_style="none"))

@@ -1,0 +1,82 @@
+"""A trial on a device with a castor in place of brakes (core/cobot.py: unicycle): stages of the tick, and its start.
+
+The handle is a point mass, with the arm's mass on it; the linkage carries the sensors alone. Outside the movement, in a
+gap and without control the castor turns freely; else it is steered along the desired direction of the velocity field.
+"""
+
+import math
+
+import numpy as np
+
+from core import tick_log as log
+from core.cobot import advance, path_goal, place, velocity
+from core.control.algorithm import STEER
+from core.device import Device
+from core.device_file import Castor
+from core.kernel import kernel
+from core.simulator.hand import hand_force
+from core.simulator.stick_slip_mode import look
+from core.stops import stop_gap
+
+TICK_S = 1e-3  # of a trial
+
+
+def set_castor(cobot: np.record, device: Device, tip: np.ndarray, arm_kg: float) -> None:
+    """The castor of a trial that begins with this tip (4,), m, m/s: along the motion, at rest along x (our choice)."""
+    assert device.castor is not None
+    mass = device.mechanism.tip_mass + arm_kg
+    place(cobot, ((0.0, 0.0),), mass, 1.0, device.castor.steering_rate_max_rad_s, (tip[0], tip[1], 0.0))
+    speed = math.hypot(tip[2], tip[3])
+    if speed > 0.0:
+        along = tip[2:] / speed
+        cobot["twist"][:2], cobot["axis"][0], cobot["speed"] = along / math.sqrt(mass), along, speed * math.sqrt(mass)
+
+
+def skid_warnings(cobot: np.record, castor: Castor) -> list[str]:
+    """Why the motion of a trial may be wrong: its wheel held more than its grip. None where it did not."""
+    held = float(cobot["side_force"])
+    if held <= castor.grip_N:
+        return []
+    return [f"the castor held {held:.3g} N sideways, more than its grip of {castor.grip_N:g} N: it would skid"]
+
+
+@kernel
+def turn_castor(hand, state, run, t, row):
+    """Stage, in place of SETTLE: the castor's step from t on is taken; acceleration and sensed force follow from it."""
+    cobot, tip, arm_kg = run.cobot, state.tip, hand.grips[0].mass
+    fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
+    before, steered, gx, gy = cobot.work, 0, 0.0, 0.0
+    if run.decision == STEER:
+        steered = 1
+        gx, gy, _ = path_goal(
+            cobot, row[log.DESIRED_X], row[log.DESIRED_Y], row[log.FORWARD_X], row[log.FORWARD_Y], 0.0, 1.0, fx, fy,
+            TICK_S,
+        )  # fmt: skip
+    advance(cobot, fx, fy, 0.0, steered, gx, gy, 0.0, TICK_S)
+    vx, vy, _ = velocity(cobot)
+    state.acceleration[0], state.acceleration[1] = (vx - tip[2]) / TICK_S, (vy - tip[3]) / TICK_S
+    state.hand_force[0] = fx - arm_kg * state.acceleration[0]
+    state.hand_force[1] = fy - arm_kg * state.acceleration[1]
+    run.castor_work = cobot.work - before
+
+
+@kernel
+def move_with_castor(mechanism, hand, state, run):
+    """Stage, in place of STEP: the tip is where the castor has rolled to.
+
+    A step that would leave the workspace is not made: the handle stands, and its energy is lost at the stop.
+    """
+    cobot, tip, arm_kg = run.cobot, state.tip, hand.grips[0].mass
+    square = tip[2] * tip[2] + tip[3] * tip[3]
+    stop_gap(mechanism, state.distal_side, cobot.pose[0], cobot.pose[1], run.theta, run.gap, run.side)
+    if min(run.gap[0], run.gap[1], run.gap[2], run.gap[3], run.gap[4]) < 0.0:
+        cobot.pose[0], cobot.pose[1], cobot.speed = tip[0], tip[1], 0.0
+        cobot.work -= run.castor_work
+        state.lost_at_stops += 0.5 * (cobot.mass - arm_kg) * square
+        tip[2] = tip[3] = 0.0
+    else:
+        vx, vy, _ = velocity(cobot)
+        state.work_hand += run.castor_work - 0.5 * arm_kg * (vx * vx + vy * vy - square)
+        tip[0], tip[1], tip[2], tip[3] = cobot.pose[0], cobot.pose[1], vx, vy
+    look(mechanism, state)
+    state.steps += 1
