@@ -26,13 +26,13 @@ from PySide6.QtWidgets import (
 
 from app.ipc import messages as m
 from app.window.box_plot import ChartPlot, trial_of
-from app.window.data_panel import show_folder
 from app.window.page import Page
 from app.window.painting import theme
 from app.window.painting.flow import Flow
 from app.window.painting.labels import OneLine, line, word
 from app.window.painting.parts import button, clear, row
 from app.window.trial_view import TrialView
+from app.window.words import show_folder
 from app.window.work import Verb, Work
 from core.files import InputError
 from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED, View, charts, left_out, legend
@@ -40,6 +40,7 @@ from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS
 from experiments.analysis.participants import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow
 from experiments.export.results import Conclusions, Job, Results, conclude, new_folder, read_results
+from experiments.plan import counted
 from experiments.session.files import STORED
 from experiments.session.journal import exclude_run
 from experiments.session.playback import Playback, read_playback
@@ -368,7 +369,7 @@ class AnalysePage(Page):
         if results is None:
             return
         people, late = len(people_of(rows)), sum(row.status == "timeout" for row in rows)
-        parts = [count_of(people, "participant"), count_of(len(rows), "trial"), f"{late} timed out"]
+        parts = [counted(people, "participant"), counted(len(rows), "trial"), f"{late} timed out"]
         self.summary.setText(" · ".join(parts if late else parts[:2]))
         if not results.rows:
             self._show_empty(f"Nothing is recorded in {results.folder} yet.")
@@ -524,11 +525,6 @@ class AnalysePage(Page):
         self.side.end()
         self.cancel_export()
         super().closeEvent(event)
-
-
-def count_of(number: int, word: str) -> str:
-    """As "1 trial", "2 trials"."""
-    return f"{number} {word}{'s' if number != 1 else ''}"
 
 
 def data_folder_of(recording: Path) -> Path | None:
