@@ -123,11 +123,15 @@ class TrialView(QFrame):
             absent.hide()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
+        self._share_room()
+        super().resizeEvent(event)
+
+    def _share_room(self) -> None:
+        """Workspace and curves beside each other, or one above the other."""
         wide = self.width() > WIDE_PX
         self._middle.setDirection(QBoxLayout.Direction.LeftToRight if wide else QBoxLayout.Direction.TopToBottom)
         for part, share in enumerate((5, 4) if wide else (3, 8)):
             self._middle.setStretch(part, share)
-        super().resizeEvent(event)
 
     # which trial
 
@@ -181,7 +185,8 @@ class TrialView(QFrame):
         trial = self.trial
         if self.workspace is None:
             self.workspace = Workspace((trial.device,), {1: trial.way}, self._whole)
-            self._middle.insertWidget(0, self.workspace, 4)
+            self._middle.insertWidget(0, self.workspace)
+            self._share_room()
             if not self._whole:
                 self.workspace.view.setMinimumSize(200, 110)
                 for layer in (FIELD, REACHABLE, LINKAGE):
