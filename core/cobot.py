@@ -70,7 +70,7 @@ class CobotFile(Table, frozen=True):
             raise ValueError("hubs_m: a single castor must stand at the centre of mass, [0, 0]")
 
 
-def new_cobot(file: CobotFile, pose: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.recarray:
+def new_cobot(file: CobotFile, pose: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
     """A cobot at rest at a pose (m, rad), its castors along the body's x axis."""
     record = new_record(COBOT)
     place(record[0], file.hubs_m, file.mass_kg, file.inertia_kg_m2, file.steering_rate_max_rad_s, pose)

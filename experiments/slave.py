@@ -76,7 +76,7 @@ def set_slave(record: np.ndarray, slave: Slave) -> None:
     record["wall"] = *slave.wall_at_m, slave.wall_normal[0] / length, slave.wall_normal[1] / length
 
 
-def new_slave(slave: Slave) -> np.recarray:
+def new_slave(slave: Slave) -> np.ndarray:
     """A SLAVE record by itself."""
     record = new_record(SLAVE)
     set_slave(record[0], slave)

@@ -111,7 +111,7 @@ def make_controller(
     rules: str = "settled",
     blend_width: float = BLEND_WIDTH,
     velocity_noise: float = 0.0,
-    around: np.recarray = NO_OBSTACLE,
+    around: np.ndarray = NO_OBSTACLE,
 ) -> Controller:
     """A preset made ready for a device of this normalised force (N). InputError for numbers that cannot be.
 

@@ -75,7 +75,7 @@ class Around(Table, frozen=True):
 NOTHING = Around()
 
 
-def make_around(how: Around, brakes: Brakes) -> np.recarray:
+def make_around(how: Around, brakes: Brakes) -> np.ndarray:
     """What the kernels read of a trial's obstacles; brakes: of its device."""
     around, guard = new_record(AROUND), how.guard
     edges = build_obstacles(how.obstacles)

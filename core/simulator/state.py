@@ -79,12 +79,15 @@ MECHANISM = np.dtype(
 BRAKES = np.dtype([(name, "f8", np.shape(value)) for name, value in no_brakes()._asdict().items()])
 
 
-def new_record(dtype: np.dtype) -> np.recarray:
-    """One zeroed record as an array of length one; kernels take `array[0]`."""
-    return np.zeros(1, dtype=dtype).view(np.recarray)
+def new_record(dtype: np.dtype) -> np.ndarray:
+    """One zeroed record as an array of length one; kernels take `array[0]`.
+
+    No recarray, whose fields take Python ten times as long; its one record still has them as attributes.
+    """
+    return np.zeros(1, dtype=np.dtype((np.record, dtype)))
 
 
-def pack_mechanism(mechanism: Mechanism) -> np.recarray:
+def pack_mechanism(mechanism: Mechanism) -> np.ndarray:
     """The mechanism's constants as the record that kernels read by name."""
     record = new_record(MECHANISM)
     for name, value in mechanism._asdict().items():
@@ -92,7 +95,7 @@ def pack_mechanism(mechanism: Mechanism) -> np.recarray:
     return record
 
 
-def pack_brakes(brakes: Brakes, backlash: bool) -> np.recarray:
+def pack_brakes(brakes: Brakes, backlash: bool) -> np.ndarray:
     """The brakes' constants as a record; without `backlash` the play is left out."""
     record = new_record(BRAKES)
     for name, value in brakes._asdict().items():
@@ -102,7 +105,7 @@ def pack_brakes(brakes: Brakes, backlash: bool) -> np.recarray:
     return record
 
 
-def new_state(x: float, y: float, vx: float = 0.0, vy: float = 0.0) -> np.recarray:
+def new_state(x: float, y: float, vx: float = 0.0, vy: float = 0.0) -> np.ndarray:
     """A state with the tip at (x, y), m, moving at (vx, vy), m/s; brakes and backlash are set by the simulator."""
     state = new_record(STATE)
     state["tip"][0] = (x, y, vx, vy)

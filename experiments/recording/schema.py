@@ -18,6 +18,7 @@ on the bench sensors).
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,6 +48,7 @@ class Sensors(NamedTuple):
     force_channels: int
 
 
+@cache
 def recording_columns(braked: str, sensors: Sensors | None = None) -> tuple[tuple[str, int], ...]:
     """(name, column of the tick log) of every column; `braked`: letters of the braked joints, as "AEB".
 

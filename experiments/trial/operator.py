@@ -97,7 +97,7 @@ OPERATOR = np.dtype(
 )
 
 
-def new_operator(person: Person, generator: np.random.Generator) -> np.recarray:
+def new_operator(person: Person, generator: np.random.Generator) -> np.ndarray:
     """The operator of one trial; draws what differs between trials (bias, reaction, the tremor's phase)."""
     operator = new_record(OPERATOR)
     for name, value in person._asdict().items():
@@ -129,7 +129,7 @@ def new_operator(person: Person, generator: np.random.Generator) -> np.recarray:
     return operator
 
 
-def take_handle(person: Person, path: Path, grips: np.recarray) -> None:
+def take_handle(person: Person, path: Path, grips: np.ndarray) -> None:
     """Set the arm at the handle: soft along the path's first piece, stiff across it; the kernels turn it."""
     _, _, tx, ty = point_at(path, 0.0)
     grips["spring"][0] = 1

@@ -120,7 +120,7 @@ RUN = np.dtype(
 )
 
 
-def new_run(how: TrialRules, fidelity: int, simulated_hand: bool, real: bool = False) -> np.recarray:
+def new_run(how: TrialRules, fidelity: int, simulated_hand: bool, real: bool = False) -> np.ndarray:
     """A trial before its first tick, by the trial rules of a protocol."""
     approach_s = how.approach_time_out_s if simulated_hand else PERSON_APPROACH_S
     run = new_record(RUN)

@@ -46,7 +46,10 @@ class World:
     def run(self) -> Done:
         """Its row, in the order of `columns`."""
         protocol, population = self.ranges.study(self.values, self.seed)
-        protocol = settled(protocol, population)
+        try:
+            protocol = settled(protocol, population)
+        except InputError:  # no low gain is without vibration: one cannot tell of such a world
+            return Done(self._row({}, math.nan), 0)
         trials: dict[tuple[str, int], list[Mapping[str, float | None] | None]] = {}
         ticks, finished = 0, 0
         for one in study_trials(protocol, population, self.ranges.operators, DRAWN):
@@ -55,16 +58,19 @@ class World:
             trials.setdefault(cell, []).append(one.measures if done else None)
             ticks, finished = ticks + one.ticks, finished + done
         count = sum(map(len, trials.values()))
-        boxes = _boxes(trials)
+        return Done(self._row(_boxes(trials), finished / count), ticks)
+
+    def _row(self, boxes: Mapping[tuple[str, str, int], PooledBox], share_done: float) -> bytes:
+        protocol = self.ranges.protocol
         found = box_findings(boxes, [device.name for device in protocol.devices])
         cells = [
-            self.number, self.seed, *self.values.values(), finished / count, *(one.verdict for one in found),
+            self.number, self.seed, *self.values.values(), share_done, *(one.verdict for one in found),
             *(one.margin for one in found),
             *(getattr(boxes.get(cell), q, math.nan) for cell in _cells(protocol) for q in QUARTILES),
         ]  # fmt: skip
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerow(map(_as_cell, cells))
-        return Done(text.getvalue().encode(), ticks)
+        return text.getvalue().encode()
 
 
 def _boxes(

@@ -26,7 +26,7 @@ from fake_client import (
 )
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
+from screens import Screens, cut_texts, point, settle, visible_texts
 from sessions import session_of
 
 from app.ipc import messages as m
@@ -39,11 +39,6 @@ from core import tick_log
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
 RERIG = CARDS[m.RERIG].text
-
-
-@pytest.fixture
-def screens(qtbot):
-    yield from opened_screens()
 
 
 # ------------------------------------------------------------------------------------------------- pre-flight, start

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 import serial
 from fake_client import PLAN, SHORT_BREAK, opened, ready, result
-from screens import Screens, cut_texts, opened_screens, settle
+from screens import Screens, cut_texts, settle
 
 from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus
@@ -24,11 +24,6 @@ from hardware.serial_port import _reason
 IDLE = m.Timing(0.2, 0.4, 1.0, 0, "default")
 DEFAULT = Scheduling(False, False, -1, "default")
 LATE = m.Timing(50.0, 30_947.0, 41_000.0, 2180, "default")
-
-
-@pytest.fixture
-def screens(qtbot):
-    yield from opened_screens()
 
 
 def test_aborted_and_skipped_trials_are_not_called_done(screens: Screens) -> None:

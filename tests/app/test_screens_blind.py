@@ -1,17 +1,11 @@
 """While the console is blind, no pixel of either window depends on what the controller does."""
 
 import numpy as np
-import pytest
 from fake_client import PLAN, movement, opened, pulse, running
 from PySide6.QtGui import QImage
-from screens import Screens, opened_screens, settle
+from screens import Screens, settle
 
 from core import tick_log
-
-
-@pytest.fixture
-def screens(qtbot):
-    yield from opened_screens()
 
 
 def two_controllers() -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ import pytest
 from fake_client import opened, pulse, running, ticks
 from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QApplication
-from screens import Screens, opened_screens, settle
+from screens import Screens, settle
 
 from app.ipc import messages as m
 from app.window.painting import theme
@@ -18,11 +18,6 @@ from tests.benchmarks.pointer_lag import Moves
 from tests.benchmarks.screen_bench import table
 from tests.benchmarks.screen_cost import LONG_MS, measure
 from tests.benchmarks.synthetic_bench import TRIAL_S, SyntheticBench
-
-
-@pytest.fixture
-def screens(qtbot):
-    yield from opened_screens()
 
 
 @pytest.mark.parametrize("both", [False, True])

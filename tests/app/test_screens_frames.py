@@ -9,7 +9,7 @@ from fake_client import PLAN, movement, opened, ready, running, ticks
 from fake_ticks import ALONG
 from PySide6.QtCore import QRectF
 from PySide6.QtWidgets import QApplication
-from screens import Screens, opened_screens, settle
+from screens import Screens, settle
 
 from app.ipc import messages as m
 from app.window.energy_panel import Ledger
@@ -23,11 +23,6 @@ from core.device import load_device
 
 FOUR = load_device("four-brake")
 FRAME = 16  # ticks
-
-
-@pytest.fixture
-def screens(qtbot):
-    yield from opened_screens()
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from fake_client import opened, ready, running
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
-from screens import Screens, cut_texts, opened_screens, settle
+from screens import Screens, cut_texts, settle
 
 from app.cli import main
 from app.ipc import messages as m
@@ -14,11 +14,6 @@ from app.window.painting.theme import show_whole
 from app.window.questionnaire import ITEMS
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
-
-
-@pytest.fixture
-def screens(qtbot):
-    yield from opened_screens()
 
 
 def focus(screens: Screens) -> QWidget | None:

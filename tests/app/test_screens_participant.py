@@ -8,7 +8,7 @@ from fake_client import LONG_BREAK, PLAN, PRESETS, movement, opened, paper, read
 from PySide6.QtCore import QEvent, QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
-from screens import Screens, cut_texts, opened_screens, point, settle, visible_texts
+from screens import Screens, cut_texts, point, settle, visible_texts
 
 from app.ipc import messages as m
 from app.window.painting.plane import TRAIL_STEP_PX
@@ -21,11 +21,10 @@ CTRL = Qt.KeyboardModifier.ControlModifier
 
 
 @pytest.fixture
-def screens(qtbot):
-    for screens in opened_screens():
-        screens.participant.resize(1280, 720)
-        screens.participant.show()
-        yield screens
+def screens(screens: Screens) -> Screens:
+    screens.participant.resize(1280, 720)
+    screens.participant.show()
+    return screens
 
 
 def said(screens: Screens) -> str:

@@ -5,7 +5,7 @@ import pytest
 from fake_client import GREEN, LONG_BREAK, PLAN, RED, movement, opened, paper, ready, running
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel
-from screens import Screens, cut_texts, opened_screens, settle, visible_texts
+from screens import Screens, cut_texts, settle, visible_texts
 
 from app.ipc import messages as m
 from app.window import words
@@ -18,11 +18,6 @@ from experiments.language import ENGLISH_WORDS
 
 KEY = Qt.Key
 NOTES = ("13:02 asked to move a little slower", "13:06 break, 2 min")
-
-
-@pytest.fixture
-def screens(qtbot):
-    yield from opened_screens()
 
 
 @pytest.mark.parametrize("over", [0, 12])

@@ -2,17 +2,12 @@
 
 import pytest
 from fake_client import PLAN, opened, ready, result
-from screens import Screens, opened_screens, visible_texts
+from screens import Screens, visible_texts
 
 from app.ipc import messages as m
 from app.window.painting import theme
 from app.window.plan_grid import MARKS
 from experiments.analysis.trials_table import STATUSES
-
-
-@pytest.fixture
-def screens(qtbot):
-    yield from opened_screens()
 
 
 def test_every_status_has_its_colour_and_all_but_done_a_mark() -> None:

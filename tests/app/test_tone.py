@@ -6,15 +6,10 @@ import wave
 import numpy as np
 import pytest
 from fake_client import opened, paper, ready, running, ticks
-from screens import Screens, opened_screens
+from screens import Screens
 
 from app.window.tone import END_HZ, GO_HZ, RATE_HZ, tone
 from core import tick_log
-
-
-@pytest.fixture
-def screens(qtbot):
-    yield from opened_screens()
 
 
 @pytest.mark.parametrize("frequency", [GO_HZ, END_HZ])

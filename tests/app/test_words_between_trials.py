@@ -3,7 +3,7 @@
 import pytest
 from fake_client import LONG_BREAK, PLAN, opened, paper, ready, result, running
 from PySide6.QtWidgets import QLabel
-from screens import Screens, cut_texts, opened_screens, settle, visible_texts
+from screens import Screens, cut_texts, settle, visible_texts
 
 from app.ipc import messages as m
 from app.window import words
@@ -14,11 +14,6 @@ from experiments.protocol import Cues
 CUES = Cues(too_fast_s=3.0, too_slow_s=6.0)  # the trials of the fake client take 2.4 s
 GIVEN = opened(protocol=paper(feedback="error", cues=CUES))
 ERROR, CUE = "mm from the line on average", ENGLISH_WORDS["slower"]
-
-
-@pytest.fixture
-def screens(qtbot):
-    yield from opened_screens()
 
 
 @pytest.mark.parametrize("status", STATUSES)

@@ -78,7 +78,7 @@ def test_time_constant_at_rest_is_that_at_the_floor():
 
 
 @pytest.mark.nojit
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     current=st.floats(0, 1), start=st.floats(0.0, 5.3), rate=st.floats(-8, 8),
     time=st.floats(1e-4, 0.5), pieces=st.integers(2, 20),

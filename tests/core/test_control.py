@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from protocols import PAPER
 from synthetic_device import CURRENT_MAX, DEVICES, K, brakes_on, gain, random_mass, random_rows, rows
@@ -18,7 +18,6 @@ from core.files import InputError
 from core.path import Path, line, point_at
 
 PRESETS = PAPER.controllers
-law = settings(deadline=None)  # the first call compiles
 USE_SDOF = control.DECISIONS.index("sdof A")
 USE_PROPORTIONAL = control.DECISIONS.index("prop A")
 USE_CAPPED = control.DECISIONS.index("prop A, at normalised force")
@@ -106,7 +105,6 @@ def test_each_decision_code_has_one_text_and_the_brake_codes_name_their_brake():
 
 
 @nojit
-@law
 @given(seed, numbers, rule_names, st.sampled_from(["AEBC", "AEB", "B", ""]))
 def test_currents_are_those_that_the_decision_names_and_never_beyond_the_brake(seed, number, rules, joints):
     rng = np.random.default_rng(seed)
@@ -130,7 +128,6 @@ def test_currents_are_those_that_the_decision_names_and_never_beyond_the_brake(s
 
 
 @nojit
-@law
 @given(seed)
 def test_controller_1_never_asks_for_current(seed):
     rng = np.random.default_rng(seed)
@@ -139,7 +136,6 @@ def test_controller_1_never_asks_for_current(seed):
 
 
 @nojit
-@law
 @given(seed, st.floats(-0.02, 0.02))
 def test_inside_the_gap_nothing_is_controlled_and_outside_the_gap_changes_nothing(seed, distance):
     rng = np.random.default_rng(seed)
@@ -197,7 +193,6 @@ def test_5_newton_seconds_per_metre_ask_for_less_than_the_drag_and_so_for_no_cur
 
 
 @nojit
-@law
 @given(seed, numbers, rule_names)
 def test_the_mirror_image_of_device_path_and_hand_gets_the_mirrored_decision(seed, number, rules):
     rng = np.random.default_rng(seed)
@@ -219,7 +214,6 @@ def test_the_mirror_image_of_device_path_and_hand_gets_the_mirrored_decision(see
 
 
 @nojit
-@law
 @given(numbers, rule_names, *[st.floats(-0.5, 0.5)] * 4, *[st.floats(-60, 60)] * 2, seed)
 @example(4, "settled", 0.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0)
 @example(4, "literal", 0.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0)
@@ -248,7 +242,6 @@ def test_input_that_is_not_finite_releases_all_brakes_and_is_forgotten(number, w
 
 
 @nojit
-@law
 @given(seed, st.floats(0.5, 3.0))
 def test_high_gain_means_the_normalised_force_from_2_mm_s_of_undesired_velocity_on(seed, factor):
     rng = np.random.default_rng(seed)

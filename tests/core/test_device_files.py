@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from devices import stops_of
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from core.device import build_device, load_device, shipped_devices
@@ -193,7 +193,6 @@ def test_a_force_sensor_calibration_is_read_beside_the_device(tmp_path: Path):
 
 
 @given(st.floats(-0.7, 0.7), st.floats(0.001, 0.7), st.sampled_from(["three-brake", "four-brake"]))
-@settings(deadline=None)  # the first example loads the kernels
 def test_the_tip_is_free_exactly_where_no_hard_stop_is_passed(x, y, name):
     dev = {"three-brake": THREE, "four-brake": FOUR}[name]
     nearest = stops_of(dev, x, y).min()

@@ -35,7 +35,7 @@ def commands(bar: FiveBar, rng: np.random.Generator, fidelity: str, n: int) -> n
     return rng.uniform(0, top, (n, 4)) * (rng.uniform(size=(n, 4)) < 0.67) * present
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 2**32), kind=st.sampled_from(KINDS), spring=st.booleans())
 def test_brakes_never_add_energy_in_any_tick(seed, kind, spring):
     """Random hands and currents that switch every tick: heat never falls, in no brake and no tick."""

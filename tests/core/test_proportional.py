@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from synthetic_device import brakes_on, random_mass, random_rows
 
@@ -23,7 +23,6 @@ from core.control.rule_sets import LITERAL, SETTLED
 from core.control.velocity_field import Field
 
 pytestmark = pytest.mark.nojit
-law = settings(deadline=None)  # the first call compiles
 
 angle = st.floats(-math.pi, math.pi)
 seed = st.integers(0, 2**32 - 1)
@@ -36,7 +35,6 @@ def field_along(direction: float) -> Field:
     return Field(0.0, c, s, s, -c, c, s)
 
 
-@law
 @given(angle, angle, st.floats(0.0, 2.0))
 def test_the_space_of_desired_velocity_is_a_rotation_by_beta(direction, of_vector, size):
     along, across = in_beta(size * math.cos(of_vector), size * math.sin(of_vector), field_along(direction))
@@ -44,7 +42,6 @@ def test_the_space_of_desired_velocity_is_a_rotation_by_beta(direction, of_vecto
     assert across == pytest.approx(size * math.sin(of_vector - direction), abs=1e-12)
 
 
-@law
 @given(angle, st.floats(1e-3, 1e3), angle)
 def test_the_force_of_a_brake_lies_along_its_row_and_takes_power_from_the_tip(direction, size, motion):
     g = (size * math.cos(direction), size * math.sin(direction))
@@ -81,7 +78,6 @@ def test_the_five_forces_of_figure_14_give_the_influence_matrix_of_the_paper(alo
     assert h.tolist() == [[1, 0, -1, -1, -1], [-1, -1, -1, 0, 1]]
 
 
-@law
 @given(angle, st.floats(0.1, 30.0), st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)))
 def test_influence_says_whether_a_short_push_of_the_force_makes_a_velocity_component_grow(direction, force, v):
     assume(all(component == 0.0 or abs(component) > 1e-3 for component in v))
@@ -95,7 +91,6 @@ def test_influence_says_whether_a_short_push_of_the_force_makes_a_velocity_compo
             assert h[component] == 0
 
 
-@law
 @given(angle, st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)))
 def test_settled_counts_a_force_along_beta_as_increasing_also_when_the_tip_moves_back(direction, v):
     f = (math.cos(direction), math.sin(direction))
@@ -125,7 +120,6 @@ def test_only_brakes_that_slow_the_undesired_component_are_ranked_and_those_that
     assert [priority(*h) for h in ranked[3:]] == [0] * 6
 
 
-@law
 @given(seed, angle, angle, st.floats(0.0, 0.4), rule_sets, st.sampled_from(["AEBC", "AEB", "C"]))
 def test_the_chosen_brake_is_the_best_by_an_independent_reading_of_the_paper(
     seed, direction, motion, speed, rules, joints
@@ -159,7 +153,6 @@ def test_the_chosen_brake_is_the_best_by_an_independent_reading_of_the_paper(
         assert across * (v @ left) < 0.0, "the force opposes v_beta_y"
 
 
-@law
 @given(st.floats(0.0, 1e5), st.floats(-2.0, 2.0), st.floats(5.0, 30.0))
 def test_the_force_is_proportional_to_v_beta_y_and_never_above_the_normalised_force(gain, v_beta_y, most):
     force = commanded_force(gain, v_beta_y, most)
@@ -169,7 +162,6 @@ def test_the_force_is_proportional_to_v_beta_y_and_never_above_the_normalised_fo
         assert force == pytest.approx(gain * abs(v_beta_y))
 
 
-@law
 @given(seed, angle, st.floats(1e-3, 50.0))
 def test_the_impending_direction_is_that_of_the_acceleration_from_rest(seed, push, force):
     mass = random_mass(np.random.default_rng(seed))

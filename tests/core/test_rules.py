@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from protocols import PAPER
 from synthetic_device import DEVICES, brakes_on, random_mass, random_rows, rows
@@ -26,7 +26,6 @@ USE_CAPPED = control.DECISIONS.index("prop A, at normalised force")
 
 pytestmark = pytest.mark.nojit
 PRESETS = PAPER.controllers
-law = settings(deadline=None)  # the first call compiles
 
 PATH = line((-0.10, 0.40), (0.10, 0.40))
 BRAKES = brakes_on("AEB")
@@ -51,7 +50,6 @@ def test_there_are_two_rule_sets_and_no_third():
         rule_set("paper")
 
 
-@law
 @given(angle, st.floats(1e-6, 60.0), st.floats(0.005, 0.04))
 def test_literally_a_tip_at_rest_has_no_candidate_and_the_slightest_outward_push_locks_it(push, force, distance):
     f = (force * math.cos(push), force * math.sin(push))
@@ -60,7 +58,6 @@ def test_literally_a_tip_at_rest_has_no_candidate_and_the_slightest_outward_push
     assert code == (algorithm.LOCK_NONE_SELECTED if f[1] > 0.0 else algorithm.RELEASE_NONE_SELECTED)
 
 
-@law
 @given(seed, angle, st.floats(0.6, 60.0), st.floats(0.0, 0.0019), angle)
 def test_settled_1_at_rest_the_impending_motion_decides_whatever_the_velocity_noise(seed, push, force, noise, way):
     rng = np.random.default_rng(seed)
@@ -92,7 +89,6 @@ def test_settled_1_a_hand_along_the_path_starts_where_literally_it_stays_locked(
     assert code >= USE_PROPORTIONAL and np.count_nonzero(current) <= 1
 
 
-@law
 @given(angle, st.floats(0.51, 40.0), st.floats(0.01, 0.2), st.sampled_from([0, 1, 2]))
 def test_settled_2_the_noise_of_a_stuck_joints_rate_does_not_decide(push, force, speed, stuck):
     g = rows("three-brake", 0.01, 0.42)
@@ -120,7 +116,6 @@ def test_settled_2_without_a_felt_hand_a_stuck_joint_is_no_candidate_and_literal
     assert codes["literal"] > {algorithm.RELEASE_NONE_SELECTED}, "one of the two senses of noise picks brake A"
 
 
-@law
 @given(angle, angle, st.sampled_from([1.0, -1.0]), st.floats(0.0, 40.0))
 def test_settled_3_a_push_is_outward_above_half_a_newton_and_within_60_degrees(direction, push, side, f):
     t = (math.cos(direction), math.sin(direction))
@@ -177,7 +172,6 @@ def test_settled_5_moving_back_locks_only_beyond_5_mm_s_and_four_times_the_veloc
     assert [locked(s, "literal") for s in (0.0, 1e-9)] == [False, True]
 
 
-@law
 @given(seed, angle, st.floats(0.0, 40.0), st.floats(0.0, 0.00499), angle, st.floats(-0.06, 0.06))
 def test_settled_a_hand_that_pushes_inward_is_never_locked_below_5_mm_s(seed, push, force, speed, way, distance):
     assume(abs(distance) > 1e-6)

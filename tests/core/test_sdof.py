@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from synthetic_device import DEVICES, brakes_on, joint_angles, random_rows, rows
 
@@ -13,7 +13,6 @@ from core.control.sdof import nearest_valid_brake, sdof_direction, valid_sense
 from core.control.velocity_field import Field, desired_direction
 
 pytestmark = pytest.mark.nojit
-law = settings(deadline=None)  # the first call compiles
 
 angle = st.floats(-math.pi, math.pi)
 side = st.sampled_from([1.0, -1.0])
@@ -32,7 +31,6 @@ def angle_between(a, b) -> float:
     return abs(math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]))
 
 
-@law
 @given(angle, st.floats(1e-3, 1e3))
 def test_the_sdof_path_is_perpendicular_to_the_force_of_its_brake(direction, size):
     g = (size * math.cos(direction), size * math.sin(direction))
@@ -41,7 +39,6 @@ def test_the_sdof_path_is_perpendicular_to_the_force_of_its_brake(direction, siz
     assert (p[0] * g[0] + p[1] * g[1]) / size == pytest.approx(0.0, abs=1e-12)
 
 
-@law
 @given(st.sampled_from(list(DEVICES)), st.floats(-0.08, 0.08), st.floats(0.3, 0.42), st.integers(0, 3))
 def test_a_tip_that_moves_along_the_sdof_path_leaves_the_angle_of_that_joint_alone(device, x, y, joint):
     p = np.array(sdof_direction(*rows(device, x, y)[joint]))
@@ -57,7 +54,6 @@ def test_a_brake_without_a_moment_arm_has_no_sdof_path_and_is_never_valid():
     assert nearest_valid_brake(brakes_on("AEBC"), np.zeros((4, 2)), field_of(0.3, 1.0), SETTLED) == -1
 
 
-@law
 @given(angle, side, angle)
 def test_a_path_is_valid_in_the_sense_that_lies_within_90_degrees_from_t_to_n(direction, side, of_path):
     field = field_of(direction, side)
@@ -69,7 +65,6 @@ def test_a_path_is_valid_in_the_sense_that_lies_within_90_degrees_from_t_to_n(di
     assert valid_sense(*p, field, SETTLED.span_rounding) == expected
 
 
-@law
 @given(angle, side, st.floats(-1e-12, 1e-12))
 def test_paths_along_t_and_n_themselves_are_valid_whatever_rounding_does_to_them(direction, side, rounding):
     field = field_of(direction, side)
@@ -79,7 +74,6 @@ def test_paths_along_t_and_n_themselves_are_valid_whatever_rounding_does_to_them
         assert valid_sense(-p[0], -p[1], field, SETTLED.span_rounding) == -1.0
 
 
-@law
 @given(seed, angle, side, st.floats(0.0, 0.1), st.sampled_from(["AEBC", "AEB", "EC", "B"]))
 def test_the_chosen_path_is_the_valid_one_closest_in_angle_to_the_desired_direction(
     seed, direction, side, distance, joints

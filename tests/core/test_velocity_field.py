@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from paths import curves, point, segments
 
@@ -24,7 +24,6 @@ from core.files import InputError
 from core.path import CORNER_M, Arc, Polyline, build_path, line, nearest, point_at
 
 pytestmark = pytest.mark.nojit
-law = settings(deadline=None)  # the first call compiles
 
 angle = st.floats(-math.pi, math.pi)
 
@@ -42,7 +41,6 @@ def test_a_segment_without_length_or_with_numbers_that_are_not_finite_is_refused
         line(start, end)
 
 
-@law
 @given(segments, point)
 def test_progress_along_and_distance_across_lead_back_to_the_point(path, at):
     progress, distance, tx, ty = nearest(path, *at)
@@ -65,7 +63,6 @@ def beta_angle(distance, n, t, width=BLEND_WIDTH):
     return math.atan2(bx * n[0] + by * n[1], bx * t[0] + by * t[1])
 
 
-@law
 @given(angle, st.sampled_from([1.0, -1.0]), st.floats(0.0, 0.2))
 def test_the_angle_of_the_field_grows_linearly_with_distance_to_a_right_angle_at_the_boundary(direction, side, d):
     t = (math.cos(direction), math.sin(direction))
@@ -79,7 +76,6 @@ def test_the_field_on_the_path_is_the_path_and_beyond_the_boundary_straight_to_i
     assert desired_direction(0.3, 0.0, -1.0, 1.0, 0.0, BLEND_WIDTH) == (0.0, -1.0)
 
 
-@law
 @given(st.one_of(segments, curves), point, point, angle, st.floats(0.1, 40.0), st.sampled_from([SETTLED, LITERAL]))
 def test_a_small_step_along_the_field_never_leads_away_from_the_path(path, at, v, push, force, rules):
     fx, fy = force * math.cos(push), force * math.sin(push)
@@ -94,7 +90,6 @@ def test_a_small_step_along_the_field_never_leads_away_from_the_path(path, at, v
         assert abs(nearer) < field.distance, "n points towards the path"
 
 
-@law
 @given(segments, point, angle, st.floats(1.5, 40.0), st.sampled_from([SETTLED, LITERAL]))
 def test_a_push_along_the_path_sets_the_travel_sense_and_the_field_never_opposes_it(path, at, push, force, rules):
     fx, fy = force * math.cos(push), force * math.sin(push)
@@ -110,7 +105,6 @@ def test_literally_the_travel_sense_is_the_sign_of_the_force_along_and_kept_at_z
         assert travel_sense(last, 0.0, 0.3, LITERAL) == last
 
 
-@law
 @given(st.sampled_from([1.0, -1.0]), st.floats(-40, 40), st.floats(-0.5, 0.5))
 def test_settled_4_the_travel_sense_turns_only_for_a_clear_push_that_the_motion_does_not_contradict(last, f, v):
     sense = travel_sense(last, f, v, SETTLED)
@@ -136,7 +130,6 @@ def test_settled_6_on_the_path_the_last_side_is_kept_and_the_first_is_the_left_o
     assert (backwards.t_x, backwards.n_y) == (-1.0, 1.0), "left of a tangent that points to the start"
 
 
-@law
 @given(segments, st.floats(-1.0, 2.0), st.sampled_from([1.0, -1.0]))
 def test_rounding_does_not_choose_the_side_of_a_tip_on_the_path(path, share, side):
     x = path.x0 + share * (path.x1 - path.x0)
@@ -152,7 +145,6 @@ def test_memory_holds_travel_sense_and_side_of_the_last_tick():
     assert (memory[TRAVEL], memory[SIDE], memory[PIECE]) == (-1.0, -1.0, 0.0)
 
 
-@law
 @given(curves, st.floats(0.0, 1.0), st.floats(-0.002, 0.002), st.sampled_from([1.0, -1.0]))
 def test_near_any_path_the_field_runs_along_it_the_way_the_hand_pushes(path, share, off, sense):
     s = share * path.length

@@ -116,7 +116,7 @@ def test_way_beyond_the_ends_has_no_weight():
 
 
 @given(st.floats(0, 2 * np.pi), st.floats(-1, 1), st.floats(-1, 1), st.integers(0, 100))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_measures_of_the_way_do_not_depend_on_where_the_path_lies(angle, dx, dy, seed):
     generator = np.random.default_rng(seed)
     tip = np.cumsum(generator.normal(size=(400, 2)), axis=0) * 0.01

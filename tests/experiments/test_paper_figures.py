@@ -10,7 +10,7 @@ import matplotlib
 import numpy as np
 import pytest
 from devices import BRAKE_TEXT, FOUR, THREE
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from app.cli import main
@@ -53,7 +53,6 @@ def test_evenly_spaced_force_lines_leave_half_a_turn_and_one_gap_whatever_the_ve
     assert math.degrees(expected) == {2: 270.0, 4: 225.0}.get(count, math.degrees(expected)), "two and four of Fig. 1"
 
 
-@settings(deadline=None)
 @given(lines_of_force)
 def test_worst_and_mean_are_those_over_all_directions_of_velocity(lines):
     velocities = (np.arange(720) + 0.5) * math.pi / 360.0
@@ -193,7 +192,6 @@ def test_the_selected_sdof_path_is_the_valid_one_nearest_the_desired_velocity(ba
     assert choice.selected == min(angles, key=angles.get)
 
 
-@settings(deadline=None)
 @given(st.integers(0, 10_000), st.integers(2, 4))
 def test_a_lock_holds_a_force_of_that_size_in_every_direction_and_a_larger_one_not_in_all(seed, count):
     rng = np.random.default_rng(seed)

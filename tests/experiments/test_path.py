@@ -5,7 +5,7 @@ import math
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from paths import curves, point, segments, turtle
 
@@ -29,7 +29,6 @@ from core.path import (
 from experiments.trial.tick import arrived
 
 pytestmark = pytest.mark.nojit
-law = settings(deadline=None)  # the first call compiles
 share = st.floats(0.0, 1.0)
 
 
@@ -38,7 +37,6 @@ def from_corners(path, s):
     return min((abs(s - begin) for begin in path.pieces[1:, FROM]), default=math.inf)
 
 
-@law
 @given(segments, point)
 def test_a_segment_is_its_infinite_line_to_the_last_bit(path, at):
     """The formula of the segment alone, as it was before there were other paths."""
@@ -48,7 +46,6 @@ def test_a_segment_is_its_infinite_line_to_the_last_bit(path, at):
     assert on_piece(path, held_piece(path, 0, *at), *at) == nearest(path, *at)
 
 
-@law
 @given(point, point)
 def test_a_polyline_of_two_points_is_a_segment(start, end):
     assume(1e-3 < math.dist(start, end))
@@ -58,7 +55,6 @@ def test_a_polyline_of_two_points_is_a_segment(start, end):
     assert (polyline.x1, polyline.y1) == pytest.approx((segment.x1, segment.y1), abs=1e-15)
 
 
-@law
 @given(st.one_of(segments, curves), share)
 def test_a_point_of_the_path_is_its_own_nearest_point(path, of_length):
     s = of_length * path.length
@@ -70,7 +66,6 @@ def test_a_point_of_the_path_is_its_own_nearest_point(path, of_length):
         assert (ux, uy) == pytest.approx((tx, ty), abs=1e-7)
 
 
-@law
 @given(curves, share, st.floats(-0.003, 0.003))
 def test_a_tip_offset_to_the_left_is_that_far_from_the_path_and_no_further_along_it(path, of_length, offset):
     s = of_length * path.length
@@ -80,7 +75,6 @@ def test_a_tip_offset_to_the_left_is_that_far_from_the_path_and_no_further_along
     assert found == pytest.approx((s, offset, tx, ty), abs=1e-9)
 
 
-@law
 @given(curves, point)
 def test_the_nearest_point_is_that_far_away_and_no_point_of_the_path_is_nearer(path, at):
     progress, distance, _, _ = nearest(path, *at)
@@ -92,7 +86,6 @@ def test_the_nearest_point_is_that_far_away_and_no_point_of_the_path_is_nearer(p
         assert abs(distance) >= min(apart) - path.length / 199
 
 
-@law
 @given(curves, point)
 def test_the_path_lies_at_right_angles_to_the_way_to_its_nearest_point(path, at):
     progress, distance, tx, ty = nearest(path, *at)
@@ -102,7 +95,6 @@ def test_the_path_lies_at_right_angles_to_the_way_to_its_nearest_point(path, at)
     assert (x - distance * ty, y + distance * tx) == pytest.approx(at, abs=1e-9), "left is positive"
 
 
-@law
 @given(curves, share, st.floats(0.0, 0.003), st.floats(-math.pi, math.pi))
 def test_progress_does_not_leap_for_a_tip_that_stays_near_the_path(path, of_length, off, angle):
     s = of_length * path.length
@@ -111,7 +103,6 @@ def test_progress_does_not_leap_for_a_tip_that_stays_near_the_path(path, of_leng
     assert abs(progress - s) <= NEAR_RATIO * 2.0 * off + 0.008, "0.008: nearness is checked every 2 mm"
 
 
-@law
 @given(curves, st.floats(-0.1, 1.1), st.floats(0.0, 0.01))
 def test_points_of_the_path_are_no_further_apart_than_the_way_between_them(path, of_length, way):
     s = of_length * path.length
@@ -120,7 +111,6 @@ def test_points_of_the_path_are_no_further_apart_than_the_way_between_them(path,
     assert math.hypot(*there[2:]) == pytest.approx(1.0)
 
 
-@law
 @given(curves, st.floats(0.0, 0.01), st.floats(-0.004, 0.004))
 def test_beyond_its_ends_a_path_goes_on_straight(path, beyond, offset):
     for s, end in ((-beyond, 0.0), (path.length + beyond, path.length)):
@@ -231,7 +221,6 @@ def test_the_end_is_reached_along_the_path_only():
     assert arrived(round_, 0.04, round_.x1, round_.y1)
 
 
-@law
 @given(segments, share, st.floats(-math.pi, math.pi), st.floats(0.0, 0.02))
 def test_on_a_segment_the_end_is_reached_wherever_it_is_near(path, fraction, angle, radius):
     away = fraction * 0.999 * radius

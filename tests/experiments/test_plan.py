@@ -42,7 +42,7 @@ def never_twice_running(plan):
 @example(2, 5, 2, 3, 1, 1, 1)  # the paper's
 @example(1, 2, 3, 2, 10, 1, 1)  # only two in 10^17 orders of a block alternate: one is found all the same
 @example(1, 1, 1, 1, 1, 1, 1)  # a single trial is a plan
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_every_cell_stands_as_often_in_each_block_and_no_controller_comes_twice_running(
     devices, controllers, paths, blocks, repetitions, seed, participant
 ):

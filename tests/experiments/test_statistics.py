@@ -77,7 +77,7 @@ samples = st.lists(thousandths, min_size=6, max_size=9, unique_by=lambda one: on
 
 
 @given(samples)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_the_signed_rank_p_is_the_share_of_all_sign_patterns_at_least_as_far_out(values):
     differences = np.array(values)
     ranks = stats.rankdata(np.abs(differences))
@@ -90,7 +90,7 @@ def test_the_signed_rank_p_is_the_share_of_all_sign_patterns_at_least_as_far_out
 
 
 @given(samples)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_shift_lies_in_the_interval_when_the_test_cannot_reject_it(values):
     """Just inside either end the signed-rank test of the shifted values gives p > 5 %, just outside p <= 5 %."""
     data = np.array(values)

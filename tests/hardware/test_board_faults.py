@@ -166,7 +166,7 @@ def test_the_first_fault_stays_the_cause_of_all_that_follow() -> None:
     assert (report[-1].cause, report[-1].detail) == (Fault.WATCHDOG, 255)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(st.integers(0, 6), st.integers(1, 30)), max_size=25))
 def test_whatever_happens_currents_flow_only_while_active_and_commanded_within_50_ms(course) -> None:
     bench, last = SimulatedBoard(), None

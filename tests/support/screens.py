@@ -1,7 +1,6 @@
 """Both windows on a fake bench, for tests: what they are told, what they show, what is done to them."""
 
 import os
-from collections.abc import Iterator
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 import numpy as np
@@ -62,14 +61,6 @@ class Screens:
         for window in (self.main, self.participant):
             window.deleteLater()
         QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
-
-
-def opened_screens() -> Iterator[Screens]:
-    """For a fixture: nothing is left of it at the end."""
-    screens = Screens()
-    yield screens
-    screens.close()
-    assert screens.client.stopped and not [top for top in QApplication.topLevelWidgets() if top.isVisible()]
 
 
 def visible_texts(window: QWidget) -> list[str]:

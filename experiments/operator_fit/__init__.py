@@ -1,0 +1,1 @@
+"""A population file of simulated operators from the recorded trials of people."""

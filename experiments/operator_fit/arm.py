@@ -1,0 +1,235 @@
+"""The arm behind a recorded hand: stiffness, damping, mass, and the late corrections of a felt and a seen error.
+
+    force = K (virtual hand - x) - D v - m a + unrest
+    virtual hand across the path = slow course - gain x(felt delay ago) + rate * (sum of the error seen, delay ago)
+
+The brakes switch, and so move the handle in ways that the hand did not choose: that tells its answer from its will. The
+slow course is a polynomial in each run. Least squares on samples whitened by the residuals' own autoregression; delays
+by the smallest residual on a grid. What the hand's own noise does through the handle biases them a little:
+`experiments/operator_fit/fit.py` widens the intervals by it. A jerk term takes up a clock of the force that is late.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+from scipy.linalg import qr
+from scipy.optimize import least_squares
+
+from core.files import InputError
+from experiments.operator_fit.motions import SAMPLE_S, Motion
+from experiments.operator_fit.unrest import runs
+from experiments.trial.operator import minimum_jerk
+
+ORDER = 10  # of the autoregression
+SETTLED = round(0.5 / SAMPLE_S)  # samples after go: the reaction is over
+STALL_M_S, AFTER_STALL = 0.006, round(0.2 / SAMPLE_S)  # a handle that stands, or stood before, is left out
+LEAST_RUN = 60  # samples
+FELT = np.arange(2, 13)  # samples of delay that are tried
+SEEN = np.arange(6, 27)
+GLANCE = round(0.05 / SAMPLE_S)  # as the operator feels motion
+MOST_LEAD_M = 0.055  # a hand that leads by more waits
+SHARP = 50.0  # of a logarithm of likelihood. Our choice: less is made by the hand's own noise, too
+ACROSS = (
+    "stiffness_across_N_m", "damping_N_s_m", "mass_kg", "felt_gain", "seen_gain_per_s", "felt_delay_s", "seen_delay_s",
+)  # fmt: skip
+
+
+class Run(NamedTuple):
+    """n samples in which the handle moved all the time, of one trial."""
+
+    trial: int
+    regressors: np.ndarray  # (n, q)
+    force: np.ndarray  # (n,)
+    course: np.ndarray  # (n, p) what the slow will may look like
+
+
+class Normal(NamedTuple):
+    """Least squares of each trial, so that any choice of trials is solved at once."""
+
+    matrix: np.ndarray  # (trials, q, q)
+    vector: np.ndarray  # (trials, q)
+    square: np.ndarray  # (trials,)
+
+    def solve(self, keep: np.ndarray) -> tuple[np.ndarray, float]:
+        """Numbers (q,) of the trials to keep, and their sum of squared residuals."""
+        matrix, vector = self.matrix[keep].sum(axis=0), self.vector[keep].sum(axis=0)
+        found = np.linalg.solve(matrix, vector)
+        return found, float(self.square[keep].sum() - vector @ found)
+
+
+def late(z: np.ndarray, samples: int) -> np.ndarray:
+    """z (n,) of `samples` ago; before the recording, its first value."""
+    return np.concatenate([np.full(samples, z[0]), z[: len(z) - samples]])
+
+
+def course(n: int, degree: int) -> np.ndarray:
+    """Polynomials (n, degree + 1)."""
+    return np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), degree)
+
+
+def across_runs(trials: list[Motion], felt: int, seen: int, least_m: float, foresight_s: float) -> list[Run]:
+    """Runs of the movement across the path, with these delays (samples)."""
+    found = []
+    for number, trial in enumerate(trials):
+        x = trial.x[:, 1]
+        rate = (late(x, felt) - late(x, felt + GLANCE)) / (GLANCE * SAMPLE_S)
+        error = -late(x, seen)
+        left = np.abs(error) - least_m - foresight_s * rate * np.sign(error)
+        wanted = np.where(np.abs(error) > least_m, np.maximum(left, 0.0) * np.sign(error), 0.0)
+        still = np.convolve(trial.speed < STALL_M_S, np.ones(AFTER_STALL))[: len(x)] > 0.5
+        use = np.zeros(len(x), bool)
+        use[trial.moving[SETTLED:]] = True
+        for start, end in runs(use & ~still):
+            if end - start >= LEAST_RUN:
+                part = slice(start, end)
+                seen_sum = (np.cumsum(wanted[part]) - 0.5 * wanted[part]) * SAMPLE_S
+                columns = -x[part], -trial.v[part, 1], -trial.a[part, 1], -late(x, felt)[part], seen_sum
+                regressors = np.column_stack([*columns, -trial.jerk[part, 1]])
+                degree = 2 + (end - start) // 100
+                found.append(Run(number, regressors, trial.force[part, 1], course(end - start, degree)))
+    return found
+
+
+def along_runs(trials: list[Motion], damping: float, mass: float) -> list[Run]:
+    """Runs along the path, damping and mass known: of the movement, and after its end, where the virtual hand rests."""
+    found = []
+    for number, trial in enumerate(trials):
+        rest = trial.force[:, 0] + damping * trial.v[:, 0] + mass * trial.a[:, 0]
+        still = np.convolve(trial.speed < STALL_M_S, np.ones(2 * AFTER_STALL))[: len(rest)] > 0.5
+        use = np.zeros(len(rest), bool)
+        use[trial.moving[SETTLED - AFTER_STALL :]] = True
+        use &= ~still & (trial.x[:, 0] < 0.85 * trial.length)
+        parts = [(slice(start, end), 1 + (end - start) // 30) for start, end in runs(use) if end - start >= LEAST_RUN]
+        if len(trial.ended) > 2 * ORDER and not still[trial.ended[0]]:
+            parts.append((slice(trial.ended[0], trial.ended[-1] + 1), 0))
+        for part, degree in parts:
+            regressors = np.column_stack([-trial.x[part, 0], -trial.jerk[part, 0]])
+            found.append(Run(number, regressors, rest[part], course(len(regressors), degree)))
+    return found
+
+
+def whiten(found: list[Run], trials: int, memory: np.ndarray) -> Normal:
+    """The normal equations of each trial, of samples less what the autoregression (ORDER,) foresees of them."""
+    q = found[0].regressors.shape[1]
+    normal = Normal(np.zeros((trials, q, q)), np.zeros((trials, q)), np.zeros(trials))
+    for run in found:
+        whole = np.column_stack([run.regressors, run.force, run.course])
+        white = whole[ORDER:].copy()
+        for k, weight in enumerate(memory, start=1):
+            white -= weight * whole[ORDER - k : len(whole) - k]
+        slow = qr(white[:, q + 1 :], mode="economic")[0]
+        rest = white[:, : q + 1] - slow @ (slow.T @ white[:, : q + 1])
+        normal.matrix[run.trial] += rest[:, :q].T @ rest[:, :q]
+        normal.vector[run.trial] += rest[:, :q].T @ rest[:, q]
+        normal.square[run.trial] += rest[:, q] @ rest[:, q]
+    return normal
+
+
+def memory_of(found: list[Run], numbers: np.ndarray) -> np.ndarray:
+    """Autoregression (ORDER,) of the residuals."""
+    before, now = [], []
+    for run in found:
+        rest = run.force - run.regressors @ numbers
+        slow = qr(run.course, mode="economic")[0]
+        rest -= slow @ (slow.T @ rest)
+        before.append(np.column_stack([rest[ORDER - k : len(rest) - k] for k in range(1, ORDER + 1)]))
+        now.append(rest[ORDER:])
+    past = np.concatenate(before)
+    return np.linalg.solve(past.T @ past, past.T @ np.concatenate(now))
+
+
+def fitted(found: list[Run], trials: int) -> tuple[Normal, np.ndarray]:
+    """The normal equations once residuals and autoregression agree, and that autoregression."""
+    memory = np.zeros(ORDER)
+    memory[0] = 0.9
+    for _ in range(3):
+        memory = memory_of(found, whiten(found, trials, memory).solve(np.ones(trials, bool))[0])
+    return whiten(found, trials, memory), memory
+
+
+def lowest(delays: np.ndarray, squares: list[float], samples: int) -> float:
+    """The delay (samples) at the bottom of a parabola through the least square and its neighbours.
+
+    NaN where the likelihood of the best is not SHARP above that of the shortest and the longest: no delay stands out.
+    """
+    i = int(np.argmin(squares))
+    if 0.5 * samples * np.log(min(squares[0], squares[-1]) / squares[i]) < SHARP:
+        return np.nan
+    a, b, c = squares[i - 1 : i + 2]
+    return float(delays[i] + 0.5 * (a - c) / (a - 2.0 * b + c))
+
+
+def fit_across(trials: list[Motion], base: dict[str, float], groups: list[np.ndarray]) -> np.ndarray:
+    """The numbers of ACROSS (1 + g, 7) from all trials, and without each group of them; delays in s, NaN: not seen.
+
+    base: delays where none is seen, and what is assumed of the seen correction (seen_least_m, foresight_s).
+    """
+    keeps = [np.ones(len(trials), bool), *groups]
+
+    def normals(felt: np.ndarray, seen: np.ndarray) -> tuple[list[Normal], int]:
+        lists = [across_runs(trials, f, s, base["seen_least_m"], base["foresight_s"]) for f in felt for s in seen]
+        if not lists[0]:
+            raise InputError("the handle never moved for 0.8 s without a stop, no arm can be fitted")
+        memory = fitted(lists[len(lists) // 2], len(trials))[1]
+        return [whiten(one, len(trials), memory) for one in lists], sum(len(run.force) for run in lists[0])
+
+    def delays(tried: np.ndarray, felt: np.ndarray, seen: np.ndarray) -> list[float]:
+        of_each, samples = normals(felt, seen)
+        return [lowest(tried, [one.solve(keep)[1] for one in of_each], samples) for keep in keeps]
+
+    def numbers(felt: int, seen: int) -> np.ndarray:
+        normal = normals(np.array([felt]), np.array([seen]))[0][0]
+        solved = np.array([normal.solve(keep)[0] for keep in keeps])
+        return np.column_stack([solved[:, :3], solved[:, 3:5] / solved[:, :1]])
+
+    usual_felt, usual_seen = (round(base[key] / SAMPLE_S) for key in ("felt_delay_s", "seen_delay_s"))
+    felt, before = usual_felt, 0
+    while felt != before:  # each at the other's best
+        before = felt
+        seen_s = delays(SEEN, np.array([felt]), SEEN)
+        seen = usual_seen if np.isnan(seen_s[0]) else round(seen_s[0])
+        felt_s = delays(FELT, FELT, np.array([seen]))
+        felt = usual_felt if np.isnan(felt_s[0]) else round(felt_s[0])
+        found = numbers(felt, seen)
+        if not found[0, 3] > half_width(found[1:, 3]):  # no felt correction stands out, and so no delay of it
+            felt, felt_s = usual_felt, [np.nan] * len(keeps)
+            found = numbers(felt, seen)
+    return np.column_stack([found, SAMPLE_S * np.array(felt_s), SAMPLE_S * np.array(seen_s)])
+
+
+def half_width(without: np.ndarray) -> float:
+    """Of the 95 % interval of a number, from the numbers (g,) without each of g groups of trials ("jackknife")."""
+    g = len(without)
+    return float(stats.t.ppf(0.975, g - 1) * np.sqrt((g - 1) / g * np.sum((without - without.mean()) ** 2)))
+
+
+def fit_along(trials: list[Motion], damping: float, mass: float, groups: list[np.ndarray]) -> np.ndarray:
+    """Stiffness along the path (1 + g,), N/m, from all trials, and without each group of them."""
+    normal, _ = fitted(along_runs(trials, damping, mass), len(trials))
+    return np.array([normal.solve(keep)[0][0] for keep in (np.ones(len(trials), bool), *groups)])
+
+
+def fit_pace(trials: list[Motion], stiffness: float, damping: float, mass: float) -> np.ndarray:
+    """Reaction and movement time (m, 2), s, of each trial whose handle kept moving: a minimum-jerk course through the
+    virtual hand that the arm's force shows, before it reacts and from 15 to 90 % of the way (in between a handle that
+    stands makes people push harder)."""
+    found = []
+    for trial in trials:
+        x, length = trial.x[trial.moving, 0], trial.length
+        first, last = (int(np.flatnonzero(x < share * length)[-1]) for share in (0.15, 0.9))
+        if first >= last or (trial.speed[trial.moving[first:last]] < 2.0 * STALL_M_S).any():
+            continue
+        push = trial.force[:, 0] + mass * trial.a[:, 0] + damping * trial.v[:, 0]
+        hand = (trial.x[:, 0] + push / stiffness)[trial.moving]
+        if np.max(hand[first:last] - x[first:last]) > MOST_LEAD_M:
+            continue
+        samples = np.concatenate([np.arange(15), np.arange(first, last)])
+
+        def missed(p: np.ndarray, hand=hand, samples=samples, length=length) -> np.ndarray:
+            course = np.array([minimum_jerk((i * SAMPLE_S - p[1]) / p[2]) for i in samples])
+            return p[0] + length * (course[:, 0] + damping / stiffness / p[2] * course[:, 1]) - hand[samples]
+
+        start = [hand[:15].mean(), 0.25, max(last * SAMPLE_S, 0.4)]
+        found.append(least_squares(missed, start, bounds=([-0.1, 0.0, 0.2], [0.1, 2.0, 60.0])).x[1:])
+    return np.array(found).reshape(-1, 2)
