@@ -35,6 +35,18 @@ class ObstacleFile(Table, frozen=True):
             raise ValueError("must be one of disc_m, half_plane_m, polygon_m")
         self.edges(0)
 
+    def outline(self) -> np.ndarray:
+        """Corners (n, 2), m, of what is drawn of it; of a half-plane, a square of 4 m."""
+        if self.disc_m is not None:
+            angles = np.linspace(0.0, 2.0 * math.pi, 64, endpoint=False)
+            return np.array(self.disc_m[:2]) + self.disc_m[2] * np.column_stack([np.cos(angles), np.sin(angles)])
+        if self.polygon_m is not None:
+            return np.array(self.polygon_m)
+        [[_, x, y, t_x, t_y, _, _]] = self.edges(0)
+        along, inward = 2.0 * np.array([t_x, t_y]), 4.0 * np.array([-t_y, t_x])
+        middle = np.array([x, y])
+        return np.array([middle - along, middle + along, middle + along + inward, middle - along + inward])
+
     def edges(self, number: int) -> list[list[float]]:
         """Its edges as the kernels read them. ValueError if it has no inside, or is not convex."""
         if self.disc_m is not None:

@@ -59,7 +59,21 @@ def brake_rows(mechanism: Mechanism, x: npt.ArrayLike, y: npt.ArrayLike) -> Arra
         e1, e2, s = arm_pose(arm, x, y)
         with np.errstate(all="ignore"):
             rows += [np.array(e2) / s, -np.add(e1, e2) / s]
-    return np.array(rows)
+    found = np.array(rows)
+    for i in range(4):
+        if mechanism.coupled >> i & 1:
+            found[i] = np.einsum("k,k...->...", mechanism.combination[i], found[[0, 2]])
+    return found
+
+
+def held_in_any_direction(rows: Array, torque: Array) -> Array:
+    """The force (...,), N, that brakes with rows (n, 2, ...) and torques (n,), N m, hold whatever its direction.
+
+    They hold the zonotope sum of [-torque_i, torque_i] g_i; its sides lie along the rows, and the nearest one counts.
+    """
+    normals = np.stack([-rows[:, 1], rows[:, 0]], axis=1) / np.hypot(rows[:, 0], rows[:, 1])[:, None]
+    reach = np.abs(np.einsum("ki...,ji...->kj...", normals, rows))
+    return np.asarray(np.einsum("kj...,j->k...", reach, torque).min(axis=0))
 
 
 def tip_is_free(mechanism: Mechanism, x: npt.ArrayLike, y: npt.ArrayLike) -> Mask:

@@ -455,6 +455,8 @@ def _around(
             if nearest_obstacle(edges, len(edges), x, y).distance <= 0.0:
                 raise InputError(f"{where}: path {number} {end} in an obstacle")
         for name, device in devices if file.guard else ():
+            if not device.brakes.present.any():
+                raise InputError(f"{where}: guard: {name} has no brakes to lock")
             held = least_held(device.mechanism, device.brakes, points[:: max(len(points) // 8, 1)])
             if held <= file.guard.push_N:
                 raise InputError(

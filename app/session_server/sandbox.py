@@ -124,7 +124,7 @@ class Sandbox:
         for what in self.fixed:
             if getattr(settings, what) != getattr(before, what):
                 raise InputError(f"Try: {what} cannot be changed with this device and hand.")
-        device = p.device(settings.device)
+        device = self._file(settings.device)
         self._controller(settings, device)
         new_sensing(device, self._assumed(settings))
         self.settings, self.on = settings, True
@@ -183,7 +183,7 @@ class Sandbox:
         p = self._protocol
         number = min(p.controllers, key=lambda n: (p.controllers[n].kind == "none", n))
         gains = [preset.value(GAIN_N_S_M.name) for preset in p.controllers.values()]
-        play = float(np.degrees(p.device(device).brakes.play.max()))
+        play = float(np.degrees(self._file(device).brakes.play.max()))
         return SandboxSettings(
             device, path, number, p.rules, p.controllers[number].value("gap_m"), max(gains) or NO_GAIN_N_S_M,
             BLEND_WIDTH, p.mouse.stiffness_N_m, 1.0, round(play, 6), p.assumptions.sensing,
@@ -272,12 +272,17 @@ class Sandbox:
         p, s, old = self._protocol, self.settings, self.simulation
         if old is not None and old.device.name == s.device:
             return old
-        device, path = p.device(s.device), build_path(p.paths[s.path], "path")
+        device, path = self._file(s.device), build_path(p.paths[s.path], "path")
         tip = old.tip if old is not None else (path.x1, path.y1)  # there is a way to go
         if not tip_is_free(device.mechanism, *tip):
             tip, self._taken = (path.x1, path.y1), False
         hand = p.mouse.hand() if self._setup.hand != OPERATOR else None
-        return SimulatedDevice(p.assumptions.applied_to(device), tip, hand, p.assumptions.simulated_fidelity)
+        return SimulatedDevice(device, tip, hand, p.assumptions.simulated_fidelity)
+
+    def _file(self, name: str) -> Device:
+        """A device of the protocol; a simulated one as it is assumed to be."""
+        device = self._protocol.device(name)
+        return device if self.real else self._protocol.assumptions.applied_to(device)
 
     def _controller(self, s: SandboxSettings, device: Device, noise: float = 0.0) -> Controller:
         """As the settings have it; noise: of the velocity that it sees, m/s. InputError for numbers that cannot be."""

@@ -5,7 +5,7 @@ newest tick until it is zoomed or moved; a double click, or the next trial, lets
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import pyqtgraph as pg
@@ -171,11 +171,11 @@ class TimePlot(Plot):
 class Trace(TimePlot):
     """A live measure: all of the trial is kept, the newest seconds are shown.
 
-    names: of several curves; each value then stands beside the title with its name, in the curve's colour.
+    names: of several curves, by joint; each value then stands beside the title with its name, in the curve's colour.
     """
 
     def __init__(
-        self, title: str, unit: str, colours: Sequence[str], least: float, digits: int, names: str = ""
+        self, title: str, unit: str, colours: Sequence[str], least: float, digits: int, names: Mapping[str, str] = {}
     ) -> None:
         super().__init__(title, unit, colours, least, digits)
         self.names, self._colours = names, colours
@@ -224,7 +224,7 @@ class Trace(TimePlot):
             self.figures.show_parts((self.figure(values[0]), theme.TEXT), (self.unit, theme.QUIET))
             return
         named = [
-            (f"{name} {self.figure(value)}", colour)
+            (f"{self.names[name]} {self.figure(value)}", colour)
             for name, value, colour in zip(JOINTS, values, self._colours, strict=True) if name in self.names
         ]  # fmt: skip
         self.figures.show_parts(*named, (self.unit, theme.QUIET))
@@ -271,7 +271,8 @@ class Traces(QWidget):
         super().__init__(parent)
         self.error = Trace("Path error", "mm", [theme.TRACE], 10.0, 1)
         self.force = Trace("Hand force", "N", [theme.GOOD], 10.0, 1)
-        self.currents = Trace("Currents", "A", [theme.JOINT[joint] for joint in JOINTS], 1.0, 2, JOINTS)
+        colours = [theme.JOINT[joint] for joint in JOINTS]
+        self.currents = Trace("Currents", "A", colours, 1.0, 2, dict(zip(JOINTS, JOINTS, strict=True)))
         self.speed = Trace("Tip speed", "m/s", [theme.TEXT], 0.2, 2)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -284,7 +285,7 @@ class Traces(QWidget):
 
     def show_trial(self, device: Device) -> None:
         """Another trial: its brakes; the curves begin anew."""
-        self.currents.names, self.currents.unit = device.braked, device.command_unit
+        self.currents.names, self.currents.unit = device.labels, device.command_unit
         for trace in self._all():
             trace.clear()
 
@@ -307,7 +308,7 @@ class Traces(QWidget):
             self.currents.hide_values(blind)
 
 
-def currents_of(rows: np.ndarray, braked: str) -> np.ndarray:
+def currents_of(rows: np.ndarray, braked: Collection[str]) -> np.ndarray:
     """The currents (4, n), A, of the joints in the order A, E, B, C; NaN for one without a brake."""
     has_brake = np.array([joint in braked for joint in JOINTS])
     return np.where(has_brake[:, None], rows[:, tick_log.CURRENT : tick_log.CURRENT + 4].T, math.nan)

@@ -21,12 +21,12 @@ from core.control.algorithm import lock
 from core.control.velocity_field import LOCKED
 from core.files import NotNegative, Positive, Table, choice
 from core.kernel import kernel
-from core.linkage import tip_force_map
 from core.mechanism import Brakes, Mechanism
 from core.obstacles import MOST_EDGES, ObstacleFile, build_obstacles
-from core.simulator.state import new_record, pack_brakes, pack_mechanism
+from core.simulator.state import new_record, pack_brakes
+from core.workspace import brake_rows, held_in_any_direction
 
-DIRECTIONS = 12  # over half a turn
+DIRECTIONS = 8  # over half a turn
 RATES = 32  # of the table of lags, up to omega_0, from which on the lag is constant
 STEP_S = 0.002
 LONGEST_S = 0.3  # what has not come to rest after it counts as never
@@ -102,18 +102,10 @@ def learn_lags(around, brakes):
 
 
 def least_held(mechanism: Mechanism, brakes: Brakes, places: np.ndarray) -> float:
-    """What a full lock holds (N) in the direction in which it holds least, at the worst of places (n, 2), m.
-
-    The torques that the brakes can hold make the tip forces a zonotope; the radius of the largest circle in it is the
-    least over u of the sum of K_i(current_max) |g_i . u|.
-    """
-    angles = np.linspace(0.0, math.pi, 360, endpoint=False)
-    directions, g, held = np.array([np.cos(angles), np.sin(angles)]), np.zeros((4, 2)), []
+    """What a full lock holds (N) in whatever direction, at the worst of places (n, 2), m."""
+    present = brakes.present > 0.0
     full = make_around(Around(guard=Guard()), brakes)["full"][0]
-    for x, y in places:
-        tip_force_map(pack_mechanism(mechanism)[0], x, y, g)
-        held.append(float(np.min(full @ np.abs(g @ directions))))
-    return min(held)
+    return float(held_in_any_direction(brake_rows(mechanism, *places.T)[present], full[present]).min())
 
 
 @kernel

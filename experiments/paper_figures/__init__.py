@@ -25,6 +25,7 @@ from experiments.paper_figures.control import draw_five_forces, draw_sdof_choice
 from experiments.paper_figures.directions import draw_maps, draw_sketch
 from experiments.paper_figures.displays import draw_displays
 from experiments.paper_figures.release import draw_releases
+from experiments.paper_figures.stopping import draw_stopping
 from experiments.paper_figures.teleoperation import draw_passive_master
 from experiments.paper_figures.workspace import draw_sdof_paths
 from experiments.recording.atomic_files import refuse_existing_files, refusing, write_new_files
@@ -100,6 +101,14 @@ def pictures(devices: Sequence[Device]) -> list[Picture]:
                 f"passive_master_{slug}",
                 f"a delayed slave's force shown by brakes, and by a motor: {device.name}",
                 partial(draw_passive_master, device),
+            )
+            for device, slug in of_devices
+        ),
+        *(
+            Picture(
+                f"stopping_distance_{slug}",
+                f"how far the handle comes once the guard of obstacles locks: {device.name}",
+                partial(draw_stopping, device),
             )
             for device, slug in of_devices
         ),

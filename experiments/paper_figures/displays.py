@@ -16,7 +16,7 @@ from core.device import Device, build_device, load_device, shipped_devices
 from core.device_file import parse_brake
 from core.path import build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
-from core.workspace import Array, brake_rows
+from core.workspace import Array, brake_rows, held_in_any_direction
 from experiments.analysis.metrics import trial_metrics
 from experiments.analysis.sheet import BLUE, plain, sheet, title
 from experiments.paper_figures.directions import force_lines, gaps
@@ -49,16 +49,6 @@ def displays() -> list[Device]:
     found = [load_device(name) for name in shipped_devices()]
     found = [build_device(device.text, dict.fromkeys(device.brake_texts, text), device.name) for device in found]
     return sorted(found, key=lambda device: (len(device.braked), device.name))
-
-
-def held_in_any_direction(rows: Array, torque: Array) -> Array:
-    """The force (...,), N, that brakes with rows (n, 2, ...) and torques (n,), N m, hold whatever its direction.
-
-    They hold the zonotope sum of [-torque_i, torque_i] g_i; its sides lie along the rows, and the nearest one counts.
-    """
-    normals = np.stack([-rows[:, 1], rows[:, 0]], axis=1) / np.hypot(rows[:, 0], rows[:, 1])[:, None]
-    reach = np.abs(np.einsum("ki...,ji...->kj...", normals, rows))
-    return np.asarray(np.einsum("kj...,j->k...", reach, torque).min(axis=0))
 
 
 def measure_display(device: Device, protocol: Protocol) -> Display:

@@ -23,6 +23,7 @@ from experiments.analysis.sheet import (
 from experiments.worlds.ranges import Range
 
 BINS = 8  # of a range without choices
+RARE = 0.2  # a statement that holds in a smaller share of all worlds is drawn larger
 SHOWN = 4  # assumptions that decide a statement most
 
 
@@ -65,7 +66,7 @@ def overview(
         right.set(yticks=np.arange(len(settled)), yticklabels=[name for name, _ in settled], xlim=(0.0, None))
         right.invert_yaxis()
         right.tick_params(axis="y", labelsize=SMALL, length=0)
-        title(right, "What knowing it would settle: share of all doubt")
+        title(right, "Share of all doubt that knowing it settles")
         for axes in (left, right):
             plain(axes, grid=False)
             axes.grid(axis="x", color=LINE, linewidth=0.6)
@@ -138,7 +139,8 @@ def _share_against(axes: Axes, one: Range, shares: np.ndarray, holds: np.ndarray
     else:
         axes.fill_between(middles, low, high, color=SHADED, zorder=1)
         axes.plot(middles, p, "o-", color=BLUE, markersize=2.5, linewidth=1.2, zorder=2)
-        axes.set_xticks((0.0, 0.5, 1.0), [f"{one.value(share):.3g}" for share in (0.0, 0.5, 1.0)])
-    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0), yticks=(0.0, 0.5, 1.0))
+        axes.set_xticks((0.0, 0.5, 1.0), [f"{float(f'{one.value(share):.3g}'):g}" for share in (0.0, 0.5, 1.0)])
+    top = 1.0 if holds.mean() > RARE else 2.0 * RARE
+    axes.set(xlim=(0.0, 1.0), ylim=(0.0, top), yticks=(0.0, 0.5 * top, top))
     axes.tick_params(labelsize=SMALL)
     plain(axes)

@@ -84,8 +84,9 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
         _jointly(holds),
         "## What decides each",
         _decided(found, names),
-        "In brackets the half-width of the 95 % interval. Share of the verdict's variance that goes when the "
-        "assumption alone is known (first-order index, RBD-FAST); the rest is interplay, and which people took part.",
+        "In brackets the half-width of the 95 % interval; bold: above chance. Share of the verdict's variance that "
+        "goes when the assumption alone is known (first-order index, RBD-FAST); the rest is interplay, and which "
+        "people took part.",
         "![share of worlds against each assumption](decided-by.png)",
         "## What to measure first",
         _measure_first(ranges, names, doubt, order, found, holds),
@@ -162,8 +163,11 @@ def _decided(found: Indices, names: Sequence[str]) -> str:
             lines.append((statement.number, statement.text, *["-"] * (DECIDING + 1)))
             continue
         order = np.argsort(-found.first[i], kind="stable")[:DECIDING]
-        cells = [f"{names[j]} {found.first[i, j]:.2f} ({found.half_width[i, j]:.2f})" for j in order]
-        rest = f"{max(1.0 - found.first[i].sum(), 0.0):.2f}"
+        cells = []
+        for j in order:
+            text = f"{names[j]} {found.first[i, j]:.2f} ({found.half_width[i, j]:.2f})"
+            cells.append(f"**{text}**" if found.clear[i, j] else text)
+        rest = f"{max(1.0 - found.first[i, found.clear[i]].sum(), 0.0):.2f}"
         lines.append((statement.number, statement.text, *cells, rest))
     heads = ["first", "second", "third"][:DECIDING]
     return _table(("", "the paper says", *heads, "all that no one alone explains"), lines)
@@ -175,7 +179,7 @@ def _measure_first(
     p = holds.mean(axis=0)
     lines = []
     for j in order:
-        of_it = np.nan_to_num(found.first[:, j] * p * (1.0 - p))
+        of_it = np.where(found.clear[:, j], found.first[:, j], 0.0) * p * (1.0 - p)
         main = [f"{STATEMENTS[i].number}" for i in np.argsort(-of_it, kind="stable")[:3] if of_it[i] > 0.0]
         one = list(ranges.ranges.values())[j]
         lines.append((names[j], f"{doubt[j]:.1%}", ", ".join(main), one.settled_by or "-", one.source))

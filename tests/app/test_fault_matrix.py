@@ -159,7 +159,7 @@ them to real processes over a pseudo-terminal.
 FOOT = """
 A stuck encoder is found when four encoders contradict each other, as here; with two, any pair of counts is a pose, and
 only limits of place and speed are left. A window that hangs or dies shares nothing with the loop but flags: its trial
-goes on (`tests/app/test_live_bench.py`, with real processes). A loop that is killed is seen at once, by the end of its
+goes on (`tests/app/test_live_kill.py`, with real processes). A loop that is killed is seen at once, by the end of its
 output. A recorder that hangs counts as gone after two seconds, in which the trial goes on: the ring holds 16 s.
 """
 

@@ -243,3 +243,27 @@ def test_a_guide_below_the_brakes_own_drag_is_known(window: LocalWindow) -> None
     assert 5.0 < least < 100.0  # the paper's low gain does nothing, 500 N s/m does
     change(window, brake_strength=0.5)
     assert window.until(lambda s: s.sandbox.settings.brake_strength == 0.5).sandbox.least_gain_N_s_m == 0.5 * least
+
+
+SLAVE = """
+[[controller]]
+name = "Force of the slave"
+kind = "reflect"
+
+[slave]
+wall_at_m = [0.0, 0.405]
+wall_normal = [0.0, -1.0]
+"""
+
+
+@pytest.mark.parametrize(("device", "controller", "added"), [("unicycle", 2, ""), ("three-brake", 4, SLAVE)])
+def test_a_castor_and_a_slave_can_be_tried(tmp_path: Path, device: str, controller: int, added: str) -> None:
+    (tmp_path / "own.toml").write_text(load_protocol("steered").text + added)
+    with local_window(Setup(tmp_path / "data", str(tmp_path / "own.toml"), (device,), sync=False)) as opened:
+        opened.until_stage(m.NO_SESSION)
+        opened.client.send(m.Sandbox())
+        opened.until(lambda s: s.sandbox and s.running)
+        change(opened, controller=controller, gap_m=0.002)
+        drive(opened, lambda s, _: len(s.sandbox.passes) == 1)
+        (one,) = opened.snapshot.sandbox.passes
+        assert one.status == "done" and one.settings.controller == controller and one.path_error_m < 0.01

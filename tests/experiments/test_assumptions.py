@@ -1,8 +1,12 @@
 """Assumptions: a file may change any of them; without the table nothing changes; a wrong one is one sentence."""
 
+import math
+
 import pytest
 
+from core.brake import current_for_torque, time_constant, torque_gain
 from core.files import InputError
+from core.simulator.state import pack_brakes
 from experiments.assumptions import DEFAULTS, Assumptions
 from experiments.protocol import SHIPPED_FOLDER, Protocol, load_protocol, protocol_from_json, protocol_to_json
 
@@ -56,3 +60,57 @@ def test_a_wrong_assumption_is_refused_in_one_sentence(lines, says):
     with pytest.raises(InputError) as refusal:
         assuming(lines)
     assert says in str(refusal.value) and "\n" not in str(refusal.value)
+
+
+THREE = PAPER.devices[0]
+CURRENTS = (0.0, 0.05, 0.2, 0.6, 1.0)
+
+
+def brakes_under(**assumed):
+    """What the kernels read of the three-brake device's brakes."""
+    return pack_brakes(Assumptions(**assumed).applied_to(THREE).brakes, backlash=True)[0]
+
+
+def gains(brakes) -> list[float]:
+    """K of brake A at `CURRENTS`, N m."""
+    return [torque_gain(brakes, 0, current) for current in CURRENTS]
+
+
+def test_under_the_defaults_the_device_is_the_one_of_its_file():
+    assert DEFAULTS.applied_to(THREE) is THREE and DEFAULTS.simulated_fidelity == "mr"
+    assert all(DEFAULTS.controller(preset) is preset for preset in PAPER.controllers.values())
+
+
+def test_the_lag_factor_multiplies_both_time_constants_and_nothing_else():
+    usual, slow = brakes_under(), brakes_under(lag_factor=3.0)
+    for rising in (True, False):
+        for rate in (0.0, 0.01, 0.3, 2.0):
+            expected = 3.0 * time_constant(usual, 0, 0.6, rate, rising)
+            assert time_constant(slow, 0, 0.6, rate, rising) == pytest.approx(expected, rel=1e-12)
+    assert gains(slow) == gains(usual)
+
+
+def test_the_drag_factor_changes_the_torque_without_current_and_leaves_the_fields():
+    usual, heavy = gains(brakes_under()), gains(brakes_under(drag_factor=2.0))
+    assert heavy[0] == 2.0 * usual[0]
+    assert [more - less for more, less in zip(heavy, usual, strict=True)] == pytest.approx([usual[0]] * 5)
+    device = Assumptions(drag_factor=0.0).applied_to(THREE)
+    assert device.assumed and device.force_normalised_N == pytest.approx((5.3 - 0.35) / 0.3048)
+
+
+def test_ideal_brakes_do_what_the_controller_asks_for_and_have_no_drag():
+    ideal = brakes_under(fidelity="ideal")
+    assert torque_gain(ideal, 0, 0.0) == 0.0
+    for torque in (0.01, 0.3, 1.0, 4.0):
+        assert torque_gain(ideal, 0, current_for_torque(ideal, 0, torque)) == pytest.approx(torque, rel=1e-12)
+    assert Assumptions(fidelity="ideal").simulated_fidelity == Assumptions(fidelity="static").simulated_fidelity
+
+
+def test_backlash_is_that_of_every_brake():
+    assert brakes_under(backlash_deg=2.0).play.tolist() == [math.radians(2.0)] * 3 + [0.0]
+    assert not brakes_under(backlash_deg=0.0).play.any()
+
+
+def test_a_gap_read_as_the_whole_width_is_half_as_wide_on_each_side():
+    assert assuming('gap_reading = "full"').controllers[3].value("gap_m") == 0.0025
+    assert assuming("").controllers[3].value("gap_m") == 0.005

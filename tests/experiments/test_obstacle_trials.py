@@ -47,6 +47,12 @@ def test_a_guard_without_an_obstacle_is_refused(tmp_path: Path) -> None:
         load_protocol(path)
 
 
+def test_a_guard_of_a_device_without_brakes_is_refused(tmp_path: Path) -> None:
+    free = protocol_with(tmp_path, 'kind = "proportional"\ngain_N_s_m = 500.0', 'kind = "none"')
+    with pytest.raises(InputError, match="guard: device unicycle has no brakes to lock"):
+        load_protocol(free, devices=["unicycle"])
+
+
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One operator's study round obstacles, with a guard that acts."""

@@ -209,7 +209,9 @@ def test_indices_find_what_decides_and_what_would_settle_most():
     assert np.isnan(found.first[2:]).all()  # all worlds agree
     doubt = settled(found, holds)
     assert np.argmax(doubt) == 1 and doubt.sum() <= 1.1 and doubt[3] < 0.05
-    assert np.isnan(indices(ranges, shares[:50], holds[:50]).first).all()
+    rare = np.arange(1000) < 29
+    assert np.isnan(indices(ranges, shares, np.column_stack([rare, ~rare])).first).all()
+    assert found.clear[0].tolist() == [False, True, False, False] and found.clear[1, [0, 2]].all()
     assert not settled(Indices(found.first * np.nan, found.half_width), np.ones_like(holds)).any()
 
 

@@ -136,8 +136,9 @@ class LinkageView(ForceView):
             paint_wedge(painter, handle, wedge)
         paint_arms(painter, at, ARM_PX, 2.0)
         if DIRECTIONS in self.shown and self._field is not None:
-            paint_directions(painter, handle, directions(self.device, self.instant.g, self._field), self._field)
-        paint_joints(painter, rings, self.device.braked, self.labels.doing, self.blind)
+            found = directions(self.device, self.instant.g, self._field)
+            paint_directions(painter, handle, found, self._field, self.device.labels)
+        paint_joints(painter, rings, self.device.labels, self.labels.doing, self.blind)
         self.paint_forces(painter)
 
     def paint_over_handle(self, painter: QPainter) -> None:
@@ -156,7 +157,7 @@ class LinkageView(ForceView):
         """Where the joints and their rings are, px; none where the linkage is hidden."""
         shown = self.instant.joints if LINKAGE in self.shown else {}
         at = {joint: self.to_screen(place) for joint, place in shown.items()}
-        return at, rings_of(at, self.device.braked, JOINT_PX)
+        return at, rings_of(at, self.device.labels, JOINT_PX)
 
 
 #: layer -> its key, what it shows

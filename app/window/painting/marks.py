@@ -36,12 +36,15 @@ def paint_arms(painter: QPainter, at: Mapping[str, QPointF], width: float, core_
             painter.drawLine(at[one], at[other])
 
 
-def rings_of(at: Mapping[str, QPointF], braked: str, radius: float) -> dict[str, QPointF]:
-    """The middles of the joints' rings (px): the brakes of coaxial bases stand side by side."""
-    if at and {"A", "B"} <= set(braked) and (at["A"] - at["B"]).manhattanLength() < 2.0 * radius + 2.0:
-        middle, apart = 0.5 * (at["A"] + at["B"]), QPointF(radius + 2.0, 0.0)
-        return {**at, "A": middle - apart, "B": middle + apart}
-    return dict(at)
+def rings_of(at: Mapping[str, QPointF], labels: Mapping[str, str], radius: float) -> dict[str, QPointF]:
+    """The middles of the joints' rings (px): brakes of coaxial bases, couplings too, stand side by side."""
+    there = [joint for joint in "AECB" if joint in labels and (joint in "AB" or labels[joint] != joint)]
+    if len(there) < 2 or not at or (at["A"] - at["B"]).manhattanLength() >= 2.0 * radius + 2.0:
+        return dict(at)
+    wide = any(len(labels[joint]) > 1 for joint in there)  # a coupling's label is wider than its ring
+    middle, apart = 0.5 * (at["A"] + at["B"]), 3.0 * radius if wide else 2.0 * radius + 4.0
+    places = [QPointF((k - 0.5 * (len(there) - 1)) * apart, 0.0) for k in range(len(there))]
+    return {**at, **{joint: middle + place for joint, place in zip(there, places, strict=True)}}
 
 
 def paint_ring(painter: QPainter, middle: QPointF, radius: float, width: float, colour: str) -> None:
@@ -52,18 +55,22 @@ def paint_ring(painter: QPainter, middle: QPointF, radius: float, width: float, 
 
 
 def paint_joints(
-    painter: QPainter, rings: Mapping[str, QPointF], braked: str, doing: Mapping[str, Doing], blind: bool
+    painter: QPainter,
+    rings: Mapping[str, QPointF],
+    labels: Mapping[str, str],
+    doing: Mapping[str, Doing],
+    blind: bool,
 ) -> None:
-    """A ring for each brake, in the colour of what it does, its letter in that of its current's curve, unless blind;
+    """A ring for each brake, in the colour of what it does, its label in that of its current's curve, unless blind;
     a bare ring for a joint without a brake."""
     painter.setPen(Qt.PenStyle.NoPen)
     for joint in JOINTS if rings else "":
-        if joint not in braked:
+        if joint not in labels:
             paint_ring(painter, rings[joint], BARE_PX, 2.0, theme.BRAKE_OFF)
             continue
         state = doing.get(joint, Doing()).state
         paint_ring(painter, rings[joint], JOINT_PX, 3.0, SHADE[state])
-        write(painter, rings[joint], joint, theme.SMALL, True, theme.QUIET if blind else theme.JOINT[joint])
+        write(painter, rings[joint], labels[joint], theme.SMALL, True, theme.QUIET if blind else theme.JOINT[joint])
 
 
 def arrow_of(force: Point) -> QPointF:
@@ -99,7 +106,9 @@ def paint_field(painter: QPainter, middles: np.ndarray, ways: np.ndarray, apart:
         painter.drawLines([QLineF(*line) for line in np.hstack((one, other)).tolist()])
 
 
-def paint_directions(painter: QPainter, handle: QPointF, found: Iterable[Direction], field: Field) -> None:
+def paint_directions(
+    painter: QPainter, handle: QPointF, found: Iterable[Direction], field: Field, labels: Mapping[str, str]
+) -> None:
     """Each brake's line; the valid sense an arrow, the chosen one strong; the desired direction as text."""
     for direction in found:
         reach = QPointF(direction.p_x, -direction.p_y) * ((direction.sense or 1.0) * DIRECTION_PX)
@@ -110,7 +119,7 @@ def paint_directions(painter: QPainter, handle: QPointF, found: Iterable[Directi
             paint_arrow(painter, handle, reach, colour, width)
         beyond = handle + reach * (LETTER_PX / DIRECTION_PX)
         colour = theme.TEXT if direction.chosen else theme.QUIET
-        write(painter, beyond, JOINTS[direction.joint], theme.SMALL, True, colour)
+        write(painter, beyond, labels[JOINTS[direction.joint]], theme.SMALL, True, colour)
     paint_arrow(painter, handle, QPointF(field.beta_x, -field.beta_y) * (0.6 * DIRECTION_PX), theme.TEXT, 1.6)
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from PySide6.QtCore import QEvent, QMarginsF, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import (
+    QBrush,
     QInputDevice,
     QMouseEvent,
     QPainter,
@@ -25,6 +26,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 from app.window.painting import theme
 from app.window.painting.layers import SPACING_M, Point
 from app.window.painting.theme import SHADES, font, pen, shade, spring_pen
+from core.obstacles import ObstacleFile
 from core.path import PathFile, outline
 
 FORCE_RED_N = 20.0  # the spring is green when slack, red from here on
@@ -89,6 +91,7 @@ class Plane(QWidget):
         self.trail: list[Point] = []
         self.trail_shown = True
         self.radii_m: tuple[float, float] | None = None  # that count at start and end; None: rings of a fixed size
+        self._obstacles: list[np.ndarray] = []  # corners (n, 2), m
         self._beside: tuple[np.ndarray, str] | None = None  # another way (n, 2), m, and its colour
         self._follows_mouse, self._pointer_moved = follows_mouse, False
         self.setMouseTracking(follows_mouse)
@@ -111,6 +114,11 @@ class Plane(QWidget):
         self.path = path
         self.outline = np.empty((0, 2)) if path is None else np.asarray(outline(path, SPACING_M))
         self.clear_trail()
+
+    def show_obstacles(self, obstacles: Sequence[ObstacleFile]) -> None:
+        """What the handle is to keep out of."""
+        self._obstacles = [one.outline() for one in obstacles]
+        self.repaint_still()
 
     def show_handle(self, tip: Point | None, taken: bool = False, force_N: float = 0.0) -> None:
         """Where the handle is (m), whether the pointer holds it, and the force of the spring between them (N)."""
@@ -264,6 +272,10 @@ class Plane(QWidget):
         if self._grid:
             self._paint_grid(painter)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        for corners in self._obstacles:
+            painter.setPen(pen(theme.QUIET, 2.0))
+            painter.setBrush(QBrush(shade(theme.QUIET, 0.6), Qt.BrushStyle.BDiagPattern))
+            painter.drawPolygon(QPolygonF([self.to_screen(corner) for corner in corners]))
         self.paint_under_path(painter)
         if len(self.outline):
             self._paint_path(painter)
