@@ -173,7 +173,7 @@ class Trial:
     def changed(self) -> Changed:
         """What running it has changed, to be sent to the process that has the device and the session."""
         a = self.arguments()
-        arrays = a.hand.grips, a.state, a.step_scratch, a.run, a.operator, a.memory
+        arrays = a.hand.grips, a.state, a.step_scratch, a.run, a.operator, a.memory, a.sensing.sensors
         return arrays, {name: getattr(self, name) for name in ("_reason", "filled", "_report")}
 
     def take_back(self, changed: Changed) -> None:
