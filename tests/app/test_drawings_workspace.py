@@ -15,6 +15,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from app.window.painting import theme
+from app.window.painting.force_view import TRAIL
 from app.window.painting.layers import (
     OFF,
     SLIPPING,
@@ -35,7 +36,6 @@ from app.window.painting.linkage_view import (
     LAYERS,
     LINKAGE,
     REACHABLE,
-    TRAIL,
     WHOLE,
     Workspace,
 )
@@ -362,15 +362,17 @@ def test_no_label_lies_on_an_arm_another_label_or_the_edge(qtbot, device: Device
 
 def test_a_label_keeps_off_what_is_drawn_and_takes_the_least_evil_where_all_is_full() -> None:
     mark, room = QPointF(100.0, 100.0), QRectF(0.0, 0.0, 200.0, 200.0)
-    boxes = [box_at(mark, side, 10.0, 40.0) for side in (RIGHT_OF, LEFT_OF, BELOW)]
+    boxes = [box_at(mark, side, 10.0, 40.0, 15.0) for side in (RIGHT_OF, LEFT_OF, BELOW)]
     assert (boxes[0].left(), boxes[1].right(), boxes[2].top()) == (110.0, 90.0, 110.0)
     nothing, line = np.empty((0, 2)), points_along(QPointF(130.0, 0.0), QPointF(130.0, 200.0))
     right, everywhere = points_in(boxes[0]), np.vstack([points_in(box) for box in boxes])
-    assert free_box(boxes, nothing, room) == 0
-    assert free_box(boxes, line, room) == 1
-    assert free_box(boxes, right, room) == 1
-    assert free_box(boxes, right, QRectF(80.0, 0.0, 100.0, 200.0)) == 2
-    assert free_box(boxes, np.vstack((line, everywhere)), room) == 1
+    assert free_box(boxes, nothing, nothing, room)[0] == 0
+    assert free_box(boxes, nothing, line, room)[0] == 1
+    assert free_box(boxes, nothing, right, room)[0] == 1
+    assert free_box(boxes, nothing, right, QRectF(80.0, 0.0, 100.0, 200.0))[0] == 2
+    assert free_box(boxes, nothing, np.vstack((line, everywhere)), room)[0] == 1
+    assert free_box(boxes, right, points_in(boxes[1]), room)[0] == 2
+    assert free_box(boxes, points_in(boxes[2]), np.vstack((line, right)), QRectF(92.0, 0.0, 108.0, 200.0))[0] == 0
 
 
 def test_the_line_above_says_phase_time_error_and_speed(workspace: Workspace) -> None:
