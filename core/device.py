@@ -17,15 +17,14 @@ from core.device_file import (
     BrakeFile,
     Castor,
     DeviceFile,
-    Geometry,
     Link,
     Sensing,
     parse_brake,
     read_brake_text,
 )
 from core.files import InputError, Pair, from_plain, parse_toml, read_text, toml_text
-from core.mechanism import JOINTS, Arm, Brakes, Mechanism, no_brakes
-from core.workspace import why_impossible
+from core.mechanism import JOINTS, Arm, Brakes, Mechanism, no_brakes, parallel_rows
+from core.workspace import brake_rows, free_tips, why_impossible
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "devices"
 COBOT_FOLDER = Path(__file__).resolve().parent / "cobots"
@@ -45,6 +44,7 @@ class Device:
     brakes: Brakes
     braked: str  # letters of the braked joints in the order A, E, B, C, e.g. "AEB"
     force_normalised_N: float
+    labels: dict[str, str]  # of each brake, as it is shown: its joint, or its coupling, e.g. "A-B"
     command_unit: str  # of what is commanded to its brakes, "A" unless their files name another
     assumed: bool  # some of its numbers are assumed: marked wherever they are shown
     text: str  # the device file in full
@@ -118,6 +118,9 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
             raise InputError(f"{where}: brakes.{joint}: the brake file {reference!r} is missing")
         brakes[joint] = parse_brake(brake_texts[reference], f"brake file {reference}")
     units = {brake.command_unit for brake in brakes.values()}
+    g = file.geometry
+    if file.coupled and math.dist(g.base_A_m, g.base_B_m) > COAXIAL_WITHIN:
+        raise InputError(f"{where}: couplings: the bases are apart, and a coupling's brake sits on one axis with both")
     if len(units) > 1:
         raise InputError(f"{where}: brakes: all must be commanded in one unit, not in {' and '.join(sorted(units))}")
     mechanism = build_mechanism(file)
@@ -128,7 +131,8 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
         mechanism=mechanism,
         brakes=build_brakes(brakes),
         braked=file.braked,
-        force_normalised_N=file.castor.grip_N if file.castor else force_normalised(file.geometry, brakes),
+        force_normalised_N=file.castor.grip_N if file.castor else force_normalised(file, mechanism, brakes),
+        labels={joint: joint for joint in file.braked} | {j: one.label for j, one in file.coupled.items()},
         command_unit=units.pop() if units else "A",
         assumed=file.provenance == "assumed" or any(brake.assumed for brake in brakes.values()),
         text=text,
@@ -152,7 +156,7 @@ def with_brakes(device: Device, change: Callable[[BrakeFile], BrakeFile]) -> Dev
     return replace(
         device,
         brakes=build_brakes(brakes)._replace(ripple=device.brakes.ripple, signed=device.brakes.signed),
-        force_normalised_N=force_normalised(file.geometry, brakes),
+        force_normalised_N=force_normalised(file, device.mechanism, brakes),
         assumed=True,
     )
 
@@ -166,7 +170,9 @@ def build_mechanism(file: DeviceFile) -> Mechanism:
         base: Pair, lengths: Pair, links: tuple[Link, Link], elbow_mass: float, joints: str, side: float
     ) -> Arm:
         (length_1, length_2), (link_1, link_2) = lengths, links
-        base_rotor, elbow_rotor = (m.rotor_inertia_kg_m2 if j in file.braked else 0.0 for j in joints)
+        carried = set(file.braked) - set(file.coupled)
+        base_rotor, elbow_rotor = (m.rotor_inertia_kg_m2 if j in carried else 0.0 for j in joints)
+        base_rotor += m.rotor_inertia_kg_m2 * sum(getattr(one, joints[0]) ** 2 for one in file.coupled.values())
         com_1, inertia_1 = centre_and_inertia(link_1, length_1)
         com_2, inertia_2 = centre_and_inertia(link_2, length_2)
         moved = inertia_1 + link_1.mass_kg * com_1**2 + (elbow_mass + link_2.mass_kg) * length_1**2
@@ -178,16 +184,26 @@ def build_mechanism(file: DeviceFile) -> Mechanism:
             rotor=elbow_rotor,
         )  # fmt: skip
 
+    coaxial = math.dist(g.base_A_m, g.base_B_m) <= COAXIAL_WITHIN
+    coupled, combination = 0, np.zeros((4, 2))
+    for joint, coupling in file.coupled.items():
+        i = JOINTS.index(joint)
+        coupled |= 1 << i
+        combination[i] = coupling.A, coupling.B
     stops = [getattr(file.limits, f"theta_{joint}_rad") for joint in JOINTS]
     return Mechanism(
         arm_1=arm(g.base_A_m, (g.L_AE_m, g.L_ED_m), (m.AE, m.ED), m.joint_E_kg, "AE", side_1),
         arm_2=arm(g.base_B_m, (g.L_BC_m, g.L_CD_m), (m.BC, m.CD), m.joint_C_kg, "BC", side_2),
         tip_mass=m.tip_kg,
-        coaxial=math.dist(g.base_A_m, g.base_B_m) <= COAXIAL_WITHIN,
+        coaxial=coaxial,
         margin=file.limits.margin,
         theta_low=np.array([stop[0] if stop else -math.inf for stop in stops]),
         theta_high=np.array([stop[1] if stop else math.inf for stop in stops]),
         has_theta_stops=any(stop is not None for stop in stops),
+        coupled=coupled,
+        combination=combination,
+        coupling=m.rotor_inertia_kg_m2 * float(combination.prod(axis=1).sum()),
+        lines=parallel_rows(combination, coupled, coaxial),
     )
 
 
@@ -215,18 +231,24 @@ def build_brakes(files: dict[str, BrakeFile]) -> Brakes:
     return arrays
 
 
-def force_normalised(geometry: Geometry, brakes: dict[str, BrakeFile]) -> float:
+def force_normalised(file: DeviceFile, mechanism: Mechanism, brakes: dict[str, BrakeFile]) -> float:
     """The smallest force (N) that every brake can exert at its largest current anywhere in the workspace.
 
     Section IV of the paper. A torque reaches the tip over a moment arm no longer than the proximal link (A, B) or
-    the shorter link of the arm (E, C), so this is the least of K(current_max) over that arm.
+    the shorter link of the arm (E, C), so this is the least of K(current_max) over that arm. Our choice: that of a
+    coupling is the longest found at places spread over the workspace.
     """
+    geometry = file.geometry
     longest_arm = {
         "A": geometry.L_AE_m,
         "E": min(geometry.L_AE_m, geometry.L_ED_m),
         "B": geometry.L_BC_m,
         "C": min(geometry.L_BC_m, geometry.L_CD_m),
     }
+    if file.coupled:
+        rows = brake_rows(mechanism, *free_tips(mechanism).T)
+        least = np.hypot(rows[:, 0], rows[:, 1]).min(axis=-1)
+        longest_arm |= {joint: 1.0 / float(least[JOINTS.index(joint)]) for joint in file.coupled}
     return min(brake.torque_gain(brake.current_max_A) / longest_arm[joint] for joint, brake in brakes.items())
 
 

@@ -218,6 +218,41 @@ class BrakeNames(Table, frozen=True):
     C: str | None = None
 
 
+#: Coefficient of a base joint's rate in what a coupling's brake acts on; more than these would be gears.
+Coefficient = Annotated[float, msgspec.Meta(ge=-12, le=12)]
+
+
+class Coupling(Table, frozen=True):
+    """The combination of the base joints' rates on which a brake acts: A omega_A + B omega_B.
+
+    Whole numbers, so that its angle is known without counting turns.
+    """
+
+    A: Coefficient = 0.0
+    B: Coefficient = 0.0
+
+    def __post_init__(self) -> None:
+        if not (self.A.is_integer() and self.B.is_integer() and (self.A or self.B)):
+            raise ValueError(f"a coupling needs whole numbers A and B, not both 0, not {self.A:g} and {self.B:g}")
+
+    @property
+    def label(self) -> str:
+        """How it is shown: "A-B", "A+B", "2A+B"."""
+        words = ""
+        for factor, joint in ((self.A, "A"), (self.B, "B")):
+            if factor:
+                sign = "-" if factor < 0 else "+" if words else ""
+                words += f"{sign}{'' if abs(factor) == 1 else f'{abs(factor):g}'}{joint}"
+        return words
+
+
+class Couplings(Table, frozen=True):
+    """Brakes on the bases' axis that take the place of those at the elbows."""
+
+    E: Coupling | None = None
+    C: Coupling | None = None
+
+
 class Encoders(Table, frozen=True):
     """Encoder counts per revolution, at two or four joints."""
 
@@ -262,6 +297,7 @@ class DeviceFile(Table, frozen=True):
     geometry: Geometry
     mass: Mass
     brakes: BrakeNames
+    couplings: Couplings = Couplings()
     limits: Limits = Limits()
     sensing: Sensing | None = None
     castor: Castor | None = None
@@ -278,6 +314,9 @@ class DeviceFile(Table, frozen=True):
             )
         if not self.braked and not self.castor:
             raise ValueError("brakes must name at least one of the joints A, E, B, C")
+        for joint in self.coupled:
+            if joint not in self.braked:
+                raise ValueError(f"couplings.{joint}: there is no brake {joint} in brakes that it could carry")
         m = self.mass
         links = m.AE.mass_kg, m.ED.mass_kg, m.BC.mass_kg, m.CD.mass_kg, m.joint_E_kg, m.joint_C_kg
         if self.castor and (self.braked or any(links)):
@@ -289,3 +328,9 @@ class DeviceFile(Table, frozen=True):
     def braked(self) -> str:
         """Letters of the braked joints, in order."""
         return "".join(joint for joint in JOINTS if getattr(self.brakes, joint) is not None)
+
+    @property
+    def coupled(self) -> dict[str, Coupling]:
+        """The couplings, by the letter of their brake."""
+        found = {joint: getattr(self.couplings, joint) for joint in "EC"}
+        return {joint: coupling for joint, coupling in found.items() if coupling is not None}

@@ -6,7 +6,8 @@ rates that are linear in the tip velocity, so their inertia is carried to the ti
 For one arm with e1, e2, S and C = e1.e2 (core/linkage.py), kinetic energy 1/2 P w1^2 + (kC - J) w1 w2 + 1/2 D w2^2,
     link accelerations   alpha1 = e2.a / S + (w1^2 C + w2^2 L2^2) / S,  alpha2 = -e1.a / S - (w1^2 L1^2 + w2^2 C) / S
     generalised forces   Q1 = P alpha1 + (kC - J) alpha2 - k S w2^2,    Q2 = (kC - J) alpha1 + D alpha2 + k S w1^2
-and Q1, Q2 act on the tip through the same rows.
+and Q1, Q2 act on the tip through the same rows. The rotors of couplings add squares of the base rates, which are part
+of P, and their product.
 """
 
 from typing import NamedTuple
@@ -76,7 +77,24 @@ def motion(mechanism, x, y, vx, vy):
     """`Motion` at tip (x, y), m, and velocity (vx, vy), m/s. Not finite where the tip is out of reach."""
     p = arm_motion(mechanism.arm_1, x, y, vx, vy)
     q = arm_motion(mechanism.arm_2, x, y, vx, vy)
-    return Motion(
-        mechanism.tip_mass + p.mass_xx + q.mass_xx, p.mass_xy + q.mass_xy, mechanism.tip_mass + p.mass_yy + q.mass_yy,
-        p.bias_x + q.bias_x, p.bias_y + q.bias_y, p, q,
+    mxx, myy = mechanism.tip_mass + p.mass_xx + q.mass_xx, mechanism.tip_mass + p.mass_yy + q.mass_yy
+    mxy, bx, by = p.mass_xy + q.mass_xy, p.bias_x + q.bias_x, p.bias_y + q.bias_y
+    if mechanism.coupling != 0.0:
+        c = mechanism.coupling
+        mxx += 2.0 * c * p.base_x * q.base_x
+        mxy += c * (p.base_x * q.base_y + p.base_y * q.base_x)
+        myy += 2.0 * c * p.base_y * q.base_y
+        bx += c * (p.base_x * q.base_bias + q.base_x * p.base_bias)
+        by += c * (p.base_y * q.base_bias + q.base_y * p.base_bias)
+    return Motion(mxx, mxy, myy, bx, by, p, q)
+
+
+@inlined
+def combined(mechanism, i, q):
+    """Row g (x, y), rate and bias gdot . v of the coupling in place i in a `Motion`."""
+    a, b = mechanism.combination[i, 0], mechanism.combination[i, 1]
+    one, two = q.arm_1, q.arm_2
+    return (
+        a * one.base_x + b * two.base_x, a * one.base_y + b * two.base_y,
+        a * one.base_rate + b * two.base_rate, a * one.base_bias + b * two.base_bias,
     )  # fmt: skip

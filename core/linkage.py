@@ -41,12 +41,31 @@ def joint_angles(mechanism, x, y, theta):
 
 
 @kernel
-def tip_force_map(mechanism, x, y, g):
-    """Rows g (4, 2), 1/m: the map of Eqs. (7) and (8), force on the tip = sum over joints of g_i torque_i.
+def coupled_angle(mechanism, i, x, y):
+    """Angle (rad) of the coupling in place i, up to whole turns."""
+    a1x, a1y, _, _, _ = links(mechanism.arm_1, x, y)
+    b1x, b1y, _, _, _ = links(mechanism.arm_2, x, y)
+    combination = mechanism.combination
+    return combination[i, 0] * math.atan2(a1y, a1x) + combination[i, 1] * math.atan2(b1y, b1x)
 
-    They are the rows of the inverses of both arms' Jacobians, Eqs. (9) and (10), and give the joint rates, g_i . v
-    (virtual power). Eq. (7) lists A, B, C only; read it as A, E, B, C.
+
+@kernel
+def tip_force_map(mechanism, x, y, g):
+    """Rows g (4, 2), 1/m: the map of Eqs. (7) and (8), force on the tip = sum over brakes of g_i torque_i.
+
+    They give the rates on which the brakes act, g_i . v (virtual power): of their joints, or of their couplings.
+    Eq. (7) lists A, B, C only; read it as A, E, B, C.
     """
+    joint_rows(mechanism, x, y, g)
+    for i in range(4):
+        if mechanism.coupled >> i & 1 != 0:
+            for k in range(2):
+                g[i, k] = mechanism.combination[i, 0] * g[0, k] + mechanism.combination[i, 1] * g[2, k]
+
+
+@kernel
+def joint_rows(mechanism, x, y, g):
+    """Rows g (4, 2), 1/m, of the joints: those of the inverses of both arms' Jacobians, Eqs. (9) and (10)."""
     a1x, a1y, a2x, a2y, s1 = links(mechanism.arm_1, x, y)
     b1x, b1y, b2x, b2y, s2 = links(mechanism.arm_2, x, y)
     g[0, 0], g[0, 1] = a2x / s1, a2y / s1

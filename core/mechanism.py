@@ -23,7 +23,7 @@ class Arm(NamedTuple):
     length_1: float  # m, proximal link
     length_2: float  # m, distal link
     side: float  # +1: the elbow lies to the left of base -> tip; -1: to the right
-    proximal: float  # kg m2: I_1 + m_1 c_1^2 + (m_elbow + m_2) L_1^2 + base rotor + elbow rotor
+    proximal: float  # kg m2: I_1 + m_1 c_1^2 + (m_elbow + m_2) L_1^2 + rotors of base, elbow, couplings
     distal: float  # kg m2: I_2 + m_2 c_2^2 + elbow rotor
     coupling: float  # kg: m_2 c_2 / L_2
     rotor: float  # kg m2: rotor inertia at a braked elbow (it turns at w2 - w1), else 0
@@ -40,6 +40,30 @@ class Mechanism(NamedTuple):
     theta_low: np.ndarray  # (4,) rad, -inf where there is no stop
     theta_high: np.ndarray  # (4,) rad, +inf where there is no stop
     has_theta_stops: bool
+    coupled: int  # bit i: brake i acts on a combination of the base rates instead of its joint
+    combination: np.ndarray  # (4, 2) that combination of the rates of A and B; else 0
+    coupling: float  # kg m2, by their rotors: kinetic energy coupling omega_A omega_B beside that of the arms
+    lines: int  # bit 5 i + j: the rows of joints i and j (order A, E, B, C, D) are parallel at every tip
+
+
+def parallel_rows(combination: np.ndarray, coupled: int, coaxial: bool) -> int:
+    """`Mechanism.lines` for combinations (4, 2) of the base rates.
+
+    Combinations with one ratio are parallel. On coaxial bases E, C and D depend on the distance from base to tip
+    alone, and so does a combination that a turn of the whole linkage leaves as it is: A + B = 0.
+    """
+    rows: list[tuple[float, float] | None] = []  # each as a combination; E, C and D are none where bases are apart
+    for i in range(5):
+        if i < 4 and coupled >> i & 1:
+            rows.append((float(combination[i, 0]), float(combination[i, 1])))
+        else:
+            rows.append({A: (1.0, 0.0), B: (0.0, 1.0)}.get(i, (1.0, -1.0) if coaxial else None))
+    found = 0
+    for i, one in enumerate(rows):
+        for j, other in enumerate(rows):
+            if i != j and one and other and one[0] * other[1] == one[1] * other[0]:
+                found |= 1 << (5 * i + j)
+    return found
 
 
 class Brakes(NamedTuple):

@@ -15,7 +15,8 @@ def stop_gap(mechanism, distal_side, x, y, theta, gap, contact_side):
     """Distance to the nearest stop of each joint A, E, B, C, D: gap (5,), negative beyond it; +1e9 where it has none.
 
     In rad for theta stops, in units of sine for the margins. contact_side (5,): +1 where that stop limits + motion.
-    theta (4,) is work space.
+    theta (4,) is work space. On a device with couplings the stops of both elbows and of D count in D's place, on the
+    rate of joint E (`stick_slip_mode.store`): all depend on the distance from base to tip alone.
     """
     a1x, a1y, a2x, a2y, s1 = links(mechanism.arm_1, x, y)
     b1x, b1y, b2x, b2y, s2 = links(mechanism.arm_2, x, y)
@@ -45,6 +46,16 @@ def stop_gap(mechanism, distal_side, x, y, theta, gap, contact_side):
                 gap[j], contact_side[j] = low, -1.0
             if high < gap[j]:
                 gap[j], contact_side[j] = high, 1.0
+    if mechanism.coupled != 0:
+        rx, ry = a1x + a2x, a1y + a2y
+        # while the tip moves outwards: rate of E -r^2 / s1, of C -r^2 / s2, of D (a1 / s1 - b1 / s2) . r
+        contact_side[3] *= mechanism.arm_1.side * mechanism.arm_2.side
+        if s1 * (s2 * (a1x * rx + a1y * ry) - s1 * (b1x * rx + b1y * ry)) * s1 * s2 > 0.0:
+            contact_side[4] = -contact_side[4]
+        for j in (1, 3):
+            if gap[j] < gap[4]:
+                gap[4], contact_side[4] = gap[j], contact_side[j]
+            gap[j], contact_side[j] = 1e9, 1.0
 
 
 @kernel

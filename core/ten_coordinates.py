@@ -6,8 +6,9 @@ by another route; it is not built for speed).
     q = theta_AE, theta_BC, ED x, y, theta, CD x, y, theta, handle x, y (x, y of a link at its centre of mass)
 
 All angles are absolute, so M is constant: diagonal, but for the rotor of a brake at an elbow, which turns at the
-difference of two links' rates. The four vector constraints A qdot = 0: elbow E as a point of AE and of ED, elbow C as
-a point of BC and of CD, the handle as the end of ED and as the end of CD. Joint order A, E, B, C; SI and radians.
+difference of two links' rates, and that of a coupling. The four vector constraints A qdot = 0: elbow E as a point of AE
+and of ED, elbow C as a point of BC and of CD, the handle as the end of ED and as the end of CD. Joint order A, E, B, C;
+SI and radians.
 """
 
 from typing import NamedTuple
@@ -18,7 +19,7 @@ from core.device import Device, centre_and_inertia
 from core.device_file import DeviceFile
 from core.files import parse_toml
 from core.linkage import joint_angles
-from core.mechanism import JOINTS
+from core.mechanism import JOINTS, A, B
 from core.simulator.state import pack_mechanism
 
 THETA_AE, THETA_BC, ED, CD, HANDLE = 0, 1, 2, 5, 8  # ED and CD: x, then y, then theta
@@ -34,9 +35,10 @@ class Bodies(NamedTuple):
     mass: np.ndarray  # (4,) kg
     inertia: np.ndarray  # (4,) kg m2, about the centre of mass
     elbow_mass: np.ndarray  # (2,) kg, brake housing at E (on link AE) and at C (on link BC)
-    rotor: np.ndarray  # (4,) kg m2, at each braked joint, on its own rate
+    rotor: np.ndarray  # (4,) kg m2, of each brake, on its own rate
     tip_mass: float  # kg
-    coaxial: bool  # E and C are one line: their rates vanish together
+    rates: np.ndarray  # (4, 10) rate of each brake on qdot; its transpose carries torques into generalised forces
+    lines: int  # which of those rates vanish together, as in `Mechanism`
 
 
 class Solution(NamedTuple):
@@ -52,6 +54,9 @@ def bodies_of(device: Device) -> Bodies:
     file = parse_toml(device.text, DeviceFile, device.name)
     g, m = file.geometry, file.mass
     links, lengths = (m.AE, m.ED, m.BC, m.CD), (g.L_AE_m, g.L_ED_m, g.L_BC_m, g.L_CD_m)
+    brakes = JOINT_RATES.copy()
+    for joint, coupling in file.coupled.items():
+        brakes[JOINTS.index(joint)] = coupling.A * JOINT_RATES[A] + coupling.B * JOINT_RATES[B]
     shape = np.array([centre_and_inertia(link, length) for link, length in zip(links, lengths, strict=True)])
     return Bodies(
         base=np.array([g.base_A_m, g.base_B_m]),
@@ -62,7 +67,8 @@ def bodies_of(device: Device) -> Bodies:
         elbow_mass=np.array([m.joint_E_kg, m.joint_C_kg]),
         rotor=np.array([m.rotor_inertia_kg_m2 if joint in file.braked else 0.0 for joint in JOINTS]),
         tip_mass=m.tip_kg,
-        coaxial=device.mechanism.coaxial,
+        rates=brakes,
+        lines=device.mechanism.lines,
     )
 
 
@@ -72,16 +78,13 @@ def mass_matrix(bodies: Bodies) -> np.ndarray:
     mass = np.zeros((COORDINATES, COORDINATES))
     for arm, (proximal, distal) in enumerate(((THETA_AE, ED), (THETA_BC, CD))):
         near, far = 2 * arm, 2 * arm + 1  # index of the link, and of the joint at its near end
-        turn, rotor = distal + 2, b.rotor[far]  # the elbow's rotor turns at thetadot_distal - thetadot_proximal
         mass[proximal, proximal] = (
             b.inertia[near] + b.mass[near] * b.com[near] ** 2 + b.elbow_mass[arm] * b.length[near] ** 2
-            + b.rotor[near] + rotor
-        )  # fmt: skip
+        )
         mass[distal, distal] = mass[distal + 1, distal + 1] = b.mass[far]
-        mass[turn, turn] = b.inertia[far] + rotor
-        mass[proximal, turn] = mass[turn, proximal] = -rotor
+        mass[distal + 2, distal + 2] = b.inertia[far]
     mass[HANDLE, HANDLE] = mass[HANDLE + 1, HANDLE + 1] = b.tip_mass
-    return mass
+    return mass + b.rates.T @ (b.rotor[:, None] * b.rates)
 
 
 def constraints(bodies: Bodies, q: np.ndarray) -> np.ndarray:
@@ -129,16 +132,16 @@ def _normal(theta: float) -> np.ndarray:
     return np.array([-np.sin(theta), np.cos(theta)])
 
 
-#: (4, 10) rate of each joint A, E, B, C on qdot; its transpose carries joint torques into generalised forces.
+#: (4, 10) rate of each joint A, E, B, C on qdot.
 JOINT_RATES = np.zeros((4, COORDINATES))
 JOINT_RATES[0, THETA_AE] = JOINT_RATES[2, THETA_BC] = 1.0
 JOINT_RATES[1, ED + 2] = JOINT_RATES[3, CD + 2] = 1.0
 JOINT_RATES[1, THETA_AE] = JOINT_RATES[3, THETA_BC] = -1.0
 
 
-def generalised_forces(hand_force: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """Q (10,) of Eq. (5) from the hand force (2,), N, on the handle and the joint torques (4,), N m."""
-    q = JOINT_RATES.T @ torque
+def generalised_forces(bodies: Bodies, hand_force: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    """Q (10,) of Eq. (5) from the hand force (2,), N, on the handle and the brake torques (4,), N m."""
+    q = bodies.rates.T @ torque
     q[HANDLE:] += hand_force
     return q
 
@@ -170,17 +173,17 @@ def solve(
     stuck: tuple[int, ...] = (),
     hold: np.ndarray | None = None,
 ) -> Solution:
-    """Accelerations and multipliers, Eq. (5), with each stuck joint (indices into A, E, B, C) as one more constraint.
+    """Accelerations and multipliers, Eq. (5), with each stuck brake (indices into A, E, B, C) as one more constraint.
 
-    `torque` (4,) acts on the joints that are not stuck. `hold` (4,), N m: what each brake can hold at most; several
+    `torque` (4,) acts on the brakes that are not stuck. `hold` (4,), N m: what each brake can hold at most; several
     stuck brakes then share the load so that the sum of (torque / hold)^2 is least (core/simulator/load_sharing.py).
     """
     given = np.where(np.isin(np.arange(4), stuck), 0.0, torque)
-    force = generalised_forces(hand_force, given)
+    force = generalised_forces(bodies, hand_force, given)
     mass, closure = mass_matrix(bodies), constraint_matrix(bodies, q)
-    # two independent stuck joints hold the tip and with it all others
-    leading = [j for j in stuck if not (bodies.coaxial and j == 3 and 1 in stuck)][:2]
-    rows = np.vstack([closure, JOINT_RATES[leading]])
+    # two independent stuck brakes hold the tip and with it all others
+    leading = [j for j in stuck if not any(bodies.lines >> (5 * i + j) & 1 for i in stuck if i < j)][:2]
+    rows = np.vstack([closure, bodies.rates[leading]])
     right = np.concatenate([force, -constraint_bias(bodies, q, rate), np.zeros(len(leading))])
     n = len(rows)
     whole = np.block([[mass, -rows.T], [rows, np.zeros((n, n))]])
@@ -188,17 +191,19 @@ def solve(
     acceleration, multipliers, torques = found[:COORDINATES], found[COORDINATES : COORDINATES + CONSTRAINTS], given
     if stuck:
         exerted = mass @ acceleration - force  # by all constraints together
-        torques = given + _share(closure, exerted, stuck, np.ones(4) if hold is None else hold)
-        rest = exerted - JOINT_RATES.T @ (torques - given)
+        torques = given + _share(bodies, closure, exerted, stuck, np.ones(4) if hold is None else hold)
+        rest = exerted - bodies.rates.T @ (torques - given)
         multipliers = np.linalg.lstsq(closure.T, rest, rcond=None)[0]
     return Solution(acceleration, multipliers, torques)
 
 
-def _share(closure: np.ndarray, exerted: np.ndarray, stuck: tuple[int, ...], hold: np.ndarray) -> np.ndarray:
+def _share(
+    bodies: Bodies, closure: np.ndarray, exerted: np.ndarray, stuck: tuple[int, ...], hold: np.ndarray
+) -> np.ndarray:
     """Torques (4,) of the stuck joints: with the closure forces they make up `exerted`, sum (torque / hold)^2 least."""
     free = np.linalg.svd(closure)[2][CONSTRAINTS:].T  # (10, 2): the motions that the linkage allows
     joints = list(stuck)
-    weighted = (JOINT_RATES[joints] @ free).T * hold[joints]
+    weighted = (bodies.rates[joints] @ free).T * hold[joints]
     torque = np.zeros(4)
     torque[joints] = hold[joints] * np.linalg.lstsq(weighted, free.T @ exerted, rcond=1e-12)[0]
     return torque

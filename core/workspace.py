@@ -59,7 +59,11 @@ def brake_rows(mechanism: Mechanism, x: npt.ArrayLike, y: npt.ArrayLike) -> Arra
         e1, e2, s = arm_pose(arm, x, y)
         with np.errstate(all="ignore"):
             rows += [np.array(e2) / s, -np.add(e1, e2) / s]
-    return np.array(rows)
+    found = np.array(rows)
+    for i in range(4):
+        if mechanism.coupled >> i & 1:
+            found[i] = np.einsum("k,k...->...", mechanism.combination[i], found[[0, 2]])
+    return found
 
 
 def held_in_any_direction(rows: Array, torque: Array) -> Array:

@@ -15,7 +15,7 @@ from core.files import InputError, NotNegative, Positive, Table, choice, text_of
 from core.mechanism import JOINTS
 
 NO_VIBRATION = "no vibration"
-ENCODERS = "encoders"
+IDEAL, ENCODERS = SENSINGS = ("ideal", "encoders")
 
 #: N s/m, or the paper's own rule: the largest gain without detectable vibration.
 LowGain = Positive | Annotated[str, text_of_form(NO_VIBRATION, f'a number or "{NO_VIBRATION}"')]
@@ -32,7 +32,7 @@ class Assumptions(Table, frozen=True):
     backlash_deg: Annotated[float, msgspec.Meta(ge=0, lt=360)] | None = None  # of every brake; None: as in its file
     torque_ripple_N_m: NotNegative = 0.0  # from the least to the most over a turn
     # what the controller sees of the simulated device
-    sensing: Annotated[str, choice("ideal", ENCODERS)] = "ideal"
+    sensing: Annotated[str, choice(*SENSINGS)] = IDEAL
     filter_samples: Annotated[int, msgspec.Meta(ge=3, le=63)] = VELOCITY_WINDOW  # of the velocity from encoders
     delay_samples: Annotated[int, msgspec.Meta(ge=0, le=63)] = 1  # of what the encoders give
     # the controllers, on a real device too

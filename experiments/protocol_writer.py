@@ -13,6 +13,7 @@ from core.control.controllers import ALGORITHMS, Preset
 from core.device import Device, build_device, load_device, shipped_devices
 from core.files import InputError, Pair, toml_text
 from core.path import Polyline, Segment, path_from
+from experiments.assumptions import IDEAL
 from experiments.language import shipped_languages
 from experiments.protocol import MouseHand, Protocol, read_protocol
 from experiments.recording.atomic_files import reason_of, write_new_file, write_new_files, written_beside
@@ -46,7 +47,7 @@ def save_protocol(path: Path, content: Mapping[str, Any], replacing: bool = Fals
 
 def save_variant(
     path: Path, protocol: Protocol, device: Device, segment: int, controllers: Mapping[int, Preset], rules: str,
-    mouse: MouseHand, strength: float = 1.0, backlash_deg: float | None = None,
+    mouse: MouseHand, strength: float = 1.0, backlash_deg: float | None = None, sensing: str = IDEAL,
 ) -> None:  # fmt: skip
     """Write a protocol like another one, of one device and one path. InputError as above; no file is overwritten.
 
@@ -74,6 +75,8 @@ def save_variant(
         "controller": [_controller(number, preset) for number, preset in controllers.items()],
         "mouse": msgspec.to_builtins(mouse),
     }
+    if sensing != protocol.assumptions.sensing:
+        content["assumptions"] = {**content.get("assumptions", {}), "sensing": sensing}
     text = protocol_text(content)
     read_protocol(text, path.parent, str(path), devices=[variant])
     try:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from devices import BENCH, FIXED, FiveBar, random_five_bar
+from devices import BENCH, COUPLED, FIXED, FiveBar, random_five_bar
 from hypothesis import HealthCheck, settings
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # windows without a screen, as CI has them
@@ -14,7 +14,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # windows without a scree
 settings.register_profile("any machine", deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
-MANY = (*FIXED, *(random_five_bar(seed) for seed in range(6)))
+MANY = (*FIXED, *COUPLED, *(random_five_bar(seed) for seed in range(6)))
 
 
 def _name(bar: FiveBar) -> str:

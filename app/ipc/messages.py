@@ -151,6 +151,7 @@ class SandboxSettings(NamedTuple):
     spring_N_m: float  # between pointer and handle
     brake_strength: float  # share of K(I), Eq. (2)
     backlash_deg: float
+    sensing: str  # what the controller sees of a simulated device: IDEAL, or ENCODERS with their filter and delay
 
     def same_conditions(self, other: "SandboxSettings") -> bool:
         """Whether everything but the controller and its gap and gain is the same: two passes then compare."""

@@ -53,7 +53,7 @@ class SimulatedSetup:
         if coming is None or coming.configuration == progress.rigged:
             return None
         device = progress.session.protocol.device(coming.configuration)
-        what = f"Next: {device.name} (brakes at {' '.join(device.braked)}). "
+        what = f"Next: {device.name} (brakes at {' '.join(device.labels.values())}). "
         text = f"{what}The device is simulated: there is nothing to change by hand."
         return Card(f"Change to {device.name}", text, "It is done")
 
@@ -172,8 +172,8 @@ class RealSetup:
             return Card(title, "A moment ...", "")
         x, y = home_of(device, progress.session.protocol.paths)
         text = {
-            CONNECT: f"Put {device.name} on the bench (brakes at {' '.join(device.braked)}), connect its board, "
-            "then go on.",
+            CONNECT: f"Put {device.name} on the bench (brakes at {' '.join(device.labels.values())}), connect its "
+            "board, then go on.",
             HOME: f"Hold the handle in its jig at x = {1e3 * x:.0f} mm, y = {1e3 * y:.0f} mm, then go on.",
             ZERO: "Let go of the handle, go on, and do not touch it for a second.",
         }

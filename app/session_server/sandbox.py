@@ -28,22 +28,24 @@ from core.control.rule_sets import RULE_SETS
 from core.control.velocity_field import BLEND_WIDTH
 from core.device import Device
 from core.files import InputError
-from core.path import build_path, outline
+from core.path import build_path, outline, point_at
 from core.simulator.simulated_device import SimulatedDevice
 from core.tick_log import APPROACH, PHASE
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import Metrics, trial_metrics
+from experiments.assumptions import SENSINGS, Assumptions
 from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
 from experiments.protocol_writer import save_variant
 from experiments.recording.schema import recording_of
+from experiments.trial.encoder_sensing import decision_noise, new_sensing
 from experiments.trial.trial import Trial
 
 MOST_PASSES = 500  # in the table; the oldest go
 PIECES_BEFORE = 100  # looks into the ring, 2 s: of the approach no more is kept, longer than the measures' filter
 SPACING_M = 0.005  # between places of the path where the drag is looked at
-ONLY_SIMULATED = ("device", "spring_N_m", "brake_strength", "backlash_deg")
+ONLY_SIMULATED = ("device", "spring_N_m", "brake_strength", "backlash_deg", "sensing")
 NO_GAIN_N_S_M = 1000.0  # where the protocol has no guide
 
 
@@ -112,6 +114,7 @@ class Sandbox:
         for what, value, among in (
             ("device", settings.device, [device.name for device in p.devices]), ("path", settings.path, p.paths),
             ("controller", settings.controller, p.controllers), ("rules", settings.rules, RULE_SETS),
+            ("sensing", settings.sensing, SENSINGS),
         ):  # fmt: skip
             if value not in among:
                 raise InputError(f"Try: {what} {value!r} is none of {', '.join(map(str, among))}.")
@@ -123,6 +126,7 @@ class Sandbox:
                 raise InputError(f"Try: {what} cannot be changed with this device and hand.")
         device = self._file(settings.device)
         self._controller(settings, device)
+        new_sensing(device, self._assumed(settings))
         self.settings, self.on = settings, True
         self._say("", False)
         places = np.asarray(outline(p.paths[settings.path], SPACING_M))
@@ -144,7 +148,7 @@ class Sandbox:
         if s.spring_N_m != mouse.stiffness_N_m:
             mouse = replace(mouse, stiffness_N_m=s.spring_N_m, damping_N_s_m=self._damping())
         backlash = None if self._own_backlash() else s.backlash_deg
-        save_variant(path, p, device, s.path, chosen, s.rules, mouse, s.brake_strength, backlash)
+        save_variant(path, p, device, s.path, chosen, s.rules, mouse, s.brake_strength, backlash, s.sensing)
         left_out = "" if s.blend_width_m == BLEND_WIDTH else " A protocol has no blend width: it is left out."
         self._say(f"Saved as {path}.{left_out}", False)
 
@@ -182,7 +186,7 @@ class Sandbox:
         play = float(np.degrees(self._file(device).brakes.play.max()))
         return SandboxSettings(
             device, path, number, p.rules, p.controllers[number].value("gap_m"), max(gains) or NO_GAIN_N_S_M,
-            BLEND_WIDTH, p.mouse.stiffness_N_m, 1.0, round(play, 6),
+            BLEND_WIDTH, p.mouse.stiffness_N_m, 1.0, round(play, 6), p.assumptions.sensing,
         )  # fmt: skip
 
     # ------------------------------------------------------------------------------------------- the passes
@@ -280,11 +284,15 @@ class Sandbox:
         device = self._protocol.device(name)
         return device if self.real else self._protocol.assumptions.applied_to(device)
 
-    def _controller(self, s: SandboxSettings, device: Device) -> Controller:
-        """As the settings have it. InputError for numbers that cannot be."""
+    def _controller(self, s: SandboxSettings, device: Device, noise: float = 0.0) -> Controller:
+        """As the settings have it; noise: of the velocity that it sees, m/s. InputError for numbers that cannot be."""
         force = device.force_normalised_N * s.brake_strength
         around = make_around(self._protocol.trial.around, device.brakes)
-        return make_controller(self._preset(s), force, s.rules, s.blend_width_m, around=around)
+        return make_controller(self._preset(s), force, s.rules, s.blend_width_m, noise, around)
+
+    def _assumed(self, s: SandboxSettings) -> Assumptions:
+        """The protocol's assumptions with the sensing of the settings."""
+        return replace(self._protocol.assumptions, sensing=s.sensing)
 
     def _preset(self, s: SandboxSettings) -> Preset:
         chosen = self._protocol.controllers[s.controller]
@@ -292,11 +300,15 @@ class Sandbox:
 
     def _tune(self, trial: Trial) -> None:
         """Controller, brakes and spring of the settings, while everything that moves stays as it is."""
-        s = self._now = self.settings
+        before, self._now = self._now, self.settings
+        s, assumed = self._now, self._assumed(self._now)
         if not isinstance(trial.model, SimulatedDevice):  # its controller knows the noise of its sensing
             trial.controller = trial.controller._replace(blend_width=s.blend_width_m)
             return
-        trial.controller = self._controller(s, trial.device)
+        if not trial.ticks or s.sensing != before.sensing:  # else the encoders' last samples stay
+            trial.sensing = new_sensing(trial.device, assumed)
+        middle = point_at(trial.path, 0.5 * trial.path.length)[:2]
+        trial.controller = self._controller(s, trial.device, decision_noise(trial.device, middle, assumed))
         trial.model.retune(s.brake_strength, None if self._own_backlash() else math.radians(s.backlash_deg))
         if "spring_N_m" not in self.fixed:
             grip, damping = trial.model.hand.grips, self._damping()

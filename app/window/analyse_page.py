@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QApplication,
     QButtonGroup,
+    QGridLayout,
     QHBoxLayout,
     QLabel,
     QMenu,
@@ -20,17 +21,18 @@ from PySide6.QtWidgets import (
     QStackedWidget,
     QVBoxLayout,
     QWidget,
+    QWidgetAction,
 )
 
 from app.ipc import messages as m
 from app.window.box_plot import ChartPlot, trial_of
-from app.window.data_panel import show_folder
 from app.window.page import Page
 from app.window.painting import theme
 from app.window.painting.flow import Flow
 from app.window.painting.labels import OneLine, line, word
 from app.window.painting.parts import button, clear, row
 from app.window.trial_view import TrialView
+from app.window.words import show_folder
 from app.window.work import Verb, Work
 from core.files import InputError
 from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED, View, charts, left_out, legend
@@ -38,7 +40,9 @@ from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS
 from experiments.analysis.participants import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow
 from experiments.export.results import Conclusions, Job, Results, conclude, new_folder, read_results
+from experiments.plan import counted
 from experiments.session.files import STORED
+from experiments.session.journal import exclude_run
 from experiments.session.playback import Playback, read_playback
 
 FINDINGS = "findings"
@@ -64,7 +68,7 @@ def toggle(text: str, do: Callable[..., object], on: bool = False) -> QPushButto
 
 
 class Chips(QWidget):
-    """A filter: a chip for each choice, lit while it is shown; many of them are a menu."""
+    """A filter: a chip for each choice, lit while it is shown; many of them open below a button and stay open."""
 
     changed = Signal()
 
@@ -73,6 +77,7 @@ class Chips(QWidget):
         self._title, self._off = title, set()
         self._names: dict[str, str] = {}
         self.chips: dict[str, QPushButton] = {}
+        self.menu: QPushButton | None = None  # of many
         self._row = QHBoxLayout(self)
         self._row.setContentsMargins(0, 0, 0, 0)
         self._row.setSpacing(6)
@@ -87,30 +92,49 @@ class Chips(QWidget):
         if dict(names) == self._names:
             return
         self._off |= {choice for choice in off if choice not in self._names}
-        self._names = dict(names)
+        self._names, self.menu = dict(names), None
         clear(self._row)
-        self.chips = {}
+        self.chips = {
+            choice: toggle(name, lambda on, choice=choice: self._switch({choice}, on), choice not in self._off)
+            for choice, name in names.items()
+        }
         if len(names) > MOST_CHIPS:
-            self._row.addWidget(self._menu())
+            self.menu = QPushButton(objectName="toggle")
+            self.menu.setMenu(self._menu())
+            self._row.addWidget(self.menu)
+            self._count()
             return
         self._row.addWidget(word(self._title, "quiet"))
-        for choice, name in names.items():
-            chip = toggle(name, lambda on, choice=choice: self._switch(choice, on), choice not in self._off)
-            self.chips[choice] = chip
+        for chip in self.chips.values():
             self._row.addWidget(chip)
 
-    def _menu(self) -> QPushButton:
-        made, menu = QPushButton(f"{self._title}: {len(self._names)}"), QMenu(self)
-        for choice, name in self._names.items():
-            action = menu.addAction(name)
-            action.setCheckable(True)
-            action.setChecked(choice not in self._off)
-            action.toggled.connect(lambda on, choice=choice: self._switch(choice, on))
-        made.setMenu(menu)
-        return made
+    def _menu(self) -> QMenu:
+        """All chips in rows, and both ways to choose many at once."""
+        menu, inside, chips = QMenu(self), QWidget(), QGridLayout(spacing=6)
+        inside.setObjectName("clear")
+        for at, chip in enumerate(self.chips.values()):
+            chips.addWidget(chip, *divmod(at, MOST_CHIPS))
+        column = QVBoxLayout(inside)
+        column.addLayout(row(*(button(text, lambda on=on: self._switch(set(self._names), on), "small")
+                               for text, on in (("All", True), ("None", False))), 1))  # fmt: skip
+        column.addLayout(chips)
+        action = QWidgetAction(menu)
+        action.setDefaultWidget(inside)
+        menu.addAction(action)
+        return menu
 
-    def _switch(self, choice: str, on: bool) -> None:
-        (self._off.discard if on else self._off.add)(choice)
+    def _count(self) -> None:
+        chosen, there = len(self.chosen), len(self._names)
+        if self.menu is not None:
+            self.menu.setText(f"{self._title}: {'all' if chosen == there else chosen} of {there}  ▾")
+
+    def _switch(self, choices: set[str], on: bool) -> None:
+        """Show these, or leave them out; all of them together change the charts once."""
+        (self._off.difference_update if on else self._off.update)(choices)
+        for choice, chip in self.chips.items():
+            with QSignalBlocker(chip):
+                chip.setChecked(choice not in self._off)
+        self._count()
         self.changed.emit()
 
 
@@ -145,8 +169,8 @@ class Verdicts(QScrollArea):
 
 
 def coloured(text: str, colour: str) -> str:
-    """A text as HTML."""
-    return f'<span style="color: {colour}">{escape(text)}</span>'
+    """A text as HTML; no line ends within a unit such as m/s."""
+    return f'<span style="color: {colour}">{escape(text)}</span>'.replace("m/s", "m/\u2060s")
 
 
 class AnalysePage(Page):
@@ -159,7 +183,7 @@ class AnalysePage(Page):
         self.page = POOLED
         self._asked: Path | None = None  # a folder, in place of the open session's
         self._folder = Path()  # that is shown or being read
-        self._reading, self._opening, self._concluding = Work(), Work(), Work()
+        self._reading, self._opening, self._concluding, self._excluding = Work(), Work(), Work(), Work()
         self.tabs: dict[str, QPushButton] = {}
         self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
         self.timeouts, self.logarithmic = toggle("Timeouts in the boxes", self._show), toggle("Log scale", self._show)
@@ -174,6 +198,8 @@ class AnalysePage(Page):
         self._reading.done.connect(self._show_results)
         self._concluding.done.connect(self.verdicts.show_conclusions)
         self._opening.done.connect(self._show_trial)
+        self._excluding.done.connect(self._excluded)
+        self.side.excluded.connect(self.exclude)
         self.side.closed.connect(self.close_trial)
         self.side.stepped.connect(self.step)
         for plot in self.plots:
@@ -234,10 +260,13 @@ class AnalysePage(Page):
             self._read(self._of_session())
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
-        grown = (snapshot.rows, snapshot.blind) != (self.snapshot.rows, self.snapshot.blind)
+        before = self.snapshot
+        grown = (snapshot.rows, snapshot.blind) != (before.rows, before.blind)
         super().show_snapshot(snapshot)
-        if grown and self.isVisible() and self._folder == self._of_session():
+        if grown and self.isVisible() and self._of_session() in (self._folder, *self._folder.parents):
             self._read(self._folder)
+        if snapshot.said_bad and snapshot.said != before.said and self.side.isVisible():
+            self.side.note_that(snapshot.said, bad=True)
 
     def begin(self, what: object = None) -> None:
         """What: a data folder, a study's or a session's; or a recording. Without: the open session's data folder."""
@@ -299,6 +328,9 @@ class AnalysePage(Page):
         )
         self._tell(" ".join(results.problems), "caution")
         self._show()
+        now = next((row for row in results.rows if trial_of(row) == trial_of(self.chosen)), None)
+        if now is not None and now.status != self.chosen.status:
+            self.open_trial(now)
 
     # what is shown
 
@@ -337,10 +369,12 @@ class AnalysePage(Page):
         if results is None:
             return
         people, late = len(people_of(rows)), sum(row.status == "timeout" for row in rows)
-        parts = [count_of(people, "participant"), count_of(len(rows), "trial"), f"{late} timed out"]
+        parts = [counted(people, "participant"), counted(len(rows), "trial"), f"{late} timed out"]
         self.summary.setText(" · ".join(parts if late else parts[:2]))
         if not results.rows:
             self._show_empty(f"Nothing is recorded in {results.folder} yet.")
+        elif not rows:
+            self._show_empty("None of the trials is chosen: the filters above leave all of them out.")
         elif self.page == FINDINGS:
             self.stack.setCurrentWidget(self.verdicts)
             self.verdicts.show_conclusions(None)
@@ -427,6 +461,20 @@ class AnalysePage(Page):
         if rows:
             self.open_trial(rows[(at + by) % len(rows)])
 
+    def exclude(self, reason: str) -> None:
+        """The trial that is shown, out of every result: by the session server if it has the session, else here."""
+        session = self.side.trial.path.resolve().parent.parent
+        if self.opened is not None and self.opened.participant and Path(self.opened.folder).resolve() == session:
+            self.send(m.Exclude(self.side.trial.row.run, reason))
+        else:
+            self._excluding.ask(exclude_run, session, self.side.trial.row.run, reason)
+
+    def _excluded(self, refused: InputError | None) -> None:
+        if refused is not None:
+            self.side.note_that(str(refused), bad=True)
+        else:
+            self._read(self._folder)
+
     # export
 
     def export(self, report: bool = False) -> None:
@@ -477,11 +525,6 @@ class AnalysePage(Page):
         self.side.end()
         self.cancel_export()
         super().closeEvent(event)
-
-
-def count_of(number: int, word: str) -> str:
-    """As "1 trial", "2 trials"."""
-    return f"{number} {word}{'s' if number != 1 else ''}"
 
 
 def data_folder_of(recording: Path) -> Path | None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QEvent, Qt, Signal
 
 from app.window.painting import theme
 from app.window.painting.labels import OneLine
@@ -14,6 +14,7 @@ from experiments.analysis.charts import Chart, Point
 from experiments.analysis.trials_table import TrialRow
 
 POINT_PX, RING_PX, CROSS_PX = 6, 15, 11
+APART_PX = 3.0  # between two names along an axis
 FOOT = 0.03  # of the plot's height, under the scale
 BAND = 0.08  # of the plot's height, above the scale: crosses of trials whose time was up
 #: Short names of Table I's controllers and of a measure; others stand as the protocol and the table have them.
@@ -50,6 +51,8 @@ class ChartPlot(Plot):
         for marks in (self.points, self.crosses):
             marks.sigClicked.connect(self._clicked)
         self.item.vb.sigYRangeChanged.connect(self._place_crosses)
+        for changed in (self.item.vb.sigXRangeChanged, self.item.vb.sigResized):
+            changed.connect(self._name_ticks)
         self.item.showGrid(y=True, alpha=0.15)
         self.item.getAxis("left").setTickDensity(0.6)
         self.setMinimumSize(180, 150)
@@ -70,13 +73,36 @@ class ChartPlot(Plot):
             self.item.addItem(marks)
         left, bottom = self.item.getAxis("left"), self.item.getAxis("bottom")
         left.setTicks([self._decades(chart.highest)] if self._logarithmic else None)
-        bottom.setTicks([[(x, SHORT.get(text, text)) for x, text in chart.ticks]] if chart.ticks else None)
+        self._name_ticks()
         bottom.setLabel(chart.x_title or None)
         bottom.showLabel(bool(chart.x_title))
-        lines = max((SHORT.get(text, text).count("\n") + 1 for _, text in chart.ticks), default=0)
-        bottom.setHeight(6 + lines * (theme.SMALL + 5) if lines else None)
+        self._size_ticks()
         self.show_all()
         self.show_ring(self._ringed)
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange and self.chart is not None:
+            self._size_ticks()
+            self._name_ticks()
+
+    def _name_ticks(self, *_: object) -> None:
+        """The names along the axis, each line of them as far as it does not lie on another."""
+        if self.chart is None:
+            return
+        (begin, end), ends, named = self.item.viewRange()[0], {}, []
+        for x, text in ((x, SHORT.get(text, text)) for x, text in self.chart.ticks):
+            middle = (x - begin) / (end - begin) * self.item.vb.width()
+            reach = {at: 0.5 * theme.text_width(line, theme.SMALL) for at, line in enumerate(text.split("\n"))}
+            if all(middle - half > ends.get(at, -math.inf) for at, half in reach.items()):
+                ends |= {at: middle + half + APART_PX for at, half in reach.items()}
+                named.append((x, text))
+        self.item.getAxis("bottom").setTicks([named] if named else None)
+
+    def _size_ticks(self) -> None:
+        """Room for the names along the axis."""
+        lines = max((SHORT.get(text, text).count("\n") + 1 for _, text in self.chart.ticks), default=0)
+        self.item.getAxis("bottom").setHeight(6 + lines * theme.text_px(theme.SMALL + 5) if lines else None)
 
     def show_all(self) -> None:
         """Zoom out to all of it."""

@@ -24,7 +24,7 @@ from app.window.plan_grid import newest_rows
 from app.window.words import clock
 from experiments.analysis.trials_table import COUNTED
 
-WIDTH_PX = 400
+WIDTH_PX, KEYS_PX = 400, 960
 ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 AGAIN = {"now": "Repeat it now", "end": "Repeat it at the end", "never": "Do not repeat it"}  # an aborted trial
 
@@ -236,14 +236,15 @@ class Cards:
         """All keys of the windows."""
         self.leave()
         card = Card("Keys", "", [("Close  Enter", self.leave)], self._parent)
-        card.wide = 2 * WIDTH_PX
+        card.wide = KEYS_PX
         grid = QGridLayout()
         grid.setHorizontalSpacing(14)
         half = -(-len(keys) // 2)
         for place, key in enumerate(keys.values()):
             column, row = divmod(place, half)
             grid.addWidget(word(" or ".join(key.keys), bold=True), row, 2 * column)
-            grid.addWidget(word(key.does, "quiet"), row, 2 * column + 1)
+            grid.addWidget(line(key.does, "quiet"), row, 2 * column + 1)
+            grid.setColumnStretch(2 * column + 1, 1)
         card.inside.addLayout(grid)
         self._question = card
         card.appear()

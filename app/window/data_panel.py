@@ -4,8 +4,7 @@ from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 
-from PySide6.QtCore import QSettings, QTimer, QUrl, Signal
-from PySide6.QtGui import QDesktopServices
+from PySide6.QtCore import QSettings, QTimer, Signal
 from PySide6.QtWidgets import (
     QApplication,
     QFileDialog,
@@ -21,6 +20,7 @@ from app.window.page import ANALYSE
 from app.window.painting import theme
 from app.window.painting.labels import OneLine, breakable, line, rule, word
 from app.window.painting.parts import button, clear, row, scrolled
+from app.window.words import from_home, show_folder
 from app.window.work import Verb, Work
 from core.files import InputError
 from experiments.plan import counted
@@ -118,9 +118,7 @@ class DataPanel(QFrame):
         if folder != self._folder:
             self._folder, self.overview = folder, None
             self._recent.add(str(folder))
-            home = Path.home()
-            inside = folder.is_relative_to(home)
-            self.where.setText(f"~/{folder.relative_to(home)}" if inside else str(folder))
+            self.where.setText(from_home(folder))
             self._looking.forget()
             self.look()
 
@@ -264,8 +262,3 @@ class DataPanel(QFrame):
         self.cancel.hide()
         self.show_export.setVisible(not failed)
         self._fill()
-
-
-def show_folder(folder: Path) -> None:
-    """In the system's own file manager."""
-    QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))

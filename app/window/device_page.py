@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QGridLayout, QVBoxLayout, QWidget
 from app.ipc import messages as m
 from app.window.cards import Card
 from app.window.painting import theme
-from app.window.painting.labels import OneLine, breakable, line, word
+from app.window.painting.labels import OneLine, line, word
 from app.window.painting.parts import button, panel, row
 from app.window.preflight import Checklist
 from app.window.words import grouped
@@ -59,7 +59,7 @@ SENSORS = (*(f"Joint {joint}" for joint in JOINTS), "Handle", "Hand force", "Sam
 #: name -> counters, as they are shown
 LINK = {
     "Lost": "{lost} of {all} samples", "Repeated": "{repeated} samples",
-    "Damaged": "{frames_bad} messages of this connection", "Gaps": "{frames_resyncs} after damage",
+    "Damaged": "{frames_bad} messages", "Gaps": "{frames_resyncs} after damage",
     "Too late": "{late_commands} commands", "Refused": "{refused} messages", "No position": "{not_closed} samples",
     "Lost links": "{lost_links}",
 }  # fmt: skip
@@ -140,7 +140,7 @@ def figures_of(status: m.DeviceStatus, rates: dict[str, float]) -> dict[str, str
     }  # fmt: skip
     if reached:
         homed = f"homed{at(status.homed_at) or ' before this program began'}" if status.homed else "not homed"
-        zeroed = f"zeroed{at(status.zeroed_at)}" if status.zeroed else "no zero yet"
+        zeroed = f"zero{at(status.zeroed_at)}" if status.zeroed else "no zero yet"
         figures |= {
             "Fault": status.fault or "none", "Encoders": f"{' '.join(status.encoders)}: {homed}",
             "Force sensor": f"{status.force_channels} channels, {zeroed}" if status.force_channels else "none",
@@ -205,6 +205,7 @@ class DevicePage(QWidget):
         bench.setSpacing(theme.GAP)
         state, inside = panel("Is it ready?")
         inside.addWidget(self.health)
+        inside.addWidget(self.quantised)
         inside.addWidget(self.why)
         inside.addLayout(row(*self.steps.values(), self.reset, 1))
         bench.addWidget(state, 0, 0, 1, 3)
@@ -217,8 +218,6 @@ class DevicePage(QWidget):
                 grid.addWidget(word(name, "quiet"), place, 0)
                 grid.addWidget(self.values[name], place, 1)
             inside.addLayout(grid)
-            if names == SENSORS:
-                inside.addWidget(self.quantised)
             inside.addStretch(1)
             bench.addWidget(frame, 1, column)
             bench.setColumnStretch(column, 1)
@@ -262,7 +261,7 @@ class DevicePage(QWidget):
         figures = figures_of(status, self._rates) if status else {}
         for name, label in self.values.items():
             label.setText(figures.get(name) or NOTHING)
-        self.quantised.setText(breakable(self._quantised(status) if status else ""))
+        self.quantised.setText(self._quantised(status) if status else "")
         why = self._why_not()
         self.why.setText(why)
         self.why.setVisible(bool(why))

@@ -5,8 +5,9 @@ import numpy as np
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QVBoxLayout, QWidget
 
 from app.window.painting import theme
+from app.window.painting.force_view import Reading
 from app.window.painting.labels import Figures, word
-from app.window.plots import NO_TRIAL, WORDS_EVERY_S
+from app.window.plots import NO_TRIAL
 from core import tick_log
 
 BRAKES, KINETIC, STOPS = theme.BRAKE_SLIPPING, theme.TRACE, theme.BAD
@@ -57,7 +58,7 @@ class EnergyPanel(QFrame):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent, objectName="panel")
-        self.ledger, self._worded_s = Ledger(), -np.inf
+        self.ledger, self._reading = Ledger(), Reading()
         self._bar = QHBoxLayout()
         self._bar.setSpacing(0)
         for colour in (BRAKES, KINETIC, STOPS, theme.LINE):  # the last: what the hand gave and is nowhere yet
@@ -79,13 +80,12 @@ class EnergyPanel(QFrame):
         """Ticks (n, WIDTH), n > 0, of the running trial."""
         self.ledger.add(rows)
         now = float(rows[-1, tick_log.T])
-        if not self._worded_s <= now < self._worded_s + WORDS_EVERY_S:
-            self._worded_s = now
+        if self._reading.due(now):
             self._word()
 
     def clear(self) -> None:
         """A new trial."""
-        self.ledger, self._worded_s = Ledger(), -np.inf
+        self.ledger, self._reading = Ledger(), Reading()
         self._word()
 
     @property

@@ -43,6 +43,7 @@ from hardware.discovery import PortFound, look_at_ports
 
 DEVICE = "device"  # what `begin` takes to show the device page
 LOOK_MS = 2000  # between two looks at the ports
+LINE_PX = 32  # high, a line of the form at most
 SIMULATED, BOARD = "Simulated", "Board"
 FILE, AS_PROTOCOL = "A file …", "As the protocol says"
 HANDS = {name: INPUTS[name].title for name in CHOICES}
@@ -138,7 +139,7 @@ class HomePage(Page):
         self.hand.activated.connect(lambda: self._choose(hand=self.hand.value()))
         self.hand.fill(HANDS, MOUSE)
         self.summary, self.hand_words = line("", bold=True), line("", "quiet")
-        self.show_plan, self.edit = button("Show plan", self._ask_plan), button("Edit", self._edit)
+        self.show_plan, self.edit = button("Plan", self._ask_plan), button("Edit", self._edit)
         self.link = Segments((SIMULATED, BOARD), SIMULATED)
         self.link.chosen.connect(self._link_chosen)
         self.again = button("Look again", self._look_again)
@@ -186,7 +187,9 @@ class HomePage(Page):
             ("", self._form), ("Blind", self.blind), ("Ready?", self.checks),
         )):  # fmt: skip
             if name:
-                grid.addWidget(word(name, "quiet"), at, 0, Qt.AlignmentFlag.AlignTop)
+                label = word(name, "quiet")
+                label.setMinimumHeight(min(parts[0].sizeHint().height(), LINE_PX))  # level with what it names
+                grid.addWidget(label, at, 0, Qt.AlignmentFlag.AlignTop)
             grid.addLayout(self._form if parts == [self._form] else row(*parts), at, 1)
         grid.setRowStretch(grid.rowCount(), 1)
         form = QWidget()
@@ -260,7 +263,7 @@ class HomePage(Page):
     def _take(self, setup: m.Setup) -> None:
         """These are the choices now."""
         self.chosen = setup
-        shipped = {name: f"{name.capitalize()} protocol" for name in shipped_protocols()}
+        shipped = {name: name.capitalize() for name in shipped_protocols()}
         files = {path: Path(path).name for path in (setup.protocol, *self._recent.paths) if path not in shipped}
         self.protocol.fill({**shipped, **files, "": FILE}, setup.protocol)
         devices = {None: AS_PROTOCOL, **{(name,): name for name in shipped_devices()}}

@@ -8,8 +8,8 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QUrl, Signal
-from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication
+from PySide6.QtCore import QEvent, Signal
+from PySide6.QtGui import QCloseEvent, QGuiApplication
 from PySide6.QtWidgets import QFrame, QLineEdit, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
 from app import __version__
@@ -22,7 +22,7 @@ from app.window.painting import theme
 from app.window.painting.labels import OneLine, breakable, line, word
 from app.window.painting.parts import row
 from app.window.preflight import Preflight
-from app.window.words import grouped, size
+from app.window.words import from_home, grouped, show_folder, size
 
 #: page -> its module and class; a page is made when it is first shown
 PAGES = {
@@ -44,7 +44,7 @@ class Footer(QFrame):
         self.folder, self.recording = word("", bold=True), OneLine("Nothing is being recorded")
         self.folder.setMaximumWidth(320)
         self.open = QPushButton("Open folder", objectName="small")
-        self.open.clicked.connect(self._open)
+        self.open.clicked.connect(lambda: show_folder(self._path))
         self.lamp, self.origin = word("●", size=theme.SMALL), word("", "quiet", theme.SMALL)
         self.keys = QPushButton("Keys  F1", objectName="small")
         self._path = Path()
@@ -60,9 +60,7 @@ class Footer(QFrame):
     def show_opened(self, opened: m.Opened) -> None:
         """Where the data are, and where the session comes from."""
         self._path = Path(opened.folder)
-        home = Path.home()
-        inside = self._path.is_relative_to(home)
-        self.folder.setText(f"~/{self._path.relative_to(home)}" if inside else str(self._path))
+        self.folder.setText(from_home(self._path))
         parts = [f"seed {opened.protocol.seed}", f"phd {__version__}"]
         if opened.plan_sha256:
             parts.insert(1, f"plan {opened.plan_sha256[:4]}…{opened.plan_sha256[-2:]}")
@@ -89,10 +87,6 @@ class Footer(QFrame):
         """The session server has ended."""
         self._light(theme.BAD)
         self.recording.setText("Not recording")
-
-    def _open(self) -> None:
-        there = next(folder for folder in (self._path, *self._path.parents) if folder.is_dir())
-        QDesktopServices.openUrl(QUrl.fromLocalFile(str(there)))
 
 
 class MainWindow(QWidget):
@@ -135,9 +129,20 @@ class MainWindow(QWidget):
         layout.addWidget(self.preflight.advice)
         layout.addWidget(self._stack, 1)
         layout.addWidget(self.footer)
+        self._keep_large_enough()
         room = QGuiApplication.primaryScreen().availableSize()
-        self.setMinimumSize(min(SMALLEST[0], room.width()), min(SMALLEST[1], room.height()))
         self.resize(min(LARGEST[0], room.width()), min(LARGEST[1], room.height()))
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange:
+            self._keep_large_enough()
+
+    def _keep_large_enough(self) -> None:
+        """Larger text needs a larger window, as far as the screen has room."""
+        room = QGuiApplication.primaryScreen().availableSize()
+        width, height = map(theme.text_px, SMALLEST)
+        self.setMinimumSize(min(width, room.width()), min(height, room.height()))
 
     def _connect(self) -> None:
         for name, tab in self.tabs.items():

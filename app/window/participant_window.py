@@ -3,6 +3,7 @@ says so: no numbers, no controller's name, no brake's colour.
 """
 
 import time
+from collections.abc import Collection
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt, Signal
@@ -12,7 +13,7 @@ from PySide6.QtWidgets import QStackedLayout, QWidget
 from app.ipc import messages as m
 from app.window import words
 from app.window.painting import theme
-from app.window.painting.layers import extent_of_linkages, extent_of_paths, joints_at
+from app.window.painting.layers import SPACING_M, extent_of_linkages, extent_of_paths, joints_at
 from app.window.painting.marks import paint_arms
 from app.window.painting.plane import FROM_AFAR, Plane, Sizes
 from app.window.questionnaire import Instructions, Questionnaire
@@ -20,14 +21,14 @@ from app.window.tone import Tones
 from app.window.words import Shown, hand_is_mouse
 from core import tick_log
 from core.device import Device
+from core.path import PathFile, outline
 from experiments.language import Language
 from experiments.plan import PlannedTrial
 
 LARGE_SHARE, SMALL_SHARE = 0.085, 0.032  # of the height: legible from two metres
-TEXT_SHARE = 0.30  # of the height, at the bottom: for the text
-TEXT_TOP, TEXT_ALONE = 0.735, 0.40  # of the height: where the text begins, under the path and without one
-EDGE_SHARE = 0.06
-MARGIN_M = 0.012  # around the paths: the ring at the end, so that the path is as long as it can be
+TEXT_TOP, TEXT_ALONE = 0.785, 0.40  # of the height: where the text begins, under the path and without one
+EDGE_SHARE = 0.005 # of the height, above the paths, and between them and the text
+PATH_SHARE = 0.5  # of the width, that a session's widest path takes where the height allows it
 LEFT_EARLY_S = 1.5  # the hint that the start was left too early stands at least so long
 
 
@@ -70,7 +71,7 @@ class ParticipantView(Plane):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         height, edge = self.height(), EDGE_SHARE * self.height()
-        self._keep_free = QMarginsF(edge, edge, edge, TEXT_SHARE * height)
+        self._keep_free = QMarginsF(0.0, edge, 0.0, (1.0 - TEXT_TOP) * height + edge)
         self.sizes = scaled(FROM_AFAR, min(height / 900.0, self.width() / 1200.0))
         super().resizeEvent(event)
 
@@ -103,6 +104,23 @@ class ParticipantView(Plane):
         if self._device is not None and self.tip is not None:
             joints = joints_at(self._device.mechanism, self.tip)
             paint_arms(painter, {joint: self.to_screen(place) for joint, place in joints.items()}, 12.0, 3.0)
+
+
+def extent_at_half_width(paths: Collection[PathFile], radii_m: tuple[float, float]) -> QRectF:
+    """The rectangle (m) to be seen so that the widest path takes half of the width; radii_m: of the rings at its ends.
+
+    Our choice: one scale for a session, so that the same movement of the hand is the same on the screen in every
+    trial; a narrower path then takes less than half. Where the paths are too high for that above the text, the height
+    decides (the paper's, 16 cm, on a screen wider than 16:9), because a path must be seen whole; paths that lie side
+    by side must all be seen where they are.
+    """
+    around = extent_of_paths(paths, 0.0)
+    widest = max(extent_of_paths([path], 0.0).width() for path in paths)
+    for line in (outline(path, SPACING_M) for path in paths):
+        for (x, y), radius in zip((line[0], line[-1]), radii_m, strict=True):
+            around |= QRectF(x - radius, y - radius, 2.0 * radius, 2.0 * radius)
+    beside = max(0.5 * (widest / PATH_SHARE - around.width()), 0.0)
+    return around.adjusted(-beside, 0.0, beside, 0.0)
 
 
 def scaled(sizes: Sizes, share: float) -> Sizes:
@@ -152,8 +170,9 @@ class ParticipantWindow(QWidget):
             self.view.show_pointer(None)
         paths = protocol.paths.values()
         self.view.set_extent(
-            extent_of_linkages(protocol.devices, paths) if protocol.show_linkage else extent_of_paths(paths, MARGIN_M)
-        )
+            extent_of_linkages(protocol.devices, paths) if protocol.show_linkage
+            else extent_at_half_width(paths, self.view.radii_m)
+        )  # fmt: skip
 
     def start(self) -> bool:
         """Space or a click: the next page of the instructions; whether there was one."""

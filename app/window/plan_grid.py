@@ -56,7 +56,7 @@ class PlanGrid(QWidget):
     # lengths
 
     def _per_row(self) -> int:
-        return max(int((self.width() - LABEL_PX) / (CELL_LEAST_PX + 3.0)), 1)
+        return max(int((self.width() - theme.text_px(LABEL_PX)) / (CELL_LEAST_PX + 3.0)), 1)
 
     def _rows_of(self, trials: Sequence[PlannedTrial]) -> int:
         return -(-len(trials) // self._per_row())
@@ -64,7 +64,7 @@ class PlanGrid(QWidget):
     def sizeHint(self) -> QSize:
         rows = sum(self._rows_of(trials) for blocks in self._groups.values() for trials in blocks.values())
         spaces = max(len(self._groups) - 1, 0) * SPACE_PX
-        return QSize(230, len(self._groups) * HEAD_PX + rows * ROW_PX + spaces)
+        return QSize(230, len(self._groups) * theme.text_px(HEAD_PX) + rows * theme.text_px(ROW_PX) + spaces)
 
     def minimumSizeHint(self) -> QSize:
         return QSize(120, round(LEAST_SHARE * self.sizeHint().height()))
@@ -80,16 +80,16 @@ class PlanGrid(QWidget):
     def _places(self) -> tuple[dict[int, QRectF], list[tuple[str, QRectF, bool]]]:
         """Run of the plan -> its cell (px); the words beside the cells: text, place, whether it is a head."""
         cells, words, y, per_row, share = {}, [], 0.0, self._per_row(), self._share()
-        high = share * ROW_PX
+        high = share * theme.text_px(ROW_PX)
         for configuration, blocks in self._groups.items():
-            words.append((configuration, QRectF(0.0, y, self.width(), share * HEAD_PX), True))
-            y += share * HEAD_PX
+            words.append((configuration, QRectF(0.0, y, self.width(), share * theme.text_px(HEAD_PX)), True))
+            y += share * theme.text_px(HEAD_PX)
             for block, trials in blocks.items():
-                words.append((f"block {block}", QRectF(0.0, y, LABEL_PX, high), False))
-                step = (self.width() - LABEL_PX) / min(len(trials), per_row)
+                words.append((f"block {block}", QRectF(0.0, y, theme.text_px(LABEL_PX), high), False))
+                step = (self.width() - theme.text_px(LABEL_PX)) / min(len(trials), per_row)
                 side = min(step - 3.0, high - 4.0)
                 for i, trial in enumerate(trials):
-                    x, down = LABEL_PX + i % per_row * step, i // per_row * high
+                    x, down = theme.text_px(LABEL_PX) + i % per_row * step, i // per_row * high
                     cells[trial.run] = QRectF(x, y + down + 0.5 * (high - side), min(step - 3.0, 1.6 * side), side)
                 y += self._rows_of(trials) * high
             y += share * SPACE_PX

@@ -5,11 +5,11 @@ newest tick until it is zoomed or moved; a double click, or the next trial, lets
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QPointF, Qt
+from PySide6.QtCore import QEvent, QPointF, Qt
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QVBoxLayout, QWidget
 
 from app.ipc.messages import Timing
@@ -20,12 +20,11 @@ from core.device import Device
 from core.mechanism import JOINTS
 
 WINDOW_S = 6.0  # what a live plot shows while it follows
-WORDS_EVERY_S = 0.1  # numbers that change faster cannot be read
 NOTHING = "–"
 HIDDEN = "hidden: the session is blind"
 NO_TRIAL = "no trial yet"
 STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # round ends of a range, times a power of ten
-AXIS_PX = 40
+AXIS_PX = 40  # wide, of the values at the left, at a text size of 1
 
 
 def range_for(value: float, least: float) -> float:
@@ -49,25 +48,47 @@ def envelope(t: np.ndarray, values: np.ndarray, bin_s: float) -> tuple[np.ndarra
     return np.repeat(t[starts], 2), np.stack((low, high), axis=2).reshape(len(values), -1)
 
 
+class Graph(pg.PlotWidget):
+    """A plot in the colours of the screens, its ticks in their typeface and as large as all other text."""
+
+    def __init__(self) -> None:
+        super().__init__(background=theme.PANEL, enableMenu=False)
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.hideButtons()
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        for axis in self._axes():
+            axis.setPen(theme.LINE)
+            axis.setTextPen(theme.QUIET)
+            axis.setStyle(tickLength=-3, hideOverlappingLabels=False)
+            axis.enableAutoSIPrefix(False)
+        self._size_text()
+
+    def _axes(self) -> list[pg.AxisItem]:
+        return [self.getPlotItem().getAxis(side) for side in ("left", "bottom")]
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange:
+            self._size_text()
+
+    def _size_text(self) -> None:
+        for axis in self._axes():
+            axis.setStyle(tickFont=theme.font(theme.SMALL))
+            axis.label.setFont(theme.font(theme.SMALL))
+        self._axes()[0].setWidth(theme.text_px(AXIS_PX))
+
+
 class Plot(QFrame):
     """A panel with a title, a value at the right of it, and a plot under them."""
 
+    figures_px = theme.NORMAL
+
     def __init__(self, title: str, parent: QWidget | None = None) -> None:
         super().__init__(parent, objectName="panel")
-        self.title, self.figures = word(title, bold=True), Figures(theme.NORMAL, right=True)
-        self.graph = pg.PlotWidget(background=theme.PANEL, enableMenu=False)
-        self.graph.setFrameShape(QFrame.Shape.NoFrame)
-        self.graph.hideButtons()
-        self.graph.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.title, self.figures = word(title, bold=True), Figures(self.figures_px, right=True)
+        self.graph = Graph()
         self.item = self.graph.getPlotItem()
         self.item.setContentsMargins(0, 0, 0, 0)
-        for side in ("left", "bottom"):
-            axis = self.item.getAxis(side)
-            axis.setPen(theme.LINE)
-            axis.setTextPen(theme.QUIET)
-            axis.setStyle(tickFont=theme.font(theme.SMALL), tickLength=-3)
-            axis.enableAutoSIPrefix(False)
-        self.item.getAxis("left").setWidth(AXIS_PX)
         self.head = QHBoxLayout()
         self.head.setSpacing(8)
         self.head.addWidget(self.title)
@@ -150,11 +171,11 @@ class TimePlot(Plot):
 class Trace(TimePlot):
     """A live measure: all of the trial is kept, the newest seconds are shown.
 
-    names: of several curves; each value then stands beside the title with its name, in the curve's colour.
+    names: of several curves, by joint; each value then stands beside the title with its name, in the curve's colour.
     """
 
     def __init__(
-        self, title: str, unit: str, colours: Sequence[str], least: float, digits: int, names: str = ""
+        self, title: str, unit: str, colours: Sequence[str], least: float, digits: int, names: Mapping[str, str] = {}
     ) -> None:
         super().__init__(title, unit, colours, least, digits)
         self.names, self._colours = names, colours
@@ -203,7 +224,7 @@ class Trace(TimePlot):
             self.figures.show_parts((self.figure(values[0]), theme.TEXT), (self.unit, theme.QUIET))
             return
         named = [
-            (f"{name} {self.figure(value)}", colour)
+            (f"{self.names[name]} {self.figure(value)}", colour)
             for name, value, colour in zip(JOINTS, values, self._colours, strict=True) if name in self.names
         ]  # fmt: skip
         self.figures.show_parts(*named, (self.unit, theme.QUIET))
@@ -250,7 +271,8 @@ class Traces(QWidget):
         super().__init__(parent)
         self.error = Trace("Path error", "mm", [theme.TRACE], 10.0, 1)
         self.force = Trace("Hand force", "N", [theme.GOOD], 10.0, 1)
-        self.currents = Trace("Currents", "A", [theme.JOINT[joint] for joint in JOINTS], 1.0, 2, JOINTS)
+        colours = [theme.JOINT[joint] for joint in JOINTS]
+        self.currents = Trace("Currents", "A", colours, 1.0, 2, dict(zip(JOINTS, JOINTS, strict=True)))
         self.speed = Trace("Tip speed", "m/s", [theme.TEXT], 0.2, 2)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -263,7 +285,7 @@ class Traces(QWidget):
 
     def show_trial(self, device: Device) -> None:
         """Another trial: its brakes; the curves begin anew."""
-        self.currents.names, self.currents.unit = device.braked, device.command_unit
+        self.currents.names, self.currents.unit = device.labels, device.command_unit
         for trace in self._all():
             trace.clear()
 
@@ -286,7 +308,7 @@ class Traces(QWidget):
             self.currents.hide_values(blind)
 
 
-def currents_of(rows: np.ndarray, braked: str) -> np.ndarray:
+def currents_of(rows: np.ndarray, braked: Collection[str]) -> np.ndarray:
     """The currents (4, n), A, of the joints in the order A, E, B, C; NaN for one without a brake."""
     has_brake = np.array([joint in braked for joint in JOINTS])
     return np.where(has_brake[:, None], rows[:, tick_log.CURRENT : tick_log.CURRENT + 4].T, math.nan)
@@ -300,7 +322,7 @@ class TimingStrip(Trace):
 
     def __init__(self) -> None:
         self.timing: Timing | None = None
-        super().__init__("Loop lateness", "", [theme.GOOD], self.DECADES, 0)
+        super().__init__("Loop lateness, µs", "", [theme.GOOD], self.DECADES, 0)
         self.late = pg.ScatterPlotItem(size=5, pen=None)
         self.item.addItem(self.late)
         self.foot_figures = Figures()
@@ -351,4 +373,4 @@ class TimingStrip(Trace):
         """The scale always is the same."""
         self.end = self.DECADES
         self.item.setYRange(0.0, self.DECADES, padding=self.padding)
-        self.item.getAxis("left").setTicks([[(0.0, "1 µs"), (2.0, "100 µs"), (4.0, "10 ms")]])
+        self.item.getAxis("left").setTicks([[(0.0, "1"), (2.0, "100"), (4.0, "10⁴")]])

@@ -16,10 +16,11 @@ from app.window.cards import ABORT_REASONS, REDO_REASONS, SKIP_REASONS, Cards
 from app.window.energy_panel import EnergyPanel
 from app.window.page import ANALYSE, HOME, Page
 from app.window.painting import theme
+from app.window.painting.force_view import Reading
 from app.window.painting.labels import OneLine, word
 from app.window.painting.linkage_view import Workspace
 from app.window.painting.parts import row
-from app.window.plots import WORDS_EVERY_S, TimingStrip, Traces
+from app.window.plots import TimingStrip, Traces
 from app.window.questionnaire import Questionnaire
 from app.window.session_panel import SessionPanel, can_be_redone
 from app.window.trial_card import TrialCard
@@ -58,7 +59,7 @@ class RunPage(Page):
         self._judged: set[int] = set()  # runs whose card was answered
         self._looked_at: int | None = None  # the run whose cell of the plan was clicked
         self._reading = Work()  # its recording
-        self._worded_s = -np.inf  # time of the tick whose numbers are read now
+        self._reading_numbers = Reading()
         self._lay_out()
         self.cards = Cards(self.centre)
         self._connect()
@@ -261,8 +262,8 @@ class RunPage(Page):
             for panel in (self.traces, self.energy, self.timing):
                 panel.add(rows)
             now = rows[-1, tick_log.T]
-            if not self._worded_s <= now < self._worded_s + WORDS_EVERY_S or self.snapshot.running is None:
-                self._worded_s = float(now)  # one tick for all numbers: the same force beside its arrow and its curve
+            if self._reading_numbers.due(float(now)) or self.snapshot.running is None:
+                # one tick for all numbers: the same force beside its arrow and its curve
                 self.traces.word()
                 if self.centre.workspace is not None and self.snapshot.running is not None:
                     self.centre.workspace.word(rows[-1])
@@ -301,7 +302,7 @@ class RunPage(Page):
         if wanted and row is not None and (row != self.card.row or not self.card_shown):
             ticks = np.concatenate(self._ticks) if self._ticks else None
             self.card.show_row(row, rows, ticks, opened, snapshot)
-            self.card.keep.setText("Keep and go on" if looked_at is None else "Close")
+            self.card.keep.setText("Keep" if looked_at is None else "Close")
         self._right.setCurrentIndex(1 if wanted else 0)
 
     # what a question's card asks for

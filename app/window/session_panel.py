@@ -3,7 +3,7 @@
 It shows the snapshot and emits what is asked for; it decides nothing.
 """
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QEvent, Qt, Signal
 from PySide6.QtWidgets import QFrame, QLineEdit, QPlainTextEdit, QSizePolicy, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
@@ -17,6 +17,7 @@ from app.window.words import cell, minutes, place
 from experiments.analysis.trials_table import SETTLED, TrialRow
 
 WIDTH_PX = 256
+LEAST_PLAN_PX = 60  # high, of the plan
 SILENT = "The protocol has tones, and this computer has no program to play them (paplay, aplay)."
 
 
@@ -33,7 +34,6 @@ class SessionPanel(QFrame):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent, objectName="panel")
-        self.setFixedWidth(WIDTH_PX)
         self.head = word("", size=theme.HEAD, bold=True)
         self.done, self.left = word("", "quiet", theme.SMALL), word("", size=theme.TITLE, bold=True)
         self.grid = PlanGrid()
@@ -63,12 +63,13 @@ class SessionPanel(QFrame):
         self.notes.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
         self.notes.hide()
         self._lay_out()
+        self.setFixedWidth(theme.text_px(WIDTH_PX))
 
     def _lay_out(self) -> None:
         self._scroll = scrolled(self.grid)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self._scroll.setMinimumHeight(96)
+        self._scroll.setMinimumHeight(LEAST_PLAN_PX)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(14, 10, 14, 12)
         layout.setSpacing(5)
@@ -88,6 +89,11 @@ class SessionPanel(QFrame):
         layout.addWidget(self.notes, 20)
         layout.addStretch(1)
 
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange:
+            self.setFixedWidth(theme.text_px(WIDTH_PX))
+
     def write_note(self) -> None:
         """The keyboard is the line for notes."""
         if self.note.isEnabled():
@@ -97,7 +103,7 @@ class SessionPanel(QFrame):
         """Where the session stands and what can be asked for."""
         self.head.setText(f"Participant {opened.participant}" if opened.participant else "No session is open")
         self.grid.show_session(opened, snapshot)
-        self._scroll.setMaximumHeight(max(self.grid.sizeHint().height() + 2, 96))
+        self._scroll.setMaximumHeight(max(self.grid.sizeHint().height() + 2, LEAST_PLAN_PX))
         statuses = list(self.grid.statuses.values())
         over, valid = sum(status in SETTLED for status in statuses), statuses.count("done")
         missing = f" · {over - valid} without a result" if over > valid else ""

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QEvent, Qt, Signal
 from PySide6.QtWidgets import QFrame, QGridLayout, QPushButton, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
-from app.window.box_plot import colour_of
+from app.window.box_plot import SHORT, colour_of
 from app.window.painting import theme
 from app.window.painting.labels import Choice, KeyButton, OneLine, line, word
 from app.window.painting.parts import row
-from app.window.plots import TimePlot, range_for
+from app.window.plots import Graph, TimePlot, range_for
 from app.window.words import place
 from core import tick_log
 from experiments.analysis.metrics import DRAWN, Metric
@@ -34,13 +34,9 @@ class Measure(QWidget):
         super().__init__()
         self._metric = metric
         self.value, self.unit = word("", size=theme.HEAD, bold=True), word(metric.shown_unit, "quiet")
-        self.graph = pg.PlotWidget(background=theme.PANEL, enableMenu=False)
-        self.graph.setFixedHeight(46)
-        self.graph.hideButtons()
+        self.graph = Graph()
         self.graph.setMouseEnabled(x=False, y=False)
         self.graph.hideAxis("left")
-        self.graph.getAxis("bottom").setPen(theme.LINE)
-        self.graph.getAxis("bottom").setTextPen(theme.QUIET)
         self.graph.setYRange(-1.0, 1.0)
         self.points = pg.ScatterPlotItem()
         self.graph.addItem(self.points)
@@ -48,11 +44,21 @@ class Measure(QWidget):
         layout = QGridLayout(self)
         layout.setContentsMargins(0, 2, 0, 2)
         layout.setVerticalSpacing(0)
-        layout.addWidget(word(metric.title, "quiet", theme.SMALL), 0, 0)
+        layout.addWidget(OneLine(SHORT.get(metric.title, metric.title), "quiet"), 0, 0)
         layout.addLayout(row(self.value, self.unit, 1), 1, 0)
         layout.addWidget(self.graph, 0, 1, 2, 1)
         layout.setColumnStretch(0, 2)
         layout.setColumnStretch(1, 3)
+        self._size()
+
+    def changeEvent(self, event: QEvent) -> None:
+        """The points keep their room above a larger text."""
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange:
+            self._size()
+
+    def _size(self) -> None:
+        self.graph.setFixedHeight(22 + theme.text_px(24))
 
     def show_values(self, now: TrialRow, earlier: Sequence[TrialRow], others: Sequence[TrialRow], colour: str) -> None:
         """This trial, the earlier ones of its controller, and those of other controllers on the same device."""
@@ -126,7 +132,7 @@ class TrialCard(QFrame):
         self.measures = [Measure(metric) for metric in DRAWN]
         self.trace = WholeTrace()
         self.flags = line("", "quiet")
-        self.keep = KeyButton("Keep and go on", "Space", "main")
+        self.keep = KeyButton("Keep", "Space", "main")
         self.redo, self.out = QPushButton("Repeat …"), QPushButton("Exclude")
         self.redo.setToolTip("Ctrl+R")
         self.out.setToolTip("Ctrl+X; choose a reason first")
@@ -152,7 +158,8 @@ class TrialCard(QFrame):
         layout.addWidget(self.legend)
         for measure in self.measures:
             layout.addWidget(measure)
-        layout.addWidget(self.trace, 1)
+        layout.addWidget(self.trace, 1000)
+        layout.addStretch(1)
         layout.addWidget(self.flags)
         layout.addLayout(decide)
 

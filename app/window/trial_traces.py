@@ -72,9 +72,11 @@ class TrialTrace(TimePlot):
 class CurrentTrace(TrialTrace):
     """The current of each brake: its mean, as a line, within its envelope, as a band. A chatter is no solid block."""
 
+    figures_px = theme.SMALL  # of four brakes
+
     def __init__(self) -> None:
         super().__init__("Currents", "A", theme.QUIET, 1.0, 2)
-        self.hidden = False
+        self.hidden, self.labels = False, dict[str, str]()
         self.means, self.bands = [], []
         for joint in JOINTS:
             self.bands.append([pg.PlotDataItem(pen=None) for _ in range(2)])
@@ -85,6 +87,7 @@ class CurrentTrace(TrialTrace):
     def show_currents(self, t: np.ndarray, currents: np.ndarray, hidden: bool) -> None:
         """Times (n,) s, currents (4, n) A, NaN for a joint without a brake. hidden: the session is blind."""
         self.currents, self.hidden = currents, hidden
+        self.title.setText(f"Currents, {self.unit}")
         self.show_trial(t, np.nanmax(currents, axis=0, initial=0.0))
 
     def show_value(self, at: int) -> None:
@@ -96,7 +99,7 @@ class CurrentTrace(TrialTrace):
         for joint, current in zip(JOINTS, self.currents[:, near], strict=True):
             if current[0] == current[0]:
                 duty = 100.0 * np.count_nonzero(current) / current.size
-                parts.append((f"{joint} {current.max():.2f} {self.unit} {duty:.0f} %", theme.JOINT[joint]))
+                parts.append((f"{self.labels[joint]} {current.max():.2f} {duty:.0f}%", theme.JOINT[joint]))
         self.figures.show_parts(*parts)
         self.figures.setToolTip(f"Largest current and share of the time with current, in {DUTY_S} s about the cursor")
 
@@ -146,7 +149,7 @@ class TrialTraces(QWidget):
         ticks, t = trial.ticks, trial.t
         self.error.show_trial(t, 1e3 * trial.error)
         self.force.show_trial(t, np.hypot(ticks[:, tick_log.HAND_FX], ticks[:, tick_log.HAND_FY]))
-        self.currents.unit = trial.device.command_unit
+        self.currents.unit, self.currents.labels = trial.device.command_unit, trial.device.labels
         self.currents.show_currents(t, currents_of(ticks, trial.device.braked), trial.blind)
         self.error.show_all()
 

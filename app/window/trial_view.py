@@ -11,9 +11,9 @@ import time
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, Qt, QTimer, Signal
+from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QResizeEvent, QShortcut
-from PySide6.QtWidgets import QApplication, QBoxLayout, QFrame, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QBoxLayout, QFrame, QMenu, QVBoxLayout, QWidget
 
 from app.window.box_plot import colour_of
 from app.window.painting import theme
@@ -22,12 +22,13 @@ from app.window.painting.layers import extent_of_paths
 from app.window.painting.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
 from app.window.painting.parts import button, row
 from app.window.painting.theme import show_whole
+from app.window.trial_card import REASONS
 from app.window.trial_traces import BESIDE, TrialTraces
 from app.window.work import Verb, Work
 from core import tick_log
 from core.files import InputError
 from experiments.analysis.metrics import BY_NAME, DRAWN, METRICS
-from experiments.analysis.trials_table import TrialRow
+from experiments.analysis.trials_table import COUNTED, TrialRow
 from experiments.session.playback import Beside, Playback, read_beside, read_playback
 
 FRAME_MS = 16
@@ -53,6 +54,7 @@ class TrialView(QFrame):
 
     closed = Signal()
     stepped = Signal(int)  # -1, 1: the trial before, the next one
+    excluded = Signal(str)  # reason
 
     def __init__(self, whole: bool = False) -> None:
         """whole: a window of its own, with the buttons of the workspace and without those of the page."""
@@ -67,6 +69,10 @@ class TrialView(QFrame):
         self.about, self.measures, self.beside_measures = OneLine(""), OneLine(""), OneLine("")
         self.beside_measures.setStyleSheet(f"color: {BESIDE}")
         self.note = line("", "quiet", theme.SMALL)
+        self.exclude = button("Exclude …", lambda: None, "small", "For one of these reasons; the recording is kept")
+        self.exclude.setMenu(reasons := QMenu(self.exclude))
+        for reason in REASONS[1:]:
+            reasons.addAction(reason[0].upper() + reason[1:], lambda reason=reason: self.excluded.emit(reason))
         self.workspace: Workspace | None = None
         self.traces = TrialTraces()
         self.traces.asked.connect(self.go_to)
@@ -88,7 +94,7 @@ class TrialView(QFrame):
             button("›", lambda: self.stepped.emit(1), "small", "The next trial"),
             button("×", self.closed.emit, "small", "Close"),
         )
-        for widget in (self.play_button, self.speed, self.beside, *self.steps):
+        for widget in (self.play_button, self.speed, self.beside, self.exclude, *self.steps):
             widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self._lay_out()
@@ -106,28 +112,33 @@ class TrialView(QFrame):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(12, 8, 12, 10)
         layout.setSpacing(5)
-        layout.addLayout(row(self.dot, self.title, 1, *self.steps))
+        layout.addLayout(row(self.dot, self.title, 1, self.exclude, *self.steps))
         for widget in (self.about, self.measures, self.beside_measures):
             layout.addWidget(widget)
         layout.addLayout(self._middle, 1)
         layout.addWidget(self.decision)
         layout.addLayout(foot)
         layout.addWidget(self.note)
-        self.beside_measures.hide()
-        self.note.hide()
+        for absent in (self.beside_measures, self.note, self.exclude):
+            absent.hide()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
+        self._share_room()
+        super().resizeEvent(event)
+
+    def _share_room(self) -> None:
+        """Workspace and curves beside each other, or one above the other."""
         wide = self.width() > WIDE_PX
         self._middle.setDirection(QBoxLayout.Direction.LeftToRight if wide else QBoxLayout.Direction.TopToBottom)
-        for part, share in enumerate((5, 4) if wide else (4, 7)):
+        for part, share in enumerate((5, 4) if wide else (3, 8)):
             self._middle.setStretch(part, share)
-        super().resizeEvent(event)
 
     # which trial
 
     def show_trial(self, trial: Playback | InputError) -> None:
         """Another trial, from its beginning; or why it cannot be shown."""
         self.end()
+        self.exclude.hide()
         if isinstance(trial, InputError):
             self.note_that(str(trial), bad=True)
             return
@@ -144,7 +155,8 @@ class TrialView(QFrame):
             f"{m.title}: {m.scale * v:.3g} {m.shown_unit}" for m in METRICS if (v := values.get(m.name)) is not None
         ))  # fmt: skip
         self.beside_measures.hide()
-        self.note_that("")
+        self.note_that(f"This trial is excluded: {trial.excluded}." if trial.excluded else "", bad=True)
+        self.exclude.setVisible(not self._whole and row is not None and row.status in COUNTED)
         self._put_workspace()
         self.workspace.view.show_beside(np.empty((0, 2)), BESIDE)
         self.traces.show_trial(trial)
@@ -159,6 +171,7 @@ class TrialView(QFrame):
         """A trial is being read, or has no recording: its row is all there is."""
         self.dot.setStyleSheet(f"color: {colour_of(row.controller)}")
         self.title.setText(f"P{row.participant} run {row.run}")
+        self.exclude.hide()
         if not row.recording:
             self.note_that(f"This trial was {row.status}: there is no recording.", bad=True)
 
@@ -171,17 +184,16 @@ class TrialView(QFrame):
     def _put_workspace(self) -> None:
         trial = self.trial
         if self.workspace is None:
-            self.workspace = Workspace((trial.device,), {1: trial.way})
-            self._middle.insertWidget(0, self.workspace, 4)
+            self.workspace = Workspace((trial.device,), {1: trial.way}, self._whole)
+            self._middle.insertWidget(0, self.workspace)
+            self._share_room()
             if not self._whole:
                 self.workspace.view.setMinimumSize(200, 110)
                 for layer in (FIELD, REACHABLE, LINKAGE):
                     self.workspace.view.show_layer(layer, False)
         self.workspace.set_blind(trial.blind)
         if not self._whole:
-            for layer in self.workspace.buttons.values():
-                layer.hide()
-            self.workspace.view.set_extent(extent_of_paths([trial.way], AROUND_M), QMarginsF(8.0, 8.0, 8.0, 8.0))
+            self.workspace.view.set_extent(extent_of_paths([trial.way], AROUND_M))
 
     # which moment
 

@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QModelIndex, QPointF, QRectF, QSignalBlocker, Qt, QTimer, Signal
-from PySide6.QtGui import QKeyEvent, QPainter, QPainterPath, QPainterPathStroker, QResizeEvent
+from PySide6.QtCore import QEvent, QMarginsF, QModelIndex, QPointF, QRectF, QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtGui import QKeyEvent, QPainter, QPainterPath, QPainterPathStroker, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import (
     QFileDialog,
     QFrame,
@@ -27,58 +27,71 @@ from app.ipc import messages as m
 from app.window import words
 from app.window.page import Page
 from app.window.painting import theme
+from app.window.painting.force_view import FORCES, TRAIL, ForceView, Layered, Reading
 from app.window.painting.labels import OneLine, line, word
-from app.window.painting.layers import (
-    Doing,
-    Instant,
-    doing,
-    extent_of_linkages,
-    extent_of_paths,
-)
-from app.window.painting.marks import ARMS, SHADE, arrow_of, paint_arrow, rings_of
+from app.window.painting.layers import extent_of_linkages, extent_of_paths
+from app.window.painting.linkage_view import LINKAGE, LinkageView
+from app.window.painting.marks import Labels, points_in
 from app.window.painting.parts import Segments, button, panel, row, scrolled
-from app.window.painting.plane import Plane, Sizes
-from app.window.painting.theme import font, pen, shade, text_width, write
+from app.window.painting.plane import Sizes
+from app.window.painting.theme import font, pen, shade, write
 from app.window.words import Shown
 from core import tick_log
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
 from core.control.rule_sets import RULE_SETS
 from core.device import Device
 from core.path import PathFile
+from experiments.assumptions import SENSINGS
 
 RIGHT_PX, NAME_PX = 390, 112
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
 MARGIN_M = 0.045  # around the path, at least
-TRAIL, FORCES, SLACK, LINKAGE = LAYERS = ("trail", "forces", "slack", "linkage")
-KEYS = "TFGL"  # of the layers
-INSET_PX = 180.0  # wide, at most
+SLACK = "slack"
+LAYERS = {
+    TRAIL: ("T", "The way of the handle in this pass"),
+    FORCES: ("F", "The forces of your hand and of the brakes"),
+    SLACK: ("G", "The band along the path in which nothing guides"),
+    LINKAGE: ("L", "The whole linkage; its brakes in the colour of what they do"),
+}
+INSET_PX = 180  # wide, at most
+HEAD_PX, FOOT_PX = 70.0, 26.0  # of the canvas, for what stands there in words
+IN_CORNER = Sizes(path=2.0, ring=4.0, ring_pen=2.0, handle=4.5, pointer=0.0)
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
 GAIN = "gain_N_s_m"
 READY = Shown("Ready", "Space starts a pass")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
+SENSING = (
+    "What the controller sees. Ideal: the true motion. Encoders, as on the bench: joint angles by their counts, the "
+    "velocity as the slope over the last 15 ms, all of it 1 ms late."
+)
 REAL = "Real brakes: what you change acts in the next pass, and each pass waits for Space."
 
 
-class Canvas(Plane):
+class Canvas(ForceView):
     """The path, the slack around it, the handle, the hand's spring, both forces; the whole linkage in a corner."""
 
     def __init__(self) -> None:
         sizes = Sizes(path=5.0, ring_pen=4.0, handle=12.0, pointer=7.0, trail=2.5)
-        super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), sizes, keep_free=QMarginsF(16.0, 70.0, 16.0, 26.0))
+        labels = Labels("your hand", theme.TITLE, bold=True)
+        free = QMarginsF(16.0, HEAD_PX, 16.0, FOOT_PX)
+        super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), free, labels, sizes, follows_mouse=True)
         self.shown = set(LAYERS)
         self.gap_m = 0.0
-        self.instant: Instant | None = None
-        self._device: Device | None = None
-        self._linkage = QRectF()  # m, in which it stays
-        self._doing: dict[str, Doing] = {}
+        self.inset: LinkageView | None = None
 
-    def show_place(self, device: Device, path: PathFile, tip: m.Point) -> None:
-        """Another device or path: the handle rests at `tip`."""
-        self._device, self.instant = device, Instant(device, tip)
-        self._linkage = extent_of_linkages([device], [path])
+    def show_trial(self, device: Device, path: PathFile, tip: m.Point) -> None:
+        if self.inset is not None:
+            self.inset.deleteLater()
+        self.inset = LinkageView((device,), {1: path}, False, IN_CORNER, self)
+        self.inset.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.inset.set_extent(extent_of_linkages([device], [path]))
+        self.inset.shown = {LINKAGE}
+        self.inset.show_trail(False)
+        self.inset.show_trial(device, path, tip)
+        self.inset.setVisible(LINKAGE in self.shown)
+        self._place_inset()
         self.set_extent(extent_of_paths([path], MARGIN_M))
-        self.show_path(path)
-        self.show_handle(tip)
+        super().show_trial(device, path, tip)
 
     def show_slack(self, gap_m: float) -> None:
         """The half-width of the band without control."""
@@ -87,25 +100,47 @@ class Canvas(Plane):
             self.repaint_still()
 
     def show_layer(self, layer: str, shown: bool) -> None:
-        """Draw something, or leave it out."""
-        (self.shown.add if shown else self.shown.discard)(layer)
-        self.show_trail(TRAIL in self.shown)
+        super().show_layer(layer, shown)
+        if self.inset is not None:
+            self.inset.setVisible(LINKAGE in self.shown)
 
-    def add(self, rows: np.ndarray, taken: bool) -> None:
-        """Ticks (n, tick_log.WIDTH), n > 0, of the running pass."""
-        assert self._device is not None
-        now = rows[-1]
-        tip = (float(now[tick_log.TIP_X]), float(now[tick_log.TIP_Y]))
-        if now[tick_log.PHASE] == tick_log.MOVE:
-            self.extend_trail(tip)
-        self.instant, self._doing = Instant(self._device, tip, now), doing(self._device, rows)
-        self.show_handle(tip, taken, math.hypot(*self.instant.hand))
+    def add(self, rows: np.ndarray, taken: bool = False) -> None:
+        super().add(rows, taken)
+        if self.inset is not None and self.inset.isVisible():
+            self.inset.add(rows)
+
+    def word(self) -> None:
+        super().word()
+        if self.inset is not None:
+            self.inset.word()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        self._place_inset()
+        super().resizeEvent(event)
+
+    def _place_inset(self) -> None:
+        wide = int(min(INSET_PX, 0.24 * self.width(), 0.4 * self.height()))
+        if self.inset is not None:
+            self.inset.setMinimumSize(0, 0)
+            self.inset.setGeometry(self.width() - wide - 10, 10, wide, int(0.9 * wide))
+
+    def solid(self) -> np.ndarray:
+        """The linkage in its corner too."""
+        shown = self.inset is not None and not self.inset.isHidden()
+        corner = [points_in(QRectF(self.inset.geometry()))] if shown else []
+        return np.concatenate([super().solid(), *corner])
+
+    @property
+    def path_px(self) -> float:
+        return max(super().path_px, self.gap_m * self.scale if SLACK in self.shown else 0.0)
+
+    def room(self) -> QRectF:
+        return QRectF(self.rect()).adjusted(4.0, HEAD_PX, -4.0, -4.0)
 
     def paint_under_path(self, painter: QPainter) -> None:
         if SLACK in self.shown and self.gap_m > 0.0 and len(self.outline):
-            way, stroker = QPainterPath(self.to_screen(self.outline[0])), QPainterPathStroker()
-            for place in self.outline[1:]:
-                way.lineTo(self.to_screen(place))
+            way, stroker = QPainterPath(), QPainterPathStroker()
+            way.addPolygon(QPolygonF([self.to_screen(place) for place in self.outline]))
             stroker.setWidth(2.0 * self.gap_m * self.scale)
             stroker.setCapStyle(Qt.PenCapStyle.FlatCap)
             painter.setPen(pen(theme.CAUTION, 1.0, 0.5))
@@ -115,53 +150,18 @@ class Canvas(Plane):
         painter.setPen(pen(theme.QUIET, 1.5))
         painter.drawLine(QPointF(right - 0.02 * self.scale, low), QPointF(right, low))
         write(painter, QPointF(right - 0.01 * self.scale, low - 12.0), "2 cm", theme.NORMAL, False, theme.QUIET)
+        if self.inset is not None and not self.inset.isHidden():
+            painter.setPen(pen(theme.LINE, 2.0))
+            painter.drawRect(self.inset.geometry())
 
     def paint_under_handle(self, painter: QPainter) -> None:
-        if (instant := self.instant) is None:
-            return
-        if FORCES in self.shown:
-            paint_arrow(painter, self.to_screen(instant.tip), arrow_of(instant.brakes), theme.BRAKE_SLIPPING, 4.0)
-        if LINKAGE in self.shown:
-            self._paint_inset(painter, instant)
+        if self.tip is not None:
+            self.paint_forces(painter)
 
     def paint_over_handle(self, painter: QPainter) -> None:
-        if self.instant is None or FORCES not in self.shown:
-            return
-        at = self.to_screen(self.instant.tip)
-        hand = self.to_screen(self.pointer) if self.pointer else at
-        side = 1.0 if hand.y() > at.y() else -1.0  # the hand's label beyond the pointer, the brakes' on the other side
-        for force, middle, name, colour in (
-            (self.instant.hand, hand + QPointF(0.0, 24.0 * side), "your hand", theme.GOOD),
-            (self.instant.brakes, at - QPointF(0.0, 34.0 * side), "brakes", theme.BRAKE_SLIPPING),
-        ):
-            if (size := math.hypot(*force)) >= 0.2:
-                text = f"{name} {size:.1f} N"
-                half = 0.5 * text_width(text, theme.TITLE, bold=True) + 8.0
-                place = QPointF(min(max(middle.x(), half), self.width() - half), middle.y())
-                write(painter, place, text, theme.TITLE, True, colour)
-
-    def _paint_inset(self, painter: QPainter, instant: Instant) -> None:
-        """The whole linkage, its brakes in the colour of what they do."""
-        wide = min(INSET_PX, 0.24 * self.width(), 0.4 * self.height())
-        box = QRectF(self.width() - wide - 10.0, 10.0, wide, 0.9 * wide)
-        painter.setPen(pen(theme.LINE, 1.0))
-        painter.setBrush(shade(theme.PANEL, 0.85))
-        painter.drawRoundedRect(box, theme.RADIUS, theme.RADIUS)
-        room = self._linkage
-        scale = min(box.width() / room.width(), box.height() / room.height())
-        zero = box.center() - QPointF(scale * room.center().x(), -scale * room.center().y())
-        at = {joint: zero + QPointF(scale * x, -scale * y) for joint, (x, y) in instant.joints.items()}
-        painter.setPen(pen(theme.ARM_CORE, 3.0, round_cap=True))
-        for one, other in ARMS if at else ():
-            painter.drawLine(at[one], at[other])
-        rings = rings_of(at, instant.device.braked, 5.5)
-        for joint in instant.device.braked if at else "":
-            painter.setPen(pen(SHADE[self._doing.get(joint, Doing()).state], 3.0))
-            painter.setBrush(shade(theme.PANEL))
-            painter.drawEllipse(rings[joint], 5.5, 5.5)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(shade(theme.HANDLE))
-        painter.drawEllipse(zero + QPointF(scale * instant.tip[0], -scale * instant.tip[1]), 4.0, 4.0)
+        if self.instant is not None and self.labelled and self.labels.cover(self.marks(), self.solid(), self.room()):
+            self.place_labels()  # something has moved under one of them
+        super().paint_over_handle(painter)
 
 
 def feel(preset: Preset, gains: Sequence[float]) -> str:
@@ -194,7 +194,7 @@ class GuideButton(QPushButton):
         self.layout().setContentsMargins(6, 0, 12, 0)
         for part in self.findChildren(QWidget):
             part.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self.setMinimumHeight(34)
+        self.setMinimumHeight(30)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setAccessibleName(name)
 
@@ -240,15 +240,15 @@ class DialRow(QWidget):
 
     def __init__(self, dial: Dial) -> None:
         super().__init__(objectName="clear")
-        self.dial, self.slider, self.value, name = dial, QSlider(Qt.Orientation.Horizontal), word(""), word(dial.label)
+        self.dial, self.slider = dial, QSlider(Qt.Orientation.Horizontal)
+        self.name, self.value = word(dial.label), word("")
         self.slider.setRange(0, dial.place(dial.most))
         self.slider.setAccessibleName(dial.label)
         self.slider.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.slider.valueChanged.connect(lambda place: self.moved.emit(dial.name, dial.at(place) / dial.scale))
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.value.setMinimumWidth(92)
-        name.setFixedWidth(NAME_PX)
-        layout = row(name, self.slider, self.value)
+        layout = row(self.name, self.slider, self.value)
         layout.setContentsMargins(0, 0, 0, 0)
         self.setLayout(layout)
 
@@ -303,6 +303,7 @@ class PassTable(QTableWidget):
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft)
         head.setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
         head.setSectionsClickable(False)
+        head.setStyleSheet("QHeaderView::section { padding: 2px 0; }")  # level with the cells
         head.setMinimumSectionSize(40)
         for column in (0, 1, 2, 6):
             head.setSectionResizeMode(column, QHeaderView.ResizeMode.ResizeToContents)
@@ -311,7 +312,7 @@ class PassTable(QTableWidget):
             self.setItemDelegateForColumn(column, self._bars)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        self.setColumnHidden(2, self.width() < 640)
+        self.setColumnHidden(2, self.width() < theme.text_px(640))
         super().resizeEvent(event)
 
     def show_passes(self, passes: Sequence[m.Pass], opened: m.Opened) -> None:
@@ -322,9 +323,9 @@ class PassTable(QTableWidget):
         for at, one in enumerate(reversed(passes)):
             s, preset = one.settings, preset_of(one.settings, opened)
             colour = theme.CONTROLLER.get(s.controller, theme.TEXT)
-            noted = " · changed on the way" if one.changed else " · time-out" if one.status == "timeout" else ""
+            noted = " · changed" if one.changed else " · time-out" if one.status == "timeout" else ""
             dials = (f"{dial.label.lower()} {getattr(s, dial.name) * dial.scale:.4g} {dial.unit}" for dial in DIALS)
-            about = f"{preset.name}; path {s.path}, {s.rules} rules, {', '.join(dials)}"
+            about = f"{preset.name}; path {s.path}, {s.rules} rules, {s.sensing} sensing, {', '.join(dials)}"
             texts = [str(one.number), feel(preset, gains_of(opened)) + noted, brakes_of(s.device)]
             for column, text in enumerate(texts):
                 item = QTableWidgetItem(text)
@@ -359,7 +360,7 @@ class TryPage(Page):
         self._theirs: m.SandboxSettings | None = None  # the server's newest
         self._front, self._cleared = False, 0  # cleared: number of the last pass that is not shown
         self._place: tuple[str, int] | None = None  # device and path on the canvas
-        self._phase, self._since_s = -1, 0.0
+        self._phase, self._since_s, self._reading = -1, 0.0, Reading()
         self._timer = QTimer(self, singleShot=True, interval=SEND_MS)
         self._timer.timeout.connect(lambda: self.send(m.Sandbox(self.settings)))
         self.canvas, self.table = Canvas(), PassTable()
@@ -369,45 +370,36 @@ class TryPage(Page):
         self.start = button("Start a pass  Space", self._start, "main")
         self.clear = button("Clear", self._clear, "small")
         self.save = button("Save as protocol …", self._save, "small")
-        self.layers = {name: QPushButton(objectName="toggle", checkable=True, checked=True) for name in LAYERS}
         self.guides: dict[int, GuideButton] = {}
         self.dials: dict[str, DialRow] = {}
         self.segments: dict[str, Segments] = {}
-        self._controls = scrolled(QWidget())
+        self._controls, self._names = scrolled(QWidget()), []
         self._lay_out()
         self.canvas.pointer_moved.connect(self.aimed)
         self.canvas.pointer_left.connect(self.left)
 
     def _lay_out(self) -> None:
         over = QGridLayout(self.canvas)
-        over.setContentsMargins(20, 10, round(INSET_PX) + 30, 0)
+        over.setContentsMargins(20, 10, INSET_PX + 30, 0)
         over.setHorizontalSpacing(26)
         figures = (self.error, word("from the line", "quiet")), (self.time, word("this pass", "quiet"))
+        to_its_line = Qt.AlignmentFlag.AlignBottom, Qt.AlignmentFlag.AlignTop
         for column, labels in enumerate(((self.large, self.small), *figures)):
             for at, label in enumerate(labels):
                 label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-                over.addWidget(label, at, column, Qt.AlignmentFlag.AlignTop)
+                over.addWidget(label, at, column, to_its_line[at])
+        over.setVerticalSpacing(0)
         over.setColumnStretch(0, 1)
         over.setRowStretch(2, 1)
-        frame, passes = QFrame(objectName="canvas"), QFrame(objectName="panel")
-        inside, lower, left = QVBoxLayout(frame), QVBoxLayout(passes), QVBoxLayout()
-        inside.setContentsMargins(1, 1, 1, 6)
-        inside.addWidget(self.canvas, 1)
-        below = row(*self.layers.values(), 1, self.start)
-        below.setContentsMargins(12, 0, 12, 0)
-        inside.addLayout(below)
-        for (name, toggle), key in zip(self.layers.items(), KEYS, strict=True):
-            toggle.setText(f"{name}  {key}")
-            toggle.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-            toggle.setShortcut(key)
-            toggle.toggled.connect(lambda on, name=name: self.canvas.show_layer(name, on))
+        workspace, passes = Layered(self.canvas, LAYERS), QFrame(objectName="panel")
+        workspace.foot.addWidget(self.start)
+        lower, left = QVBoxLayout(passes), QVBoxLayout()
         lower.setContentsMargins(14, 8, 10, 8)
         lower.addLayout(row(word("Passes", size=theme.TITLE, bold=True), self.said, self.clear, self.save))
         lower.addWidget(self.table)
         left.setSpacing(theme.GAP)
-        left.addWidget(frame, 3)
+        left.addWidget(workspace, 3)
         left.addWidget(passes, 2)
-        self._controls.setFixedWidth(RIGHT_PX)
         layout = row(spacing=theme.GAP)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addLayout(left, 1)
@@ -418,7 +410,7 @@ class TryPage(Page):
     def _fill(self, opened: m.Opened) -> None:
         """The controllers, devices and paths of a protocol, and the dials."""
         frame, column = panel("How should it guide you?")
-        column.setSpacing(6)
+        column.setSpacing(5)
         for place, (number, preset) in enumerate(opened.protocol.controllers.items(), start=1):
             guide = self.guides[number] = GuideButton(number, preset.name, str(place) if place < 10 else "")
             guide.feel.setText(feel(preset, gains_of(opened)))
@@ -431,16 +423,18 @@ class TryPage(Page):
             "device": {brakes_of(device.name): device.name for device in opened.protocol.devices},
             "path": {f"Path {number}": number for number in opened.protocol.paths},
             "rules": {name.capitalize(): name for name in RULE_SETS},
+            "sensing": {name.capitalize(): name for name in SENSINGS},
         }
         for field, among in choices.items():
             segments = self.segments[field] = Segments(list(among))
             segments.chosen.connect(lambda text, field=field, among=among: self._set(**{field: among[text]}))
-            name = word(field.capitalize())
-            name.setFixedWidth(NAME_PX)
-            column.addLayout(row(name, segments))
+            column.addLayout(row(name := word(field.capitalize()), segments))
+            self._names.append(name)
             segments.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self.segments["sensing"].setToolTip(SENSING)
         for dial in DIALS:
             made = self.dials[dial.name] = DialRow(dial)
+            self._names.append(made.name)
             made.moved.connect(lambda name, value: self._set(**{name: value}))
             column.addWidget(made)
         self.changed = OneLine("", "quiet", theme.NORMAL)
@@ -448,6 +442,18 @@ class TryPage(Page):
         column.addStretch(1)
         column.addLayout(row(self.changed, self.reset))
         self._controls.setWidget(frame)
+        self._size_controls()
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange:
+            self._size_controls()
+
+    def _size_controls(self) -> None:
+        """Wider for larger text; all names of settings alike."""
+        self._controls.setFixedWidth(theme.text_px(RIGHT_PX))
+        for name in self._names:
+            name.setFixedWidth(theme.text_px(NAME_PX))
 
     # ------------------------------------------------------------------------------------------- what is asked for
 
@@ -515,6 +521,7 @@ class TryPage(Page):
         had = before.protocol if before is not None else None
         if had is None or (had.controllers, had.paths) != (protocol.controllers, protocol.paths):
             self.guides.clear()
+            self._names.clear()
             self.settings = self._theirs = self._place = None
             self._fill(opened)
             self.canvas.radii_m = (protocol.trial.start_radius_m, protocol.trial.end_radius_m)
@@ -562,6 +569,8 @@ class TryPage(Page):
             if phase == tick_log.MOVE:  # until then the way of the last pass can be looked at
                 self.canvas.clear_trail()
         self.canvas.add(rows, taken)
+        if self._reading.due(float(now[tick_log.T])):
+            self.canvas.word()
         self._say(words.moving(phase, held, words.language_of(self.opened)) or BACK)
         if phase == tick_log.MOVE:
             self.time.setText(f"{now[tick_log.T] - self._since_s:.1f} s")
@@ -580,7 +589,7 @@ class TryPage(Page):
             assert self.opened is not None
             self._place = s.device, s.path
             protocol = self.opened.protocol
-            self.canvas.show_place(protocol.device(s.device), protocol.paths[s.path], snapshot.tip)
+            self.canvas.show_trial(protocol.device(s.device), protocol.paths[s.path], snapshot.tip)
 
     def _show_settings(self) -> None:
         s, now, opened = self.settings, self.snapshot.sandbox, self.opened
@@ -594,7 +603,9 @@ class TryPage(Page):
         self.segments["device"].choose(brakes_of(s.device))
         self.segments["path"].choose(f"Path {s.path}")
         self.segments["rules"].choose(s.rules.capitalize())
-        self.segments["device"].setEnabled("device" not in now.fixed)
+        self.segments["sensing"].choose(s.sensing.capitalize())
+        for name in ("device", "sensing"):
+            self.segments[name].setEnabled(name not in now.fixed)
         own = {parameter.name for parameter in ALGORITHMS[chosen.kind].parameters}
         for name, dial in self.dials.items():
             dial.show_setting(getattr(s, name))
@@ -605,6 +616,7 @@ class TryPage(Page):
         self.canvas.show_slack(s.gap_m if "gap_m" in own else 0.0)
         changed = [dial.label.lower() for dial in DIALS if getattr(s, dial.name) != getattr(now.initial, dial.name)]
         changed = [name for name in changed if name.split()[0] not in ("slack", "gain")]
+        changed += ["sensing"] if s.sensing != now.initial.sensing else []
         self.changed.setText(f"Changed: {', '.join(changed)}" if changed else "")
 
     def _show_passes(self) -> None:

@@ -1,7 +1,11 @@
 """The sentences of the screens: the participant's from the language of the protocol, the experimenter's here."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
+
+from PySide6.QtCore import QUrl
+from PySide6.QtGui import QDesktopServices
 
 from app.ipc import messages as m
 from app.window.painting import theme
@@ -159,6 +163,18 @@ def size(count: int) -> str:
         if count >= least:
             return f"{count / least:.1f} {unit}"
     return f"{count} bytes"
+
+
+def from_home(folder: Path) -> str:
+    """A folder as ~/data where it lies below the user's home."""
+    home = Path.home()
+    return f"~/{folder.relative_to(home)}" if folder.is_relative_to(home) else str(folder)
+
+
+def show_folder(folder: Path) -> None:
+    """In the system's own file manager; of a folder that is not there yet, the first one above that is."""
+    there = next(one for one in (folder, *folder.parents) if one.is_dir())
+    QDesktopServices.openUrl(QUrl.fromLocalFile(str(there)))
 
 
 def hand_is_mouse(opened: m.Opened | None) -> bool:

@@ -210,7 +210,7 @@ def comes_to_rest(mechanism, state):
         if state.active[i] != 0 and abs(state.rate[i]) <= limits.RATE_ROUNDING:
             for j in range(i):
                 at_rest = state.active[j] != 0 and abs(state.rate[j]) <= limits.RATE_ROUNDING
-                if at_rest and not same_line(i, j, mechanism.coaxial):
+                if at_rest and not same_line(i, j, mechanism.lines):
                     return True
     return False
 
@@ -236,7 +236,7 @@ def from_rest(mechanism, state, fx, fy, arm_mass):
         state.active,
         state.cost_plus,
         state.cost_minus,
-        mechanism.coaxial,
+        mechanism.lines,
         fx,
         fy,
         state.sign,
@@ -252,7 +252,7 @@ def excess_at(mechanism, brakes, hand, state, t, elapsed, lagged):
     age_yields(brakes, state, elapsed, lagged)
     set_costs(brakes, state)
     fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
-    return largest_excess(state.g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial, fx, fy)
+    return largest_excess(state.g, state.active, state.cost_plus, state.cost_minus, mechanism.lines, fx, fy)
 
 
 @kernel

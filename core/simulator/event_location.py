@@ -109,7 +109,7 @@ def held_limits(brakes, mechanism, state, at, yields, lagged):
     plus, minus = 0.0, 0.0
     square = at.g[j, 0] * at.g[j, 0] + at.g[j, 1] * at.g[j, 1]
     for i in range(5):
-        if state.active[i] == 0 or not same_line(i, j, mechanism.coaxial):
+        if state.active[i] == 0 or not same_line(i, j, mechanism.lines):
             continue
         against_plus, against_minus = state.cost_plus[i], state.cost_minus[i]
         if lagged != 0 and i < 4 and brakes.present[i] > 0.0:
@@ -237,7 +237,7 @@ def first_stop(mechanism, state, scratch, step, seen):
     for j in range(5):
         if seen >> (STOP + j) & 1:
             continue
-        if scratch.gap[j] < -ROUNDING and not (state.held >= 0 and same_line(j, state.held, mechanism.coaxial)):
+        if scratch.gap[j] < -ROUNDING and not (state.held >= 0 and same_line(j, state.held, mechanism.lines)):
             kind, first = STOP + j, 0.5 * step
     return kind, first
 

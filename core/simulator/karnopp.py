@@ -78,7 +78,7 @@ def hold(mechanism, state, rx, ry, mxx, mxy, myy):
     Two rows that are not parallel hold the tip (its velocity terms inside the band are of order delta_omega^2 and left
     out); else the joints are on one line and hold it together.
     """
-    g, torque, coaxial = state.g, state.torque, mechanism.coaxial
+    g, torque, lines = state.g, state.torque, mechanism.lines
     lead, several = -1, False
     sxx = sxy = syy = 0.0
     nx, ny = -rx, -ry  # what the joints must exert together, less the middles of their ranges
@@ -87,7 +87,7 @@ def hold(mechanism, state, rx, ry, mxx, mxy, myy):
             continue
         if lead < 0:
             lead = i
-        elif not same_line(i, lead, coaxial):
+        elif not same_line(i, lead, lines):
             several = True
         middle, half = reach_of(state, i)
         nx -= g[i, 0] * middle
@@ -127,7 +127,7 @@ def hold(mechanism, state, rx, ry, mxx, mxy, myy):
 def evaluate(mechanism, brakes, hand, state, t, x, y, vx, vy):
     """One stage at time t, s: fills the state's rows, rates, torques, acceleration and sensed hand force."""
     q = motion(mechanism, x, y, vx, vy)
-    store(state, q)
+    store(mechanism, state, q)
     set_costs(brakes, state)
     arm_mass = hand.grips[0].mass
     fx, fy = hand_force(hand, t, x, y, vx, vy)
@@ -198,4 +198,4 @@ def advance_karnopp(mechanism, brakes, hand, state, scratch, currents, t, h, lag
     struck = stop_on_the_way(mechanism, state, scratch, x, y, h, arm_mass)
     if struck >= 0:
         enter_line(mechanism, state, struck)
-    store(state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))
+    store(mechanism, state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))

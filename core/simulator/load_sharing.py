@@ -107,12 +107,12 @@ def reach_of(state, i):
 
 
 @kernel
-def share_on_line(state, j, torque, coaxial):
+def share_on_line(state, j, torque, lines):
     """Split the torque that holds joint j, on its own rate, among the joints on its line (E, C, D on coaxial bases).
 
     The same least sum; joints that reach their limit stay there and the others take the rest.
     """
-    if coaxial == 0:  # no line is shared
+    if lines == 0:  # no line is shared
         state.torque[j] = min(max(torque, -state.cost_plus[j]), state.cost_minus[j])
         return
     square = state.g[j, 0] * state.g[j, 0] + state.g[j, 1] * state.g[j, 1]
@@ -120,7 +120,7 @@ def share_on_line(state, j, torque, coaxial):
     for _ in range(3):
         rest, weight = torque, 0.0
         for i in range(5):
-            if state.active[i] != 0 and same_line(i, j, coaxial):
+            if state.active[i] != 0 and same_line(i, j, lines):
                 ratio = (state.g[i, 0] * state.g[j, 0] + state.g[i, 1] * state.g[j, 1]) / square
                 if clamped >> i & 1:
                     rest -= ratio * state.torque[i]
@@ -130,7 +130,7 @@ def share_on_line(state, j, torque, coaxial):
                     weight += ratio * ratio * half * half
         more = 0
         for i in range(5):
-            if state.active[i] != 0 and same_line(i, j, coaxial) and not clamped >> i & 1:
+            if state.active[i] != 0 and same_line(i, j, lines) and not clamped >> i & 1:
                 ratio = (state.g[i, 0] * state.g[j, 0] + state.g[i, 1] * state.g[j, 1]) / square
                 middle, half = reach_of(state, i)
                 share = middle + (half * half * ratio * rest / weight if weight > 0.0 else 0.0)

@@ -10,13 +10,14 @@ import math
 import numpy as np
 
 from core.brake import begin_lag, lagged_yield, torque_gain
-from core.dynamics import motion
+from core.dynamics import combined, motion
 from core.kernel import inlined, kernel
+from core.linkage import coupled_angle
 from core.simulator.hand import grip_force, prescribed_force
 from core.simulator.solver_numbers import ENERGY_ERROR, LEAST_ENERGY, NEAR_SINGULAR, REACH, STEP_ERROR
 from core.simulator.state import MOTION
 from core.simulator.stick_slip import solve_mass
-from core.simulator.stick_slip_mode import distal_row, store
+from core.simulator.stick_slip_mode import distal_row, on_circle, store
 
 STEP_SCRATCH = np.dtype(
     [
@@ -109,13 +110,18 @@ def slip_torques(brakes, state, yields, lagged):
 
 
 @inlined
-def row_of(q, j):
-    """Row g and bias gdot . v of joint j (0 .. 4) in a `Motion`."""
+def row_of(mechanism, q, j):
+    """Row g and bias gdot . v of joint j (0 .. 4), as `store` has them, in a `Motion`."""
+    if mechanism.coupled >> j & 1 != 0:
+        x, y, _, bias = combined(mechanism, j, q)
+        return x, y, bias
     arm = q.arm_1 if j < 2 else q.arm_2
     if j == 0 or j == 2:
         return arm.base_x, arm.base_y, arm.base_bias
     if j < 4:
         return arm.elbow_x, arm.elbow_y, arm.elbow_bias
+    if mechanism.coupled != 0:
+        return q.arm_1.elbow_x, q.arm_1.elbow_y, q.arm_1.elbow_bias
     return distal_row(q)
 
 
@@ -135,7 +141,7 @@ def stage(mechanism, grip, held, slip, px, py, x, y, vx, vy):
     ax, ay = solve_mass(mxx, mxy, myy, rx, ry)
     torque = 0.0
     if held >= 0:
-        gx, gy, bias = row_of(q, held)
+        gx, gy, bias = row_of(mechanism, q, held)
         hx, hy = solve_mass(mxx, mxy, myy, gx, gy)
         torque = -(gx * ax + gy * ay + bias) / (gx * hx + gy * hy)
         ax += hx * torque
@@ -158,17 +164,20 @@ def rk4(mechanism, brakes, hand, state, scratch, t, dt, lagged):
         lagged_yields(brakes, state.lag, dt, scratch.torque_yield[0], scratch.torque_yield[1])
         middle = slip_torques(brakes, state, scratch.torque_yield[0], lagged)
         last = slip_torques(brakes, state, scratch.torque_yield[1], lagged)
+    on_joints, at_end = middle, last
+    if mechanism.coupled != 0:
+        on_joints, at_end = torques_on_joints(mechanism, middle), torques_on_joints(mechanism, last)
     half = 0.5 * dt
     px, py = prescribed_force(hand, t + half)
     qx, qy = prescribed_force(hand, t + dt)
     x, y, vx, vy = state.tip[0], state.tip[1], state.tip[2], state.tip[3]
     ax1, ay1 = state.acceleration[0], state.acceleration[1]
     x2, y2, vx2, vy2 = x + half * vx, y + half * vy, vx + half * ax1, vy + half * ay1
-    ax2, ay2, torque2, hx2, hy2, q2 = stage(mechanism, grip, held, middle, px, py, x2, y2, vx2, vy2)
+    ax2, ay2, torque2, hx2, hy2, q2 = stage(mechanism, grip, held, on_joints, px, py, x2, y2, vx2, vy2)
     x3, y3, vx3, vy3 = x + half * vx2, y + half * vy2, vx + half * ax2, vy + half * ay2
-    ax3, ay3, torque3, hx3, hy3, q3 = stage(mechanism, grip, held, middle, px, py, x3, y3, vx3, vy3)
+    ax3, ay3, torque3, hx3, hy3, q3 = stage(mechanism, grip, held, on_joints, px, py, x3, y3, vx3, vy3)
     x4, y4, vx4, vy4 = x + dt * vx3, y + dt * vy3, vx + dt * ax3, vy + dt * ay3
-    ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, grip, held, last, qx, qy, x4, y4, vx4, vy4)
+    ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, grip, held, at_end, qx, qy, x4, y4, vx4, vy4)
     sixth = dt / 6.0
     scratch.tip[0] = x + sixth * (vx + 2.0 * (vx2 + vx3) + vx4)
     scratch.tip[1] = y + sixth * (vy + 2.0 * (vy2 + vy3) + vy4)
@@ -186,6 +195,8 @@ def rk4(mechanism, brakes, hand, state, scratch, t, dt, lagged):
     p2, p3, p4, r2, r3, r4 = q2.arm_1, q3.arm_1, q4.arm_1, q2.arm_2, q3.arm_2, q4.arm_2
     a, e = (p2.base_rate, p3.base_rate, p4.base_rate), (p2.elbow_rate, p3.elbow_rate, p4.elbow_rate)
     b, c = (r2.base_rate, r3.base_rate, r4.base_rate), (r2.elbow_rate, r3.elbow_rate, r4.elbow_rate)
+    if mechanism.coupled != 0:
+        e, c = coupled_rates(mechanism, 1, a, b, e), coupled_rates(mechanism, 3, a, b, c)
     turned[0], heat[0] = booked(sixth, first[0], middle[0], last[0], rate[0], a)
     turned[1], heat[1] = booked(sixth, first[1], middle[1], last[1], rate[1], e)
     turned[2], heat[2] = booked(sixth, first[2], middle[2], last[2], rate[2], b)
@@ -193,13 +204,13 @@ def rk4(mechanism, brakes, hand, state, scratch, t, dt, lagged):
     scratch.middle_torque = 0.5 * (torque2 + torque3)
     put_back = keep_on_line(mechanism, state, scratch, held) if held >= 0 else 0.0
     tip = scratch.tip
-    ax, ay, torque, hx, hy, end = stage(mechanism, grip, held, last, qx, qy, tip[0], tip[1], tip[2], tip[3])
+    ax, ay, torque, hx, hy, end = stage(mechanism, grip, held, at_end, qx, qy, tip[0], tip[1], tip[2], tip[3])
     scratch.error = abs(ax - ax4) + abs(ay - ay4) + (put_back / dt if put_back > 0.0 else 0.0)
     scratch.acceleration[0], scratch.acceleration[1] = ax, ay
     scratch.hand_force[0], scratch.hand_force[1] = hx, hy
     scratch.line_torque = torque
     scratch.s_1, scratch.s_2 = end.arm_1.s, end.arm_2.s
-    store(scratch, end)
+    store(mechanism, scratch, end)
     m1, m2 = mechanism.arm_1, mechanism.arm_2
     limit = REACH * mechanism.margin
     least_1 = min(min(abs(p2.s), abs(p3.s)), min(abs(p4.s), abs(end.arm_1.s)))
@@ -211,6 +222,25 @@ def rk4(mechanism, brakes, hand, state, scratch, t, dt, lagged):
         scratch.error = max(scratch.error, energy_error(state, scratch) * (STEP_ERROR / ENERGY_ERROR))
     closes = least_1 > limit * area_1 and least_2 > limit * area_2
     return closes and math.isfinite(tip[0] + tip[1] + tip[2] + tip[3])
+
+
+@inlined
+def torques_on_joints(mechanism, torques):
+    """Torques on the joints A, E, B, C by brakes with `torques`, some of which act through couplings on A and B."""
+    a, e, b, c = torques
+    combination = mechanism.combination
+    a += combination[1, 0] * e + combination[3, 0] * c
+    b += combination[1, 1] * e + combination[3, 1] * c
+    return a, 0.0 if mechanism.coupled & 2 != 0 else e, b, 0.0 if mechanism.coupled & 8 != 0 else c
+
+
+@inlined
+def coupled_rates(mechanism, i, a, b, own):
+    """Rates of brake i in three stages, from those of the base joints where it is coupled, else its joint's own."""
+    if mechanism.coupled >> i & 1 == 0:
+        return own
+    x, y = mechanism.combination[i, 0], mechanism.combination[i, 1]
+    return x * a[0] + y * b[0], x * a[1] + y * b[1], x * a[2] + y * b[2]
 
 
 @inlined
@@ -243,13 +273,13 @@ def keep_on_line(mechanism, state, at, j):
     Returns the speed that this took away, m/s.
     """
     tip = at.tip
-    if j < 4 or mechanism.coaxial != 0:
+    if on_circle(mechanism, j):
         rx, ry = tip[0] - state.circle[0], tip[1] - state.circle[1]
         one_over = 1.0 / math.sqrt(rx * rx + ry * ry)
         nx, ny = rx * one_over, ry * one_over
         tip[0], tip[1] = state.circle[0] + state.circle[2] * nx, state.circle[1] + state.circle[2] * ny
     else:
-        nx, ny = keep_distal_angle(mechanism, state, tip)
+        nx, ny = keep_angle(mechanism, state, tip, j)
     along = nx * tip[2] + ny * tip[3]
     tip[2] -= along * nx
     tip[3] -= along * ny
@@ -257,24 +287,36 @@ def keep_on_line(mechanism, state, at, j):
 
 
 @kernel
-def keep_distal_angle(mechanism, state, tip):
-    """Move the tip along row D onto the margin between the distal links; the unit normal of that path there."""
-    m1, m2 = mechanism.arm_1, mechanism.arm_2
+def keep_angle(mechanism, state, tip, j):
+    """Move the tip along the row of D or of coupling j to where its angle is held; the unit normal of that path there.
+
+    D is held at the margin between the distal links, a coupling at the angle at which it stuck.
+    """
     gx, gy = 1.0, 0.0
     for _ in range(4):  # Newton steps from a place that is off by the method's error only
         q = motion(mechanism, tip[0], tip[1], 0.0, 0.0)
-        gx, gy, _ = distal_row(q)
+        gx, gy, _ = row_of(mechanism, q, j)
         square = gx * gx + gy * gy
-        p, r = q.arm_1, q.arm_2
-        sine = p.s * r.s * (p.base_x * r.base_y - p.base_y * r.base_x) / (m1.length_2 * m2.length_2)
-        cosine = p.s * r.s * (p.base_x * r.base_x + p.base_y * r.base_y) / (m1.length_2 * m2.length_2)
-        target = math.asin(mechanism.margin)
-        if cosine < 0.0:
-            target = math.pi - target
-        off = state.distal_side * target - math.atan2(sine, cosine)
+        if j == 4:
+            off = off_margin(mechanism, state, q)
+        else:
+            turned = (state.circle[0] - coupled_angle(mechanism, j, tip[0], tip[1])) / (2.0 * math.pi)
+            off = 2.0 * math.pi * (turned - math.floor(turned + 0.5))
         tip[0] += gx * off / square
         tip[1] += gy * off / square
         if abs(off) < 1e-9:
             break
     one_over = 1.0 / math.sqrt(gx * gx + gy * gy)
     return gx * one_over, gy * one_over
+
+
+@kernel
+def off_margin(mechanism, state, q):
+    """How far D is from the margin between the distal links in a `Motion` (rad)."""
+    m1, m2, p, r = mechanism.arm_1, mechanism.arm_2, q.arm_1, q.arm_2
+    sine = p.s * r.s * (p.base_x * r.base_y - p.base_y * r.base_x) / (m1.length_2 * m2.length_2)
+    cosine = p.s * r.s * (p.base_x * r.base_x + p.base_y * r.base_y) / (m1.length_2 * m2.length_2)
+    target = math.asin(mechanism.margin)
+    if cosine < 0.0:
+        target = math.pi - target
+    return state.distal_side * target - math.atan2(sine, cosine)

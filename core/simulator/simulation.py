@@ -14,7 +14,7 @@ import numpy as np
 from core.brake import torque_gain
 from core.device import Device
 from core.kernel import kernel
-from core.linkage import joint_angles
+from core.linkage import coupled_angle, joint_angles
 from core.simulator.event import advance_event
 from core.simulator.hand import Hand, new_hand, split_at_knots
 from core.simulator.karnopp import advance_karnopp, resolve_in_band
@@ -61,6 +61,8 @@ def swing(mechanism, brakes, state, fidelity):
     """
     joint_angles(mechanism, state.tip[0], state.tip[1], state.theta)
     for i in range(4):
+        if mechanism.coupled >> i & 1 != 0:
+            state.theta[i] = coupled_angle(mechanism, i, state.tip[0], state.tip[1])
         if brakes.present[i] > 0.0:
             mean = state.torque_yield[i] - (state.ripple[i] if fidelity == MR else 0.0)
             height = min(brakes.ripple, max(mean - brakes.k[i, 1], 0.0))
@@ -88,7 +90,7 @@ def stuck_bits(mechanism, brakes, state):
     bits = 0
     for i in range(4):
         if brakes.present[i] > 0.0 and state.torque_yield[i] > 0.0:
-            if state.held == STILL or (state.held >= 0 and same_line(i, state.held, mechanism.coaxial)):
+            if state.held == STILL or (state.held >= 0 and same_line(i, state.held, mechanism.lines)):
                 bits |= 1 << i
     return bits
 

@@ -25,7 +25,8 @@ STATE = np.dtype(
     [
         *MOTION,
         ("carry", "f8", (2,)),  # m/s, `stepping`: what the turn of a held joint's path took from the velocity
-        ("circle", "f8", (3,)),  # m: centre and radius of the SDOF path while one joint is stuck
+        # m: centre and radius of the SDOF path while one joint is stuck; if that is no circle, a coupling's angle (rad)
+        ("circle", "f8", (3,)),
         ("contact", "f8", (5,)),  # hard stop: -1 at the low one, +1 at the high one, 0 away from both
         ("distal_side", "f8"),  # sign of the sine between the distal links, fixed at the start
         ("delta_omega", "f8"),  # rad/s, band of Eq. (6) (`karnopp` only)
@@ -74,6 +75,10 @@ MECHANISM = np.dtype(
         ("theta_low", "f8", (4,)),
         ("theta_high", "f8", (4,)),
         ("has_theta_stops", "i8"),
+        ("coupled", "i8"),
+        ("combination", "f8", (4, 2)),
+        ("coupling", "f8"),
+        ("lines", "i8"),
     ]
 )
 BRAKES = np.dtype([(name, "f8", np.shape(value)) for name, value in no_brakes()._asdict().items()])

@@ -9,6 +9,7 @@ finite. It serves by itself, and as what `event` falls back to.
 import math
 
 from core.brake import lagged_yield
+from core.dynamics import motion
 from core.kernel import kernel
 from core.simulator import solver_numbers as limits
 from core.simulator.hand import cap_scale, hand_force, spring_force
@@ -71,7 +72,8 @@ def near_singular(mechanism, state):
 def singularity_change(mechanism, state, scratch):
     """How fast the sine of an elbow changes at the tried velocity, relative to itself (1/s); the larger."""
     g, ux, uy = state.g, scratch.tip[2], scratch.tip[3]
-    e, c = g[1, 0] * ux + g[1, 1] * uy, g[3, 0] * ux + g[3, 1] * uy
+    q = motion(mechanism, state.tip[0], state.tip[1], 0.0, 0.0)
+    e, c = q.arm_1.elbow_x * ux + q.arm_1.elbow_y * uy, q.arm_2.elbow_x * ux + q.arm_2.elbow_y * uy
     l_1, l_2 = mechanism.arm_1.length_1, mechanism.arm_2.length_1
     first = e * e * l_1 * l_1 * (g[0, 0] * g[0, 0] + g[0, 1] * g[0, 1])
     second = c * c * l_2 * l_2 * (g[2, 0] * g[2, 0] + g[2, 1] * g[2, 1])
@@ -107,7 +109,7 @@ def implicit_velocity(mechanism, brakes, hand, state, scratch, t, h, lagged):
         state.cost_plus[i] = h * max(state.cost_plus[i], 0.0)  # below zero only where the lag is on the signed torque
         state.cost_minus[i] = h * max(state.cost_minus[i], 0.0)
     held, ux, uy = solve_at_rest(
-        mxx + cxx, mxy + cxy, myy + cyy, state.g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial,
+        mxx + cxx, mxy + cxy, myy + cyy, state.g, state.active, state.cost_plus, state.cost_minus, mechanism.lines,
         px, py, scratch.sign,
     )  # fmt: skip
     scratch.held = held
@@ -195,7 +197,7 @@ def move(mechanism, state, scratch, h, arm_mass):
     if state.held >= 0:
         turn(mechanism, state, state.held)
     for j in range(5):
-        if not (state.held >= 0 and same_line(j, state.held, mechanism.coaxial)):
+        if not (state.held >= 0 and same_line(j, state.held, mechanism.lines)):
             state.contact[j] = 0.0
     stop_on_the_way(mechanism, state, scratch, x, y, h, arm_mass)
     if beyond_a_stop(mechanism, state, scratch, tip[0], tip[1]):
@@ -252,7 +254,7 @@ def stop_on_the_way(mechanism, state, scratch, x, y, h, arm_mass):
         turn(mechanism, state, struck)
         stop_gap(mechanism, state.distal_side, tip[0], tip[1], scratch.theta, scratch.gap, scratch.gap_side)
         for j in range(5):
-            if scratch.gap[j] < -limits.TOUCHING and not same_line(j, struck, mechanism.coaxial):
+            if scratch.gap[j] < -limits.TOUCHING and not same_line(j, struck, mechanism.lines):
                 tip[0], tip[1] = hit_x, hit_y  # another stop: what is left of the step is lost
                 tip[2], tip[3] = tip[2] + state.carry[0], tip[3] + state.carry[1]
                 state.carry[0] = state.carry[1] = 0.0

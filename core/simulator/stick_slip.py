@@ -24,23 +24,20 @@ FREE = -1  # no joint held; 0 .. 4: that joint is held and the tip moves along i
 
 
 @kernel
-def same_line(i, j, coaxial):
-    """True where rows i and j are parallel at every tip: a joint with itself, and E, C, D on coaxial bases.
-
-    With coaxial bases those three angles depend on the distance from base to tip alone.
-    """
-    return i == j or (coaxial != 0 and (i == 1 or i >= 3) and (j == 1 or j >= 3))
+def same_line(i, j, lines):
+    """True where rows i and j are parallel at every tip (`lines` of the mechanism), and for a joint with itself."""
+    return i == j or (lines >> (5 * i + j)) & 1 != 0
 
 
 @kernel
-def ray_excess(g, active, cost_plus, cost_minus, coaxial, j, tx, ty, fx, fy):
+def ray_excess(g, active, cost_plus, cost_minus, lines, j, tx, ty, fx, fy):
     """How much the force f pushes along the ray t (on which joint j rests) beyond what the other joints hold.
 
     f . t - sum of costs; above 0 the tip starts to move along t. -inf where a stop forbids the ray.
     """
     excess = fx * tx + fy * ty
     for i in range(5):
-        if active[i] != 0 and not same_line(i, j, coaxial):
+        if active[i] != 0 and not same_line(i, j, lines):
             rate = g[i, 0] * tx + g[i, 1] * ty
             if rate > 0.0:
                 excess -= cost_plus[i] * rate
@@ -50,7 +47,7 @@ def ray_excess(g, active, cost_plus, cost_minus, coaxial, j, tx, ty, fx, fy):
 
 
 @kernel
-def largest_excess(g, active, cost_plus, cost_minus, coaxial, fx, fy):
+def largest_excess(g, active, cost_plus, cost_minus, lines, fx, fy):
     """Largest `ray_excess` over all rays, per unit length: at most 0 exactly when all joints hold the force f.
 
     With symmetric costs this is the facet test of the zonotope sum of [-y_i, y_i] g_i. -inf without any joint.
@@ -63,7 +60,7 @@ def largest_excess(g, active, cost_plus, cost_minus, coaxial, fx, fy):
         there = fx * tx + fy * ty  # along the ray, and the other way
         back = -there
         for i in range(5):
-            if active[i] != 0 and not same_line(i, j, coaxial):
+            if active[i] != 0 and not same_line(i, j, lines):
                 rate = g[i, 0] * tx + g[i, 1] * ty
                 if rate > 0.0:
                     there -= cost_plus[i] * rate
@@ -76,14 +73,14 @@ def largest_excess(g, active, cost_plus, cost_minus, coaxial, fx, fy):
 
 
 @kernel
-def solve_at_rest(mxx, mxy, myy, g, active, cost_plus, cost_minus, coaxial, fx, fy, sign):
+def solve_at_rest(mxx, mxy, myy, g, active, cost_plus, cost_minus, lines, fx, fy, sign):
     """The motion from rest under the force f = M a_free: returns (held, ax, ay) and fills sign (5,) of each rate.
 
-    held is STILL, FREE, or the joint that stays stuck. g (5, 2); active, costs (5,); coaxial: E and C are one line.
+    held is STILL, FREE, or the joint that stays stuck. g (5, 2); active, costs (5,); lines: of the mechanism.
     With no active joint the answer is FREE. Exact but for rounding; no tolerance, no iteration.
     """
     best, held, ax, ay = 0.0, STILL, 0.0, 0.0
-    if -math.inf < largest_excess(g, active, cost_plus, cost_minus, coaxial, fx, fy) <= 0.0:
+    if -math.inf < largest_excess(g, active, cost_plus, cost_minus, lines, fx, fy) <= 0.0:
         for i in range(5):
             sign[i] = 0.0
         return held, ax, ay
@@ -94,7 +91,7 @@ def solve_at_rest(mxx, mxy, myy, g, active, cost_plus, cost_minus, coaxial, fx, 
         any_active = True
         for side in (1.0, -1.0):
             tx, ty = -g[j, 1] * side, g[j, 0] * side
-            excess = ray_excess(g, active, cost_plus, cost_minus, coaxial, j, tx, ty, fx, fy)
+            excess = ray_excess(g, active, cost_plus, cost_minus, lines, j, tx, ty, fx, fy)
             if excess > 0.0:
                 stiffness = mxx * tx * tx + 2.0 * mxy * tx * ty + myy * ty * ty
                 objective = -0.5 * excess * excess / stiffness
@@ -108,7 +105,7 @@ def solve_at_rest(mxx, mxy, myy, g, active, cost_plus, cost_minus, coaxial, fx, 
             for i in range(5):
                 if active[i] != 0:
                     rate = g[i, 0] * tx + g[i, 1] * ty
-                    if same_line(i, j, coaxial) or rate == 0.0:
+                    if same_line(i, j, lines) or rate == 0.0:
                         rate = g[i, 0] * px + g[i, 1] * py
                     resistance = cost_plus[i] if rate > 0.0 else -cost_minus[i]
                     if math.isinf(resistance):
@@ -125,7 +122,7 @@ def solve_at_rest(mxx, mxy, myy, g, active, cost_plus, cost_minus, coaxial, fx, 
                 for i in range(5):
                     if active[i] != 0:
                         rate = g[i, 0] * tx + g[i, 1] * ty
-                        if same_line(i, j, coaxial) or rate == 0.0:
+                        if same_line(i, j, lines) or rate == 0.0:
                             rate = g[i, 0] * px + g[i, 1] * py
                         if rate * (g[i, 0] * sx + g[i, 1] * sy) < 0.0:
                             inside = False
@@ -137,7 +134,7 @@ def solve_at_rest(mxx, mxy, myy, g, active, cost_plus, cost_minus, coaxial, fx, 
     for i in range(5):
         rate = g[i, 0] * ax + g[i, 1] * ay
         sign[i] = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)
-        if held == STILL or (held >= 0 and same_line(i, held, coaxial)):
+        if held == STILL or (held >= 0 and same_line(i, held, lines)):
             sign[i] = 0.0
     return held, ax, ay
 
@@ -150,12 +147,12 @@ def solve_mass(mxx, mxy, myy, fx, fy):
 
 
 @kernel
-def line_limits(g, active, cost_plus, cost_minus, coaxial, j):
+def line_limits(g, active, cost_plus, cost_minus, lines, j):
     """What joint j and all joints on its line hold together, on joint j's own rate: (plus, minus), N m."""
     plus, minus = 0.0, 0.0
     square = g[j, 0] * g[j, 0] + g[j, 1] * g[j, 1]
     for i in range(5):
-        if active[i] != 0 and same_line(i, j, coaxial):
+        if active[i] != 0 and same_line(i, j, lines):
             ratio = (g[i, 0] * g[j, 0] + g[i, 1] * g[j, 1]) / square
             if ratio > 0.0:
                 plus += ratio * cost_plus[i]

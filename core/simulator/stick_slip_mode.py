@@ -6,9 +6,9 @@
 
 import math
 
-from core.dynamics import motion
+from core.dynamics import combined, motion
 from core.kernel import inlined, kernel
-from core.linkage import links
+from core.linkage import coupled_angle, links
 from core.simulator.hand import hand_force
 from core.simulator.load_sharing import leave_stops_their_share, share_at_rest, share_on_line
 from core.simulator.solver_numbers import HAND_ROUNDING, RATE_ROUNDING
@@ -27,12 +27,15 @@ from core.simulator.stick_slip import (
 def look(mechanism, state):
     """Stage: what follows from position and velocity (rows, rates, mass, velocity terms) into the state."""
     tip = state.tip
-    store(state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))
+    store(mechanism, state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))
 
 
 @inlined
-def store(state, q):
-    """Copy a `Motion` into the state's arrays; row D is the rate of the angle between the distal links."""
+def store(mechanism, state, q):
+    """Copy a `Motion` into the state's arrays; row D is the rate of the angle between the distal links.
+
+    With couplings these have the places of their brakes, and D's place has the rate of E, for the stops.
+    """
     g, rate, bias, p, r = state.g, state.rate, state.bias, q.arm_1, q.arm_2
     g[0, 0], g[0, 1], g[1, 0], g[1, 1] = p.base_x, p.base_y, p.elbow_x, p.elbow_y
     g[2, 0], g[2, 1], g[3, 0], g[3, 1] = r.base_x, r.base_y, r.elbow_x, r.elbow_y
@@ -42,6 +45,11 @@ def store(state, q):
     bias[0], bias[1], bias[2], bias[3] = p.base_bias, p.elbow_bias, r.base_bias, r.elbow_bias
     state.mass[0], state.mass[1], state.mass[2] = q.mass_xx, q.mass_xy, q.mass_yy
     state.bias_force[0], state.bias_force[1] = q.bias_x, q.bias_y
+    if mechanism.coupled != 0:
+        g[4, 0], g[4, 1], rate[4], bias[4] = p.elbow_x, p.elbow_y, p.elbow_rate, p.elbow_bias
+        for i in (1, 3):
+            if mechanism.coupled >> i & 1 != 0:
+                g[i, 0], g[i, 1], rate[i], bias[i] = combined(mechanism, i, q)
 
 
 @inlined
@@ -98,11 +106,11 @@ def slip_torque(state, i):
 
 
 @kernel
-def slipping_force(state, held, coaxial):
+def slipping_force(state, held, lines):
     """Force of the slipping brakes on the tip, sum of g_i torque_i over joints off the held line (N)."""
     fx = fy = 0.0
     for i in range(4):
-        if not (held >= 0 and same_line(i, held, coaxial)):
+        if not (held >= 0 and same_line(i, held, lines)):
             torque = slip_torque(state, i)
             fx += state.g[i, 0] * torque
             fy += state.g[i, 1] * torque
@@ -120,7 +128,7 @@ def resolve(mechanism, brakes, hand, state, t):
         for i in range(4):
             state.torque[i] = slip_torque(state, i)
         if state.held >= 0:
-            share_on_line(state, state.held, state.line_torque, mechanism.coaxial)
+            share_on_line(state, state.held, state.line_torque, mechanism.lines)
         return
     tip, mass, arm_mass = state.tip, state.mass, hand.grips[0].mass
     fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
@@ -128,7 +136,7 @@ def resolve(mechanism, brakes, hand, state, t):
     if tip[2] == 0.0 and tip[3] == 0.0:
         stand(brakes, state)
         held, _, _ = solve_at_rest(
-            mxx, mxy, myy, state.g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial,
+            mxx, mxy, myy, state.g, state.active, state.cost_plus, state.cost_minus, mechanism.lines,
             fx, fy, state.sign,
         )  # fmt: skip
         state.held = held
@@ -139,7 +147,7 @@ def resolve(mechanism, brakes, hand, state, t):
             state.held = FREE
         for i in range(5):
             rate = state.rate[i]
-            if state.active[i] == 0 or (state.held >= 0 and same_line(i, state.held, mechanism.coaxial)):
+            if state.active[i] == 0 or (state.held >= 0 and same_line(i, state.held, mechanism.lines)):
                 continue
             at_stop = state.contact[i] != 0.0 and state.contact[i] * rate > -RATE_ROUNDING
             if not at_stop and state.sign[i] * rate >= RATE_ROUNDING:
@@ -173,10 +181,10 @@ def meet(mechanism, state, j, fx, fy, arm_mass):
     """
     g, mass = state.g, state.mass
     for i in range(5):
-        if state.active[i] != 0 and abs(state.rate[i]) <= RATE_ROUNDING and not same_line(i, j, mechanism.coaxial):
+        if state.active[i] != 0 and abs(state.rate[i]) <= RATE_ROUNDING and not same_line(i, j, mechanism.lines):
             meet_parallel(mechanism, state, j, fx, fy, arm_mass)
             return
-    sx, sy = slipping_force(state, j, mechanism.coaxial)
+    sx, sy = slipping_force(state, j, mechanism.lines)
     torque = holding_torque(
         mass[0] + arm_mass,
         mass[1],
@@ -187,7 +195,7 @@ def meet(mechanism, state, j, fx, fy, arm_mass):
         fx + sx - state.bias_force[0],
         fy + sy - state.bias_force[1],
     )
-    plus, minus = line_limits(g, state.active, state.cost_plus, state.cost_minus, mechanism.coaxial, j)
+    plus, minus = line_limits(g, state.active, state.cost_plus, state.cost_minus, mechanism.lines, j)
     if torque < -plus:
         release(mechanism, state, j, 1.0)
     elif torque > minus:
@@ -202,7 +210,7 @@ def hold(mechanism, state, j):
     if state.held != j:
         state.held = j
         for i in range(5):
-            if same_line(i, j, mechanism.coaxial):
+            if same_line(i, j, mechanism.lines):
                 state.sign[i] = 0.0
         enter_line(mechanism, state, j)
 
@@ -211,7 +219,7 @@ def hold(mechanism, state, j):
 def has_no_rate(mechanism, state, i, j):
     """True where joint i, on the line of joint j or not, stands while the tip moves."""
     return state.active[i] != 0 and (
-        same_line(i, j, mechanism.coaxial) or abs(state.rate[i]) <= RATE_ROUNDING
+        same_line(i, j, mechanism.lines) or abs(state.rate[i]) <= RATE_ROUNDING
     )
 
 
@@ -249,7 +257,7 @@ def meet_parallel(mechanism, state, j, fx, fy, arm_mass):
     s = -bias[sticks] * square / (g[sticks, 0] * g[j, 0] + g[sticks, 1] * g[j, 1])
     for k in range(5):
         if has_no_rate(mechanism, state, k, j):
-            if same_line(k, sticks, mechanism.coaxial):
+            if same_line(k, sticks, mechanism.lines):
                 state.sign[k] = 0.0
             else:
                 ratio = (g[k, 0] * g[j, 0] + g[k, 1] * g[j, 1]) / square
@@ -269,7 +277,7 @@ def slopes_at_kink(mechanism, state, k, j, free, compliance):
             ratio = (g[i, 0] * g[j, 0] + g[i, 1] * g[j, 1]) / square
             above = ratio * state.cost_plus[i] if ratio > 0.0 else -ratio * state.cost_minus[i]
             below = -ratio * state.cost_minus[i] if ratio > 0.0 else ratio * state.cost_plus[i]
-            if same_line(i, k, mechanism.coaxial):
+            if same_line(i, k, mechanism.lines):
                 left += below
                 right += above
             elif (ratio * s + bias[i]) * ratio > 0.0:
@@ -287,25 +295,41 @@ def release(mechanism, state, j, sense):
     state.held = FREE
     g = state.g
     for i in range(5):
-        if same_line(i, j, mechanism.coaxial):
+        if same_line(i, j, mechanism.lines):
             state.sign[i] = sense if g[i, 0] * g[j, 0] + g[i, 1] * g[j, 1] > 0.0 else -sense
 
 
 @kernel
 def enter_line(mechanism, state, j):
-    """Joint j is held from here on: the tip moves on a circle (its angle is held, not only its rate)."""
+    """Joint j is held from here on: its angle is held, not only its rate.
+
+    On a circle the tip turns about an elbow (A, B) or a base (the others).
+    """
     x, y = state.tip[0], state.tip[1]
     arm = mechanism.arm_1 if j < 2 else mechanism.arm_2
     cx, cy = arm.base_x, arm.base_y
-    if j == 0 or j == 2:  # the others turn about a base: E, C, and D on coaxial bases
+    if j == 0 or j == 2:
         e1x, e1y, _, _, _ = links(arm, x, y)
         cx, cy = cx + e1x, cy + e1y
     state.circle[0], state.circle[1] = cx, cy
     state.circle[2] = math.sqrt((x - cx) * (x - cx) + (y - cy) * (y - cy))
+    if j < 4 and not on_circle(mechanism, j):
+        state.circle[0] = coupled_angle(mechanism, j, x, y)
     gx, gy = state.g[j, 0], state.g[j, 1]
     along = (gx * state.tip[2] + gy * state.tip[3]) / (gx * gx + gy * gy)
     state.tip[2] -= along * gx
     state.tip[3] -= along * gy
+
+
+@kernel
+def on_circle(mechanism, j):
+    """Whether the tip moves on a circle while joint j is held.
+
+    Not with D on bases that are apart, nor with a coupling that does not depend on the distance from base to tip alone.
+    """
+    if j == 4:
+        return mechanism.coaxial != 0
+    return mechanism.coupled >> j & 1 == 0 or same_line(j, 4, mechanism.lines)
 
 
 @kernel
@@ -366,7 +390,7 @@ def finish(mechanism, state, fx, fy, arm_mass):
         return
     for i in range(5):
         state.torque[i] = slip_torque(state, i) if i < 4 else 0.0
-    sx, sy = slipping_force(state, held, mechanism.coaxial)
+    sx, sy = slipping_force(state, held, mechanism.lines)
     rx, ry = fx + sx - state.bias_force[0], fy + sy - state.bias_force[1]
     mxx, mxy, myy = mass[0] + arm_mass, mass[1], mass[2] + arm_mass
     if held >= 0:
@@ -374,7 +398,7 @@ def finish(mechanism, state, fx, fy, arm_mass):
         rx += g[held, 0] * torque
         ry += g[held, 1] * torque
         state.line_torque = torque
-        share_on_line(state, held, torque, mechanism.coaxial)
+        share_on_line(state, held, torque, mechanism.lines)
         leave_stops_their_share(state)
     ax, ay = solve_mass(mxx, mxy, myy, rx, ry)
     state.acceleration[0], state.acceleration[1] = ax, ay
@@ -405,7 +429,7 @@ def strike(mechanism, state, j, side, arm_mass):
     look(mechanism, state)
     state.held = STILL if tip[2] == 0.0 and tip[3] == 0.0 else FREE
     for i in range(5):
-        if same_line(i, j, mechanism.coaxial):
+        if same_line(i, j, mechanism.lines):
             state.rate[i] = 0.0  # exactly: `meet` decides how it goes on
         rate = state.rate[i]
         state.sign[i] = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)

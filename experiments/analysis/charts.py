@@ -8,7 +8,7 @@ boxes; any other that does not count is shown only if its row is among those giv
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from experiments.analysis.trials_table import TrialRow, by_controller, to_compar
 POOLED, PERSON, ORDER, SPEED, QUESTIONS = "pooled", "by_participant", "by_run", "by_speed", "questionnaire"
 WHISKER = 1.5  # box lengths
 QUARTILE_METHOD = "linear"  # NumPy's name; MATLAB's is "hazen" and differs
+MOST_CODES = 20  # along an axis; more cannot be read beside each other. Our choice
 LEAST_IN_A_BOX = 5  # Our choice: fewer values are points without a box
 GOLDEN = 0.6180339887  # run * GOLDEN modulo 1: a place beside the middle that is even, and always the same
 BOX_SHARE = 0.42  # half a box's width, of the room that it has
@@ -121,6 +122,9 @@ class Answer(NamedTuple):
     value: float  # 0 to 100
 
 
+Coded = TypeVar("Coded", TrialRow, Answer)
+
+
 def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> dict[int | str, str]:
     """Controller or code -> what stands under its box, in order: all that have a label, and every code of the rows."""
     there = {row.controller for row in rows}
@@ -129,14 +133,39 @@ def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> di
     return {controller: {**named, **coded}[controller] for controller in sorted({*named, *coded}, key=by_controller)}
 
 
-def told_apart(rows: Sequence[TrialRow]) -> list[TrialRow]:
-    """Rows whose codes name their participant, if there are several: each blind session has a key of its own."""
-    if len({row.participant for row in rows if isinstance(row.controller, str)}) < 2:
-        return list(rows)
+def told_apart(found: Sequence[Coded]) -> list[Coded]:
+    """Rows or answers whose codes name their participant, if there are several: each blind session has its own key."""
+
+    def is_coded(one: Coded) -> bool:
+        return isinstance(one.controller, str) and one.controller != ""
+
+    if len({one.participant for one in found if is_coded(one)}) < 2:
+        return list(found)
+    codes = [f"P{one.participant} {one.controller}" if is_coded(one) else one.controller for one in found]
     return [
-        replace(row, controller=f"{row.participant} {row.controller}") if isinstance(row.controller, str) else row
-        for row in rows
+        replace(one, controller=code) if isinstance(one, TrialRow) else one._replace(controller=code)
+        for one, code in zip(found, codes, strict=True)
     ]
+
+
+def names_along_axis(groups: Mapping[int | str, str]) -> list[str]:
+    """What stands under each group of boxes; of codes of several participants ("P01 K1") the code, and under the
+    middle one whose it is. Where they are too many to be read, that alone.
+    """
+    of_person: dict[str, list[int]] = {}
+    names = list(groups.values())
+    for at, name in enumerate(names):
+        person, _, code = name.rpartition(" ")
+        if person and groups.get(name) == name:  # a code stands for itself
+            of_person.setdefault(person, []).append(at)
+            names[at] = code
+    crowded = len(names) > MOST_CODES
+    for person, places in of_person.items():
+        middle = places[(len(places) - 1) // 2]
+        for at in places:
+            names[at] = "" if crowded else names[at]
+        names[middle] = person if crowded else f"{names[middle]}\n{person}"
+    return names
 
 
 def left_out(rows: Iterable[TrialRow], timeouts: bool = False, crosses: bool = True) -> str:
@@ -158,8 +187,8 @@ def left_out(rows: Iterable[TrialRow], timeouts: bool = False, crosses: bool = T
 def charts(page: str, rows: Sequence[TrialRow], view: View, answers: Sequence[Answer] = ()) -> list[Chart]:
     """A page's charts of these rows, which are those that are chosen."""
     if page == QUESTIONS:
-        return [_questionnaire(answers, view)] if answers else []
-    rows = told_apart(rows)
+        return [_questionnaire(told_apart(answers), view)] if answers else []
+    rows = rows if page == PERSON else told_apart(rows)
     make = {POOLED: _pooled, PERSON: _by_participant, ORDER: _by_run, SPEED: _by_speed}[page]
     return [make(rows, metric, view) for metric in DRAWN]
 
@@ -233,7 +262,7 @@ def _boxed(
         )
         for at, inside in found.items() if len(inside) >= least
     )  # fmt: skip
-    ticks = tuple((float(i), groups[group]) for i, group in enumerate(order))
+    ticks = tuple((float(i), name) for i, name in enumerate(names_along_axis(groups)))
     span = (-0.5, max(len(order), 1) - 0.5)
     return _chart(page, rows, compared, metric, view, x)._replace(ticks=ticks, span=span, boxes=boxes)
 
@@ -278,7 +307,8 @@ def _chart(
             if value is not None:
                 value *= metric.scale
                 status = {"done": "", "timeout": " · time was up"}.get(row.status, f" · {row.status}")
-                text = f"Participant {row.participant} · run {row.run} · {value:.3g} {metric.shown_unit}{status}"
+                code = f" · {row.controller.rpartition(' ')[2]}" if isinstance(row.controller, str) else ""
+                text = f"Participant {row.participant}{code} · run {row.run} · {value:.3g} {metric.shown_unit}{status}"
                 filled = row.configuration == view.configurations[0]
                 found.append(Point(x(row), value, row.controller, filled, text, row))
         return tuple(found)

@@ -12,6 +12,8 @@ from pathlib import Path
 from core.control.controllers import Preset
 from core.files import InputError
 from experiments.analysis.box_findings import BoxFinding, box_findings_of
+from experiments.analysis.error_bars import READ as READ_ERRORS
+from experiments.analysis.error_bars import Moved, error_sentence, error_table
 from experiments.analysis.findings import CONTROLLER, HOLDS, Finding, description_only, findings, why_no_findings
 from experiments.analysis.metrics import BY_NAME, DRAWN
 from experiments.analysis.participants import configurations_of, finished_share, people_of, scores, too_few
@@ -22,6 +24,7 @@ from experiments.recording.atomic_files import write_new_files
 
 #: The measures that the report leads with, those of the figures.
 SHOWN = tuple(metric.name for metric in DRAWN)
+AGAINST_NONE = "## Against no control"
 SIMULATED = "The operators are simulated: read it as what this model says, not as people."
 READ = (
     "By boxes, as the paper judges: all trials of everyone in one box for each controller and device; medians (and "
@@ -42,6 +45,7 @@ def write_report(
     controllers: Mapping[int, Preset] | None = None,
     simulated: bool = False,
     timeouts: bool = False,
+    moved: Sequence[Moved] = (),
 ) -> list[Path]:
     """Write the files into `out_folder`; their paths. note: what was used, as on the figures.
 
@@ -49,6 +53,7 @@ def write_report(
     controllers: those of the protocol (None: Table I); the paper's statements are tested on Table I's alone. Of coded
     rows only the means are written: each blind session has a key of its own, so codes cannot be compared.
     simulated: operators, not people, moved the handle. timeouts: trials whose time was up count in the statistics.
+    moved: how far the measures move when the trials of a sample are simulated otherwise.
     InputError before anything is written if one exists already or no trial counts.
     """
     folder = Path(out_folder)
@@ -69,8 +74,16 @@ def write_report(
         results = [*statistics(rows, timeouts), *sensitivity(rows, variants, timeouts, none)]
         texts |= {"findings.csv": _findings_csv(found, by_boxes)} if found else {}
         texts["statistics.csv"] = _csv(Result._fields, results)
-        parts += ["## Against no control", *_against_none(results, names, none), *_roughness(results, names)]
-        parts += _locks_and_releases(rows, names)
+        bar = [error_sentence(moved)] if moved else []
+        for table in (
+            _against_none(results, names, none),
+            _roughness(results, names),
+            _locks_and_releases(rows, names),
+        ):
+            parts += [*table, *bar] if table else []
+        if moved:
+            parts += ["## How sure these numbers are", error_table(moved, names), READ_ERRORS]
+            texts["simulation_errors.csv"] = _csv(Moved._fields, moved)
         parts.append("## What else to know")
         parts.append("\n".join(f"- {sentence}" for sentence in sentences(results, names)))
     texts["report.md"] = "\n\n".join(parts) + "\n"
@@ -168,7 +181,7 @@ def _against_none(results: Sequence[Result], names: Mapping[int, str], none: int
         if r.statistic == "hodges_lehmann" and r.configuration != POOLED and f"{none}" in (r.first, r.second):
             chosen[r.configuration, r.second if r.first == f"{none}" else r.first, r.measure] = r
     if not chosen:
-        return ["No participant tried a controller and no control on the same device."]
+        return [AGAINST_NONE, "No participant tried a controller and no control on the same device."]
     heads = [f"{metric.title.lower()} ({metric.shown_unit})" for metric in DRAWN]
     lines = [f"| device | controller | {' | '.join(heads)} |", "|---" * (2 + len(heads)) + "|"]
     for configuration, controller in dict.fromkeys(key[:2] for key in chosen):
@@ -182,7 +195,7 @@ def _against_none(results: Sequence[Result], names: Mapping[int, str], none: int
     few = any(r.p_holm is None for r in chosen.values())
     how = "Change of the participants' means (Hodges-Lehmann"
     how += ")." if few else ", 95 % interval). *: Wilcoxon p < 0.05 after Holm's correction for all pairs."
-    return ["\n".join(lines), how, *_out_of_reach(results, {key[0] for key in chosen})]
+    return [AGAINST_NONE, "\n".join(lines), how, *_out_of_reach(results, {key[0] for key in chosen})]
 
 
 def _roughness(results: Sequence[Result], names: Mapping[int, str]) -> list[str]:

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from core.simulator.simulation import Simulation, run_rows
-from experiments.benchmark.costs import fallback_costs, tick_cost
+from experiments.benchmark.costs import fallback_costs, study_errors, tick_cost
 from experiments.benchmark.kernels import accelerations
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import reference_tips
@@ -80,6 +80,7 @@ def run_bench(quick: bool = False, progress: Callable[[float], None] = lambda sh
         "karnopp": band,
         "fallback": fallback_costs(repeats),
         "tick": tick_cost(quick),
+        "study_errors": [one._asdict() for one in study_errors()],
     }
 
 

@@ -10,9 +10,12 @@ from core import tick_log
 from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
+from experiments.analysis.error_bars import Moved
 from experiments.benchmark.scenes import START, bench_devices, bench_scenes
 from experiments.plan import make_plan
 from experiments.protocol import load_protocol
+from experiments.study.simulation_errors import simulation_errors
+from experiments.study.unrecorded import person_of
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial, load_kernels
 
@@ -53,6 +56,13 @@ def tick_cost(quick: bool) -> dict:
         "us_per_tick": seconds / ticks * 1e6,
         "us_per_tick_by_device": {name: 1e6 * s / n for name, (s, n) in spent.items()},
     }
+
+
+def study_errors() -> list[Moved]:
+    """How far the measures of the paper's study move with step and fidelity, in its first operator's first block."""
+    load_kernels()
+    protocol = load_protocol()
+    return simulation_errors(protocol, person_of(load_population(), protocol.seed, 1), "01")
 
 
 def fallback_costs(repeats: int) -> list[dict]:

@@ -20,7 +20,7 @@ from core.device import Device
 from core.device_file import BrakeFile, DeviceFile, parse_brake
 from core.files import parse_toml
 from core.mechanism import JOINTS
-from core.ten_coordinates import CD, ED, HANDLE, JOINT_RATES, THETA_AE, THETA_BC, bodies_of, coordinates, rates, solve
+from core.ten_coordinates import CD, ED, HANDLE, THETA_AE, THETA_BC, bodies_of, coordinates, rates, solve
 from experiments.benchmark.scenes import COMPARE_S, START, BenchScene
 
 #: Tolerances of DOP853. Looser: the reference is no better than what it judges. Tighter: below what doubles carry.
@@ -113,7 +113,7 @@ class _Reference:
 
     def yield_rates(self, z) -> np.ndarray:
         """dy/dt (4,), N m/s, Eq. (1); 0 for a brake without lag."""
-        found, turning = np.zeros(4), JOINT_RATES @ z[RATES]
+        found, turning = np.zeros(4), self.bodies.rates @ z[RATES]
         for i, brake in enumerate(self.brakes):
             if brake is not None:
                 lacking = torque_gain(brake, self.command[i]) - z[20 + i]
@@ -130,11 +130,11 @@ class _Reference:
 
     def row(self, i) -> np.ndarray:
         """Rate of joint i per unit of tip velocity (2,)."""
-        return np.array([JOINT_RATES[i] @ rates(self.bodies, self.z[:10], axis) for axis in np.eye(2)])
+        return np.array([self.bodies.rates[i] @ rates(self.bodies, self.z[:10], axis) for axis in np.eye(2)])
 
     def take_up_pattern(self, t) -> None:
         """Which brakes stick and which way the others slip from here on."""
-        omega = JOINT_RATES @ self.z[RATES]
+        omega = self.bodies.rates @ self.z[RATES]
         slow = [i for i in self.braked if abs(omega[i]) < STOPPED]
         if len(slow) > 1 and np.linalg.norm(self.z[10 + HANDLE : 20]) < STOPPED:
             self.z[RATES] = 0.0
@@ -153,7 +153,7 @@ class _Reference:
             if len(stuck) > 1:
                 continue
             found = self.answer(t, self.z, sign, stuck)
-            turning = JOINT_RATES @ found.acceleration
+            turning = self.bodies.rates @ found.acceleration
             if all(turning[i] * sign[i] > 0.0 for i in slow if sign[i] != 0.0) and all(
                 abs(found.torque[i]) <= self.z[20 + i] for i in stuck
             ):
@@ -224,7 +224,7 @@ class _Reference:
 
     def slip_left(self, i, t, z) -> float:
         """The rate of slipping joint i in its sense; zero: it stops."""
-        return self.sign[i] * (JOINT_RATES[i] @ z[RATES])
+        return self.sign[i] * (self.bodies.rates[i] @ z[RATES])
 
     def hold_left(self, i, t, z) -> float:
         """What stuck joint i could hold besides; zero: it breaks loose."""

@@ -4,6 +4,8 @@ from collections.abc import Iterable
 
 import matplotlib
 
+from experiments.analysis.error_bars import Moved, error_table
+from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.sheet import STYLE, figure_bytes, new_figure
 
 #: step of the rows that the table shows
@@ -58,6 +60,12 @@ def table(result: dict) -> str:
     lines += ["", f"a whole control tick  {tick['us_per_tick']:.2f} us"]
     lines += [
         f"{tick['trials']} trials of a study    {tick['study_simulation_s']:.2f} s of computing, {tick['ticks']} ticks"
+    ]
+    moved = [Moved(**one) for one in result["study_errors"]]
+    lines += [
+        "",
+        "the paper's study, how far a trial's measures move: median / largest",
+        error_table(moved, CONTROLLER),
     ]
     return "\n".join(lines)
 

@@ -22,6 +22,9 @@ from experiments.operator_fit.unrest import runs
 from experiments.trial.operator import minimum_jerk
 
 ORDER = 10  # of the autoregression
+#: N. Our choice: so much white noise of sensors is taken to lie in the residuals of any recording (20 um steps of a
+#: handle whose arm weighs 1 kg), so that frequencies at which a hand is quieter decide nothing.
+SENSORS_N = 0.1
 SETTLED = round(0.5 / SAMPLE_S)  # samples after go: the reaction is over
 STALL_M_S, AFTER_STALL = 0.006, round(0.2 / SAMPLE_S)  # a handle that stands, or stood before, is left out
 LEAST_RUN = 60  # samples
@@ -136,7 +139,8 @@ def memory_of(found: list[Run], numbers: np.ndarray) -> np.ndarray:
         before.append(np.column_stack([rest[ORDER - k : len(rest) - k] for k in range(1, ORDER + 1)]))
         now.append(rest[ORDER:])
     past = np.concatenate(before)
-    return np.linalg.solve(past.T @ past, past.T @ np.concatenate(now))
+    floor = len(past) * SENSORS_N**2 * np.eye(ORDER)
+    return np.linalg.solve(past.T @ past + floor, past.T @ np.concatenate(now))
 
 
 def fitted(found: list[Run], trials: int) -> tuple[Normal, np.ndarray]:

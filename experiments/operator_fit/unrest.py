@@ -66,7 +66,7 @@ def fit_unrest(trials: list[Motion], arm: dict[str, float], corner_Hz: float) ->
     cubic = np.vander(np.linspace(-1.0, 1.0, PIECE), 4)
     free = qr(cubic)[0][:, 4:]
     rest = np.einsum("nk,sna->sak", free, force)
-    n = STRIDE * PIECE + 3 * STRIDE + 1
+    n = STRIDE * PIECE + len(kernel())
     noise = free.T @ covariance(np.exp(-2.0 * np.pi * corner_Hz * TICK_S * np.arange(n))) @ free
 
     def unlikely(logs: np.ndarray) -> np.ndarray:

@@ -151,7 +151,7 @@ def draw_sdof_choice(device: Device) -> Figure:
         arrow(axes, (0, 0), _polar(0.62, angle), QUIET, 1.2)
         _beside(axes, f"${letter}$", _polar(0.69, angle), QUIET)
     for joint, p in choice.directions.items():
-        _draw_sdof_line(axes, joint, p, choice.senses[joint], joint == choice.selected)
+        _draw_sdof_line(axes, joint, device.labels[joint], p, choice.senses[joint], joint == choice.selected)
     arrow(axes, (0, 0), _polar(0.85, beta), DESIRED, 2.6)
     _beside(axes, r"$v_{des}$", _polar(0.94, beta), DESIRED, fontsize=11)
     axes.plot([0, 0.4], [0, 0], color=QUIET, linewidth=0.8, linestyle=(0, (2, 2)))
@@ -179,19 +179,21 @@ def _draw_path(axes: Axes, field: Field, t: float, alpha: float) -> None:
     _beside(axes, r"$\alpha$", corner + _polar(0.37, 0.5 * alpha))
 
 
-def _draw_sdof_line(axes: Axes, joint: str, p: tuple[float, float], sense: float, selected: bool) -> None:
+def _draw_sdof_line(
+    axes: Axes, joint: str, label: str, p: tuple[float, float], sense: float, selected: bool
+) -> None:
     colour = JOINT_COLOURS[joint]
     dashed = {"color": colour, "linewidth": 1.2, "linestyle": (0, (4, 3)), "zorder": 3}
     if sense == 0.0:
         axes.plot([-p[0], p[0]], [-p[1], p[1]], **dashed)
         up = 1.08 * math.copysign(1.0, p[1])
-        _beside(axes, f"$p_{joint}$", (up * p[0], up * p[1]), colour)
+        _beside(axes, f"$p_{{{label}}}$", (up * p[0], up * p[1]), colour)
         return
     x, y = sense * p[0], sense * p[1]
     axes.plot([-x, 0], [-y, 0], **dashed)
     arrow(axes, (0, 0), (x, y), colour, 2.6 if selected else 1.6)
     word = "selected" if selected else "valid"
-    _beside(axes, f"$p_{joint}$\n{word}", (1.14 * x, 1.12 * y), colour, linespacing=1.1)
+    _beside(axes, f"$p_{{{label}}}$\n{word}", (1.14 * x, 1.12 * y), colour, linespacing=1.1)
 
 
 class Forces(NamedTuple):

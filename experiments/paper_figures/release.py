@@ -20,7 +20,7 @@ from core.simulator.simulation import Simulation
 from core.workspace import Array
 from experiments.analysis.sheet import CM, QUIET, TEXT, legend_at, plain, sheet, title
 from experiments.paper_figures.brake import parameters_of
-from experiments.paper_figures.workspace import Workspace, draw_outline, joint_angles, sdof_path, workspace_of
+from experiments.paper_figures.workspace import Workspace, brake_angles, draw_outline, sdof_path, workspace_of
 
 FORCE_N = 8.0
 HOLD_S, RELEASE_S, STEP_S = 2.0, 0.45, 1e-3
@@ -96,7 +96,7 @@ def draw_releases(device: Device) -> Figure:
     motions = [[release(device, start, anchor, locked) for start in starts] for locked in locks]
     _same_frame(grid[0], np.concatenate([motion.tip for column in motions for motion in column]))
     for (paths, *moved), locked, releases in zip(grid.T, locks, motions, strict=True):
-        title(paths, f"{locked} locked" if locked else "none locked")
+        title(paths, f"{device.labels[locked]} locked" if locked else "none locked")
         _draw_paths(paths, workspace, releases)
         for axis, axes in enumerate(moved):
             for motion, look in zip(releases, LOOKS, strict=True):
@@ -141,7 +141,7 @@ def _draw_paths(axes: Axes, workspace: Workspace, releases: list[Release]) -> No
     draw_outline(axes, workspace)
     for motion, look in zip(releases, LOOKS, strict=True):
         if motion.locked:
-            theta = joint_angles(workspace.mechanism, motion.tip[0, 0], motion.tip[0, 1])
+            theta = brake_angles(workspace.mechanism, motion.tip[0, 0], motion.tip[0, 1])
             circle = sdof_path(workspace, motion.locked, float(theta[JOINTS.index(motion.locked)]))
             axes.plot(CM * circle[:, 0], CM * circle[:, 1], color=QUIET, linewidth=0.6)
         axes.plot(CM * motion.tip[:, 0], CM * motion.tip[:, 1], linewidth=1.8, **look)

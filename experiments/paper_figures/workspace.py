@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from contourpy import contour_generator
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -66,6 +67,14 @@ def joint_angles(mechanism: Mechanism, x: Array, y: Array) -> Array:
     return np.array([angle for arm in (mechanism.arm_1, mechanism.arm_2) for angle in arm_pose(arm, x, y).angles()])
 
 
+def brake_angles(mechanism: Mechanism, x: Array, y: Array) -> Array:
+    """Angles (4, ...), rad, on which the brakes act: of their joints, or of their couplings, up to whole turns."""
+    angles = joint_angles(mechanism, x, y)
+    coupled = [i for i in range(4) if mechanism.coupled >> i & 1]
+    angles[coupled] = np.tensordot(mechanism.combination[coupled], angles[[0, 2]], axes=1)
+    return angles
+
+
 def room(mechanism: Mechanism, side: float, x: Array, y: Array) -> Array:
     """How far tips are from the nearest stop, in units of sine (theta stops: rad; y: 10 cm); negative outside."""
     elbow_1, elbow_2, between = _sines(mechanism, x, y)
@@ -93,11 +102,18 @@ def workspace_of(mechanism: Mechanism) -> Workspace:
 
 
 def sdof_path(workspace: Workspace, joint: str, angle: float) -> Array:
-    """Tips (n, 2), m, at which `joint` has an angle (rad), in the order of travel; NaN where outside the stops.
+    """Tips (n, 2), m, at which the brake of `joint` has an angle (rad), in the order of travel; NaN: outside the stops.
 
-    With A or B locked the tip turns about elbow E or C, with E or C locked about base A or B.
+    With A or B locked the tip turns about elbow E or C, with E or C locked about base A or B. With a coupling locked:
+    a contour of its angle.
     """
     mechanism = workspace.mechanism
+    if mechanism.coupled >> JOINTS.index(joint) & 1:
+        turned = brake_angles(mechanism, *np.meshgrid(workspace.x, workspace.y))[JOINTS.index(joint)] - angle
+        off = turned - 2.0 * math.pi * np.round(turned / (2.0 * math.pi))
+        near = (workspace.room > 0.0) & (np.abs(off) < 0.5 * math.pi)
+        lines = contour_generator(workspace.x, workspace.y, np.ma.masked_where(~near, off)).lines(0.0)
+        return np.concatenate([*(part for line in lines for part in (line, [[np.nan, np.nan]])), np.empty((0, 2))])
     arm = mechanism.arm_1 if joint in "AE" else mechanism.arm_2
     cx, cy, radius = arm.base_x, arm.base_y, arm.length_2
     if joint in "AB":
@@ -115,7 +131,7 @@ def sdof_path(workspace: Workspace, joint: str, angle: float) -> Array:
 
 def sdof_family(workspace: Workspace, joint: str, spacing: float) -> list[Array]:
     """The SDOF paths of a joint at all multiples of `spacing` (rad) that it takes in the workspace."""
-    theta = joint_angles(workspace.mechanism, *workspace.tips.T)[JOINTS.index(joint)]
+    theta = brake_angles(workspace.mechanism, *workspace.tips.T)[JOINTS.index(joint)]
     numbers = range(math.ceil(theta.min() / spacing), math.floor(theta.max() / spacing) + 1)
     paths = (sdof_path(workspace, joint, k * spacing) for k in numbers)
     return [path for path in paths if np.any(np.isfinite(path))]
@@ -157,8 +173,8 @@ def draw_sdof_paths(device: Device) -> Figure:
     """Figs. 4 and 5 for any device."""
     workspace = workspace_of(device.mechanism)
     text = (
-        f"{parameters_of(device)} Each line: the tip's path with one brake locked, every {SPACING_DEG:g}° of that "
-        "joint's angle. Grey: the limit set by the hard stops. Black: the linkage, tip D."
+        f"{parameters_of(device)} Each line: the tip's path with one brake locked, every {SPACING_DEG:g}° of its "
+        "angle. Grey: the limit set by the hard stops. Black: the linkage, tip D."
     )
     left, right = 0.6, 0.15
     size = 6.4, workspace.height_in(6.4 - left - right)
@@ -169,8 +185,8 @@ def draw_sdof_paths(device: Device) -> Figure:
         look = {"color": JOINT_COLOURS[joint], "linestyle": JOINT_LINES[joint]}
         for path in sdof_family(workspace, joint, math.radians(SPACING_DEG)):
             axes.plot(CM * path[:, 0], CM * path[:, 1], linewidth=1.0, **look)
-        about = {"A": "E", "B": "C", "E": "A", "C": "B"}[joint]
-        handles.append(Line2D([], [], linewidth=1.6, label=f"{joint} locked, about {about}", **look))
+        about = f", about {dict(A='E', B='C', E='A', C='B')[joint]}" if device.labels[joint] == joint else ""
+        handles.append(Line2D([], [], linewidth=1.6, label=f"{device.labels[joint]} locked{about}", **look))
     draw_outline(axes, workspace)
     _draw_linkage(axes, device.mechanism, workspace.home)
     in_cm(axes, workspace)

@@ -16,13 +16,14 @@ from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
 
 from core.device_interface import ZeroRecord
-from experiments.analysis.trials_table import COUNTED, TrialRow, row_of
+from core.files import InputError
+from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow, row_of, write_table
 from experiments.plan import PlannedTrial
-from experiments.recording.atomic_files import append_whole
+from experiments.recording.atomic_files import append_whole, reason_of
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Recording
 from experiments.session.blind import opened, veiled
-from experiments.session.files import CRASHED
+from experiments.session.files import CRASHED, TABLE, hold_lock, rows_of, write_pooled_table
 
 NAME = "journal.jsonl"
 
@@ -168,6 +169,56 @@ def journal_summary(session: Path) -> JournalSummary:
 def recorded_row(recording: Recording, folder: Path, journal: JournalSummary) -> TrialRow:
     """The row of a recorded trial for a table in `folder`. InputError if the recording cannot give one."""
     return journal.row(row_of(recording, folder))
+
+
+#: what marks a run afterwards -> the statuses of the runs that can be marked, and why others cannot
+MARKS = {
+    REDONE.name: (SETTLED, "its trial comes again by itself, there is nothing to do again"),
+    EXCLUDED.name: (COUNTED, "it does not count anyway, there is nothing to exclude"),
+}
+
+
+def mark_run(
+    folder: Path, rows: Sequence[TrialRow], run: int, event: Event, reason: str, sync: bool = True
+) -> list[TrialRow]:
+    """Journal that a run of these rows is redone or excluded; the rows, with its status changed.
+
+    InputError if there is no such run, its status does not allow it, or an exclusion has no reason.
+    """
+    found = next((row for row in rows if row.run == run), None)
+    if found is None:
+        raise InputError(f"run {run}: is not done yet")
+    if event is EXCLUDED and not reason.strip():
+        raise InputError(f"run {run}: a reason is needed to exclude it")
+    of, otherwise = MARKS[event.name]
+    if found.status not in of:
+        raise InputError(f"run {run}: is {found.status}: {otherwise}")
+    write_event(folder, event, sync, run=run, reason=reason)
+    return [replace(row, status=event.name) if row is found else row for row in rows]
+
+
+def exclude_run(folder: Path, run: int, reason: str) -> None:
+    """Exclude a run of a session that is not open, for a reason; the tables follow.
+
+    InputError: a live process has the session, the disk does not take it, or the run does not count anyway.
+    """
+    data_dir = folder.parents[1]
+    try:
+        lock = hold_lock(folder)
+        try:
+            write_table(folder / TABLE, mark_run(folder, rows_of(folder), run, EXCLUDED, reason), replacing=True)
+            if (data_dir / TABLE).exists():
+                write_pooled_table(data_dir)
+        finally:
+            lock.release()
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({reason_of(error)})") from None
+
+
+def exclusion_of(folder: Path, run: int) -> str:
+    """The reason for which a run was excluded."""
+    reasons = [about["reason"] for event, _, about in read_events(folder) if event is EXCLUDED and about["run"] == run]
+    return reasons[-1] if reasons else "the journal does not give the reason"
 
 
 def rows_as_journalled(session: Path, rows: Sequence[TrialRow], journal: JournalSummary) -> list[TrialRow]:

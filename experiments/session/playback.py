@@ -19,6 +19,7 @@ from experiments.analysis.trials_table import TrialRow, is_code
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import TEXT_COLUMNS, Recording, recording_columns
 from experiments.session.files import STORED, StoredSession, read_stored, rows_of
+from experiments.session.journal import EXCLUDED, exclusion_of
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class Playback:
     about: str  # device, path, block
     blind: bool  # what would tell the controller must not be seen
     damaged: bool  # some ticks are missing
+    excluded: str  # the reason for which it is in no result; "": it is not excluded
     decisions: tuple[str, ...]  # words of the column
     controllers: dict[int, str]  # of its protocol; empty where no session is there to ask
 
@@ -72,6 +74,7 @@ def read_playback(path: Path) -> Playback:
         about=" · ".join(str(part) for part in place if part),
         blind=is_code(str(controller)),
         damaged=not recording.whole,
+        excluded=exclusion_of(session, row.run) if row is not None and row.status == EXCLUDED.name else "",
         decisions=recording.words["decision"],
         controllers=controllers,
     )

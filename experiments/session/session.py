@@ -9,7 +9,6 @@ import importlib.metadata
 import json
 import platform
 from collections.abc import Mapping
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
@@ -22,7 +21,7 @@ from core.device import Device
 from core.files import InputError
 from core.path import build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
-from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow, append_row, write_table
+from experiments.analysis.trials_table import COUNTED, TrialRow, append_row, write_table
 from experiments.inputs import MOUSE, OPERATOR, SENSOR
 from experiments.plan import (
     PRACTICE_BLOCK,
@@ -319,8 +318,7 @@ class Session:
 
         It comes next, or at the end of its configuration. InputError if there is no such run, or its cell is open.
         """
-        otherwise = "its trial comes again by itself, there is nothing to do again"
-        row = self._mark(run, events.REDONE, reason, SETTLED, otherwise)
+        row = self._mark(run, events.REDONE, reason)
         if at_end:
             self.journal(events.POSTPONED, run=run)
             self._summary.postponed.append(run)
@@ -331,22 +329,12 @@ class Session:
 
         Its cell of the plan is settled. InputError if there is no such run, it does not count, or no reason is given.
         """
-        if not reason.strip():
-            raise InputError(f"run {run}: a reason is needed to exclude it")
-        otherwise = "it does not count anyway, there is nothing to exclude"
-        return self._mark(run, events.EXCLUDED, reason, COUNTED, otherwise)
+        return self._mark(run, events.EXCLUDED, reason)
 
-    def _mark(self, run: int, event: events.Event, reason: str, of: tuple[str, ...], otherwise: str) -> TrialRow:
-        """Journal that a run, whose status must be one `of` these, is redone or excluded; its row."""
-        found = next((row for row in self.rows if row.run == run), None)
-        if found is None:
-            raise InputError(f"run {run}: is not done yet")
-        if found.status not in of:
-            raise InputError(f"run {run}: is {found.status}: {otherwise}")
-        self.journal(event, run=run, reason=reason)
-        marked = replace(found, status=event.name)
-        self._replace_rows([marked if row is found else row for row in self.rows])
-        return marked
+    def _mark(self, run: int, event: events.Event, reason: str) -> TrialRow:
+        rows = events.mark_run(self.folder, self.rows, run, event, reason, self._sync)
+        self._replace_rows(rows)
+        return next(row for row in rows if row.run == run)
 
     def unblind(self, who: str) -> None:
         """Open the key: codes become controllers in the tables, from now on; who did it is journalled first.

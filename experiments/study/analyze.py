@@ -14,6 +14,7 @@ from core.control.controllers import Preset
 from core.files import InputError
 from experiments.analysis.boxplots import draw_boxplots
 from experiments.analysis.charts import boxes, told_apart
+from experiments.analysis.error_bars import Moved
 from experiments.analysis.findings import findings, why_no_findings
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import side_by_side, warnings, write_report
@@ -34,6 +35,7 @@ from experiments.session.journal import (
     write_event,
 )
 from experiments.session.session import operators_from_json, preset_from_json
+from experiments.study.simulation_errors import errors_in
 
 
 @dataclass
@@ -98,7 +100,7 @@ def analyze(
             rows += rows_without_recording(session, journal)
             found.rows += sorted(rows, key=lambda row: row.run)
         write_table(out / "trials.csv", found.rows)
-        warned = conclude(out, found, timeouts) if found.rows else []
+        warned = conclude(folder, out, found, timeouts) if found.rows else []
     except BaseException:
         if not any(out.iterdir()):
             out.rmdir()
@@ -156,7 +158,7 @@ def read_one(path: Path, folder: Path, out: Path, journal: JournalSummary, found
     return [row]
 
 
-def conclude(out: Path, found: Found, timeouts: bool) -> list[str]:
+def conclude(folder: Path, out: Path, found: Found, timeouts: bool) -> list[str]:
     """Draw the figures and write the report; its warnings."""
     left_out = len(found.left_out)
     without = f", {left_out} recording{'s' if left_out != 1 else ''} left out" if left_out else ""
@@ -166,9 +168,16 @@ def conclude(out: Path, found: Found, timeouts: bool) -> list[str]:
     if not any(row.status in COUNTED for row in found.rows):
         return []
     presets = dict(sorted(found.presets.items()))
-    write_report(found.rows, out / "report", note, of_recording(out), presets, found.simulated, timeouts)
+    moved: list[Moved] = []
+    unsure = []
+    if found.simulated:
+        try:
+            moved = errors_in(folder)
+        except InputError as error:  # another version's operator
+            unsure = [f"{error}, so the report has no error bars"]
+    write_report(found.rows, out / "report", note, of_recording(out), presets, found.simulated, timeouts, moved)
     judged = [] if why_no_findings(presets, bool(found.coded)) else findings(found.rows, timeouts)
-    return warnings(found.rows, judged, found.simulated)
+    return [*warnings(found.rows, judged, found.simulated), *unsure]
 
 
 def changed_boxes(table: Path, found: Found) -> list[str]:
@@ -185,9 +194,7 @@ def changed_boxes(table: Path, found: Found) -> list[str]:
     configurations = tuple(dict.fromkeys(row.configuration for row in (*before_rows, *found.rows)))
     changes, names = [], found.controllers
     for metric in DRAWN:
-        before, after = (
-            boxes(told_apart(rows), metric, configurations) for rows in (before_rows, found.rows)
-        )
+        before, after = (boxes(told_apart(rows), metric, configurations) for rows in (before_rows, found.rows))
         for key in sorted({*before, *after}, key=lambda cell: (by_controller(cell[0]), cell[1])):
             old, new = before.get(key), after.get(key)
             if old and new and (old.count, old.median) == (new.count, new.median):

@@ -23,6 +23,7 @@ from experiments.session.journal import TRIAL_CUT_OFF
 from experiments.session.session import Session
 from experiments.session.study_file import STUDY, StudyPlan, read_study, refuse_other, write_study
 from experiments.study.low_gain import settled
+from experiments.study.simulation_errors import errors_in
 from experiments.trial.population import Population
 from experiments.trial.tick import TICK_S
 from experiments.trial.trial import Trial, load_kernels
@@ -160,7 +161,8 @@ class Run:
                 draw_boxplots(table, folder, label, labels=protocol.labels(), protocol=protocol.name)
             else:
                 about = f"{note}, {operators.note}"
-                write_report(table, folder, about, controllers=protocol.controllers, simulated=True)
+                moved = errors_in(self.out)
+                write_report(table, folder, about, controllers=protocol.controllers, simulated=True, moved=moved)
             shutil.rmtree(self.out / name, ignore_errors=True)
             folder.rename(self.out / name)
 

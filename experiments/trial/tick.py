@@ -88,6 +88,7 @@ RUN = np.dtype(
         ("end_ticks", "i8"),  # recorded after the end, brakes off
         ("simulated_hand", "i8"),  # 1: the operator drives; 0: the target is set from outside
         ("fidelity", "i8"),
+        ("substeps", "i8"),  # steps of the simulated device in a tick; the controller decides once a tick all the same
         ("real", "i8"),  # 1: a real device; its rows hold what was sensed
         ("speed_max", "f8"),  # m/s, of a real device
         ("release_force", "f8"),  # N; infinite: a trapped hand is not released
@@ -133,6 +134,7 @@ def new_run(how: TrialRules, fidelity: int, simulated_hand: bool, real: bool = F
         end_ticks=round(how.end_s / TICK_S),
         simulated_hand=int(simulated_hand),
         fidelity=fidelity,
+        substeps=1,
         real=int(real),
         speed_max=SPEED_MAX_M_S,
         release_force=how.release.force_N if how.release else math.inf,
@@ -194,13 +196,23 @@ def run_ticks(
         if run.cobot.wheels != 0:
             move_with_castor(mechanism, hand, state, run)
         elif run.real == 0:
-            lagged = 1 if run.fidelity == MR else 0
-            advance_event(mechanism, brakes, hand, state, step_scratch, run.current, t, TICK_S, lagged)
+            step_on(mechanism, brakes, hand, state, step_scratch, run, t)
         run.tick += 1
         run.phase_tick += 1
         if run.phase == END and run.phase_tick >= run.end_ticks:
             run.finished = 1
     return rows.shape[0]
+
+
+@inlined
+def step_on(mechanism, brakes, hand, state, step_scratch, run, t):
+    """Stage: the simulated device moves on by a tick, in `substeps` equal steps with the tick's currents."""
+    lagged, step = 1 if run.fidelity == MR else 0, TICK_S / run.substeps
+    for k in range(run.substeps):
+        if k > 0:
+            apply(mechanism, brakes, state, run.current, run.fidelity)
+            resolve(mechanism, brakes, hand, state, t + k * step)
+        advance_event(mechanism, brakes, hand, state, step_scratch, run.current, t + k * step, step, lagged)
 
 
 @kernel

@@ -150,6 +150,10 @@ class Trial:
         assert self._connected is not None
         return self._connected
 
+    def refine(self, substeps: int) -> None:
+        """Simulate each tick in so many steps; operator and controller act once a tick all the same."""
+        self._run["substeps"][0] = substeps
+
     def aim(self, x: float, y: float) -> None:
         """Where the hand wants the handle to be (m), from now on; its velocity counts as zero."""
         self.model.hand.grips["target"][0] = (x, y, 0.0, 0.0)
@@ -169,7 +173,7 @@ class Trial:
     def changed(self) -> Changed:
         """What running it has changed, to be sent to the process that has the device and the session."""
         a = self.arguments()
-        arrays = a.hand.grips, a.state, a.step_scratch, a.run, a.operator, a.memory
+        arrays = a.hand.grips, a.state, a.step_scratch, a.run, a.operator, a.memory, a.sensing.sensors
         return arrays, {name: getattr(self, name) for name in ("_reason", "filled", "_report")}
 
     def take_back(self, changed: Changed) -> None:

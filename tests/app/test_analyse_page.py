@@ -3,6 +3,7 @@
 import os
 import pickle
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import fake_client
@@ -12,17 +13,21 @@ import pytest
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from protocols import short
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt
+from PySide6.QtGui import QFontMetricsF
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel, QPushButton
 from sessions import new_session, run_trials
 
+from app.ipc import messages as m
 from app.window.analyse_page import FINDINGS, PAGES, AnalysePage
 from app.window.box_plot import ChartPlot, colour_of
 from app.window.painting import theme
 from app.window.painting.labels import OneLine
+from app.window.trial_card import REASONS
 from experiments.analysis.charts import PERSON, POOLED, QUESTIONS
 from experiments.analysis.findings import FAILS
 from experiments.analysis.trials_table import TrialRow, read_table, write_table
+from experiments.session.session import Session
 
 
 def results_of(participant: str, seed: int) -> list[TrialRow]:
@@ -155,6 +160,40 @@ def test_codes_of_a_blind_session_have_one_colour_and_nothing_is_claimed(qtbot, 
     assert "blind" in page.verdicts.shown.refusal and not page.verdicts.shown.found
 
 
+def test_many_participants_are_chosen_below_one_button_that_stays_open_and_counts_them(qtbot, tmp_path: Path) -> None:
+    for n in range(1, 25):
+        who = f"{n:02d}"
+        table_of(tmp_path, who).parent.mkdir(parents=True)
+        write_table(table_of(tmp_path, who), results_of(who, n)[:4])
+    page = page_on(qtbot, tmp_path)
+    people = page.people
+    assert people.menu.text().startswith("Participants: all of 24")
+    menu = people.menu.menu()
+    menu.popup(page.mapToGlobal(page.rect().center()))
+    for who in ("07", "08"):
+        QTest.mouseClick(people.chips[who], Qt.MouseButton.LeftButton)
+    assert menu.isVisible() and people.menu.text().startswith("Participants: 22 of 24") and len(page.rows) == 88
+    QApplication.processEvents()
+    for chip in people.chips.values():
+        assert chip.width() >= chip.sizeHint().width() and menu.rect().contains(chip.mapTo(menu, chip.rect().center()))
+    every, none = menu.findChildren(QPushButton, "small")
+    QTest.mouseClick(none, Qt.MouseButton.LeftButton)
+    assert not page.rows and "none" in page.empty.text().lower()
+    QTest.mouseClick(people.chips["12"], Qt.MouseButton.LeftButton)
+    assert {row.participant for row in page.rows} == {"12"}
+    QTest.mouseClick(every, Qt.MouseButton.LeftButton)
+    assert len(page.rows) == 96
+    menu.close()
+    page.show_page(PERSON)
+    QApplication.processEvents()
+    axis, font = page.plots[0].item.getAxis("bottom"), theme.font(theme.SMALL)
+    named = [(axis.mapFromParent(page.plots[0].item.vb.mapViewToScene(QPointF(x, 0.0))).x(), text)
+             for x, text in axis._tickLevels[0]]  # fmt: skip
+    assert len(named) > 5  # every second or third name, and none lies on another
+    for (x, text), (beyond, other) in pairwise(named):
+        assert beyond - x > 0.5 * sum(QFontMetricsF(font).horizontalAdvance(word) for word in (text, other))
+
+
 def test_the_statements_are_judged_on_what_is_shown(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
     page.show_page(FINDINGS)
@@ -221,6 +260,55 @@ def test_a_recording_that_is_asked_for_opens_among_the_trials_of_its_data_folder
     assert page.side.playing
     page.end()
     assert not page.side.playing  # another page is at the front
+
+
+@pytest.fixture
+def recorded(qtbot, tmp_path: Path) -> AnalysePage:
+    """The page on a session of two trials that is not open, with the second beside the charts."""
+    session = new_session(tmp_path / "data", protocol=short())
+    run_trials(session, 2)
+    session.close()
+    page = page_on(qtbot, session.folder / "trials" / "run-002.parquet")
+    qtbot.waitUntil(lambda: page.side.trial is not None and bool(page.rows), timeout=60_000)
+    return page
+
+
+def test_a_trial_of_a_session_that_is_not_open_is_excluded_for_a_reason_and_then_says_so(
+    qtbot, recorded: AnalysePage
+) -> None:
+    page, reason = recorded, REASONS[2]
+    assert page.side.exclude.isVisible()
+    page.side.exclude.menu().actions()[1].trigger()
+    qtbot.waitUntil(lambda: reason in page.side.note.text(), timeout=60_000)
+    assert page.side.note.text() == f"This trial is excluded: {reason}." and not page.side.exclude.isVisible()
+    assert "excluded" in page.side.measures.text() and [row.run for row in page.rows] == [1]
+    session = page.results.folder / "sub-01" / "ses-01"
+    assert [row.status for row in read_table(session / "trials.csv")] == ["done", "excluded"]
+    resumed = Session.resume(page.results.folder, "01")
+    assert [row.status for row in resumed.rows] == ["done", "excluded"]
+    resumed.close()
+
+
+def test_a_trial_of_the_open_session_is_excluded_by_the_session_server(qtbot, recorded: AnalysePage) -> None:
+    page, sent = recorded, []
+    page.send = sent.append
+    session = page.results.folder / "sub-01" / "ses-01"
+    page.show_opened(fake_client.opened("01", folder=str(session)))
+    page.side.exclude.menu().actions()[0].trigger()
+    assert sent == [m.Exclude(2, REASONS[1])]
+    page.show_snapshot(fake_client.ready(2, said="A trial is running.", said_bad=True))
+    assert page.side.note.text() == "A trial is running."
+
+
+def test_a_session_that_another_process_has_open_is_not_touched(qtbot, recorded: AnalysePage) -> None:
+    page = recorded
+    other = Session.resume(page.results.folder, "01")
+    try:
+        page.side.exclude.menu().actions()[0].trigger()
+        qtbot.waitUntil(lambda: "in use by a running process" in page.side.note.text(), timeout=60_000)
+    finally:
+        other.close()
+    assert [row.status for row in read_table(other.folder / "trials.csv")] == ["done", "done"]
 
 
 def test_the_report_of_one_session_is_asked_for_beside_the_sessions_and_not_in_it(qtbot, tmp_path, monkeypatch) -> None:

@@ -1,5 +1,6 @@
 """The plane and the workspace: what is painted follows what they are told, and the other way round."""
 
+import itertools
 import math
 import os
 
@@ -14,6 +15,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from app.window.painting import theme
+from app.window.painting.force_view import TRAIL
 from app.window.painting.layers import (
     OFF,
     SLIPPING,
@@ -24,7 +26,6 @@ from app.window.painting.layers import (
     extent_of_paths,
     field_at_rest,
     field_of,
-    force_map,
     joints_at,
     needles,
     wedge,
@@ -35,7 +36,6 @@ from app.window.painting.linkage_view import (
     LAYERS,
     LINKAGE,
     REACHABLE,
-    TRAIL,
     WHOLE,
     Workspace,
 )
@@ -52,6 +52,7 @@ from app.window.painting.marks import (
     free_box,
     points_along,
     points_in,
+    rings_of,
 )
 from app.window.painting.plane import Plane
 from core import tick_log
@@ -62,6 +63,7 @@ from core.control.velocity_field import PIECE, TRAVEL, new_memory
 from core.device import Device, load_device
 from core.mechanism import JOINTS
 from core.path import Arc, Polyline, Segment, build_path
+from core.workspace import brake_rows
 from experiments.trial.tick import log_field
 
 THREE, FOUR = load_device("three-brake"), load_device("four-brake")
@@ -198,7 +200,7 @@ def test_whatever_the_brakes_do_against_a_motion_lies_in_the_wedge(device: Devic
     for _ in range(200):
         x, y = generator.uniform(-0.1, 0.1), generator.uniform(0.3, 0.42)
         velocity = generator.normal(size=2) * 0.1
-        g = force_map(device, x, y)
+        g = brake_rows(device.mechanism, x, y)
         found = wedge(device, g, *velocity, 0)
         yields = generator.uniform(0.0, 5.0, 4) * device.brakes.present
         force = -(g * (yields * np.sign(g @ velocity))[:, None]).sum(axis=0)
@@ -213,7 +215,7 @@ def test_whatever_the_brakes_do_against_a_motion_lies_in_the_wedge(device: Devic
 
 
 def test_a_stuck_brake_widens_the_wedge_and_rest_has_none() -> None:
-    g = force_map(FOUR, 0.0, 0.4)
+    g = brake_rows(FOUR.mechanism, 0.0, 0.4)
     velocity = np.array([-g[1, 1], g[1, 0]]) * 0.05 / np.hypot(*g[1])  # E does not turn
     free, held = wedge(FOUR, g, *velocity, 0), wedge(FOUR, g, *velocity, 2)
     assert len(held.spokes) == len(FOUR.braked) + 1
@@ -228,7 +230,7 @@ def test_a_locked_brake_leaves_the_direction_in_which_it_does_not_turn_and_the_c
     generator = np.random.default_rng(4)
     for _ in range(200):
         x, y = generator.uniform(-0.1, 0.1), generator.uniform(0.3, 0.5)
-        g, field = force_map(device, x, y), field_at_rest(LINE, (x, y), generator.choice((-1.0, 1.0)))
+        g, field = brake_rows(device.mechanism, x, y), field_at_rest(LINE, (x, y), generator.choice((-1.0, 1.0)))
         found = directions(device, g, field)
         assert "".join(JOINTS[direction.joint] for direction in found) == device.braked
         for one in found:
@@ -277,6 +279,21 @@ def test_a_brake_is_ringed_in_the_colour_of_its_state(workspace: Workspace) -> N
         assert all(is_seen(image, place, colour) for place in ring), joint
 
 
+def test_the_brakes_of_couplings_are_ringed_in_a_row_at_the_bases(qtbot) -> None:
+    pter = load_device("pter")
+    workspace = shown(qtbot, Workspace((pter,), PATHS))
+    workspace.show_trial(pter, ALONG, TIP)
+    workspace.add(quiet(CURRENT_E=0.8, TORQUE_E=3.9, CURRENT_C=0.3, STUCK=2))
+    image, view = workspace.view.grab().toImage(), workspace.view
+    rings = rings_of({j: view.to_screen(p) for j, p in view.instant.joints.items()}, pter.labels, 12.0)
+    row = [rings[joint] for joint in "AECB"]
+    assert [round(b.x() - a.x()) for a, b in itertools.pairwise(row)] == [36, 36, 36]
+    assert {round(place.y()) for place in row} == {round(view.to_screen((0.0, 0.0)).y())}
+    for joint, colour in (("E", theme.BRAKE_STUCK), ("C", theme.BRAKE_SLIPPING), ("A", theme.BRAKE_OFF)):
+        ring = [rings[joint] + QPointF(12.0 * math.cos(a), 12.0 * math.sin(a)) for a in range(7)]
+        assert all(is_seen(image, place, colour) for place in ring), joint
+
+
 def test_a_blind_console_shows_neither_states_nor_the_brakes_force(workspace: Workspace) -> None:
     workspace.set_blind(True)
     workspace.add(quiet(CURRENT_E=0.8, TORQUE_E=3.9, STUCK=2, HAND_FX=5.0))
@@ -293,7 +310,7 @@ def test_a_blind_console_shows_neither_states_nor_the_brakes_force(workspace: Wo
 def test_arrows_point_as_the_forces_do_and_long_ones_are_cut(workspace: Workspace) -> None:
     instant = Instant(FOUR, TIP, quiet(HAND_FX=3.0, HAND_FY=4.0, TORQUE_B=2.0)[-1])
     assert instant.hand == (3.0, 4.0)
-    assert instant.brakes == pytest.approx(tuple(2.0 * force_map(FOUR, *TIP)[2]))
+    assert instant.brakes == pytest.approx(tuple(2.0 * brake_rows(FOUR.mechanism, *TIP)[2]))
     arrow = arrow_of(instant.hand)
     assert arrow.x() > 0.0 > arrow.y() and arrow.y() / arrow.x() == pytest.approx(-4.0 / 3.0)
     assert math.hypot(*arrow_of((300.0, 0.0)).toTuple()) == pytest.approx(ARROW_MOST_PX)
@@ -345,15 +362,17 @@ def test_no_label_lies_on_an_arm_another_label_or_the_edge(qtbot, device: Device
 
 def test_a_label_keeps_off_what_is_drawn_and_takes_the_least_evil_where_all_is_full() -> None:
     mark, room = QPointF(100.0, 100.0), QRectF(0.0, 0.0, 200.0, 200.0)
-    boxes = [box_at(mark, side, 10.0, 40.0) for side in (RIGHT_OF, LEFT_OF, BELOW)]
+    boxes = [box_at(mark, side, 10.0, 40.0, 15.0) for side in (RIGHT_OF, LEFT_OF, BELOW)]
     assert (boxes[0].left(), boxes[1].right(), boxes[2].top()) == (110.0, 90.0, 110.0)
     nothing, line = np.empty((0, 2)), points_along(QPointF(130.0, 0.0), QPointF(130.0, 200.0))
     right, everywhere = points_in(boxes[0]), np.vstack([points_in(box) for box in boxes])
-    assert free_box(boxes, nothing, room) == 0
-    assert free_box(boxes, line, room) == 1
-    assert free_box(boxes, right, room) == 1
-    assert free_box(boxes, right, QRectF(80.0, 0.0, 100.0, 200.0)) == 2
-    assert free_box(boxes, np.vstack((line, everywhere)), room) == 1
+    assert free_box(boxes, nothing, nothing, room)[0] == 0
+    assert free_box(boxes, nothing, line, room)[0] == 1
+    assert free_box(boxes, nothing, right, room)[0] == 1
+    assert free_box(boxes, nothing, right, QRectF(80.0, 0.0, 100.0, 200.0))[0] == 2
+    assert free_box(boxes, nothing, np.vstack((line, everywhere)), room)[0] == 1
+    assert free_box(boxes, right, points_in(boxes[1]), room)[0] == 2
+    assert free_box(boxes, points_in(boxes[2]), np.vstack((line, right)), QRectF(92.0, 0.0, 108.0, 200.0))[0] == 0
 
 
 def test_the_line_above_says_phase_time_error_and_speed(workspace: Workspace) -> None:
@@ -396,7 +415,7 @@ def test_the_field_of_a_tick_is_the_one_with_which_the_controller_decided() -> N
     for _ in range(300):
         tip = (generator.uniform(-0.1, 0.1), generator.uniform(0.3, 0.5))
         state = (*tip, *generator.normal(scale=0.05, size=2), *generator.normal(scale=5.0, size=2))
-        g, before = force_map(device, *tip), memory.copy()
+        g, before = brake_rows(device.mechanism, *tip), memory.copy()
         _, field = decide(controller, device.brakes, ready, memory, *state, g, np.array((1.0, 0.0, 1.0)), current)
         row = np.zeros(tick_log.WIDTH)
         row[tick_log.TRAVEL_SENSE] = memory[TRAVEL]

@@ -113,7 +113,7 @@ def test_a_participant_needs_a_label_of_letters_and_digits(shown: Shown, label: 
 
 def test_another_choice_starts_another_session_server_only_when_the_session_starts(shown: Shown) -> None:
     page = shown.page
-    page.protocol.setCurrentIndex(page.protocol.findText("Curves protocol"))
+    page.protocol.setCurrentIndex(page.protocol.findText("Curves"))
     page.protocol.activated.emit(page.protocol.currentIndex())
     page.hand.setCurrentIndex(page.hand.findText("Simulated operator"))
     page.hand.activated.emit(page.hand.currentIndex())

@@ -34,6 +34,7 @@ from app.window import words
 from app.window.cards import REDO_REASONS
 from app.window.main_window import SMALLEST
 from app.window.plan_grid import MARKS
+from app.window.plots import Graph
 from core import tick_log
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
@@ -295,13 +296,22 @@ def test_larger_text_is_larger_on_every_page_and_can_be_taken_back(screens: Scre
     console = screens.hear(opened(), ready(3))
     for name in console.tabs:
         console.show_page(name)
-    before = [page.font().pixelSize() for page in console.pages.values()]
+
+    def ticks_px() -> int:
+        """Of the text along the axes, the same in every plot."""
+        plots = [graph.getPlotItem() for graph in console.findChildren(Graph)]
+        axes = [plot.getAxis(side) for plot in plots for side in ("left", "bottom")]
+        (size,) = {axis.style["tickFont"].pixelSize() for axis in axes}
+        return size
+
+    sizes, ticks_before = [page.font().pixelSize() for page in console.pages.values()], ticks_px()
     screens.press(KEY.Key_Plus, modifier=CTRL)
     try:
-        assert all(page.font().pixelSize() > size for page, size in zip(console.pages.values(), before, strict=True))
+        assert all(page.font().pixelSize() > size for page, size in zip(console.pages.values(), sizes, strict=True))
+        assert ticks_px() > ticks_before
     finally:
         screens.press(KEY.Key_Minus, modifier=CTRL)
-    assert [page.font().pixelSize() for page in console.pages.values()] == before
+    assert [page.font().pixelSize() for page in console.pages.values()] == sizes and ticks_px() == ticks_before
 
 
 def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:

@@ -150,6 +150,13 @@ def test_what_is_commanded_to_a_brake_is_shown_in_the_unit_of_its_file(traces: T
     assert traces.currents.value.endswith("B 2.50 kV/mm")
 
 
+def test_a_coupling_is_named_by_what_it_couples(traces: Traces) -> None:
+    traces.show_trial(load_device("pter"))
+    traces.add(quiet(CURRENT_E=0.5))
+    traces.word()
+    assert "A-B 0.50" in traces.currents.value and "A+B 0.00" in traces.currents.value
+
+
 def test_a_blind_console_hides_the_currents_and_nothing_else(traces: Traces) -> None:
     one, other = quiet(2000, CURRENT_E=0.8, HAND_FX=2.0), quiet(2000, CURRENT_B=0.3, HAND_FX=2.0)
     pictures = []

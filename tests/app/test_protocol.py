@@ -169,7 +169,7 @@ def test_an_arc_is_checked_along_its_bulge_not_only_at_its_ends():
 
 @pytest.mark.parametrize("name", ["nowhere", "nowhere.toml", ""])
 def test_a_protocol_that_is_not_there_is_refused_with_what_there_is(name):
-    with pytest.raises(InputError, match="unknown protocol .*curves, paper"):
+    with pytest.raises(InputError, match="unknown protocol .*curves, displays, .*paper"):
         load_protocol(name)
 
 

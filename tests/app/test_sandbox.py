@@ -12,6 +12,7 @@ from synthetic_hand import SyntheticHand
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
+from experiments.assumptions import Assumptions
 from experiments.inputs import OPERATOR
 from experiments.protocol import load_protocol
 
@@ -75,6 +76,7 @@ CHANGES = {
     "brake strength": dict(brake_strength=0.3),
     "no backlash": dict(backlash_deg=0.0),
     "much backlash": dict(backlash_deg=3.0),
+    "encoders": dict(sensing="encoders"),
 }
 
 
@@ -97,6 +99,24 @@ def test_a_change_in_mid_movement_acts_at_the_next_tick_and_moves_nothing(window
     assert trial.model.ledger().added_by_brakes < 1e-9
     for name, value in what.items():
         assert getattr(window.snapshot.sandbox.settings, name) == value
+
+
+def test_with_encoders_the_controller_knows_the_path_error_a_count_and_a_sample_off_and_keeps_its_samples(
+    window: LocalWindow,
+) -> None:
+    drive(window, moves(200))
+    change(window, sensing="encoders")
+    drive(window, moves(400))
+    change(window, spring_N_m=400.0)  # the last samples stay: the velocity that it sees does not begin anew
+    drive(window, moves(600))
+    rows, sensing = window.rows, window.client.state.runner.run.trial.sensing
+    moving = rows[rows[:, tick_log.PHASE] == tick_log.MOVE]
+    off = np.abs(moving[:, tick_log.TIP_Y] - 0.4)  # path 1 is level
+    known = np.abs(moving[:, tick_log.PATH_DISTANCE])
+    assert np.abs(known - off)[:150].max() < 1e-12  # ideal: the truth
+    assert np.abs(known[1:] - off[:-1])[-150:].max() < 40e-6  # a millisecond old, and whole counts
+    assert 1e-7 < np.abs(known - off)[-150:].max() < 1e-3
+    assert sensing.sensors["taken"][0] > 350
 
 
 def test_a_change_on_the_way_is_noted_and_one_before_the_movement_is_not(window: LocalWindow) -> None:
@@ -206,9 +226,11 @@ def test_what_is_tried_can_be_saved_as_a_protocol_that_can_be_run(window: LocalW
     assert (saved.mouse.stiffness_N_m, saved.mouse.damping_N_s_m) == (800.0, 16.0)
     window.client.send(m.SaveAsProtocol(str(plain)))
     assert "exists already" in window.until(lambda s: s.said_bad).said
-    change(window, brake_strength=0.5, backlash_deg=1.5, blend_width_m=0.02)
+    assert saved.assumptions == PAPER.assumptions
+    change(window, brake_strength=0.5, backlash_deg=1.5, blend_width_m=0.02, sensing="encoders")
     window.client.send(m.SaveAsProtocol(str(other)))
     assert "no blend width" in window.until(lambda s: "Saved" in s.said).said
+    assert load_protocol(other).assumptions == Assumptions(sensing="encoders")
     brakes, theirs = load_protocol(other).devices[0].brakes, PAPER.devices[0].brakes
     assert brakes.k == pytest.approx(0.5 * theirs.k)
     assert np.degrees(brakes.play[theirs.present > 0]) == pytest.approx(1.5)

@@ -12,9 +12,10 @@ from screens import Screens, cut_texts, point, settle, visible_texts
 
 from app.ipc import messages as m
 from app.window.painting.plane import TRAIL_STEP_PX
+from app.window.participant_window import TEXT_TOP
 from app.window.questionnaire import ITEMS
 from core import tick_log
-from experiments.protocol import Cues, Instruction
+from experiments.protocol import Cues, Instruction, load_protocol, shipped_protocols
 
 CTRL = Qt.KeyboardModifier.ControlModifier
 
@@ -259,3 +260,30 @@ def test_instructions_are_read_page_by_page_before_the_first_trial(screens: Scre
     QTest.mouseClick(window.instructions, Qt.MouseButton.LeftButton)
     assert window.view.isVisible()
     assert screens.press(Qt.Key.Key_Space, window) == [m.Start()]
+
+
+def test_the_widest_path_of_each_shipped_protocol_takes_half_of_the_width_where_the_paths_find_room(
+    screens: Screens,
+) -> None:
+    view = screens.participant.view
+    for name in shipped_protocols():
+        protocol = load_protocol(name)
+        screens.hear(opened(protocol=protocol, folder=name), ready(coming=None))
+        for width, height in ((1280, 1024), (1024, 768), (1680, 1050), (1280, 720), (1920, 1080), (2560, 1080)):
+            screens.participant.resize(width, height)
+            settle(screens.participant)
+            shares, reach = [], []
+            for path in protocol.paths.values():
+                screens.participant.view.show_path(path)
+                drawn = np.array([view.to_screen(place).toTuple() for place in view.outline])
+                shares.append(np.ptp(drawn[:, 0]) / width)
+                text_top = TEXT_TOP * height
+                for end, radius in zip((drawn[0], drawn[-1]), view.rings_px, strict=True):
+                    assert radius <= end[1] <= text_top - radius, "a ring is cut, or lies under the text"
+                    reach.append(end)
+                    assert -1e-6 < end[0] - radius and end[0] + radius < width + 1e-6
+                assert drawn[:, 1].min() >= 0.0 and drawn[:, 1].max() <= text_top
+            rings = 2.0 * max(view.rings_px)
+            is_full = np.any(np.ptp(reach, axis=0) + rings > (0.97 * width, 0.97 * text_top))
+            assert max(shares) == pytest.approx(0.5, abs=0.01) or (is_full and max(shares) < 0.5)
+            assert not is_full or width > 1.7 * height or name not in ("paper", "curves")

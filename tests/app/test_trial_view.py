@@ -149,8 +149,8 @@ def test_a_current_that_chatters_is_a_band_about_its_mean_and_no_solid_block(vie
     low, high = (curve.getData()[1] for curve in trace.bands[0])
     assert np.all(low[1:-1] == 0.0) and np.all(high[1:-1] == 0.8)
     trace.show_cursor(1500)
-    assert "A 0.80 A 2" in trace.value  # 25 % of the time, within a tick
-    assert "E 0.00 A 0 %" in trace.value and "C" not in trace.value
+    assert "A 0.80 2" in trace.value  # 25 % of the time, within a tick
+    assert "E 0.00 0%" in trace.value and "C" not in trace.value
     trace.show_currents(t, currents, hidden=True)
     trace.show_cursor(1500)
     assert "blind" in trace.value and trace.means[0].getData()[0] is None

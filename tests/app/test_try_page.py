@@ -3,18 +3,20 @@
 import numpy as np
 import pytest
 from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, paper, ready
-from PySide6.QtCore import QEvent, Qt
+from PySide6.QtCore import QEvent, QRectF, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QFileDialog
+from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import point
 
 from app.ipc import messages as m
 from app.window.painting import theme
+from app.window.painting.marks import arrow_of
 from app.window.try_page import BACK, DIALS, TryPage
 from core import tick_log
 from core.control.controllers import Preset
+from experiments.assumptions import IDEAL
 
-INITIAL = m.SandboxSettings("three-brake", 1, 2, "settled", 0.0, 10_000.0, 0.05, 200.0, 1.0, 0.75)
+INITIAL = m.SandboxSettings("three-brake", 1, 2, "settled", 0.0, 10_000.0, 0.05, 200.0, 1.0, 0.75, IDEAL)
 GAINS_FELT = 11.5  # N s/m and more
 
 
@@ -154,7 +156,7 @@ def test_bars_compare_only_like_with_like(held: Held) -> None:
     assert [held.cells(row)[0] for row in range(7)] == ["7", "6", "5", "4", "3", "2", "1"]
     assert [held.bar(row) for row in range(7)] == [0.25, None, None, None, None, None, 1.0]
     assert held.cells(0)[1:] == ["Rails with 8 mm slack", "Three brakes", "1.00", "3.0", "40.0", "2.5"]
-    assert "changed on the way" in held.cells(2)[1] and "time-out" in held.cells(1)[1]
+    assert "changed" in held.cells(2)[1] and "time-out" in held.cells(1)[1]
     QTest.mouseClick(held.page.clear, Qt.MouseButton.LeftButton)
     assert held.page.table.rowCount() == 0
     held.page.show_snapshot(tried(INITIAL, *passes, ended(8, error=None)))
@@ -191,6 +193,38 @@ def test_the_pointer_over_the_canvas_is_the_hand_and_lets_go_when_it_leaves(held
     assert left
 
 
+def test_the_forces_labels_never_lie_on_each_other_on_an_arrow_on_the_dot_or_outside(held: Held) -> None:
+    canvas, generator = held.page.canvas, np.random.default_rng(1)
+    canvas.show_slack(0.005)
+    for size in ((1000, 490), (1256, 610), (1896, 970)):
+        held.page.resize(*size)
+        QApplication.processEvents()
+        for _ in range(150):
+            tip = np.array((0.0, 0.4)) + generator.uniform(-1.0, 1.0, 2) * (0.11, 0.03)
+            hand, brakes = generator.normal(scale=8.0, size=2), generator.normal(scale=4.0, size=4)
+            canvas.pointer = canvas.to_plane(canvas.to_screen(tip + 0.005 * hand))
+            rows = movement(1, "AEB", 0.05)
+            rows[:, tick_log.TIP_X : tick_log.TIP_Y + 1] = tip
+            rows[:, tick_log.HAND_FX], rows[:, tick_log.HAND_FY] = hand
+            rows[:, tick_log.TORQUE : tick_log.TORQUE + 4] = brakes * (1.0, 1.0, 1.0, 0.0)
+            taken = bool(generator.random() < 0.7)
+            canvas.add(rows, taken)
+            if generator.random() < 0.3:  # between two of these the words stay, and only their places change
+                canvas.word()
+            canvas.grab()
+            boxes, handle = list(canvas.labels.boxes.values()), canvas.to_screen(canvas.instant.tip)
+            ends = [canvas.to_screen(canvas.pointer)] if taken else [handle + arrow_of(canvas.instant.hand)]
+            ends.append(handle + arrow_of(canvas.instant.brakes))
+            seen = QRectF(canvas.rect())
+            for at, box in enumerate(boxes):
+                assert seen.contains(box) and not box.contains(handle)
+                assert not any(box.intersects(other) for other in boxes[:at])
+                for end in ends:
+                    along = [handle + (end - handle) * part for part in np.linspace(0.0, 1.0, 200)]
+                    assert not any(box.contains(place) for place in along if seen.contains(place))
+                assert not box.intersects(QRectF(canvas.inset.geometry()))
+
+
 def test_the_canvas_is_zoomed_to_each_path(held: Held) -> None:
     for number, path in PATHS.items():
         held.page.show_snapshot(tried(INITIAL._replace(path=number)))
@@ -208,6 +242,16 @@ def test_a_refusal_brings_the_settings_back_and_stands_beside_the_table(held: He
     held.page.dials["backlash_deg"].slider.setValue(0)
     QTest.mouseClick(held.page.reset, Qt.MouseButton.LeftButton)
     assert held.last() == INITIAL and not held.page.changed.text()
+
+
+def test_the_controller_sees_the_truth_or_what_encoders_give_of_a_simulated_device(held: Held) -> None:
+    sensing = held.page.segments["sensing"]
+    ideal, encoders = sensing.findChildren(QPushButton)
+    assert sensing.value() == "Ideal" and "15 ms" in sensing.toolTip()
+    QTest.mouseClick(encoders, Qt.MouseButton.LeftButton)
+    assert held.last() == INITIAL._replace(sensing="encoders") and held.page.changed.text() == "Changed: sensing"
+    held.page.show_snapshot(tried(fixed=("sensing",), by_start=True))
+    assert not sensing.isEnabled()
 
 
 def test_save_as_protocol_asks_for_a_name_and_the_server_writes(held: Held, monkeypatch) -> None:

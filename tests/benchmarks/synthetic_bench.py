@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from app.ipc import messages as m
-from app.window.painting.layers import force_map
 from core import tick_log
 from core.device import Device, load_device
 from core.path import PathFile, Segment, build_path, outline
+from core.workspace import brake_rows
 from experiments.plan import make_plan
 from experiments.protocol import load_protocol
 from experiments.session.playback import fill_field
@@ -52,7 +52,7 @@ def synthetic_trial(device: Device, path: PathFile, seconds: float = 8.0, seed: 
     for i, acts in on:
         rows[:, tick_log.CURRENT + i] = np.where(acts & moving, 0.3 + 0.2 * i, 0.0)
         rows[:, tick_log.STUCK] += np.where(acts & moving & (np.sin(9.0 * t + i) > 0.3), 1 << i, 0)
-    maps = np.array([force_map(device, *place) for place in tip[::20]]).repeat(20, axis=0)[:n]
+    maps = np.array([brake_rows(device.mechanism, *place) for place in tip[::20]]).repeat(20, axis=0)[:n]
     rates = np.einsum("nij,nj->ni", maps, velocity)
     for i, _ in on:
         rows[:, tick_log.TORQUE + i] = -np.sign(rates[:, i]) * (0.35 + 1.5 * rows[:, tick_log.CURRENT + i])

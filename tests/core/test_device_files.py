@@ -44,7 +44,7 @@ LINK = r"= \{mass_kg = 0.30, com_m = \S+ inertia_kg_m2 = \S+\}"
 def test_shipped_devices_are_the_papers_and_those_it_names_and_say_that_they_are_assumed():
     shipped = {name: load_device(name) for name in shipped_devices()}
     assert {name: device.braked for name, device in shipped.items()} == {
-        "er-two-brake": "AB", "four-brake": "AEBC", "three-brake": "AEB",
+        "er-two-brake": "AB", "four-brake": "AEBC", "pter": "AEBC", "three-brake": "AEB",
     }  # fmt: skip
     assert all(device.assumed for device in shipped.values())
 
@@ -55,6 +55,33 @@ def test_the_brakes_of_a_device_are_commanded_in_one_unit():
     with pytest.raises(InputError, match="commanded in one unit, not in A and kV/mm"):
         mixed = changed(FOUR.text, ('A = "mrb-2107-3"', 'A = "field"'))
         build_device(mixed, {"mrb-2107-3": BRAKE, "field": field}, "my.toml")
+
+
+def test_a_coupling_takes_the_place_of_an_elbow_brake_and_is_shown_by_what_it_couples():
+    pter = load_device("pter")
+    assert pter.labels == {"A": "A", "E": "A-B", "B": "B", "C": "A+B"}
+    assert THREE.labels == {"A": "A", "E": "E", "B": "B"}
+    assert (pter.mechanism.arm_1.rotor, pter.mechanism.coupling) == (0.0, 0.0)
+    changes = (r"(?m)^E = \{.*", "E = {B = 3.0}"), (r"(?m)^C = \{.*", "C = {A = -2.0, B = 1.0}")
+    other = build_device(changed(pter.text, *changes), {"mrb-2107-3": BRAKE}, "my.toml")
+    assert (other.labels["E"], other.labels["C"]) == ("3B", "-2A+B")
+
+
+BAD_COUPLINGS = {
+    "no brake": ('C = {A = 1.0, B = 1.0}', '(?m)^C = "mrb.*\n', "couplings.C: there is no brake C in brakes"),
+    "fraction": ("E = {A = 0.5, B = 1.0}", "", r"couplings.E: .*whole numbers A and B, not both 0, not 0.5 and 1"),
+    "nothing": ("E = {}", "", r"couplings.E: .*not both 0, not 0 and 0"),
+    "base": ("A = {A = 1.0, B = 1.0}", "", "unknown key couplings.A"),
+    "elbow": ("E = {A = 1.0, C = 1.0}", "", "unknown key couplings.E.C"),
+    "apart": ("E = {A = 1.0, B = 1.0}", "", "couplings: the bases are apart"),
+    "gears": ("E = {A = 40.0}", "", "couplings.E.A must be at most 12"),
+}
+
+
+@pytest.mark.parametrize("line, gone, says", BAD_COUPLINGS.values(), ids=BAD_COUPLINGS)
+def test_a_coupling_that_cannot_be_is_refused(line, gone, says):
+    with pytest.raises(InputError, match=says):
+        device(*([(gone, "")] if gone else []), (r"\Z", f"[couplings]\n{line}\n"))
 
 
 def test_three_brake_device_has_coaxial_bases_and_four_equal_arms():
@@ -79,7 +106,7 @@ def test_every_brake_can_exert_the_normalised_force_wherever_the_tip_can_be():
     from core.linkage import tip_force_map
     from core.simulator.state import pack_mechanism
 
-    for dev in (THREE, FOUR):
+    for dev in (THREE, FOUR, load_device("pter")):
         g, mechanism = np.zeros((4, 2)), pack_mechanism(dev.mechanism)[0]
         for x, y in free_tips(dev.mechanism)[::97]:
             tip_force_map(mechanism, x, y, g)
@@ -294,7 +321,7 @@ def test_a_device_that_cannot_be_is_refused(changes, says):
 
 
 def test_an_unknown_device_is_named_with_those_that_exist(tmp_path: Path):
-    with pytest.raises(InputError, match="unknown device 'five-brake'.*four-brake, three-brake"):
+    with pytest.raises(InputError, match="unknown device 'five-brake'.*er-two-brake, four-brake, pter, three-brake"):
         load_device("five-brake")
     with pytest.raises(InputError, match="unknown device"):
         load_device(tmp_path)

@@ -8,8 +8,11 @@ from devices import BENCH_FOUR, FOUR, THREE, FiveBar, slope
 
 from core.control.algorithm import torque_for_force
 from core.dynamics import motion
-from core.linkage import joint_angles, tip_force_map
-from core.simulator.state import pack_mechanism
+from core.linkage import joint_angles, joint_rows, tip_force_map
+from core.simulator.state import new_state, pack_mechanism
+from core.simulator.stick_slip import same_line
+from core.simulator.stick_slip_mode import look
+from core.workspace import brake_rows
 
 pytestmark = pytest.mark.nojit
 
@@ -22,7 +25,7 @@ def angles_of(bar: FiveBar, p: np.ndarray) -> np.ndarray:
 
 def rows_of(bar: FiveBar, p: np.ndarray) -> np.ndarray:
     g = np.zeros((4, 2))
-    tip_force_map(pack_mechanism(bar.device.mechanism)[0], p[0], p[1], g)
+    joint_rows(pack_mechanism(bar.device.mechanism)[0], p[0], p[1], g)
     return g
 
 
@@ -128,8 +131,37 @@ def test_rates_and_their_bias_are_the_derivatives_of_the_angles_along_a_path(any
         rates = [rate for arm in (m.arm_1, m.arm_2) for rate in (arm.base_rate, arm.elbow_rate)]
         biases = [bias for arm in (m.arm_1, m.arm_2) for bias in (arm.base_bias, arm.elbow_bias)]
         assert rates == pytest.approx(slope(any_five_bar.angles, p, v), rel=1e-8, abs=1e-8)
-        change = slope(lambda q, v=v: any_five_bar.rows(q) @ v, p, v)
+        change = slope(lambda q, v=v: any_five_bar.joint_rows(q) @ v, p, v)
         assert biases == pytest.approx(change, rel=1e-7, abs=1e-7)
+        state = new_state(*p, *v)[0]
+        look(mechanism, state)
+        assert state.g[:4] == pytest.approx(any_five_bar.rows(p), rel=1e-9, abs=1e-9)
+        assert state.rate[:4] == pytest.approx(any_five_bar.brake_rates(rates), rel=1e-9, abs=1e-9)
+        assert state.bias[:4] == pytest.approx(any_five_bar.brake_rates(change), rel=1e-7, abs=1e-7)
+
+
+def test_brakes_push_along_the_rows_of_their_joints_or_couplings(any_five_bar):
+    """At one tip and at many."""
+    at = tips(any_five_bar)
+    many = brake_rows(any_five_bar.device.mechanism, *at.T)
+    for k, p in enumerate(at):
+        g = np.zeros((4, 2))
+        tip_force_map(pack_mechanism(any_five_bar.device.mechanism)[0], p[0], p[1], g)
+        assert g == pytest.approx(any_five_bar.rows(p), rel=1e-9, abs=1e-9)
+        assert many[:, :, k] == pytest.approx(g, rel=1e-12, abs=1e-12)
+
+
+def test_rows_that_are_parallel_at_every_tip_are_those_marked_so(any_five_bar):
+    """D with them; a coupling of one ratio with a base joint is parallel to it on any bases."""
+    mechanism = any_five_bar.device.mechanism
+    for i in range(5):
+        for j in range(i):
+            sines = []
+            for p in tips(any_five_bar):
+                joints = any_five_bar.joint_rows(p)
+                g = np.vstack([any_five_bar.rows(p), joints[2] + joints[3] - joints[0] - joints[1]])
+                sines.append(np.linalg.det(g[[i, j]]) / np.prod(np.linalg.norm(g[[i, j]], axis=1)))
+            assert (np.abs(sines).max() < 1e-12) == same_line(i, j, mechanism.lines), (i, j)
 
 
 def test_tip_force_of_one_brake_is_its_torque_over_the_moment_arm(any_five_bar):

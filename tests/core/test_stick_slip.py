@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from devices import BENCH, BENCH_FOUR, BENCH_THREE, FIXED, FOUR, FiveBar, random_five_bar
+from devices import BENCH, BENCH_FOUR, BENCH_THREE, FIXED, FOUR, THREE, FiveBar, random_five_bar
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize
@@ -55,14 +55,21 @@ def by_enumeration(mass, f, g, active, plus, minus) -> np.ndarray:
 
 
 def problem(seed: int, kind: str):
-    """A random problem: mass, force, rows, active joints, costs against + and - motion, coaxial."""
+    """A random problem: mass, force, rows, active joints, costs against + and - motion, which rows are parallel."""
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(2, 2))
     mass = root @ root.T + rng.uniform(0.05, 2.0) * np.eye(2)
     g = rng.normal(size=(5, 2)) * rng.uniform(1.0, 10.0, (5, 1))
-    coaxial = int(kind == "coaxial")
-    if coaxial:
+    lines = 0
+    if kind == "coaxial":
+        lines = THREE.device.mechanism.lines
         g[3], g[4] = rng.normal() * g[1], rng.normal() * g[1]
+    elif kind == "coupled":  # rows of any two groups, as couplings give them
+        group = rng.integers(0, 3, 5)
+        for i, j in itertools.combinations(range(5), 2):
+            if group[i] == group[j]:
+                g[j] = rng.choice([-2.0, -1.0, 1.0, 3.0]) * g[i] * rng.uniform(0.5, 2.0)
+                lines |= 1 << (5 * i + j) | 1 << (5 * j + i)
     active = (rng.uniform(size=5) < 0.8).astype(np.int64)
     plus = rng.uniform(0.0, 5.0, 5)
     minus = plus.copy() if kind == "symmetric" else rng.uniform(0.0, 5.0, 5)
@@ -70,28 +77,28 @@ def problem(seed: int, kind: str):
         plus[rng.integers(5)] = minus[rng.integers(5)] = 0.0
         both = rng.integers(5)
         plus[both] = minus[both] = 0.0
-    if kind in ("stop", "coaxial"):
+    if kind in ("stop", "coaxial", "coupled"):
         for j in rng.integers(0, 5, rng.integers(1, 3)):
             (plus if rng.uniform() < 0.5 else minus)[j] = math.inf
     f = rng.normal(size=2) * 10.0 ** rng.uniform(-0.5, 2.0)
-    return mass, f, g, active, plus, minus, coaxial
+    return mass, f, g, active, plus, minus, lines
 
 
-def solve(mass, f, g, active, plus, minus, coaxial):
+def solve(mass, f, g, active, plus, minus, lines):
     sign = np.zeros(5)
     held, ax, ay = solve_at_rest(
-        mass[0, 0], mass[0, 1], mass[1, 1], g, active, plus, minus, coaxial, f[0], f[1], sign
+        mass[0, 0], mass[0, 1], mass[1, 1], g, active, plus, minus, lines, f[0], f[1], sign
     )  # fmt: skip
     return held, np.array([ax, ay]), sign
 
 
 @pytest.mark.nojit
 @settings(max_examples=80)
-@given(seed=st.integers(0, 2**32), kind=st.sampled_from(["symmetric", "asymmetric", "zero", "stop", "coaxial"]))
+@given(st.integers(0, 2**32), st.sampled_from(["symmetric", "asymmetric", "zero", "stop", "coaxial", "coupled"]))
 def test_motion_from_rest_is_the_best_of_all_stick_and_slip_modes(seed, kind):
-    """Asymmetric, zero and infinite yields, and parallel rows on coaxial bases."""
-    mass, f, g, active, plus, minus, coaxial = problem(seed, kind)
-    held, a, sign = solve(mass, f, g, active, plus, minus, coaxial)
+    """Asymmetric, zero and infinite yields, and parallel rows on coaxial bases and of couplings."""
+    mass, f, g, active, plus, minus, lines = problem(seed, kind)
+    held, a, sign = solve(mass, f, g, active, plus, minus, lines)
     expected = by_enumeration(mass, f, g, active, plus, minus)
     assert a == pytest.approx(expected, abs=1e-9 * (1e-3 + np.linalg.norm(np.linalg.solve(mass, f))))
     assert (held == STILL) == (not np.any(a))
@@ -157,12 +164,12 @@ def test_excess_changes_sign_at_the_zonotope_bound(any_five_bar):
     whole = np.vstack([g, np.zeros(2)])
     active = np.array([*(yields > 0.0).astype(np.int64), 0])
     cost = np.array([*yields, 0.0])
-    coaxial = int(any_five_bar.device.mechanism.coaxial)
+    lines = any_five_bar.device.mechanism.lines
     for u in DIRECTIONS:
         limit = hold_limit(g, yields, u)
         for share, outside in ((1 - 1e-9, False), (1 + 1e-9, True)):
             f = share * limit * u
-            assert (largest_excess(whole, active, cost, cost, coaxial, f[0], f[1]) > 0.0) == outside
+            assert (largest_excess(whole, active, cost, cost, lines, f[0], f[1]) > 0.0) == outside
 
 
 def least_squares_split(g, low, high, f) -> np.ndarray:

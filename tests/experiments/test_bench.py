@@ -11,6 +11,7 @@ import core.brake
 from app.cli import main
 from core.simulator.simulation import Simulation
 from core.simulator.state import pack_brakes
+from experiments.analysis.error_bars import STEP
 from experiments.benchmark.bench import Row, creep, simulated, with_order
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import brakes_of, reference_tips, time_constant, torque_gain
@@ -138,7 +139,8 @@ def test_bench_writes_what_it_prints(tmp_path, capsys, monkeypatch):
                 assert row["creep_m_s"] == 0.0
     for check in result["reference"]["checks"]:
         assert check["max_difference_m"] < (1e-12 if check["fidelity"] == "ideal" else 1e-7), check
-    assert "event" in table(result)
+    assert {one["controller"] for one in result["study_errors"] if one["change"] == STEP} == {1, 2, 3, 4, 5}
+    assert "event" in table(result) and STEP in table(result)
     assert work_precision(result)["pdf"].startswith(b"%PDF")
     assert (tmp_path / "b" / "work-precision.png").stat().st_size > 10_000
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import pytest
-from devices import BRAKE_TEXT, FOUR, THREE
+from devices import BRAKE_TEXT, COUPLED, FOUR, THREE
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -102,6 +102,18 @@ def test_an_sdof_path_keeps_the_angle_of_its_joint_and_stays_between_the_hard_st
             assert turns[0] == pytest.approx(round(turns[0]), abs=1e-9)
             found.add(round(turns[0]))
         assert len(found) == len(family)
+
+
+@pytest.mark.parametrize("bar", COUPLED, ids=lambda bar: bar.name)
+def test_the_sdof_path_of_a_coupling_keeps_its_angle_to_the_line_drawn(bar):
+    workspace = workspace_of(bar.device.mechanism)
+    for joint, a, b in bar.couplings:
+        family = sdof_family(workspace, joint, math.radians(30.0))
+        assert len(family) >= 4
+        for path in family:
+            tips = path[np.isfinite(path[:, 0])][::20]
+            turned = np.array([a * angles[0] + b * angles[2] for angles in map(bar.angles, tips)])
+            assert np.abs(np.sin(0.5 * (turned - turned[0]))).max() < 1e-3
 
 
 @devices
@@ -207,6 +219,9 @@ def test_only_the_display_with_two_brakes_finds_no_valid_one_and_holds_least():
     found = {device.name: measure_display(device, load_protocol()) for device in displays()}
     two = found.pop("er-two-brake")
     assert 0.1 < two.unreachable.mean() < 0.3
+    assert sorted(found) == ["four-brake", "pter", "three-brake"]
+    assert found["pter"].widest_gap.max() < 0.8 * found["four-brake"].widest_gap.max()
+    assert found["pter"].holds.min() > found["four-brake"].holds.min()
     for other in found.values():
         assert not other.unreachable.any()
         assert other.holds.min() > 1.4 * two.holds.min()

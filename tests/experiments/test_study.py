@@ -6,16 +6,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from exports import rows as csv_rows
 from protocols import PEOPLE
 
 from app.cli import main
 from core.device import SHIPPED_FOLDER
 from experiments.analysis.charts import boxes
+from experiments.analysis.error_bars import error_sentence, error_table
+from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.trials_table import read_table
 from experiments.protocol import load_protocol
 from experiments.recording.reader import read_recording
+from experiments.session.files import read_stored
+from experiments.study.simulation_errors import simulation_errors
 from experiments.study.study import run_study
+from experiments.trial.operator import Person
 
 ALSO_NAMED = [
     "t_s", "phase", "tip_x_m", "tip_y_m", "tip_vx_m_s", "tip_vy_m_s", "tip_ax_m_s2", "tip_ay_m_s2", "hand_fx_N",
@@ -94,8 +100,19 @@ def test_analyze_rebuilds_every_number_and_figure_from_the_recordings_alone(stud
         assert (tmp_path / "out" / b.recording).resolve() == (study / a.recording).resolve()
     assert (tmp_path / "out" / "figures" / "boxplots.png").is_file()
     assert {p: p.read_bytes() for p in before} == before
+    bars = [(folder / "report" / "simulation_errors.csv").read_bytes() for folder in (study, tmp_path / "out")]
+    assert bars[0] == bars[1]
     headers = [(folder / "report" / "report.md").read_text().split("## ")[0] for folder in (study, tmp_path / "out")]
     assert headers[0] == headers[1] and "simulated operators (average population; changed after" in headers[0]
+
+
+def test_the_report_has_the_error_bars_of_its_own_first_operator(study):
+    session = read_stored(study / "sub-01" / "ses-01")
+    moved = simulation_errors(session.protocol, Person(**session.about["person"]), "01")
+    kept = csv_rows(study / "report" / "simulation_errors.csv")
+    assert [float(row["worst"]) for row in kept] == pytest.approx([one.worst for one in moved], rel=1e-8)
+    report = (study / "report" / "report.md").read_text()
+    assert error_table(moved, CONTROLLER) in report and report.count(error_sentence(moved)) == 3
 
 
 def test_the_last_lines_of_study_and_analyze_are_the_warnings_of_the_report(study, undrawn, tmp_path, capsys):

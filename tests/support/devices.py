@@ -49,6 +49,7 @@ class FiveBar:
     elbows: str = "out"
     limits: str = "margin = 0.3"
     name: str = "bench four-brake"
+    couplings: tuple[tuple[str, float, float], ...] = ()  # (E or C, factors of the rates of A and B)
 
     @property
     def text(self) -> str:
@@ -65,6 +66,8 @@ class FiveBar:
             + [f"joint_{j}_kg = {m!r}" for j, m in zip("EC", self.elbow_masses, strict=True)]
             + ["[limits]", self.limits, "[brakes]"]
             + [f'{j} = "test-brake"' for j in self.braked]
+            + ["[couplings]"]
+            + [f"{j} = {{A = {a!r}, B = {b!r}}}" for j, a, b in self.couplings]
         )
 
     @cached_property
@@ -74,7 +77,7 @@ class FiveBar:
 
     @property
     def rotors(self) -> np.ndarray:
-        """Rotor inertia of each joint (4,), kg m2."""
+        """Rotor inertia of each brake (4,), kg m2."""
         return self.rotor * np.array([float(j in self.braked) for j in JOINTS])
 
     def angles(self, p: np.ndarray) -> np.ndarray:
@@ -122,16 +125,27 @@ class FiveBar:
             both.append(np.column_stack([end + one * np.array([-math.sin(base), math.cos(base)]), end]))
         return both[0], both[1]
 
-    def rows(self, p: np.ndarray) -> np.ndarray:
+    def joint_rows(self, p: np.ndarray) -> np.ndarray:
         """g (4, 2): joint rates = g v."""
         one, two = self.jacobians(p)
         return np.vstack([np.linalg.inv(one), np.linalg.inv(two)])
 
+    def brake_rates(self, of_joints: np.ndarray) -> np.ndarray:
+        """What the brakes act on (4, ...), from the same of the joints: these, or combinations of A and B."""
+        found = np.array(of_joints)
+        for joint, a, b in self.couplings:
+            found[JOINTS.index(joint)] = a * of_joints[0] + b * of_joints[2]
+        return found
+
+    def rows(self, p: np.ndarray) -> np.ndarray:
+        """g (4, 2): rates that the brakes act on = g v."""
+        return self.brake_rates(self.joint_rows(p))
+
     def kinetic(self, p: np.ndarray, v: np.ndarray) -> float:
         """Kinetic energy (J) summed over bodies: four links, elbow masses, rotors, tip."""
         a, e, b, c = self.angles(p)
-        rates = self.rows(p) @ v
-        total = 0.5 * self.tip * (v @ v) + 0.5 * float(self.rotors @ rates**2)
+        rates = self.joint_rows(p) @ v
+        total = 0.5 * self.tip * (v @ v) + 0.5 * float(self.rotors @ self.brake_rates(rates) ** 2)
         for theta, bend, rate, bending, k in ((a, e, rates[0], rates[1], 0), (b, c, rates[2], rates[3], 2)):
             (m1, c1, i1), (m2, c2, i2) = self.links[k], self.links[k + 1]
             u1 = np.array([-math.sin(theta), math.cos(theta)]) * rate
@@ -149,21 +163,21 @@ class FiveBar:
         Coordinates: theta_AE, theta_BC, ED x, y, theta, CD x, y, theta, handle x, y.
         """
         a, e, b, c = self.angles(p)
-        wa, we, wb, wc = self.rows(p) @ v
-        rotor = self.rotors
-        mass, q = np.zeros((10, 10)), np.zeros(10)
+        wa, we, wb, wc = self.joint_rows(p) @ v
+        turns = np.zeros((4, 10))  # what each brake acts on
+        turns[0, 0] = turns[2, 1] = turns[1, 4] = turns[3, 7] = 1.0
+        turns[1, 0] = turns[3, 1] = -1.0
+        turns = self.brake_rates(turns)
+        mass, q = turns.T @ (self.rotors[:, None] * turns), torque @ turns
         lines: list[np.ndarray] = []
         right: list[float] = []
         arms = ((0, 2, a, a + e, wa, wa + we, 0), (1, 5, b, b + c, wb, wb + wc, 2))
         for prox, dist, t1, t2, w1, w2, k in arms:
             (m1, c1, i1), (m2, c2, i2) = self.links[k], self.links[k + 1]
             l1, l2, turn = self.lengths[k], self.lengths[k + 1], dist + 2
-            mass[prox, prox] = i1 + m1 * c1**2 + self.elbow_masses[k // 2] * l1**2 + rotor[k] + rotor[k + 1]
+            mass[prox, prox] += i1 + m1 * c1**2 + self.elbow_masses[k // 2] * l1**2
             mass[dist, dist] = mass[dist + 1, dist + 1] = m2
-            mass[turn, turn] = i2 + rotor[k + 1]
-            mass[prox, turn] = mass[turn, prox] = -rotor[k + 1]
-            q[prox] += torque[k] - torque[k + 1]
-            q[turn] += torque[k + 1]
+            mass[turn, turn] += i2
             for axis in range(2):
                 shift = 0.5 * math.pi * axis  # cos(t - shift): cos for x, sin for y
                 line = np.zeros(10)  # elbow by the proximal link = elbow by the distal one
@@ -178,11 +192,7 @@ class FiveBar:
         mass[8, 8] = mass[9, 9] = self.tip
         q[8:] = force
         for j in rigid:
-            line = np.zeros(10)
-            line[0 if j < 2 else 1] = -1.0 if j in (1, 3) else 1.0
-            if j in (1, 3):
-                line[4 if j == 1 else 7] = 1.0
-            lines.append(line)
+            lines.append(turns[j])
             right.append(0.0)
         n = len(lines)
         whole = np.zeros((10 + n, 10 + n))
@@ -207,6 +217,7 @@ def shipped(name: str) -> FiveBar:
         "".join(j for j in JOINTS if j in data["brakes"]),
         geometry["elbows"],
         name=name,
+        couplings=tuple((j, row["A"], row["B"]) for j, row in data.get("couplings", {}).items()),
     )
 
 
@@ -222,6 +233,20 @@ BENCH_THREE = replace(
     name="bench three-brake",
 )
 BENCH = (BENCH_THREE, BENCH_FOUR)
+PTER = shipped("pter")
+UNEQUAL = replace(
+    BENCH_THREE,
+    lengths=(0.30, 0.27, 0.26, 0.32),
+    links=rods(0.3, (0.30, 0.27, 0.26, 0.32)),
+    braked="AEBC",
+    rotor=1e-3,
+    elbow_masses=(0.4, 0.0),
+    couplings=(("E", 2.0, -1.0), ("C", 1.0, 1.0)),
+    name="couplings of unequal arms",
+)
+#: one coupling parallel to a base joint, one to the elbows
+PARALLEL = replace(UNEQUAL, couplings=(("E", -2.0, 0.0), ("C", -1.0, 1.0)), name="parallel couplings")
+COUPLED = (PTER, UNEQUAL, PARALLEL)
 FIXED = (THREE, FOUR, BENCH_THREE, BENCH_FOUR)
 
 

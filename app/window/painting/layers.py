@@ -15,7 +15,7 @@ from core.control.velocity_field import Field, field_around
 from core.device import Device
 from core.mechanism import JOINTS, Mechanism
 from core.path import Path, PathFile, outline
-from core.workspace import arm_pose, tip_is_free
+from core.workspace import arm_pose, brake_rows, tip_is_free
 
 Point = tuple[float, float]  # m
 
@@ -100,16 +100,6 @@ def needles(path: Path, sense: float, device: Device, low: Point, high: Point, s
     return np.column_stack((places, field.beta_x, field.beta_y))
 
 
-def force_map(device: Device, x: float, y: float) -> np.ndarray:
-    """Rows g (4, 2) at a tip (m): force of a brake on the tip = g torque, rate of its joint = g . v (Eqs. 7 and 8)."""
-    g = np.zeros((4, 2))
-    for i, arm in enumerate((device.mechanism.arm_1, device.mechanism.arm_2)):
-        e1, e2, s = arm_pose(arm, np.float64(x), np.float64(y))
-        with np.errstate(all="ignore"):  # out of reach: NaN
-            g[2 * i], g[2 * i + 1] = np.array(e2) / s, -np.add(e1, e2) / s
-    return g
-
-
 def directions(device: Device, g: np.ndarray, field: Field) -> list[Direction]:
     """The SDOF direction of every brake (Eq. 12) at the tip, and whether it lies between t and n (Section IV-B)."""
     found, chosen, nearest = [], -1, -2.0  # cosine of the angle to beta
@@ -183,7 +173,7 @@ class Instant:
         self.device, self.tip, self.blind = device, tip, blind
         self.running = tick is not None
         self.joints = joints_at(device.mechanism, tip)  # m; empty out of reach
-        self.g = force_map(device, *tip)
+        self.g = brake_rows(device.mechanism, *tip)
         now = np.zeros(tick_log.WIDTH).tolist() if tick is None else tick.tolist()
         self.velocity: Point = (now[tick_log.TIP_VX], now[tick_log.TIP_VY])  # m/s
         self.hand: Point = (now[tick_log.HAND_FX], now[tick_log.HAND_FY])  # N

@@ -2,15 +2,16 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
-from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
+from PySide6.QtCore import QLineF, QPointF, QRectF, QSizeF, Qt
 from PySide6.QtGui import QPainter
 
 from app.window.painting import theme
 from app.window.painting.layers import OFF, SLIPPING, STUCK, Direction, Doing, Instant, Point, Wedge
-from app.window.painting.theme import pen, shade, text_width, write
+from app.window.painting.theme import pen, shade, text_px, text_width, write
 from core.control.velocity_field import Field
 from core.mechanism import JOINTS
 
@@ -35,12 +36,15 @@ def paint_arms(painter: QPainter, at: Mapping[str, QPointF], width: float, core_
             painter.drawLine(at[one], at[other])
 
 
-def rings_of(at: Mapping[str, QPointF], braked: str, radius: float) -> dict[str, QPointF]:
-    """The middles of the joints' rings (px): the brakes of coaxial bases stand side by side."""
-    if at and {"A", "B"} <= set(braked) and (at["A"] - at["B"]).manhattanLength() < 2.0 * radius + 2.0:
-        middle, apart = 0.5 * (at["A"] + at["B"]), QPointF(radius + 2.0, 0.0)
-        return {**at, "A": middle - apart, "B": middle + apart}
-    return dict(at)
+def rings_of(at: Mapping[str, QPointF], labels: Mapping[str, str], radius: float) -> dict[str, QPointF]:
+    """The middles of the joints' rings (px): brakes of coaxial bases, couplings too, stand side by side."""
+    there = [joint for joint in "AECB" if joint in labels and (joint in "AB" or labels[joint] != joint)]
+    if len(there) < 2 or not at or (at["A"] - at["B"]).manhattanLength() >= 2.0 * radius + 2.0:
+        return dict(at)
+    wide = any(len(labels[joint]) > 1 for joint in there)  # a coupling's label is wider than its ring
+    middle, apart = 0.5 * (at["A"] + at["B"]), 3.0 * radius if wide else 2.0 * radius + 4.0
+    places = [QPointF((k - 0.5 * (len(there) - 1)) * apart, 0.0) for k in range(len(there))]
+    return {**at, **{joint: middle + place for joint, place in zip(there, places, strict=True)}}
 
 
 def paint_ring(painter: QPainter, middle: QPointF, radius: float, width: float, colour: str) -> None:
@@ -51,18 +55,22 @@ def paint_ring(painter: QPainter, middle: QPointF, radius: float, width: float, 
 
 
 def paint_joints(
-    painter: QPainter, rings: Mapping[str, QPointF], braked: str, doing: Mapping[str, Doing], blind: bool
+    painter: QPainter,
+    rings: Mapping[str, QPointF],
+    labels: Mapping[str, str],
+    doing: Mapping[str, Doing],
+    blind: bool,
 ) -> None:
-    """A ring for each brake, in the colour of what it does, its letter in that of its current's curve, unless blind;
+    """A ring for each brake, in the colour of what it does, its label in that of its current's curve, unless blind;
     a bare ring for a joint without a brake."""
     painter.setPen(Qt.PenStyle.NoPen)
     for joint in JOINTS if rings else "":
-        if joint not in braked:
+        if joint not in labels:
             paint_ring(painter, rings[joint], BARE_PX, 2.0, theme.BRAKE_OFF)
             continue
         state = doing.get(joint, Doing()).state
         paint_ring(painter, rings[joint], JOINT_PX, 3.0, SHADE[state])
-        write(painter, rings[joint], joint, theme.SMALL, True, theme.QUIET if blind else theme.JOINT[joint])
+        write(painter, rings[joint], labels[joint], theme.SMALL, True, theme.QUIET if blind else theme.JOINT[joint])
 
 
 def arrow_of(force: Point) -> QPointF:
@@ -98,7 +106,9 @@ def paint_field(painter: QPainter, middles: np.ndarray, ways: np.ndarray, apart:
         painter.drawLines([QLineF(*line) for line in np.hstack((one, other)).tolist()])
 
 
-def paint_directions(painter: QPainter, handle: QPointF, found: Iterable[Direction], field: Field) -> None:
+def paint_directions(
+    painter: QPainter, handle: QPointF, found: Iterable[Direction], field: Field, labels: Mapping[str, str]
+) -> None:
     """Each brake's line; the valid sense an arrow, the chosen one strong; the desired direction as text."""
     for direction in found:
         reach = QPointF(direction.p_x, -direction.p_y) * ((direction.sense or 1.0) * DIRECTION_PX)
@@ -109,7 +119,7 @@ def paint_directions(painter: QPainter, handle: QPointF, found: Iterable[Directi
             paint_arrow(painter, handle, reach, colour, width)
         beyond = handle + reach * (LETTER_PX / DIRECTION_PX)
         colour = theme.TEXT if direction.chosen else theme.QUIET
-        write(painter, beyond, JOINTS[direction.joint], theme.SMALL, True, colour)
+        write(painter, beyond, labels[JOINTS[direction.joint]], theme.SMALL, True, colour)
     paint_arrow(painter, handle, QPointF(field.beta_x, -field.beta_y) * (0.6 * DIRECTION_PX), theme.TEXT, 1.6)
 
 
@@ -141,7 +151,9 @@ class Side(NamedTuple):
 
 
 RIGHT_OF, LEFT_OF, BELOW, ABOVE = Side(1, 0), Side(-1, 0), Side(0, 1), Side(0, -1)
-ROUND = tuple(Side(x, y, far) for far in (0.0, 18.0) for x in (1, 0, -1) for y in (-1, 0, 1) if x or y)
+FAR_PX = (0.0, 18.0, 40.0, 80.0, 130.0)
+ROUND = tuple(Side(x, y, far) for far in FAR_PX for x in (1, 0, -1) for y in (-1, 0, 1) if x or y)
+NEAR = tuple(side for side in ROUND if side.far <= FAR_PX[1])
 #: where a joint's label goes if it can: inside the linkage at the elbows, outside at the bases
 SIDES = {
     "A": (LEFT_OF, BELOW, RIGHT_OF, ABOVE),
@@ -149,11 +161,12 @@ SIDES = {
     "B": (RIGHT_OF, BELOW, LEFT_OF, ABOVE),
     "C": (LEFT_OF, RIGHT_OF, BELOW, ABOVE),
 }
-HEIGHT_PX = 15.0  # of a label
-JOINT_AWAY_PX, FORCE_AWAY_PX = JOINT_PX + 7.0, 9.0  # from the middle of the ring, from the arrow's head
+COVERED = 1000  # how much worse it is to lie on what must be seen than on what is only drawn, point by point
+JOINT_AWAY_PX, FORCE_AWAY_PX = JOINT_PX + 7.0, 11.0  # from the middle of the ring, from the arrow's head
 SPARE_PX = 1.5  # around a label
-ALONG = np.linspace(0.0, 1.0, 150)[:, None]  # shares of a line at which it is looked whether a label lies on it
-OVER = np.stack(np.meshgrid(np.linspace(0.0, 1.0, 12), (0.0, 0.5, 1.0)), axis=-1).reshape(-1, 2)  # and of a box
+ALONG = np.linspace(0.0, 1.0, 75)[:, None]  # shares of a line at which it is looked whether a label lies on it
+TOGETHER = 4  # places for a label that are looked at together
+APART_PX = 13.0  # at most, between points all over a box; labels are higher
 
 
 def points_along(one: QPointF, other: QPointF) -> np.ndarray:
@@ -162,42 +175,62 @@ def points_along(one: QPointF, other: QPointF) -> np.ndarray:
 
 
 def points_in(box: QRectF) -> np.ndarray:
-    """Points (n, 2), px, all over a box."""
-    return (box.x(), box.y()) + OVER * (box.width(), box.height())
+    """Points (n, 2), px, all over a box: a label that lies on it covers at least one of them."""
+    x, y = (
+        np.linspace(low, low + far, 2 + int(far / APART_PX))
+        for low, far in ((box.x(), box.width()), (box.y(), box.height()))
+    )
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
 
-def box_at(mark: QPointF, side: Side, away: float, width: float) -> QRectF:
-    """The box of a label `width` px wide, `away` px from its mark."""
+def box_at(mark: QPointF, side: Side, away: float, width: float, height: float) -> QRectF:
+    """The box of a label (px), `away` px from its mark."""
     away += side.far
     x = mark.x() + side.x * (0.5 * width + (0.0 if side.y else away))
-    y = mark.y() + side.y * (0.5 * HEIGHT_PX + away)
-    return QRectF(x - 0.5 * width, y - 0.5 * HEIGHT_PX, width, HEIGHT_PX)
+    y = mark.y() + side.y * (0.5 * height + away)
+    return QRectF(x - 0.5 * width, y - 0.5 * height, width, height)
 
 
-def free_box(boxes: Sequence[QRectF], drawn: np.ndarray, room: QRectF) -> int:
-    """The place of the box that lies in the room (px) and on the fewest drawn points (n, 2); of equals the first."""
-    (x, y), best, least = drawn.T, 0, math.inf
-    for at, box in enumerate(boxes):
-        left, top, right, bottom = box.adjusted(-SPARE_PX, -SPARE_PX, SPARE_PX, SPARE_PX).getCoords()
-        cost = np.count_nonzero((x > left) & (x < right) & (y > top) & (y < bottom))
-        cost += 0 if room.contains(box) else len(x) + 1
-        if cost < least:
-            best, least = at, cost
-        if cost == 0:
-            break
+def counts_in(boxes: Sequence[QRectF], points: np.ndarray) -> np.ndarray:
+    """How many points (n, 2), px, lie in each box or close to it."""
+    edges = [box.adjusted(-SPARE_PX, -SPARE_PX, SPARE_PX, SPARE_PX).getCoords() for box in boxes]
+    left, top, right, bottom = np.array(edges).T[:, :, None]
+    x, y = points.T
+    return np.count_nonzero((x > left) & (x < right) & (y > top) & (y < bottom), axis=1)
+
+
+def free_box(boxes: Iterable[QRectF], solid: np.ndarray, drawn: np.ndarray, room: QRectF) -> tuple[int, QRectF]:
+    """The box, and its place among them, that lies in the room (px) and on the fewest points (n, 2), of those first on
+    the solid ones; of equals the first. A few are looked at together, and no more once one is free."""
+    left, at, best, least = iter(boxes), 0, (0, QRectF()), math.inf
+    while least > 0 and (some := list(islice(left, TOGETHER))):
+        outside = np.array([not room.contains(box) for box in some])
+        costs = COVERED * (counts_in(some, solid) + outside) + counts_in(some, drawn)
+        if costs.min() < least:
+            least, best = costs.min(), (at + int(costs.argmin()), some[int(costs.argmin())])
+        at += len(some)
     return best
 
 
+def inside(box: QRectF, room: QRectF) -> QRectF:
+    """The box moved into the room, if it is partly outside."""
+    x = min(max(box.x(), room.left()), max(room.right() - box.width(), room.left()))
+    y = min(max(box.y(), room.top()), max(room.bottom() - box.height(), room.top()))
+    return QRectF(x, y, box.width(), box.height())
+
+
 def sides_of(force: Point) -> list[Side]:
-    """The sides of an arrow's head, nearest to where it points first; none that lies back at its tail."""
+    """The sides of an arrow's head, nearest to where it points first."""
     ahead = {side: (side.x * force[0] - side.y * force[1]) / math.hypot(side.x, side.y) for side in ROUND}
-    return sorted((side for side in ROUND if ahead[side] >= 0.0), key=lambda side: (side.far, -ahead[side]))
+    return sorted(ROUND, key=lambda side: (side.far if ahead[side] >= 0.0 else side.far + 100.0, -ahead[side]))
 
 
 class Labels:
     """What is written at the brakes and at the forces' arrows, and on which side of its mark."""
 
-    def __init__(self) -> None:
+    def __init__(self, hand: str = HAND, size: int = theme.SMALL, bold: bool = False) -> None:
+        """hand: what its force is called."""
+        self.names, self._size, self._bold = {HAND: hand, BRAKES: BRAKES}, size, bold
         self.words: dict[str, str] = {}
         self.doing: dict[str, Doing] = {}  # joint -> what its brake does
         self.sides: dict[str, Side] = {}
@@ -211,30 +244,49 @@ class Labels:
         }
         for name, force in ((HAND, instant.hand), (BRAKES, instant.brakes)):
             if math.hypot(*force) >= LEAST_FORCE_N:
-                self.words[name] = f"{name} {math.hypot(*force):.1f} N"
+                self.words[name] = f"{self.names[name]} {math.hypot(*force):.1f} N"
 
-    def place(self, instant: Instant, marks: Mapping[str, QPointF], drawn: np.ndarray, room: QRectF) -> None:
-        """Choose the side of each mark (px) on which least is drawn (n, 2), px; before others, the side it had."""
+    def place(
+        self, instant: Instant, marks: Mapping[str, QPointF], solid: np.ndarray, drawn: np.ndarray, room: QRectF
+    ) -> None:
+        """Choose the side of each mark (px) on which least is drawn (n, 2), px; before others, the side it had.
+
+        Solid points and other labels are covered only where there is no other place.
+        """
         for name in (name for name in self.words if name in marks):
             force = instant.hand if name == HAND else instant.brakes
-            sides = [*SIDES[name], *ROUND] if name in SIDES else sides_of(force)
+            sides = [*SIDES[name], *NEAR] if name in SIDES else sides_of(force)
             sides = [self.sides[name], *sides] if name in self.sides else sides
-            boxes = [self._box(name, marks[name], side) for side in sides]
-            best = free_box(boxes, drawn, room)
+            best, box = free_box((self._box(name, marks[name], side, room) for side in sides), solid, drawn, room)
             self.sides[name] = sides[best]
-            drawn = np.vstack((drawn, points_in(boxes[best])))
+            solid = np.vstack((solid, points_in(box)))
 
-    def paint(self, painter: QPainter, marks: Mapping[str, QPointF]) -> None:
-        """Write each label beside its mark (px)."""
-        self.boxes = {
-            name: self._box(name, marks[name], self.sides.get(name, RIGHT_OF)) for name in self.words if name in marks
-        }
+    def cover(self, marks: Mapping[str, QPointF], solid: np.ndarray, room: QRectF) -> bool:
+        """Whether one of them now lies on another, or on a solid point (n, 2), px."""
+        self._stand(marks, room)
+        boxes = list(self.boxes.values())
+        if any(box.intersects(other) for at, box in enumerate(boxes) for other in boxes[:at]):
+            return True
+        return bool(boxes and counts_in(boxes, solid).any())
+
+    def paint(self, painter: QPainter, marks: Mapping[str, QPointF], room: QRectF) -> None:
+        """Write each label beside its mark, in the room (px)."""
+        self._stand(marks, room)
         for name, box in self.boxes.items():
             words = self.words[name]
             colour = FORCE_SHADE.get(name) or (theme.QUIET if words == OFF else SHADE[words.split()[0]])
             painter.fillRect(box, shade(theme.CANVAS, 0.6))  # to be read even where it must lie on something
-            write(painter, box.center(), words, theme.SMALL, False, colour)
+            write(painter, box.center(), words, self._size, self._bold, colour)
 
-    def _box(self, name: str, mark: QPointF, side: Side) -> QRectF:
+    def _stand(self, marks: Mapping[str, QPointF], room: QRectF) -> None:
+        self.boxes = {
+            name: self._box(name, marks[name], self.sides.get(name, RIGHT_OF), room)
+            for name in self.words
+            if name in marks
+        }
+
+    def _box(self, name: str, mark: QPointF, side: Side, room: QRectF) -> QRectF:
         away = FORCE_AWAY_PX if name in FORCE_SHADE else JOINT_AWAY_PX
-        return box_at(mark, side, away, text_width(self.words[name], theme.SMALL) + 2.0)
+        width = text_width(self.words[name], self._size, self._bold) + 2.0
+        mark = inside(QRectF(mark, QSizeF()), room).topLeft()
+        return inside(box_at(mark, side, away, width, text_px(self._size + 3)), room)

@@ -194,6 +194,10 @@ class Plane(QWidget):
         """Place of the plane (m) -> point of the widget (px)."""
         return QPointF(self._zero_x + self._scale * point[0], self._zero_y - self._scale * point[1])
 
+    def pixels(self, places: np.ndarray) -> np.ndarray:
+        """Places (n, 2) of the plane (m) -> points of the widget (px)."""
+        return places * (self._scale, -self._scale) + (self._zero_x, self._zero_y)
+
     def to_plane(self, place: QPointF) -> Point:
         """Point of the widget (px) -> place of the plane (m), clamped to what is drawn."""
         x = min(max(place.x(), 0.0), float(self.width()))

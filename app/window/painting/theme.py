@@ -37,11 +37,16 @@ FAMILIES = ["Inter", "DejaVu Sans"]  # the second comes along: the same on every
 _text_size = TEXT_SIZES.index(1.0)  # place in TEXT_SIZES
 
 
+def text_px(size: float) -> int:
+    """As many px as this, at a text size of 1, are now."""
+    return round(size * TEXT_SIZES[_text_size])
+
+
 @cache
 def font(size: int = NORMAL, bold: bool = False) -> QFont:
     """The typeface at a size (px, at a text size of 1), in one of its two weights."""
     chosen = QFont(FAMILIES)
-    chosen.setPixelSize(round(size * TEXT_SIZES[_text_size]))
+    chosen.setPixelSize(text_px(size))
     chosen.setWeight(QFont.Weight.DemiBold if bold else QFont.Weight.Normal)
     return chosen
 
@@ -58,8 +63,9 @@ def scale_text(step: int) -> None:
         now = widget.font()
         size = widget.property("px") or now.pixelSize() / before  # px at a text size of 1
         widget.setProperty("px", size)
-        now.setPixelSize(round(size * TEXT_SIZES[_text_size]))
+        now.setPixelSize(text_px(size))
         widget.setFont(now)
+
 
 def mono(size: int = NORMAL) -> QFont:
     """For text in columns."""

@@ -1,0 +1,206 @@
+"""A handle on a path as its newest tick is: its trail, the forces of hand and brakes with their values; layers that
+keys and buttons show and hide."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
+from PySide6.QtGui import QKeySequence, QPainter, QShortcut
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
+
+from app.window.painting import theme
+from app.window.painting.flow import Flow
+from app.window.painting.layers import Doing, Instant, Point, doing
+from app.window.painting.marks import BRAKES, HAND, Labels, arrow_of, paint_arrow, points_along, points_in
+from app.window.painting.plane import AT_DESK, Plane, Sizes
+from core import tick_log
+from core.device import Device
+from core.path import PathFile
+
+TRAIL, FORCES = "trail", "forces"
+WORDS_EVERY_S = 0.1  # numbers that change faster cannot be read
+
+
+class Reading:
+    """When numbers are written anew: ten times a second, in the time of the ticks."""
+
+    def __init__(self) -> None:
+        self._at_s = -math.inf
+
+    def due(self, now_s: float) -> bool:
+        """Whether it is time; then the next time is a little later."""
+        if self._at_s <= now_s < self._at_s + WORDS_EVERY_S:
+            return False
+        self._at_s = now_s
+        return True
+
+    def again(self) -> None:
+        """It is time, whenever that is."""
+        self._at_s = -math.inf
+
+
+class ForceView(Plane):
+    """One device on one path. A subclass adds what else it shows of `instant`, and what its labels keep off."""
+
+    def __init__(
+        self, extent: QRectF, keep_free: QMarginsF, labels: Labels, sizes: Sizes = AT_DESK, grid: bool = False,
+        follows_mouse: bool = False, parent: QWidget | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(extent, sizes, keep_free, grid, follows_mouse, parent)
+        self.device: Device | None = None
+        self.instant: Instant | None = None
+        self.shown = {TRAIL, FORCES}
+        self.blind = False
+        self.labels = labels
+        self._ticks: np.ndarray | None = None  # since the last words (n, WIDTH), n > 0; none between trials
+        self._worded = False  # words have been made of these
+
+    # what to show
+
+    def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
+        """Another device or path: the handle at rest at `tip`, brakes off."""
+        self.device = device
+        self.show_path(path)
+        self.rest(tip)
+
+    def rest(self, tip: Point) -> None:
+        """The handle stands at `tip`, brakes off; the trail stays to be looked at."""
+        self._show(tip, None)
+        self.word()
+
+    def add(self, rows: np.ndarray, taken: bool = False) -> None:
+        """Ticks (n, WIDTH) of the running trial, n > 0: the newest is drawn; taken: the pointer holds the handle."""
+        tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
+        if rows[-1, tick_log.PHASE] == tick_log.MOVE:
+            self.extend_trail(tip)
+        before = None if self._worded else self._ticks
+        self._show(tip, rows.copy() if before is None else np.concatenate((before, rows)), taken)
+
+    def _show(self, tip: Point, ticks: np.ndarray | None, taken: bool = False) -> None:
+        assert self.device is not None
+        self._ticks, self._worded = ticks, False
+        self.instant = Instant(self.device, tip, None if ticks is None else ticks[-1], self.blind)
+        if not self._follows_mouse:
+            self.pointer = self.instant.wanted
+        self.show_handle(tip, taken, math.hypot(*self.instant.hand))
+
+    def show_layer(self, layer: str, shown: bool) -> None:
+        """Lay something over the view, or take it away."""
+        (self.shown.add if shown else self.shown.discard)(layer)
+        self.show_trail(TRAIL in self.shown)
+
+    def set_blind(self, blind: bool) -> None:
+        """Hide what would tell the controllers apart: what the brakes do, and their force."""
+        if blind != self.blind:
+            self.blind = blind
+            if self.tip is not None and self.device is not None:
+                self._show(self.tip, self._ticks, self.taken)
+            self.word()
+
+    def word(self) -> None:
+        """Bring the words up to date and find each a place; a few times a second, for they must be read."""
+        if self.instant is None or self.device is None:
+            return
+        nothing = dict.fromkeys(self.device.braked, Doing())
+        now = doing(self.device, self._ticks) if self._ticks is not None else nothing
+        self.labels.word(self.instant, {} if self.blind else now)
+        self._worded = True
+        if self.labelled:
+            self.place_labels()
+        self.update()
+
+    # labels: a subclass adds to these
+
+    @property
+    def labelled(self) -> bool:
+        """Whether labels are shown."""
+        return FORCES in self.shown
+
+    def marks(self) -> dict[str, QPointF]:
+        """The points (px) beside which labels stand: the heads of both forces' arrows, of a spring its end."""
+        assert self.instant is not None
+        handle = self.to_screen(self.instant.tip)
+        hand = handle + arrow_of(self.instant.hand)
+        if self.taken and self.pointer is not None:
+            hand = self.to_screen(self.pointer)
+        return {HAND: hand, BRAKES: handle + arrow_of(self.instant.brakes)}
+
+    def solid(self) -> np.ndarray:
+        """Points (n, 2), px, that no label covers: handle, pointer, arrows, spring."""
+        assert self.instant is not None
+        handle, marks, r = self.to_screen(self.instant.tip), self.marks(), self.handle_px
+        rings = [QRectF(handle.x() - r, handle.y() - r, 2.0 * r, 2.0 * r)]
+        if self.pointer is not None:
+            at, r = self.to_screen(self.pointer), self.sizes.pointer + 1.0
+            rings.append(QRectF(at.x() - r, at.y() - r, 2.0 * r, 2.0 * r))
+        return np.concatenate([
+            points_along(handle, marks[HAND]), points_along(handle, marks[BRAKES]), *map(points_in, rings),
+        ])  # fmt: skip
+
+    def drawn(self) -> np.ndarray:
+        """Points (n, 2), px, that labels keep off where they can: the path and its ends."""
+        ends = [self.to_screen(end) for end in (*self.outline[:1], *self.outline[-1:])]
+        boxes = [QRectF(p.x() - 13.0, p.y() - 13.0, 26.0, 26.0) for p in ends]
+        path, away = self.pixels(self.outline[::3]), self.path_px
+        beside = [path + shift for shift in ((away, 0.0), (-away, 0.0), (0.0, away), (0.0, -away))]
+        return np.concatenate([path, *beside, *map(points_in, boxes)])
+
+    @property
+    def path_px(self) -> float:
+        """How far the path and what belongs to it reach to each side."""
+        return self.sizes.path
+
+    def room(self) -> QRectF:
+        """Where labels may stand, px."""
+        return QRectF(self.rect()).adjusted(4.0, 36.0, -4.0, -2.0)
+
+    def place_labels(self) -> None:
+        """Find each label a place, as things are now."""
+        assert self.instant is not None
+        self.labels.place(self.instant, self.marks(), self.solid(), self.drawn(), self.room())
+
+    # painting
+
+    def paint_forces(self, painter: QPainter) -> None:
+        """Both arrows; while the pointer holds the handle the spring between them is the hand's."""
+        if FORCES not in self.shown or self.instant is None:
+            return
+        handle, width = self.to_screen(self.instant.tip), self.sizes.path
+        paint_arrow(painter, handle, arrow_of(self.instant.brakes), theme.BRAKE_SLIPPING, width)
+        if not self.taken:
+            paint_arrow(painter, handle, arrow_of(self.instant.hand), theme.GOOD, width)
+
+    def paint_over_handle(self, painter: QPainter) -> None:
+        if self.instant is not None and self.tip is not None and self.labelled:
+            self.labels.paint(painter, self.marks(), self.room())
+
+
+class Layered(QFrame):
+    """A view, and below it the buttons that show and hide its layers."""
+
+    def __init__(self, view: ForceView, layers: Mapping[str, tuple[str, str]], parent: QWidget | None = None) -> None:
+        """layers: name -> its key, what it shows."""
+        super().__init__(parent, objectName="canvas")
+        self.view, self.foot, row_of_buttons = view, QHBoxLayout(), Flow(5)
+        self.buttons = {layer: self._button(layer, *about) for layer, about in layers.items()}
+        for button in self.buttons.values():
+            row_of_buttons.addWidget(button)
+        self.foot.setContentsMargins(8, 0, 8, 8)
+        self.foot.addLayout(row_of_buttons, 1)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(2, 2, 2, 2)
+        layout.setSpacing(4)
+        layout.addWidget(self.view, 1)
+        if self.buttons:
+            layout.addLayout(self.foot)
+
+    def _button(self, layer: str, key: str, shows: str) -> QPushButton:
+        button = QPushButton(f"{layer}  {key}", objectName="toggle", checkable=True, checked=layer in self.view.shown)
+        button.setMinimumHeight(26)  # half of it holds the round ends
+        button.setFont(theme.font(theme.SMALL))
+        button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        QShortcut(QKeySequence(key), self, button.toggle).setAutoRepeat(False)
+        button.setToolTip(shows)
+        button.toggled.connect(lambda shown: self.view.show_layer(layer, shown))
+        return button

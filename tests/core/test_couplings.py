@@ -1,0 +1,145 @@
+"""Couplings: brakes on the axis of coaxial bases that act on a combination of the base rates. PTER, and others."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from devices import COUPLED, PTER, S1, S4, UNEQUAL, stops_of, switching, yields
+
+from core.mechanism import JOINTS
+from core.simulator.hand import new_hand, wave_hand
+from core.simulator.simulation import Simulation
+from experiments.benchmark.reference import reference_tips
+from experiments.benchmark.scenes import START, BenchScene
+
+ONCE, STILL = np.zeros(1), np.zeros((2, 3))
+coupled = pytest.mark.parametrize("bar", COUPLED, ids=lambda bar: bar.name)
+
+
+def pushed(bar, force, commands, duration, step=1e-3, integrator="event", tip=START, velocity=(0.0, 0.0)):
+    """A simulation under a constant force (N), and its rows, one a step."""
+    simulation = Simulation(
+        bar.device, tip, velocity, integrator=integrator, hand=new_hand(forces=np.array([force], dtype=float))
+    )
+    return simulation, simulation.run(duration, step, commands)
+
+
+def angles(bar, joint: str, tips) -> np.ndarray:
+    """The angle that a brake acts on, by the law of cosines, at tips (n, 2)."""
+    i = JOINTS.index(joint)
+    return np.array([bar.brake_rates(bar.angles(p))[i] for p in tips])
+
+
+@pytest.mark.parametrize(
+    "bar, scene",
+    [(PTER, "E locked"), (PTER, "C locked"), (PTER, "switching"), (UNEQUAL, "E locked"), (UNEQUAL, "C locked")],
+    ids=lambda value: getattr(value, "name", value),
+)
+def test_motion_equals_the_independent_solution_on_the_ten_coordinates(bar, scene):
+    """1 ms steps against DOP853 on Eq. (5), which finds patterns by trial."""
+    times, torques = switching(bar, 0.3)
+    if scene != "switching":
+        times, torques = ONCE, yields(bar, 0.3, **{scene[0]: 5.6})[None]
+    wave = S4 if scene == "switching" else S1
+    expected = reference_tips(BenchScene(scene, bar.device, 0.3, wave, np.zeros(2), times, torques))
+    simulation = Simulation(bar.device, START, hand=wave_hand(wave))
+    n = len(expected) - 1
+    rows = simulation.rows(n + 1, 1e-3, round(0.3 / n / 1e-3), times, torques, 0, n)
+    error = np.linalg.norm(rows[:, 1:3] - expected, axis=1)
+    assert error.max() < 1e-10
+    assert np.linalg.norm(expected - START, axis=1).max() > 0.004
+
+
+@coupled
+@pytest.mark.parametrize("joint", "EC")
+@pytest.mark.parametrize("fidelity", ["ideal", "mr"])
+def test_a_locked_clutch_holds_its_angle_not_only_its_rate(bar, joint, fidelity):
+    simulation = Simulation(bar.device, START, (0.0, 0.0), fidelity, hand=wave_hand(S1), backlash=False)
+    commands = yields(bar, 0.3, **{joint: 5.6})
+    if fidelity == "mr":
+        commands = yields(bar, 0.0, **{joint: 1.0})
+        simulation.state["torque_yield"][0] = [5.3 if j == joint else 0.35 for j in JOINTS]
+    rows = simulation.run(10.0, 1e-3, commands)
+    turned = angles(bar, joint, rows[:, 1:3])
+    assert np.ptp(rows[:, 1]) + np.ptp(rows[:, 2]) > 0.01
+    assert np.abs(turned - turned[0]).max() < 5e-15 * sum(abs(a) + abs(b) for j, a, b in bar.couplings if j == joint)
+
+
+def test_pter_coupled_in_reverse_moves_on_a_straight_line_through_its_base():
+    _, rows = pushed(PTER, (-4.0, 6.0), yields(PTER, 0.0, C=20.0), 0.5)
+    x, y = rows[:, 1:3].T
+    assert np.ptp(y) > 0.05
+    assert np.abs(x * START[1] - y * START[0]).max() < 1e-15
+
+
+def test_pter_coupled_directly_is_a_brake_at_an_elbow():
+    """With four equal arms the row of A - B is that of E: one motion, slip and stick."""
+    elbow = replace(PTER, couplings=(), rotor=0.0, braked="AEB", name="with a brake at E")
+    clutch = replace(PTER, rotor=0.0, couplings=PTER.couplings[:1], braked="AEB", name="with a clutch")
+    found = []
+    for bar in (elbow, clutch):
+        times, torques = switching(replace(bar, braked="AEB"), 0.5)
+        simulation = Simulation(bar.device, START, hand=wave_hand(S4))
+        found.append(simulation.rows(501, 1e-3, 1, times, torques, 0, 500))
+    assert found[0][:, 1:3] == pytest.approx(found[1][:, 1:3], abs=1e-12)
+    assert np.array_equal(found[0][:, 9], found[1][:, 9])
+    assert np.ptp(found[0][:, 2]) > 0.01
+
+
+@coupled
+def test_a_locked_device_does_not_creep(bar):
+    _, rows = pushed(bar, (10.0, 0.0), yields(bar, 5.6), 1.0)
+    assert np.all(rows[:, 1:5] == [*START, 0.0, 0.0])
+
+
+@coupled
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+@pytest.mark.parametrize("fidelity", ["ideal", "static", "mr"])
+def test_couplings_only_dissipate_and_the_ledger_closes(bar, integrator, fidelity):
+    times, values = switching(bar, 1.0)
+    simulation = Simulation(bar.device, START, (0.1, -0.2), fidelity, integrator, wave_hand(S4))
+    simulation.rows(1001, 1e-3, 1, times, values if fidelity == "ideal" else values / 5.6, 0, 1000)
+    ledger = simulation.ledger()
+    assert ledger.added_by_brakes < 1e-12
+    assert min(ledger.heat) >= 0.0 and ledger.heat[1] > 1e-3 and ledger.heat[3] > 1e-3
+    if integrator == "event":
+        assert abs(ledger.residual) < 1e-6 * sum(ledger.heat)
+    assert ledger.residual < 1e-6 * sum(ledger.heat), "of first order, but it creates no energy"
+
+
+@coupled
+def test_stepping_tends_to_event(bar):
+    times, values = switching(bar, 0.3)
+
+    def end(integrator, step):
+        simulation = Simulation(bar.device, START, integrator=integrator, hand=wave_hand(S4))
+        return simulation.rows(2, step, round(0.3 / step), times, values, 0, 1)[-1, 1:3]
+
+    exact = end("event", 1e-3)
+    coarse, fine = (np.linalg.norm(end("stepping", step) - exact) for step in (1e-3, 1e-4))
+    assert fine < 0.2 * coarse and fine < 1e-4
+
+
+@coupled
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+@pytest.mark.parametrize("way", [0, 60, 90, 120, 180, 225, 270, 315])
+def test_couplings_without_torque_leave_the_motion_and_the_stops_as_they_are(bar, integrator, way):
+    """Pushed into the stops of the elbows and of D, along them and into their corners, and thrown back."""
+    plain = replace(bar, couplings=(), braked="AB", name="without couplings", rotor=0.0)
+    force = 12.0 * np.array([math.cos(math.radians(way)), math.sin(math.radians(way))])
+    found = []
+    for one in (replace(bar, rotor=0.0), plain):
+        simulation = Simulation(
+            one.device, START, (0.0, 0.0), integrator=integrator, hand=new_hand(forces=np.array([force]))
+        )
+        rows = simulation.run(0.6, 1e-3, yields(replace(bar, braked="AB"), 0.3))
+        for p in rows[::10, 1:3]:
+            assert stops_of(one.device, *p).min() > -1e-9
+        found.append((rows, simulation.ledger()))
+    (rows, ledger), (expected, as_it_is) = found
+    assert as_it_is.lost_at_stops > 1e-3, "it has struck"
+    if integrator == "event":
+        assert rows[:, 1:5] == pytest.approx(expected[:, 1:5], abs=1e-7)
+    assert rows[:, 1:3] == pytest.approx(expected[:, 1:3], abs=1e-3)
+    assert ledger.lost_at_stops == pytest.approx(as_it_is.lost_at_stops, rel=1e-6 if integrator == "event" else 1e-2)

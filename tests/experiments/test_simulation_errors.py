@@ -1,0 +1,83 @@
+"""The error bars of a study are computed from its own trials: same start, operator and noise, one thing changed."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from core import tick_log
+from experiments.analysis.error_bars import HAND, STEP, Moved, error_sentence, error_table
+from experiments.analysis.metrics import METRICS
+from experiments.plan import make_plan
+from experiments.protocol import load_protocol
+from experiments.study import simulation_errors as errors
+from experiments.study.unrecorded import normals, person_of, run_trial, switched_on
+from experiments.trial.population import load_population
+from experiments.trial.trial import Trial
+
+PAPER = load_protocol()
+PROTOCOL = replace(PAPER, devices=PAPER.devices[:1], blocks=1)
+PERSON = person_of(load_population(), PROTOCOL.seed, 1)
+LAGLESS = errors.BRAKES["static"]
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[tuple[int, str, str], Moved]:
+    """One device, five controllers, two paths: two trials a controller."""
+    moved = errors.simulation_errors(PROTOCOL, PERSON, "01")
+    return {(one.controller, one.change, one.measure): one for one in moved}
+
+
+def test_every_controller_has_every_change_of_every_measure_that_it_has(found):
+    assert {cell[:2] for cell in found} == {(k, change) for k in range(1, 6) for change in (STEP, HAND, LAGLESS)}
+    assert {measure for k, _, measure in found if k == 2} >= {metric.name for metric in METRICS if metric.compared}
+    assert all(one.trials == 2 for cell, one in found.items() if cell[2] == "path_error_m")
+    assert all(0.0 <= one.median <= one.worst for one in found.values())
+
+
+def test_without_a_change_each_trial_comes_out_as_it_was_so_what_moves_is_the_change_alone(found, monkeypatch):
+    monkeypatch.setattr(errors, "SUBSTEPS", 1)
+    monkeypatch.setattr(errors, "ASIDE_M", 0.0)
+    again = errors.simulation_errors(PROTOCOL, PERSON, "01")
+    assert {one.worst for one in again if one.change in (STEP, HAND)} == {0.0}
+    assert [one for one in again if one.change == LAGLESS] == [one for one in found.values() if one.change == LAGLESS]
+
+
+def test_the_integration_errs_little_and_most_where_brakes_switch_and_the_fidelity_counts_for_more(found):
+    assert found[1, STEP, "path_error_m"].worst < 1e-10
+    assert found[4, STEP, "path_error_m"].worst > 1e3 * found[1, STEP, "path_error_m"].worst
+    for controller in (2, 4):
+        assert found[controller, STEP, "path_error_m"].worst < 1e-5
+        assert found[controller, LAGLESS, "path_error_m"].worst > 10.0 * found[controller, STEP, "path_error_m"].worst
+
+
+def test_a_trial_in_finer_steps_has_the_same_ticks_decisions_and_noise():
+    [planned] = [one for one in make_plan(PROTOCOL, "01", coded=False) if (one.controller, one.segment) == (3, 1)]
+
+    def rows(substeps):
+        trial = Trial(
+            switched_on(PROTOCOL.devices[0], PROTOCOL.paths, PROTOCOL.assumptions), planned, PROTOCOL.paths[1],
+            PROTOCOL.controllers[3], PROTOCOL.rules, PROTOCOL.trial, PERSON, normals(1, 1, 1, 1),
+        )  # fmt: skip
+        trial.refine(substeps)
+        return run_trial(trial).copy()
+
+    once, fine, finer = rows(1), rows(10), rows(20)
+    assert once.shape == fine.shape == finer.shape
+    assert np.array_equal(once[:, tick_log.DECISION], finer[:, tick_log.DECISION])
+    motion = slice(tick_log.TIP_X, tick_log.TIP_X + 4)
+    apart = [np.max(np.abs(one[:, motion] - finer[:, motion])) for one in (once, fine)]
+    assert 0.0 < apart[1] < 0.05 * apart[0] and apart[0] < 5e-5  # second order: a tenth of the step, a hundredth
+
+
+def test_the_table_and_its_sentence_show_what_was_found():
+    moved = [
+        Moved(2, STEP, "path_error_m", 4, 1e-6, 2e-6, 0.03),
+        Moved(4, STEP, "path_error_m", 4, 3e-6, 9e-5, 0.5),
+        Moved(4, HAND, "path_error_m", 4, 4e-6, 8e-5, None),
+    ]
+    table = error_table(moved, {2: "SDOF"}).splitlines()
+    assert table[2].startswith(f"| SDOF | {STEP} | 0.001 / 0.002 (3 %) |")
+    assert table[3].startswith(f"| controller 4 | {STEP} | 0.003 / 0.09 (50 %) |")
+    assert table[4].startswith(f"| controller 4 | {HAND} | 0.004 / 0.08 |")
+    assert "path error 0.003 (0.09) mm" in error_sentence(moved)
+    assert error_sentence([]) == ""
