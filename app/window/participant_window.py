@@ -165,6 +165,7 @@ class ParticipantWindow(QWidget):
         self._opened = opened
         self.questions.show_language(protocol.sentences)
         self.view.mouse = hand_is_mouse(opened)
+        self.view.show_obstacles(protocol.obstacle)
         self.view.radii_m = (protocol.trial.start_radius_m, protocol.trial.end_radius_m)
         if not self.view.mouse:
             self.view.show_pointer(None)

@@ -351,10 +351,12 @@ class Centre(QWidget):
         before, self._opened = self._opened, opened
         if self.workspace is not None:
             if before is not None and same_places(before.protocol, opened.protocol):
+                self.workspace.view.show_obstacles(opened.protocol.obstacle)
                 return
             self._layout.removeWidget(self.workspace)
             self.workspace.deleteLater()
         self.workspace = Workspace(opened.protocol.devices, opened.protocol.paths)
+        self.workspace.view.show_obstacles(opened.protocol.obstacle)
         self.workspace.view.setMouseTracking(True)
         self.workspace.view.installEventFilter(self)
         self._layout.addWidget(self.workspace, 1)

@@ -192,6 +192,7 @@ class TrialView(QFrame):
                 for layer in (FIELD, REACHABLE, LINKAGE):
                     self.workspace.view.show_layer(layer, False)
         self.workspace.set_blind(trial.blind)
+        self.workspace.view.show_obstacles(trial.obstacles)
         if not self._whole:
             self.workspace.view.set_extent(extent_of_paths([trial.way], AROUND_M))
 

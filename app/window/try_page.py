@@ -519,11 +519,12 @@ class TryPage(Page):
         before, protocol = self.opened, opened.protocol
         super().show_opened(opened)
         had = before.protocol if before is not None else None
-        if had is None or (had.controllers, had.paths) != (protocol.controllers, protocol.paths):
+        if had is None or any(getattr(had, it) != getattr(protocol, it) for it in ("controllers", "paths", "obstacle")):
             self.guides.clear()
             self._names.clear()
             self.settings = self._theirs = self._place = None
             self._fill(opened)
+            self.canvas.show_obstacles(protocol.obstacle)
             self.canvas.radii_m = (protocol.trial.start_radius_m, protocol.trial.end_radius_m)
         if before is None or before.participant:
             self._ask()

@@ -13,6 +13,7 @@ from core.control.velocity_field import field_around
 from core.device import Device, load_device
 from core.files import InputError
 from core.mechanism import JOINTS
+from core.obstacles import ObstacleFile
 from core.path import Path as Way
 from core.path import PathFile, Segment, build_path, path_from
 from experiments.analysis.trials_table import TrialRow, is_code
@@ -31,6 +32,7 @@ class Playback:
     error: np.ndarray  # (n,) m, distance from the path; NaN outside the movement
     device: Device
     way: PathFile  # the path to follow
+    obstacles: tuple[ObstacleFile, ...]
     row: TrialRow | None  # None: the recording is in no table
     title: str  # "P03 run 27"
     controller: str  # its name, or its code in a blind session
@@ -68,6 +70,7 @@ def read_playback(path: Path) -> Playback:
         error=errors(ticks),
         device=device_of(recording, stored),
         way=way,
+        obstacles=stored.protocol.obstacle if stored else (),
         row=row,
         title=f"P{about.get('participant', '?')} run {about.get('run', '?')}",
         controller=str(controller) if is_code(str(controller)) else controllers.get(controller, named),
