@@ -30,8 +30,8 @@ def main() -> None:
     device, preset = protocol.devices[0], protocol.controllers[1]
     # a trial of a simulated operator on one path, with its measures
     Job(
-        0, load_population("average"), device, protocol.rules, preset, 1, protocol.seed, 1, {1: protocol.paths[1]},
-        protocol.trial,
+        0, load_population("average"), device, protocol.rules, protocol.trial, preset, 1, protocol.seed, 1,
+        {1: protocol.paths[1]}, (),
     ).run()  # fmt: skip
     Simulation(device, (0.0, 0.4)).run(1e-3, 1e-3, np.zeros(4))  # a scene: every integrator is compiled with a step
     run_stopped_trial()  # the control loop

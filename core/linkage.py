@@ -53,7 +53,8 @@ def coupled_angle(mechanism, i, x, y):
 def tip_force_map(mechanism, x, y, g):
     """Rows g (4, 2), 1/m: the map of Eqs. (7) and (8), force on the tip = sum over brakes of g_i torque_i.
 
-    They give the rates on which the brakes act, g_i . v (virtual power): of their joints, or of their couplings.
+    They are the rows of the inverses of both arms' Jacobians, Eqs. (9) and (10), and give the rates on which the brakes
+    act, g_i . v (virtual power): of their joints, or of their couplings.
     Eq. (7) lists A, B, C only; read it as A, E, B, C.
     """
     joint_rows(mechanism, x, y, g)
@@ -65,7 +66,7 @@ def tip_force_map(mechanism, x, y, g):
 
 @kernel
 def joint_rows(mechanism, x, y, g):
-    """Rows g (4, 2), 1/m, of the joints: those of the inverses of both arms' Jacobians, Eqs. (9) and (10)."""
+    """`tip_force_map` of a device without couplings."""
     a1x, a1y, a2x, a2y, s1 = links(mechanism.arm_1, x, y)
     b1x, b1y, b2x, b2y, s2 = links(mechanism.arm_2, x, y)
     g[0, 0], g[0, 1] = a2x / s1, a2y / s1

@@ -151,7 +151,7 @@ def test_a_study_killed_while_drawing_draws_its_figures_on_resume(tmp_path, monk
             run_study(tmp_path / "study", 1, short(paths=1, seed="2"), PEOPLE)
     assert verify(tmp_path / "study")["faults"] == [] and not (tmp_path / "study" / "figures").exists()
     resume_study(tmp_path / "study", {})
-    assert len(list((tmp_path / "study" / "figures").iterdir())) == 10
+    assert len(list((tmp_path / "study" / "figures").iterdir())) == 13
     assert not (tmp_path / "study" / ".figures.partial").exists()
 
 

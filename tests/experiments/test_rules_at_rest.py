@@ -42,7 +42,7 @@ def push(device, path, number, tip, force, ticks, fidelity="static", rules="sett
     rows = np.zeros((ticks, tick_log.WIDTH))
     s = simulation
     n = run_ticks(
-        path, controller, s.mechanism, s.brakes, s.hand, s.state, s.step_scratch,
+        path, path, controller, s.mechanism, s.brakes, s.hand, s.state, s.step_scratch,
         run, new_record(OPERATOR), np.zeros((1, 2)), new_memory(), new_sensing(device, DEFAULTS), rows,
     )  # fmt: skip
     return rows[:n]
