@@ -196,7 +196,11 @@ def run_ticks(
         if run.cobot.wheels != 0:
             move_with_castor(mechanism, hand, state, run)
         elif run.real == 0:
-            step_on(mechanism, brakes, hand, state, step_scratch, run, t)
+            lagged = 1 if run.fidelity == MR else 0
+            if run.substeps == 1:
+                advance_event(mechanism, brakes, hand, state, step_scratch, run.current, t, TICK_S, lagged)
+            else:
+                step_finely(mechanism, brakes, hand, state, step_scratch, run, t, lagged)
         run.tick += 1
         run.phase_tick += 1
         if run.phase == END and run.phase_tick >= run.end_ticks:
@@ -204,10 +208,10 @@ def run_ticks(
     return rows.shape[0]
 
 
-@inlined
-def step_on(mechanism, brakes, hand, state, step_scratch, run, t):
-    """Stage: the simulated device moves on by a tick, in `substeps` equal steps with the tick's currents."""
-    lagged, step = 1 if run.fidelity == MR else 0, TICK_S / run.substeps
+@kernel
+def step_finely(mechanism, brakes, hand, state, step_scratch, run, t, lagged):
+    """Stage STEP in `substeps` equal steps with the tick's currents."""
+    step = TICK_S / run.substeps
     for k in range(run.substeps):
         if k > 0:
             apply(mechanism, brakes, state, run.current, run.fidelity)

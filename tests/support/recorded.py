@@ -15,7 +15,8 @@ NAMES = (
     "target_x_m, target_y_m, sensed_fx_N, sensed_fy_N, target_vx_m_s, target_vy_m_s, arm_held_x_N, arm_held_y_N, "
     "arm_force_max_N, arm_stiffness_xx_N_per_m, arm_stiffness_xy_N_per_m, arm_stiffness_yy_N_per_m, "
     "path_distance_m, travel_sense, forward_x, forward_y, desired_x, desired_y, "
-    "slave_x_m, slave_y_m, wanted_fx_N, wanted_fy_N, nearest_fx_N, nearest_fy_N, shown_fx_N, shown_fy_N, obstacle_distance_m"
+    "slave_x_m, slave_y_m, wanted_fx_N, wanted_fy_N, nearest_fx_N, nearest_fy_N, shown_fx_N, shown_fy_N, "
+    "obstacle_distance_m"
 ).split(", ")
 
 
