@@ -30,6 +30,7 @@ STALL_M_S, AFTER_STALL = 0.006, round(0.2 / SAMPLE_S)  # a handle that stands, o
 LEAST_RUN = 60  # samples
 FELT = np.arange(2, 13)  # samples of delay that are tried
 SEEN = np.arange(6, 27)
+ROUNDS = 6  # of both delays in turn; two that keep changing places are of one likelihood, and the last ones are kept
 GLANCE = round(0.05 / SAMPLE_S)  # as the operator feels motion
 MOST_LEAD_M = 0.055  # a hand that leads by more waits
 SHARP = 50.0  # of a logarithm of likelihood. Our choice: less is made by the hand's own noise, too
@@ -188,8 +189,8 @@ def fit_across(trials: list[Motion], base: dict[str, float], groups: list[np.nda
         return np.column_stack([solved[:, :3], solved[:, 3:5] / solved[:, :1]])
 
     usual_felt, usual_seen = (round(base[key] / SAMPLE_S) for key in ("felt_delay_s", "seen_delay_s"))
-    felt, before = usual_felt, 0
-    while felt != before:  # each at the other's best
+    felt = usual_felt
+    for _ in range(ROUNDS):  # each at the other's best
         before = felt
         seen_s = delays(SEEN, np.array([felt]), SEEN)
         seen = usual_seen if np.isnan(seen_s[0]) else round(seen_s[0])
@@ -199,6 +200,8 @@ def fit_across(trials: list[Motion], base: dict[str, float], groups: list[np.nda
         if not found[0, 3] > half_width(found[1:, 3]):  # no felt correction stands out, and so no delay of it
             felt, felt_s = usual_felt, [np.nan] * len(keeps)
             found = numbers(felt, seen)
+        if felt == before:
+            break
     return np.column_stack([found, SAMPLE_S * np.array(felt_s), SAMPLE_S * np.array(seen_s)])
 
 

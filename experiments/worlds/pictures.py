@@ -1,5 +1,6 @@
 """Pictures of worlds: how often each statement holds, what would settle most, and the share against each assumption."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 
 import matplotlib
@@ -57,7 +58,7 @@ def overview(
         for (name, verdicts), marker in zip(other.items(), ("|", "x"), strict=False):
             left.plot(verdicts.mean(axis=0), places, marker, color=ORANGE, label=name, markersize=7.0, zorder=4)
         left.legend(frameon=False, fontsize=SMALL, loc="lower right")
-        names = [_wrapped(f"{one.number}  {one.text}") for one in STATEMENTS]
+        names = [textwrap.fill(f"{one.number}  {one.text}", 52) for one in STATEMENTS]
         left.set(xlim=(0.0, 1.0), yticks=places, yticklabels=names)
         left.invert_yaxis()
         left.tick_params(axis="y", labelsize=SMALL, length=0)
@@ -71,12 +72,6 @@ def overview(
             plain(axes, grid=False)
             axes.grid(axis="x", color=LINE, linewidth=0.6)
         return figure_bytes(figure, "png")
-
-
-def _wrapped(text: str) -> str:
-    import textwrap
-
-    return "\n".join(textwrap.wrap(text, 52))
 
 
 def decided_by(
@@ -107,19 +102,13 @@ def decided_by(
                     pad=3,
                 )
             axes_row[0].set_ylabel(
-                _narrow(f"{STATEMENTS[i].number}  {STATEMENTS[i].text}"),
+                textwrap.fill(f"{STATEMENTS[i].number}  {STATEMENTS[i].text}", 30),
                 rotation=0,
                 ha="right",
                 va="center",
                 fontsize=SMALL,
             )
         return figure_bytes(figure, "png")
-
-
-def _narrow(text: str) -> str:
-    import textwrap
-
-    return "\n".join(textwrap.wrap(text, 30))
 
 
 def _share_against(axes: Axes, one: Range, shares: np.ndarray, holds: np.ndarray) -> None:
