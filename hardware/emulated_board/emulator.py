@@ -98,7 +98,7 @@ class Emulator:
         self._socket.bind(str(self.control))
         self._socket.setblocking(False)
         self._tick()  # kernels are compiled, or loaded, before time runs
-        self._zero = time.monotonic() - self.ticks * TICK_S
+        self._zero = time.perf_counter() - self.ticks * TICK_S
 
     def _wire(self, device: Device, hand: EmulatedHand, tip: tuple[float, float]) -> None:
         """A device behind a board that was just powered up; the handle is at `tip`, m."""
@@ -117,7 +117,7 @@ class Emulator:
 
     def run(self) -> None:
         """Until `stop`."""
-        self._zero = time.monotonic() - self.ticks * TICK_S
+        self._zero = time.perf_counter() - self.ticks * TICK_S
         while not self._stopping:
             now, due = self.now(), self.ticks * TICK_S
             if now >= due + MOST_AT_ONCE * TICK_S:
@@ -144,7 +144,7 @@ class Emulator:
 
     def now(self) -> float:
         """The time, s."""
-        return time.monotonic() - self._zero
+        return time.perf_counter() - self._zero
 
     def say(self, text: str) -> None:
         """Note an event."""

@@ -39,9 +39,9 @@ def children(pid: int) -> list[int]:
 
 def wait_until(what: Callable[[], object], seconds: float = LONG_S) -> None:
     """Wait for something to come true."""
-    end = time.monotonic() + seconds
+    end = time.perf_counter() + seconds
     while not what():
-        assert time.monotonic() < end, "waited in vain"
+        assert time.perf_counter() < end, "waited in vain"
         time.sleep(0.005)
 
 
@@ -96,8 +96,8 @@ class Window:
 
     def within(self, seconds: float, what: Callable[[m.Snapshot], object]) -> bool:
         """Whether something comes true in this time, where it need not."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
+        end = time.perf_counter() + seconds
+        while time.perf_counter() < end:
             self.look()
             if self.snapshot is not None and what(self.snapshot):
                 return True
