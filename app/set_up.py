@@ -7,6 +7,7 @@ it is redone from the start. Another stamp: pyproject.toml or constraints.txt ch
 
 import contextlib
 import hashlib
+import os
 import shutil
 import subprocess
 import sys
@@ -39,7 +40,7 @@ def main() -> int:
 
         return command()
     what = ["-m", "pytest", *arguments[1:]] if arguments[1:] else ["tests/suite.py"]
-    return subprocess.call([PYTHON, *what], cwd=ROOT)
+    return subprocess.call([PYTHON, *what], cwd=ROOT, env=os.environ | {"PYTHONUTF8": "1"})
 
 
 def is_ready(kind: str) -> bool:

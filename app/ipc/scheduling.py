@@ -120,7 +120,7 @@ def stolen_ms(core: int) -> float:
         return 0.0
     name = f"cpu{core}" if core >= 0 else "cpu"
     try:
-        lines = Path("/proc/stat").read_text().splitlines()
+        lines = Path("/proc/stat").read_text(encoding="utf-8").splitlines()
     except OSError:
         return 0.0
     fields = next((line.split() for line in lines if line.startswith(f"{name} ")), [])
