@@ -1,9 +1,11 @@
-"""`phd emulate`: a board on a pseudo-terminal, as a program of its own, and the host's link to it in real time."""
+"""`phd emulate`: a board on a pseudo-terminal or a TCP port, a program of its own, and the host's link to it in real
+time. What the plug has no part in is tried on one of them."""
 
 import gc
 import math
 import os
 import signal
+import socket
 import stat
 import threading
 import time
@@ -21,6 +23,7 @@ from hardware.discovery import ask_board, look_at_ports
 from hardware.emulated_board.device import HeldHand
 from hardware.emulated_board.emulator import Emulator
 from hardware.emulated_board.line_faults import AT_JOINT, KINDS, read_fault
+from hardware.emulated_board.plug import LOOPBACK, emulated_ports
 from hardware.serial_device import SerialDevice
 
 DEVICE = load_device("four-brake")
@@ -31,18 +34,22 @@ LATE = "no command for 50 ms"  # what a board rightly says where this machine he
 HELD_UP_S = 0.02  # longest that a host may be away before what the board says overflows
 
 
-@pytest.fixture(scope="module")
-def emulated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulated]:
-    running = Emulated(tmp_path_factory.mktemp("emulated"), "--seed", "4")
+HAS_TERMINALS = hasattr(os, "openpty")
+on_both = pytest.mark.parametrize("emulated", [(), ("--socket",)], ids=["terminal", "socket"], indirect=True)
+
+
+@pytest.fixture(scope="module", params=[()], ids=["terminal"])
+def emulated(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulated]:
+    running = Emulated(tmp_path_factory.mktemp("emulated"), "--seed", "4", *request.param)
     yield running
     assert running.end() == 0
-    assert not running.port.parent.exists()
+    assert running.port not in emulated_ports()
 
 
 @pytest.fixture
 def link(emulated: Emulated) -> Iterator[SerialDevice]:
     emulated.order(clear=True)
-    link = SerialDevice(DEVICE, str(emulated.port))
+    link = SerialDevice(DEVICE, emulated.port)
     patiently(link.open)
     forget(link)
     yield link
@@ -87,10 +94,12 @@ def until(link: SerialDevice, done: Callable[[], bool], currents=NO) -> float:
     return time.perf_counter() - start
 
 
+@pytest.mark.skipif(not HAS_TERMINALS, reason="no pseudo-terminals here")
 def test_the_port_is_a_terminal_that_a_host_can_open(emulated: Emulated) -> None:
     assert stat.S_ISCHR(os.stat(emulated.port).st_mode)
 
 
+@on_both
 def test_samples_come_at_1_khz_with_nothing_lost_or_damaged(emulated: Emulated, link: SerialDevice) -> None:
     listened, end = False, time.perf_counter() + PATIENT_S
     while not listened and time.perf_counter() < end:
@@ -135,6 +144,7 @@ def test_currents_reach_the_brakes_and_the_hand_feels_them(emulated: Emulated, l
     emulated.order(target=[-0.10, 0.40])
 
 
+@on_both
 def test_an_unplugged_board_is_noticed_safe_and_back(emulated: Emulated, link: SerialDevice) -> None:
     run(link, 50, SOME)
     emulated.order(fault="unplug+0.5")
@@ -196,26 +206,36 @@ def over(truth: dict, kind: str) -> bool:
     return bool(events) and events[-1] == f"{kind} is over"
 
 
+def at_rest(emulated: Emulated) -> list[float]:
+    """Where the handle is, m, once it has come to rest."""
+    end = time.monotonic() + PATIENT_S
+    while max(map(abs, (truth := emulated.order())["velocity_m_s"])) > 1e-3:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    return truth["tip_m"]
+
+
+@on_both
 def test_the_board_follows_the_device_that_a_host_asks_for_and_the_handle_stays(emulated: Emulated) -> None:
-    before = emulated.order()["tip_m"]
+    before = at_rest(emulated)
     for name in ("three-brake", "four-brake"):
-        host = SerialDevice(load_device(name), str(emulated.port))
+        host = SerialDevice(load_device(name), emulated.port)
         patiently(host.open)
-        sample, port = run(host, 3)[-1], str(emulated.port)
+        sample, port = run(host, 3)[-1], emulated.port
         found = {one.port: one for one in look_at_ports()}
-        assert not found[port].answers, "the port is its host's alone"
+        assert (found[port].words, found[port].answers) == ("another program is using it", False)
         assert port not in {one.port for one in look_at_ports(besides=port)}
         host.close()
         (found,) = (one for one in look_at_ports() if one.port == port)
         assert (found.words, found.answers) == (f"answers, {name}", True)
         assert sample.homed and math.dist(sample.tip, before) < 2e-3
-        assert ask_board(str(emulated.port)).device == name
+        assert ask_board(emulated.port).device == name
 
 
 def test_a_board_that_was_asked_for_one_device_refuses_any_other(tmp_path: Path) -> None:
     emulated = Emulated(tmp_path, "--device", "three-brake")
     with pytest.raises(InputError, match="is wired to the device 'three-brake', not to 'four-brake'"):
-        patiently_refused(SerialDevice(DEVICE, str(emulated.port)))
+        patiently_refused(SerialDevice(DEVICE, emulated.port))
     assert "only three-brake can be emulated here" in emulated.order(device="four-brake")["error"]
     assert emulated.end() == 0
 
@@ -263,17 +283,27 @@ def test_the_operator_waits_at_the_start_to_be_told_and_goes(tmp_path: Path) -> 
             time.sleep(0.05)
     finally:
         assert emulated.end(signal.SIGINT) == 0
-    assert not emulated.port.parent.exists()
+    assert emulated.port not in emulated_ports()
 
 
 @pytest.mark.parametrize("text", ["drop=0.5", "brown-out", "unplug", "saturated-force"])
 def test_a_fault_may_act_from_the_start(text: str) -> None:
     emulator = Emulator(DEVICE, HeldHand((0.0, 0.40)), (0.0, 0.40), [read_fault(text)])
     emulator.close()
-    assert not emulator.port.parent.exists()
+    assert emulator.port not in emulated_ports()
 
 
-@pytest.mark.parametrize("arguments", [["--fault", "drop=2"], ["--device", "nope"], ["--path", "0", "2", "0", "1"]])
+WRONG = [["--fault", "drop=2"], ["--device", "nope"], ["--path", "0", "2", "0", "1"], ["--socket", "65536"]]
+
+
+def test_a_tcp_port_that_another_program_has_is_one_sentence(capfd: pytest.CaptureFixture) -> None:
+    with socket.create_server((LOOPBACK, 0)) as taken:
+        before = emulated_ports()
+        test_wrong_input_is_one_sentence_and_no_port(["--socket", str(taken.getsockname()[1])], capfd)
+        assert emulated_ports() == before
+
+
+@pytest.mark.parametrize("arguments", WRONG)
 def test_wrong_input_is_one_sentence_and_no_port(arguments: list[str], capfd: pytest.CaptureFixture) -> None:
     from app.cli import main
 

@@ -144,11 +144,14 @@ def half(path: Segment) -> Segment:
 
 
 @contextlib.contextmanager
-def board_session(folder: Path, link: str = "{port}") -> Iterator[BoardSession]:
-    """A session on an emulated board of its own; at the end the board is without current. link: as Setup takes it."""
+def board_session(folder: Path, link: str = "{port}", *arguments: str) -> Iterator[BoardSession]:
+    """A session on an emulated board of its own; at the end the board is without current.
+
+    link: as Setup takes it; arguments: more of `phd emulate`.
+    """
     protocol = folder / "patient.toml"
     protocol.write_text(changed(PAPER.text, time_out_s="200.0"), encoding="utf-8")
-    emulated = Emulated(folder, "--device", DEVICE, "--hand", "operator", "--seed", "3")
+    emulated = Emulated(folder, "--device", DEVICE, "--hand", "operator", "--seed", "3", *arguments)
     try:
         where = link.format(port=emulated.port)
         setup = Setup(folder / "data", str(protocol), devices=(DEVICE,), link=where, sync=False)
