@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from protocols import short
 
 from app.progress import watch_compiling
 from core.kernel_compiler import watchers
@@ -40,12 +41,13 @@ def set_up() -> None:
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "0"}
     command = [sys.executable, "-m", "app.compile_kernels"]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=500, check=True)
-    assert (done.stdout, done.stderr) == ("", "")  # no bar but on a terminal
+    assert (done.stdout, done.stderr) == ("kernels: compiled\n", "")  # no bar but on a terminal
 
 
 def test_after_the_set_up_a_study_a_simulation_and_a_live_trial_compile_nothing(set_up, tmp_path) -> None:
     verb = "from app.cli import main; assert main({}) == 0"
-    study = ["study", "--operators", "1", "--out", str(tmp_path / "study")]
+    (tmp_path / "short.toml").write_text(short().text)
+    study = ["study", str(tmp_path / "short.toml"), "--operators", "1", "--out", str(tmp_path / "study")]
     assert compiled_by(verb.format(study)) == ""
     assert compiled_by(verb.format(["simulate", str(SCENE), "--out", str(tmp_path / "rows.csv")])) == ""
     assert compiled_by("from app.loop.loop import run_stopped_trial; run_stopped_trial()") == ""
