@@ -40,6 +40,7 @@ class Setup(NamedTuple):
     link: str = ""  # serial port of a device on the bench, or "PORT netft:HOST"; "": simulated
     real_time: bool = True  # try scheduling that needs a privilege
     sync: bool = True  # wait for the disk itself
+    lsl: bool = False  # stream ticks and markers by the Lab Streaming Layer
 
     def to_json(self) -> str:
         """As text, for a command line."""

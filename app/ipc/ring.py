@@ -30,6 +30,10 @@ NO_CAUSE, STOPPED, BRAKES_OFF, SERVER_SILENT, RING_FULL = range(5)
 #: ticks, to be changed and run on (a simulated device's alone: a real one's goes on)
 END_TRIAL, HAND_BACK = 1, 2
 
+#: Ticks run at once after a stall. Our choice: after a longer one (a machine that slept) the trial's time waits, so
+#: that the handle does not race through seconds on a target that nobody aimed at; the lateness of the tick says so.
+MOST_BEHIND_NS = 100_000_000
+
 CONTROL = np.dtype(
     [
         # by the window
@@ -47,6 +51,7 @@ CONTROL = np.dtype(
         ("tail", "i8"),  # ticks that the recorder has taken
         # by the loop
         ("loop_beat", "i8"),  # ns
+        ("begun", "i8"),  # ns, when the first tick of this trial was due (of a simulated device)
         ("head", "i8"),  # ticks in the ring since it was made
         ("dropped", "i8"),  # ticks of this trial that found no room
         ("cause", "i8"),  # NO_CAUSE ..
