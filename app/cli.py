@@ -25,6 +25,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; the exit code."""
     if argv is None:
         argv = sys.argv[1:]
+        for stream in (sys.stdout, sys.stderr):  # Windows gives files and pipes another encoding
+            stream.reconfigure(encoding="utf-8")
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # half-written files are removed
     try:
         args, unknown = make_parser().parse_known_args(with_verb(argv))

@@ -12,7 +12,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from app.ipc.messages import BAD, CAUTION, GOOD, Check
-from app.ipc.scheduling import ADVICE
+from app.ipc.scheduling import ADVICE, program_cores
 from app.progress import SCREENS_CODE
 from app.session_server.preflight import check_disk
 from core.files import InputError
@@ -102,12 +102,12 @@ def scheduling() -> Check:
     best, words = json.loads(answer.stdout)
     if best:
         return check("scheduling", words)
-    return Check("scheduling", CAUTION, words, ADVICE if sys.platform == "linux" else "")
+    return Check("scheduling", CAUTION, words, ADVICE)
 
 
 def cores() -> Check:
     """Processor cores that we may use: the loop wants one of its own."""
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    count = len(program_cores()) or os.cpu_count() or 1
     if count < 2:
         return check("cores", "1: loop and window share it", "Give the machine a second core.")
     return check("cores", f"{count}")

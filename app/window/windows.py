@@ -111,7 +111,7 @@ class Windows(QObject):
         self.main.show()
         if not self.one_screen:
             self._show_participant()
-        self._due_s = time.monotonic()
+        self._due_s = time.perf_counter()
         self._timer.start(0)
 
     def show_or_hide_participant(self) -> None:
@@ -132,7 +132,7 @@ class Windows(QObject):
         if other is None:
             self.participant.activateWindow()
         else:
-            self._hand_back_until_s = time.monotonic() + HAND_BACK_S
+            self._hand_back_until_s = time.perf_counter() + HAND_BACK_S
         self.participant.show_snapshot(self.main.snapshot)
         self._show_questions_where()
 
@@ -145,7 +145,7 @@ class Windows(QObject):
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Where both windows are seen the keyboard is the experimenter's: some window systems give it to the newest."""
-        if event.type() == QEvent.Type.WindowActivate and time.monotonic() < self._hand_back_until_s:
+        if event.type() == QEvent.Type.WindowActivate and time.perf_counter() < self._hand_back_until_s:
             QTimer.singleShot(0, self.main.activateWindow)
         return super().eventFilter(watched, event)
 
@@ -153,9 +153,9 @@ class Windows(QObject):
 
     def _on_time(self) -> None:
         """A frame, and the next one on the next sixtieth of a second: a timer knows whole milliseconds only."""
-        late_s = time.monotonic() - self._due_s
+        late_s = time.perf_counter() - self._due_s
         self._due_s += FRAME_S * (1.0 + max(late_s, 0.0) // FRAME_S)
-        self._timer.start(max(round(1e3 * (self._due_s - time.monotonic())), 0))
+        self._timer.start(max(round(1e3 * (self._due_s - time.perf_counter())), 0))
         self.frame()
 
     def frame(self) -> None:
@@ -183,7 +183,7 @@ class Windows(QObject):
                 self.participant.show_ticks(rows, taken)
             self.main.show_ticks(rows, taken)
         self.participant.view.follow_pointer()
-        self.main.pages[self.main.shown].show_time(time.monotonic())
+        self.main.pages[self.main.shown].show_time(time.perf_counter())
         if not alive and not self._dead:
             self._dead = True
             last = self.main.snapshot

@@ -69,7 +69,7 @@ def test_the_window_compiles_nothing(set_up) -> None:
 
 def test_on_a_terminal_a_bar_says_which_of_how_many_kernels(monkeypatch, capsys) -> None:
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    monkeypatch.setattr("app.progress.time", SimpleNamespace(monotonic=iter((0.0, 1.0, 2.0, 3.5)).__next__))
+    monkeypatch.setattr("app.progress.time", SimpleNamespace(perf_counter=iter((0.0, 1.0, 2.0, 3.5)).__next__))
     compiling = watch_compiling()
     try:
         watchers[0](45, 156, "advance_event")

@@ -52,9 +52,9 @@ class BoardSession:
 
     def make_ready(self) -> None:
         """What the bench asks for is done until a trial may start: zero, brakes allowed; or the board comes back."""
-        asked, end, away = 0.0, time.monotonic() + 0.6 * LONG_S, False
+        asked, end, away = 0.0, time.perf_counter() + 0.6 * LONG_S, False
         while not self._may_start():
-            now, snapshot = time.monotonic(), self.window.snapshot
+            now, snapshot = time.perf_counter(), self.window.snapshot
             assert now < end, f"nothing can be started; the last was {snapshot}"
             if snapshot is not None and now - asked > AGAIN_S:
                 if snapshot.brakes_off:
@@ -63,7 +63,7 @@ class BoardSession:
                 elif lets_go(snapshot):
                     away = True
                     self.rest()
-                    asked = time.monotonic()
+                    asked = time.perf_counter()
                     self.window.client.send(m.Confirm())
             time.sleep(0.005)
         if away:
