@@ -104,7 +104,7 @@ class Outlets:
             zeros = rows[:, tick_log.HOST_S] - t
             known = np.flatnonzero(np.isfinite(zeros))
             before = np.searchsorted(known, np.arange(len(rows)), side="right") - 1
-            first = self._zero_s if self._zero_s is not None else zeros[known[0]] if len(known) else time.monotonic()
+            first = self._zero_s if self._zero_s is not None else zeros[known[0]] if len(known) else time.perf_counter()
             zeros = np.concatenate([[first], zeros[known]])[before + 1]
             self._zero_s = zeros[-1]
             return zeros + t
@@ -117,7 +117,7 @@ class Outlets:
         return zeros + t
 
     def _offset_s(self) -> float:
-        return self._clock() - time.monotonic()
+        return self._clock() - time.perf_counter()
 
     def _send(self, push: Callable[..., None], what: Any, stamps_s: Any) -> None:
         """The recording goes on whatever becomes of the streams."""
