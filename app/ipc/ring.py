@@ -58,6 +58,9 @@ CONTROL = np.dtype(
         ("taken", "i8"),  # 1: the pointer has hold of the handle
         ("let_go", "i8"),  # how often the hand let the handle go during the movement of this trial
         ("core", "i8"),  # of the processor, that the loop has for itself; -1: none
+        ("pid", "i8"),  # of its process; 0: not known
+        ("worked", "i8"),  # ns that the ticks of this trial took (on a simulated device) ..
+        ("worked_most", "i8"),  # .. and that the longest took
         # by who made it
         ("width", "i8"),  # columns of a tick
     ]
@@ -158,7 +161,7 @@ class Ring:
     def begin_trial(self, taken: bool = False) -> None:
         """Before the loop is told to run one. taken: the pointer still holds the handle."""
         control = self.control
-        control.stop = control.cause = control.dropped = control.let_go = 0
+        control.stop = control.cause = control.dropped = control.let_go = control.worked = control.worked_most = 0
         control.taken = int(taken)
         self.control.tail = self.control.head
         self.control.loop_beat = time.perf_counter_ns()

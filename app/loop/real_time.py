@@ -117,6 +117,9 @@ def run_trial(
         )  # fmt: skip
         row[0, LATENESS_US] = 1e-3 * late
         put(controls, ring, row[0])
+        worked = now_ns(timer) - control.loop_beat
+        control.worked += worked
+        control.worked_most = max(control.worked_most, worked)
     grip.force_max = force_max
 
 
