@@ -25,6 +25,7 @@ from experiments.session.journal import Event
 
 TICKS, MARKERS = "PHD ticks", "PHD markers"
 HZ = 1000.0
+LOOKS = 5  # at both clocks, for each chunk
 #: where liblsl looks for settings of its own (and where the variable LSLAPICFG says)
 SETTINGS = (Path("lsl_api.cfg"), Path.home() / "lsl_api/lsl_api.cfg", Path("/etc/lsl_api/lsl_api.cfg"))
 ONLY_ERRORS = "[log]\nlevel = -2\n"
@@ -117,7 +118,12 @@ class Outlets:
         return zeros + t
 
     def _offset_s(self) -> float:
-        return self._clock() - time.perf_counter()
+        """LSL's clock less the loop's, by the quickest of some looks: a look that is held up is wrong by as long."""
+        looks = []
+        for _ in range(LOOKS):
+            before_s, lsl_s, after_s = time.perf_counter(), self._clock(), time.perf_counter()
+            looks.append((after_s - before_s, lsl_s - 0.5 * (before_s + after_s)))
+        return min(looks)[1]
 
     def _send(self, push: Callable[..., None], what: Any, stamps_s: Any) -> None:
         """The recording goes on whatever becomes of the streams."""

@@ -147,12 +147,12 @@ def _timing(session: Path, rows: Sequence[TrialRow]) -> Iterator[tuple[str, str]
             f"{len(late)} ticks in {len(lateness)} recordings: half of them at most {half:.0f} µs late, 99 % at most "
             f"{most:.0f} µs, the latest {late.max():.0f} µs; {missed} a millisecond or more."
         )
-        yield "text", _whose(timings)
+        yield "text", whose_fault(timings)
     for warning in warnings:
         yield "text", f"Warning: {warning}."
 
 
-def _whose(timings: Sequence[Mapping[str, Any]]) -> str:
+def whose_fault(timings: Sequence[Mapping[str, Any]]) -> str:
     """Whose fault late ticks are; what one of the recordings does not know is not known of all."""
 
     def of_all(name: str, total: Callable[[list[float]], float] = sum, unit: str = "") -> str:
