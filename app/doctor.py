@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -54,13 +55,17 @@ def check(name: str, found: str, advice: str = "", bad: bool = False) -> Check:
     return Check(name, GOOD if not advice else BAD if bad else CAUTION, found, advice)
 
 
+def wanted_libraries() -> list[Requirement]:
+    """The libraries that the project asks for on this system."""
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    needs = map(Requirement, project["dependencies"])
+    return [need for need in needs if not need.marker or need.marker.evaluate({"extra": ""})]
+
+
 def libraries() -> Check:
     """Whether what is installed is what the project asks for."""
     wrong = []
-    for text in importlib.metadata.requires("phd") or []:
-        need = Requirement(text)
-        if need.marker and not need.marker.evaluate({"extra": ""}):
-            continue
+    for need in wanted_libraries():
         try:
             version = importlib.metadata.version(need.name)
         except importlib.metadata.PackageNotFoundError:

@@ -82,6 +82,7 @@ def run(args: argparse.Namespace) -> int:
         windows = import_screen("windows")
         display.check()
         windows.make_ready()
+        windows.compile_kernels()
         if refused := client.refused():
             raise InputError(refused)
     except BaseException:

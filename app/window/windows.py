@@ -6,9 +6,9 @@ import sys
 import threading
 import time
 
-from PySide6.QtCore import QCoreApplication, QEvent, QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QCoreApplication, QEvent, QEventLoop, QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication, QScreen
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QProgressBar, QProgressDialog
 
 from app.ipc import messages as m
 from app.ipc.client import Client
@@ -22,6 +22,8 @@ from app.window.painting import theme
 from app.window.painting.theme import show_whole
 from app.window.participant_window import ParticipantWindow
 from app.window.run_page import RunPage
+from app.window.work import Verb
+from core.kernel import is_compiled
 
 FRAME_S = 1.0 / 60.0
 HAND_BACK_S = 2.0  # after the participant's window was shown beside the main window
@@ -237,6 +239,24 @@ def make_ready() -> QApplication:
     theme.dress(application)
     application.setQuitOnLastWindowClosed(False)
     return application
+
+
+def compile_kernels() -> None:
+    """On the first start on a computer: a bar until the kernels are compiled."""
+    if is_compiled("run_ticks"):
+        return
+    bar = QProgressDialog("Setting up for this computer: once, about half a minute.", "", 0, 100)
+    bar.setBar(QProgressBar(textVisible=False))
+    bar.setCancelButton(None)
+    bar.setWindowTitle("PHD")
+    bar.setMinimumDuration(0)
+    bar.setValue(0)
+    compiling, waiting = Verb(), QEventLoop()
+    compiling.progressed.connect(lambda share: bar.setValue(round(99 * share)))
+    compiling.done.connect(waiting.quit)  # failed: the session server compiles, and says why it cannot
+    compiling.begin(module="app.compile_kernels")
+    waiting.exec()
+    bar.close()
 
 
 def run(client: Client) -> int:
