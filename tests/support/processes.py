@@ -44,7 +44,8 @@ if sys.platform == "win32":
         entry = _Entry(size=ctypes.sizeof(_Entry))
         found, more = [], kernel32.Process32First(every, ctypes.byref(entry))
         while more:
-            if entry.parent == pid and entry.pid != pid and not gone(entry.pid):
+            helper = entry.program.lower() == b"conhost.exe"  # Windows' own, for a process without a console window
+            if entry.parent == pid and entry.pid != pid and not helper and not gone(entry.pid):
                 found.append(entry.pid)
             more = kernel32.Process32Next(every, ctypes.byref(entry))
         kernel32.CloseHandle(every)
