@@ -13,7 +13,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from experiments.analysis.metrics import BY_NAME, METRICS, columns, tip_acceleration, weighted_amplitudes
+from experiments.analysis.metrics import (
+    BY_NAME,
+    METRICS,
+    amplitude_sum,
+    columns,
+    tip_acceleration,
+    weighted_amplitudes,
+)
 from experiments.analysis.participants import configurations_of
 from experiments.analysis.statistics import Result
 from experiments.analysis.trials_table import TrialRow, to_compare
@@ -56,12 +63,12 @@ def of_recording(folder: str | Path) -> Variants:
 
     def variants(row: TrialRow) -> dict[str, float | None]:
         recording = read_recording(Path(folder) / row.recording)
-        return {name: dft_sum(recording, how) for name, how in SMOOTHNESS.items()}
+        return {name: smoothness(recording, how) for name, how in SMOOTHNESS.items()}
 
     return variants
 
 
-def dft_sum(recording: Recording, how: Smoothness) -> float | None:
+def smoothness(recording: Recording, how: Smoothness) -> float | None:
     """`metrics.acceleration_dft_sum` by another definition; None where there is nothing to measure."""
     if how.cutoff_hz is None:
         acceleration = None if recording.sensors else columns(recording, "tip_ax_m_s2", "tip_ay_m_s2")
@@ -69,8 +76,7 @@ def dft_sum(recording: Recording, how: Smoothness) -> float | None:
         acceleration = tip_acceleration(columns(recording, "tip_x_m", "tip_y_m"), how.cutoff_hz)
     if acceleration is None:
         return None
-    weighted = weighted_amplitudes(acceleration[recording.in_phase("move")], how.highest_hz, how.power)
-    return float(np.sum(weighted)) if len(weighted) else None
+    return amplitude_sum(weighted_amplitudes(acceleration[recording.in_phase("move")], how.highest_hz, how.power))
 
 
 def sensitivity(
