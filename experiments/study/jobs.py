@@ -8,11 +8,13 @@ A job's rows depend on nothing but the job, so the table is the same, byte by by
 """
 
 import contextlib
+import ctypes
 import functools
 import json
 import os
 import shutil
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,11 +25,12 @@ from typing import NamedTuple, Protocol
 import joblib
 
 from core.files import InputError
-from experiments.recording.atomic_files import give_new_name, make_empty_folder, written_beside
+from experiments.recording.atomic_files import give_new_name, make_empty_folder, rename, written_beside
 from experiments.session.files import LOCK, hold_lock
 
 PARTS = "parts"
 LOOK_S = 0.5  # how often a worker looks whether its parent lives
+_SYNCHRONIZE, _FOR_EVER = 0x100000, 0xFFFFFFFF  # of Windows
 
 
 class Done(NamedTuple):
@@ -98,7 +101,7 @@ def run_work(
         with _ending_at_once():
             for number, (rows, more) in _results(waiting, cluster):
                 with written_beside(parts[number], rows, sync=False) as partial:
-                    partial.rename(parts[number])
+                    rename(partial, parts[number])
                 done, ticks = done + 1, ticks + more
                 progress(done / len(work.jobs))
         _gather(table, work.columns, list(parts.values()))
@@ -149,8 +152,14 @@ def _end_with(parent: int) -> None:
     """From now on this process ends when its parent does."""
 
     def look() -> None:
-        while os.getppid() == parent:
-            time.sleep(LOOK_S)
+        if sys.platform == "win32":  # where a process keeps the number of a parent that is gone
+            kernel32 = ctypes.WinDLL("kernel32")
+            kernel32.OpenProcess.restype = ctypes.c_void_p
+            handle = kernel32.OpenProcess(_SYNCHRONIZE, False, parent)
+            kernel32.WaitForSingleObject(ctypes.c_void_p(handle), _FOR_EVER)  # at once where there is no such process
+        else:
+            while os.getppid() == parent:
+                time.sleep(LOOK_S)
         os._exit(1)
 
     threading.Thread(target=look, name="looks at its parent", daemon=True).start()

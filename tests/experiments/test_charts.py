@@ -127,7 +127,7 @@ def test_answers_stand_by_question_and_device():
     (chart,) = charts(QUESTIONS, study(), VIEW, answers)
     assert [text for _, text in chart.ticks] == ["effort", "mental\ndemand"] and len(chart.points) == 24
     assert {at.box.median for at in chart.boxes} == {12.5} and charts(QUESTIONS, study(), VIEW) == []
-    assert [at.filled for at in sorted(chart.boxes)] == [True, False, True, False]  # the first device stands first
+    assert [at.look for at in sorted(chart.boxes)] == [0, 1, 0, 1]  # the first device stands first
     after = [answer._replace(controller=1 + n % 2, block=0) for n, answer in enumerate(answers)]
     (chart,) = charts(QUESTIONS, study(), VIEW, after)
     assert {point.controller for point in chart.points} == {1, 2}
@@ -203,3 +203,14 @@ def test_a_recorded_trial_is_looked_at_with_its_row_and_its_distance_from_the_pa
     moving = ~np.isnan(trial.error)
     assert 1e3 * trial.error[moving].mean() == pytest.approx(1e3 * trial.row.path_error_time_m)
     assert trial.controllers[trial.row.controller] == trial.controller and not trial.blind
+
+
+def test_four_devices_are_drawn_in_four_ways_and_the_legend_names_them():
+    devices = ("one", "two", "three", "four")
+    of_one = [row for row in study() if row.configuration == DEVICES[0]]
+    view = VIEW._replace(configurations=devices)
+    chart = charts(POOLED, [replace(row, configuration=device) for row in of_one for device in devices], view)[0]
+    assert {(placed.configuration, placed.look) for placed in chart.boxes} == set(zip(devices, range(4), strict=True))
+    assert legend(chart, view)[:4] == ["Filled: one.", "Open: two.", "Hatched: three.", "Dotted: four."]
+    five = VIEW._replace(configurations=(*devices, "five"))
+    assert legend(chart, five)[0] == "Filled: one and five."

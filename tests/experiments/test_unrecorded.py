@@ -2,22 +2,22 @@
 
 import numpy as np
 import pytest
+from protocols import short
 
 from experiments.analysis.metrics import DRAWN, METRICS
 from experiments.analysis.trials_table import read_table
-from experiments.protocol import load_protocol
 from experiments.study.study import run_study
 from experiments.study.unrecorded import Normals, study_trials
 from experiments.trial.population import load_population
 
 
 def test_trials_without_recordings_have_the_measures_of_the_studys_table_bit_by_bit(tmp_path):
-    protocol, population = load_protocol(seed=7, rules="literal"), load_population("tremulous")
+    protocol, population = short(seed="7", rules='"literal"'), load_population("tremulous")
     run_study(tmp_path / "study", 1, protocol, population)
     (table,) = (tmp_path / "study").glob("sub-*/ses-*/trials.csv")
     rows = {row.run: row for row in read_table(table)}
     trials = list(study_trials(protocol, population, 1))
-    assert len(trials) == len(rows) == 60
+    assert len(trials) == len(rows) == 20
     for one in trials:
         row = rows[one.planned.run]
         place = row.configuration, row.controller, row.segment, row.repetition, row.status
