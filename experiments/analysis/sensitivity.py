@@ -63,12 +63,12 @@ def of_recording(folder: str | Path) -> Variants:
 
     def variants(row: TrialRow) -> dict[str, float | None]:
         recording = read_recording(Path(folder) / row.recording)
-        return {name: smoothness(recording, how) for name, how in SMOOTHNESS.items()}
+        return {name: dft_sum(recording, how) for name, how in SMOOTHNESS.items()}
 
     return variants
 
 
-def smoothness(recording: Recording, how: Smoothness) -> float | None:
+def dft_sum(recording: Recording, how: Smoothness) -> float | None:
     """`metrics.acceleration_dft_sum` by another definition; None where there is nothing to measure."""
     if how.cutoff_hz is None:
         acceleration = None if recording.sensors else columns(recording, "tip_ax_m_s2", "tip_ay_m_s2")
