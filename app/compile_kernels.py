@@ -1,10 +1,11 @@
 """`python -m app.compile_kernels`: compile what the first study, simulation and live trial need, once, for the set-up.
 
-Parts of kernels are shared in one process only (see `core.kernel_compiler`): together this takes little longer than
-the study alone.
+Two processes share the work: each finds on disk the parts of kernels that the other has compiled (see
+`core.kernel_compiler`).
 """
 
 import os
+import subprocess
 import sys
 
 import numpy as np
@@ -13,14 +14,8 @@ from app.ipc.process import spare_scipy
 from app.progress import watch_compiling
 
 
-def main() -> None:
-    """Compile all of it and keep it on disk; a bar shows how far it is."""
-    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
-        return
-    spare_scipy()
-    watch_compiling()
-    from app.loop.loop import run_stopped_trial
-    from core.simulator.simulation import Simulation
+def compile_trials() -> None:
+    """A trial of a simulated operator on one path, with its measures; then a trial on a real device."""
     from experiments.protocol import load_protocol
     from experiments.study.sweep import Job
     from experiments.trial.population import load_population
@@ -28,14 +23,35 @@ def main() -> None:
 
     protocol = load_protocol()
     device, preset = protocol.devices[0], protocol.controllers[1]
-    # a trial of a simulated operator on one path, with its measures
     Job(
         0, load_population("average"), device, protocol.rules, protocol.trial, preset, 1, protocol.seed, 1,
         {1: protocol.paths[1]}, (),
     ).run()  # fmt: skip
-    Simulation(device, (0.0, 0.4)).run(1e-3, 1e-3, np.zeros(4))  # a scene: every integrator is compiled with a step
-    run_stopped_trial()  # the control loop
-    load_kernels()  # a trial on a real device
+    load_kernels()
+
+
+def compile_scene_and_loop() -> None:
+    """A step of a scene, with which every integrator is compiled; then the control loop."""
+    from app.loop.loop import run_stopped_trial
+    from core.device import load_device
+    from core.simulator.simulation import Simulation
+
+    Simulation(load_device("three-brake"), (0.0, 0.4)).run(1e-3, 1e-3, np.zeros(4))
+    run_stopped_trial()
+
+
+def main() -> int:
+    """Compile all of it and keep it on disk; a bar shows how far it is. Exit code 1 where the second process failed."""
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+        return 0
+    spare_scipy()
+    if sys.argv[1:] == ["scene-and-loop"]:
+        compile_scene_and_loop()
+        return 0
+    second = subprocess.Popen([sys.executable, "-m", "app.compile_kernels", "scene-and-loop"])
+    watch_compiling()
+    compile_trials()
+    return 1 if second.wait() else 0
 
 
 if __name__ == "__main__":

@@ -68,7 +68,7 @@ numba.config.CACHE_DIR = str(CACHE_FOLDER)
 
 def is_compiled(name: str) -> bool:
     """Whether a kernel that Python calls is on disk, compiled from these sources; if not, the next call compiles it."""
-    return any(CACHE_FOLDER.rglob(f"*.{name}-*.nbi"))
+    return any(CACHE_FOLDER.rglob(f"*.{name}-*.kernel"))
 
 
 #: Without the interpreter lock, division by zero gives inf (no hidden branch). No flag that assumes finite numbers.

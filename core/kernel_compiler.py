@@ -3,23 +3,29 @@
 numba by itself makes machine code of every function, and optimises all that it calls with it: of two hundred kernels
 that call each other, the smallest went through LLVM a dozen times. Here a kernel as other kernels call it is a *part*,
 in LLVM's intermediate code and no further. A kernel as Python calls it is an *entry*: its part, linked once with the
-parts that it calls, optimised once, and kept on disk. Parts are not: a process that compiles an entry makes its own.
+parts that it calls, optimised once. Both are kept on disk: a process compiles an entry from the parts that it finds.
 
 This leans on what numba keeps to itself (libraries, dispatchers, passes): constraints.txt pins the version.
 """
 
 import contextlib
 import gc
+import hashlib
+import pickle
 from collections.abc import Callable, Iterator
 from functools import partial
+from pathlib import Path
 from typing import Any
 
+from llvmlite import binding
 from numba.core import compiler, typed_passes, untyped_passes
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_machinery import PassManager
 from numba.core.registry import CPUDispatcher
 from numba.core.types.functions import BaseFunction
 from numba.core.types.misc import unliteral
+from numba.core.types.npytypes import Record
 
 #: Passes of numba for what no kernel has: closures, `with`, literals that steer the typing, inlined Python, array
 #: expressions. numba refuses a kernel that has them; branches never taken are LLVM's to drop.
@@ -77,6 +83,18 @@ def remember_call_types() -> None:
 remember_call_types()
 
 
+def name_records_by_their_fields() -> None:
+    """Let the symbols of two processes agree: numba names a record type by its number in the process."""
+
+    def mangling_args(record: Record) -> tuple:
+        return "Record", (int(hashlib.sha256(str(record).encode()).hexdigest()[:12], 16),)
+
+    Record.mangling_args = property(mangling_args)  # type: ignore[assignment, method-assign]
+
+
+name_records_by_their_fields()
+
+
 @contextlib.contextmanager
 def no_garbage_collection() -> Iterator[None]:
     """Keep Python from looking for cycles among the compiler's millions of objects: a tenth of the compilation."""
@@ -91,6 +109,16 @@ def no_garbage_collection() -> Iterator[None]:
 
 class PartLibrary(JITCodeLibrary):
     """The intermediate code of one kernel, and the libraries of the kernels that it calls."""
+
+    part: "Part"
+    argument_types: tuple
+
+    @classmethod
+    def from_code(cls, codegen: Any, name: str, bitcode: bytes) -> "PartLibrary":
+        """A library read back from the disk."""
+        library = cls(codegen, name)
+        library._final_module = binding.parse_bitcode(bitcode)
+        return library
 
     def add_llvm_module(self, ll_module: Any) -> None:
         self._optimize_functions(ll_module)  # one by one, so that what is linked later is small enough to be inlined
@@ -142,6 +170,7 @@ class PartCompiler(compiler.Compiler):
     def define_pipelines(self) -> list:
         state, build = self.state, compiler.DefaultPassBuilder
         _Count.tell(state.func_id.func_name)
+        state.func_id.unique_id = identity(state.func_id.func)  # numba's own numbers are those of one process
         state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         stages = build.define_untyped_pipeline, build.define_typed_pipeline, build.define_nopython_lowering_pipeline
         passes = PassManager("kernel")
@@ -151,14 +180,123 @@ class PartCompiler(compiler.Compiler):
         return [passes]
 
 
+def identity(function: Callable) -> str:
+    """What tells a kernel from all others in every process: its place, its code, and what is in its closure."""
+    cells = [cell.cell_contents for cell in function.__closure__ or ()]
+    parts = [identity(cell.py_func) if isinstance(cell, Kernel) else repr(cell) for cell in cells]
+    known = function.__module__, function.__qualname__, function.__code__.co_code.hex(), *parts
+    return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
+
+
+class OverloadFiles(IndexDataCacheFile):
+    """One file for each types of arguments, named by them and by the age of the kernel's source file.
+
+    numba numbers its files in an index: two processes that compile at once may give theirs the same number, and one is
+    then served the other's code.
+    """
+
+    def _file(self, key: tuple) -> Path:
+        digest = hashlib.sha256(repr((self._source_stamp, key)).encode()).hexdigest()[:16]
+        return Path(self._cache_path, f"{Path(self._index_path).stem}.{digest}.kernel")
+
+    def save(self, key: tuple, data: Any) -> None:
+        with self._open_for_write(str(self._file(key))) as file:
+            file.write(self._dump(data))
+
+    def load(self, key: tuple) -> Any:
+        try:
+            return pickle.loads(self._file(key).read_bytes())
+        except FileNotFoundError:
+            return None
+
+
+class EntryCache(FunctionCache):
+    """Keeps an entry on disk."""
+
+    def __init__(self, function: Callable) -> None:
+        super().__init__(function)
+        self._cache_file = OverloadFiles(
+            self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
+        )
+
+
+class _PartFiles(CompileResultCacheImpl):
+    """Names the files of a part beside those of its entry."""
+
+    def get_filename_base(self, fullname: str, abiflags: str) -> str:
+        return super().get_filename_base(f"{fullname}.part", abiflags)
+
+
+class PartCache(EntryCache):
+    """Keeps a part on disk: its intermediate code, and which parts it calls."""
+
+    _impl_class = _PartFiles
+
+    def __init__(self, part: "Part") -> None:
+        super().__init__(part.py_func)
+        self.part = part
+
+    def _index_key(self, signature: Any, codegen: Any) -> tuple:
+        return signature, codegen.magic_tuple(), identity(self.part.py_func)
+
+    def _save_overload(self, signature: Any, result: Any) -> None:
+        names = {part: name for name, part in self.part.called().items()}
+        callees = []
+        for library in result.library._linking_libraries:
+            if isinstance(library, PartLibrary):
+                callees.append((names[library.part], library.argument_types))
+            else:  # what numba compiles for itself
+                callees.append((library.name, library._get_module_for_linking().as_bitcode()))
+        code = result.library.name, result.library._final_module.as_bitcode()
+        described = result.fndesc, result.environment, result.signature
+        self._impl.locator.ensure_cache_path()
+        self._cache_file.save(
+            self._index_key(signature, result.codegen),
+            (code, callees, described, result.reload_init, result._find_referenced_environments()),
+        )
+
+    def _load_overload(self, signature: Any, target: Any) -> Any:
+        kept = self._cache_file.load(self._index_key(signature, target.codegen()))
+        if kept is None:
+            return None
+        code, callees, (description, environment, types), reload_init, environments = kept
+        library = PartLibrary.from_code(target.codegen(), *code)
+        called = self.part.called()
+        for name, callee in callees:
+            if name in called:
+                called[name].compile(callee)
+                library.add_linking_library(called[name].overloads[callee].library)
+            else:
+                library.add_linking_library(PartLibrary.from_code(target.codegen(), name, callee))
+        library.finalize()
+        return compiler.compile_result(
+            typing_context=self.part.typingctx, target_context=target, library=library, environment=environment,
+            fndesc=description, signature=types, objectmode=False, lifted=(), entry_point=(description.mangled_name,),
+            reload_init=reload_init, referenced_envs=environments, metadata={},
+        )  # fmt: skip
+
+
 class Part(CPUDispatcher):
     """A kernel as other kernels call it; Python does not."""
+
+    def __init__(self, function: Callable, options: dict) -> None:
+        super().__init__(function, targetoptions=options, pipeline_class=PartCompiler)
+        self._cache = PartCache(self)
 
     def add_overload(self, result: Any) -> None:
         key = (result.fndesc.mangled_name,)
         result.fndesc.typemap = result.fndesc.calltypes = None  # large, and needed no more
+        result.library.part, result.library.argument_types = self, tuple(result.signature.args)
         self.targetctx.insert_user_function(key, result.fndesc, [result.library])
         self.overloads[tuple(result.signature.args)] = result._replace(entry_point=key, type_annotation=None)
+
+    def called(self) -> dict[str, "Part"]:
+        """The parts of the kernels that this one calls, by the name that it calls them."""
+        function = self.py_func
+        used = {name: function.__globals__.get(name) for name in function.__code__.co_names}
+        cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
+        used.update((name, cell.cell_contents) for name, cell in cells)
+        return {name: kernel.part for name, kernel in used.items() if isinstance(kernel, Kernel)}
 
     def to_compile(self) -> set["Part"]:
         """This part and those of all that it calls, however indirectly, that are not compiled for any types yet."""
@@ -168,10 +306,7 @@ class Part(CPUDispatcher):
             part = waiting.pop()
             if part not in found and not part.overloads:
                 found.add(part)
-                function = part.py_func
-                used = [function.__globals__.get(name) for name in function.__code__.co_names]
-                used += [cell.cell_contents for cell in function.__closure__ or ()]
-                waiting += [called.part for called in used if isinstance(called, Kernel)]
+                waiting += part.called().values()
         return found
 
 
@@ -214,9 +349,9 @@ class Kernel(CPUDispatcher):
 
     def __init__(self, function: Callable, options: dict) -> None:
         for_kernels = {**options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        self.part = Part(function, targetoptions=for_kernels, pipeline_class=PartCompiler)
+        self.part = Part(function, for_kernels)
         super().__init__(function, targetoptions=options, pipeline_class=partial(EntryCompiler, self.part))
-        self.enable_caching()
+        self._cache = EntryCache(function)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """What numba asks where another kernel calls; a constant is a number like others, not a type of its own."""
