@@ -16,7 +16,9 @@ from core.files import InputError
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 #: Modules of app.verbs, each with `add`; in the order of `phd --help`.
-VERBS = ("run", "study", "worlds", "fit_operator", "models", "replay", "folders", "bench", "machine", "emulate")
+VERBS = (
+    "run", "study", "worlds", "fit_operator", "models", "replay", "folders", "bench", "machine", "emulate", "bundle",
+)  # fmt: skip
 #: What the file system refuses because of what was asked for, not because something broke.
 WRONG_PATH = (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError, PermissionError)
 
@@ -25,6 +27,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; the exit code."""
     if argv is None:
         argv = sys.argv[1:]
+        for stream in (sys.stdout, sys.stderr):  # Windows gives files and pipes another encoding
+            stream.reconfigure(encoding="utf-8")
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # half-written files are removed
     try:
         args, unknown = make_parser().parse_known_args(with_verb(argv))

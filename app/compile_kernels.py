@@ -51,7 +51,10 @@ def main() -> int:
     second = subprocess.Popen([sys.executable, "-m", "app.compile_kernels", "scene-and-loop"])
     watch_compiling()
     compile_trials()
-    return 1 if second.wait() else 0
+    if second.wait():
+        return 1
+    print("kernels: compiled")
+    return 0
 
 
 if __name__ == "__main__":

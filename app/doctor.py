@@ -6,13 +6,14 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
 from packaging.requirements import Requirement
 
 from app.ipc.messages import BAD, CAUTION, GOOD, Check
-from app.ipc.scheduling import ADVICE
+from app.ipc.scheduling import ADVICE, program_cores
 from app.progress import SCREENS_CODE
 from app.session_server.preflight import check_disk
 from core.files import InputError
@@ -39,13 +40,17 @@ def check(name: str, found: str, advice: str = "", bad: bool = False) -> Check:
     return Check(name, GOOD if not advice else BAD if bad else CAUTION, found, advice)
 
 
+def wanted_libraries() -> list[Requirement]:
+    """The libraries that the project asks for on this system."""
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    needs = map(Requirement, project["dependencies"])
+    return [need for need in needs if not need.marker or need.marker.evaluate({"extra": ""})]
+
+
 def libraries() -> Check:
     """Whether what is installed is what the project asks for."""
     wrong = []
-    for text in importlib.metadata.requires("phd") or []:
-        need = Requirement(text)
-        if need.marker and not need.marker.evaluate({"extra": ""}):
-            continue
+    for need in wanted_libraries():
         try:
             version = importlib.metadata.version(need.name)
         except importlib.metadata.PackageNotFoundError:
@@ -102,12 +107,12 @@ def scheduling() -> Check:
     best, words = json.loads(answer.stdout)
     if best:
         return check("scheduling", words)
-    return Check("scheduling", CAUTION, words, ADVICE if sys.platform == "linux" else "")
+    return Check("scheduling", CAUTION, words, ADVICE)
 
 
 def cores() -> Check:
     """Processor cores that we may use: the loop wants one of its own."""
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    count = len(program_cores()) or os.cpu_count() or 1
     if count < 2:
         return check("cores", "1: loop and window share it", "Give the machine a second core.")
     return check("cores", f"{count}")

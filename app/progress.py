@@ -34,7 +34,7 @@ class Progress:
     CELLS = 30
 
     def __init__(self, doing: str) -> None:
-        self.doing, self.start, self.shown = doing, time.monotonic(), ""
+        self.doing, self.start, self.shown = doing, time.perf_counter(), ""
         self.first: tuple[float, float] | None = None  # when it was first called, and with which share
 
     def __call__(self, share: float, where: str = "") -> None:
@@ -42,7 +42,7 @@ class Progress:
         if PROGRESS in os.environ:
             print(PROGRESS, f"{share:.3f}", file=sys.stderr, flush=True)
             return
-        if not sys.stderr.isatty() or time.monotonic() - self.start < 1.0:
+        if not sys.stderr.isatty() or time.perf_counter() - self.start < 1.0:
             return
         full = round(share * self.CELLS)
         place = where or f"{share:4.0%}{self._left(share)}"
@@ -53,11 +53,11 @@ class Progress:
 
     def _left(self, share: float) -> str:
         """The time that is left at the pace so far, from a minute on."""
-        self.first = self.first or (time.monotonic(), share)
+        self.first = self.first or (time.perf_counter(), share)
         begun, at_first = self.first
         if share <= at_first:
             return ""
-        minutes = round((1.0 - share) / (share - at_first) * (time.monotonic() - begun) / 60.0)
+        minutes = round((1.0 - share) / (share - at_first) * (time.perf_counter() - begun) / 60.0)
         return f", {minutes // 60} h {minutes % 60:02d} min left" if minutes >= 1 else ""
 
     def __enter__(self) -> "Progress":
@@ -82,12 +82,12 @@ class Compiling:
     def __call__(self, number: int, of: int, name: str) -> None:
         """As `kernel_compiler.watchers` are called: before each kernel of an entry, and after the last with no name."""
         if self._began is None:
-            self._began = time.monotonic()
+            self._began = time.perf_counter()
         if name:
             self._bar(number / max(of, 1), f"{number} of {of}")
             return
         self._bar.clear()
-        self.seconds, self._began = self.seconds + time.monotonic() - self._began, None
+        self.seconds, self._began = self.seconds + time.perf_counter() - self._began, None
 
 
 def watch_compiling() -> Compiling:

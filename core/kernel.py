@@ -6,6 +6,7 @@ file that holds a kernel and of all that these import from this project. Folders
 megabyte each, in the user's cache.
 """
 
+import getpass
 import hashlib
 import os
 import re
@@ -52,14 +53,15 @@ def source_hash(root: Path = _ROOT) -> str:
 
 def _cache_home() -> Path:
     """The user's cache folder, or a private temporary one where that cannot be written."""
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "phd" / "kernels"
+    home = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".cache"
+    base = Path(home) / "phd" / "kernels"
     try:
         base.mkdir(parents=True, exist_ok=True)
-        if os.access(base, os.W_OK):
+        with tempfile.TemporaryFile(dir=base):
             return base
     except OSError:
         pass  # an unwritable home: the temporary folder below serves, at the price of compiling again after a restart
-    return Path(tempfile.gettempdir()) / f"phd-kernels-{os.getuid()}"
+    return Path(tempfile.gettempdir()) / f"phd-kernels-{getpass.getuser()}"
 
 
 CACHE_FOLDER = _cache_home() / source_hash()

@@ -16,7 +16,7 @@ from core.path import Polyline, Segment, path_from
 from experiments.assumptions import IDEAL
 from experiments.language import shipped_languages
 from experiments.protocol import MouseHand, Protocol, read_protocol
-from experiments.recording.atomic_files import reason_of, write_new_file, write_new_files, written_beside
+from experiments.recording.atomic_files import reason_of, rename_over, write_new_file, write_new_files, written_beside
 
 #: kind of path -> how many points draw it; a polyline takes any number from two on
 POINTS = {"segment": 2, "polyline": 2, "arc": 3}
@@ -38,7 +38,7 @@ def save_protocol(path: Path, content: Mapping[str, Any], replacing: bool = Fals
     try:
         if replacing:
             with written_beside(path, text.encode()) as partial:
-                partial.replace(path)
+                rename_over(partial, path)
         else:
             write_new_file(path, text.encode(), sync=True)
     except OSError as error:

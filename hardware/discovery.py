@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -12,11 +11,11 @@ from serial.tools import list_ports
 from core.device_interface import DeviceError
 from core.files import InputError
 from core.mechanism import JOINTS
-from hardware.emulated_board.sensors import FOLDER
+from hardware.emulated_board.plug import emulated_ports
 from hardware.hid import attached, list_hid
 from hardware.sensing.samples import fault_words
 from hardware.serial_device import Connection
-from hardware.serial_port import Port, usb_ports
+from hardware.serial_port import Port, is_missing, usb_ports
 from hardware.wire.messages import Hello, State, joints_of
 
 
@@ -80,7 +79,7 @@ def hid_devices() -> list[HidDevice]:
 
 def ask_board(port: str) -> BoardFound:
     """Who answers at a port; a connection that it has is not disturbed, the port is then busy. InputError: no port."""
-    if not os.path.exists(port) and os.name == "posix":
+    if is_missing(port):
         raise InputError(f"serial port {port}: no such file or directory")
     try:
         with contextlib.closing(Port(port)) as wire:
@@ -104,8 +103,7 @@ def look_at_ports(before: Sequence[PortFound] = (), besides: str = "") -> tuple[
     besides: a port that is in use here, left alone.
     """
     known = {found.port: found for found in before}
-    emulated = map(str, sorted(Path(tempfile.gettempdir()).glob(f"{FOLDER}*/port")))
-    ports = [*usb_ports(), *(port for port in emulated if os.access(port, os.R_OK | os.W_OK))]
+    ports = [*usb_ports(), *emulated_ports()]
     return tuple(known.get(port) or _found(port) for port in ports if port != besides)
 
 

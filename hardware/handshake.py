@@ -4,12 +4,12 @@ import json
 import math
 import socket
 import time
-from pathlib import Path
 
 from core.device import Device
 from core.files import InputError
 from core.mechanism import JOINTS
-from hardware.emulated_board.sensors import CONTROL, EMULATED, sensing_of
+from hardware.emulated_board.plug import LOOPBACK, emulated_ports
+from hardware.emulated_board.sensors import EMULATED, sensing_of
 from hardware.wire.messages import SAMPLE_HZ, VERSION, WATCHDOG_US, Four, Hello, SetLimits, joints_of
 
 #: rad/s, at which a joint is too fast (assumed; 9 m/s at the end of a 0.3 m link)
@@ -72,14 +72,11 @@ def shortened(device: Device) -> str:
 
 
 def rewire_emulated(hello: Hello, port: str, device: Device) -> bool:
-    """Ask an emulated board, by the socket beside its port, to be wired to a device; False: it is a real board."""
-    control = Path(port).with_name(CONTROL)
-    if not hello.serial.startswith(EMULATED.encode()) or not control.is_socket():
+    """Ask an emulated board of this user to be wired to a device; False: it is a real board, or another user's."""
+    number = emulated_ports().get(port)
+    if not hello.serial.startswith(EMULATED.encode()) or number is None:
         return False
-    try:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as orders:
-            orders.sendto(json.dumps({"device": device.name}).encode(), str(control))
-    except OSError:  # it has just ended: the board that answered is the one to be refused
-        return False
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as orders:
+        orders.sendto(json.dumps({"device": device.name}).encode(), (LOOPBACK, number))
     time.sleep(REWIRE_S)
     return True

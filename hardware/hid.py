@@ -140,7 +140,7 @@ class HidHand:
 
     def __init__(
         self, force_full_N: float = FORCE_FULL_N, listing: Callable[[], list[dict]] = list_hid,
-        opening: Callable[[bytes], Any] = open_hid, clock: Callable[[], float] = time.monotonic,
+        opening: Callable[[bytes], Any] = open_hid, clock: Callable[[], float] = time.perf_counter,
     ) -> None:  # fmt: skip
         """InputError if no known device is attached or it may not be read."""
         self._scale = force_full_N / layouts().full_scale_counts

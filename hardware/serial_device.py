@@ -78,7 +78,7 @@ class Wire(Protocol):
 class Connection:
     """Messages to and from one board, from Hello to Bye."""
 
-    def __init__(self, wire: Wire, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, wire: Wire, clock: Callable[[], float] = time.perf_counter) -> None:
         self.wire, self._clock = wire, clock
         self._decoder = FrameDecoder()
         self._layout: m.SampleLayout | None = None
@@ -208,7 +208,7 @@ class SerialDevice:
     """One board. Its methods belong to one thread, the control loop's."""
 
     def __init__(
-        self, device: Device, port: str, net_force: str = "", clock: Callable[[], float] = time.monotonic,
+        self, device: Device, port: str, net_force: str = "", clock: Callable[[], float] = time.perf_counter,
         open_port: Callable[[str], Wire] = Port, sleep: Callable[[float], None] = time.sleep,
     ) -> None:  # fmt: skip
         """port: its name, or "auto": the only serial port on USB. net_force: a Net F/T, as `NetFT` takes it; "": none.

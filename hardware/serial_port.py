@@ -1,12 +1,16 @@
 """A serial port that can die at any moment, and finding it again.
 
 pyserial's errors when a peer dies are of three kinds, and its close can hang: here they are one error, and closing has
-a thread of its own.
+a thread of its own. A port may also be an address, "socket://HOST:NUMBER": a TCP port that passes bytes on as a serial
+port does, such as that of an emulated board.
 """
 
 import contextlib
 import errno
 import os
+import re
+import select
+import socket
 import threading
 from typing import NamedTuple
 
@@ -26,7 +30,9 @@ BAUD = 921_600  # means nothing to a USB port
 READ_S = 0.002  # longest wait for the first byte
 WRITE_S = 0.004
 CLOSE_S = 0.5  # after which a close that hangs is left to itself
-_UNPLUGGED = (errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF)
+BUFFER = 16_384  # bytes that a TCP connection keeps on their way, so that little is old; fewer are lost. Measured
+_ADDRESS = re.compile(r"socket://[^/?#:@\s]+:(\d{1,5})")
+_UNPLUGGED = (errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF, errno.EPIPE, errno.ECONNRESET)
 #: what pyserial raises when the other end is gone
 _DEAD = (serial.SerialException, OSError, TerminalError)
 
@@ -45,13 +51,36 @@ class Identity(NamedTuple):
         return self[:3] == other[:3]
 
 
+def is_address(name: str) -> bool:
+    """Whether a port's name is the address of a TCP port."""
+    return bool(found := _ADDRESS.fullmatch(name)) and 0 < int(found[1]) < 1 << 16
+
+
+def is_missing(name: str) -> bool:
+    """Whether a port cannot be there: its name is no address, and no file where ports are files."""
+    return os.name == "posix" and not is_address(name) and not os.path.exists(name)
+
+
+def like_a_wire(end: socket.socket) -> None:
+    """Make an end of a TCP connection send at once, and keep little of what the other end does not read."""
+    end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+
+
 class Port:
     """An open port. DeviceError where it has died."""
 
     def __init__(self, name: str) -> None:
         self.name, self.not_taken = name, 0
+        self._tcp, self._heard = is_address(name), False
+        if "://" in name and not self._tcp:
+            raise DeviceError(cause("port", name=name, what="an address must be socket://HOST:NUMBER"))
         try:
-            self._serial = serial.Serial(name, BAUD, timeout=READ_S, write_timeout=WRITE_S, exclusive=True)
+            wait_s = 0.0 if self._tcp else READ_S
+            self._serial = serial.serial_for_url(name, BAUD, timeout=wait_s, write_timeout=WRITE_S, exclusive=True)
+            if self._tcp:
+                with socket.fromfd(self._serial.fileno(), socket.AF_INET, socket.SOCK_STREAM) as end:
+                    like_a_wire(end)
             self._serial.reset_input_buffer()
         except _DEAD as error:
             raise DeviceError(cause("port", name=name, what=_reason(error))) from None
@@ -61,10 +90,18 @@ class Port:
     def read(self) -> bytes:
         """What has come; waits READ_S for the first byte."""
         try:
-            first = self._serial.read(1)
-            return first + self._serial.read(self._serial.in_waiting) if first else first
+            data = self._read()
         except _DEAD as error:
-            raise DeviceError(cause("port", name=self.name, what=_reason(error))) from None
+            raise self._death(error) from None
+        self._heard |= bool(data)
+        return data
+
+    def _read(self) -> bytes:
+        if self._tcp:  # pyserial counts at most one byte that waits there, and its wait would go on after the first
+            select.select([self._serial], [], [], READ_S)
+            return self._serial.read(BUFFER)
+        first = self._serial.read(1)
+        return first + self._serial.read(self._serial.in_waiting) if first else first
 
     def write(self, data: bytes) -> None:
         """Send; what is not taken in time is lost, as on any wire, and if that lasts the board falls silent."""
@@ -73,7 +110,12 @@ class Port:
         except serial.SerialTimeoutException:
             self.not_taken += 1  # the other end does not read, or this program was held up for longer
         except _DEAD as error:
-            raise DeviceError(cause("port", name=self.name, what=_reason(error))) from None
+            raise self._death(error) from None
+
+    def _death(self, error: BaseException) -> DeviceError:
+        sent_away = self._tcp and not self._heard
+        what = _reason(error, "another program is using it" if sent_away else "the board was unplugged")
+        return DeviceError(cause("port", name=self.name, what=what))
 
     def close(self) -> None:
         """Close in a thread of its own, and do not wait for one that hangs."""
@@ -137,14 +179,18 @@ def find_port(wanted: str, identity: Identity | None = None) -> str:
     return next(iter(ports))
 
 
-def _reason(error: BaseException) -> str:
-    number = getattr(error, "errno", None)
+def _reason(error: BaseException, parted: str = "the board was unplugged") -> str:
+    """Why a port has died. parted: what it means that the other end is gone."""
+    number = getattr(error, "errno", None) or getattr(error.__context__, "errno", None)  # pyserial hides the system's
     if number in (errno.EAGAIN, errno.EBUSY):
         return "another program is using it"
     if number == errno.EACCES:
         return "permission denied (phd doctor says what to do)"
-    if number in _UNPLUGGED or str(error).startswith("device reports readiness"):  # pyserial's words for it
-        return "the board was unplugged"
+    if number == errno.ECONNREFUSED:
+        return "nothing listens there"
+    # pyserial's words for it
+    if number in _UNPLUGGED or str(error).startswith("device reports readiness") or "disconnected" in str(error):
+        return parted
     text = os.strerror(number) if number else str(error).strip() or "it is gone"
     if text.startswith("Could not configure port"):  # pyserial's words for what is no terminal at all
         return "it is no serial port"

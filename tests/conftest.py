@@ -2,11 +2,13 @@
 
 import os
 from collections.abc import Iterator
-from pathlib import Path
 
+import conclusions
 import pytest
 from devices import BENCH, COUPLED, FIXED, FiveBar, random_five_bar
 from hypothesis import HealthCheck, settings
+
+from experiments.analysis.sheet import PNG_DPI, STYLE
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # windows without a screen, as CI has them
 
@@ -45,16 +47,34 @@ def own_scale() -> Iterator[None]:
         os.environ["QT_SCALE_FACTOR"] = before
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _conclusions_left_out() -> Iterator[None]:
+    """Studies draw no box plots and compute no error bars, but for tests that ask for them (`concluded`)."""
+    with conclusions.left_out():
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _coarse_prints() -> Iterator[None]:
+    """Figures have few dots, and letters as drawings, which is faster; but for tests that ask for `fine_prints`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("experiments.analysis.sheet.PNG_DPI", 30)
+        patch.setitem(STYLE, "pdf.fonttype", 3)
+        yield
+
+
 @pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Box plots that are empty files, for tests of everything else: drawing takes longer than the trials."""
+def fine_prints(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures as people get them."""
+    monkeypatch.setattr("experiments.analysis.sheet.PNG_DPI", PNG_DPI)
+    monkeypatch.setitem(STYLE, "pdf.fonttype", 42)
 
-    def leave_files(_table, folder: Path, _note: str, **_options: object) -> None:
-        folder.mkdir(parents=True)
-        (folder / "boxplots.png").touch()
 
-    for module in ("study", "analyze"):
-        monkeypatch.setattr(f"experiments.study.{module}.draw_boxplots", leave_files)
+@pytest.fixture
+def concluded() -> Iterator[None]:
+    """Studies conclude themselves as they do for people."""
+    with conclusions.whole():
+        yield
 
 
 @pytest.fixture(params=FIXED, ids=_name)

@@ -51,8 +51,8 @@ class Client:
 
     def refused(self) -> str:
         """Wait until the session server serves: ""; or say why it does not."""
-        deadline = time.monotonic() + START_S
-        while not self._received and self.alive and time.monotonic() < deadline:
+        deadline = time.perf_counter() + START_S
+        while not self._received and self.alive and time.perf_counter() < deadline:
             self._received += self._take(LOOK_S)
         if not self._received and not self._refused:
             what = "ended while it started" if self._server.closed else "does not answer"
@@ -104,10 +104,10 @@ class Client:
         """End the session server: what runs is aborted for this reason and kept. Waits until that is done."""
         self.send(Quit(reason))
         self.leave()
-        deadline = time.monotonic() + END_S
-        while not self._server.closed and time.monotonic() < deadline:
+        deadline = time.perf_counter() + END_S
+        while not self._server.closed and time.perf_counter() < deadline:
             self._take(LOOK_S)
-        self._server.end(deadline - time.monotonic())
+        self._server.end(deadline - time.perf_counter())
 
     def leave(self) -> None:
         """As a window that dies: the session server ends by itself after the running trial."""

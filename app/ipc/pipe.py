@@ -39,8 +39,8 @@ class Pipe:
 
     def flush(self, wait_s: float) -> None:
         """Wait until everything is sent, or the other end is gone, at most so long."""
-        end = time.monotonic() + wait_s
-        while self.behind and time.monotonic() < end:
+        end = time.perf_counter() + wait_s
+        while self.behind and time.perf_counter() < end:
             time.sleep(_LOOK_S)
 
     def receive(self, wait_s: float = 0.0) -> list:

@@ -18,11 +18,12 @@ def start_python(
 
     Not `-m`: what it pickles is of that module.
     """
-    if sys.platform == "linux":
-        program_cores()  # handed down
+    program_cores()  # handed down
     path = os.environ.get("PYTHONPATH", "")
     found = {"PYTHONPATH": f"{_ROOT}{os.pathsep}{path}" if path else _ROOT}
     command = [sys.executable, "-c", f"from {module} import main; main()", *arguments]
+    if sys.platform == "win32":  # neither a console window of its own nor the Ctrl-C of ours
+        options["creationflags"] = subprocess.CREATE_NO_WINDOW
     return subprocess.Popen(command, env=os.environ | found | (environment or {}), **options)
 
 

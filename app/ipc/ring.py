@@ -156,7 +156,7 @@ class Ring:
         control.stop = control.cause = control.dropped = control.let_go = 0
         control.taken = int(taken)
         self.control.tail = self.control.head
-        self.control.loop_beat = time.monotonic_ns()
+        self.control.loop_beat = time.perf_counter_ns()
         self.beat()
 
     def push(self, fx: float, fy: float) -> None:
@@ -171,12 +171,12 @@ class Ring:
 
     def beat(self) -> None:
         """The session server lives."""
-        self.control.server_beat = time.monotonic_ns()
+        self.control.server_beat = time.perf_counter_ns()
 
     @property
     def loop_silent_s(self) -> float:
         """Seconds since the loop's last tick."""
-        return 1e-9 * (time.monotonic_ns() - int(self.control.loop_beat))
+        return 1e-9 * (time.perf_counter_ns() - int(self.control.loop_beat))
 
     def take(self) -> np.ndarray:
         """The ticks that have not been recorded yet, copied: (n, width). They stay until `taken`."""

@@ -1,8 +1,9 @@
 """The best scheduling that the control loop can get, and what it got.
 
 Linux: real-time (FIFO) with its memory locked where the user may; otherwise the shortest slice of the default
-scheduler. Both: no timer slack, and a processor core that the other processes of the program leave. None of this exists
-on Windows and macOS, where the loop runs as any program does.
+scheduler. Both: no timer slack. Windows: the multimedia class "Pro Audio" where its service runs, otherwise the highest
+priority of a thread. Both systems: a processor core that the other processes of the program leave. macOS: the policy
+for threads with a time constraint (written from its documentation, not run).
 """
 
 import ctypes
@@ -11,14 +12,15 @@ import os
 import platform
 import sys
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 PRIORITY = 50  # below the kernel's own threads for interrupts
 SLICE_NS = 100_000  # the shortest that the default scheduler grants
-ADVICE = (
-    "Allow real-time scheduling: lines `NAME - rtprio 50` and `NAME - memlock unlimited` for your user in "
-    "/etc/security/limits.d/phd.conf, then log in again."
-)
+ADVICE = {
+    "linux": "Allow real-time scheduling: lines `NAME - rtprio 50` and `NAME - memlock unlimited` for your user in "
+    "/etc/security/limits.d/phd.conf, then log in again.",
+    "win32": "Start Windows' service `Multimedia Class Scheduler` (services.msc) and start again.",
+}.get(sys.platform, "")
 
 #: the cores that the program may use, as a process's environment hands them down to the ones that it starts: its own
 #: may be fewer by then, for everything but the loop leaves the loop's core
@@ -28,6 +30,16 @@ _SET_TIMER_SLACK = 29  # prctl
 _LOCK_NOW_AND_LATER = 3  # mlockall: MCL_CURRENT | MCL_FUTURE
 #: system calls sched_setattr, sched_getattr by machine: the C library has no name for them
 _ATTRIBUTES = {"x86_64": (314, 315), "aarch64": (274, 275)}
+
+_HIGHEST = 15  # SetThreadPriority: THREAD_PRIORITY_TIME_CRITICAL
+_CRITICAL = 2  # AvSetMmThreadPriority: AVRT_PRIORITY_CRITICAL
+_KEEP_LEAST = 1  # SetProcessWorkingSetSizeEx: QUOTA_LIMITS_HARDWS_MIN_ENABLE
+WORKING_SET = (256 << 20, 512 << 20)  # bytes of memory that Windows leaves the loop at least, and at most when short
+
+_TIME_CONSTRAINT = 2  # thread_policy_set: THREAD_TIME_CONSTRAINT_POLICY
+#: A thread that works every so many ns, so many, and must be done within so many; it may not be interrupted. Our
+#: choice: a tick and what the loop spins.
+TIME_CONSTRAINT_NS = (1_000_000, 300_000, 500_000, 0)
 
 
 class _Attributes(ctypes.Structure):
@@ -44,12 +56,14 @@ class Scheduling(NamedTuple):
     locked: bool  # its memory cannot be swapped out
     core: int  # its own; -1: none
     means: str  # in words
+    timer: str = ""  # likewise, on a system that has several kinds
 
     @property
     def words(self) -> str:
         """All of it."""
         place = f", core {self.core}" if self.core >= 0 else ""
-        return f"{self.means}{place}{', memory not locked' if self.real_time and not self.locked else ''}"
+        timer = f", {self.timer}" if self.timer else ""
+        return f"{self.means}{place}{timer}{', memory not locked' if self.real_time and not self.locked else ''}"
 
 
 def take_scheduling(real_time: bool = True) -> Scheduling:
@@ -60,6 +74,10 @@ def take_scheduling(real_time: bool = True) -> Scheduling:
     gc.collect()
     gc.freeze()
     gc.disable()
+    if sys.platform == "win32":
+        return _windows(real_time)
+    if sys.platform == "darwin":
+        return _macos(real_time)
     if sys.platform != "linux":
         return Scheduling(False, False, -1, f"default: {platform.system()} offers nothing better here")
     libc = ctypes.CDLL(None, use_errno=True)
@@ -72,18 +90,25 @@ def take_scheduling(real_time: bool = True) -> Scheduling:
 
 
 def program_cores() -> set[int]:
-    """The cores that the program may use."""
+    """The cores that the program may use; none where the system does not let a program choose."""
     given = os.environ.get(CORES_VARIABLE)
     if given is None:
-        given = os.environ[CORES_VARIABLE] = ",".join(map(str, os.sched_getaffinity(0)))
-    return {int(core) for core in given.split(",")}
+        given = os.environ[CORES_VARIABLE] = ",".join(map(str, _process_cores()))
+    return {int(core) for core in given.split(",") if core}
 
 
 def leave_core(core: int) -> None:
-    """Keep the calling thread, and those that it starts, off the loop's core (-1: on all again)."""
+    """Keep the calling thread, and those that it starts, off the loop's core (-1: on all again).
+
+    Windows: all threads of the process.
+    """
+    cores = program_cores()
+    cores = cores - {core} or cores
     if sys.platform == "linux":
-        cores = program_cores()
-        os.sched_setaffinity(0, cores - {core} or cores)
+        os.sched_setaffinity(0, cores)
+    elif sys.platform == "win32" and cores:
+        kernel32 = _kernel32()
+        kernel32.SetProcessAffinityMask(kernel32.GetCurrentProcess(), _mask(cores))
 
 
 def stolen_ms(core: int) -> float:
@@ -91,21 +116,38 @@ def stolen_ms(core: int) -> float:
 
     0 on a machine of its own, and where the system does not say.
     """
+    if sys.platform != "linux":
+        return 0.0
     name = f"cpu{core}" if core >= 0 else "cpu"
     try:
-        lines = Path("/proc/stat").read_text().splitlines()
+        lines = Path("/proc/stat").read_text(encoding="utf-8").splitlines()
     except OSError:
         return 0.0
     fields = next((line.split() for line in lines if line.startswith(f"{name} ")), [])
     return 1e3 * int(fields[8]) / os.sysconf("SC_CLK_TCK") if len(fields) > 8 else 0.0
 
 
+def _process_cores() -> list[int]:
+    """The cores that this process may use; none where the system does not let a program choose."""
+    if sys.platform == "linux":
+        return sorted(os.sched_getaffinity(0))
+    if sys.platform != "win32":
+        return []
+    kernel32, ours, every = _kernel32(), ctypes.c_size_t(), ctypes.c_size_t()
+    kernel32.GetProcessAffinityMask(kernel32.GetCurrentProcess(), ctypes.byref(ours), ctypes.byref(every))
+    return [core for core in range(64) if ours.value >> core & 1]
+
+
 def _own_core() -> int:
-    """Keep to the last core that we may use, unless it is the only one."""
+    """Keep the calling thread to the last core that we may use, unless it is the only one."""
     cores = program_cores()
     if len(cores) < 2:
         return -1
-    os.sched_setaffinity(0, {max(cores)})
+    if sys.platform == "linux":
+        os.sched_setaffinity(0, {max(cores)})
+    else:
+        kernel32 = _kernel32()
+        kernel32.SetThreadAffinityMask(kernel32.GetCurrentThread(), _mask({max(cores)}))
     return max(cores)
 
 
@@ -130,3 +172,55 @@ def _short_slice(libc: ctypes.CDLL) -> bool:
         and got.policy == 0
         and got.runtime == SLICE_NS
     )
+
+
+# ----------------------------------------------------------------------------------------------------------- Windows
+
+
+def _kernel32() -> Any:
+    """Windows' own functions; what they are given as a handle or a mask has the size of a pointer."""
+    kernel32 = ctypes.WinDLL("kernel32")
+    for get in (kernel32.GetCurrentProcess, kernel32.GetCurrentThread):
+        get.restype = ctypes.c_void_p
+    kernel32.SetThreadPriority.argtypes = (ctypes.c_void_p, ctypes.c_int)
+    for take in (kernel32.SetProcessAffinityMask, kernel32.SetThreadAffinityMask):
+        take.argtypes = (ctypes.c_void_p, ctypes.c_size_t)
+    kernel32.GetProcessAffinityMask.argtypes = (ctypes.c_void_p,) * 3
+    kernel32.SetProcessWorkingSetSizeEx.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_size_t, ctypes.c_uint32)
+    return kernel32
+
+
+def _mask(cores: set[int]) -> int:
+    return sum(1 << core for core in cores)
+
+
+def _windows(real_time: bool) -> Scheduling:
+    kernel32, core = _kernel32(), _own_core()
+    kept = bool(kernel32.SetProcessWorkingSetSizeEx(kernel32.GetCurrentProcess(), *WORKING_SET, _KEEP_LEAST))
+    if real_time and _multimedia():
+        return Scheduling(True, kept, core, "real-time: multimedia class Pro Audio")
+    highest = kernel32.SetThreadPriority(kernel32.GetCurrentThread(), _HIGHEST)
+    return Scheduling(False, kept, core, f"default{', highest priority of a thread' if highest else ''}")
+
+
+def _multimedia() -> bool:
+    """Whether the service for multimedia takes the calling thread as one of those that must not be late."""
+    avrt, task = ctypes.WinDLL("avrt"), ctypes.c_uint32()
+    avrt.AvSetMmThreadCharacteristicsW.restype = ctypes.c_void_p
+    avrt.AvSetMmThreadPriority.argtypes = (ctypes.c_void_p, ctypes.c_int)
+    handle = avrt.AvSetMmThreadCharacteristicsW("Pro Audio", ctypes.byref(task))
+    return bool(handle and avrt.AvSetMmThreadPriority(handle, _CRITICAL))
+
+
+# ------------------------------------------------------------------------------------------------------------- macOS
+
+
+def _macos(real_time: bool) -> Scheduling:
+    libc = ctypes.CDLL(None)
+    timebase = (ctypes.c_uint32 * 2)()
+    libc.mach_timebase_info(timebase)
+    *times, interrupted = TIME_CONSTRAINT_NS
+    policy = (ctypes.c_uint32 * 4)(*(ns * timebase[1] // timebase[0] for ns in times), interrupted)
+    if real_time and libc.thread_policy_set(libc.mach_thread_self(), _TIME_CONSTRAINT, policy, len(policy)) == 0:
+        return Scheduling(True, False, -1, "real-time: time constraint")
+    return Scheduling(False, False, -1, "default")

@@ -25,7 +25,7 @@ from app.ipc import messages as m
 from app.ipc.process import spare_scipy
 from app.ipc.ring import CONTROL, Ring
 from app.ipc.scheduling import take_scheduling
-from app.loop.clock import NATIVE, new_timespec
+from app.loop.clock import NATIVE, new_timer, timer_words
 from app.loop.real_time import ROOM, end_early, put, run_idle, run_trial
 from core import tick_log
 from core.device import Device
@@ -51,7 +51,7 @@ class Loop:
 
     def __init__(
         self, ring: Ring, port: str, answers: Any,
-        clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep,
+        clock: Callable[[], float] = time.perf_counter, sleep: Callable[[float], None] = time.sleep,
         make_device: Callable[[Device, str], RealDevice] = device_at,
     ) -> None:  # fmt: skip
         """port: of a real device; "": the device is simulated. answers: the pipe to the server.
@@ -65,7 +65,7 @@ class Loop:
         self._clock, self._sleep = clock, sleep
         # for calls of compiled kernels, which take 30 us longer with records
         self._controls = ring.controls.view(np.ndarray) if NATIVE else ring.controls
-        self._timespec, self._row = new_timespec(), np.empty((1, tick_log.WIDTH))
+        self._timer, self._row = new_timer(), np.empty((1, tick_log.WIDTH))
         self._devices: tuple[Device, ...] = ()
         self._problem = "not connected yet"
         self._homed_at = self._zeroed_at = 0.0
@@ -80,10 +80,10 @@ class Loop:
             row = np.zeros(tick_log.BENCH_WIDTH)
             put(new_record(CONTROL), np.zeros((2 * ROOM, tick_log.BENCH_WIDTH)), row)
             end_early(new_record(CONTROL), new_record(RUN), 0, 2 * ROOM)
-            run_idle(np.empty(20), self._timespec)
+            run_idle(np.empty(20), self._timer)
         else:
             run_stopped_trial()
-        scheduling = take_scheduling(real_time)
+        scheduling = take_scheduling(real_time)._replace(timer=timer_words(self._timer))
         self.ring.control.core = scheduling.core
         self._answer(m.Prepared(scheduling))
 
@@ -124,7 +124,7 @@ class Loop:
             match job:
                 case m.Try(ticks):
                     lateness = np.empty(ticks)
-                    run_idle(lateness, self._timespec)
+                    run_idle(lateness, self._timer)
                     self._answer(m.Tried(lateness))
                 case m.Run(trial):
                     self.run(trial)
@@ -153,7 +153,7 @@ class Loop:
     def run(self, trial: Trial) -> None:
         """To its last tick, or until it is to be handed back; every tick goes into the ring."""
         if not trial.real:
-            run_trial(self.ring.controls, self.ring.rows, self._row, self._timespec, *trial.arguments())
+            run_trial(self.ring.controls, self.ring.rows, self._row, self._timer, *trial.arguments())
         elif self.device is None:
             trial.give_up(after("the board cannot be reached: ", self._problem))
         elif not self.device.zeroed:
@@ -277,9 +277,9 @@ class Loop:
 
 def run_stopped_trial() -> None:
     """Run a trial that ends at once, on a ring of its own, and the clock: every kernel of the loop is compiled then."""
-    controls, ring, timespec = new_record(CONTROL), np.zeros((2 * ROOM, tick_log.WIDTH)), new_timespec()
-    run_trial(controls, ring, np.empty((1, tick_log.WIDTH)), timespec, *stopped_trial().arguments())
-    run_idle(np.empty(20), timespec)
+    controls, ring, timer = new_record(CONTROL), np.zeros((2 * ROOM, tick_log.WIDTH)), new_timer()
+    run_trial(controls, ring, np.empty((1, tick_log.WIDTH)), timer, *stopped_trial().arguments())
+    run_idle(np.empty(20), timer)
 
 
 def stopped_trial() -> Trial:

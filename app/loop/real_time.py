@@ -75,9 +75,9 @@ def end_early(controls, runs, now, size):
 
 
 @native
-def due(control, deadline, timespec):
+def due(control, deadline, timer):
     """Wait for a tick's deadline (ns); how late it is, and the deadline of the next, both ns."""
-    now = sleep_until(deadline, timespec)
+    now = sleep_until(deadline, timer)
     control.loop_beat = now
     late = now - deadline
     return late, (deadline if late < MOST_BEHIND_NS else now) + TICK_NS
@@ -99,7 +99,7 @@ def put(controls, ring, row):
 
 @native
 def run_trial(
-    controls, ring, row, timespec,
+    controls, ring, row, timer,
     path, way, controller, mechanism, brakes, hand, state, scratch, runs, operator, noise, memory, sensing,
 ):  # fmt: skip
     """One trial in real time on the simulated device, to its last tick or until it is to be handed back.
@@ -108,9 +108,9 @@ def run_trial(
     """
     control, run, grip = controls[0], runs[0], hand.grips[0]
     force_max = grip.force_max
-    deadline = now_ns(timespec)
+    deadline = now_ns(timer)
     while run.finished == 0 and control.stop != HAND_BACK:
-        late, deadline = due(control, deadline, timespec)
+        late, deadline = due(control, deadline, timer)
         end_early(controls, runs, control.loop_beat, ring.shape[0])
         if run.simulated_hand == 0:
             take_aim(control, grip, state[0].tip, run.phase, force_max)
@@ -124,10 +124,10 @@ def run_trial(
 
 
 @native
-def run_idle(lateness, timespec):
+def run_idle(lateness, timer):
     """The loop's deadlines with nothing to do; lateness (n,) in us."""
-    deadline = now_ns(timespec)
+    deadline = now_ns(timer)
     for n in range(lateness.shape[0]):
-        late = sleep_until(deadline, timespec) - deadline
+        late = sleep_until(deadline, timer) - deadline
         lateness[n] = 1e-3 * late
         deadline += TICK_NS

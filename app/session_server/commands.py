@@ -148,7 +148,7 @@ def _pause(state: State, command: m.Pause) -> None:
     if command.on and since_s is None:
         state.storage.write(PAUSED)
     elif not command.on and since_s is not None:
-        state.storage.write(RESUMED_AFTER_PAUSE, seconds=round(time.monotonic() - since_s, 1))
+        state.storage.write(RESUMED_AFTER_PAUSE, seconds=round(time.perf_counter() - since_s, 1))
 
 
 def _note(state: State, command: m.Note) -> None:

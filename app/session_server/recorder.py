@@ -30,7 +30,7 @@ class Recorder:
         self._ring, self._core = ring, int(ring.control.core)
         self._lateness: list[np.ndarray] = []
         self._stolen_before_ms, self._max_us, self._missed = stolen_ms(self._core), 0.0, 0
-        self._bytes, self._last_write = 0, time.monotonic()
+        self._bytes, self._last_write = 0, time.perf_counter()
         self._beside: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
@@ -53,7 +53,7 @@ class Recorder:
 
     def proof(self) -> Proof | None:
         """What is in the file by now; None: nothing is kept."""
-        writer, now = self.writer, time.monotonic()
+        writer, now = self.writer, time.perf_counter()
         if writer is None:
             return None
         if writer.bytes_written != self._bytes:

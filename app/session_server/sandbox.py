@@ -97,7 +97,7 @@ class Sandbox:
                 self.simulation = self._ready_simulation()
                 self.prepared = True
             self.loop_ready.wait()
-            import scipy.fft
+            import scipy.fft  # noqa: F401
             import scipy.signal  # noqa: F401  (seconds, but not after the first trial)
         except BaseException as error:
             self.failure = error  # raised again in `State.watch`, where it ends the server

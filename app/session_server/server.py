@@ -109,7 +109,7 @@ class SessionServer:
             if shown != self._shown.get(type(shown)):
                 self._window.send(shown)
                 self._shown[type(shown)] = shown
-        now = time.monotonic()
+        now = time.perf_counter()
         if now - self._pulse_s >= PULSE_S:
             self._window.send(self._state.pulse())
             self._pulse_s = now
@@ -169,6 +169,7 @@ def _log_into(path: Path, early: BinaryIO, left: contextlib.ExitStack) -> None:
     log = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     for number in (1, 2):
         os.dup2(log, number)
+    os.close(log)
     faulthandler.enable()
 
 
@@ -199,6 +200,8 @@ def _close_log(log: Path, early: BinaryIO) -> None:
             with log.open("ab") as file:
                 file.write(said)
         if log.exists() and not log.stat().st_size:
+            for number in (1, 2):  # Windows removes no file that is open
+                os.dup2(early.fileno(), number)
             log.unlink()
 
 

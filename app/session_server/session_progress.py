@@ -43,7 +43,7 @@ class SessionProgress:
         self.last_end_s: float | None = None  # of a trial; None: what comes next is not one trial's length away
         self.newest_line: dict[str, dict[str, Any]] = {}  # event -> its newest line of the journal: what a step reads
         self.notes: list[str] = []
-        self._rest_from_s = time.monotonic()  # when the last trial ended
+        self._rest_from_s = time.perf_counter()  # when the last trial ended
         self.newest: TrialRow | None = None  # of the trials that ended since it was taken up
         self._answered: set[Asked] = set()
         self._lengths: list[float] = []  # s, from the end of one trial to the end of the next
@@ -60,7 +60,7 @@ class SessionProgress:
         self.newest_line[event.name] = about
         if event is ENDED:
             since_s = (datetime.now(UTC) - datetime.fromisoformat(at)).total_seconds()
-            self._rest_from_s = time.monotonic() - max(0.0, since_s)  # a clock that was set back: the whole break
+            self._rest_from_s = time.perf_counter() - max(0.0, since_s)  # a clock that was set back: the whole break
         elif event is NOTE:
             self.notes.append(f"{datetime.fromisoformat(at).astimezone():%H:%M} {about['text']}")
         elif event is ANSWERS:
@@ -70,7 +70,7 @@ class SessionProgress:
             self._answered.add(Asked(about["configuration"], controller=about["controller"]))
             self.asked = self._to_ask()
         elif event is PAUSED:
-            self.paused_s = time.monotonic()
+            self.paused_s = time.perf_counter()
         elif event is RESUMED_AFTER_PAUSE:
             self.paused_s = self.last_end_s = None
 
@@ -89,7 +89,7 @@ class SessionProgress:
     def break_left_s(self) -> float:
         """How long the break lasts at least, from now."""
         breaks = self.session.protocol.breaks
-        return max(0.0, breaks.least_s - (time.monotonic() - self._rest_from_s)) if breaks else 0.0
+        return max(0.0, breaks.least_s - (time.perf_counter() - self._rest_from_s)) if breaks else 0.0
 
     def without_valid_trial(self) -> str:
         """At the end of the plan: its trials that have no result, in one sentence; "" before, or if all have one."""
@@ -122,7 +122,7 @@ class SessionProgress:
 
     def trial_ended(self, row: TrialRow) -> None:
         """Count the time since the one before."""
-        now = time.monotonic()
+        now = time.perf_counter()
         self.newest = row
         if self.last_end_s is not None:
             self._lengths.append(now - self.last_end_s)

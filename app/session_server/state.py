@@ -40,7 +40,7 @@ class State:
         self.storage = Storage(setup.data_dir, self.runner, self.say)
         self._said, self._said_bad = "", False
         self._disk, self._free = check_disk(setup.data_dir)
-        self._looked_s = time.monotonic()
+        self._looked_s = time.perf_counter()
         self.sandbox = Sandbox(setup, protocol, self.runner, self.device, self.say)
 
     # ------------------------------------------------------------------------------------- what is
@@ -161,7 +161,7 @@ class State:
         elif run is not None:
             self.storage.keep(run)
         self.sandbox.watch(self.snapshot().why_not if self.sandbox.waits else "")
-        now = time.monotonic()
+        now = time.perf_counter()
         if self.runner.run is None and now - self._looked_s > DISK_S:
             self._looked_s = now
             self._disk, self._free = check_disk(self.setup.data_dir)
@@ -184,8 +184,8 @@ class State:
         self.sandbox.leave()
         if self.runner.run is not None:
             self.runner.run.stop(reason)
-        deadline = time.monotonic() + END_S
-        while self.runner.run is not None and time.monotonic() < deadline:
+        deadline = time.perf_counter() + END_S
+        while self.runner.run is not None and time.perf_counter() < deadline:
             self.ring.beat()
             self.watch()
             time.sleep(WAIT_S)

@@ -37,7 +37,7 @@ class Storage:
         self._failed = ""  # what the disk has not taken yet ..
         self.undone = ""  # .. and why, one sentence without its full stop
         self._late: list[tuple[Event, str, dict]] = []  # lines of the journal that it has not taken
-        self._tried_s = time.monotonic()
+        self._tried_s = time.perf_counter()
 
     @property
     def streams(self) -> int:
@@ -98,7 +98,7 @@ class Storage:
     def fail(self, what: str, error: Exception) -> None:
         """The disk took no more."""
         reason = (getattr(error, "strerror", None) or str(error)).rstrip(".")
-        self._failed, self._tried_s = what, time.monotonic()
+        self._failed, self._tried_s = what, time.perf_counter()
         self.undone = f"{what}: {reason}. What was recorded is kept; it is tried again every {AGAIN_S:.0f} s"
         self._say(f"{self.undone}.", bad=True)
 
@@ -148,10 +148,10 @@ class Storage:
 
     def catch_up(self) -> None:
         """What the disk has not taken is tried again, now and then; nothing may be running."""
-        waited_s = time.monotonic() - self._tried_s
+        waited_s = time.perf_counter() - self._tried_s
         if self.progress is None or not (self.undone or self.streams) or waited_s < AGAIN_S:
             return
-        self._tried_s = time.monotonic()
+        self._tried_s = time.perf_counter()
         session, streams = self.progress.session, self.streams
         there = {row.run for row in session.rows}
         try:

@@ -42,7 +42,7 @@ def bench(args: argparse.Namespace) -> int:
     if out is not None:
         pictures = work_precision(result)
         out.mkdir()
-        (out / "bench.json").write_text(json.dumps(result, allow_nan=False) + "\n", encoding="utf-8")
+        (out / "bench.json").write_text(json.dumps(result, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
         for form, data in pictures.items():
             (out / f"work-precision.{form}").write_bytes(data)
     return 0

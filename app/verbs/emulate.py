@@ -1,4 +1,4 @@
-"""`phd emulate`: a board on a pseudo-terminal, with the simulated device behind it."""
+"""`phd emulate`: a board on a pseudo-terminal or a TCP port, with the simulated device behind it."""
 
 import argparse
 import os
@@ -13,9 +13,9 @@ from core.files import InputError
 def add(verbs) -> None:
     """The verb and its arguments."""
     option = add_verb(
-        verbs, "emulate", emulate, "a board on a pseudo-terminal, with the simulated device behind it",
+        verbs, "emulate", emulate, "a board on a pseudo-terminal or a TCP port, with the simulated device behind it",
         "The first line of stdout is its port, for --link serial:PORT; the log goes to stderr. Ctrl-C ends it.\n"
-        "Beside the port lies a datagram socket, `control`, that takes orders as JSON objects: "
+        "The log names a UDP port of this computer that takes orders as JSON objects: "
         '{"target": [x, y]} or\n{"force": [fx, fy]} for a hand that holds still, {"path": {..}} (as in a protocol '
         'file), {"wait": true},\n{"go": true}, {"away": true} for the operator, {"fault": "unplug+1"}, '
         '{"clear": true},\n{"device": "three-brake"} to be wired to that one; each is answered with\nthe truth.\n\n'
@@ -37,8 +37,22 @@ def add(verbs) -> None:
     option("--path", nargs=4, type=float, metavar=("X0", "Y0", "X1", "Y1"), help=path)
     fault = "KIND[=VALUE][@START][+LENGTH]"
     option("--fault", action="append", default=[], metavar=fault, help="may be given repeatedly")
+    has_terminals = hasattr(os, "openpty")
+    option(
+        "--socket", nargs="?", type=port_number, const=0, default=None if has_terminals else 0, metavar="NUMBER",
+        help="a TCP port of this computer, in place of a pseudo-terminal (default: a free one); its address, "
+        "socket://127.0.0.1:NUMBER, stands for a serial port" + ("" if has_terminals else "; always so on this system"),
+    )  # fmt: skip
     option("--not-homed", action="store_true", help="as after power-up: the host must home the encoders")
     option("--seed", type=whole_number_of(0), default=1, help="of noise, faults and operator (default: 1)")
+
+
+def port_number(text: str) -> int:
+    """The type of --socket."""
+    number = whole_number_of(1)(text)
+    if number > 65535:
+        raise argparse.ArgumentTypeError(f"must be at most 65535, not {number}")
+    return number
 
 
 def emulate(args: argparse.Namespace) -> int:
@@ -62,7 +76,7 @@ def emulate(args: argparse.Namespace) -> int:
     from hardware.emulated_board.emulator import Emulator
 
     hand = drawn_operator(path, args.seed) if args.hand == "operator" else HeldHand(tip, holds=args.hand == "still")
-    emulator = Emulator(device, hand, tip, faults, args.seed, not args.not_homed, log, others)
+    emulator = Emulator(device, hand, tip, faults, args.seed, not args.not_homed, log, others, args.socket)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         scheduling = prompt()
@@ -70,7 +84,8 @@ def emulate(args: argparse.Namespace) -> int:
             signal.signal(number, lambda *_: emulator.stop())
         print(emulator.port, flush=True)
         names = [f"{one.name}{' (assumed)' if one.assumed else ''}" for one in (device, *others)]
-        log(f"device {' or '.join(names)}, hand: {args.hand}; scheduling {scheduling}; orders to {emulator.control}")
+        orders = f"orders to UDP port {emulator.control}"
+        log(f"device {' or '.join(names)}, hand: {args.hand}; scheduling {scheduling}; {orders}")
         emulator.run()
     finally:
         emulator.close()

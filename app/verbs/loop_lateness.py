@@ -32,7 +32,7 @@ WAIT_S = 600.0  # longest wait for the loop to compile its kernels, or for a tri
 
 def measure_all(seconds: float, progress: Callable[[float], None] = lambda share: None) -> list[dict]:
     """`measure` with and without the real-time privilege, if there is one, each alone and beside a process per core."""
-    cores = len(program_cores()) if sys.platform == "linux" else os.cpu_count() or 1
+    cores = len(program_cores()) or os.cpu_count() or 1
     found: list[dict] = []
     for real_time in (True, False):
         if found and not found[0]["real_time"]:
@@ -83,11 +83,11 @@ def measure(
 
 def wait(ring: Ring, runner: TrialRunner, over: Callable[[], bool]) -> None:
     """Watch the loop until something is over. OSError if the loop is lost, or it takes too long."""
-    deadline = time.monotonic() + WAIT_S
+    deadline = time.perf_counter() + WAIT_S
     while not over():
         ring.beat()
         _, lost = runner.watch()
-        if lost or time.monotonic() > deadline:
+        if lost or time.perf_counter() > deadline:
             raise OSError(lost or "the control loop does not answer")
         time.sleep(LOOK_S)
 

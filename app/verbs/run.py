@@ -1,7 +1,6 @@
 """`phd run`, or `phd` alone: the app."""
 
 import argparse
-import os
 import sys
 from pathlib import Path
 
@@ -82,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
         windows = import_screen("windows")
         display.check()
         windows.make_ready()
+        windows.compile_kernels()
         if refused := client.refused():
             raise InputError(refused)
     except BaseException:
@@ -101,10 +101,10 @@ def link_of(args: argparse.Namespace) -> str:
         raise InputError(f"--link: must be sim or serial:PORT, not {args.link!r}")
     if args.input != MOUSE:
         raise InputError(f"--input {args.input}: on the bench the force sensor measures what the hand does")
-    from hardware.serial_port import find_port
+    from hardware.serial_port import find_port, is_missing
 
     found = find_port(port)  # "auto" is looked for again for each device
-    if os.name == "posix" and not os.path.exists(found):
+    if is_missing(found):
         raise InputError(f"--link serial:{found}: there is no such port (phd devices lists those there are)")
     if not args.force:
         return port

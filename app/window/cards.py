@@ -327,7 +327,7 @@ class Cards:
     def _make(self, opened: m.Opened, snapshot: m.Snapshot, do) -> Card:
         if (card := snapshot.card) is not None:
             if card.wait_s or snapshot.stage == m.BREAK:
-                self._over_s = time.monotonic() + card.wait_s
+                self._over_s = time.perf_counter() + card.wait_s
             buttons = [(f"{card.go_on}  Enter", do.confirm)] if card.go_on else []
             if card.device_page:
                 buttons.append(("Device page  F3", do.device))

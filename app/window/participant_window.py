@@ -208,7 +208,7 @@ class ParticipantWindow(QWidget):
         elif snapshot.coming is not None and (not snapshot.rows or self.view.path is None):
             self._show_trial(snapshot.coming, snapshot.tip)
         if snapshot.stage == m.BREAK and before.stage != m.BREAK:
-            self._rest_until_s = time.monotonic() + (snapshot.card.wait_s if snapshot.card else 0.0)
+            self._rest_until_s = time.perf_counter() + (snapshot.card.wait_s if snapshot.card else 0.0)
         self._write_between()
 
     @property
@@ -217,7 +217,7 @@ class ParticipantWindow(QWidget):
 
     def _write_between(self) -> None:
         shown = words.between(self._snapshot, self._opened, self.own_start)
-        if self._snapshot.stage == m.BREAK and (left := self._rest_until_s - time.monotonic()) > 0.0:
+        if self._snapshot.stage == m.BREAK and (left := self._rest_until_s - time.perf_counter()) > 0.0:
             how = self._language["break_left"].format(time=words.clock(left))
             shown = shown._replace(small=shown.small.replace(self._language["break_how"], how))
         self._write(words.with_keys(shown, self._snapshot, self._language) if self.own_start else shown)

@@ -166,14 +166,14 @@ class TrialCard(QFrame):
     @property
     def ready(self) -> bool:
         """Whether Space is heard yet."""
-        return time.monotonic() - self._since_s > DEAF_S
+        return time.perf_counter() - self._since_s > DEAF_S
 
     def show_row(
         self, row: TrialRow, rows: Sequence[TrialRow], ticks: np.ndarray | None, opened: m.Opened, snapshot: m.Snapshot
     ) -> None:
         """The newest trial, among the rows of its session; ticks (n, tick_log.WIDTH) of it, if they are known."""
         if self.row is None or row.run != self.row.run:
-            self._since_s = time.monotonic()
+            self._since_s = time.perf_counter()
             self.reason.setCurrentIndex(0)
         self.row = row
         colour = theme.QUIET if snapshot.blind else colour_of(row.controller)

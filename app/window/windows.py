@@ -6,9 +6,9 @@ import sys
 import threading
 import time
 
-from PySide6.QtCore import QCoreApplication, QEvent, QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QCoreApplication, QEvent, QEventLoop, QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication, QScreen
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QProgressBar, QProgressDialog
 
 from app.ipc import messages as m
 from app.ipc.client import Client
@@ -22,6 +22,8 @@ from app.window.painting import theme
 from app.window.painting.theme import show_whole
 from app.window.participant_window import ParticipantWindow
 from app.window.run_page import RunPage
+from app.window.work import Verb
+from core.kernel import is_compiled
 
 FRAME_S = 1.0 / 60.0
 HAND_BACK_S = 2.0  # after the participant's window was shown beside the main window
@@ -111,7 +113,7 @@ class Windows(QObject):
         self.main.show()
         if not self.one_screen:
             self._show_participant()
-        self._due_s = time.monotonic()
+        self._due_s = time.perf_counter()
         self._timer.start(0)
 
     def show_or_hide_participant(self) -> None:
@@ -132,7 +134,7 @@ class Windows(QObject):
         if other is None:
             self.participant.activateWindow()
         else:
-            self._hand_back_until_s = time.monotonic() + HAND_BACK_S
+            self._hand_back_until_s = time.perf_counter() + HAND_BACK_S
         self.participant.show_snapshot(self.main.snapshot)
         self._show_questions_where()
 
@@ -145,7 +147,7 @@ class Windows(QObject):
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Where both windows are seen the keyboard is the experimenter's: some window systems give it to the newest."""
-        if event.type() == QEvent.Type.WindowActivate and time.monotonic() < self._hand_back_until_s:
+        if event.type() == QEvent.Type.WindowActivate and time.perf_counter() < self._hand_back_until_s:
             QTimer.singleShot(0, self.main.activateWindow)
         return super().eventFilter(watched, event)
 
@@ -153,9 +155,9 @@ class Windows(QObject):
 
     def _on_time(self) -> None:
         """A frame, and the next one on the next sixtieth of a second: a timer knows whole milliseconds only."""
-        late_s = time.monotonic() - self._due_s
+        late_s = time.perf_counter() - self._due_s
         self._due_s += FRAME_S * (1.0 + max(late_s, 0.0) // FRAME_S)
-        self._timer.start(max(round(1e3 * (self._due_s - time.monotonic())), 0))
+        self._timer.start(max(round(1e3 * (self._due_s - time.perf_counter())), 0))
         self.frame()
 
     def frame(self) -> None:
@@ -183,7 +185,7 @@ class Windows(QObject):
                 self.participant.show_ticks(rows, taken)
             self.main.show_ticks(rows, taken)
         self.participant.view.follow_pointer()
-        self.main.pages[self.main.shown].show_time(time.monotonic())
+        self.main.pages[self.main.shown].show_time(time.perf_counter())
         if not alive and not self._dead:
             self._dead = True
             last = self.main.snapshot
@@ -237,6 +239,24 @@ def make_ready() -> QApplication:
     theme.dress(application)
     application.setQuitOnLastWindowClosed(False)
     return application
+
+
+def compile_kernels() -> None:
+    """On the first start on a computer: a bar until the kernels are compiled."""
+    if is_compiled("run_ticks"):
+        return
+    bar = QProgressDialog("Setting up for this computer: once, about half a minute.", "", 0, 100)
+    bar.setBar(QProgressBar(textVisible=False))
+    bar.setCancelButton(None)
+    bar.setWindowTitle("PHD")
+    bar.setMinimumDuration(0)
+    bar.setValue(0)
+    compiling, waiting = Verb(), QEventLoop()
+    compiling.progressed.connect(lambda share: bar.setValue(round(99 * share)))
+    compiling.done.connect(waiting.quit)  # failed: the session server compiles, and says why it cannot
+    compiling.begin(module="app.compile_kernels")
+    waiting.exec()
+    bar.close()
 
 
 def run(client: Client) -> int:

@@ -273,8 +273,8 @@ taken: list[tuple[str, QImage]] = []  # name of the file, picture
 def after(seconds: float) -> bool:
     """Whether so long has passed since it was first asked."""
     if not _since:
-        _since.append(time.monotonic())
-    if time.monotonic() - _since[0] < seconds:
+        _since.append(time.perf_counter())
+    if time.perf_counter() - _since[0] < seconds:
         return False
     _since.clear()
     return True
@@ -282,9 +282,9 @@ def after(seconds: float) -> bool:
 
 def until(done: Callable[[], bool]) -> None:
     """Let the app run until then."""
-    application, deadline = QApplication.instance(), time.monotonic() + LONGEST_S
+    application, deadline = QApplication.instance(), time.perf_counter() + LONGEST_S
     while not done():
-        if time.monotonic() > deadline:
+        if time.perf_counter() > deadline:
             raise TimeoutError("the app did not get so far")
         QTimer.singleShot(10, lambda: application.exit(0))
         application.exec()

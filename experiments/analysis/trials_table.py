@@ -19,7 +19,13 @@ from core import tick_log
 from core.files import InputError
 from core.path import build_path, path_from
 from experiments.analysis.metrics import METRICS, NO_METRICS, trial_metrics
-from experiments.recording.atomic_files import give_new_name, refuse_existing_files, refusing, written_beside
+from experiments.recording.atomic_files import (
+    give_new_name,
+    refuse_existing_files,
+    refusing,
+    rename_over,
+    written_beside,
+)
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
     from experiments.recording.schema import Recording
@@ -180,7 +186,7 @@ def write_table(path: str | Path, rows: Iterable[TrialRow], replacing: bool = Fa
 def _put(path: Path, data: bytes, replacing: bool, sync: bool = True) -> None:
     with refusing(path, "the table cannot be written"), written_beside(path, data, sync) as partial:
         if replacing:
-            partial.replace(path)
+            rename_over(partial, path)
         else:
             give_new_name(partial, path)
 

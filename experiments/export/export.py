@@ -20,7 +20,7 @@ from experiments.analysis.trials_table import TrialRow, row_of
 from experiments.export.bids import BidsDataset
 from experiments.export.csv import CsvTables
 from experiments.export.files import Exported, ExportedTrial
-from experiments.recording.atomic_files import refusing
+from experiments.recording.atomic_files import refusing, rename
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.session.blind import TELLING
 from experiments.session.files import STORED, TABLE, recordings_in, rows_of
@@ -136,7 +136,7 @@ def _new_folders(outs: dict[str, Path]) -> Iterator[dict[str, Path]]:
         for form, out in places.items():
             if out.exists():
                 out.rmdir()
-            partial[form].rename(out)
+            rename(partial[form], out)
     except OSError as error:
         reason = f"{error.strerror or error}, so the export was given up"
         raise OSError(error.errno, reason, ", ".join(map(str, outs.values()))) from error

@@ -12,6 +12,7 @@ from experiments.analysis.trials_table import write_table
 from experiments.export.answers import answers_and_notes, write_answers_and_notes
 from experiments.export.results import Job
 from experiments.export.session_report import write_session_report
+from experiments.recording.atomic_files import rename
 from experiments.session.files import TABLE
 
 
@@ -37,7 +38,7 @@ def write_results(job: Job, progress: Callable[[float], None] = lambda share: No
             write_table(partial / TABLE, [row.seen_from(here) for row in job.rows])
             write_answers_and_notes(partial, answers_and_notes(job.sessions))
         count = len(list(partial.iterdir()))
-        partial.rename(job.folder)
+        rename(partial, job.folder)
     except OSError as error:
         raise InputError(f"{job.folder}: cannot be written ({(error.strerror or str(error)).lower()})") from None
     finally:

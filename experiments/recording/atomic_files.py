@@ -1,14 +1,22 @@
-"""Files that appear whole or not at all: written beside their place, brought to the disk, named in one step."""
+"""Files that appear whole or not at all: written beside their place, brought to the disk, named in one step.
+
+On Windows a file that another program (a virus scanner, OneDrive) has open for a moment can be neither renamed nor
+removed: `patiently` tries again.
+"""
 
 import contextlib
 import errno
 import os
-from collections.abc import Collection, Iterable, Iterator, Mapping
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from core.files import InputError
 
 PARTIAL_FILES = ".*.partial"  # what a crash in the middle of writing leaves
+HELD_OPEN = (5, 32, 33)  # winerror: access denied (so a replaced file that is open), sharing violation, locked
+TRIES, TRY_S = 40, 0.05  # 2 s. Our choice: such programs keep a new file for some 100 ms
 
 
 def is_wrong_path(error: OSError) -> bool:
@@ -21,6 +29,41 @@ def is_wrong_path(error: OSError) -> bool:
 def reason_of(error: OSError) -> str:
     """Why the system refused, in lower case."""
     return (error.strerror or str(error)).lower()
+
+
+def patiently(do: Callable[..., Any], *arguments: Any) -> Any:
+    """Rename, link or remove files; again while another program has one open, `TRIES` times at most.
+
+    PermissionError, which says so, if it is still open then.
+    """
+    for left in reversed(range(TRIES)):
+        try:
+            return do(*arguments)
+        except PermissionError as error:
+            if getattr(error, "winerror", None) not in HELD_OPEN:
+                raise
+            if not left:
+                reason = f"another program has it open, or it is protected; tried for {TRIES * TRY_S:.0f} s"
+                raise PermissionError(error.errno, reason, error.filename) from None
+        time.sleep(TRY_S)
+
+
+def rename(path: Path, target: Path) -> None:
+    """Give a file or folder another name in one step. A file of that name is replaced on POSIX systems, an OSError on
+    Windows.
+    """
+    patiently(os.rename, path, target)
+
+
+def rename_over(partial: Path, target: Path) -> None:
+    """Name the file `target` in one step, in place of the one of that name."""
+    patiently(os.replace, partial, target)
+
+
+def remove(path: Path) -> None:
+    """Remove a file, if there is one."""
+    with contextlib.suppress(FileNotFoundError):
+        patiently(os.unlink, path)
 
 
 @contextlib.contextmanager
@@ -80,7 +123,7 @@ def write_new_files(contents: Mapping[Path, bytes]) -> None:
             written.append(file)
     except BaseException:
         for file in written:
-            file.unlink(missing_ok=True)
+            remove(file)
         for folder in sorted(folders, reverse=True):  # the inner ones first
             with contextlib.suppress(OSError):  # not made yet
                 folder.rmdir()
@@ -94,7 +137,7 @@ def written_beside(target: Path, data: bytes, sync: bool = True) -> Iterator[Pat
     sync: wait until it is on the disk. OSError if it cannot be written.
     """
     partial = target.with_name(f".{target.name}.partial")
-    partial.unlink(missing_ok=True)  # left by a crash; it may be a second name of a file that is whole
+    remove(partial)  # left by a crash; it may be a second name of a file that is whole
     try:
         with partial.open("xb") as file:
             file.write(data)
@@ -105,7 +148,7 @@ def written_beside(target: Path, data: bytes, sync: bool = True) -> Iterator[Pat
         if sync:
             sync_folder(target.parent)
     finally:
-        partial.unlink(missing_ok=True)
+        remove(partial)
 
 
 def append_whole(handle: int, data: bytes, end: int, sync: bool = False) -> None:
@@ -125,13 +168,13 @@ def append_whole(handle: int, data: bytes, end: int, sync: bool = False) -> None
 def give_new_name(partial: Path, target: Path) -> None:
     """Name the file `target` in one step; FileExistsError if there is one of that name."""
     try:
-        os.link(partial, target)
+        patiently(os.link, partial, target)
     except FileExistsError:
         raise
     except OSError:  # a file system without links: the session's lock keeps others away in between
         if target.exists():
             raise FileExistsError(target) from None
-        partial.rename(target)
+        rename(partial, target)
 
 
 def set_aside(path: Path, word: str) -> Path:
@@ -145,7 +188,7 @@ def set_aside(path: Path, word: str) -> Path:
             if not path.samefile(target):  # else: a crash came between the two names
                 number += 1
                 continue
-        path.unlink(missing_ok=True)  # it has two names where the file system has links
+        remove(path)  # it has two names where the file system has links
         return target
 
 

@@ -20,6 +20,7 @@ from experiments.recording.atomic_files import (
     give_new_name,
     refuse_existing_files,
     refusing,
+    remove,
     sync_folder,
     written_beside,
 )
@@ -87,7 +88,7 @@ class RecordingWriter:
         except OSError:
             self.path.unlink(missing_ok=True)
             raise
-        self._last_write = self._last_sync = time.monotonic()
+        self._last_write = self._last_sync = time.perf_counter()
         if sync:
             os.fsync(self._file)
             sync_folder(self.path.parent)
@@ -104,7 +105,7 @@ class RecordingWriter:
         if len(rows):
             self._waiting.append(rows)
             self.rows += len(rows)
-        now = time.monotonic()
+        now = time.perf_counter()
         self._write_batches(everything=now - self._last_write >= WRITE_INTERVAL_S)
         if self._sync and now - self._last_sync >= SYNC_INTERVAL_S:
             self.flush()
@@ -115,7 +116,7 @@ class RecordingWriter:
         self._write_batches(everything=True)
         if self._sync:
             os.fsync(self._file)
-        self._last_sync = time.monotonic()
+        self._last_sync = time.perf_counter()
 
     def close(self, outcome: dict[str, Any] | None = None) -> None:
         """Write the rest and the end record with the trial's outcome (status, reason, ..): anything JSON holds."""
@@ -191,7 +192,7 @@ class RecordingWriter:
         self._waiting = [rows[end:]] if end < waiting else []
         for start in range(0, end, BATCH_ROWS):
             self._write_message(rows[start : min(start + BATCH_ROWS, end)])
-        self._last_write = time.monotonic()
+        self._last_write = time.perf_counter()
 
     def _write_message(self, rows: np.ndarray, **more: str) -> None:
         about = {"crc32": SEAL.decode(), "sequence": str(self._sequence), "first_row": str(self.rows_written)}
@@ -234,7 +235,7 @@ def convert_to_parquet(path: str | Path, sync: bool = True) -> Recording:
     if not stream.complete:
         raise InputError(f"{path}: has no end record, not converted")
     stored = save_as_parquet(stream, path.with_suffix(PARQUET_SUFFIX), sync)
-    path.unlink()
+    remove(path)
     return stored
 
 

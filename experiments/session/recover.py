@@ -14,7 +14,7 @@ from pathlib import Path
 
 from core.files import InputError
 from experiments.analysis.trials_table import append_row, read_table, table_bytes, write_table
-from experiments.recording.atomic_files import PARTIAL_FILES, set_aside
+from experiments.recording.atomic_files import PARTIAL_FILES, remove, set_aside
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Recording
 from experiments.recording.writer import convert_to_parquet, save_as_parquet
@@ -92,7 +92,7 @@ def recover_session(session: Path, sync: bool = True) -> Rescue:
     done = Rescue()
     places = (session, session / files.TRIALS, session / files.PRACTICE)
     for partial in sorted(path for place in places for path in place.glob(PARTIAL_FILES)):
-        partial.unlink()
+        remove(partial)
         done.removed.append(partial.relative_to(session).as_posix())
     for folder in (files.TRIALS, files.PRACTICE):
         for of_run in files.runs_on_disk(session, folder).values():

@@ -4,6 +4,7 @@ On Linux they are forked, so that they begin with all that is loaded; elsewhere 
 """
 
 import contextlib
+import ctypes
 import functools
 import multiprocessing
 import os
@@ -18,6 +19,7 @@ from multiprocessing.synchronize import Event
 from typing import NamedTuple
 
 LOOK_S = 0.5  # how often a process looks whether its parent lives
+_SYNCHRONIZE, _FOR_EVER = 0x100000, 0xFFFFFFFF  # of Windows
 
 
 class Shared(NamedTuple):
@@ -90,8 +92,14 @@ def end_with(parent: int) -> None:
     """From now on this process ends when its parent does."""
 
     def look() -> None:
-        while os.getppid() == parent:
-            time.sleep(LOOK_S)
+        if sys.platform == "win32":  # where a process keeps the number of a parent that is gone
+            kernel32 = ctypes.WinDLL("kernel32")
+            kernel32.OpenProcess.restype = ctypes.c_void_p
+            handle = kernel32.OpenProcess(_SYNCHRONIZE, False, parent)
+            kernel32.WaitForSingleObject(ctypes.c_void_p(handle), _FOR_EVER)  # at once where there is no such process
+        else:
+            while os.getppid() == parent:
+                time.sleep(LOOK_S)
         os._exit(1)
 
     threading.Thread(target=look, name="looks at its parent", daemon=True).start()

@@ -22,7 +22,7 @@ from typing import NamedTuple, Protocol
 import joblib
 
 from core.files import InputError
-from experiments.recording.atomic_files import give_new_name, make_empty_folder, written_beside
+from experiments.recording.atomic_files import give_new_name, make_empty_folder, rename, written_beside
 from experiments.session.files import LOCK, hold_lock
 from experiments.study.helpers import end_with
 
@@ -97,7 +97,7 @@ def run_work(
         with _ending_at_once():
             for number, (rows, more) in _results(waiting, cluster):
                 with written_beside(parts[number], rows, sync=False) as partial:
-                    partial.rename(parts[number])
+                    rename(partial, parts[number])
                 done, ticks = done + 1, ticks + more
                 progress(done / len(work.jobs))
         _gather(table, work.columns, list(parts.values()))

@@ -19,7 +19,7 @@ from experiments.analysis.report import warnings, write_report
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol
-from experiments.recording.atomic_files import is_wrong_path, make_empty_folder
+from experiments.recording.atomic_files import is_wrong_path, make_empty_folder, rename
 from experiments.recording.writer import RecordingWriter
 from experiments.session.files import LOCK, STORED, hold_lock, session_folder, write_pooled_table
 from experiments.session.journal import TRIAL_CUT_OFF
@@ -201,7 +201,7 @@ class Run:
                 about = f"{note}, {operators.note}"
                 write_report(table, folder, about, controllers=protocol.controllers, simulated=True, moved=moved)
             shutil.rmtree(self.out / name, ignore_errors=True)
-            folder.rename(self.out / name)
+            rename(folder, self.out / name)
 
 
 def run_share(out: Path, study: StudyPlan) -> Done:

@@ -232,7 +232,7 @@ def run_sweep(
     """Run every job that is not done yet, then write the table; the summary. As `run_work`."""
     work = Work(KIND, sweep.name, sweep.texts, sweep.columns, sweep.jobs)
     finished = run_work(work, Path(out), resume, cluster, progress)
-    with finished.table.open(newline="") as stream:
+    with finished.table.open(newline="", encoding="utf-8") as stream:
         done = [row["status"] == "done" for row in csv.DictReader(stream)]
     return {
         "out": str(finished.table),

@@ -1,4 +1,4 @@
-"""The emulated board: the board's state machine with the simulated device behind it, on a pseudo-terminal at 1 kHz.
+"""The emulated board: the board's state machine with the simulated device behind it, plugged in at 1 kHz.
 
 A host cannot tell it from a board on the bench but by its serial number. It keeps its own time: where the machine held
 it up for long, its time stood still meanwhile (a board would not have been held up) and the log says so.
@@ -6,12 +6,10 @@ it up for long, its time stood still meanwhile (a board would not have been held
 
 import json
 import math
-import os
 import select
 import socket
 import tempfile
 import time
-import tty
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,48 +19,10 @@ from core.files import InputError
 from hardware.emulated_board.board import ZERO, Board
 from hardware.emulated_board.device import TICK_S, EmulatedDevice, EmulatedHand
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault
-from hardware.emulated_board.sensors import CONTROL, EMULATED, FOLDER, capability_of
+from hardware.emulated_board.plug import CONTROL, FOLDER, LOOPBACK, Plug, TcpPort, Terminal
+from hardware.emulated_board.sensors import EMULATED, capability_of
 from hardware.wire import messages as m
 from hardware.wire.frames import encode_frame
-
-PIECE = 4096  # bytes read at once
-
-
-class Terminal:
-    """The board's end of a pseudo-terminal; the host opens `port`, a link to the other end."""
-
-    def __init__(self, port: Path) -> None:
-        """InputError where this system has no pseudo-terminals."""
-        if not hasattr(os, "openpty"):
-            raise InputError("the emulated board needs pseudo-terminals, which this system does not have")
-        self.port = port
-        self.master, self._other = os.openpty()
-        tty.setraw(self._other)  # no echo, no line ends; held open, or reading would fail while no host is there
-        os.set_blocking(self.master, False)
-        port.symlink_to(os.ttyname(self._other))
-        self.lost_bytes = 0  # nobody read them, and the buffer was full
-
-    def read(self) -> bytes:
-        """What the host has sent; empty where it has sent nothing."""
-        try:
-            return os.read(self.master, PIECE)
-        except BlockingIOError:
-            return b""
-
-    def write(self, data: bytes) -> None:
-        """To the host; what does not fit into the buffer is lost, as on a wire that nobody reads."""
-        try:
-            written = os.write(self.master, data)
-        except BlockingIOError:
-            written = 0
-        self.lost_bytes += len(data) - written
-
-    def close(self) -> None:
-        """Unplug."""
-        self.port.unlink(missing_ok=True)
-        os.close(self.master)
-        os.close(self._other)
-
 
 MOST_AT_ONCE = 20  # ticks made up for after the machine held us up; beyond, the board's time waits
 ORDER_BYTES = 4096
@@ -74,10 +34,12 @@ class Emulator:
     def __init__(
         self, device: Device, hand: EmulatedHand, tip: tuple[float, float], faults: list[LineFault], seed: int = 1,
         homed: bool = True, log: Callable[[str], None] = lambda line: None, others: Sequence[Device] = (),
+        tcp: int | None = None,
     ) -> None:  # fmt: skip
         """homed: as if its encoders had been homed since power-up; others: what it can be wired to by an order.
 
-        InputError: the handle cannot be at `tip`, m.
+        tcp: number of the TCP port that a host opens (0: a free one); None: a pseudo-terminal.
+        InputError: the handle cannot be at `tip`, m; another program has the TCP port.
         """
         self._devices, self._seed, self._homed = {one.name: one for one in (device, *others)}, seed, homed
         self._wire(device, hand, tip)
@@ -90,15 +52,29 @@ class Emulator:
         self._acting: set[LineFault] = set()
         self._powered_s = 0.0  # when the board's clock began; infinite: it has no power
         self._stopping = False
+        self._orders = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._orders.bind((LOOPBACK, 0))
+        self._orders.setblocking(False)
+        self.control = self._orders.getsockname()[1]  # number of the UDP port that takes orders
         self._folder = tempfile.TemporaryDirectory(prefix=FOLDER)
-        self.port = Path(self._folder.name) / "port"
-        self.control = Path(self._folder.name) / CONTROL
-        self._terminal: Terminal | None = Terminal(self.port)
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._socket.bind(str(self.control))
-        self._socket.setblocking(False)
+        (Path(self._folder.name) / CONTROL).write_text(str(self.control))
+        self._tcp = tcp
+        self._plug: Plug | None = None
+        try:
+            self._plug = self._plug_in()
+        except InputError:
+            self.close()
+            raise
+        self.port = self._plug.address
         self._tick()  # kernels are compiled, or loaded, before time runs
-        self._zero = time.monotonic() - self.ticks * TICK_S
+        self._zero = time.perf_counter() - self.ticks * TICK_S
+
+    def _plug_in(self) -> Plug:
+        if self._tcp is None:
+            return Terminal(Path(self._folder.name))
+        plug = TcpPort(Path(self._folder.name), self._tcp)
+        self._tcp = plug.number  # the same one when it is plugged in again
+        return plug
 
     def _wire(self, device: Device, hand: EmulatedHand, tip: tuple[float, float]) -> None:
         """A device behind a board that was just powered up; the handle is at `tip`, m."""
@@ -117,7 +93,7 @@ class Emulator:
 
     def run(self) -> None:
         """Until `stop`."""
-        self._zero = time.monotonic() - self.ticks * TICK_S
+        self._zero = time.perf_counter() - self.ticks * TICK_S
         while not self._stopping:
             now, due = self.now(), self.ticks * TICK_S
             if now >= due + MOST_AT_ONCE * TICK_S:
@@ -137,14 +113,14 @@ class Emulator:
 
     def close(self) -> None:
         """Leave nothing behind."""
-        if self._terminal:
-            self._terminal.close()
-        self._socket.close()
+        if self._plug:
+            self._plug.close()
+        self._orders.close()
         self._folder.cleanup()
 
     def now(self) -> float:
         """The time, s."""
-        return time.monotonic() - self._zero
+        return time.perf_counter() - self._zero
 
     def say(self, text: str) -> None:
         """Note an event."""
@@ -153,10 +129,9 @@ class Emulator:
 
     def _wait(self, seconds: float) -> None:
         """Until something comes, or the time is over."""
-        ends: list = [self._socket] + ([self._terminal.master] if self._terminal else [])
-        for end in select.select(ends, [], [], max(0.0, seconds))[0]:
-            if end is self._socket:
-                self._take_order()
+        ends = [self._orders, *(self._plug.waits_for() if self._plug else ())]
+        if self._orders in select.select(ends, [], [], max(0.0, seconds))[0]:
+            self._take_order()
 
     def _tick(self) -> None:
         """One tick: faults begin and end, sensors are read, the board looks at them, the device moves."""
@@ -178,7 +153,7 @@ class Emulator:
 
     def _hear(self, now: float) -> None:
         """What the host sent, by way of the wire and its faults, to the board."""
-        if self._terminal and (data := self._terminal.read()):
+        if self._plug and (data := self._plug.read()):
             self.to_board.put(data, now)
         data = self.to_board.take(now)
         if data and now >= self._powered_s:
@@ -192,8 +167,8 @@ class Emulator:
     def _speak(self, now: float) -> None:
         """What has come to the wire's end, to the host."""
         data = self.to_host.take(now)
-        if data and self._terminal:
-            self._terminal.write(data)
+        if data and self._plug:
+            self._plug.write(data)
 
     def _begin_and_end_faults(self, now: float) -> None:
         if not self.faults and not self._acting:
@@ -204,13 +179,13 @@ class Emulator:
         for fault in acting - self._acting:
             self.say(f"{fault.kind} begins")
         self._acting, kinds = acting, {fault.kind for fault in acting}
-        if self._terminal and "unplug" in kinds:
-            self._terminal.close()
-            self._terminal = None
+        if self._plug and "unplug" in kinds:
+            self._plug.close()
+            self._plug = None
             self.to_host.clear()
             self.to_board.clear()
-        elif self._terminal is None and "unplug" not in kinds:
-            self._terminal = Terminal(self.port)
+        elif self._plug is None and "unplug" not in kinds:
+            self._plug = self._plug_in()
         if "brown-out" in kinds and now >= self._powered_s:
             self.board.lose_power(0)
             self.device.sensors.power_up()
@@ -232,21 +207,20 @@ class Emulator:
         self._shown = shown
 
     def _take_order(self) -> None:
-        """An order on the control socket, a JSON object; answered, where the sender has a name, with the truth."""
+        """An order, a JSON object; answered with the truth."""
         try:
-            data, sender = self._socket.recvfrom(ORDER_BYTES)
-        except BlockingIOError:
+            data, sender = self._orders.recvfrom(ORDER_BYTES)
+        except (BlockingIOError, ConnectionResetError):  # Windows' reset: whoever was answered last has gone
             return
         try:
             answer = self._obey(json.loads(data))
         except (ValueError, InputError) as error:
             answer = {"error": str(error)}
             self.say(f"order refused: {error}")
-        if sender:
-            try:
-                self._socket.sendto(json.dumps(answer).encode(), sender)
-            except OSError as error:
-                self.say(f"nobody to answer: {error}")
+        try:
+            self._orders.sendto(json.dumps(answer).encode(), sender)
+        except OSError as error:
+            self.say(f"the order could not be answered: {error}")
 
     def _obey(self, order: object) -> dict:
         """{"fault": KIND..} from now on; {"clear": true} ends all faults; {"device": NAME}: it is wired to that one.

@@ -22,8 +22,6 @@ from hardware.wire.messages import Four
 #: Assumed, for a device file without [sensing]: encoders as on the shipped devices, a sensor on the handle.
 USUAL = Sensing(encoders=Encoders(A=96000, B=96000), force=ForceSensor(on="handle"))
 EMULATED = "EMULATED-"  # begins the serial number of an emulated board
-FOLDER = "phd-emulated-"  # begins the name of the temporary folder that holds its port and socket
-CONTROL = "control"  # the socket beside its port that takes orders
 FORCE_UNIT = 1000  # micro-newtons a count
 FORCE_FULL_SCALE = 66_700  # counts: 66.7 N, a force sensor of 15 pounds
 #: Assumed: of three forces (N), three torques (N m), four currents (mA).

@@ -93,7 +93,7 @@ def test_a_blind_session_is_whole_to_verify_and_goes_on_after_a_crash(data):
     session.close()
 
 
-def test_unblinded_every_table_names_the_controllers_and_has_all_measures(data, undrawn, tmp_path):
+def test_unblinded_every_table_names_the_controllers_and_has_all_measures(data, tmp_path):
     coded_rows, key = read_table(of(data) / "trials.csv"), key_of(data)
     session = Session.resume(data, "01", sync=False)
     with pytest.raises(InputError, match="who"):
@@ -152,7 +152,7 @@ def test_a_session_without_its_key_does_not_go_on_and_verify_says_so(data):
     assert verify(data)["faults"] == []
 
 
-def test_analysis_stays_coded_names_no_controller_and_refuses_findings(data, tmp_path, capsys):
+def test_analysis_stays_coded_names_no_controller_and_refuses_findings(data, concluded, tmp_path, capsys):
     before = files(data)
     assert main(["analyze", str(data), "--out", str(tmp_path / "out"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["coded"] == 6 and files(data) == before
@@ -168,7 +168,7 @@ def test_analysis_stays_coded_names_no_controller_and_refuses_findings(data, tmp
     assert "<!-- K2 -->" in svg
 
 
-def test_analysis_that_opens_the_key_says_who_did_it_and_leaves_the_tables_coded(data, undrawn, tmp_path):
+def test_analysis_that_opens_the_key_says_who_did_it_and_leaves_the_tables_coded(data, tmp_path):
     tables = [(path, path.read_bytes()) for path in (data / "trials.csv", of(data) / "trials.csv")]
     key = key_of(data)
     assert main(["analyze", str(data), "--out", str(tmp_path / "out"), "--unblind"]) == 0
@@ -182,7 +182,7 @@ def test_analysis_that_opens_the_key_says_who_did_it_and_leaves_the_tables_coded
     assert (tmp_path / "out" / "report" / "findings.csv").exists()
 
 
-def test_codes_of_two_participants_are_not_pooled(data, tmp_path):
+def test_codes_of_two_participants_are_not_pooled(data, concluded, tmp_path):
     second = new_session(data, "02", short(), blind=True)
     run_trials(second, 2)
     second.close()
@@ -191,7 +191,7 @@ def test_codes_of_two_participants_are_not_pooled(data, tmp_path):
     assert "<!-- P01" in svg and "<!-- P02" in svg, [line for line in svg.splitlines() if "<!--" in line]
 
 
-def test_a_simulated_operator_is_never_blind_unless_asked(undrawn, tmp_path):
+def test_a_simulated_operator_is_never_blind_unless_asked(tmp_path):
     session = Session(tmp_path, "01", short(blind="true"), sync=False)
     assert session.blind and (session.folder / "key.json").exists()
     session.close()

@@ -33,7 +33,7 @@ def assert_stopped_cleanly(folder, error):
 
 @pytest.mark.parametrize("room", [3_000_000, 3_300_000, 3_600_000])
 def test_a_study_on_a_disk_that_fills_up_ends_its_trial_and_says_so(
-    begin, undrawn, tmp_path, monkeypatch, capsys, room
+    begin, tmp_path, monkeypatch, capsys, room
 ):
     out, write, left = tmp_path / "study", os.write, [room]
 

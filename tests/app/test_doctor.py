@@ -1,11 +1,12 @@
 """`phd doctor`: every line says what was found and, where something is wrong, what to do."""
 
-import importlib.metadata
 import json
 import os
+import sys
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 from app import doctor
 from app.cli import main
@@ -41,7 +42,9 @@ def test_a_folder_that_does_not_exist_is_judged_by_where_it_would_be_and_not_mad
     assert not (tmp_path / "not").exists()
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="to root every folder is open")
+@pytest.mark.skipif(
+    sys.platform == "win32" or os.geteuid() == 0, reason="to root, and on Windows, every folder is open"
+)
 def test_a_folder_that_may_not_be_written_to_is_bad(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
     assert doctor.check_disk(tmp_path, sync=True)[0].state == BAD
@@ -65,13 +68,12 @@ def test_a_full_or_slow_disk_is_told_with_what_to_do(monkeypatch: pytest.MonkeyP
         (["numpy"], GOOD, "all there"),
         (["numpy>=999"], BAD, "not >=999"),
         (["no-such-library"], BAD, "no-such-library is missing"),
-        (["no-such-library; extra == 'test'"], GOOD, "all there"),
     ],
 )
 def test_a_library_that_is_missing_or_another_than_asked_for_is_named(
     monkeypatch: pytest.MonkeyPatch, needs: list[str], state: str, says: str
 ) -> None:
-    monkeypatch.setattr(importlib.metadata, "requires", lambda name: needs)
+    monkeypatch.setattr(doctor, "wanted_libraries", lambda: [Requirement(need) for need in needs])
     line = doctor.libraries()
     assert line.state == state and says in line.text and bool(line.advice) == (state == BAD)
 

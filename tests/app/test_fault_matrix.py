@@ -4,6 +4,7 @@ nothing recorded is lost, and that the device is of use again. In simulated time
 As a script it writes the table of docs/fault-matrix.md: `python tests/app/test_fault_matrix.py docs/fault-matrix.md`.
 """
 
+import itertools
 import pickle
 import sys
 import tempfile
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from fault_cases import Case, Place
 from fault_kinds import BETWEEN, HARD, PHASES, SOFT, Fault
+from simulated_bench import BenchWire, TcpWire
 
 from app.ipc.ring import CODE, Ring
 from core import tick_log
@@ -25,7 +27,13 @@ BOARD_MS, AGAIN_S = 50, 2.0
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = [file for part in ("hardware", "experiments", "app") for file in (ROOT / part).rglob("*.py")]
 WIRE_MS = 3  # from the app's decision to the board
-EVERY = [pytest.param(fault, phase, id=f"{fault.name}-{phase}") for fault in HARD for phase in PHASES]
+EVERY = [pytest.param(fault, phase, BenchWire, id=f"{fault.name}-{phase}") for fault in HARD for phase in PHASES]
+#: Each fault once more over a TCP connection: the first in the first phase of a trial, the next in the next, and so
+#: round. Between trials the faults that are survived come over TCP.
+OVER_TCP = [
+    pytest.param(fault, phase, TcpWire, id=f"{fault.name}-{phase}-tcp")
+    for fault, phase in zip(HARD, itertools.cycle(tick_log.PHASES), strict=False)
+]
 
 
 @pytest.fixture(scope="module")
@@ -59,9 +67,11 @@ def check_told(case: Case) -> None:
     assert found and (not case.afterwards or any(fault.advice in case.afterwards for fault in FAULTS.values()))
 
 
-@pytest.mark.parametrize(("fault", "phase"), EVERY)
-def test_a_fault_is_told_makes_the_currents_zero_and_loses_nothing(fault: Fault, phase: str, place: Place) -> None:
-    case = Case(place, fault, phase)
+@pytest.mark.parametrize(("fault", "phase", "wire"), EVERY + OVER_TCP)
+def test_a_fault_is_told_makes_the_currents_zero_and_loses_nothing(
+    fault: Fault, phase: str, wire: type[BenchWire | TcpWire], place: Place
+) -> None:
+    case = Case(place, fault, phase, wire)
     assert case.flowing == (phase == "move")
     if phase in fault.goes_on:
         assert phase == BETWEEN or case.row.status in ("done", "timeout")
@@ -91,7 +101,7 @@ def test_a_bad_wire_is_survived_through_all_phases(fault: Fault, place: Place) -
     assert bool(case.running.filled) == fault.text.startswith(("drop", "corrupt"))
     case.use_again()
     case.close()
-    between = Case(place, fault, BETWEEN)
+    between = Case(place, fault, BETWEEN, TcpWire)
     assert between.words == ""
     between.close()
 
@@ -144,7 +154,7 @@ HEAD = """# Faults, phase by phase
 Written by `python tests/app/test_fault_matrix.py docs/fault-matrix.md` from a run in simulated time: the real loop,
 link, trial, session and recording over the emulated board, whose clock is the test's.
 `tests/app/test_fault_matrix.py` holds the same cases to their limits; `tests/app/test_live_board.py` does some of
-them to real processes over a pseudo-terminal.
+them to real processes over a pseudo-terminal, `tests/app/test_live_net_ft.py` over a TCP port.
 
 - *Zero*: ms until the currents on the board are zero, where currents flowed (in a movement); the board's limit is 50.
 - *Seen*: ms until the app has ended the trial, or, between trials, where no current flows, shows the device as unfit: a
@@ -161,6 +171,11 @@ A stuck encoder is found when four encoders contradict each other, as here; with
 only limits of place and speed are left. A window that hangs or dies shares nothing with the loop but flags: its trial
 goes on (`tests/app/test_live_kill.py`, with real processes). A loop that is killed is seen at once, by the end of its
 output. A recorder that hangs counts as gone after two seconds, in which the trial goes on: the ring holds 16 s.
+
+The table is of a wire in simulated time. The test sends each fault once more over a TCP connection (`phd emulate
+--socket`), in one phase of a trial each, in turn, and holds it to the same limits; between trials all faults that are
+survived come over TCP. Such a connection keeps up to two seconds of samples that a host did not read: a trial whose
+last ones are among them ends as if the host had not been away.
 """
 
 

@@ -1,4 +1,4 @@
-"""A live trial on the bench whose hand force comes from a sensor on the network."""
+"""A live trial on the bench whose hand force comes from a sensor on the network, and whose board is at a TCP port."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ def test_a_sensor_on_the_network_is_zeroed_recorded_and_ends_the_trial_when_it_f
     sensor = PlayedSensor()
     try:
         sensor.counts = (1000, 0, 0, 0, 0, 0)
-        with board_session(tmp_path, f"{{port}} netft:{sensor.where}") as session:
+        with board_session(tmp_path, f"{{port}} netft:{sensor.where}", "--socket") as session:
             window, emulated = session.window, session.emulated
             session.open()
             session.make_ready()
@@ -36,6 +36,12 @@ def test_a_sensor_on_the_network_is_zeroed_recorded_and_ends_the_trial_when_it_f
             assert recording.outcome["link"]["force_sensor"]["name"] == "Mini45"
             window.until(lambda s: session.device().state == m.BAD)
             sensor.plugged = True
+            window.until(lambda s: session.device().state == m.GOOD or s.brakes_off)
+            session.make_ready()
+
+            assert emulated.port.startswith("socket://")
+            emulated.order(fault="unplug+0.5")
+            window.until(lambda s: session.device().text == "not connected")
             window.until(lambda s: session.device().state == m.GOOD or s.brakes_off)
             session.make_ready()
     finally:

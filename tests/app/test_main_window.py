@@ -247,7 +247,7 @@ def test_a_re_rig_says_what_to_do_and_waits_for_its_confirmation(screens: Screen
 
 def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) -> None:
     now = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    monkeypatch.setattr("time.perf_counter", lambda: now[0])
     screens.hear(opened(), ready(12, stage=m.BREAK, card=LONG_BREAK))
     assert "1:00" in screens.run.cards.notice.title.text() and screens.press(KEY.Key_Space) == []
     now[0] += 30.0

@@ -32,9 +32,9 @@ def test_an_end_that_does_not_read_never_makes_the_other_wait_and_loses_nothing(
     ours, *unread = two_ends()
     for i in range(300):
         ours.send((i, bytes(1000)))  # more than the system keeps for it
-    began = time.monotonic()
+    began = time.perf_counter()
     ours.flush(0.1)
-    assert ours.behind and time.monotonic() - began < 30.0
+    assert ours.behind and time.perf_counter() - began < 30.0
     theirs = other_end(*unread)
     ours.close()
     assert [i for i, _ in all_of(theirs)] == list(range(300))

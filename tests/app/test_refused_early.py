@@ -51,11 +51,11 @@ def test_a_session_that_is_there_is_taken_up_whoever_the_protocol_names_now(name
 def test_a_plan_without_end_is_refused_in_one_sentence(tmp_path, capsys):
     path = tmp_path / "endless.toml"
     path.write_text(changed(PAPER.text, blocks="1000", repetitions="1000"))
-    began = time.monotonic()
+    began = time.perf_counter()
     assert main(["run", str(path), "--print-plan"]) == 2
     told = capsys.readouterr()
     assert told.err.count("\n") == 1 and f"{MOST_TRIALS}" in told.err and "20000000" in told.err
-    assert time.monotonic() - began < 60.0  # it would take hours
+    assert time.perf_counter() - began < 60.0  # it would take hours
     cells = len(PAPER.devices) * len(PAPER.paths) * len(PAPER.controllers)
     most = MOST_TRIALS // cells
     assert protocol_of(changed(PAPER.text, blocks=f"{most}", repetitions="1")).blocks == most

@@ -11,7 +11,7 @@ from protocols import PAPER
 from app.ipc.client import Client
 from app.ipc.messages import Setup
 from app.ipc.ring import BRAKES_OFF, NO_CAUSE, RING_FULL, SERVER_SILENT, STOPPED, Ring
-from app.loop.clock import new_timespec, now_ns
+from app.loop.clock import new_timer, now_ns
 from app.loop.loop import stopped_trial
 from app.loop.real_time import GRASP_RADIUS_M, MOST_BEHIND_NS, ROOM, TICK_NS, due, put, run_trial, take_aim
 from core import tick_log
@@ -92,16 +92,16 @@ def test_the_cause_of_a_brakes_off_is_the_first_and_stands_until_brakes_are_allo
 def test_a_tick_is_due_a_millisecond_after_the_last_however_late_that_was(ring: Ring) -> None:
     late = MOST_BEHIND_NS
     while late >= MOST_BEHIND_NS:  # held up just then: that is the next test's
-        now = now_ns(new_timespec())
-        late, following = due(ring.control, now - 10 * TICK_NS, new_timespec())
+        now = now_ns(new_timer())
+        late, following = due(ring.control, now - 10 * TICK_NS, new_timer())
     assert late >= 10 * TICK_NS and following == now - 9 * TICK_NS
-    late, following = due(ring.control, now_ns(new_timespec()) + TICK_NS, new_timespec())
+    late, following = due(ring.control, now_ns(new_timer()) + TICK_NS, new_timer())
     assert late >= 0 and following > now
 
 
 def test_after_a_long_stall_the_time_of_the_trial_waits(ring: Ring) -> None:
-    now = now_ns(new_timespec())
-    late, following = due(ring.control, now - 60_000 * TICK_NS, new_timespec())
+    now = now_ns(new_timer())
+    late, following = due(ring.control, now - 60_000 * TICK_NS, new_timer())
     assert late >= 60_000 * TICK_NS and following > now
 
 
@@ -167,7 +167,7 @@ class Running:
         ring.control.tail -= behind
         spare = np.zeros((1, tick_log.WIDTH))
         self.thread = threading.Thread(
-            target=run_trial, args=(ring.controls, ring.rows, spare, new_timespec(), *self.arguments)
+            target=run_trial, args=(ring.controls, ring.rows, spare, new_timer(), *self.arguments)
         )
         self.thread.start()
 

@@ -55,7 +55,7 @@ def test_made_up_ticks_come_once_each_in_order_and_at_1_khz(monkeypatch) -> None
 def test_a_move_of_the_pointer_counts_once_the_tick_that_used_it_is_painted(screens: Screens) -> None:
     screens.hear(opened(), running())
     screens.participant.show()
-    moves = Moves(screens.windows, time.monotonic)
+    moves = Moves(screens.windows, time.perf_counter)
     moves._timer.stop()
     moves.measuring = True
     moves._move()

@@ -29,7 +29,7 @@ FRAME = 16  # ticks
 def clock(screens: Screens, monkeypatch):
     """The windows' clock, which only the tests move, and the waits (ms) that they ask their timer for."""
     now, waits = SimpleNamespace(s=100.0), []
-    monkeypatch.setattr("app.window.windows.time", SimpleNamespace(monotonic=lambda: now.s))
+    monkeypatch.setattr("app.window.windows.time", SimpleNamespace(perf_counter=lambda: now.s))
     monkeypatch.setattr(screens.windows._timer, "start", waits.append)
     screens.windows._due_s = now.s
     return now, waits

@@ -156,7 +156,7 @@ def test_a_resumed_session_knows_what_was_skipped_redone_and_noted(data):
     session.close()
 
 
-def test_verify_finds_no_fault_in_it_and_analyze_gives_the_same_table(data, undrawn, tmp_path):
+def test_verify_finds_no_fault_in_it_and_analyze_gives_the_same_table(data, tmp_path):
     assert verify(data)["faults"] == []
     analyze(data, tmp_path / "out")
     again, table = read_table(tmp_path / "out" / "trials.csv"), read_table(data / "trials.csv")

@@ -79,7 +79,7 @@ def session(data: Path, args: argparse.Namespace) -> dict:
     from live import children, gone, wait_until
 
     victim, setup = args.kill, Setup(data, hand="operator", seed=1, real_time=not args.default)
-    window, kills, began = start_window(setup, args.trials), 0, time.monotonic()
+    window, kills, began = start_window(setup, args.trials), 0, time.perf_counter()
     trials = 0
     while True:
         line = window.stdout.readline()
@@ -102,7 +102,7 @@ def session(data: Path, args: argparse.Namespace) -> dict:
                 window = start_window(setup, args.trials)
             else:
                 os.kill(children(server)[0], signal.SIGKILL)
-    wall_s = round(time.monotonic() - began, 1)
+    wall_s = round(time.perf_counter() - began, 1)
     return {"killed": victim, "kills": kills, "hogs": args.hogs, "wall_s": wall_s, **recorded(data)}
 
 

@@ -56,7 +56,7 @@ class PointerLag(NamedTuple):
 class Moves(QObject):
     """Moves the pointer round the middle of a view, and times each move on its way.
 
-    newest_tick_s: when the loop made its newest tick, by time.monotonic.
+    newest_tick_s: when the loop made its newest tick, by time.perf_counter.
     """
 
     def __init__(self, windows: Windows, newest_tick_s: Callable[[], float]) -> None:
@@ -84,7 +84,7 @@ class Moves(QObject):
             self.lost += 1
         place = view.to_screen(view.tip) if view.tip and not view.taken else self._round(view)
         self._aimed, self._in_picture = None, False
-        self._moved_s = time.monotonic()
+        self._moved_s = time.perf_counter()
         QCursor.setPos(view.mapToGlobal(place).toPoint())
 
     def _round(self, view) -> QPointF:
@@ -96,7 +96,7 @@ class Moves(QObject):
 
     def _aim(self, x: float, y: float) -> None:
         if self._moved_s is not None and self._aimed is None:
-            self._aimed, self._aimed_at_s = (x, y), time.monotonic()
+            self._aimed, self._aimed_at_s = (x, y), time.perf_counter()
 
     def _frame(self, rows: np.ndarray) -> None:
         if self._aimed is None or not len(rows):
@@ -113,7 +113,7 @@ class Moves(QObject):
         if self._moved_s is not None and self.measuring:
             self.aimed_s.append(self._aimed_at_s - self._moved_s)
             self.tick_s.append(max(self._tick_at_s, self._aimed_at_s) - self._moved_s)
-            self.painted_s.append(time.monotonic() - self._moved_s)
+            self.painted_s.append(time.perf_counter() - self._moved_s)
         self._moved_s, self._aimed, self._in_picture = None, None, False
 
 
@@ -168,9 +168,9 @@ def _run(application: QApplication, seconds: float) -> None:
 
 def _until(application: QApplication, done: Callable[[], bool], longest_s: float) -> str:
     """Wait; "" or that it took too long."""
-    deadline = time.monotonic() + longest_s
+    deadline = time.perf_counter() + longest_s
     while not done():
-        if time.monotonic() > deadline:
+        if time.perf_counter() > deadline:
             return f"nothing for {longest_s:.0f} s"
         _run(application, 0.05)
     return ""

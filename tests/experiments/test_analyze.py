@@ -35,7 +35,7 @@ def spoil(folder, run):
     path.write_bytes(content)
 
 
-def test_a_damaged_recording_is_left_out_and_its_boxes_alone_are_said_to_change(study, undrawn, tmp_path, capsys):
+def test_a_damaged_recording_is_left_out_and_its_boxes_alone_are_said_to_change(study, tmp_path, capsys):
     folder = shutil.copytree(study, tmp_path / "copy")
     rows = read_table(folder / "trials.csv")
     lost = rows[4]
@@ -60,7 +60,7 @@ def test_a_damaged_recording_is_left_out_and_its_boxes_alone_are_said_to_change(
     assert float(medians[3]) == pytest.approx(100.0 * (new / old - 1.0), abs=0.06)
 
 
-def test_a_box_that_has_lost_all_its_trials_is_said_to_be_gone(study, undrawn, tmp_path):
+def test_a_box_that_has_lost_all_its_trials_is_said_to_be_gone(study, tmp_path):
     folder = shutil.copytree(study, tmp_path / "copy")
     for row in read_table(folder / "trials.csv"):
         if (row.controller, row.configuration) == (2, "four-brake"):
@@ -69,7 +69,7 @@ def test_a_box_that_has_lost_all_its_trials_is_said_to_be_gone(study, undrawn, t
     assert len(changed) == 3 and all("2 -> 0 trials, the box is gone" in line for line in changed)
 
 
-def test_without_a_table_to_compare_with_that_is_said(study, undrawn, tmp_path):
+def test_without_a_table_to_compare_with_that_is_said(study, tmp_path):
     folder = shutil.copytree(study, tmp_path / "copy")
     spoil(folder, 1)
     (folder / "trials.csv").unlink()
@@ -82,7 +82,7 @@ def test_a_whole_folder_changes_nothing(study, tmp_path):
 
 
 def test_a_resumed_session_gives_its_own_table_again_with_the_recovered_trial_in_its_place(
-    undrawn, tmp_path, monkeypatch
+    tmp_path, monkeypatch
 ):
     study = tmp_path / "study"
     with monkeypatch.context() as patch:
@@ -129,7 +129,7 @@ def test_the_energy_of_a_trial_that_was_cut_off_is_not_made_up(tmp_path):
     assert rows[0].energy_residual_J is not None and rows[1].energy_residual_J is None
 
 
-def test_the_findings_of_two_studies_stand_side_by_side_and_why_those_that_fail_do(study, undrawn, tmp_path, capsys):
+def test_the_findings_of_two_studies_stand_side_by_side_and_why_those_that_fail_do(study, tmp_path, capsys):
     other = tmp_path / "other"
     shutil.copytree(study, other)
     before = files(study)

@@ -122,7 +122,7 @@ def test_mujoco_has_the_same_mechanism(scene):
     assert near < 0.3 * far
 
 
-def test_bench_writes_what_it_prints(tmp_path, capsys, monkeypatch):
+def test_bench_writes_what_it_prints(fine_prints, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("experiments.benchmark.bench.reference_tips", reference)
     assert main(["bench", "--quick", "--json", "--out", str(tmp_path / "b")]) == 0
     result = json.loads(capsys.readouterr().out)

@@ -102,7 +102,7 @@ def test_a_figure_says_how_many_trials_it_leaves_out_and_crosses_those_that_time
     assert len(crosses) == (0 if timeouts else 2)
 
 
-def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_time(tmp_path):
+def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_time(fine_prints, tmp_path):
     rows = study()
     paths = draw_boxplots(rows, tmp_path / "a", NOTE)
     names = ("fig16_path_error", "fig17_tip_force", "fig18_acceleration_dft_sum", "fig18_acceleration_to_100_Hz")

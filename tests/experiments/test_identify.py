@@ -334,7 +334,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_command_writes_a_brake_file_and_figures_and_never_overwrites(folder, quiet, capsys):
+def test_command_writes_a_brake_file_and_figures_and_never_overwrites(fine_prints, folder, quiet, capsys):
     write_steps(quiet, folder / "steps.csv")
     command = ["identify", "steps.csv", "--out", "mine.toml", "--figures", "figures", "--json"]
     assert main(command) == 0

@@ -5,6 +5,7 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import matplotlib
 import numpy as np
@@ -21,7 +22,7 @@ from core.mechanism import JOINTS
 from core.workspace import held_in_any_direction, tip_is_free
 from experiments import paper_figures
 from experiments.analysis.sheet import STYLE, figure_bytes
-from experiments.paper_figures import draw_all, pictures
+from experiments.paper_figures import Drawn, draw_all, pictures
 from experiments.paper_figures.brake import brake_of, step_response, torque_as_worded, torque_with_play
 from experiments.paper_figures.control import clearest_choice, five_forces
 from experiments.paper_figures.directions import (
@@ -229,7 +230,7 @@ def test_only_the_display_with_two_brakes_finds_no_valid_one_and_holds_least():
         assert np.median(other.path_error) < 0.7 * np.median(two.path_error)
 
 
-def test_a_brake_that_a_field_commands_is_drawn_in_its_unit(coarse):
+def test_a_brake_that_a_field_commands_is_drawn_in_its_unit():
     shown = {p.name: p.draw() for p in pictures([load_device("er-two-brake")]) if p.name.startswith(("fig06", "fig09"))}
     for figure in shown.values():
         labels = [axes.get_xlabel() + axes.get_ylabel() for axes in figure.axes]
@@ -244,26 +245,38 @@ def test_the_five_forces_give_the_papers_influence_matrix_and_the_coupling_one_i
     assert example.selected == 0 and example.ranks == [3, 2, 1, 0, 0]
 
 
-@pytest.fixture
-def coarse(monkeypatch):
-    monkeypatch.setattr("experiments.analysis.sheet.PNG_DPI", 30)
+ASSUMED = build_device('provenance = "assumed"\n' + FOUR.text, {"test-brake": BRAKE_TEXT}, "own")
+
+
+class Figures(NamedTuple):
+    """All of a device: their folder, what was drawn, the progress that was told, and the words under each."""
+
+    folder: Path
+    drawn: list[Drawn]
+    shares: list[float]
+    words: list[str]
 
 
 @pytest.fixture(scope="module")
 def figures(tmp_path_factory):
-    """All of both devices, coarse: their folder, what was drawn, and the progress that was told."""
-    folder, shares = tmp_path_factory.mktemp("drawn") / "new" / "figures", []
+    folder, shares, written = tmp_path_factory.mktemp("drawn") / "new" / "figures", [], []
+
+    def noted(figure, form):
+        if form == "png":
+            written.append(words(figure))
+        return figure_bytes(figure, form)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("experiments.analysis.sheet.PNG_DPI", 30)
-        return folder, draw_all([THREE.device, FOUR.device], folder, shares.append), shares
+        patch.setattr(paper_figures, "figure_bytes", noted)
+        return Figures(folder, draw_all([ASSUMED], folder, shares.append), shares, written)
 
 
 def test_every_figure_appears_as_png_and_pdf(figures):
-    folder, drawn, shares = figures
+    folder, drawn, shares, _ = figures
     files = [file for figure in drawn for file in figure.files]
     assert sorted(files) == sorted(folder.iterdir()) and len(files) == 2 * len(drawn)
-    numbers = {int(n) for figure in drawn for n in re.findall(r"\d\d", figure.name.split("_")[0])}
-    assert numbers == {1, *range(4, 15)}
+    of_both = [picture.name.split("_")[0] for picture in pictures([THREE.device, FOUR.device])]
+    assert {int(number) for name in of_both for number in re.findall(r"\d\d", name)} == {1, *range(4, 15)}
     for file in files:
         assert file.read_bytes().startswith({".png": b"\x89PNG", ".pdf": b"%PDF"}[file.suffix])
     assert shares == sorted(shares) and shares[-1] == 1.0
@@ -283,19 +296,19 @@ def words(figure) -> str:
     return " ".join(text.get_text() for text in figure.texts)
 
 
-def test_what_rests_on_assumed_parameters_says_so_and_what_does_not_does_not():
+def test_what_rests_on_assumed_parameters_says_so_and_what_does_not_does_not(figures):
     measured = {"measured": re.sub(r'provenance = "assumed"', 'provenance = "bench"', BRAKE_TEXT)}
     text = re.sub('"test-brake"', '"measured"', THREE.text)
     free = {"fig01_unachievable_directions", "fig12_velocity_field", "fig14_proportional_selection"}
-    for picture in pictures([build_device('provenance = "assumed"\n' + FOUR.text, {"test-brake": BRAKE_TEXT}, "own")]):
-        assert ("Assumed parameters: " in words(picture.draw())) == (picture.name not in free), picture.name
+    for figure, written in zip(figures.drawn, figures.words, strict=True):
+        assert ("Assumed parameters: " in written) == (figure.name not in free), figure.name
     for picture in pictures([build_device(text, measured, "own")]):
         if picture.name == "displays":  # of the shipped devices, whatever the own ones
             continue
         assert "ssumed" not in words(picture.draw()), picture.name
 
 
-def test_any_five_bar_can_be_drawn_one_brake_odd_name_theta_stops_and_all(coarse):
+def test_any_five_bar_can_be_drawn_one_brake_odd_name_theta_stops_and_all():
     bar = replace(
         FOUR, name="my $x_ rig: 1", braked="C", elbows="left", limits="margin = 0.1\ntheta_A_rad = [0.2, 2.5]"
     )
@@ -308,15 +321,15 @@ def test_any_five_bar_can_be_drawn_one_brake_odd_name_theta_stops_and_all(coarse
             figure_bytes(picture.draw(), "png")
 
 
-def test_the_same_device_gives_the_same_bytes(figures, coarse):
-    found = pictures([THREE.device, FOUR.device])
-    again = [p for p in found if re.search("directions_workspace|time_constants|release_four", p.name)]
+def test_the_same_device_gives_the_same_bytes(figures):
+    found = pictures([ASSUMED])
+    again = [p for p in found if re.search("directions_workspace|time_constants|release", p.name)]
     assert len(again) == 3
     for picture in again:
         with matplotlib.rc_context(STYLE):
             figure = picture.draw()
         for form in ("png", "pdf"):
-            assert figure_bytes(figure, form) == (figures[0] / f"{picture.name}.{form}").read_bytes(), picture.name
+            assert figure_bytes(figure, form) == (figures.folder / f"{picture.name}.{form}").read_bytes(), picture.name
 
 
 def test_a_failure_while_writing_leaves_no_file_and_no_folder(tmp_path: Path):

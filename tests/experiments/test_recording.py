@@ -165,7 +165,7 @@ def test_an_exception_in_the_trial_keeps_its_ticks_without_an_end(path):
 
 def test_rows_reach_the_file_in_time_for_a_kill_and_the_disk_in_time_for_a_power_cut(path, monkeypatch):
     now, syncs = [100.0], []
-    monkeypatch.setattr(recording_writer.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(recording_writer.time, "perf_counter", lambda: now[0])
     monkeypatch.setattr(recording_writer.os, "fsync", lambda handle: syncs.append(now[0]))
     writer = RecordingWriter(path, "AEB", {})
     syncs.clear()

@@ -132,14 +132,13 @@ def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, t
     assert resume_study(interrupted, {})["trials"] == 21 and files(interrupted) == after  # it is complete
 
     whole = tmp_path / "uninterrupted"
-    request.getfixturevalue("undrawn")
     run_study(whole, 2, high(), PEOPLE)
     theirs = [row for row in read_table(whole / "trials.csv")]
     assert [r for r in rows if r.participant == "02"] == [r for r in theirs if r.participant == "02"]
     assert [r for r in rows if r.participant == "01"][:3] == theirs[:3]  # before the crash
 
 
-def test_a_study_killed_while_drawing_draws_its_figures_on_resume(tmp_path, monkeypatch):
+def test_a_study_killed_while_drawing_draws_its_figures_on_resume(concluded, tmp_path, monkeypatch):
     def killed(table, folder, note, **options):
         folder.mkdir()
         (folder / "fig16_path_error.png").write_bytes(b"half")
@@ -151,11 +150,12 @@ def test_a_study_killed_while_drawing_draws_its_figures_on_resume(tmp_path, monk
             run_study(tmp_path / "study", 1, short(paths=1, seed="2"), PEOPLE)
     assert verify(tmp_path / "study")["faults"] == [] and not (tmp_path / "study" / "figures").exists()
     resume_study(tmp_path / "study", {})
-    assert len(list((tmp_path / "study" / "figures").iterdir())) == 13
+    figures = list((tmp_path / "study" / "figures").iterdir())
+    assert len(figures) == 13 and {path.suffix for path in figures} == {".png", ".svg", ".pdf"}
     assert not (tmp_path / "study" / ".figures.partial").exists()
 
 
-def test_what_is_asked_by_name_must_be_what_the_study_was_begun_with(interrupted, undrawn, capsys):
+def test_what_is_asked_by_name_must_be_what_the_study_was_begun_with(interrupted, capsys):
     before = files(interrupted)
     for arguments, said in (
         (["--seed", "6"], "--seed: the study was begun with 5"),
@@ -191,7 +191,7 @@ def test_a_folder_with_nothing_to_resume_is_refused_in_one_sentence(interrupted,
         lock.release()
 
 
-def test_a_folder_in_which_a_study_was_hardly_begun_takes_a_new_one(undrawn, tmp_path):
+def test_a_folder_in_which_a_study_was_hardly_begun_takes_a_new_one(tmp_path):
     (tmp_path / ".study.json.partial").write_text("{")
     (tmp_path / ".lock").touch()
     assert run_study(tmp_path, 1, short(paths=1, seed="2"), PEOPLE)["trials"] == 10
@@ -202,7 +202,7 @@ def test_a_study_without_resume_refuses_an_interrupted_one(interrupted, capsys):
     assert "--resume" in capsys.readouterr().err
 
 
-def test_an_older_devices_file_stays_that_of_the_study(interrupted, undrawn):
+def test_an_older_devices_file_stays_that_of_the_study(interrupted):
     """The stored device counts, whatever a device of that name says today."""
     stored = json.loads((interrupted / "study.json").read_text())
     device = stored["protocol"]["devices"][0]

@@ -10,6 +10,7 @@ from experiments.analysis.metrics import METRICS
 from experiments.plan import make_plan
 from experiments.protocol import load_protocol
 from experiments.study import simulation_errors as errors
+from experiments.study.simulation_errors import simulation_errors
 from experiments.study.unrecorded import person_of, run_trial, switched_on
 from experiments.trial.normals import normals
 from experiments.trial.population import load_population
@@ -24,7 +25,7 @@ LAGLESS = errors.BRAKES["static"]
 @pytest.fixture(scope="module")
 def found() -> dict[tuple[int, str, str], Moved]:
     """One device, five controllers, two paths: two trials a controller."""
-    moved = errors.simulation_errors(PROTOCOL, PERSON, "01")
+    moved = simulation_errors(PROTOCOL, PERSON, "01")
     return {(one.controller, one.change, one.measure): one for one in moved}
 
 
@@ -38,7 +39,7 @@ def test_every_controller_has_every_change_of_every_measure_that_it_has(found):
 def test_without_a_change_each_trial_comes_out_as_it_was_so_what_moves_is_the_change_alone(found, monkeypatch):
     monkeypatch.setattr(errors, "SUBSTEPS", 1)
     monkeypatch.setattr(errors, "ASIDE_M", 0.0)
-    again = errors.simulation_errors(PROTOCOL, PERSON, "01")
+    again = simulation_errors(PROTOCOL, PERSON, "01")
     assert {one.worst for one in again if one.change in (STEP, HAND)} == {0.0}
     assert [one for one in again if one.change == LAGLESS] == [one for one in found.values() if one.change == LAGLESS]
 

@@ -4,10 +4,11 @@ import csv
 import json
 from pathlib import Path
 
+import conclusions
 import numpy as np
 import pytest
 from exports import rows as csv_rows
-from protocols import PEOPLE
+from protocols import PEOPLE, short
 
 from app.cli import main
 from core.device import SHIPPED_FOLDER
@@ -16,7 +17,7 @@ from experiments.analysis.error_bars import error_sentence, error_table
 from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.trials_table import read_table
-from experiments.protocol import load_protocol
+from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.recording.reader import read_recording
 from experiments.session.files import read_stored
 from experiments.study.simulation_errors import simulation_errors
@@ -36,31 +37,36 @@ TABLE = (
 ).split(",")
 
 
+def seeded(seed: int) -> Protocol:
+    """20 trials, the seed given beside the file."""
+    return protocol_from_json({**protocol_to_json(short()), "overrides": {"seed": seed}}, "test")
+
+
 @pytest.fixture(scope="module")
 def study(tmp_path_factory) -> Path:
-    """One operator's study, 60 trials."""
+    """One operator's study."""
     out = tmp_path_factory.mktemp("studies") / "one"
-    run_study(out, 1, load_protocol(seed=4), PEOPLE)
+    with conclusions.error_bars():
+        run_study(out, 1, seeded(4), PEOPLE)
     return out
 
 
 def test_a_study_leaves_the_folders_names_and_columns_that_others_rely_on(study):
     session = study / "sub-01" / "ses-01"
     about = json.loads((session / "session.json").read_text())
-    assert len(about["plan"]) == 60 and len(about["plan_sha256"]) == 64 and about["seed"] == 4
+    assert len(about["plan"]) == 20 and len(about["plan_sha256"]) == 64 and about["seed"] == 4
     stored = about["protocol"]
-    assert stored["text"] == load_protocol().text and about["assumed"] is True and stored["overrides"] == {"seed": 4}
+    assert stored["text"] == short().text and about["assumed"] is True and stored["overrides"] == {"seed": 4}
     assert [device["name"] for device in stored["devices"]] == ["three-brake", "four-brake"]
     assert [json.loads(line)["event"] for line in (session / "journal.jsonl").open()][:2] == ["created", "trial begun"]
-    assert sorted(p.name for p in (session / "trials").iterdir()) == [f"run-{k:03d}.parquet" for k in range(1, 61)]
+    assert sorted(p.name for p in (session / "trials").iterdir()) == [f"run-{k:03d}.parquet" for k in range(1, 21)]
     with (study / "trials.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert list(rows[0]) == TABLE and len(rows) == 60
+    assert list(rows[0]) == TABLE and len(rows) == 20
     for row in rows:
         assert (study / row["recording"]).is_file()
     three = next(row for row in rows if row["configuration"] == "three-brake")
     assert list(read_recording(study / three["recording"]).columns)[: len(ALSO_NAMED)] == ALSO_NAMED
-    assert {p.suffix for p in (study / "figures").iterdir()} == {".png", ".svg", ".pdf"}
 
 
 def test_every_cell_of_the_plan_is_there_and_nearly_all_trials_reach_the_end(study):
@@ -68,22 +74,22 @@ def test_every_cell_of_the_plan_is_there_and_nearly_all_trials_reach_the_end(stu
     cells = {}
     for row in rows:
         cells.setdefault((row.controller, row.configuration), []).append(row)
-    assert len(cells) == 10 and all(len(cell) == 6 for cell in cells.values())
+    assert len(cells) == 10 and all(len(cell) == 2 for cell in cells.values())
     for controller in range(1, 6):
         done = [row.status == "done" for row in rows if row.controller == controller]
         assert np.mean(done) >= 0.95
-    assert all(box.count == 6 for box in boxes(rows, DRAWN[0], ("three-brake", "four-brake")).values())
+    assert all(box.count == 2 for box in boxes(rows, DRAWN[0], ("three-brake", "four-brake")).values())
 
 
-def test_the_same_seed_gives_the_same_table_byte_for_byte_and_another_seed_does_not(study, undrawn, tmp_path):
-    run_study(tmp_path / "again", 1, load_protocol(seed=4), PEOPLE)
-    run_study(tmp_path / "other", 1, load_protocol(seed=5), PEOPLE)
+def test_the_same_seed_gives_the_same_table_byte_for_byte_and_another_seed_does_not(study, tmp_path):
+    run_study(tmp_path / "again", 1, seeded(4), PEOPLE)
+    run_study(tmp_path / "other", 1, seeded(5), PEOPLE)
     table = (study / "trials.csv").read_bytes()
     assert (tmp_path / "again" / "trials.csv").read_bytes() == table
     assert (tmp_path / "other" / "trials.csv").read_bytes() != table
 
 
-def test_analyze_rebuilds_every_number_and_figure_from_the_recordings_alone(study, tmp_path, capsys):
+def test_analyze_rebuilds_every_number_and_figure_from_the_recordings_alone(study, concluded, tmp_path, capsys):
     before = {p: p.read_bytes() for p in study.rglob("*") if p.is_file() and p.suffix != ".parquet"}
     hidden = {path: path.with_suffix(".hidden") for path in (*study.rglob("trials.csv"), study / "study.json")}
     for path, elsewhere in hidden.items():
@@ -93,7 +99,7 @@ def test_analyze_rebuilds_every_number_and_figure_from_the_recordings_alone(stud
     finally:
         for path, elsewhere in hidden.items():
             elsewhere.rename(path)
-    assert json.loads(capsys.readouterr().out)["trials"] == 60
+    assert json.loads(capsys.readouterr().out)["trials"] == 20
     old, new = read_table(study / "trials.csv"), read_table(tmp_path / "out" / "trials.csv")
     for a, b in zip(old, new, strict=True):
         assert a.seen_from("x") != a and {**vars(a), "recording": ""} == {**vars(b), "recording": ""}
@@ -115,7 +121,7 @@ def test_the_report_has_the_error_bars_of_its_own_first_operator(study):
     assert error_table(moved, CONTROLLER) in report and report.count(error_sentence(moved)) == 3
 
 
-def test_the_last_lines_of_study_and_analyze_are_the_warnings_of_the_report(study, undrawn, tmp_path, capsys):
+def test_the_last_lines_of_study_and_analyze_are_the_warnings_of_the_report(study, tmp_path, capsys):
     assert main(["study", "--resume", "--out", str(study)]) == 0
     assert main(["analyze", str(study), "--out", str(tmp_path / "out")]) == 0
     report = (study / "report" / "report.md").read_text()

@@ -1,10 +1,10 @@
 """Trials without recordings are those of a study: the same seed gives the same numbers."""
 
 import numpy as np
+from protocols import short
 
 from experiments.analysis.metrics import DRAWN, METRICS
 from experiments.analysis.trials_table import read_table
-from experiments.protocol import load_protocol
 from experiments.study.study import run_study
 from experiments.study.unrecorded import study_trials
 from experiments.trial.normals import Normals, normals
@@ -13,12 +13,12 @@ from experiments.trial.trial import NOISE_DRAWS
 
 
 def test_trials_without_recordings_have_the_measures_of_the_studys_table_bit_by_bit(tmp_path):
-    protocol, population = load_protocol(seed=7, rules="literal"), load_population("tremulous")
+    protocol, population = short(seed="7", rules='"literal"'), load_population("tremulous")
     run_study(tmp_path / "study", 1, protocol, population)
     (table,) = (tmp_path / "study").glob("sub-*/ses-*/trials.csv")
     rows = {row.run: row for row in read_table(table)}
     trials = list(study_trials(protocol, population, 1))
-    assert len(trials) == len(rows) == 60
+    assert len(trials) == len(rows) == 20
     for one in trials:
         row = rows[one.planned.run]
         place = row.configuration, row.controller, row.segment, row.repetition, row.status
@@ -30,7 +30,7 @@ def test_trials_without_recordings_have_the_measures_of_the_studys_table_bit_by_
 
 
 def test_no_trial_changes_the_draws_that_the_others_take():
-    first = next(study_trials(load_protocol(seed=8), load_population("average"), 1)).planned
+    first = next(study_trials(short(seed="8"), load_population("average"), 1)).planned
     key = 8, 1, first.segment, first.repetition
     generator = np.random.default_rng(np.random.SeedSequence(key))
     kept = normals(*key)

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from hardware.emulated_board.plug import LOOPBACK, emulated_ports
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -20,14 +22,14 @@ class Emulated:
                 [sys.executable, "-m", "app.cli", "emulate", *arguments],
                 cwd=ROOT, stdout=subprocess.PIPE, stderr=log, text=True,
             )  # fmt: skip
-        self.port = Path(self.process.stdout.readline().strip())
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._socket.bind(str(folder / "answers"))
+        self.port = self.process.stdout.readline().strip()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect((LOOPBACK, emulated_ports()[self.port]))
         self._socket.settimeout(60.0)
 
     def order(self, **order) -> dict:
         """An order; the truth."""
-        self._socket.sendto(json.dumps(order).encode(), str(self.port.with_name("control")))
+        self._socket.send(json.dumps(order).encode())
         return json.loads(self._socket.recv(1 << 16))
 
     def end(self, number: int = signal.SIGTERM) -> int:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from fault_kinds import AWAY, BETWEEN, END, LOCKED_TICKS, PULL, START, Fault, Killed
 from real_bench import RealBench
+from simulated_bench import BenchWire, TcpWire
 
 from app.ipc.messages import GOOD, DeviceStatus, Done, HomeAt, Reset
 from app.ipc.ring import Ring
@@ -90,11 +91,12 @@ AT_REST_M, AT_REST_M_S = 1e-3, 1e-3  # the handle has come to rest where the han
 class Case:
     """One trial, or the time between two, with one fault in one phase."""
 
-    def __init__(self, place: Place, fault: Fault, phase: str) -> None:
+    def __init__(self, place: Place, fault: Fault, phase: str, wire: type[BenchWire | TcpWire] = BenchWire) -> None:
         self.place, self.fault, self.phase = place, fault, phase
         session = place.session
         device = session.protocol.device(fault.device)
-        self.bench = RealBench(hand=HeldHand(AWAY if phase == "approach" else START), device=device)
+        hand = HeldHand(AWAY if phase == "approach" else START)
+        self.bench = RealBench(hand=hand, device=device, wire=wire)
         self.board = self.bench.board
         self.ring = Ring(width=tick_log.BENCH_WIDTH)
         self.answers = io.BytesIO()

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+from processes import children, gone
 
 from app.ipc import messages as m
 from app.ipc.client import Client
@@ -19,29 +20,11 @@ from experiments.recording.schema import Recording
 LONG_S = 240.0  # to wait before a test fails; kernels may have to be compiled
 
 
-def gone(pid: int) -> bool:
-    """Whether a process has ended (one that nobody has waited for yet counts as ended)."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] in "ZX"
-    except (FileNotFoundError, ProcessLookupError):
-        return True
-
-
-def children(pid: int) -> list[int]:
-    """The processes that a process has started and that live."""
-    found: list[int] = []
-    with contextlib.suppress(OSError):  # it ends just now
-        for file in sorted(Path(f"/proc/{pid}/task").glob("*/children")):
-            with contextlib.suppress(OSError):  # or one of its threads
-                found += map(int, file.read_text().split())
-    return found
-
-
 def wait_until(what: Callable[[], object], seconds: float = LONG_S) -> None:
     """Wait for something to come true."""
-    end = time.monotonic() + seconds
+    end = time.perf_counter() + seconds
     while not what():
-        assert time.monotonic() < end, "waited in vain"
+        assert time.perf_counter() < end, "waited in vain"
         time.sleep(0.005)
 
 
@@ -96,8 +79,8 @@ class Window:
 
     def within(self, seconds: float, what: Callable[[m.Snapshot], object]) -> bool:
         """Whether something comes true in this time, where it need not."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
+        end = time.perf_counter() + seconds
+        while time.perf_counter() < end:
             self.look()
             if self.snapshot is not None and what(self.snapshot):
                 return True

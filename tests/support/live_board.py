@@ -52,9 +52,9 @@ class BoardSession:
 
     def make_ready(self) -> None:
         """What the bench asks for is done until a trial may start: zero, brakes allowed; or the board comes back."""
-        asked, end, away = 0.0, time.monotonic() + 0.6 * LONG_S, False
+        asked, end, away = 0.0, time.perf_counter() + 0.6 * LONG_S, False
         while not self._may_start():
-            now, snapshot = time.monotonic(), self.window.snapshot
+            now, snapshot = time.perf_counter(), self.window.snapshot
             assert now < end, f"nothing can be started; the last was {snapshot}"
             if snapshot is not None and now - asked > AGAIN_S:
                 if snapshot.brakes_off:
@@ -63,7 +63,7 @@ class BoardSession:
                 elif lets_go(snapshot):
                     away = True
                     self.rest()
-                    asked = time.monotonic()
+                    asked = time.perf_counter()
                     self.window.client.send(m.Confirm())
             time.sleep(0.005)
         if away:
@@ -144,11 +144,14 @@ def half(path: Segment) -> Segment:
 
 
 @contextlib.contextmanager
-def board_session(folder: Path, link: str = "{port}") -> Iterator[BoardSession]:
-    """A session on an emulated board of its own; at the end the board is without current. link: as Setup takes it."""
+def board_session(folder: Path, link: str = "{port}", *arguments: str) -> Iterator[BoardSession]:
+    """A session on an emulated board of its own; at the end the board is without current.
+
+    link: as Setup takes it; arguments: more of `phd emulate`.
+    """
     protocol = folder / "patient.toml"
     protocol.write_text(changed(PAPER.text, time_out_s="200.0"), encoding="utf-8")
-    emulated = Emulated(folder, "--device", DEVICE, "--hand", "operator", "--seed", "3")
+    emulated = Emulated(folder, "--device", DEVICE, "--hand", "operator", "--seed", "3", *arguments)
     try:
         where = link.format(port=emulated.port)
         setup = Setup(folder / "data", str(protocol), devices=(DEVICE,), link=where, sync=False)

@@ -34,11 +34,11 @@ class Killing:
         self._ready()
         window = self.window
         window.start()
-        moment = time.monotonic() + self._random.uniform(0.0, self._longest_s)
+        moment = time.perf_counter() + self._random.uniform(0.0, self._longest_s)
         if victim == "window":
             self._lose_window(moment)
         else:
-            while time.monotonic() < moment:
+            while time.perf_counter() < moment:
                 self._look()
             running = window.snapshot.running
             pids = window.processes()
@@ -73,7 +73,7 @@ class Killing:
 
     def _lose_window(self, moment: float) -> None:
         """The window's end of the pipes is closed, as the system does it when the window is killed."""
-        while time.monotonic() < moment:
+        while time.perf_counter() < moment:
             self._look()
         running, pids = self.window.snapshot.running, self.window.processes()
         self.window.client.leave()

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 from protocols import PAPER, PEOPLE
-from simulated_bench import TIP, Bench, BenchWire
+from simulated_bench import TIP, Bench, BenchWire, TcpWire
 
 from app.emulated_operator import EmulatedOperator
 from core import tick_log
@@ -49,7 +49,7 @@ class RealBench:
 
     def __init__(
         self, device: str | Device = "four-brake", seed: int = 3, hand: EmulatedHand | None = None,
-        board_began_us: int = 0,
+        board_began_us: int = 0, wire: type[BenchWire | TcpWire] = BenchWire,
     ) -> None:  # fmt: skip
         self.device = load_device(device) if isinstance(device, str) else device
         self.operator: EmulatedOperator | None = None
@@ -59,13 +59,13 @@ class RealBench:
             self.operator.go_on = lambda x, y: None  # it goes by the phases of the trial alone
             hand = Late(self.operator)
         self.board = Bench(self.device, hand, board_began_us)
-        self.hand = hand
+        self.hand, self._wire = hand, wire
         self.link = SerialDevice(self.device, "bench", clock=self.now, open_port=self.open_port)
         self.link.open()
         self.link.home(self.board.device.tip)
 
-    def open_port(self, name: str) -> BenchWire:
-        return BenchWire(self.board, name)
+    def open_port(self, name: str) -> BenchWire | TcpWire:
+        return self._wire(self.board, name)
 
     def now(self) -> float:
         return self.board.now_s
@@ -115,9 +115,9 @@ class RealBench:
 
     def until_back(self, patience_s: float = 60.0) -> float:
         """Exchange zeros until samples come again; s of real time that it took (a thread looks for the board)."""
-        began = time.monotonic()
+        began = time.perf_counter()
         while self.link.exchange((0.0,) * 4) is None:
-            assert time.monotonic() - began < patience_s, self.link.problem
+            assert time.perf_counter() - began < patience_s, self.link.problem
             if self.link.problem:
                 self.pass_time(4)
-        return time.monotonic() - began
+        return time.perf_counter() - began

@@ -1,9 +1,11 @@
 """A board in simulated time with the simulated device behind it, and wires that a link can be plugged into."""
 
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 from core.device import Device, load_device
 from core.device_interface import DeviceError
@@ -11,8 +13,10 @@ from core.faults import cause
 from hardware.emulated_board.board import Board
 from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, HeldHand
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault
+from hardware.emulated_board.plug import TcpPort
 from hardware.emulated_board.sensors import capability_of
 from hardware.serial_device import SerialDevice
+from hardware.serial_port import Port
 from hardware.wire.frames import FrameDecoder
 from hardware.wire.messages import unpack
 
@@ -115,6 +119,45 @@ class BenchWire:
 
     def close(self) -> None:
         self.closed = True
+
+
+class TcpWire:
+    """The same by way of a TCP connection: between the emulated board's plug and the port that the app opens."""
+
+    def __init__(self, bench: Bench, name: str) -> None:
+        self.bench, self._folder = bench, tempfile.TemporaryDirectory()
+        self._plug = TcpPort(Path(self._folder.name))
+        if not bench.plugged:
+            self._plug.close()
+        self._port = Port(self._plug.address)
+        self.name = self._port.name
+        self._plug.read()  # it takes the host in
+        bench.backlog = b""
+
+    @property
+    def not_taken(self) -> int:
+        return self._port.not_taken
+
+    def read(self) -> bytes:
+        with self.bench.lock:
+            data, self.bench.backlog = self.bench.backlog + self.bench.tick(), b""
+        if self.bench.plugged:
+            self._plug.write(data)
+        else:
+            self._plug.close()
+        return self._port.read() if data or not self.bench.plugged else b""
+
+    def write(self, data: bytes) -> None:
+        self._port.write(data)
+        if data := self._plug.read():
+            with self.bench.lock:
+                self.bench.to_board.put(data, self.bench.now_s)
+                self.bench.hear(data)
+
+    def close(self) -> None:
+        self._plug.close()
+        threading.Thread(target=self._port.close).start()  # pyserial waits for 0.3 s
+        self._folder.cleanup()
 
 
 def reached(bench: Bench) -> SerialDevice:

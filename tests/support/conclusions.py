@@ -1,0 +1,39 @@
+"""What concludes a study, its box plots and error bars, takes longer than its trials: most tests do without."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from experiments.analysis.boxplots import draw_boxplots
+from experiments.study.simulation_errors import simulation_errors
+
+
+def _leave_files(_table, folder: Path, _note: str, **_options: object) -> None:
+    folder.mkdir(parents=True)
+    (folder / "boxplots.png").touch()
+
+
+@contextlib.contextmanager
+def _concluding(draw, errors) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("study", "analyze"):
+            patch.setattr(f"experiments.study.{module}.draw_boxplots", draw)
+        patch.setattr("experiments.study.simulation_errors.simulation_errors", errors)
+        yield
+
+
+def left_out() -> contextlib.AbstractContextManager[None]:
+    """Box plots are empty files, reports have no error bars."""
+    return _concluding(_leave_files, lambda *_: [])
+
+
+def error_bars() -> contextlib.AbstractContextManager[None]:
+    """Reports have their error bars, box plots are empty files."""
+    return _concluding(_leave_files, simulation_errors)
+
+
+def whole() -> contextlib.AbstractContextManager[None]:
+    """Box plots and error bars, as people get them."""
+    return _concluding(draw_boxplots, simulation_errors)
