@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.sharedctypes import Synchronized
 from multiprocessing.synchronize import Event
 from typing import NamedTuple
@@ -53,6 +54,7 @@ def helpers(most: int) -> Iterator[Helpers]:
     """At least one such process, at most so many; they begin before this returns, and end with this process.
 
     Before any lock is taken: a forked process would hold it as well. At the end the trials that they run are ended.
+    OSError if one of them is killed.
     """
     context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
     shared = Shared(context.Value("i", 0), context.Value("i", 0), context.Event())
@@ -61,6 +63,8 @@ def helpers(most: int) -> Iterator[Helpers]:
     pool.submit(os.getpid)
     try:
         yield Helpers(pool, count, shared)
+    except BrokenProcessPool:
+        raise OSError("a process of the study was killed; phd study --resume goes on from there") from None
     finally:
         shared.stop.set()
         pool.shutdown(cancel_futures=True)
