@@ -15,6 +15,7 @@ from packaging.requirements import Requirement
 from app.ipc.messages import BAD, CAUTION, GOOD, Check
 from app.ipc.scheduling import ADVICE, program_cores
 from app.progress import SCREENS_CODE
+from app.session_server.lost_time import stolen_share
 from app.session_server.preflight import check_disk
 from core.files import InputError
 from core.kernel import CACHE_FOLDER, is_compiled
@@ -23,16 +24,30 @@ from hardware.discovery import BoardFound, SerialPort, ask_board, hid_devices, s
 #: Text is laid out for these; a smaller screen would clip it.
 LEAST_SCREEN = (1280, 720)
 UDEV_RULE = 'KERNEL=="hidraw*", ATTRS{idVendor}=="046d|256f", MODE="0660", TAG+="uaccess"'
+#: checks of what makes ticks late, the worst first: what the host keeps no priority brings back, and a loop that may
+#: take its core at any time suffers least from other programs
+LATE_BY = ("host", "cores", "scheduling", "load")
+MUCH_STOLEN = 0.01  # of all cores' time. Our choice: ticks are then late by milliseconds several times a minute
 REINSTALL = "Remove the folder .venv and run ./phd again."
 
 
 def examine(data_dir: Path, boards_at: Sequence[str] = ()) -> list[Check]:
     """Everything, in the order of the report; boards are asked only at the ports named."""
     boards = [board_check(ask_board(port)) for port in boards_at]
-    return [
-        libraries(), *screens(), scheduling(), cores(), check_disk(data_dir, sync=True)[0], kernels(),
-        *port_checks(serial_ports()), *boards, *hid_checks(),
+    checks = [
+        libraries(), *screens(), scheduling(), cores(), host(stolen_share()), load(),
+        check_disk(data_dir, sync=True)[0], kernels(), *port_checks(serial_ports()), *boards, *hid_checks(),
     ]  # fmt: skip
+    return [*checks, first_change(checks)]
+
+
+def first_change(checks: Sequence[Check]) -> Check:
+    """The one change that helps most: against what stands in the way, else against what makes ticks late most."""
+    bad = [check for check in checks if check.state == BAD]
+    late = [check for name in LATE_BY for check in checks if check.name == name and check.advice]
+    for most in (*bad, *late):
+        return check("first", f"what helps most: {most.name}", most.advice)
+    return check("first", "no change is known that would help")
 
 
 def check(name: str, found: str, advice: str = "", bad: bool = False) -> Check:
@@ -116,6 +131,24 @@ def cores() -> Check:
     if count < 2:
         return check("cores", "1: loop and window share it", "Give the machine a second core.")
     return check("cores", f"{count}")
+
+
+def host(stolen: float | None) -> Check:
+    """The share of this machine's time that the host of a virtual machine keeps; None: not known."""
+    if stolen is None:
+        return check("host", "not known: this system does not count what a host keeps from it")
+    advice = "Give this virtual machine cores of its own, or run trials on a machine that is none."
+    found = f"has kept {100.0 * stolen:.1f} % of the cores' time from this machine since its start"
+    return check("host", found, advice if stolen > MUCH_STOLEN else "")
+
+
+def load() -> Check:
+    """How many programs want to run."""
+    if not hasattr(os, "getloadavg"):
+        return check("load", "not known: this system does not count the programs that want to run")
+    running, count = os.getloadavg()[0], os.cpu_count() or 1
+    found = f"{running:.1f} programs wanted to run, on {count} cores (average of the last minute)"
+    return check("load", found, "Close other programs before a session." if running > count else "")
 
 
 def kernels() -> Check:

@@ -14,30 +14,28 @@ ROOT = Path(__file__).resolve().parent.parent
 BIN = ROOT / ".venv" / ("Scripts" if sys.platform == "win32" else "bin")
 PYTEST = [BIN / "python", "-m", "pytest"]
 TWO = ["-n", "2", "--dist", "loadfile"]
-NO_TEST = 5  # pytest's exit code where no test is marked
+#: On two cores: one of the three has the tests of real processes, which mostly wait (see `conftest.LONG`).
+THREE = ["-n", "3", "--dist", "loadgroup", "--no-loadscope-reorder"]
 
 
 def main() -> int:
     """The exit code."""
-    live = sorted(str(file.relative_to(ROOT)) for file in ROOT.glob("tests/app/test_live_*.py"))
+    files = sorted(ROOT.glob("tests/*/test_*.py"))
+    marked = [str(file.relative_to(ROOT)) for file in files if "mark.nojit" in file.read_text(encoding="utf-8")]
     failed = []
     with tempfile.TemporaryDirectory() as folder:
-        results = [f"--junitxml={folder}/{number}.xml" for number in (1, 2, 3)]
+        results = [f"--junitxml={folder}/{number}.xml" for number in (1, 2)]
         parts = {
             "ruff": [BIN / "ruff", "check", "."],
             "mypy": [BIN / "mypy"],
             "lint-imports": [BIN / "lint-imports", "--no-logo"],
-            "pytest": [*PYTEST, *TWO, results[0], "--ignore-glob=*/test_live_*.py"],
-            # real processes that keep time: nothing but each other beside them
-            "pytest of real processes": [*PYTEST, *live, *TWO, results[1]],
-            "pytest without the jit": [*PYTEST, *TWO, "-m", "nojit", results[2]],
+            "pytest": [*PYTEST, *THREE, results[0]],
+            "pytest without the jit": [*PYTEST, *TWO, results[1], "-m", "nojit", *marked],
         }
         for name, command in parts.items():
             print(f"\n== {name}", flush=True)
-            without_jit = name == "pytest without the jit"
-            more = {"NUMBA_DISABLE_JIT": "1"} if without_jit else {}
-            code = subprocess.call(command, cwd=ROOT, env=os.environ | more)
-            if code != 0 and not (without_jit and code == NO_TEST):
+            more = {"NUMBA_DISABLE_JIT": "1"} if name == "pytest without the jit" else {}
+            if subprocess.call(command, cwd=ROOT, env=os.environ | more) != 0:
                 failed.append(name)
         suites = [suite for file in Path(folder).glob("*.xml") for suite in tree.parse(file).iter("testsuite")]
     tests, skipped, errors, failures = (

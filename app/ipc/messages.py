@@ -40,6 +40,7 @@ class Setup(NamedTuple):
     link: str = ""  # serial port of a device on the bench, or "PORT netft:HOST"; "": simulated
     real_time: bool = True  # try scheduling that needs a privilege
     sync: bool = True  # wait for the disk itself
+    lsl: bool = False  # stream ticks and markers by the Lab Streaming Layer
 
     def to_json(self) -> str:
         """As text, for a command line."""
@@ -328,14 +329,21 @@ class Proof(NamedTuple):
 
 
 class Timing(NamedTuple):
-    """The loop's lateness over the running (or last) trial, microseconds, and the scheduling that it got."""
+    """The loop's lateness over the running (or last) trial, microseconds, and whose fault it is.
+
+    None: the system does not count it.
+    """
 
     p50_us: float
     p99_us: float
     max_us: float
     missed: int  # ticks a millisecond or more late
     scheduling: str  # "real-time: FIFO 50, core 0" | "default, short slice" ..
-    stolen_ms: float = 0.0  # that the host of a virtual machine kept the loop's core from it
+    stolen_ms: float | None = None  # that the host of a virtual machine kept the loop's core from it
+    waited_ms: float | None = None  # that the loop was ready to run and another program ran
+    switches: int | None = None  # how often the scheduler took the loop's core from it
+    tick_us: float | None = None  # that a tick took, on average ..
+    tick_max_us: float | None = None  # .. and at most
 
 
 class Pulse(NamedTuple):

@@ -30,6 +30,10 @@ NO_CAUSE, STOPPED, BRAKES_OFF, SERVER_SILENT, RING_FULL = range(5)
 #: ticks, to be changed and run on (a simulated device's alone: a real one's goes on)
 END_TRIAL, HAND_BACK = 1, 2
 
+#: Ticks run at once after a stall. Our choice: after a longer one (a machine that slept) the trial's time waits, so
+#: that the handle does not race through seconds on a target that nobody aimed at; the lateness of the tick says so.
+MOST_BEHIND_NS = 100_000_000
+
 CONTROL = np.dtype(
     [
         # by the window
@@ -47,12 +51,16 @@ CONTROL = np.dtype(
         ("tail", "i8"),  # ticks that the recorder has taken
         # by the loop
         ("loop_beat", "i8"),  # ns
+        ("begun", "i8"),  # ns, when the first tick of this trial was due (of a simulated device)
         ("head", "i8"),  # ticks in the ring since it was made
         ("dropped", "i8"),  # ticks of this trial that found no room
         ("cause", "i8"),  # NO_CAUSE ..
         ("taken", "i8"),  # 1: the pointer has hold of the handle
         ("let_go", "i8"),  # how often the hand let the handle go during the movement of this trial
         ("core", "i8"),  # of the processor, that the loop has for itself; -1: none
+        ("pid", "i8"),  # of its process; 0: not known
+        ("worked", "i8"),  # ns that the ticks of this trial took (on a simulated device) ..
+        ("worked_most", "i8"),  # .. and that the longest took
         # by who made it
         ("width", "i8"),  # columns of a tick
     ]
@@ -153,7 +161,7 @@ class Ring:
     def begin_trial(self, taken: bool = False) -> None:
         """Before the loop is told to run one. taken: the pointer still holds the handle."""
         control = self.control
-        control.stop = control.cause = control.dropped = control.let_go = 0
+        control.stop = control.cause = control.dropped = control.let_go = control.worked = control.worked_most = 0
         control.taken = int(taken)
         self.control.tail = self.control.head
         self.control.loop_beat = time.perf_counter_ns()

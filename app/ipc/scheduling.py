@@ -11,7 +11,6 @@ import gc
 import os
 import platform
 import sys
-from pathlib import Path
 from typing import Any, NamedTuple
 
 PRIORITY = 50  # below the kernel's own threads for interrupts
@@ -109,22 +108,6 @@ def leave_core(core: int) -> None:
     elif sys.platform == "win32" and cores:
         kernel32 = _kernel32()
         kernel32.SetProcessAffinityMask(kernel32.GetCurrentProcess(), _mask(cores))
-
-
-def stolen_ms(core: int) -> float:
-    """How long the host of a virtual machine has kept a core (-1: all) from it since it started, ms in steps of 10.
-
-    0 on a machine of its own, and where the system does not say.
-    """
-    if sys.platform != "linux":
-        return 0.0
-    name = f"cpu{core}" if core >= 0 else "cpu"
-    try:
-        lines = Path("/proc/stat").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return 0.0
-    fields = next((line.split() for line in lines if line.startswith(f"{name} ")), [])
-    return 1e3 * int(fields[8]) / os.sysconf("SC_CLK_TCK") if len(fields) > 8 else 0.0
 
 
 def _process_cores() -> list[int]:

@@ -10,6 +10,7 @@ off, and with the pipe the process.
 
 import contextlib
 import gc
+import os
 import pickle
 import queue
 import signal
@@ -84,7 +85,7 @@ class Loop:
         else:
             run_stopped_trial()
         scheduling = take_scheduling(real_time)._replace(timer=timer_words(self._timer))
-        self.ring.control.core = scheduling.core
+        self.ring.control.core, self.ring.control.pid = scheduling.core, os.getpid()
         self._answer(m.Prepared(scheduling))
 
     def work(self, jobs: Any) -> None:

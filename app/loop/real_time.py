@@ -6,16 +6,13 @@ by way of Python, which calls `end_early` and `put` for each.
 
 import math
 
-from app.ipc.ring import AIMS, BRAKES_OFF, END_TRIAL, HAND_BACK, RING_FULL, SERVER_SILENT, STOPPED
+from app.ipc.ring import AIMS, BRAKES_OFF, END_TRIAL, HAND_BACK, MOST_BEHIND_NS, RING_FULL, SERVER_SILENT, STOPPED
 from app.loop.clock import fence, native, now_ns, sleep_until
 from core.kernel import kernel
 from core.tick_log import END, LATENESS_US, MOVE
 from experiments.trial.tick import run_ticks
 
 TICK_NS = 1_000_000
-#: Ticks run at once after a stall. Our choice: after a longer one (a machine that slept) the trial's time waits, so
-#: that the handle does not race through seconds on a target that nobody aimed at; the lateness of the tick says so.
-MOST_BEHIND_NS = 100 * TICK_NS
 SILENT_NS = 2_000_000_000  # a session server that has not beaten for so long is gone, not only short of processors
 ROOM = 1024  # ticks of the ring that are kept free: an aborted trial still ends in recorded ticks
 
@@ -108,7 +105,7 @@ def run_trial(
     """
     control, run, grip = controls[0], runs[0], hand.grips[0]
     force_max = grip.force_max
-    deadline = now_ns(timer)
+    control.begun = deadline = now_ns(timer)
     while run.finished == 0 and control.stop != HAND_BACK:
         late, deadline = due(control, deadline, timer)
         end_early(controls, runs, control.loop_beat, ring.shape[0])
@@ -120,6 +117,9 @@ def run_trial(
         )  # fmt: skip
         row[0, LATENESS_US] = 1e-3 * late
         put(controls, ring, row[0])
+        worked = now_ns(timer) - control.loop_beat
+        control.worked += worked
+        control.worked_most = max(control.worked_most, worked)
     grip.force_max = force_max
 
 

@@ -48,13 +48,14 @@ def refused(state: State, command: "Command") -> str:
 
 def _open(state: State, command: m.Open) -> None:
     setup, name, hand = state.setup, command.participant, state.device.hand
+    on_event = state.lsl.mark if state.lsl else None
     if command.resume:
-        session = Session.resume(setup.data_dir, name, setup.sync)
+        session = Session.resume(setup.data_dir, name, setup.sync, on_event)
     else:
         person, blind = person_at(setup, state.protocol, name), command.blind or None
         operators = load_population().operators if person else None
         session = Session(
-            setup.data_dir, name, state.protocol, person, setup.sync, blind, hand, operators, command.form
+            setup.data_dir, name, state.protocol, person, setup.sync, blind, hand, operators, command.form, on_event
         )
     try:
         state.storage.take(SessionProgress(session))
@@ -113,7 +114,7 @@ def _run(state: State, session: Session, planned: PlannedTrial) -> None:
     if wrong := _wrong_hand(state, session):
         raise InputError(wrong)
     trial, writer = state.device.begin(session, planned)
-    state.runner.start(planned, trial, writer)
+    state.runner.start(planned, trial, writer, state.lsl.begin(planned.run) if state.lsl else None)
     state.say("")
 
 

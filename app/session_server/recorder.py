@@ -10,7 +10,7 @@ import numpy as np
 
 from app.ipc.messages import Proof, Timing
 from app.ipc.ring import Ring
-from app.ipc.scheduling import stolen_ms
+from app.session_server.lost_time import LostTime, lost_time
 from core import tick_log
 from core.faults import cause
 from experiments.recording.writer import RecordingWriter
@@ -27,9 +27,9 @@ class Recorder:
         """writer: None for a trial that is not kept. take: gets the ticks (n, width), too."""
         self.writer, self._take = writer, take
         self.error = ""  # why the recording takes no more
-        self._ring, self._core = ring, int(ring.control.core)
+        self._ring = ring
         self._lateness: list[np.ndarray] = []
-        self._stolen_before_ms, self._max_us, self._missed = stolen_ms(self._core), 0.0, 0
+        self._lost_before, self._max_us, self._missed = self._lost(), 0.0, 0
         self._bytes, self._last_write = 0, time.perf_counter()
         self._beside: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._end = threading.Event()
@@ -71,8 +71,15 @@ class Recorder:
             return None
         live = not self._end.is_set()
         newest = np.concatenate(self._lateness[-LIVE:]) if live else self.lateness_us
-        stolen = stolen_ms(self._core) - self._stolen_before_ms
-        return timing_of(newest, scheduling, stolen)._replace(max_us=self._max_us, missed=self._missed)
+        timing = timing_of(newest, scheduling)._replace(max_us=self._max_us, missed=self._missed)
+        timing = timing._replace(**self._lost().since(self._lost_before)._asdict())
+        control, ticks = self._ring.control, sum(map(len, self._lateness))
+        if not control.worked:
+            return timing
+        return timing._replace(tick_us=1e-3 * control.worked / ticks, tick_max_us=1e-3 * control.worked_most)
+
+    def _lost(self) -> LostTime:
+        return lost_time(int(self._ring.control.pid), int(self._ring.control.core))
 
     def _work(self) -> None:
         ending = False
@@ -99,8 +106,8 @@ class Recorder:
             self.error = cause("recording-failed", why=getattr(error, "strerror", None) or error)
 
 
-def timing_of(lateness_us: np.ndarray, scheduling: str, stolen_ms: float = 0.0) -> Timing:
-    """The figures of a loop's lateness (n,), us, while its core was kept from it for `stolen_ms`."""
+def timing_of(lateness_us: np.ndarray, scheduling: str) -> Timing:
+    """The figures of a loop's lateness (n,), us."""
     p50, p99 = np.percentile(lateness_us, (50.0, 99.0))
     missed = int(np.count_nonzero(lateness_us >= tick_log.MISSED_US))
-    return Timing(float(p50), float(p99), float(lateness_us.max()), missed, scheduling, stolen_ms)
+    return Timing(float(p50), float(p99), float(lateness_us.max()), missed, scheduling)

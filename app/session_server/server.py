@@ -26,6 +26,7 @@ from core.files import InputError
 from experiments.inputs import OPERATOR
 
 if TYPE_CHECKING:
+    from app.session_server.lsl import Outlets
     from experiments.protocol import Protocol
 
 BEAT_S = 0.02  # longest time between two looks at everything, and between two beats
@@ -40,11 +41,13 @@ WINDOW_GONE = "the window was lost"
 class SessionServer:
     """Serves its window until the end."""
 
-    def __init__(self, setup: Setup, protocol: "Protocol", ring: Ring, loop: LoopProcess, window: Pipe) -> None:
+    def __init__(
+        self, setup: Setup, protocol: "Protocol", ring: Ring, loop: LoopProcess, window: Pipe, lsl: "Outlets | None"
+    ) -> None:
         from app.session_server.state import State
 
         self._ring, self._window = ring, window
-        self._state = State(setup, protocol, ring, loop)
+        self._state = State(setup, protocol, ring, loop, lsl)
         self._shown: dict[type, object] = {}  # the newest Opened and Snapshot that the window has got
         self._pulse_s = 0.0
         self._alone = False  # the window is gone
@@ -128,15 +131,23 @@ def main() -> None:
         loop = LoopProcess(ring, setup.real_time, setup.link)  # it takes its time, and so do all the imports below
         left.callback(lambda: loop.closed or loop.kill())
         try:
+            lsl = open_streams(setup, ring) if setup.lsl else None
             protocol = take_folder(setup, left)
             _log_into(setup.data_dir / LOG, early, left)
         except (InputError, OSError) as error:
             window.send(m.Refused(in_words(error, setup.data_dir)))
             return
-        server = SessionServer(setup, protocol, ring, loop, window)
+        server = SessionServer(setup, protocol, ring, loop, window, lsl)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: setattr(server, "end", TERMINATED))
         server.serve()
+
+
+def open_streams(setup: Setup, ring: Ring) -> "Outlets":
+    """The streams for other recorders. InputError: what they need is not installed."""
+    from app.session_server.lsl import Outlets
+
+    return Outlets(ring, bool(setup.link), setup.data_dir)
 
 
 def take_folder(setup: Setup, left: contextlib.ExitStack) -> "Protocol":

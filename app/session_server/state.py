@@ -10,6 +10,7 @@ from app.ipc.messages import Setup
 from app.ipc.ring import Ring
 from app.session_server.device_setup import RealSetup, SimulatedSetup
 from app.session_server.loop_process import LoopProcess
+from app.session_server.lsl import Outlets
 from app.session_server.preflight import check_disk, check_recording, with_advice
 from app.session_server.sandbox import Sandbox
 from app.session_server.session_progress import SessionProgress
@@ -29,8 +30,11 @@ WAIT_S = 0.01
 class State:
     """One data folder, one session at a time, one trial at a time."""
 
-    def __init__(self, setup: Setup, protocol: Protocol, ring: Ring, loop: LoopProcess) -> None:
-        """protocol: of new sessions. loop: already started."""
+    def __init__(
+        self, setup: Setup, protocol: Protocol, ring: Ring, loop: LoopProcess, lsl: Outlets | None = None
+    ) -> None:
+        """protocol: of new sessions. loop: already started. lsl: streams for other recorders; None: not asked for."""
+        self.lsl = lsl
         self.setup, self.protocol, self.ring = setup, protocol, ring
         self.runner = TrialRunner(ring, loop, setup.real_time, setup.link)
         self.device = RealSetup(protocol, self.runner.send) if setup.link else SimulatedSetup(ring, setup.hand)
@@ -148,6 +152,9 @@ class State:
         """Take in what has happened since the last time."""
         if self.sandbox.failure is not None:
             raise self.sandbox.failure
+        if self.lsl is not None and self.lsl.failure:
+            self.say(self.lsl.failure, bad=True)
+            self.lsl = None
         self.look_at_brakes()
         run, lost = self.runner.watch()
         if isinstance(self.device, RealSetup):

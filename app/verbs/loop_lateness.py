@@ -17,6 +17,7 @@ from app.ipc.process import start_python
 from app.ipc.ring import Ring
 from app.ipc.scheduling import leave_core, program_cores
 from app.session_server.loop_process import LoopProcess
+from app.session_server.lost_time import lost_time
 from app.session_server.recorder import timing_of
 from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.path import build_path
@@ -51,12 +52,14 @@ def measure(
     busy: processes beside it that do nothing but compute. real_time: try scheduling that needs a privilege.
     OSError if the loop dies or does not answer.
     """
-    most, ticks, pieces, stolen_ms = round(1000 * seconds), 0, [], 0.0
+    most, ticks, pieces, tick_us, tick_max_us = round(1000 * seconds), 0, [], 0.0, 0.0
     ring = Ring()
     runner = TrialRunner(ring, LoopProcess(ring, real_time), real_time)
     try:
         wait(ring, runner, lambda: runner.ready)
         trials = endless_trials()
+        loop = int(ring.control.pid), int(ring.control.core)
+        before = lost_time(*loop)
         with hogs(busy):
             while ticks < most:
                 trial = next(trials)
@@ -71,8 +74,12 @@ def measure(
 
                 wait(ring, runner, over)
                 pieces.append(run.recorder.lateness_us)
-                ticks, stolen_ms = ticks + len(pieces[-1]), stolen_ms + runner.timing.stolen_ms
-        timing = timing_of(np.concatenate(pieces), runner.scheduling.words, stolen_ms)
+                ticks += len(pieces[-1])
+                tick_us += (runner.timing.tick_us - tick_us) * len(pieces[-1]) / ticks
+                tick_max_us = max(tick_max_us, runner.timing.tick_max_us)
+            lost = lost_time(*loop).since(before)
+        timing = timing_of(np.concatenate(pieces), runner.scheduling.words)
+        timing = timing._replace(**lost._asdict(), tick_us=tick_us, tick_max_us=tick_max_us)
         return {**timing._asdict(), "ticks": ticks, "busy": busy, "real_time": runner.scheduling.real_time}
     finally:
         if runner.run:
@@ -108,14 +115,16 @@ def endless_trials() -> Iterator[Trial]:
 
 
 def table(found: list[dict]) -> str:
-    """What was measured, to be read."""
-    heads = f"{'ticks':>8} {'p50 µs':>8} {'p99 µs':>8} {'max µs':>8} {'missed':>7} {'stolen ms':>9} {'busy':>5}"
-    lines = [
-        f"{one['ticks']:8} {one['p50_us']:8.0f} {one['p99_us']:8.0f} {one['max_us']:8.0f} {one['missed']:7} "
-        f"{one['stolen_ms']:9.0f} {one['busy']:5}  {one['scheduling']}"
-        for one in found
-    ]
-    return "\n".join([f"{heads}  scheduling", *lines])
+    """What was measured, to be read; "?" where the system does not count it."""
+    columns = {
+        "ticks": "ticks", "p50 µs": "p50_us", "p99 µs": "p99_us", "max µs": "max_us", "missed": "missed",
+        "host ms": "stolen_ms", "wait ms": "waited_ms", "switches": "switches", "tick µs": "tick_us", "busy": "busy",
+    }  # fmt: skip
+    lines = ["".join(f"{head:>9}" for head in columns) + "  scheduling"]
+    for one in found:
+        cells = ("?" if one[name] is None else f"{one[name]:.0f}" for name in columns.values())
+        lines.append("".join(f"{cell:>9}" for cell in cells) + f"  {one['scheduling']}")
+    return "\n".join(lines)
 
 
 @contextlib.contextmanager

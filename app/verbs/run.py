@@ -34,6 +34,7 @@ def add(verbs) -> None:
         "--force", default="", metavar="netft:HOST",
         help="with --link serial:PORT: an ATI Net F/T on the network in place of the board's force channels",
     )  # fmt: skip
+    option("--lsl", action="store_true", help="stream ticks and markers to other recorders (Lab Streaming Layer)")
     option("--rules", choices=RULES, help="in place of the protocol's")
     least_gain = "N s/m, of the proportional controller of least gain, in place of the protocol's"
     option("--low-gain", type=low_gain, metavar="NUMBER", help=least_gain)
@@ -67,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     devices = tuple(map(whole, args.device)) if args.device else None
     setup = Setup(
         args.data_dir.absolute(), whole(args.protocol), devices, args.rules, args.low_gain, args.seed, args.input,
-        args.participant or "", link,
+        args.participant or "", link, lsl=args.lsl,
     )  # fmt: skip
     if setup.hand == OPERATOR:
         from app.session_server.preflight import done_without

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QEvent, Qt, Signal
+from PySide6.QtGui import QBrush
 
 from app.window.painting import theme
 from app.window.painting.labels import OneLine
 from app.window.plots import Plot
-from experiments.analysis.charts import Chart, Point
+from experiments.analysis.charts import Chart, PlacedBox, Point
 from experiments.analysis.trials_table import TrialRow
 
 POINT_PX, RING_PX, CROSS_PX = 6, 15, 11
@@ -29,6 +30,14 @@ def colour_of(controller: int | str) -> str:
     if isinstance(controller, str):
         return theme.QUIET
     return theme.CONTROLLER[(controller - 1) % len(theme.CONTROLLER) + 1]
+
+
+def body_brush(placed: PlacedBox) -> QBrush:
+    """The body of a box, as `charts.LOOKS`."""
+    alpha, pattern = ((0.4, Qt.SolidPattern), (0.06, Qt.SolidPattern), (0.7, Qt.BDiagPattern), (0.7, Qt.Dense6Pattern))[
+        placed.look
+    ]
+    return QBrush(theme.colour(colour_of(placed.controller), alpha), pattern)
 
 
 class ChartPlot(Plot):
@@ -145,7 +154,7 @@ class ChartPlot(Plot):
         colour = colour_of(point.controller) if counts else theme.QUIET
         return {
             "pos": (point.x, self._scaled(point.y)), "data": point, "size": POINT_PX, "symbol": "o" if counts else "+",
-            "pen": pg.mkPen(colour, width=1), "brush": pg.mkBrush(colour if point.filled else theme.PANEL),
+            "pen": pg.mkPen(colour, width=1), "brush": pg.mkBrush(theme.PANEL if point.look else colour),
         }  # fmt: skip
 
     def _place_crosses(self, *_: object) -> None:
@@ -165,11 +174,11 @@ class ChartPlot(Plot):
         """All bodies in one item, whiskers and medians in one for each colour: hundreds of boxes cost no more."""
         boxes = [at for at in self.chart.boxes if at.box.low > 0.0 or not self._logarithmic]
         ends = [self._scaled(np.array([b.box.low, b.box.q1, b.box.median, b.box.q3, b.box.high])) for b in boxes]
-        fill = [theme.colour(colour_of(b.controller), 0.4 if b.filled else 0.06) for b in boxes]
+        fill = [body_brush(b) for b in boxes]
         pens = [pg.mkPen(colour_of(b.controller), width=1) for b in boxes]
         self.item.addItem(pg.BarGraphItem(
             x0=[b.x - b.half for b in boxes], x1=[b.x + b.half for b in boxes],
-            y0=[y[1] for y in ends], y1=[y[3] for y in ends], pens=pens, brushes=[pg.mkBrush(shade) for shade in fill],
+            y0=[y[1] for y in ends], y1=[y[3] for y in ends], pens=pens, brushes=fill,
         ))  # fmt: skip
         for controller in dict.fromkeys(b.controller for b in boxes):
             of_it = [(b, y) for b, y in zip(boxes, ends, strict=True) if b.controller == controller]

@@ -161,7 +161,7 @@ class HomePage(Page):
 
     def _lay_out(self) -> None:
         try_it, left = panel("Try it")
-        left.addWidget(line("Feel the five controllers. Nothing is saved.", "quiet"))
+        left.addWidget(line("Feel what the controllers do. Nothing is saved.", "quiet"))
         left.addWidget(Picture(), 1)
         self.try_it = button("Try it", lambda: self.page_asked.emit(TRY, None), "main")
         left.addWidget(self.try_it)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from core.files import InputError
-from experiments.analysis.chart_figures import FORMATS, draw_chart
+from experiments.analysis.chart_figures import FORMATS, HATCHES, draw_chart
 from experiments.analysis.charts import QUARTILE_METHOD, WHISKER, Chart, View, controllers_shown, left_out, pooled
 from experiments.analysis.metrics import BY_NAME, DRAWN, FIGURES, Metric
 from experiments.analysis.sheet import (
@@ -55,7 +55,7 @@ def draw_boxplots(
     """Draw every metric as PNG, SVG and PDF, and those of the paper in one wide PNG; returns the paths.
 
     note: what was used, as "settled rules, low gain 5 N s/m, parameters assumed"; it stands on every figure.
-    configurations: the first is drawn filled, the second open; by default as the table first names them.
+    configurations: drawn as `charts.LOOKS` in this order; by default as the table first names them.
     labels: controller -> what stands under its box; codes of a blind session stand under theirs as they are.
     protocol: its name. Our choice: only the paper's figures bear the numbers of its figures ("fig16_path_error").
     timeouts: trials whose time was up are in the boxes; else they are crosses above them, as the caption explains.
@@ -129,10 +129,9 @@ def draw(
             axes = figure.add_axes(tuple(np.divide(place, (width, height, width, height))))
             _draw_panel(axes, chart, show_counts=len(counts) > 1)
         if len(configurations) > 1:
-            handles = [
-                Patch(facecolor="white" if i else QUIET, edgecolor=QUIET, label=name, linewidth=1.2)
-                for i, name in enumerate(configurations)
-            ]
+            handles = [Patch(edgecolor=QUIET, label=name, linewidth=1.2) for name in configurations]
+            for patch, look in zip(handles, map(view.look, configurations), strict=True):
+                patch.set(facecolor="white" if look else QUIET, hatch=HATCHES[look])
             legend_at(figure, handles, LEFT_IN, 0.12, handlelength=1.4)
         small_print(figure, lines, LEFT_IN, line_in=LINE_IN)
     return figure

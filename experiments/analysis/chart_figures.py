@@ -73,11 +73,11 @@ def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
     """One chart on `axes`."""
     for at in chart.boxes:
         box = at.box._replace(outliers=()) if chart.points else at.box  # they are among the points
-        draw_box(axes, box, at.x, 2.0 * at.half, colour_of(at.controller), at.filled)
-    for controller, filled in {(point.controller, point.filled): None for point in chart.points}:
-        of_it = [p for p in chart.points if (p.controller, p.filled) == (controller, filled)]
+        draw_box(axes, box, at.x, 2.0 * at.half, colour_of(at.controller), at.look)
+    for controller, look in {(point.controller, point.look): None for point in chart.points}:
+        of_it = [p for p in chart.points if (p.controller, p.look) == (controller, look)]
         colour = colour_of(controller)
-        face = colour if filled and not chart.boxes else "white"  # else boxes would swallow it
+        face = colour if look == 0 and not chart.boxes else "white"  # else boxes would swallow it
         axes.scatter([p.x for p in of_it], [p.y for p in of_it], 9.0, face, edgecolors=colour, linewidths=0.8, zorder=5)
     axes.scatter([p.x for p in chart.others], [p.y for p in chart.others], 16.0, QUIET, marker="+", zorder=5)
     above = axes.get_xaxis_transform()
@@ -105,17 +105,22 @@ def colour_of(controller: int | str) -> str:
     return QUIET if isinstance(controller, str) else CONTROLLER_COLOURS[(controller - 1) % len(CONTROLLER_COLOURS)]
 
 
-def draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, filled: bool) -> None:
+#: As `charts.LOOKS`.
+HATCHES = ("", "", "/////", ".....")
+
+
+def draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, look: int) -> None:
     """Our choice: one trial, whose box would be a line and neither filled nor open, is a square that is."""
-    face = colour if filled else "white"
+    face = "white" if look else colour
     if box.count == 1:
-        look = {"markerfacecolor": face, "markeredgecolor": colour, "markeredgewidth": 1.3, "zorder": 4}
-        axes.plot([x], [box.median], "s", markersize=7.0, **look)
+        mark = {"markerfacecolor": face, "markeredgecolor": colour, "markeredgewidth": 1.3, "zorder": 4}
+        axes.plot([x], [box.median], "s", markersize=7.0, **mark)
         return
-    axes.bar(x, box.q3 - box.q1, width, box.q1, facecolor=face, edgecolor=colour, linewidth=1.3, zorder=3)
+    body = {"facecolor": face, "edgecolor": colour, "hatch": HATCHES[look], "linewidth": 1.3, "zorder": 3}
+    axes.bar(x, box.q3 - box.q1, width, box.q1, **body)
     axes.vlines([x, x], [box.low, box.q3], [box.q1, box.high], colors=colour, linewidth=1.2, zorder=2)
     axes.hlines([box.low, box.high], x - width / 4, x + width / 4, colors=colour, linewidth=1.2, zorder=2)
     axes.hlines(box.median, x - width / 2, x + width / 2, colors=TEXT, linewidth=1.8, zorder=4)
     if box.outliers:
-        look = {"markerfacecolor": "none", "markeredgecolor": colour, "markeredgewidth": 1.1, "zorder": 3}
-        axes.plot([x] * len(box.outliers), box.outliers, "o", markersize=4.0, **look)
+        mark = {"markerfacecolor": "none", "markeredgecolor": colour, "markeredgewidth": 1.1, "zorder": 3}
+        axes.plot([x] * len(box.outliers), box.outliers, "o", markersize=4.0, **mark)

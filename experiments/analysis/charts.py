@@ -58,7 +58,7 @@ class Point(NamedTuple):
     x: float
     y: float  # in the chart's unit
     controller: int | str  # whose colour it has; "": none
-    filled: bool  # of the first configuration
+    look: int  # as `LOOKS`
     text: str  # what it is, in words
     row: TrialRow | None = None
 
@@ -71,7 +71,7 @@ class PlacedBox(NamedTuple):
     box: Box
     controller: int | str
     configuration: str
-    filled: bool  # it is the first configuration
+    look: int  # as `LOOKS`
 
 
 class Chart(NamedTuple):
@@ -99,11 +99,15 @@ class Chart(NamedTuple):
 class View(NamedTuple):
     """How results are to be shown."""
 
-    configurations: tuple[str, ...]  # the first is drawn filled, the others open
+    configurations: tuple[str, ...]  # drawn as `LOOKS`, in this order
     names: Mapping[int, str]  # controller -> what stands under its boxes
     lengths: Mapping[int, float] = {}  # segment -> length of the path, m
     timeouts: bool = False  # in boxes and statistics
     logarithmic: bool = False
+
+    def look(self, configuration: str) -> int:
+        """Which of `LOOKS` a configuration has."""
+        return self.configurations.index(configuration) % len(LOOKS)
 
     def timeouts_on(self, chart: Chart) -> tuple[bool, bool]:
         """Whether trials whose time was up are in a chart's boxes, and else above its scale: they have no speed."""
@@ -122,6 +126,8 @@ class Answer(NamedTuple):
     value: float  # 0 to 100
 
 
+#: How the boxes of the first configuration are drawn, of the second, ...; a fifth is as the first.
+LOOKS = ("Filled", "Open", "Hatched", "Dotted")
 Coded = TypeVar("Coded", TrialRow, Answer)
 
 
@@ -258,7 +264,7 @@ def _boxed(
     boxes = tuple(
         PlacedBox(
             at, BOX_SHARE * room, box_statistics(metric.scale * getattr(row, metric.name) for row in inside),
-            inside[0].controller, inside[0].configuration, inside[0].configuration == view.configurations[0],
+            inside[0].controller, inside[0].configuration, view.look(inside[0].configuration),
         )
         for at, inside in found.items() if len(inside) >= least
     )  # fmt: skip
@@ -309,8 +315,7 @@ def _chart(
                 status = {"done": "", "timeout": " · time was up"}.get(row.status, f" · {row.status}")
                 code = f" · {row.controller.rpartition(' ')[2]}" if isinstance(row.controller, str) else ""
                 text = f"Participant {row.participant}{code} · run {row.run} · {value:.3g} {metric.shown_unit}{status}"
-                filled = row.configuration == view.configurations[0]
-                found.append(Point(x(row), value, row.controller, filled, text, row))
+                found.append(Point(x(row), value, row.controller, view.look(row.configuration), text, row))
         return tuple(found)
 
     inside = {id(row) for row in compared}
@@ -340,10 +345,10 @@ def _questionnaire(answers: Sequence[Answer], view: View) -> Chart:
         name = str(view.names.get(a.controller, a.controller)).replace("\n", " ")
         after = f"after block {a.block}" if a.block else f"after {name}"
         text = f"Participant {a.participant} · {after} on {a.configuration} · {a.value:g}"
-        points.append(Point(x, a.value, a.controller, a.configuration == view.configurations[0], text))
+        points.append(Point(x, a.value, a.controller, view.look(a.configuration), text))
         found.setdefault(middle, []).append(points[-1])
     boxes = tuple(
-        PlacedBox(at, BOX_SHARE * room, box_statistics(p.y for p in inside), inside[0].controller, "", inside[0].filled)
+        PlacedBox(at, BOX_SHARE * room, box_statistics(p.y for p in inside), inside[0].controller, "", inside[0].look)
         for at, inside in found.items()
         if len(inside) >= LEAST_IN_A_BOX
     )
@@ -356,11 +361,12 @@ def legend(chart: Chart, view: View) -> list[str]:
     """What a reader must know about a chart's marks, in short sentences."""
     parts = []
     if len(view.configurations) > 1:
-        parts.append(f"Filled: {view.configurations[0]}. Open: {' and '.join(view.configurations[1:])}.")
+        for look, word in enumerate(LOOKS[: len(view.configurations)]):
+            parts.append(f"{word}: {' and '.join(view.configurations[look :: len(LOOKS)])}.")
     parts.append("A point is one answer." if chart.name == QUESTIONS else "A point is one trial.")
     if counts := {placed.box.count for placed in chart.boxes}:
         parts.append(f"{min(counts)}{'' if len(counts) == 1 else f' to {max(counts)}'} a box.")
-    if chart.points and chart.ticks and len(chart.boxes) < len({(p.controller, p.filled) for p in chart.points}):
+    if chart.points and chart.ticks and len(chart.boxes) < len({(p.controller, p.look) for p in chart.points}):
         parts.append(f"No box below {LEAST_IN_A_BOX}.")
     if chart.curve:
         parts.append(f"Line: median of {2 * WINDOW_RUNS + 1} runs.")

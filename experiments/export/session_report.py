@@ -3,8 +3,9 @@
 import io
 import textwrap
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -126,7 +127,7 @@ def _measures(results: Results) -> Iterator[tuple[str, str]]:
 
 def _timing(session: Path, rows: Sequence[TrialRow]) -> Iterator[tuple[str, str]]:
     yield "head", "Timing of the control loop"
-    lateness, warnings = [], []
+    lateness, warnings, timings = [], [], []
     for row in rows:
         if row.recording:
             recording = read_recording(session / row.recording)
@@ -135,6 +136,7 @@ def _timing(session: Path, rows: Sequence[TrialRow]) -> Iterator[tuple[str, str]
             warnings += [f"run {row.run}: {warning}" for warning in recording.outcome.get("warnings", ())]
             if recording.rows:
                 lateness.append(recording.column("lateness_us"))
+                timings.append(recording.outcome.get("timing", {}))
     late = np.concatenate(lateness) if lateness else np.zeros(1)
     if not late.any():
         yield "text", "The trials did not run in real time."
@@ -145,8 +147,23 @@ def _timing(session: Path, rows: Sequence[TrialRow]) -> Iterator[tuple[str, str]
             f"{len(late)} ticks in {len(lateness)} recordings: half of them at most {half:.0f} µs late, 99 % at most "
             f"{most:.0f} µs, the latest {late.max():.0f} µs; {missed} a millisecond or more."
         )
+        yield "text", whose_fault(timings)
     for warning in warnings:
         yield "text", f"Warning: {warning}."
+
+
+def whose_fault(timings: Sequence[Mapping[str, Any]]) -> str:
+    """Whose fault late ticks are; what one of the recordings does not know is not known of all."""
+
+    def of_all(name: str, total: Callable[[list[float]], float] = sum, unit: str = "") -> str:
+        values = [timing.get(name) for timing in timings]
+        return "not known" if None in values else f"{total(values):.0f}{unit}"
+
+    return (
+        f"Time that the host of a virtual machine kept from the loop: {of_all('stolen_ms', unit=' ms')}. Time that the "
+        f"loop waited for a processor core: {of_all('waited_ms', unit=' ms')}; times that its core was taken from it: "
+        f"{of_all('switches')}. The longest tick itself: {of_all('tick_max_us', max, ' µs')}."
+    )
 
 
 def _marks(events: Sequence[Entry]) -> Iterator[tuple[str, str]]:

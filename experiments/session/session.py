@@ -8,7 +8,7 @@ import contextlib
 import importlib.metadata
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
@@ -46,6 +46,7 @@ from experiments.trial.operator import Person
 from experiments.trial.population import Operators
 from experiments.trial.trial import Trial
 
+OnEvent = Callable[[events.Event, dict[str, Any]], None]
 LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 
 
@@ -55,14 +56,14 @@ class Session:
     def __init__(
         self, data_dir: Path, participant: str, protocol: Protocol, person: Person | None = None, sync: bool = True,
         blind: bool | None = None, hand: str = MOUSE, operators: Operators | None = None,
-        form: Mapping[str, str | float] | None = None,
+        form: Mapping[str, str | float] | None = None, on_event: OnEvent | None = None,
     ) -> None:  # fmt: skip
         """Create the folder and store the plan. person: a simulated operator; None: a hand at the mouse or device.
 
         blind: whether the controllers stand as codes (None: as in the protocol; a simulated operator's never do).
         sync = False leaves it to the system when data reach the disk (simulated studies: they can be run again).
         hand: what moves the handle where it is no simulated operator. operators: the population of the person.
-        form: what the participant answered of what the protocol asks.
+        form: what the participant answered of what the protocol asks. on_event: called after each line of the journal.
         InputError if the session exists, is none of the protocol's, or the folder cannot be made.
         """
         if person is None:
@@ -72,7 +73,7 @@ class Session:
         is_blind = (protocol.blind and person is None) if blind is None else blind
         plan = make_plan(protocol, participant, is_blind)
         files.refuse_existing(data_dir, participant)
-        self._take_up(data_dir, participant, protocol, person, sync)
+        self._take_up(data_dir, participant, protocol, person, sync, on_event)
         self.hand, self.operators, self.blind = OPERATOR if person else hand, operators, is_blind
         self.plan, self.plan_sha256 = plan, plan_hash(plan)
         with refusing(self.folder, "cannot be created"):
@@ -104,7 +105,9 @@ class Session:
             raise
 
     @classmethod
-    def resume(cls, data_dir: Path, participant: str, sync: bool = True) -> Self:
+    def resume(
+        cls, data_dir: Path, participant: str, sync: bool = True, on_event: OnEvent | None = None
+    ) -> Self:
         """Go on with a session that was interrupted, by its stored plan and protocol (whose file is not needed).
 
         What a crash left is recovered first; `next_planned` then gives the first trial of the plan that is not
@@ -117,7 +120,7 @@ class Session:
         session = cls.__new__(cls)
         with reading_stored(folder / files.STORED):
             person = Person(**stored.about["person"]) if stored.about["person"] else None
-            session._take_up(data_dir, participant, stored.protocol, person, sync)
+            session._take_up(data_dir, participant, stored.protocol, person, sync, on_event)
             session.hand, session.operators = str(stored.about["hand"]), operators_from_json(stored.about)
             was_blind, key_sha256 = bool(stored.about["blind"]), str(stored.about["key_sha256"])
         session._lock = files.hold_lock(folder)
@@ -135,7 +138,10 @@ class Session:
             raise
         return session
 
-    def _take_up(self, data_dir: Path, participant: str, protocol: Protocol, person: Person | None, sync: bool) -> None:
+    def _take_up(
+        self, data_dir: Path, participant: str, protocol: Protocol, person: Person | None, sync: bool,
+        on_event: OnEvent | None,
+    ) -> None:  # fmt: skip
         """What a new session and a resumed one begin with."""
         self.data_dir, self.participant, self.protocol, self.person = data_dir, participant, protocol, person
         self.folder = files.session_folder(data_dir, participant)
@@ -143,7 +149,7 @@ class Session:
         self._table = b""  # the table, as this process has written it last
         self._key: dict[str, int] = {}  # code -> controller
         self._summary = events.JournalSummary()
-        self._sync = sync
+        self._sync, self._on_event = sync, on_event
         self._simulations: dict[str, SimulatedDevice] = {}
 
     def close(self) -> None:
@@ -153,6 +159,11 @@ class Session:
     def journal(self, event: events.Event, **about: Any) -> None:
         """Append one line: what happened, and when (`time`: if not now)."""
         events.write_event(self.folder, event, self._sync, **about)
+        self._has_happened(event, about)
+
+    def _has_happened(self, event: events.Event, about: dict[str, Any]) -> None:
+        if self._on_event is not None:
+            self._on_event(event, about)
 
     def note(self, text: str) -> None:
         """Keep a remark of the experimenter, with the time."""
@@ -334,6 +345,7 @@ class Session:
 
     def _mark(self, run: int, event: events.Event, reason: str) -> TrialRow:
         rows = events.mark_run(self.folder, self.rows, run, event, reason, self._sync)
+        self._has_happened(event, {"run": run, "reason": reason})
         self._replace_rows(rows)
         return next(row for row in rows if row.run == run)
 

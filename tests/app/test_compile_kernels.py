@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from protocols import short
 
 from app.progress import watch_compiling
 from core.kernel_compiler import watchers
@@ -45,7 +46,8 @@ def set_up() -> None:
 
 def test_after_the_set_up_a_study_a_simulation_and_a_live_trial_compile_nothing(set_up, tmp_path) -> None:
     verb = "from app.cli import main; assert main({}) == 0"
-    study = ["study", "--operators", "1", "--out", str(tmp_path / "study")]
+    (tmp_path / "short.toml").write_text(short().text)
+    study = ["study", str(tmp_path / "short.toml"), "--operators", "1", "--out", str(tmp_path / "study")]
     assert compiled_by(verb.format(study)) == ""
     assert compiled_by(verb.format(["simulate", str(SCENE), "--out", str(tmp_path / "rows.csv")])) == ""
     assert compiled_by("from app.loop.loop import run_stopped_trial; run_stopped_trial()") == ""

@@ -12,6 +12,7 @@ from app import doctor
 from app.cli import main
 from app.ipc.messages import BAD, CAUTION, GOOD, Check
 from app.session_server import preflight
+from app.session_server.lost_time import stolen_share
 
 
 @pytest.fixture
@@ -108,3 +109,59 @@ def test_kernels_are_compiled_once_those_of_a_trial_are_whatever_else_is(monkeyp
     for name, state in (("start", CAUTION), ("run_ticks", GOOD)):
         monkeypatch.setattr(doctor, "is_compiled", lambda kernel, name=name: kernel == name)
         assert doctor.kernels().state == state
+
+
+@pytest.mark.parametrize(
+    ("states", "first"),
+    [
+        ({}, ""),
+        ({"kernels": CAUTION, "screens": CAUTION}, ""),  # neither makes ticks late
+        ({"load": CAUTION}, "load"),
+        ({"load": CAUTION, "scheduling": CAUTION}, "scheduling"),
+        ({"scheduling": CAUTION, "cores": CAUTION}, "cores"),
+        ({"cores": CAUTION, "host": CAUTION, "scheduling": CAUTION}, "host"),
+        ({"host": CAUTION, "libraries": BAD}, "libraries"),
+    ],
+)
+def test_one_change_is_named_that_helps_most(states: dict[str, str], first: str) -> None:
+    names = ("libraries", "screens", "scheduling", "cores", "host", "load", "kernels")
+    checks = [Check(name, states.get(name, GOOD), "so", f"Mend {name}." if name in states else "") for name in names]
+    most = doctor.first_change(checks)
+    if first:
+        assert (most.state, most.text, most.advice) == (CAUTION, f"what helps most: {first}", f"Mend {first}.")
+    else:
+        assert (most.state, most.advice) == (GOOD, "")
+
+
+def test_the_report_ends_with_the_change_that_helps_most(quick, tmp_path: Path) -> None:
+    quick.setattr(doctor, "stolen_share", lambda: 0.2)
+    assert doctor.examine(tmp_path)[-1].text == "what helps most: host"
+
+
+@pytest.mark.parametrize(
+    ("stat", "text", "state"),
+    [
+        ("cpu  100 0 100 700 0 0 0 100 0 0\n", "10.0 %", CAUTION),
+        ("cpu  100 0 100 795 0 0 0 5 0 0\n", "0.5 %", GOOD),
+        ("cpu  100 0 100 800 0 0 0 0 0 0\n", "0.0 %", GOOD),
+        ("intr 5\n", "not known", GOOD),
+        (None, "not known", GOOD),
+    ],
+)
+def test_what_the_host_keeps_is_told_or_not_known(stat: str | None, text: str, state: str) -> None:
+    def read(path: str) -> str:
+        if stat is None:
+            raise FileNotFoundError(path)
+        return stat
+
+    line = doctor.host(stolen_share(read))
+    assert text in line.text and line.state == state
+
+
+def test_more_programs_than_cores_are_a_caution_and_a_system_that_does_not_count_says_so(monkeypatch) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 4)
+    for running, state in ((4.0, GOOD), (4.5, CAUTION)):
+        monkeypatch.setattr(os, "getloadavg", lambda running=running: (running, 0.0, 0.0), raising=False)
+        assert doctor.load().state == state
+    monkeypatch.delattr(os, "getloadavg")
+    assert "not known" in doctor.load().text

@@ -50,11 +50,11 @@ case "$*" in
         printf '#!/bin/sh\\necho "phd was given:" "$@"\\n' >"$here/phd"
         chmod +x "$here"/* ;;
     "-m app.compile_kernels") echo "compile" >>"$LOG"; [ -z "${COMPILING_FAILS-}" ] ;;
-    "-m pytest -n 2 --dist loadfile -m nojit"*)
+    "-m pytest -n 2 --dist loadfile --junitxml"*" -m nojit tests/app/test_marked.py")
         echo "pytest nojit $NUMBA_DISABLE_JIT" >>"$LOG"; exit "${NOJIT_CODE-0}" ;;
-    "-m pytest -n 2 --dist loadfile --junitxml"*)
+    "-m pytest -n 3 --dist loadgroup --no-loadscope-reorder --junitxml"*)
         echo "pytest whole" >>"$LOG"
-        echo '<a><testsuite tests="9" skipped="1" errors="1" failures="2"/></a>' >"${7#--junitxml=}"; exit 1 ;;
+        echo '<a><testsuite tests="9" skipped="1" errors="1" failures="2"/></a>' >"${8#--junitxml=}"; exit 1 ;;
     "-m pytest"*) echo "$*" >>"$LOG" ;;
     "tests/suite.py") exec "$REAL_PYTHON" "$@" ;;
 esac
@@ -72,7 +72,8 @@ class Tree:
         self.path.mkdir()
         self.log.touch()
         (self.root / "tests/app").mkdir(parents=True)
-        (self.root / "tests/app/test_live_all.py").touch()
+        (self.root / "tests/app/test_marked.py").write_text("@pytest.mark.nojit")
+        (self.root / "tests/app/test_other.py").touch()
         for name in ("phd", "pyproject.toml", "constraints.txt", "tests/suite.py"):
             shutil.copy(ROOT / name, self.root / name)
         for tool in REAL_TOOLS:
@@ -259,7 +260,7 @@ def test_test_with_arguments_is_pytest_with_these_arguments(tree: Tree) -> None:
 
 @pytest.mark.parametrize("tool", ["none", "ruff", "mypy", "lint-imports"])
 def test_the_suite_names_each_failed_part_and_ends_with_the_counts(tree: Tree, tool: str) -> None:
-    done = tree.run("test", FAILING_TOOL=tool, NOJIT_CODE="5")
+    done = tree.run("test", FAILING_TOOL=tool)
     assert done.returncode == 1
     failed = "pytest" if tool == "none" else f"{tool}, pytest"
     assert done.stdout.splitlines()[-2:] == [f"failed: {failed}", "5 passed, 3 failed"]

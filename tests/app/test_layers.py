@@ -10,6 +10,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -141,3 +142,13 @@ def test_the_layers_as_designed_keep_the_contracts(tmp_path: Path) -> None:
 )
 def test_an_import_against_the_layers_breaks_a_contract(tmp_path: Path, package: str, line: str) -> None:
     assert "1 broken" in lint(tmp_path, **{package: line})
+
+
+def test_the_citation_names_this_version_and_the_paper_as_the_readme_does() -> None:
+    cited = (ROOT / "CITATION.cff").read_text()
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        version = tomllib.load(file)["project"]["version"]
+    title = re.search(r'the paper "([^"]+)"', " ".join((ROOT / "README.md").read_text().split()))[1]
+    assert re.search(r"(?m)^version: (.*)$", cited)[1] == version
+    assert f"title: {title}\n" in cited
+    assert "license" not in cited

@@ -133,7 +133,7 @@ def recorded(data: Path) -> dict:
         "ticks": len(late),
         "late_200_us": int(np.count_nonzero(late >= 200.0)),
         "missed_1_ms": int(np.count_nonzero(late >= 1000.0)),
-        "stolen_ms": sum(kept[row.run].outcome["timing"]["stolen_ms"] for row in done),
+        "stolen_ms": sum(kept[row.run].outcome["timing"]["stolen_ms"] or 0.0 for row in done),
         **{f"p{p:g}_us": round(float(np.percentile(late, p)), 1) for p in (50, 99, 99.9)},
         "max_us": round(float(late.max()), 1),
         "worst_run": worst.run,

@@ -28,7 +28,7 @@ from core.ten_coordinates import (
 ROUNDING = 1e-10  # relative; the linear system of Eq. (5) has a condition number of some 1e4
 
 
-def moments(bar: FiveBar, n: int = 4):
+def moments(bar: FiveBar, n: int = 3):
     """Random tips, velocities, hand forces (N) and slipping torques (N m)."""
     rng = np.random.default_rng(5)
     for p in bar.open_tips(rng, n):

@@ -25,7 +25,7 @@ from experiments.analysis.charts import (
 from experiments.analysis.trials_table import write_table
 from experiments.export.results import Job, new_folder, read_results
 from experiments.export.results_files import write_results
-from experiments.export.session_report import session_lines
+from experiments.export.session_report import session_lines, whose_fault
 from experiments.session.playback import read_playback
 
 DEVICES = ("three-brake", "four-brake")
@@ -127,7 +127,7 @@ def test_answers_stand_by_question_and_device():
     (chart,) = charts(QUESTIONS, study(), VIEW, answers)
     assert [text for _, text in chart.ticks] == ["effort", "mental\ndemand"] and len(chart.points) == 24
     assert {at.box.median for at in chart.boxes} == {12.5} and charts(QUESTIONS, study(), VIEW) == []
-    assert [at.filled for at in sorted(chart.boxes)] == [True, False, True, False]  # the first device stands first
+    assert [at.look for at in sorted(chart.boxes)] == [0, 1, 0, 1]  # the first device stands first
     after = [answer._replace(controller=1 + n % 2, block=0) for n, answer in enumerate(answers)]
     (chart,) = charts(QUESTIONS, study(), VIEW, after)
     assert {point.controller for point in chart.points} == {1, 2}
@@ -197,9 +197,32 @@ def test_a_report_of_a_session_says_who_when_plan_measures_decisions_and_notes(d
     assert (tmp_path / "reports" / "sub-01_ses-01_report.pdf").read_bytes().startswith(b"%PDF")
 
 
+def test_a_report_says_whose_fault_late_ticks_are_and_what_is_not_known():
+    known = {"stolen_ms": 20.0, "waited_ms": 1.6, "switches": 3, "tick_max_us": 30.0}
+    assert whose_fault([known, known | {"tick_max_us": 40.0}]) == (
+        "Time that the host of a virtual machine kept from the loop: 40 ms. Time that the loop waited for a processor "
+        "core: 3 ms; times that its core was taken from it: 6. The longest tick itself: 40 µs."
+    )
+    assert whose_fault([known, known | {"stolen_ms": None}]).startswith(
+        "Time that the host of a virtual machine kept from the loop: not known. "
+    )
+    assert whose_fault([known, {}]).count("not known") == 4, "a recording of an earlier version"
+
+
 def test_a_recorded_trial_is_looked_at_with_its_row_and_its_distance_from_the_path(data):
     trial = read_playback(data / "sub-01" / "ses-01" / "trials" / "run-003.parquet")
     assert trial.title == "P01 run 3" and trial.row.run == 3 and len(trial.error) == len(trial.ticks) == len(trial.t)
     moving = ~np.isnan(trial.error)
     assert 1e3 * trial.error[moving].mean() == pytest.approx(1e3 * trial.row.path_error_time_m)
     assert trial.controllers[trial.row.controller] == trial.controller and not trial.blind
+
+
+def test_four_devices_are_drawn_in_four_ways_and_the_legend_names_them():
+    devices = ("one", "two", "three", "four")
+    of_one = [row for row in study() if row.configuration == DEVICES[0]]
+    view = VIEW._replace(configurations=devices)
+    chart = charts(POOLED, [replace(row, configuration=device) for row in of_one for device in devices], view)[0]
+    assert {(placed.configuration, placed.look) for placed in chart.boxes} == set(zip(devices, range(4), strict=True))
+    assert legend(chart, view)[:4] == ["Filled: one.", "Open: two.", "Hatched: three.", "Dotted: four."]
+    five = VIEW._replace(configurations=(*devices, "five"))
+    assert legend(chart, five)[0] == "Filled: one and five."

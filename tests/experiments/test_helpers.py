@@ -15,7 +15,7 @@ from experiments.study.study import resume_study, run_study
 from experiments.study.unrecorded import study_trials
 
 
-def test_the_table_is_the_one_of_operators_one_after_another(undrawn, tmp_path):
+def test_the_table_is_the_one_of_operators_one_after_another(tmp_path):
     protocol = short(paths=1, seed="6")
     assert run_study(tmp_path / "study", 3, protocol, PEOPLE)["trials"] == 30
     rows = read_table(tmp_path / "study" / "trials.csv")
@@ -27,7 +27,7 @@ def test_the_table_is_the_one_of_operators_one_after_another(undrawn, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="where helpers are not forked they do not see the change")
-def test_a_disk_that_is_full_for_one_operator_stops_all_and_the_study_goes_on_later(undrawn, tmp_path, monkeypatch):
+def test_a_disk_that_is_full_for_one_operator_stops_all_and_the_study_goes_on_later(tmp_path, monkeypatch):
     real = studies.Run.run_ticks
 
     def run_ticks(self, trial, writer):

@@ -259,7 +259,7 @@ WORLDS = {
 def test_a_trial_under_other_assumptions_replays_to_equal_ticks_and_equal_decisions(tmp_path, lines):
     protocol = protocol_of(f"{short(paths=1).text}\n[assumptions]\n{lines}\n")
     session = new_session(tmp_path, protocol=protocol)
-    run_trials(session, 5)
+    run_trials(session, 3)
     session.close()
     for path in recordings(session.folder):
         told, said = replayed(path)

@@ -211,5 +211,5 @@ def test_an_older_devices_file_stays_that_of_the_study(interrupted):
     (interrupted / "study.json").write_text(json.dumps(stored))
     shutil.rmtree(interrupted / "sub-01")
     resume_study(interrupted, {})
-    session = json.loads((interrupted / "sub-02" / "ses-01" / "session.json").read_text())
+    session = json.loads((interrupted / "sub-03" / "ses-01" / "session.json").read_text())
     assert "tip_kg = 0.6" in session["protocol"]["devices"][0]["file"]

@@ -70,9 +70,9 @@ def test_a_clock_that_stood_still_in_the_first_second_shows_by_commands_that_are
 @pytest.mark.parametrize("fault", ["delay=0.1@0+1.5", "jitter=0.04", "stall@0+0.15"])
 def test_a_slow_way_is_no_clock_that_stood_still(fault: str) -> None:
     bench = RealBench()
-    bench.idle(1500)
+    bench.idle(1200)
     bench.board.faults.append(read_fault(fault, bench.board.now_s))
-    bench.idle(4000)
+    bench.idle(2500)
     assert bench.link.health.begun_anew == bench.link.health.lost_links == 0
 
 

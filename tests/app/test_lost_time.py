@@ -1,0 +1,87 @@
+"""Whose fault late ticks are: what the system counts, and what it does not."""
+
+import os
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from app.ipc.ring import Ring
+from app.session_server.lost_time import LostTime, lost_time
+from app.session_server.recorder import Recorder
+from core import tick_log
+
+UNKNOWN = LostTime(None, None, None)
+STAT = "cpu  1 0 1 9 0 0 0 7 0 0\ncpu0 1 0 0 4 0 0 0 5 0 0\ncpu1 0 0 1 5 0 0 0 2 0 0\nintr 5\n"
+FILES = {
+    "/proc/stat": STAT,
+    "/proc/7/schedstat": "123456789 2500000 345\n",
+    "/proc/7/status": "Name:\tpython\nvoluntary_ctxt_switches:\t150\nnonvoluntary_ctxt_switches:\t12\n",
+}
+linux = pytest.mark.skipif(sys.platform != "linux", reason="another system counts none of this")
+
+
+def reads(files: dict[str, str]) -> Callable[[str], str]:
+    def read(path: str) -> str:
+        if path not in files:
+            raise FileNotFoundError(path)
+        return files[path]
+
+    return read
+
+
+@linux
+@pytest.mark.parametrize(("core", "jiffies"), [(-1, 7), (0, 5), (1, 2), (12, None)])
+def test_the_host_the_scheduler_and_the_switches_are_as_the_system_counts_them(core: int, jiffies: int | None) -> None:
+    found = lost_time(7, core, reads(FILES))
+    stolen = None if jiffies is None else 1e3 * jiffies / os.sysconf("SC_CLK_TCK")
+    assert found == LostTime(stolen, pytest.approx(2.5), 12)
+
+
+@linux
+@pytest.mark.parametrize("missing", FILES)
+def test_a_file_that_a_system_does_not_have_makes_its_number_unknown_and_no_other(missing: str) -> None:
+    files = {path: text for path, text in FILES.items() if path != missing}
+    known = [one is not None for one in lost_time(7, -1, reads(files))]
+    assert known == [path != missing for path in FILES]
+
+
+@pytest.mark.parametrize("files", [{}, dict.fromkeys(FILES, ""), dict.fromkeys(FILES, "cpu nonsense x\n")])
+def test_where_nothing_is_counted_nothing_is_known(files: dict[str, str]) -> None:
+    assert lost_time(7, -1, reads(files)) == UNKNOWN
+
+
+def test_a_loop_whose_process_is_not_known_is_not_taken_for_another() -> None:
+    assert lost_time(0, -1, reads(FILES))[1:] == (None, None)
+
+
+def test_what_was_added_is_not_known_where_one_of_two_looks_found_nothing() -> None:
+    first, then = LostTime(10.0, 1.0, 3), LostTime(30.0, 1.5, 3)
+    assert then.since(first) == LostTime(20.0, 0.5, 0)
+    assert then.since(UNKNOWN) == first.since(UNKNOWN) == UNKNOWN.since(then) == UNKNOWN
+
+
+@linux
+def test_of_a_process_that_lives_this_system_knows_what_it_waited_for() -> None:
+    waited, switches = lost_time(os.getpid(), -1)[1:]
+    assert (waited is None or waited >= 0.0) and (switches is None or switches >= 0)
+    assert lost_time(os.getpid(), -1).since(UNKNOWN) == UNKNOWN
+
+
+@pytest.mark.parametrize("worked_us", [0.0, 25.0])
+def test_the_passport_of_a_trial_holds_the_ticks_own_time_where_the_loop_measured_it(
+    monkeypatch: pytest.MonkeyPatch, worked_us: float
+) -> None:
+    looks = iter([LostTime(10.0, None, 3), LostTime(30.0, None, 8)])
+    monkeypatch.setattr("app.session_server.recorder.lost_time", lambda pid, core: next(looks))
+    ring = Ring(ticks=64)
+    recorder = Recorder(ring, None)
+    ring.rows[:40] = np.zeros((40, tick_log.WIDTH))
+    ring.control.head = 40
+    ring.control.worked, ring.control.worked_most = round(40e3 * worked_us), round(2e3 * worked_us)
+    recorder.close()
+    timing = recorder.timing("default")
+    assert (timing.stolen_ms, timing.waited_ms, timing.switches) == (20.0, None, 5)
+    own = (None, None) if not worked_us else (worked_us, 2.0 * worked_us)
+    assert (timing.tick_us, timing.tick_max_us) == own
