@@ -73,10 +73,10 @@ class Recorder:
         newest = np.concatenate(self._lateness[-LIVE:]) if live else self.lateness_us
         timing = timing_of(newest, scheduling)._replace(max_us=self._max_us, missed=self._missed)
         timing = timing._replace(**self._lost().since(self._lost_before)._asdict())
-        control, ticks = self._ring.control, sum(map(len, self._lateness))
-        if not control.worked:
+        worked_us, most_us = 1e-3 * int(self._ring.control.worked), 1e-3 * int(self._ring.control.worked_most)
+        if not worked_us:  # a real device's ticks wait for samples: their own time is not measured
             return timing
-        return timing._replace(tick_us=1e-3 * control.worked / ticks, tick_max_us=1e-3 * control.worked_most)
+        return timing._replace(tick_us=worked_us / sum(map(len, self._lateness)), tick_max_us=most_us)
 
     def _lost(self) -> LostTime:
         return lost_time(int(self._ring.control.pid), int(self._ring.control.core))

@@ -28,7 +28,8 @@ def add(verbs) -> None:
     )  # fmt: skip
     option(
         "--link", default="sim", metavar="sim|serial:PORT",
-        help="the simulated device (default), or one whose board is at a serial port (auto: the only one on USB)",
+        help="the simulated device (default), or one whose board is at a serial port (auto: the only one on USB; "
+        "socket://HOST:NUMBER: a TCP port that passes bytes on as one does)",
     )  # fmt: skip
     option(
         "--force", default="", metavar="netft:HOST",

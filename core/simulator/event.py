@@ -114,7 +114,7 @@ def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagge
             fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], state.tip[2], state.tip[3])
             set_costs(brakes, state)
             finish(mechanism, state, fx, fy, arm_mass)
-    if lagged != 0:
+    if lagged != 0 and hand.grips[0].spring == 0:  # a spring's target moves: the next step looks at the costs anew
         set_costs(brakes, state)
     state.settled = 0 if state.held == STILL else 1
 
@@ -256,13 +256,23 @@ def excess_at(mechanism, brakes, hand, state, t, elapsed, lagged):
 
 
 @kernel
+def none_falls(brakes, state):
+    """True where every lag brings its brake up, or leaves it as it is."""
+    for i in range(4):
+        if brakes.present[i] > 0.0 and state.lag[i, 0] < state.lag[i, 1]:
+            return False
+    return True
+
+
+@kernel
 def still_until(mechanism, brakes, hand, state, t, step, lagged):
     """How long the resting tip stays at rest: `step`, or the first time at which the hand pushes it loose.
 
-    Seen at the middle and the end of the step, then bisected to rounding.
+    Seen at the middle and the end of the step, then bisected to rounding. Under a steady hand it stays for sure where
+    no brake falls.
     """
     hand_changes = hand.times.shape[0] > 1 or hand.grips[0].waves == 1  # the target of a spring is held over a step
-    if lagged == 0 and not hand_changes:
+    if not hand_changes and (lagged == 0 or none_falls(brakes, state)):
         return step
     low, high = 0.0, 0.5 * step
     if excess_at(mechanism, brakes, hand, state, t, high, lagged) <= limits.REST_ROUNDING:

@@ -13,9 +13,10 @@ below zero in between: two crossings inside one step must not be missed.
 import math
 
 from core.kernel import kernel
-from core.simulator.runge_kutta import joint_acceleration, rk4
-from core.simulator.solver_numbers import GRAZING, LOCATED, MAX_LOCATE, ROUNDING
+from core.simulator.runge_kutta import joint_acceleration, rk4, slip_torques
+from core.simulator.solver_numbers import GRAZING, LOCATED, MAX_LOCATE, ROUNDING, SLID_S
 from core.simulator.stick_slip import same_line
+from core.simulator.stick_slip_mode import look
 from core.stops import stop_gap
 
 
@@ -246,7 +247,8 @@ def first_stop(mechanism, state, scratch, step, seen):
 def locate(mechanism, brakes, hand, state, scratch, t, step, kind, guess, lagged):
     """Shrink the tried step to the first event: (kind, its time). It is left there, the event's value at rounding.
 
-    Bracketed Newton or secant steps on re-integrated steps; where another event comes before, that one is taken.
+    Bracketed Newton or secant steps on re-integrated steps, where one that is nearly there is slid to the event; where
+    another event comes before, that one is taken.
     """
     for _ in range(STOP + 5):
         guess = locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess, lagged)
@@ -308,6 +310,28 @@ def locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess, la
         if slope == 0.0:
             slope = (value - at_last) / (s - last)
         ahead = s - value / slope
+        if lagged == 0 and kind <= SPEED and low < ahead < high and abs(ahead - s) <= SLID_S:
+            slide(mechanism, brakes, state, scratch, ahead - s)
+            return ahead
         last, at_last = s, value
         s = ahead if low < ahead < high else 0.5 * (low + high)
     return s
+
+
+@kernel
+def slide(mechanism, brakes, state, scratch, ds):
+    """Carry the end of the tried step on by ds (s), at most `SLID_S` either way, along its velocity and acceleration.
+
+    For brakes without lag. What it leaves out is of the second order in ds; an event is followed by a new acceleration.
+    """
+    tip, a = scratch.tip, scratch.acceleration
+    scratch.work += ds * (scratch.hand_force[0] * tip[2] + scratch.hand_force[1] * tip[3])
+    torques = slip_torques(brakes, state, state.torque_yield, 0)
+    for i in range(4):
+        scratch.heat[i] -= ds * torques[i] * scratch.rate[i]
+    for k in range(2):
+        tip[k] += ds * tip[2 + k]
+        tip[2 + k] += ds * a[k]
+    look(mechanism, scratch)
+    if state.held >= 0:
+        scratch.rate[state.held] = 0.0

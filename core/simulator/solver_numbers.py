@@ -37,6 +37,9 @@ MAX_LOCATE = 40
 #: As `ROUNDING`, where an event counts as located. Larger: a joint sticks while it still turns, and the order drowns.
 #: Smaller: rounding is chased in vain.
 LOCATED = 1e-14
+#: s; a tried step that ends this near to its event is carried there along its velocity and acceleration. That leaves
+#: out half its square times the jerk: 1e-15 m/s at 1e5 m/s3. Larger: the order drowns. Smaller: one more RK4 step.
+SLID_S = 1e-10
 #: As `ROUNDING`: an event located no nearer than this to zero was a graze, and motion goes on. Larger: a dip that does
 #: not reach zero sticks the brake.
 GRAZING = 1e-10

@@ -8,7 +8,7 @@ has nothing to measure is None, never 0.
 
 import math
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -77,30 +77,26 @@ def weighted_amplitudes(acceleration: np.ndarray, highest_hz: float = DFT_HIGHES
     return (np.arange(1, last + 1) * (SAMPLE_RATE_HZ / n)) ** power * amplitude
 
 
-def acceleration_dft_sum(acceleration: np.ndarray) -> float | None:
-    """Weighted sum of the DFT of the acceleration (n, 2), m/s2. Noise makes it grow as the root of duration."""
-    weighted = weighted_amplitudes(acceleration)
+def amplitude_sum(weighted: np.ndarray) -> float | None:
+    """Sum of `weighted_amplitudes`, m/s2. Noise makes it grow as the root of duration."""
     return float(np.sum(weighted)) if len(weighted) else None
 
 
-def acceleration_weighted_rms(acceleration: np.ndarray) -> float | None:
+def amplitude_rms(weighted: np.ndarray) -> float | None:
     """The same spectrum as a root mean square, m/s2: sqrt(1/2 sum (weighted amplitude)^2). Free of length."""
-    weighted = weighted_amplitudes(acceleration)
     return math.sqrt(0.5 * float(np.dot(weighted, weighted))) if len(weighted) else None
 
 
 def sparc(speed: np.ndarray) -> float | None:
     """Spectral arc length of a speed profile (n,); nearer 0 is smoother (Balasubramanian et al. 2015).
 
-    Cut-off 10 Hz, threshold 0.05, pad level 4. None if nothing moved.
+    Cut-off 10 Hz, threshold 0.05, pad level 4. None if nothing moved. A speed is nowhere negative.
     """
     if not len(speed) or not np.any(speed):
         return None
     padded = 2 ** (math.ceil(math.log2(len(speed))) + SPARC_PAD_LEVEL)
-    magnitude = np.abs(np.fft.rfft(speed, padded))
-    magnitude /= magnitude.max()
-    frequency = np.arange(len(magnitude)) * (SAMPLE_RATE_HZ / padded)
-    magnitude = magnitude[frequency <= SPARC_CUTOFF_HZ]
+    magnitude = np.abs(np.fft.rfft(speed, padded)[: math.floor(SPARC_CUTOFF_HZ / SAMPLE_RATE_HZ * padded) + 1])
+    magnitude /= magnitude.max()  # at 0 Hz
     above = np.flatnonzero(magnitude >= SPARC_THRESHOLD)
     if not len(above) or above[-1] == above[0]:
         return None
@@ -114,14 +110,16 @@ def check_samples(recording: "Recording") -> None:
         raise InputError(f"{recording.path}: there are no ticks to measure")
     t = recording.column("t_s")
     grid = t[0] + np.arange(len(t)) / SAMPLE_RATE_HZ
-    off = np.flatnonzero(~(np.abs(t - grid) <= TIME_TOLERANCE_S))
-    if len(off):
-        raise InputError(f"{recording.path}: t_s: tick {off[0]} is off the 1 ms grid, ticks are missing or uneven")
+    on = np.abs(t - grid) <= TIME_TOLERANCE_S
+    if not on.all():
+        tick = np.argmin(on)
+        raise InputError(f"{recording.path}: t_s: tick {tick} is off the 1 ms grid, ticks are missing or uneven")
     for name in recording.columns:
         if name.startswith(("tip_x", "tip_y", "tip_v", "hand_f", "current_")):
-            bad = np.flatnonzero(~np.isfinite(recording.columns[name]))
-            if len(bad):
-                raise InputError(f"{recording.path}: {name}: the sample of tick {bad[0]} is missing or not finite")
+            finite = np.isfinite(recording.columns[name])
+            if not finite.all():
+                tick = np.argmin(finite)
+                raise InputError(f"{recording.path}: {name}: the sample of tick {tick} is missing or not finite")
 
 
 def columns(recording: "Recording", *names: str) -> np.ndarray:
@@ -140,7 +138,7 @@ class Movement:
         self.path = path
         self._recording, self._rows = recording, slice(ticks[0], ticks[-1] + 1)
         self.duration_s = (len(ticks) - 1) / SAMPLE_RATE_HZ  # from the first tick of `move` to the last
-        self.tip = self._columns("tip_x_m", "tip_y_m")[self._rows]  # (n, 2) m
+        self.tip = self._columns("tip_x_m", "tip_y_m")  # (n, 2) m
         self.progress, self.deviation = along_path(self.tip, path)  # (n,) m
 
     @property
@@ -151,17 +149,17 @@ class Movement:
     @cached_property
     def force(self) -> np.ndarray:
         """Magnitude of the hand force (n,), N."""
-        return np.hypot(*self._columns("hand_fx_N", "hand_fy_N")[self._rows].T)
+        return np.hypot(self._column("hand_fx_N"), self._column("hand_fy_N"))
 
     @cached_property
     def speed(self) -> np.ndarray:
         """Speed of the tip (n,), m/s."""
-        return np.hypot(*self._columns("tip_vx_m_s", "tip_vy_m_s")[self._rows].T)
+        return np.hypot(self._column("tip_vx_m_s"), self._column("tip_vy_m_s"))
 
     @cached_property
     def acceleration(self) -> np.ndarray:
         """Acceleration of the tip (n, 2), m/s2; (0, 2) of a recording that is too short to filter."""
-        whole = tip_acceleration(self._columns("tip_x_m", "tip_y_m"))
+        whole = tip_acceleration(columns(self._recording, "tip_x_m", "tip_y_m"))
         return np.empty((0, 2)) if whole is None else whole[self._rows]
 
     @cached_property
@@ -173,14 +171,21 @@ class Movement:
         """
         if self._recording.sensors:
             return np.empty((0, 2))
-        return self._columns("tip_ax_m_s2", "tip_ay_m_s2")[self._rows]
+        return self._columns("tip_ax_m_s2", "tip_ay_m_s2")
+
+    @cached_property
+    def weighted(self) -> np.ndarray:
+        """`weighted_amplitudes` of the acceleration."""
+        return weighted_amplitudes(self.acceleration)
 
     def switches_per_second(self) -> float | None:
         """Ticks at which the set of brakes with current > 0 changes, per second."""
         if self.duration_s <= 0.0 or not self._recording.braked:
             return None
-        on = self._columns(*(f"current_{joint}_A" for joint in self._recording.braked))[self._rows] > 0.0
-        return int(np.count_nonzero(np.any(on[1:] != on[:-1], axis=1))) / self.duration_s
+        on = np.zeros(len(self.tip), dtype=np.int8)  # a bit for each brake
+        for bit, joint in enumerate(self._recording.braked):
+            on |= (self._column(f"current_{joint}_A") > 0.0).astype(np.int8) << bit
+        return int(np.count_nonzero(on[1:] != on[:-1])) / self.duration_s
 
     def unreachable_share(self) -> float | None:
         """Share of ticks with a felt hand and no valid or selected brake, of all ticks outside the gap.
@@ -188,16 +193,14 @@ class Movement:
         None without a controller, and if every tick is in the gap.
         """
         outside = ~self._decided(GAP)
-        if self._decided(frozenset({NONE})).all() or not outside.any():
+        if not self._controlled or not outside.any():
             return None
         lacking = self._decided(UNREACHABLE) & outside & (self.force > FELT_FORCE_N)
         return int(np.count_nonzero(lacking)) / int(np.count_nonzero(outside))
 
     def share_of_ticks(self, decisions: frozenset[int]) -> float | None:
         """Share of the ticks with one of these decisions; None without a controller."""
-        if self._decided(frozenset({NONE})).all():
-            return None
-        return float(np.mean(self._decided(decisions)))
+        return float(np.mean(self._decided(decisions))) if self._controlled else None
 
     def slave_error(self) -> float | None:
         """Distance between the slave and the handle, mean over time, m; None without a slave."""
@@ -206,56 +209,79 @@ class Movement:
 
     def force_shown_share(self) -> float | None:
         """Force of the brakes along the wanted one / the wanted force, both summed over the ticks that want one."""
-        wanted, shown = self._wanted(), self._may_be_missing("shown_fx_N", "shown_fy_N")
-        size = np.hypot(*wanted.T)
+        wanted, size = self._wanted
         asked = size > FELT_FORCE_N
+        if not asked.any():
+            return None
+        shown = self._may_be_missing("shown_fx_N", "shown_fy_N")
         along = np.sum(wanted[asked] * shown[asked], axis=1) / size[asked]
-        return float(np.sum(along) / np.sum(size[asked])) if asked.any() else None
+        return float(np.sum(along) / np.sum(size[asked]))
 
     def force_unavailable_share(self) -> float | None:
         """What the nearest force that can be had misses of the wanted one / the wanted one, both summed over ticks."""
-        wanted, nearest = self._wanted(), self._may_be_missing("nearest_fx_N", "nearest_fy_N")
-        asked = (np.hypot(*wanted.T) > FELT_FORCE_N) & np.isfinite(nearest[:, 0])
+        wanted, size = self._wanted
+        if not np.any(size > FELT_FORCE_N):
+            return None
+        nearest = self._may_be_missing("nearest_fx_N", "nearest_fy_N")
+        asked = (size > FELT_FORCE_N) & np.isfinite(nearest[:, 0])
         missed = np.hypot(*(wanted - nearest)[asked].T)
-        return float(np.sum(missed) / np.sum(np.hypot(*wanted[asked].T))) if asked.any() else None
+        return float(np.sum(missed) / np.sum(size[asked])) if asked.any() else None
 
     def least_clearance(self) -> float | None:
         """Least distance from the nearest obstacle, m, not under 0; None without one."""
-        distance = self._from_obstacle()
+        distance = self._from_obstacle
         return None if distance is None else max(float(distance.min()), 0.0)
 
     def deepest_entry(self) -> float | None:
         """How deep the handle came into an obstacle, m; 0: it did not."""
-        distance = self._from_obstacle()
+        distance = self._from_obstacle
         return None if distance is None else max(-float(distance.min()), 0.0)
 
     def guarded_share(self) -> float | None:
         """Share of the movement's ticks in which the guard of obstacles had locked all brakes."""
-        if self._from_obstacle() is None:
+        if self._from_obstacle is None:
             return None
         return float(np.mean(self._decided(frozenset({LOCK_OBSTACLE}))))
 
+    @cached_property
     def _from_obstacle(self) -> np.ndarray | None:
+        """Distance from the nearest obstacle (n,), m; None without one."""
         distance = self._may_be_missing("obstacle_distance_m")[:, 0]
         return None if np.isnan(distance).any() else distance
 
-    def _wanted(self) -> np.ndarray:
-        return self._may_be_missing("wanted_fx_N", "wanted_fy_N")
+    @cached_property
+    def _wanted(self) -> tuple[np.ndarray, np.ndarray]:
+        """The force to be shown (n, 2) and its size (n,), N; NaN where there is none."""
+        wanted = self._may_be_missing("wanted_fx_N", "wanted_fy_N")
+        return wanted, np.hypot(*wanted.T)
 
     def _may_be_missing(self, *names: str) -> np.ndarray:
         """Columns (n, columns); NaN where an earlier version recorded the trial, without them."""
         if not all(name in self._recording.columns for name in names):
             return np.full((len(self.tip), len(names)), math.nan)
-        return self._columns(*names)[self._rows]
+        return self._columns(*names)
+
+    @cached_property
+    def _controlled(self) -> bool:
+        """Whether there was a controller that decided anything."""
+        return not self._decided(frozenset({NONE})).all()
 
     def _decided(self, codes: frozenset[int]) -> np.ndarray:
         """True (n,) at the ticks whose decision is one of `codes` of this version, found by its words."""
-        wanted = {DECISIONS[code] for code in codes}
-        table = np.array([word in wanted for word in self._recording.words["decision"]])
-        return table[self._recording.column("decision")][self._rows]
+        return _words_of(codes, self._recording.words["decision"])[self._column("decision")]
+
+    def _column(self, name: str) -> np.ndarray:
+        return self._recording.column(name)[self._rows]
 
     def _columns(self, *names: str) -> np.ndarray:
-        return columns(self._recording, *names)
+        return np.column_stack([self._column(name) for name in names])
+
+
+@cache
+def _words_of(codes: frozenset[int], words: tuple[str, ...]) -> np.ndarray:
+    """True (n,) at the words (n,) of a recording that are those of decisions of this version."""
+    wanted = {DECISIONS[code] for code in codes}
+    return np.array([word in wanted for word in words])
 
 
 class Metric(NamedTuple):
@@ -300,13 +326,13 @@ METRICS = (
     Metric(
         "acceleration_dft_sum", "m/s^2", "Acceleration, weighted DFT sum", "acceleration DFT sum",
         "sum over the frequencies up to 100 Hz of (f / 1 Hz) times the amplitude of the acceleration",
-        lambda m: acceleration_dft_sum(m.acceleration),
+        lambda m: amplitude_sum(m.weighted),
         shown_unit="m/s²", decimals=1, figure="fig18_acceleration_dft_sum", stands_for="smoothness", compared=True,
     ),
     Metric(
         "acceleration_weighted_rms_m_s2", "m/s^2", "Acceleration, weighted rms", "acceleration rms",
         "the same spectrum as a root mean square: free of duration",
-        lambda m: acceleration_weighted_rms(m.acceleration),
+        lambda m: amplitude_rms(m.weighted),
         shown_unit="m/s²", decimals=1, stands_for="smoothness", compared=True,
     ),
     Metric(
@@ -386,7 +412,7 @@ METRICS = (
         "acceleration_exact_dft_sum", "m/s^2", "Acceleration to 100 Hz, weighted DFT sum", "DFT sum to 100 Hz",
         "acceleration_dft_sum of the simulator's own acceleration: it sees vibration up to 100 Hz, which the filter of "
         "20 Hz on position hides; none on a real device, which has no accelerometer",
-        lambda m: acceleration_dft_sum(m.exact_acceleration),
+        lambda m: amplitude_sum(weighted_amplitudes(m.exact_acceleration)),
         shown_unit="m/s²", decimals=1, figure="fig18_acceleration_to_100_Hz", stands_for="smoothness", compared=True,
         simulated_only=True,
     ),

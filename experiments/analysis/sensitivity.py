@@ -12,7 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.analysis.metrics import BY_NAME, METRICS, columns, tip_acceleration, weighted_amplitudes
+from experiments.analysis.metrics import (
+    BY_NAME,
+    METRICS,
+    amplitude_sum,
+    columns,
+    tip_acceleration,
+    weighted_amplitudes,
+)
 from experiments.analysis.participants import configurations_of
 from experiments.analysis.statistics import Result
 from experiments.analysis.trials_table import TrialRow, to_compare
@@ -68,8 +75,7 @@ def dft_sum(recording: Recording, how: Smoothness) -> float | None:
         acceleration = tip_acceleration(columns(recording, "tip_x_m", "tip_y_m"), how.cutoff_hz)
     if acceleration is None:
         return None
-    weighted = weighted_amplitudes(acceleration[recording.in_phase("move")], how.highest_hz, how.power)
-    return float(np.sum(weighted)) if len(weighted) else None
+    return amplitude_sum(weighted_amplitudes(acceleration[recording.in_phase("move")], how.highest_hz, how.power))
 
 
 def sensitivity(

@@ -24,6 +24,8 @@ def way_round(path: PathFile, obstacles: Sequence[ObstacleFile], where: str) -> 
     Where a start or an end lies nearer to an obstacle, the way is as near; one that holds an end is not walked round.
     """
     straight = build_path(path, where)
+    if not obstacles:
+        return straight
     points = outline(path, SPACING_M)
     left = False
     for obstacle in obstacles:

@@ -303,7 +303,9 @@ def aim(operator, grip, path, progress, across, speed):
 @kernel
 def tremble(operator, grip, tx, ty, x, y, tick, noise):
     """The rest of the force: effort along the path, low-passed noise in proportion to the arm's force, and tremor."""
-    draw, far = noise[tick % noise.shape[0]], noise[(tick + noise.shape[0] // 2) % noise.shape[0]]
+    n = noise.shape[0]
+    place = tick % n
+    draw, far = noise[place], noise[place + n // 2 if place < n - n // 2 else place - (n - n // 2)]
     for i in range(2):
         operator.noise[i] = operator.noise_keep * operator.noise[i] + operator.noise_draw * draw[i]
         tremor = operator.tremor_keep[0] * operator.tremor[0, i] + operator.tremor_keep[1] * operator.tremor[1, i]

@@ -297,13 +297,15 @@ def next_phase(run, path, state, grip):
 @kernel
 def at_start(run, path, x, y):
     """Whether the handle is held at the start of the path."""
-    return run.held != 0 and math.hypot(x - path.x0, y - path.y0) <= run.start_radius
+    dx, dy = x - path.x0, y - path.y0
+    return run.held != 0 and dx * dx + dy * dy <= run.start_radius * run.start_radius
 
 
 @kernel
 def arrived(path, end_radius, x, y):
     """Whether the end of the path is reached, and along the path: not near the end on another part of it."""
-    if math.hypot(x - path.x1, y - path.y1) > end_radius:
+    dx, dy = x - path.x1, y - path.y1
+    if dx * dx + dy * dy > end_radius * end_radius:
         return False
     progress, _, _, _ = nearest(path, x, y)
     return progress >= path.length - end_radius - ROUNDING_M
@@ -430,10 +432,12 @@ def log_shown(state, run, memory, row):
     row[log.SLAVE_Y] = run.slave.place[1] if here else math.nan
     for axis in range(2):
         row[log.WANTED_FX + axis], row[log.NEAREST_FX + axis] = memory[WANTED + axis], memory[NEAREST + axis]
-        shown = 0.0
-        for i in range(4):
-            shown += state.g[i, axis] * state.torque[i]
-        row[log.SHOWN_FX + axis] = shown if math.isfinite(memory[WANTED + axis]) else math.nan
+        row[log.SHOWN_FX + axis] = math.nan
+        if math.isfinite(memory[WANTED + axis]):
+            shown = 0.0
+            for i in range(4):
+                shown += state.g[i, axis] * state.torque[i]
+            row[log.SHOWN_FX + axis] = shown
 
 
 @kernel

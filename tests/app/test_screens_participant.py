@@ -42,23 +42,23 @@ def test_one_word_at_each_phase(screens: Screens) -> None:
     assert screens.participant.view.shown.large == "Well done"
 
 
-@pytest.mark.parametrize("phase", [tick_log.APPROACH, tick_log.HOLD, tick_log.MOVE])
-def test_with_the_mouse_it_says_how_to_take_hold_and_without_it_does_not(screens: Screens, phase: int) -> None:
-    screens.hear(opened(), running())
-    screens.tick(ticks(phase), taken=False)
-    assert "pointer" in said(screens)
-    screens.tick(ticks(phase), taken=True)
-    assert "pointer" not in said(screens)
-    screens.hear(opened(hand="force sensor"), running(1))
-    screens.tick(ticks(phase), taken=False)
-    assert "pointer" not in said(screens)
+def test_with_the_mouse_it_says_how_to_take_hold_and_without_it_does_not(screens: Screens) -> None:
+    for phase in (tick_log.APPROACH, tick_log.HOLD, tick_log.MOVE):
+        screens.hear(opened(), running())
+        screens.tick(ticks(phase), taken=False)
+        assert "pointer" in said(screens), phase
+        screens.tick(ticks(phase), taken=True)
+        assert "pointer" not in said(screens), phase
+        screens.hear(opened(hand="force sensor"), running(1))
+        screens.tick(ticks(phase), taken=False)
+        assert "pointer" not in said(screens), phase
 
 
-@pytest.mark.parametrize(("status", "word"), [("done", "Well done"), ("timeout", "Time is up"), ("aborted", "Stopped")])
-def test_each_end_of_a_trial_has_its_word(screens: Screens, status: str, word: str) -> None:
-    screens.hear(opened(), running())
-    screens.hear(ready(1, rows=(result(PLAN[0], status),)))
-    assert screens.participant.view.shown.large == word
+def test_each_end_of_a_trial_has_its_word(screens: Screens) -> None:
+    for status, word in (("done", "Well done"), ("timeout", "Time is up"), ("aborted", "Stopped")):
+        screens.hear(opened(), running())
+        screens.hear(ready(1, rows=(result(PLAN[0], status),)))
+        assert screens.participant.view.shown.large == word
 
 
 def test_nothing_shown_to_the_participant_has_numbers_names_or_jargon(screens: Screens) -> None:

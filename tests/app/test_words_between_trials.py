@@ -29,11 +29,11 @@ def test_a_session_that_was_resumed_is_welcomed_back_and_not_praised() -> None:
     assert words.between(ready(6), opened()).large == ENGLISH_WORDS["done"]
 
 
-@pytest.mark.parametrize(("status", "large"), [("done", "done"), ("stopped", "stopped"), ("timeout", "timeout")])
-def test_after_practice_there_is_how_it_ended_and_no_second_welcome(screens: Screens, status: str, large: str) -> None:
-    practised = result(PLAN[0]._replace(block=0), status)
-    screens.hear(opened(), running(0, running=PLAN[0]._replace(block=0)), ready(0, newest=practised))
-    assert screens.run.centre.large.text() == ENGLISH_WORDS[large] and not screens.run.card_shown
+def test_after_practice_there_is_how_it_ended_and_no_second_welcome(screens: Screens) -> None:
+    for status in ("done", "stopped", "timeout"):
+        practised = result(PLAN[0]._replace(block=0), status)
+        screens.hear(opened(), running(0, running=PLAN[0]._replace(block=0)), ready(0, newest=practised))
+        assert screens.run.centre.large.text() == ENGLISH_WORDS[status] and not screens.run.card_shown
 
 
 def test_the_participant_reads_the_language_of_the_protocol(screens: Screens) -> None:
@@ -45,19 +45,15 @@ def test_the_participant_reads_the_language_of_the_protocol(screens: Screens) ->
     assert german["effort"] in [label.text() for label in screens.participant.questions.findChildren(QLabel)]
 
 
-@pytest.mark.parametrize(
-    "following",
-    [
-        {}, {"paused": True}, {"stage": m.BREAK, "card": LONG_BREAK},
-        {"stage": m.RERIG}, {"stage": m.FINISHED},
-    ],
-)  # fmt: skip
-def test_feedback_and_cue_are_said_whatever_comes_after_the_trial(screens: Screens, following: dict) -> None:
-    screens.hear(GIVEN, running(2), ready(3, **following))
-    for said in (screens.participant.view.shown.small, screens.run.centre.small.text()):
-        assert ERROR in said and CUE in said
-    screens.hear(opened(), ready(3, **following))
-    assert ERROR not in screens.participant.view.shown.small
+def test_feedback_and_cue_are_said_whatever_comes_after_the_trial(screens: Screens) -> None:
+    for following in (
+        {}, {"paused": True}, {"stage": m.BREAK, "card": LONG_BREAK}, {"stage": m.RERIG}, {"stage": m.FINISHED}
+    ):  # fmt: skip
+        screens.hear(GIVEN, running(2), ready(3, **following))
+        for said in (screens.participant.view.shown.small, screens.run.centre.small.text()):
+            assert ERROR in said and CUE in said, following
+        screens.hear(opened(), ready(3, **following))
+        assert ERROR not in screens.participant.view.shown.small, following
 
 
 def test_feedback_is_on_the_page_of_questions_that_covers_everything_else(screens: Screens) -> None:

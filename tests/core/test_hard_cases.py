@@ -239,16 +239,16 @@ def test_tip_ten_thousand_times_heavier_or_lighter_than_the_links(bench, ratio, 
         assert abs(ledger.residual) < (1e-5 if integrator == "event" else 0.1) * (1.0 + ledger.work_hand)
 
 
-@pytest.mark.parametrize("integrator", ["event", "stepping"])
-def test_an_hour_stays_finite_and_passive(integrator):
-    """3.6 million steps with brakes that switch four times a second."""
-    times = np.arange(14400) * 0.25
+@pytest.mark.parametrize(("integrator", "seconds"), [("event", 3600), ("stepping", 600)])
+def test_an_hour_stays_finite_and_passive(integrator, seconds):
+    """3.6 million steps (at first order a sixth of that) with brakes that switch four times a second."""
+    times = np.arange(4 * seconds) * 0.25
     order = ("A", "B", "E")
     values = np.array([yields(BENCH_THREE, 0.3, **{order[k % 3]: 4.0}) for k in range(len(times))])
     simulation = Simulation(BENCH_THREE.device, START, integrator=integrator, hand=tethered(S4, 100.0, 5.0))
-    rows = simulation.rows(3601, 1e-3, 1000, times, values, 0, 3600)
+    rows = simulation.rows(seconds + 1, 1e-3, 1000, times, values, 0, seconds)
     check(simulation, rows)
     ledger = simulation.ledger()
-    assert ledger.steps == 3_600_000
+    assert ledger.steps == 1000 * seconds
     if integrator == "event":
         assert abs(ledger.residual) < 1e-6 * ledger.work_hand

@@ -262,8 +262,8 @@ def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
     tip = rows[:, tick_log.TIP_X : tick_log.TIP_Y + 1]
     deviation = np.abs(tip[move, 1] - 0.4)
     assert from_file.path_error_time_m == pytest.approx(deviation.mean(), rel=1e-12)
-    assert from_file.acceleration_dft_sum == m.acceleration_dft_sum(m.tip_acceleration(tip)[move])
-    exact = m.acceleration_dft_sum(rows[move][:, [tick_log.TIP_AX, tick_log.TIP_AY]])
+    assert from_file.acceleration_dft_sum == m.amplitude_sum(m.weighted_amplitudes(m.tip_acceleration(tip)[move]))
+    exact = m.amplitude_sum(m.weighted_amplitudes(rows[move][:, [tick_log.TIP_AX, tick_log.TIP_AY]]))
     assert from_file.acceleration_exact_dft_sum == exact
     assert from_file.sparc == m.sparc(rows[move, tick_log.TIP_VX])
     assert all(value is not None for value in from_file)
@@ -285,8 +285,8 @@ def test_dft_sum_of_sinusoids_is_that_of_their_frequencies_times_amplitudes(tone
     t = np.arange(3000) / 1000.0
     wave = sum(a * np.cos(2 * np.pi * f * t) for f, a in tones)
     for acceleration in (np.column_stack([wave, 0 * t]), np.column_stack([5.0 - 0.6 * wave, 0.8 * wave - 3.0])):
-        assert m.acceleration_dft_sum(acceleration) == pytest.approx(total, rel=1e-9)
-        assert m.acceleration_weighted_rms(acceleration) == pytest.approx(root / 2**0.5, rel=1e-9)
+        assert m.amplitude_sum(m.weighted_amplitudes(acceleration)) == pytest.approx(total, rel=1e-9)
+        assert m.amplitude_rms(m.weighted_amplitudes(acceleration)) == pytest.approx(root / 2**0.5, rel=1e-9)
 
 
 def test_dft_sum_matches_the_definition_summed_term_by_term():
@@ -299,8 +299,8 @@ def test_dft_sum_matches_the_definition_summed_term_by_term():
             wave = np.exp(-2j * np.pi * k * np.arange(n) / n)
             a = np.sqrt(abs(2 / n * centred[:, 0] @ wave) ** 2 + abs(2 / n * centred[:, 1] @ wave) ** 2)
             total, squares = total + f * a, squares + f**2 * a**2
-    assert m.acceleration_dft_sum(acceleration) == pytest.approx(total, rel=1e-12)
-    assert m.acceleration_weighted_rms(acceleration) == pytest.approx(np.sqrt(0.5 * squares), rel=1e-12)
+    assert m.amplitude_sum(m.weighted_amplitudes(acceleration)) == pytest.approx(total, rel=1e-12)
+    assert m.amplitude_rms(m.weighted_amplitudes(acceleration)) == pytest.approx(np.sqrt(0.5 * squares), rel=1e-12)
 
 
 def test_locked_and_released_ticks_are_counted_apart_and_not_without_a_controller():
@@ -342,8 +342,9 @@ def test_a_real_device_without_an_accelerometer_has_no_exact_acceleration_and_is
 def test_longer_noise_raises_the_dft_sum_but_not_the_weighted_rms():
     noise = np.random.default_rng(4).normal(size=(16000, 2))
     short, long = noise[:4000], noise
-    assert m.acceleration_dft_sum(long) / m.acceleration_dft_sum(short) == pytest.approx(2.0, rel=0.05)
-    assert m.acceleration_weighted_rms(long) / m.acceleration_weighted_rms(short) == pytest.approx(1.0, rel=0.05)
+    long, short = m.weighted_amplitudes(long), m.weighted_amplitudes(short)
+    assert m.amplitude_sum(long) / m.amplitude_sum(short) == pytest.approx(2.0, rel=0.05)
+    assert m.amplitude_rms(long) / m.amplitude_rms(short) == pytest.approx(1.0, rel=0.05)
 
 
 def test_acceleration_of_the_tip_is_that_of_a_slow_motion_and_forgets_steps_of_an_encoder():

@@ -63,7 +63,6 @@ def test_a_sideways_push_is_answered_after_the_delay_of_its_sense_and_towards_th
     assert np.all(answer[at + delay + 100 :, 1] < -1e-4)
 
 
-@pytest.mark.nojit
 def test_without_a_cursor_nothing_is_seen_of_the_error_on_the_way_and_all_of_it_at_the_end():
     path = line((-0.1, 0.4), (0.1, 0.4))
     person = noiseless(somebody(2, give_up_per_s=0.0, reaction_s=0.0, movement_s=1.0, bias_m=0.0, curvature_m=0.0))
@@ -79,7 +78,6 @@ def test_without_a_cursor_nothing_is_seen_of_the_error_on_the_way_and_all_of_it_
     assert seeing[999] < 1.5 * half[999] < -1e-3
 
 
-@pytest.mark.nojit
 def test_a_handle_that_stands_beside_the_end_is_pulled_at_the_end_by_people_who_aim_at_it():
     path = line((-0.1, 0.4), (0.1, 0.4))
     person = noiseless(somebody(6, reaction_s=0.2, movement_s=0.5, felt_gain=0.0, bias_m=0.0, curvature_m=0.0))
@@ -144,7 +142,6 @@ def test_at_go_the_virtual_hand_starts_from_where_it_holds_the_handle():
         np.testing.assert_allclose(gone, np.tile(held[-1], (5, 1)), atol=1e-4)
 
 
-@pytest.mark.nojit
 def test_at_a_handle_that_stands_the_push_grows_to_its_limit_and_eases_once_the_handle_moves():
     path = line((-0.1, 0.4), (0.1, 0.4))
     person = noiseless(somebody(6, reaction_s=0.2))

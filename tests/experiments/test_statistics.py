@@ -13,7 +13,7 @@ from scipy import stats
 
 from core import tick_log
 from core.tick_log import PHASES
-from experiments.analysis.metrics import acceleration_dft_sum, tip_acceleration
+from experiments.analysis.metrics import amplitude_sum, tip_acceleration, weighted_amplitudes
 from experiments.analysis.participants import LEAST_PEOPLE
 from experiments.analysis.report import sentences, write_report
 from experiments.analysis.sensitivity import (
@@ -288,8 +288,8 @@ def test_smoothness_by_other_definitions_starts_from_the_metrics_own(tmp_path):
     rows[:, tick_log.TIP_AX] = np.sin(900.0 * t)
     path = record(tmp_path / "run-001.arrows", rows)
     move = (t > 0.1) & (t < 1.1)
-    own = acceleration_dft_sum(tip_acceleration(rows[:, [tick_log.TIP_X, tick_log.TIP_Y]])[move])
-    exact = acceleration_dft_sum(rows[move][:, [tick_log.TIP_AX, tick_log.TIP_AY]])
+    own = amplitude_sum(weighted_amplitudes(tip_acceleration(rows[:, [tick_log.TIP_X, tick_log.TIP_Y]])[move]))
+    exact = amplitude_sum(weighted_amplitudes(rows[move][:, [tick_log.TIP_AX, tick_log.TIP_AY]]))
     assert dft_sum(read_recording(path), Smoothness()) == pytest.approx(own, rel=1e-9)
     assert dft_sum(read_recording(path), Smoothness(cutoff_hz=None)) == pytest.approx(exact, rel=1e-12)
     trial = replace(study(people=1)[0], controller=1, recording=path.name, acceleration_dft_sum=own)

@@ -4,6 +4,7 @@ import os
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 import numpy as np
+import pytest
 from fake_client import FakeClient
 from PySide6.QtCore import QEvent, QPointF, Qt
 from PySide6.QtGui import QMouseEvent
@@ -26,7 +27,9 @@ class Screens:
         theme.dress(QApplication.instance())  # type: ignore[arg-type]
         QApplication.setCursorFlashTime(0)  # pictures are compared, whenever they are taken
         self.client = FakeClient()
-        self.windows = Windows(self.client)
+        with pytest.MonkeyPatch.context() as patch:  # the page Home is made by the tests that ask for it
+            patch.setattr("app.window.main_window.HOME", RUN)
+            self.windows = Windows(self.client)
         self.main: MainWindow = self.windows.main
         self.participant: ParticipantWindow = self.windows.participant
         self.main.resize(width, height)
