@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -62,7 +63,7 @@ def serial_ports() -> list[SerialPort]:
             f"{port.vid:04x}:{port.pid or 0:04x}" if port.vid is not None else "",
             port.serial_number or "",
             port.product or (port.description if port.description != "n/a" else "") or "",
-            os.access(port.device, os.R_OK | os.W_OK),
+            sys.platform == "win32" or os.access(port.device, os.R_OK | os.W_OK),  # there ports are no files
         )
         for port in sorted(list_ports.comports())
     ]

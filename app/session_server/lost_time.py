@@ -7,13 +7,16 @@ counts all of this; where a system does not, it is None, never 0.
 
 import contextlib
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 
 def read(path: str) -> str:
-    """A file of the system. OSError: it has none."""
+    """A file of Linux. OSError: it has none, or this is another system (under Wine one sees the files of Linux)."""
+    if sys.platform != "linux":
+        raise FileNotFoundError(path)
     return Path(path).read_text(encoding="utf-8")
 
 

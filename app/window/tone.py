@@ -39,7 +39,7 @@ class Tones:
 
     def __init__(self) -> None:
         self._player = player()
-        self._folder = tempfile.TemporaryDirectory(prefix="phd-tones-")
+        self._folder = tempfile.TemporaryDirectory(prefix="phd-tones-", ignore_cleanup_errors=True)  # Windows: playing
         self._files = {}
         for name, frequency in (("go", GO_HZ), ("end", END_HZ)):
             self._files[name] = Path(self._folder.name) / f"{name}.wav"

@@ -14,6 +14,7 @@ DATA/trials.csv                                the rows of all participants
 
 import contextlib
 import json
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -115,7 +116,7 @@ def sessions_in(folder: Path) -> list[Path]:
 
 def seen_from(folder: Path, sentence: str) -> str:
     """The sentence with paths as seen from the folder."""
-    return sentence.replace(f"{folder}/", "")
+    return sentence.replace(f"{folder}{os.sep}", "")
 
 
 def hold_lock(folder: Path, wait_s: float = 0.0) -> filelock.BaseFileLock:

@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import tty
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -35,6 +34,7 @@ def nothing(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 @pytest.fixture
 def dead_port() -> Iterator[str]:
     """A port at which nobody is."""
+    tty = pytest.importorskip("tty", reason="only POSIX systems have pseudo-terminals")
     ours, theirs = os.openpty()
     tty.setraw(theirs)
     yield os.ttyname(theirs)
@@ -116,6 +116,7 @@ def test_a_port_that_is_not_there_is_one_sentence(
     assert (out, err) == ("", "phd: serial port /dev/none: no such file or directory\n")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="only POSIX systems have pseudo-terminals")
 def test_a_terminal_whose_other_end_has_gone_is_one_sentence(nothing, capsys: pytest.CaptureFixture) -> None:
     ours, theirs = os.openpty()
     name = os.ttyname(theirs)

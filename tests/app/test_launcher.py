@@ -20,6 +20,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="a shell script; on Windows phd.cmd has its place")
 REAL_TOOLS = "sh env cat readlink cksum flock rm mv mkdir cp chmod mktemp sleep".split()
 
 # The system's python3: -c answers what the launcher asks of it, -m venv makes a folder with a stand-in inside.

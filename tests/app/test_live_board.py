@@ -1,7 +1,6 @@
 """A live session on the bench, over the emulated board's pseudo-terminal, with what a bad day does to it."""
 
 import json
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -64,7 +63,7 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession)
     emulated.order(clear=True)
 
     # the loop killed while currents flow: the board's own watchdog
-    killed = session.cut_short(lambda: kill(window.loop(), signal.SIGKILL), says="is recovered")
+    killed = session.cut_short(lambda: kill(window.loop()), says="is recovered")
     assert killed.status == "recovered"
     wait_until(lambda: emulated.order()["currents_mA"] == [0] * 4)
     truth = emulated.order()

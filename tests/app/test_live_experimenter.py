@@ -7,7 +7,8 @@ import time
 from pathlib import Path
 
 import pytest
-from live import LONG_S, children, gone
+from live import LONG_S
+from processes import children, gone
 from protocols import PAPER
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest

@@ -16,8 +16,9 @@ if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parents[k] / place) for k, place in ((2, ""), (1, "support"))]
 
 import pytest
-from live import Window, children, gone, kill, live_window, wait_until
+from live import Window, kill, live_window, wait_until
 from live_kills import VICTIMS, Killing
+from processes import children, gone, suspend
 from protocols import PAPER, changed
 from sessions import unfinished
 
@@ -69,11 +70,11 @@ def resume(opened: Window, setup: Setup) -> m.Snapshot:
 
 def test_a_loop_that_is_lost_is_seen_its_trial_recovered_and_run_again(opened: Window, setup: Setup) -> None:
     first = opened.opened.plan[0]
-    for run, again, how in ((1, 61, signal.SIGKILL), (61, 62, signal.SIGSTOP)):
+    for run, again, how in ((1, 61, kill), (61, 62, suspend)):
         assert opened.start().running == first._replace(run=run)
         until_current(opened)
         loop = opened.loop()
-        kill(loop, how)
+        how(loop)
         snapshot = opened.until(lambda s: s.said_bad)
         opened.look()
         assert "control loop" in snapshot.said and f"run {run}" in snapshot.said.lower()
@@ -103,6 +104,7 @@ def test_a_session_server_that_is_killed_leaves_no_current_no_process_and_a_tria
     assert verify(setup.data_dir)["faults"] == []
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it: there is no SIGTERM")
 def test_a_session_server_that_is_told_to_end_keeps_its_trial_which_comes_again(opened: Window, setup: Setup) -> None:
     run = opened.start().running.run
     pids = opened.processes()

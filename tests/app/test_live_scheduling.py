@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
-from live import children
+from processes import children
 
 from app.ipc.scheduling import leave_core, program_cores, take_scheduling
 from app.loop.clock import SPIN_NS, new_timer, now_ns, sleep_until

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live import Window, gone, live_window, wait_until
+from live import Window, live_window, wait_until
+from processes import gone
 from sessions import unfinished
 from synthetic_hand import SyntheticHand
 

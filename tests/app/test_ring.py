@@ -1,6 +1,8 @@
 """The ring between loop, recorder and window, and the loop's kernels on it, without a second process."""
 
+import mmap
 import os
+import sys
 import threading
 import time
 
@@ -231,7 +233,7 @@ def test_without_memory_for_the_ring_no_server_is_started_and_one_sentence_says_
     def full(*_args):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(os, "memfd_create", full)
+    monkeypatch.setattr(*((mmap, "mmap") if sys.platform == "win32" else (os, "memfd_create")), full)
     with pytest.raises(InputError, match="no memory for the ticks of the control loop"):
         Client(Setup(tmp_path / "data"))
     assert not (tmp_path / "data").exists()

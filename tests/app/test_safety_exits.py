@@ -4,7 +4,6 @@ are killed in test_live_board.py and at the end of this file."""
 import io
 import math
 import os
-import signal
 import struct
 from pathlib import Path
 
@@ -13,8 +12,9 @@ from fault_cases import Case, Place
 from fault_kinds import START, Fault
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live import gone, kill, wait_until
+from live import kill, wait_until
 from live_board import board_session
+from processes import gone
 from real_bench import RealBench
 
 from app.ipc.messages import NotDone, Reset, Run
@@ -146,7 +146,7 @@ def test_a_session_server_that_is_killed_leaves_zero_currents_on_the_board_and_n
         session.open()
         run = session.begin()
         processes = session.window.processes()
-        kill(session.window.client.pid, signal.SIGKILL)
+        kill(session.window.client.pid)
         wait_until(lambda: all(map(gone, processes)))
         there = sorted(path.name for path in (session.folder / "trials").iterdir())
         assert f"run-{run:03}.arrows" in there, "what was recorded is there"

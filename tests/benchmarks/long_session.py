@@ -76,7 +76,8 @@ def start_window(setup: Setup, most: int) -> subprocess.Popen:
 
 def session(data: Path, args: argparse.Namespace) -> dict:
     """Run it, kill as asked, and look at what there is."""
-    from live import children, gone, wait_until
+    from live import wait_until
+    from processes import children, gone
 
     victim, setup = args.kill, Setup(data, hand="operator", seed=1, real_time=not args.default)
     window, kills, began = start_window(setup, args.trials), 0, time.perf_counter()

@@ -26,6 +26,7 @@ from experiments.session.journal import journal_summary, read_events
 from experiments.session.recover import recover
 from experiments.session.verify import verify
 
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the processes to kill are forks")
 SAFE_S = 0.25  # rows given longer before the writer was last alive must survive
 
 

@@ -5,7 +5,8 @@ import time
 from collections import Counter
 
 import numpy as np
-from live import Window, gone, kill, wait_until
+from live import Window, kill, wait_until
+from processes import gone
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup

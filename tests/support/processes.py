@@ -2,12 +2,14 @@
 
 import contextlib
 import ctypes
+import os
+import signal
 import sys
 from pathlib import Path
 
 if sys.platform == "win32":
     STILL_RUNNING = 258  # WaitForSingleObject: WAIT_TIMEOUT
-    SYNCHRONIZE = 0x100000
+    SYNCHRONIZE, SUSPEND = 0x100000, 0x800
     PROCESSES = 0x2  # CreateToolhelp32Snapshot: TH32CS_SNAPPROCESS
 
     class _Entry(ctypes.Structure):
@@ -16,6 +18,12 @@ if sys.platform == "win32":
             ("module", ctypes.c_uint32), ("threads", ctypes.c_uint32), ("parent", ctypes.c_uint32),
             ("priority", ctypes.c_int32), ("flags", ctypes.c_uint32), ("program", ctypes.c_char * 260),
         ]  # fmt: skip
+
+    def suspend(pid: int) -> None:
+        """Let a process hang."""
+        kernel32 = ctypes.WinDLL("kernel32")
+        kernel32.OpenProcess.restype = ctypes.c_void_p
+        ctypes.WinDLL("ntdll").NtSuspendProcess(ctypes.c_void_p(kernel32.OpenProcess(SUSPEND, False, pid)))
 
     def gone(pid: int) -> bool:
         """Whether a process has ended."""
@@ -36,13 +44,18 @@ if sys.platform == "win32":
         entry = _Entry(size=ctypes.sizeof(_Entry))
         found, more = [], kernel32.Process32First(every, ctypes.byref(entry))
         while more:
-            if entry.parent == pid and entry.pid != pid and not gone(entry.pid):
+            helper = entry.program.lower() == b"conhost.exe"  # Windows' own, for a process without a console window
+            if entry.parent == pid and entry.pid != pid and not helper and not gone(entry.pid):
                 found.append(entry.pid)
             more = kernel32.Process32Next(every, ctypes.byref(entry))
         kernel32.CloseHandle(every)
         return found
 
 else:
+
+    def suspend(pid: int) -> None:
+        """Let a process hang."""
+        os.kill(pid, signal.SIGSTOP)
 
     def gone(pid: int) -> bool:
         """Whether a process has ended (one that nobody has waited for yet counts as ended)."""
