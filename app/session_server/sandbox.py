@@ -32,7 +32,7 @@ from core.path import build_path, outline, point_at
 from core.simulator.simulated_device import SimulatedDevice
 from core.tick_log import APPROACH, PHASE
 from core.workspace import tip_is_free
-from experiments.analysis.metrics import Metrics, trial_metrics
+from experiments.analysis.metrics import Metrics, tip_acceleration, trial_metrics
 from experiments.assumptions import SENSINGS, Assumptions
 from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import PlannedTrial
@@ -87,18 +87,17 @@ class Sandbox:
         self.failure: BaseException | None = None  # of the preparation
         self.prepared, self.loop_ready = self.real, threading.Event()  # the loop needs the processors more
         threading.Thread(target=self._prepare, name="preparation", daemon=True).start()
-        self._measuring = ThreadPoolExecutor(1, "measures")  # beside: the first time scipy is imported
+        self._measuring = ThreadPoolExecutor(1, "measures")
         self._measured: list[tuple[Pass, Future[Metrics]]] = []
 
     def _prepare(self) -> None:
-        """Build the simulated device, whose kernels may have to be compiled; then import what the measures need."""
+        """Build the simulated device, whose kernels may have to be compiled; then load what the measures need."""
         try:
             if not self.real:
                 self.simulation = self._ready_simulation()
                 self.prepared = True
             self.loop_ready.wait()
-            import scipy.fft  # noqa: F401
-            import scipy.signal  # noqa: F401  (seconds, but not after the first trial)
+            tip_acceleration(np.zeros((20, 2)))  # else the first trial's measures wait for the kernel
         except BaseException as error:
             self.failure = error  # raised again in `State.watch`, where it ends the server
 

@@ -49,7 +49,7 @@ def study(args: argparse.Namespace) -> int:
     if args.sweep:
         return sweep(args)
     if args.cluster:
-        raise InputError("--cluster: is for --sweep alone, a study runs in one process")
+        raise InputError("--cluster: is for --sweep alone, a study runs on this machine")
     from experiments.protocol import load_protocol
     from experiments.trial.population import load_population
 

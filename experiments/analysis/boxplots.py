@@ -1,7 +1,8 @@
 """Box plots of a study, as Figs. 16 to 18 of the paper: each controller, or its code, in each configuration."""
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 
 import matplotlib
@@ -13,7 +14,7 @@ from matplotlib.patches import Patch
 from core.files import InputError
 from experiments.analysis.chart_figures import FORMATS, HATCHES, draw_chart
 from experiments.analysis.charts import QUARTILE_METHOD, WHISKER, Chart, View, controllers_shown, left_out, pooled
-from experiments.analysis.metrics import DRAWN, FIGURES, Metric
+from experiments.analysis.metrics import BY_NAME, DRAWN, FIGURES, Metric
 from experiments.analysis.sheet import (
     CHARACTERS_PER_INCH,
     QUIET,
@@ -47,9 +48,9 @@ def draw_boxplots(
     configurations: Sequence[str] | None = None,
     metrics: Sequence[Metric] = FIGURES,
     labels: Mapping[int, str] = CONTROLLER_LABELS,
-    progress: Callable[[float], None] = lambda share: None,
     protocol: str = PAPER,
     timeouts: bool = False,
+    pool: Executor | None = None,
 ) -> list[Path]:
     """Draw every metric as PNG, SVG and PDF, and those of the paper in one wide PNG; returns the paths.
 
@@ -58,7 +59,7 @@ def draw_boxplots(
     labels: controller -> what stands under its box; codes of a blind session stand under theirs as they are.
     protocol: its name. Our choice: only the paper's figures bear the numbers of its figures ("fig16_path_error").
     timeouts: trials whose time was up are in the boxes; else they are crosses above them, as the caption explains.
-    progress: called with the share that is drawn; whatever it raises ends the work before anything is written.
+    pool: processes that draw as well.
     InputError before anything is written if a file exists already or there is nothing to draw.
     """
     folder = Path(out_folder)
@@ -73,15 +74,30 @@ def draw_boxplots(
     sheets.append((papers, 5.0 * len(papers), [folder / "boxplots.png"]))
     paths = [path for _, _, of_it in sheets for path in of_it]
     refuse_existing_files(paths)
+    calls = [
+        (rows, [metric.name for metric in shown], width, note, configurations, labels, timeouts, formats)
+        for shown, width, of_it in sheets
+        for formats in [[path.suffix[1:] for path in of_it]]
+    ]
     drawn: dict[Path, bytes] = {}
-    for shown, width, of_it in sheets:
-        figure = draw(rows, shown, width, note, configurations, labels, timeouts)
-        for path in of_it:
-            progress(len(drawn) / len(paths))
-            drawn[path] = figure_bytes(figure, path.suffix[1:])
-    progress(1.0)
+    for (_, _, of_it), forms in zip(sheets, _drawn(calls, pool), strict=True):
+        drawn |= zip(of_it, forms, strict=True)
     write_new_files(drawn)
     return paths
+
+
+def _drawn(calls: Sequence[tuple], pool: Executor | None) -> Iterator[list[bytes]]:
+    """The files of each sheet: those that no process of the pool has begun are drawn by this one, the last first."""
+    waiting = [pool.submit(_sheet, *call) for call in calls] if pool else []
+    mine = {i: _sheet(*calls[i]) for i in reversed(range(len(waiting))) if waiting[i].cancel()}
+    for i, call in enumerate(calls):
+        yield mine[i] if i in mine else waiting[i].result() if waiting else _sheet(*call)
+
+
+def _sheet(rows, names, width, note, configurations, labels, timeouts, formats) -> list[bytes]:
+    """One figure as the bytes of its files; names: of the metrics."""
+    figure = draw(rows, [BY_NAME[name] for name in names], width, note, configurations, labels, timeouts)
+    return [figure_bytes(figure, form) for form in formats]
 
 
 def draw(

@@ -4,8 +4,6 @@ Pure functions on arrays sampled at 1 kHz: positions (n, 2) in m, forces (n, 2) 
 `METRICS` declares each measure once, with the function of a `Movement` that gives it: columns of trials.csv, the data
 dictionary, figures, statistics, sensitivity and replays derive from it. To add one, add its line there. A measure that
 has nothing to measure is None, never 0.
-
-scipy.signal and scipy.fft are imported where they are used: they take seconds, which a session that begins lacks.
 """
 
 import math
@@ -19,6 +17,7 @@ from core.control.algorithm import GAP, LOCK_OBSTACLE, LOCKED, NONE, RELEASED, U
 from core.control.controllers import DECISIONS
 from core.files import InputError
 from core.path import Path, measure
+from experiments.analysis.low_pass import low_pass
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
     from experiments.recording.schema import Recording
@@ -27,7 +26,6 @@ SAMPLE_RATE_HZ = 1000.0
 TIME_TOLERANCE_S = 1e-9  # of a tick's time from the uniform grid
 LEAST_PROGRESS_M = 1e-9  # less is rounding: no progress was made
 POSITION_CUTOFF_HZ = 20.0  # of the low-pass before differentiation: at 100 Hz, steps of 20 um are all one sees
-POSITION_FILTER_ORDER = 4
 DFT_HIGHEST_HZ = 100.0  # our choice: the paper gives neither weights nor range
 FELT_FORCE_N = 0.5  # a weaker force does not count as a hand that wants to go somewhere
 SPARC_CUTOFF_HZ, SPARC_THRESHOLD, SPARC_PAD_LEVEL = 10.0, 0.05, 4
@@ -52,32 +50,6 @@ def mean_over_progress(values: np.ndarray, progress: np.ndarray) -> float:
     return float(np.dot(np.diff(progress), 0.5 * (values[1:] + values[:-1])) / (progress[-1] - progress[0]))
 
 
-@cache
-def _position_filter(cutoff_hz: float) -> tuple[np.ndarray, np.ndarray]:
-    """Sections of the filter (n, 6), and their states (n, 1, 2) after a signal that has always been 1."""
-    from scipy.signal import butter, sosfilt_zi
-
-    sections = butter(POSITION_FILTER_ORDER, cutoff_hz, fs=SAMPLE_RATE_HZ, output="sos")
-    return sections, sosfilt_zi(sections)[:, np.newaxis]
-
-
-def low_passed(signals: np.ndarray, cutoff_hz: float) -> np.ndarray:
-    """Signals (m, n) through the filter, forward and backward: `scipy.signal.sosfiltfilt` to the last bit.
-
-    That works out the states of the filter anew for each recording, which takes as long as filtering.
-    """
-    from scipy.signal import sosfilt
-
-    sections, states = _position_filter(cutoff_hz)
-    edge = 3 * (2 * len(sections) + 1)
-    before = 2.0 * signals[:, :1] - signals[:, edge:0:-1]
-    after = 2.0 * signals[:, -1:] - signals[:, -2 : -edge - 2 : -1]
-    extended = np.concatenate((before, signals, after), axis=1)
-    forward, _ = sosfilt(sections, extended, zi=states * extended[:, :1])
-    backward, _ = sosfilt(sections, forward[:, ::-1], zi=states * forward[:, -1:])
-    return backward[:, ::-1][:, edge:-edge]
-
-
 def tip_acceleration(tip: np.ndarray, cutoff_hz: float = POSITION_CUTOFF_HZ) -> np.ndarray | None:
     """Acceleration (m, 2) of the tip (m, 2) over a whole recording, m/s2; None for fewer than 20 ticks.
 
@@ -86,7 +58,7 @@ def tip_acceleration(tip: np.ndarray, cutoff_hz: float = POSITION_CUTOFF_HZ) -> 
     """
     if len(tip) < 20:  # shorter than the filter's own padding
         return None
-    smooth = low_passed(np.ascontiguousarray(tip.T), cutoff_hz)
+    smooth = low_pass(np.ascontiguousarray(tip.T), cutoff_hz, SAMPLE_RATE_HZ)
     velocity = np.gradient(smooth, 1.0 / SAMPLE_RATE_HZ, axis=1)
     return np.gradient(velocity, 1.0 / SAMPLE_RATE_HZ, axis=1).T
 
@@ -100,9 +72,7 @@ def weighted_amplitudes(acceleration: np.ndarray, highest_hz: float = DFT_HIGHES
     last = math.floor(n * highest_hz / SAMPLE_RATE_HZ * (1.0 + 1e-12))
     if last < 1:
         return np.empty(0)
-    from scipy.fft import rfft
-
-    spectrum = rfft((acceleration - acceleration.mean(axis=0)).T, axis=1)[:, 1 : last + 1]
+    spectrum = np.fft.rfft((acceleration - acceleration.mean(axis=0)).T, axis=1)[:, 1 : last + 1]
     amplitude = 2.0 / n * np.sqrt(np.sum(spectrum.real**2 + spectrum.imag**2, axis=0))
     return (np.arange(1, last + 1) * (SAMPLE_RATE_HZ / n)) ** power * amplitude
 
@@ -125,9 +95,7 @@ def sparc(speed: np.ndarray) -> float | None:
     if not len(speed) or not np.any(speed):
         return None
     padded = 2 ** (math.ceil(math.log2(len(speed))) + SPARC_PAD_LEVEL)
-    from scipy.fft import rfft
-
-    magnitude = np.abs(rfft(speed, padded)[: math.floor(SPARC_CUTOFF_HZ / SAMPLE_RATE_HZ * padded) + 1])
+    magnitude = np.abs(np.fft.rfft(speed, padded)[: math.floor(SPARC_CUTOFF_HZ / SAMPLE_RATE_HZ * padded) + 1])
     magnitude /= magnitude.max()  # at 0 Hz
     above = np.flatnonzero(magnitude >= SPARC_THRESHOLD)
     if not len(above) or above[-1] == above[0]:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
 
 from experiments.analysis.metrics import (
     BY_NAME,
@@ -102,13 +101,21 @@ def sensitivity(
                 common = [controller for controller in base if controller in means]
                 if len(common) < 2:
                     continue
-                tau = stats.kendalltau([base[k] for k in common], [means[k] for k in common]).statistic
+                tau = kendall_tau([base[k] for k in common], [means[k] for k in common])
                 order = " < ".join(str(k) for k in sorted(means, key=means.__getitem__))
                 about = ("order", definition, configuration, order, definitions[0], people, "kendall_tau")
-                results.append(Result(*about, None if np.isnan(tau) else float(tau)))
+                results.append(Result(*about, tau))
                 if thing == "smoothness" and not _higher_is_better(definition):
                     results += _roughness(here, definition, configuration, people, none)
     return results
+
+
+def kendall_tau(first: Sequence[float], second: Sequence[float]) -> float | None:
+    """Kendall's tau-b of two rankings of the same things; None where one of them is all ties."""
+    i, j = np.triu_indices(len(first), 1)
+    a, b = (np.sign(values[i] - values[j]) for values in (np.asarray(first), np.asarray(second)))
+    untied = np.count_nonzero(a), np.count_nonzero(b)
+    return float(a @ b / np.sqrt(untied[0]) / np.sqrt(untied[1])) if all(untied) else None
 
 
 def _roughness(

@@ -12,7 +12,6 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
 
 from experiments.analysis.metrics import compared_for
 from experiments.analysis.participants import (
@@ -96,11 +95,24 @@ def friedman(measure: str, configuration: str, table: ByController) -> list[Resu
     data = np.array([[of_people[person] for person in people] for of_people in table.values()])
     if np.all(data == data[0]):  # every participant the same with every controller: nothing to rank
         return []
-    found = stats.friedmanchisquare(*data)
-    about = ("friedman", measure, configuration, " ".join(map(str, table)), "", len(people))
-    p = float(found.pvalue) if len(people) >= LEAST_PEOPLE else None
-    w = float(found.statistic) / (len(people) * (len(table) - 1))
-    return [Result(*about, "chi_square", float(found.statistic), p=p), Result(*about, "kendall_W", w)]
+    k, n = data.shape
+    ranked, tied = _ranks(data.T)
+    correction = 1.0 - float(np.sum(tied**2 - 1.0)) / (k * (k * k - 1) * n)
+    chi_square = (12.0 / (k * n * (k + 1)) * float(np.sum(ranked.sum(axis=0) ** 2)) - 3 * n * (k + 1)) / correction
+    about = ("friedman", measure, configuration, " ".join(map(str, table)), "", n)
+    p = None
+    if n >= LEAST_PEOPLE:
+        from scipy.special import chdtrc
+
+        p = float(chdtrc(k - 1, chi_square))
+    return [Result(*about, "chi_square", chi_square, p=p), Result(*about, "kendall_W", chi_square / (n * (k - 1)))]
+
+
+def _ranks(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Ranks from 1 within each row (m, n), equal values with the mean of theirs; and how many are equal to each."""
+    one, other = samples[:, :, np.newaxis], samples[:, np.newaxis, :]
+    equal = np.count_nonzero(other == one, axis=2)
+    return np.count_nonzero(other < one, axis=2) + 0.5 * (equal + 1), equal
 
 
 def pairs(measure: str, configuration: str, table: ByController) -> list[Result]:
@@ -126,6 +138,8 @@ def pairs(measure: str, configuration: str, table: ByController) -> list[Result]
 
 def signed_rank_p(differences: np.ndarray) -> float:
     """Two-sided p of Wilcoxon's signed-rank test: exact without ties and zeros, zeros left out."""
+    from scipy import stats  # here: it takes a second, and few studies have so many people
+
     rest = differences[differences != 0.0]
     return float(stats.wilcoxon(rest).pvalue) if len(rest) else 1.0
 
@@ -158,6 +172,8 @@ def median_interval(values: Sequence[float] | np.ndarray) -> Interval:
     n, middle = len(data), float(np.median(data))
     if n < LEAST_PEOPLE:
         return Interval(n, middle, -math.inf, math.inf)
+    from scipy import stats  # here: it takes a second, and few studies have so many people
+
     k = int(stats.binom.ppf(0.5 * (1.0 - LEVEL), n, 0.5))
     return Interval(n, middle, float(data[k - 1]), float(data[n - k]))
 
@@ -195,7 +211,7 @@ def rank_biserial(differences: np.ndarray) -> float:
 
 def _rank_biserials(samples: np.ndarray) -> np.ndarray:
     """The same for each row (m, n)."""
-    ranks = stats.rankdata(np.abs(samples), axis=1) - np.count_nonzero(samples == 0.0, axis=1, keepdims=True)
+    ranks = _ranks(np.abs(samples))[0] - np.count_nonzero(samples == 0.0, axis=1, keepdims=True)
     ranks[samples == 0.0] = 0.0
     total = ranks.sum(axis=1)
     return np.divide((np.sign(samples) * ranks).sum(axis=1), total, out=np.zeros(len(samples)), where=total > 0.0)

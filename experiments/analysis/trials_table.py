@@ -149,15 +149,25 @@ def _value(column: str, cell: str) -> object:
 
 def table_bytes(rows: Iterable[TrialRow]) -> bytes:
     """The rows as they stand in the file: a later measure has a column where some trial has it."""
-    rows, text = list(rows), io.StringIO()
+    rows = list(rows)
+    columns = _columns_of(rows)
+    return _lines([columns]) + _lines(_cells(row, columns) for row in rows)
+
+
+def _columns_of(rows: Sequence[TrialRow]) -> tuple[str, ...]:
     later = [name for name in COLUMNS[len(_ALWAYS) :] if any(getattr(row, name) is not None for row in rows)]
-    columns = (*_ALWAYS, *later)
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    for row in rows:
-        if row.status not in STATUSES:
-            raise ValueError(f"trials table: status {row.status!r} is not one of {', '.join(STATUSES)}")
-        writer.writerow([_cell(column, getattr(row, column)) for column in columns])
+    return (*_ALWAYS, *later)
+
+
+def _cells(row: TrialRow, columns: Sequence[str]) -> list[str]:
+    if row.status not in STATUSES:
+        raise ValueError(f"trials table: status {row.status!r} is not one of {', '.join(STATUSES)}")
+    return [_cell(column, getattr(row, column)) for column in columns]
+
+
+def _lines(cells: Iterable[Sequence[str]]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(cells)
     return text.getvalue().encode()
 
 
@@ -170,20 +180,34 @@ def write_table(path: str | Path, rows: Iterable[TrialRow], replacing: bool = Fa
     data = table_bytes(rows)
     if not replacing:
         refuse_existing_files([path])
-    with refusing(path, "the table cannot be written"), written_beside(path, data) as partial:
+    _put(path, data, replacing)
+
+
+def _put(path: Path, data: bytes, replacing: bool, sync: bool = True) -> None:
+    with refusing(path, "the table cannot be written"), written_beside(path, data, sync) as partial:
         if replacing:
             rename_over(partial, path)
         else:
             give_new_name(partial, path)
 
 
-def append_row(path: str | Path, row: TrialRow) -> None:
-    """Add a row at the end, making the table if there is none; the rows before are kept as they are."""
+def append_row(path: str | Path, row: TrialRow, known: bytes = b"", sync: bool = True) -> bytes:
+    """Add a row at the end, making the table if there is none; the rows before are kept as they are.
+
+    What stands in the file now. known: what the last call said stands there: that need not be looked through again.
+    """
     path = Path(path)
-    before = read_table(path) if path.exists() else []
-    if before and path.read_bytes() != table_bytes(before):
-        raise InputError(f"{path}: was changed by hand or by another version, adding a row would lose something")
-    write_table(path, [*before, row], replacing=True)
+    there = path.read_bytes() if path.exists() else b""
+    columns = there.partition(b"\n")[0].decode(errors="replace").split(",")
+    if there and there == known and set(_columns_of([row])) <= set(columns):
+        data = there + _lines([_cells(row, columns)])
+    else:
+        before = read_table(path) if there else []
+        if before and there != table_bytes(before):
+            raise InputError(f"{path}: was changed by hand or by another version, adding a row would lose something")
+        data = table_bytes([*before, row])
+    _put(path, data, replacing=True, sync=sync)
+    return data
 
 
 def read_table(path: str | Path) -> list[TrialRow]:

@@ -16,7 +16,7 @@ on the bench sensors).
 """
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -175,6 +175,22 @@ def same_content(a: Recording, b: Recording) -> bool:
     return content(a) == content(b)
 
 
+def arrow_array(values: np.ndarray) -> pa.Array:
+    """Numbers without gaps, as they lie in memory.
+
+    `pa.array` imports pandas where it is installed, to ask whether the numbers are a part of its.
+    """
+    kind = pa.from_numpy_dtype(values.dtype)
+    return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(np.ascontiguousarray(values))])
+
+
+def arrow_words(words: Sequence[str]) -> pa.Array:
+    """Texts, as `arrow_array` makes numbers."""
+    encoded = [word.encode() for word in words]
+    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    return pa.StringArray.from_buffers(len(words), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
+
+
 def describe(schema_metadata: dict[bytes, bytes] | None) -> dict[str, Any]:
     """The description in the schema (the JSON under `phd`), as keyword arguments of `Recording`.
 
@@ -204,13 +220,13 @@ def as_arrays(batches: list[pa.RecordBatch], schema: pa.Schema, words: dict[str,
     for name, column in zip(schema.names, table.unify_dictionaries().columns, strict=True):
         if column.null_count:
             raise ValueError(f"column {name} has gaps")
-        if name not in TEXT_COLUMNS:
-            columns[name] = np.array(column)  # a copy, that can be written to
-            continue
         coded = column.combine_chunks()
+        if name not in TEXT_COLUMNS:
+            columns[name] = np.from_dlpack(coded).copy()  # that can be written to
+            continue
         there, place = coded.dictionary.to_pylist(), {word: code for code, word in enumerate(words[name])}
         if not place.keys() >= set(there):
             raise ValueError(f"column {name} has words that the description does not list")
         places = np.array([place[word] for word in there], TEXT_COLUMNS[name].to_pandas_dtype())
-        columns[name] = places[coded.indices.to_numpy()]
+        columns[name] = places[np.from_dlpack(coded.indices)]
     return columns

@@ -4,6 +4,7 @@ import contextlib
 import io
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -29,6 +30,8 @@ from experiments.recording.schema import (
     TEXT_COLUMNS,
     Recording,
     Sensors,
+    arrow_array,
+    arrow_words,
     as_json,
     column_words,
     footer_at,
@@ -66,7 +69,7 @@ class RecordingWriter:
         self.bytes_written = 0
         self._columns = recording_columns(braked, sensors)
         self._none = np.empty((0, tick_log.BENCH_WIDTH if sensors else tick_log.WIDTH))
-        self._words = {name: pa.array(words, pa.string()) for name, words in column_words(DECISIONS).items()}
+        self._words = {name: arrow_words(words) for name, words in column_words(DECISIONS).items()}
         schema = make_schema(braked, metadata, DECISIONS, sensors)
         self._schema = schema.with_metadata({**schema.metadata, "crc32": SEAL})
         self._sink = io.BytesIO()
@@ -170,13 +173,13 @@ class RecordingWriter:
         arrays = []
         for name, place in self._columns:
             if name not in TEXT_COLUMNS:
-                arrays.append(pa.array(columns[place]))
+                arrays.append(arrow_array(columns[place]))
                 continue
             with np.errstate(invalid="ignore"):
                 codes = columns[place].astype(TEXT_COLUMNS[name].to_pandas_dtype())
             if np.any((codes != columns[place]) | (codes < 0) | (codes >= len(self._words[name]))):
                 raise ValueError(f"a tick has a {name} code without a word")
-            arrays.append(pa.DictionaryArray.from_arrays(pa.array(codes), self._words[name]))
+            arrays.append(pa.DictionaryArray.from_arrays(arrow_array(codes), self._words[name]))
         return pa.RecordBatch.from_arrays(arrays, schema=self._schema)
 
     def _write_batches(self, everything: bool) -> None:
@@ -217,8 +220,8 @@ def _before_first_batch(stream: bytes) -> bytes:
     return stream[:end]
 
 
-def convert_to_parquet(path: str | Path, sync: bool = True) -> Path:
-    """Turn a closed, undamaged stream into Parquet, compare the two, remove the stream; returns the new path.
+def convert_to_parquet(path: str | Path, sync: bool = True) -> Recording:
+    """Turn a closed, undamaged stream into Parquet, compare the two, remove the stream; what the new file holds.
 
     Never overwrites: a Parquet file that is there already must hold the same (then only the stream is removed).
     InputError if the stream is cut, damaged, or the other file differs; the stream then stays.
@@ -231,39 +234,39 @@ def convert_to_parquet(path: str | Path, sync: bool = True) -> Path:
         raise InputError(f"{path}: damaged, not converted: {'; '.join(stream.damaged)}")
     if not stream.complete:
         raise InputError(f"{path}: has no end record, not converted")
-    target = path.with_suffix(PARQUET_SUFFIX)
-    save_as_parquet(stream, target, sync)
+    stored = save_as_parquet(stream, path.with_suffix(PARQUET_SUFFIX), sync)
     remove(path)
-    return target
+    return stored
 
 
-def save_as_parquet(recording: Recording, target: Path, sync: bool = True) -> None:
+def save_as_parquet(recording: Recording, target: Path, sync: bool = True) -> Recording:
     """Write a recording as Parquet and read it back to compare; one that is there already must hold the same.
 
-    InputError if the file that is there differs (neither is touched); OSError if it cannot be written.
+    What was read back. InputError if the file that is there differs (neither is touched); OSError if it cannot be
+    written.
     """
 
-    def holds_the_same(path: Path) -> bool:
-        there = read_parquet(path)
+    def is_the_same(there: Recording) -> bool:
         return there.whole and same_content(there, recording)
 
     if target.exists():
-        if not holds_the_same(target):
+        if not is_the_same(stored := read_parquet(target)):
             raise InputError(f"{target}: exists already and differs from {recording.path.name}, neither was touched")
-        return
+        return stored
     with written_beside(target, _parquet_bytes(recording), sync) as partial:
-        if not holds_the_same(partial):
+        if not is_the_same(stored := read_parquet(partial)):
             raise OSError(f"{partial}: what was read back differs from {recording.path.name}")
         give_new_name(partial, target)
+    return replace(stored, path=target)
 
 
 def _parquet_bytes(recording: Recording) -> bytes:
     columns, words = recording.columns, recording.words
     schema = make_schema(recording.braked, recording.metadata, words["decision"], recording.sensors, columns)
     arrays = [
-        pa.DictionaryArray.from_arrays(pa.array(values), pa.array(words[name], pa.string()))
+        pa.DictionaryArray.from_arrays(arrow_array(values), arrow_words(words[name]))
         if name in TEXT_COLUMNS
-        else pa.array(values)
+        else arrow_array(values)
         for name, values in columns.items()
     ]
     sink = pa.BufferOutputStream()

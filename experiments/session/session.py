@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, Self
 
 import msgspec
-import numpy as np
 
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
 from core.device import Device
@@ -42,6 +41,7 @@ from experiments.session import files
 from experiments.session import journal as events
 from experiments.session.blind import KEY, new_key, read_key, write_key
 from experiments.session.recover import recover_session
+from experiments.trial.normals import normals
 from experiments.trial.operator import Person
 from experiments.trial.population import Operators
 from experiments.trial.trial import Trial
@@ -146,6 +146,7 @@ class Session:
         self.data_dir, self.participant, self.protocol, self.person = data_dir, participant, protocol, person
         self.folder = files.session_folder(data_dir, participant)
         self.rows: list[TrialRow] = []
+        self._table = b""  # the table, as this process has written it last
         self._key: dict[str, int] = {}  # code -> controller
         self._summary = events.JournalSummary()
         self._sync, self._on_event = sync, on_event
@@ -247,8 +248,8 @@ class Session:
         """
         generator = None
         if self.person:  # the same noise for every controller and configuration
-            key = [self.protocol.seed, participant_index(self.participant), planned.segment, planned.repetition]
-            generator = np.random.default_rng(np.random.SeedSequence(key))
+            person = participant_index(self.participant)
+            generator = normals(self.protocol.seed, person, planned.segment, planned.repetition)
         file = self.protocol.device(planned.configuration)
         device: Device | SimulatedDevice = file if sensors else self.simulation(planned.configuration)
         preset = self.preset(planned)
@@ -283,14 +284,14 @@ class Session:
         if cut_short and outcome["status"] == "aborted":
             outcome["status"] = "stopped"
         writer.close(outcome)
-        path = writer.path
         try:
-            path = convert_to_parquet(path, sync=self._sync)
+            recording = convert_to_parquet(writer.path, sync=self._sync)
         except OSError as error:
             if not raw_will_do:
                 raise
-            self.journal(events.LEFT_AS_STREAM, file=path.name, reason=error.strerror or str(error))
-        row = events.recorded_row(read_recording(path), self.folder, self._summary)
+            self.journal(events.LEFT_AS_STREAM, file=writer.path.name, reason=error.strerror or str(error))
+            recording = read_recording(writer.path)
+        row = events.recorded_row(recording, self.folder, self._summary)
         ended = {"run": row.run, "status": row.status, "reason": outcome["reason"]}
         if trial.planned.block == PRACTICE_BLOCK:
             self.journal(events.PRACTICE_ENDED, **ended, configuration=row.configuration)
@@ -365,7 +366,7 @@ class Session:
             files.write_pooled_table(self.data_dir)
 
     def _add(self, row: TrialRow) -> None:
-        append_row(self.folder / files.TABLE, row)
+        self._table = append_row(self.folder / files.TABLE, row, self._table, self._sync)
         self.rows.append(row)
 
     def _replace_rows(self, rows: list[TrialRow]) -> None:

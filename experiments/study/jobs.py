@@ -8,13 +8,10 @@ A job's rows depend on nothing but the job, so the table is the same, byte by by
 """
 
 import contextlib
-import ctypes
-import functools
 import json
 import os
 import shutil
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,10 +24,9 @@ import joblib
 from core.files import InputError
 from experiments.recording.atomic_files import give_new_name, make_empty_folder, rename, written_beside
 from experiments.session.files import LOCK, hold_lock
+from experiments.study.helpers import end_with
 
 PARTS = "parts"
-LOOK_S = 0.5  # how often a worker looks whether its parent lives
-_SYNCHRONIZE, _FOR_EVER = 0x100000, 0xFFFFFFFF  # of Windows
 
 
 class Done(NamedTuple):
@@ -143,26 +139,8 @@ def _run(job: Job) -> tuple[int, Done]:
 def _run_beside_parent(job: Job, parent: int) -> tuple[int, Done]:
     """A job in a worker of this machine, which ends when the work does, however that ends."""
     if os.getpid() != parent:
-        _end_with(parent)
+        end_with(parent)
     return _run(job)
-
-
-@functools.cache
-def _end_with(parent: int) -> None:
-    """From now on this process ends when its parent does."""
-
-    def look() -> None:
-        if sys.platform == "win32":  # where a process keeps the number of a parent that is gone
-            kernel32 = ctypes.WinDLL("kernel32")
-            kernel32.OpenProcess.restype = ctypes.c_void_p
-            handle = kernel32.OpenProcess(_SYNCHRONIZE, False, parent)
-            kernel32.WaitForSingleObject(ctypes.c_void_p(handle), _FOR_EVER)  # at once where there is no such process
-        else:
-            while os.getppid() == parent:
-                time.sleep(LOOK_S)
-        os._exit(1)
-
-    threading.Thread(target=look, name="looks at its parent", daemon=True).start()
 
 
 @contextlib.contextmanager

@@ -17,7 +17,8 @@ from core.files import InputError
 from experiments.assumptions import NO_VIBRATION
 from experiments.plan import PlannedTrial
 from experiments.protocol import GAIN, Protocol, protocol_from_json, protocol_to_json
-from experiments.study.unrecorded import normals, person_of, run_trial, switched_on
+from experiments.study.unrecorded import person_of, run_trial, switched_on
+from experiments.trial.normals import normals
 from experiments.trial.operator import TICK_S
 from experiments.trial.population import Population
 from experiments.trial.trial import Trial

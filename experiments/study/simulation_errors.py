@@ -15,7 +15,8 @@ from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import reading_stored
 from experiments.session.files import STORED, read_stored
-from experiments.study.unrecorded import normals, run_measured, switched_on
+from experiments.study.unrecorded import run_measured, switched_on
+from experiments.trial.normals import normals
 from experiments.trial.operator import Person
 from experiments.trial.trial import Trial
 

@@ -5,12 +5,15 @@ import shutil
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from core import tick_log
 from experiments.analysis.boxplots import draw_boxplots
+from experiments.analysis.error_bars import Moved
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings, why_no_findings
 from experiments.analysis.report import warnings, write_report
 from experiments.analysis.trials_table import TrialRow
@@ -22,6 +25,7 @@ from experiments.session.files import LOCK, STORED, hold_lock, session_folder, w
 from experiments.session.journal import TRIAL_CUT_OFF
 from experiments.session.session import Session
 from experiments.session.study_file import STUDY, StudyPlan, read_study, refuse_other, write_study
+from experiments.study.helpers import Helpers, Shared, helpers, shared_in_helper
 from experiments.study.low_gain import settled
 from experiments.study.simulation_errors import errors_in
 from experiments.trial.population import Population
@@ -43,10 +47,11 @@ def run_study(
     """Run every operator's session into `out`, a new or empty folder; the summary. InputError for wrong input."""
     out = Path(out)
     make_empty_folder(out, "a study needs a new or empty folder (or --resume)", (LOCK, f".{STUDY}.partial"))
-    with hold_lock(out):
+    load_kernels()  # no clock runs while they are compiled
+    with helpers(operators) as beside, hold_lock(out):
         study = StudyPlan(operators, settled(protocol, population), population)
         write_study(out, study)
-        return Run(out, study, progress).carry_out()
+        return Run(out, study, beside.shared, progress).carry_out(beside)
 
 
 def resume_study(
@@ -63,32 +68,51 @@ def resume_study(
     out = Path(out)
     study = read_study(out)
     refuse_other(out, study, asked)
-    with hold_lock(out):
-        return Run(out, study, progress).carry_out()
+    load_kernels()
+    with helpers(study.operators) as beside, hold_lock(out):
+        return Run(out, study, beside.shared, progress).carry_out(beside)
+
+
+@dataclass
+class Done:
+    """What a process has done of a study."""
+
+    simulating_s: float = 0.0
+    ticks: int = 0
+    trials: int = 0
+    doubted: int = 0  # trials whose energy ledger contradicts their motion
+
+    def add(self, other: "Done") -> None:
+        for name, value in vars(other).items():
+            setattr(self, name, getattr(self, name) + value)
 
 
 class Run:
-    """One call's part of a study."""
+    """One process's part of a study: each takes on the next operator that no other has."""
 
-    def __init__(self, out: Path, study: StudyPlan, progress: Callable[[float], None]) -> None:
-        self.out, self.study, self.progress = out, study, progress
+    def __init__(
+        self, out: Path, study: StudyPlan, shared: Shared, progress: Callable[[float], None] = lambda share: None
+    ) -> None:
+        self.out, self.study, self.shared, self.progress = out, study, shared, progress
         self.rows = np.empty((CHUNK_TICKS, tick_log.WIDTH))
-        self.simulating, self.ticks, self.trials = 0.0, 0, 0
-        self.doubted = 0  # trials whose energy ledger contradicts their motion
+        self.done = Done()
 
-    def carry_out(self) -> dict:
-        """Run what is not done yet, then the table and the figures."""
-        load_kernels()  # no clock runs while they are compiled
+    def carry_out(self, beside: Helpers) -> dict:
+        """Run what is not done yet, with the helpers, then the table and the figures."""
         began = time.perf_counter()
         protocol, population, operators = self.study.protocol, self.study.population, self.study.operators
-        for operator in range(1, operators + 1):
+        errors, others = None, []
+        for operator in self.shared.operators(operators):
             with contextlib.closing(self.session(f"{operator:02d}")) as session:
-                while planned := session.next_planned():
-                    self.run_trial(session, planned)
-                    self.progress((operator - 1 + session.settled / len(session.plan)) / operators)
+                if errors is None and session.next_planned():  # from here on the helpers have something to do
+                    errors = beside.pool.submit(errors_in, self.out)
+                    others = [beside.pool.submit(run_share, self.out, self.study) for _ in range(beside.count)]
+                self.run_operator(session)
+        for other in others:
+            self.done.add(other.result())
         table = write_pooled_table(self.out)
-        if self.trials or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
-            self.conclude(table)
+        if self.done.trials or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
+            self.conclude(table, beside, errors or beside.pool.submit(errors_in, self.out))
         refusal = why_no_findings(protocol.controllers)
         found = [] if refusal else findings(table)
         return {
@@ -96,7 +120,7 @@ class Run:
             "trials": len(table),
             **{f"done_controller_{number}": share_done(table, number) for number in protocol.controllers},
             "recovered": sum(row.status == "recovered" for row in table),
-            "in_doubt": self.doubted,
+            "in_doubt": self.done.doubted,
             "findings": refusal or verdicts(found),
             "protocol": protocol.name,
             "population": population.name,
@@ -104,8 +128,8 @@ class Run:
             "rules": protocol.rules,
             "low_gain_N_s_m": protocol.low_gain,
             "parameters": "assumed" if protocol.assumed or population.assumed else "as in the files",
-            "simulated_s": self.ticks * TICK_S,
-            "simulation_wall_s": self.simulating,
+            "simulated_s": self.done.ticks * TICK_S,
+            "simulation_wall_s": self.done.simulating_s,
             "wall_s": time.perf_counter() - began,
             "warnings": warnings(table, found, simulated=True),
         }
@@ -118,6 +142,17 @@ class Run:
         generator = np.random.default_rng(np.random.SeedSequence([protocol.seed, participant_index(label)]))
         person = population.draw(generator)
         return Session(self.out, label, protocol, person, sync=False, operators=population.operators)
+
+    def run_operator(self, session: Session) -> None:
+        """What an operator has still to do."""
+        shared, whole = self.shared, self.study.operators * len(session.plan)
+        with shared.settled:
+            shared.settled.value += session.settled
+        while not shared.stop.is_set() and (planned := session.next_planned()):
+            self.run_trial(session, planned)
+            with shared.settled:
+                shared.settled.value += 1
+            self.progress(shared.settled.value / whole)
 
     def run_trial(self, session: Session, planned: PlannedTrial) -> None:
         """One trial, from its first tick to its row. OSError, as one sentence, if the disk takes no more."""
@@ -137,34 +172,50 @@ class Run:
                 f"{session.participant}; all that was recorded is kept, phd study --resume goes on from there",
                 str(self.out),
             ) from error
-        self.trials += 1
-        self.doubted += bool(trial.outcome()["warnings"])
+        self.done.trials += 1
+        self.done.doubted += bool(trial.outcome()["warnings"])
 
     def run_ticks(self, trial: Trial, writer: RecordingWriter) -> None:
         """Every tick of a trial into its recording."""
         while not trial.finished:
             start = time.perf_counter()
             n = trial.run(self.rows)
-            self.simulating += time.perf_counter() - start
+            self.done.simulating_s += time.perf_counter() - start
             writer.write(self.rows[:n])
-        self.ticks += trial.ticks
+        self.done.ticks += trial.ticks
 
-    def conclude(self, table: Sequence[TrialRow]) -> None:
+    def conclude(self, table: Sequence[TrialRow], beside: Helpers, errors: Future[list[Moved]]) -> None:
         """Box plots and report; each folder appears whole, in place of one from before a crash."""
         protocol, operators = self.study.protocol, self.study.population.operators
         note = protocol.note()
+        moved = errors.result()
         for name in (FIGURES, REPORT):
             folder = self.out / f".{name}.partial"
             shutil.rmtree(folder, ignore_errors=True)
             if name == FIGURES:
                 label = f"{note}, {operators.label}"
-                draw_boxplots(table, folder, label, labels=protocol.labels(), protocol=protocol.name)
+                draw_boxplots(
+                    table, folder, label, labels=protocol.labels(), protocol=protocol.name, pool=beside.pool
+                )
             else:
                 about = f"{note}, {operators.note}"
-                moved = errors_in(self.out)
                 write_report(table, folder, about, controllers=protocol.controllers, simulated=True, moved=moved)
             shutil.rmtree(self.out / name, ignore_errors=True)
             rename(folder, self.out / name)
+
+
+def run_share(out: Path, study: StudyPlan) -> Done:
+    """In a helper: run operators as long as there are any."""
+    shared = shared_in_helper()
+    run = Run(out, study, shared)
+    try:
+        for operator in shared.operators(study.operators):
+            with contextlib.closing(run.session(f"{operator:02d}")) as session:
+                run.run_operator(session)
+    except BaseException:
+        shared.stop.set()
+        raise
+    return run.done
 
 
 def verdicts(found: Sequence[Finding]) -> str:

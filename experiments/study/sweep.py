@@ -25,7 +25,8 @@ from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
 from experiments.plan import PlannedTrial
 from experiments.protocol import PARAMETER_TYPES, Count, Rules, Text, TrialRules, load_protocol, plain_text
 from experiments.study.jobs import Done, Work, run_work
-from experiments.study.unrecorded import Measured, normals, person_of, run_measured, switched_on
+from experiments.study.unrecorded import Measured, person_of, run_measured, switched_on
+from experiments.trial.normals import normals
 from experiments.trial.population import Population, load_population
 from experiments.trial.tick import TICK_S
 from experiments.trial.trial import Trial

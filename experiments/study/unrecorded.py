@@ -1,7 +1,7 @@
 """Trials of simulated operators without recordings: the ticks of `phd study`, measured and not kept."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache, lru_cache
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from experiments.assumptions import Assumptions
 from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.protocol import Protocol
 from experiments.recording.schema import recording_of
+from experiments.trial.normals import normals
 from experiments.trial.operator import Person
 from experiments.trial.population import Population
 from experiments.trial.trial import Trial
@@ -30,43 +31,6 @@ class Measured(NamedTuple):
     outcome: Mapping[str, object]
     measures: Mapping[str, float | None]
     ticks: int
-
-
-class Normals:
-    """Standard normal draws of a generator, kept: trials with the same noise draw it once.
-
-    In place of a `numpy.random.Generator`, for a trial that draws nothing else from it.
-    """
-
-    def __init__(self, seed: Sequence[int]) -> None:
-        self._generator = np.random.default_rng(np.random.SeedSequence(seed))
-        self._drawn: list[np.ndarray] = []
-        self._next = 0
-
-    def from_the_first(self) -> "Normals":
-        """The same draws again."""
-        self._next = 0
-        return self
-
-    def standard_normal(self, size: int | tuple[int, ...]) -> np.ndarray:
-        """The next draws, as the generator would give them; not to be changed."""
-        if self._next == len(self._drawn):
-            self._drawn.append(self._generator.standard_normal(size))
-            self._drawn[-1].flags.writeable = False
-        drawn = self._drawn[self._next]
-        assert drawn.shape == (size if isinstance(size, tuple) else (size,))
-        self._next += 1
-        return drawn
-
-
-def normals(*seed: int) -> Normals:
-    """The draws of a trial: the same for every controller and device."""
-    return _kept(seed).from_the_first()
-
-
-@lru_cache(maxsize=12)  # each holds a megabyte; an operator of the paper's study has six
-def _kept(seed: tuple[int, ...]) -> Normals:
-    return Normals(seed)
 
 
 def person_of(population: Population, seed: int, operator: int) -> Person:

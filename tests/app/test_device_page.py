@@ -2,6 +2,7 @@
 
 import math
 import os
+from itertools import product
 
 import pytest
 
@@ -145,14 +146,13 @@ def test_faults_are_reset_as_the_brakes_are_allowed(page: DevicePage) -> None:
     assert page.sent == [m.AllowBrakes()]
 
 
-@pytest.mark.parametrize(
-    ("session", "snapshot", "says"),
-    [("", m.Snapshot(m.NO_SESSION, checks=NOT_ZEROED), "Start a session first"),
-     ("01", running(3), "between two trials"), ("01", ready(60), "All trials")],
-)  # fmt: skip
-def test_steps_are_for_the_time_between_two_trials_of_a_session(page: DevicePage, session, snapshot, says: str) -> None:
-    page.show_session(opened(session, **ON_BENCH), snapshot)
-    assert says in page.why.text() and not any(button.isEnabled() for button in page.steps.values())
+def test_steps_are_for_the_time_between_two_trials_of_a_session(page: DevicePage) -> None:
+    for session, snapshot, says in (
+        ("", m.Snapshot(m.NO_SESSION, checks=NOT_ZEROED), "Start a session first"),
+        ("01", running(3), "between two trials"), ("01", ready(60), "All trials"),
+    ):  # fmt: skip
+        page.show_session(opened(session, **ON_BENCH), snapshot)
+        assert says in page.why.text() and not any(button.isEnabled() for button in page.steps.values())
 
 
 def test_a_fault_on_the_board_is_reset_before_a_step(page: DevicePage) -> None:
@@ -173,11 +173,11 @@ def test_a_gain_feels_the_encoders_as_far_as_their_steps_are_coarse(page: Device
     assert "can be felt" not in texts(page) and "One encoder count is" in texts(page)
 
 
-@pytest.mark.parametrize("size", [(1256, 620), (1000, 490), (1896, 980)])
-@pytest.mark.parametrize("bad", [False, True])
-def test_no_text_is_cut(page: DevicePage, size: tuple[int, int], bad: bool) -> None:
-    page.resize(*size)
-    if bad:
-        page.show_session(opened(**ON_BENCH), ready(3, checks=LOST, brakes_off="the board: an encoder's signal is bad"))
-    settle(page)
-    assert cut_texts(page) == []
+def test_no_text_is_cut(page: DevicePage) -> None:
+    for bad, size in product((False, True), ((1256, 620), (1000, 490), (1896, 980))):
+        page.resize(*size)
+        if bad:
+            off = "the board: an encoder's signal is bad"
+            page.show_session(opened(**ON_BENCH), ready(3, checks=LOST, brakes_off=off))
+        settle(page)
+        assert cut_texts(page) == [], (bad, size)

@@ -317,27 +317,25 @@ def test_arrows_point_as_the_forces_do_and_long_ones_are_cut(workspace: Workspac
     assert arrow_of((0.01, 0.0)).isNull()
 
 
-@pytest.mark.parametrize("layer", LAYERS)
-def test_a_click_or_its_key_lays_a_layer_over_the_workspace_and_takes_it_away(
-    qtbot, workspace: Workspace, layer: str
-) -> None:
+def test_a_click_or_its_key_lays_a_layer_over_the_workspace_and_takes_it_away(qtbot, workspace: Workspace) -> None:
     rows = trial(FOUR)
     for begin in range(0, 2400, 100):
         workspace.add(rows[begin : begin + 100])
-    view, button = workspace.view, workspace.buttons[layer]
+    view = workspace.view
     view.repaint_still()  # a trail painted piece by piece differs a little from one painted at once
-    before, was = view.grab().toImage(), layer in view.shown
-    QTest.mouseClick(button, Qt.MouseButton.LeftButton)
-    assert (layer in view.shown) is not was and button.isChecked() is not was
-    assert view.grab().toImage() != before
-    workspace.activateWindow()
-    qtbot.waitUntil(workspace.isActiveWindow, timeout=60_000)
-    QTest.keyClick(workspace, getattr(Qt.Key, f"Key_{LAYERS[layer][0]}"))
-    assert (layer in view.shown) is was and view.grab().toImage() == before
+    for layer in LAYERS:
+        button, before, was = workspace.buttons[layer], view.grab().toImage(), layer in view.shown
+        QTest.mouseClick(button, Qt.MouseButton.LeftButton)
+        assert (layer in view.shown) is not was and button.isChecked() is not was, layer
+        assert view.grab().toImage() != before, layer
+        workspace.activateWindow()
+        qtbot.waitUntil(workspace.isActiveWindow, timeout=60_000)
+        QTest.keyClick(workspace, getattr(Qt.Key, f"Key_{LAYERS[layer][0]}"))
+        assert (layer in view.shown) is was and view.grab().toImage() == before, layer
 
 
 @BOTH
-@pytest.mark.parametrize("size", ((560, 520), (760, 620), (1200, 900)))
+@pytest.mark.parametrize("size", ((560, 520), (1200, 900)))
 def test_no_label_lies_on_an_arm_another_label_or_the_edge(qtbot, device: Device, size: tuple[int, int]) -> None:
     workspace = shown(qtbot, Workspace((device,), PATHS), *size)
     view = workspace.view

@@ -98,21 +98,22 @@ def test_a_notice_that_comes_while_a_note_is_written_takes_none_of_it_for_an_ans
 
 
 @pytest.mark.parametrize("own_window", [False, True])
-@pytest.mark.parametrize("key", [KEY.Key_Return, KEY.Key_Enter, KEY.Key_Space])
-def test_the_questions_can_be_answered_by_keyboard_alone(screens: Screens, key: Qt.Key, own_window: bool) -> None:
+def test_the_questions_can_be_answered_by_keyboard_alone(screens: Screens, own_window: bool) -> None:
     window: QWidget = screens.participant if own_window else screens.main
     if own_window:
         screens.windows.show_or_hide_participant()
-    screens.hear(opened(), ready(9))
-    screens.hear(ready(10, stage=m.QUESTIONS))
-    questions = screens.participant.questions if own_window else screens.run.questions
-    for i, (item, *_) in enumerate(ITEMS):
-        assert window.focusWidget() is questions.scales[item]
-        assert questions.lacking.text() == f"{len(ITEMS) - i} not answered yet" and not questions.done.isEnabled()
-        screens.press(KEY.Key_Right, window.focusWidget())
-        screens.press(KEY.Key_Tab, window.focusWidget())
-    assert window.focusWidget() is questions.done and questions.lacking.text() == ""
-    assert screens.press(key, questions.done) == [m.Answers({item: 50.0 for item, *_ in ITEMS})]
+    screens.hear(opened())
+    for key in (KEY.Key_Return, KEY.Key_Enter, KEY.Key_Space):
+        screens.hear(ready(9))
+        screens.hear(ready(10, stage=m.QUESTIONS))
+        questions = screens.participant.questions if own_window else screens.run.questions
+        for i, (item, *_) in enumerate(ITEMS):
+            assert window.focusWidget() is questions.scales[item]
+            assert questions.lacking.text() == f"{len(ITEMS) - i} not answered yet" and not questions.done.isEnabled()
+            screens.press(KEY.Key_Right, window.focusWidget())
+            screens.press(KEY.Key_Tab, window.focusWidget())
+        assert window.focusWidget() is questions.done and questions.lacking.text() == ""
+        assert screens.press(key, questions.done) == [m.Answers({item: 50.0 for item, *_ in ITEMS})], key
 
 
 # ------------------------------------------------------------------------------------------------- one screen
@@ -135,15 +136,18 @@ STATES = {
 }
 
 
-@pytest.mark.parametrize("state", STATES)
-def test_over_the_console_the_view_says_how_to_get_back_to_it_and_beside_it_does_not(screens: Screens, state) -> None:
-    screens.hear(opened(), STATES[state])
-    large, small = view_of_participant(screens)
-    assert "F11" in small and ("Ctrl+B" in small) == (state == "stopped")
-    assert "F11" not in screens.run.centre.small.text()
-    screens.participant.own_start = False
-    screens.hear(STATES[state])
-    assert screens.participant.view.shown.large == large and "F11" not in screens.participant.view.shown.small
+def test_over_the_console_the_view_says_how_to_get_back_to_it_and_beside_it_does_not(screens: Screens) -> None:
+    screens.hear(opened())
+    for state, snapshot in STATES.items():
+        view_of_participant(screens)
+        screens.participant.own_start = True
+        screens.hear(snapshot)
+        large, small = view_of_participant(screens)
+        assert "F11" in small and ("Ctrl+B" in small) == (state == "stopped"), state
+        assert "F11" not in screens.run.centre.small.text(), state
+        screens.participant.own_start = False
+        screens.hear(snapshot)
+        assert screens.participant.view.shown.large == large and "F11" not in screens.participant.view.shown.small
 
 
 # ------------------------------------------------------------------------------------------------- windows

@@ -20,13 +20,13 @@ KEY = Qt.Key
 NOTES = ("13:02 asked to move a little slower", "13:06 break, 2 min")
 
 
-@pytest.mark.parametrize("over", [0, 12])
-def test_nobody_is_told_that_the_next_trial_comes_while_its_start_is_blocked(screens: Screens, over: int) -> None:
-    promises = {ENGLISH_WORDS[key] for key in ("next_soon", "next_space", "first_space", "start_soon")}
-    screens.hear(opened(), ready(over, checks=RED))
-    assert screens.run.centre.small.text() == screens.participant.view.shown.small == ENGLISH_WORDS["stopped_how"]
-    screens.hear(ready(over))
-    assert screens.run.centre.small.text() in promises and screens.participant.view.shown.small in promises
+def test_nobody_is_told_that_the_next_trial_comes_while_its_start_is_blocked(screens: Screens) -> None:
+    for over in (0, 12):
+        promises     = {ENGLISH_WORDS[key] for key in ("next_soon", "next_space", "first_space", "start_soon")}
+        screens.hear(opened(), ready(over, checks=RED))
+        assert screens.run.centre.small.text() == screens.participant.view.shown.small == ENGLISH_WORDS["stopped_how"]
+        screens.hear(ready(over))
+        assert screens.run.centre.small.text() in promises and screens.participant.view.shown.small in promises
 
 
 def test_feedback_stays_while_the_start_is_blocked(screens: Screens) -> None:
@@ -43,17 +43,17 @@ def test_what_the_banner_says_is_not_said_again_in_the_panel(screens: Screens) -
     assert screens.run.panel.notice.isVisible()
 
 
-@pytest.mark.parametrize("checks", [GREEN, RED])
-def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens, checks) -> None:
-    console = screens.hear(opened(), ready(12, checks=checks, notes=NOTES))
-    settle(console)
-    grid = screens.run.panel.grid
-    assert not screens.run.panel._scroll.verticalScrollBar().isVisible()
-    cells = list(grid.cells().values())
-    assert len(cells) == len(PLAN) and all(grid.rect().contains(cell.toAlignedRect()) for cell in cells)
-    assert min(cell.height() for cell in cells) > 8.0
-    assert not any(a.intersects(b) for i, a in enumerate(cells) for b in cells[i + 1 :])
-    assert cut_texts(console) == []
+def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens) -> None:
+    for checks in (GREEN, RED):
+        console = screens.hear(opened(), ready(12, checks=checks, notes=NOTES))
+        settle(console)
+        grid = screens.run.panel.grid
+        assert not screens.run.panel._scroll.verticalScrollBar().isVisible()
+        cells = list(grid.cells().values())
+        assert len(cells) == len(PLAN) and all(grid.rect().contains(cell.toAlignedRect()) for cell in cells)
+        assert min(cell.height() for cell in cells) > 8.0
+        assert not any(a.intersects(b) for i, a in enumerate(cells) for b in cells[i + 1 :])
+        assert cut_texts(console) == []
 
 
 def test_a_blind_console_has_no_reachable_force_and_gets_it_back_with_the_key(screens: Screens) -> None:
@@ -90,13 +90,13 @@ def test_a_plan_that_is_done_has_no_time_left(screens: Screens) -> None:
     assert "min left" not in screens.run.panel.left.text()
 
 
-@pytest.mark.parametrize("state", ["blocked", "failed"])
-def test_the_line_over_the_workspace_is_whole_at_1280_x_720(screens: Screens, state: str) -> None:
-    console = screens.hear(opened(), ready(12, checks=RED) if state == "blocked" else ready(12, stage=m.FAILED))
-    settle(console)
-    small = screens.run.centre.small
-    assert small.fontMetrics().horizontalAdvance(small.text()) <= small.width()
-    assert small.text() in visible_texts(console)
+def test_the_line_over_the_workspace_is_whole_at_1280_x_720(screens: Screens) -> None:
+    for state in ("blocked", "failed"):
+        console = screens.hear(opened(), ready(12, checks=RED) if state == "blocked" else ready(12, stage=m.FAILED))
+        settle(console)
+        small = screens.run.centre.small
+        assert small.fontMetrics().horizontalAdvance(small.text()) <= small.width()
+        assert small.text() in visible_texts(console)
 
 
 def test_a_hidden_trace_has_neither_curve_nor_scale(screens: Screens) -> None:

@@ -140,10 +140,10 @@ def test_only_what_the_controller_has_can_be_set_and_the_gain_is_logarithmic(hel
     assert held.sent[-1] == m.Start() and held.page.start.isVisible()
 
 
-@pytest.mark.parametrize("controller, gain, warned", [(5, 5.0, True), (5, 12.0, False), (4, 5.0, True), (2, 5.0, 0)])
-def test_a_gain_below_the_brakes_own_drag_is_warned_of_only_where_it_acts(held: Held, controller, gain, warned) -> None:
-    held.page.show_snapshot(tried(INITIAL._replace(controller=controller, gain_N_s_m=gain)))
-    assert ("drag is larger" in held.page.warning.text()) == warned
+def test_a_gain_below_the_brakes_own_drag_is_warned_of_only_where_it_acts(held: Held) -> None:
+    for controller, gain, warned in ((5, 5.0, True), (5, 12.0, False), (4, 5.0, True), (2, 5.0, False)):
+        held.page.show_snapshot(tried(INITIAL._replace(controller=controller, gain_N_s_m=gain)))
+        assert ("drag is larger" in held.page.warning.text()) == warned
 
 
 def test_bars_compare_only_like_with_like(held: Held) -> None:

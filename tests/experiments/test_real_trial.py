@@ -15,7 +15,6 @@ from core import tick_log
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import trial_metrics
 from experiments.plan import PlannedTrial
-from experiments.recording.reader import read_recording
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
 from experiments.study.decisions import check_decisions
@@ -56,7 +55,7 @@ def recorded(rows: np.ndarray, device, outcome: dict, path: Path, sensors: Senso
     with RecordingWriter(path, device.braked, {"participant": "01"}, sync=False, sensors=sensors) as writer:
         writer.write(rows)
         writer.close(json.loads(json.dumps(outcome)))
-    return read_recording(convert_to_parquet(path, sync=False))
+    return convert_to_parquet(path, sync=False)
 
 
 @pytest.mark.parametrize(("device", "controller", "seed"), [("four-brake", 2, 3), ("three-brake", 3, 6)])

@@ -94,7 +94,7 @@ def test_a_stream_cut_anywhere_gives_back_every_whole_batch_and_lacks_its_end(pa
 
 
 def test_a_parquet_file_cut_anywhere_is_not_whole(path):
-    path = convert_to_parquet(record(path, ticks(600)))
+    path = convert_to_parquet(record(path, ticks(600))).path
     data = path.read_bytes()
     for cut in np.random.default_rng(7).integers(0, len(data), 150):
         path.write_bytes(data[:cut])
@@ -107,7 +107,7 @@ def test_no_changed_bit_goes_unnoticed_and_no_changed_row_is_returned(path, suff
     record(path, rows, pieces=3, flush=True)
     header_end = batch_ends(path)[0][0]
     if suffix == ".parquet":
-        path = convert_to_parquet(path)
+        path = convert_to_parquet(path).path
     data = path.read_bytes()
     generator = np.random.default_rng(2)
     places = {*map(int, generator.integers(0, len(data), 250)), *range(len(data) - 60, len(data))}
@@ -218,10 +218,11 @@ def test_parquet_holds_the_same_as_the_stream_which_then_goes(path, tmp_path):
     rows = ticks(2345)
     rows[5, tick_log.HAND_FX], rows[6, tick_log.HAND_FX] = np.nan, -0.0
     stream = read_recording(record(path, rows, "AEBC"))
-    target = convert_to_parquet(path)
+    returned = convert_to_parquet(path)
+    target = returned.path
     assert target == tmp_path / "run-001.parquet" and sorted(tmp_path.iterdir()) == [target]
     back = read_recording(target)
-    assert back.whole and same_content(back, stream)
+    assert back.whole and same_content(back, stream) and same_content(back, returned)
     table = pq.read_table(target)  # any Parquet reader
     assert table.column_names == list(NAMES) and table.num_rows == 2345
     assert table.column("decision").to_pylist() == list(stream.text("decision"))
@@ -231,17 +232,17 @@ def test_parquet_holds_the_same_as_the_stream_which_then_goes(path, tmp_path):
 @pytest.mark.parametrize("count", [0, 1])
 def test_a_recording_of_hardly_anything_survives_conversion(path, count):
     assert read_recording(record(path, ticks(count))).whole
-    back = read_recording(convert_to_parquet(path))
+    back = convert_to_parquet(path)
     assert back.whole and back.rows == count and back.words["decision"] == DECISIONS
 
 
 def test_conversion_never_overwrites_and_finishes_what_a_crash_left(path, tmp_path):
     data = record(path, ticks(100)).read_bytes()
-    target = convert_to_parquet(path)
+    target = convert_to_parquet(path).path
     kept = target.read_bytes()
     path.write_bytes(data)  # as if killed between naming the new file and removing the stream
     (tmp_path / ".run-001.parquet.partial").write_bytes(b"half")
-    assert convert_to_parquet(path) == target
+    assert convert_to_parquet(path).path == target
     assert target.read_bytes() == kept and not path.exists()
     record(path, ticks(100, seed=5))
     with pytest.raises(InputError, match="differs"):

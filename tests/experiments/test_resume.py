@@ -39,11 +39,12 @@ def high():
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory):
-    """A study of two operators, killed in run 4 of the first."""
+    """A study of three operators on two cores, killed in run 4 of the first: the third is not begun."""
     folder = tmp_path_factory.mktemp("killed") / "study"
     with pytest.MonkeyPatch.context() as patch, pytest.raises(Killed):
         kill_in_run(patch, 4)
-        run_study(folder, 2, high(), PEOPLE)
+        patch.setattr("experiments.study.helpers._cores", lambda: 2)
+        run_study(folder, 3, high(), PEOPLE)
     return folder
 
 
@@ -110,9 +111,9 @@ def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, t
     before = files(interrupted)
     assert main(["study", "--resume", "--out", str(interrupted), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert (said["trials"], said["recovered"], said["low_gain_N_s_m"]) == (21, 1, 500.0)
+    assert (said["trials"], said["recovered"], said["low_gain_N_s_m"]) == (31, 1, 500.0)
     rows = read_table(interrupted / "trials.csv")
-    for participant in ("01", "02"):
+    for participant in ("01", "02", "03"):
         mine = [row for row in rows if row.participant == participant]
         stored = json.loads((interrupted / f"sub-{participant}" / "ses-01" / "session.json").read_text())
         planned = Counter((t["configuration"], t["controller"], t["segment"], t["block"]) for t in stored["plan"])
@@ -129,12 +130,12 @@ def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, t
         else:
             assert after[name] == content
 
-    assert resume_study(interrupted, {})["trials"] == 21 and files(interrupted) == after  # it is complete
+    assert resume_study(interrupted, {})["trials"] == 31 and files(interrupted) == after  # it is complete
 
     whole = tmp_path / "uninterrupted"
-    run_study(whole, 2, high(), PEOPLE)
+    run_study(whole, 3, high(), PEOPLE)
     theirs = [row for row in read_table(whole / "trials.csv")]
-    assert [r for r in rows if r.participant == "02"] == [r for r in theirs if r.participant == "02"]
+    assert [r for r in rows if r.participant == "03"] == [r for r in theirs if r.participant == "03"]
     assert [r for r in rows if r.participant == "01"][:3] == theirs[:3]  # before the crash
 
 
@@ -159,7 +160,7 @@ def test_what_is_asked_by_name_must_be_what_the_study_was_begun_with(interrupted
     before = files(interrupted)
     for arguments, said in (
         (["--seed", "6"], "--seed: the study was begun with 5"),
-        (["--operators", "3"], "--operators: the study was begun with 2"),
+        (["--operators", "2"], "--operators: the study was begun with 3"),
         (["--rules", "literal"], "--rules: the study was begun with settled"),
         (["--low-gain", "5"], "--low-gain: the study was begun with 500"),
         (["--device", "four-brake"], "--device: the study was begun with other devices"),
@@ -168,7 +169,7 @@ def test_what_is_asked_by_name_must_be_what_the_study_was_begun_with(interrupted
         error = capsys.readouterr().err
         assert error.count("\n") == 1 and said in error
     assert files(interrupted) == before
-    asked = ["--seed", "5", "--operators", "2", "--low-gain", "500", "--rules", "settled"]
+    asked = ["--seed", "5", "--operators", "3", "--low-gain", "500", "--rules", "settled"]
     assert main(["study", "--resume", "--out", str(interrupted), *asked]) == 0
 
 
@@ -210,5 +211,5 @@ def test_an_older_devices_file_stays_that_of_the_study(interrupted):
     (interrupted / "study.json").write_text(json.dumps(stored))
     shutil.rmtree(interrupted / "sub-01")
     resume_study(interrupted, {})
-    session = json.loads((interrupted / "sub-02" / "ses-01" / "session.json").read_text())
+    session = json.loads((interrupted / "sub-03" / "ses-01" / "session.json").read_text())
     assert "tip_kg = 0.6" in session["protocol"]["devices"][0]["file"]

@@ -11,7 +11,8 @@ from experiments.plan import make_plan
 from experiments.protocol import load_protocol
 from experiments.study import simulation_errors as errors
 from experiments.study.simulation_errors import simulation_errors
-from experiments.study.unrecorded import normals, person_of, run_trial, switched_on
+from experiments.study.unrecorded import person_of, run_trial, switched_on
+from experiments.trial.normals import normals
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial
 

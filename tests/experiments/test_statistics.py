@@ -20,6 +20,7 @@ from experiments.analysis.sensitivity import (
     SMOOTHNESS,
     Smoothness,
     dft_sum,
+    kendall_tau,
     of_recording,
     sensitivity,
     swapped,
@@ -152,6 +153,15 @@ def test_friedman_by_hand_and_its_ends():
     square = friedman("m", "d", table_of([[1, 2, 3], [2, 3, 1], [3, 1, 2]]))
     assert square[0].value == pytest.approx(0.0) and square[0].p is None
     assert friedman("m", "d", table_of(np.ones((5, 8)))) == []
+
+
+def test_friedman_and_kendalls_tau_with_ties_are_scipys():
+    data = np.random.default_rng(4).integers(0, 4, (5, 8)).astype(float)
+    found, theirs = friedman("m", "d", table_of(data)), stats.friedmanchisquare(*data)
+    assert found[0].value == pytest.approx(theirs.statistic) and found[0].p == pytest.approx(theirs.pvalue)
+    for first, second in zip(data, data[1:], strict=False):
+        assert kendall_tau(first, second) == pytest.approx(stats.kendalltau(first, second).statistic)
+    assert kendall_tau(data[0], np.ones(8)) is None
 
 
 def test_a_participant_counts_once_however_many_trials_they_made():

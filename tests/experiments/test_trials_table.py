@@ -78,6 +78,12 @@ def test_rows_appended_one_by_one_give_the_table_written_at_once(tmp_path):
         append_row(tmp_path / "a.csv", row)
     write_table(tmp_path / "b.csv", [FULL, ROW, FULL])
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    known = b""
+    for row in (ROW, FULL, ROW):  # the second has columns that the first lacks
+        known = append_row(tmp_path / "c.csv", row, known)
+        assert (tmp_path / "c.csv").read_bytes() == known
+    assert read_table(tmp_path / "c.csv") == [ROW, FULL, ROW] and known == table_bytes([ROW, FULL, ROW])
+    (tmp_path / "c.csv").unlink()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "b.csv"]  # nothing left beside them
 
 

@@ -1,0 +1,109 @@
+"""Processes beside that of a study, one for each further core: they run operators, simulate error bars, draw figures.
+
+On Linux they are forked, so that they begin with all that is loaded; elsewhere they load it while the first trials run.
+"""
+
+import contextlib
+import ctypes
+import functools
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.sharedctypes import Synchronized
+from multiprocessing.synchronize import Event
+from typing import NamedTuple
+
+LOOK_S = 0.5  # how often a process looks whether its parent lives
+_SYNCHRONIZE, _FOR_EVER = 0x100000, 0xFFFFFFFF  # of Windows
+
+
+class Shared(NamedTuple):
+    """What the processes of a study share."""
+
+    begun: Synchronized  # operators that some process has taken on
+    settled: Synchronized  # trials
+    stop: Event  # no further trial is to begin
+
+    def operators(self, count: int) -> Iterator[int]:
+        """The operators (1..) that no process has taken on yet, one at a time, until the study is to stop."""
+        while not self.stop.is_set():
+            with self.begun:
+                self.begun.value += 1
+                operator = self.begun.value
+            if operator > count:
+                return
+            yield operator
+
+
+class Helpers(NamedTuple):
+    """The processes, and what they share with this one."""
+
+    pool: ProcessPoolExecutor
+    count: int
+    shared: Shared
+
+
+@contextlib.contextmanager
+def helpers(most: int) -> Iterator[Helpers]:
+    """At least one such process, at most so many; they begin before this returns, and end with this process.
+
+    Before any lock is taken: a forked process would hold it as well. At the end the trials that they run are ended.
+    OSError if one of them is killed.
+    """
+    context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
+    shared = Shared(context.Value("i", 0), context.Value("i", 0), context.Event())
+    count = max(1, min(_cores() - 1, most))
+    pool = ProcessPoolExecutor(count, context, _begin, (os.getpid(), shared))
+    pool.submit(os.getpid)
+    try:
+        yield Helpers(pool, count, shared)
+    except BrokenProcessPool:
+        raise OSError("a process of the study was killed; phd study --resume goes on from there") from None
+    finally:
+        shared.stop.set()
+        pool.shutdown(cancel_futures=True)
+
+
+def _cores() -> int:
+    """Those that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+_in_helper: list[Shared] = []
+
+
+def _begin(parent: int, shared: Shared) -> None:
+    """Of a helper: an interrupt is for the study's own process, which then asks the helpers to stop."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    end_with(parent)
+    _in_helper[:] = [shared]
+
+
+def shared_in_helper() -> Shared:
+    """In a helper: what it shares with the others."""
+    return _in_helper[0]
+
+
+@functools.cache
+def end_with(parent: int) -> None:
+    """From now on this process ends when its parent does."""
+
+    def look() -> None:
+        if sys.platform == "win32":  # where a process keeps the number of a parent that is gone
+            kernel32 = ctypes.WinDLL("kernel32")
+            kernel32.OpenProcess.restype = ctypes.c_void_p
+            handle = kernel32.OpenProcess(_SYNCHRONIZE, False, parent)
+            kernel32.WaitForSingleObject(ctypes.c_void_p(handle), _FOR_EVER)  # at once where there is no such process
+        else:
+            while os.getppid() == parent:
+                time.sleep(LOOK_S)
+        os._exit(1)
+
+    threading.Thread(target=look, name="looks at its parent", daemon=True).start()
