@@ -24,7 +24,7 @@ print(os.sched_getscheduler(0) == os.SCHED_FIFO, sorted(os.sched_getaffinity(0))
 print(*[line.split()[1] for line in open("/proc/self/status") if line.startswith("VmLck")])
 """
 
-linux = pytest.mark.skipif(sys.platform != "linux", reason="nothing of this exists elsewhere")
+linux = pytest.mark.skipif(sys.platform != "linux", reason="asks Linux what the process got")
 
 
 @linux

@@ -230,7 +230,7 @@ def test_brakes_that_are_off_before_a_trial_never_come_on_in_it(large: Ring) -> 
 
 
 def test_without_memory_for_the_ring_no_server_is_started_and_one_sentence_says_why(monkeypatch, tmp_path) -> None:
-    def full(*_args):
+    def full(*_args, **_options):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(*((mmap, "mmap") if sys.platform == "win32" else (os, "memfd_create")), full)
