@@ -101,12 +101,9 @@ class Ranges:
 
     def drawn(self, n: int, seed: int) -> np.ndarray:
         """The shares (n, ranges) at which n worlds lie: a Latin hypercube."""
-        generator = np.random.default_rng(seed)
-        each = 1.0 / n
-        shares = np.array([generator.uniform(k * each, (k + 1) * each, len(self.ranges)) for k in range(n)])
-        for column in shares.T:
-            generator.shuffle(column)
-        return shares
+        from SALib.sample import latin  # here: it takes seconds
+
+        return latin.sample(problem(self.ranges), n, seed=seed)
 
     def values(self, shares: Sequence[float]) -> dict[str, Value]:
         """The assumptions of a world at these shares, by column."""
@@ -136,6 +133,11 @@ class Ranges:
         if "operator" in tables or "operator_factor" in tables:
             text = _changed_people(text, tables.get("operator", {}), tables.get("operator_factor", {}))
         return protocol_from_json(about, where), population_of(text, f"{where}: population {chosen}")
+
+
+def problem(ranges: Mapping[str, Range]) -> dict[str, Any]:
+    """The assumptions as SALib takes them: each as its share of the range."""
+    return {"num_vars": len(ranges), "names": list(ranges), "bounds": [[0.0, 1.0]] * len(ranges)}
 
 
 def shipped_ranges() -> list[str]:

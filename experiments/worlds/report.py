@@ -61,7 +61,7 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
     n, shares = len(worlds.seeds), ranges.drawn(len(worlds.seeds), seed)
     holds = worlds.holds
     other = {name: judged_again(worlds, ranges, bands) for name, bands in BANDS.items()}
-    found = indices(shares, holds)
+    found = indices(ranges.ranges, shares, holds)
     doubt = settled(found, holds)
     order = np.argsort(-doubt, kind="stable")
     names = [label(column, one) for column, one in ranges.ranges.items()]

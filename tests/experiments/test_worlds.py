@@ -7,8 +7,6 @@ from pathlib import Path
 import joblib
 import numpy as np
 import pytest
-from SALib.analyze import rbd_fast
-from SALib.sample import latin
 
 from app.cli import main
 from core.files import InputError
@@ -17,9 +15,9 @@ from experiments.analysis.findings import HOLDS, STATEMENTS
 from experiments.protocol import load_protocol
 from experiments.session.files import write_pooled_table
 from experiments.study.study import run_study
-from experiments.worlds.indices import SEED, Indices, indices, settled
+from experiments.worlds.indices import Indices, indices, settled
 from experiments.worlds.pictures import wilson
-from experiments.worlds.ranges import load_ranges, shipped_ranges
+from experiments.worlds.ranges import Range, load_ranges, shipped_ranges
 from experiments.worlds.report import Worlds, judged_again, nearest_world, read_worlds, report_files
 from experiments.worlds.worlds import columns, run_worlds, worlds_of
 
@@ -192,18 +190,19 @@ def test_values_spread_over_a_range_evenly_and_over_its_logarithm_where_asked(sm
     assert sum(one["rules"] == "literal" for one in drawn) == 100
 
 
-def made_worlds(n: int = 1000) -> tuple[np.ndarray, np.ndarray]:
+def made_worlds(n: int = 1000) -> tuple[dict[str, Range], np.ndarray, np.ndarray]:
     """Statement 1 is decided by the second assumption, 2 by the first and third together, the others always hold."""
+    ranges = {name: Range(source="made", low=0.0, high=1.0) for name in "abcd"}
     shares = np.random.default_rng(1).random((n, 4))
     holds = np.ones((n, len(STATEMENTS)), dtype=bool)
     holds[:, 0] = shares[:, 1] > 0.7
     holds[:, 1] = (shares[:, 0] > 0.5) & (shares[:, 2] > 0.5)
-    return shares, holds
+    return ranges, shares, holds
 
 
 def test_indices_find_what_decides_and_what_would_settle_most():
-    shares, holds = made_worlds()
-    found = indices(shares, holds)
+    ranges, shares, holds = made_worlds()
+    found = indices(ranges, shares, holds)
     assert found.first[0, 1] == pytest.approx(1.0, abs=0.1) and found.first[0, [0, 2, 3]].max() < 0.05
     for j in (0, 2):  # Var(E[y | a]) / Var(y) = (1/4)^2 / (1/4 * 3/4)
         assert abs(found.first[1, j] - 1.0 / 3.0) < 1.5 * found.half_width[1, j] < 0.2
@@ -211,20 +210,9 @@ def test_indices_find_what_decides_and_what_would_settle_most():
     doubt = settled(found, holds)
     assert np.argmax(doubt) == 1 and doubt.sum() <= 1.1 and doubt[3] < 0.05
     rare = np.arange(1000) < 29
-    assert np.isnan(indices(shares, np.column_stack([rare, ~rare])).first).all()
+    assert np.isnan(indices(ranges, shares, np.column_stack([rare, ~rare])).first).all()
     assert found.clear[0].tolist() == [False, True, False, False] and found.clear[1, [0, 2]].all()
     assert not settled(Indices(found.first * np.nan, found.half_width), np.ones_like(holds)).any()
-
-
-def test_indices_and_latin_hypercube_are_salibs(small):
-    shares, holds = made_worlds(301)
-    problem = {"num_vars": 4, "names": list("abcd"), "bounds": [[0.0, 1.0]] * 4}
-    found, theirs = indices(shares, holds), rbd_fast.analyze(problem, shares, holds[:, 1] * 1.0, seed=SEED)
-    assert found.first[1] == pytest.approx(np.maximum(theirs["S1"], 0.0))
-    assert found.half_width[1] == pytest.approx(theirs["S1_conf"])
-    drawn = load_ranges(small)
-    problem = {"num_vars": len(drawn.ranges), "names": list(drawn.ranges), "bounds": [[0.0, 1.0]] * len(drawn.ranges)}
-    assert np.array_equal(drawn.drawn(50, 3), latin.sample(problem, 50, seed=3))
 
 
 def test_the_nearest_world_holds_most_statements_and_misses_the_others_by_least():
