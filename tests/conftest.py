@@ -23,15 +23,9 @@ MANY = (*FIXED, *COUPLED, *(random_five_bar(seed) for seed in range(3)))
 LONG = ("test_app_process", "test_bench", "test_fault_matrix", "test_kill", "test_paper_figures")
 
 
-@pytest.hookimpl(tryfirst=True)  # xdist reads the groups in the same hook
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Beside each other (`-n 3 --dist loadgroup`): the tests of a file in one process, and in one of them all tests of
-    real processes that keep time, which mostly wait. What takes long comes first.
-    """
-    for item in items:
-        file = item.path.stem
-        item.add_marker(pytest.mark.xdist_group("processes" if file.startswith("test_live_") else file))
-    items.sort(key=lambda item: (not item.path.stem.startswith("test_live_"), item.path.stem not in LONG))
+    """What takes long comes first."""
+    items.sort(key=lambda item: item.path.stem not in LONG)
 
 
 def _name(bar: FiveBar) -> str:

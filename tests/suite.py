@@ -13,24 +13,25 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 BIN = ROOT / ".venv" / ("Scripts" if sys.platform == "win32" else "bin")
 PYTEST = [BIN / "python", "-m", "pytest"]
-TWO = ["-n", "2", "--dist", "loadfile"]
-#: On two cores: one of the three has the tests of real processes, which mostly wait (see `conftest.LONG`).
-THREE = ["-n", "3", "--dist", "loadgroup", "--no-loadscope-reorder"]
+#: Two files of tests at a time, in the order of `conftest.LONG`.
+TWO = ["-n", "2", "--dist", "loadfile", "--no-loadscope-reorder"]
 
 
 def main() -> int:
     """The exit code."""
     files = sorted(ROOT.glob("tests/*/test_*.py"))
+    live = [str(file.relative_to(ROOT)) for file in files if file.stem.startswith("test_live_")]
     marked = [str(file.relative_to(ROOT)) for file in files if "mark.nojit" in file.read_text(encoding="utf-8")]
     failed = []
     with tempfile.TemporaryDirectory() as folder:
-        results = [f"--junitxml={folder}/{number}.xml" for number in (1, 2)]
+        results = [f"--junitxml={folder}/{number}.xml" for number in (1, 2, 3)]
         parts = {
             "ruff": [BIN / "ruff", "check", "."],
             "mypy": [BIN / "mypy"],
             "lint-imports": [BIN / "lint-imports", "--no-logo"],
-            "pytest": [*PYTEST, *THREE, results[0]],
-            "pytest without the jit": [*PYTEST, *TWO, results[1], "-m", "nojit", *marked],
+            "pytest": [*PYTEST, *TWO, results[0], "--ignore-glob=*/test_live_*.py"],
+            "pytest of real processes": [*PYTEST, *TWO, results[1], *live],  # they keep time: nothing else beside them
+            "pytest without the jit": [*PYTEST, *TWO, results[2], "-m", "nojit", *marked],
         }
         for name, command in parts.items():
             print(f"\n== {name}", flush=True)

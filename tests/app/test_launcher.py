@@ -51,11 +51,13 @@ case "$*" in
         printf '#!/bin/sh\\necho "phd was given:" "$@"\\n' >"$here/phd"
         chmod +x "$here"/* ;;
     "-m app.compile_kernels") echo "compile" >>"$LOG"; [ -z "${COMPILING_FAILS-}" ] ;;
-    "-m pytest -n 2 --dist loadfile --junitxml"*" -m nojit tests/app/test_marked.py")
+    "-m pytest -n 2 --dist loadfile --no-loadscope-reorder --junitxml"*" -m nojit tests/app/test_marked.py")
         echo "pytest nojit $NUMBA_DISABLE_JIT" >>"$LOG"; exit "${NOJIT_CODE-0}" ;;
-    "-m pytest -n 3 --dist loadgroup --no-loadscope-reorder --junitxml"*)
+    "-m pytest -n 2 --dist loadfile --no-loadscope-reorder --junitxml"*" --ignore-glob=*/test_live_*.py")
         echo "pytest whole" >>"$LOG"
         echo '<a><testsuite tests="9" skipped="1" errors="1" failures="2"/></a>' >"${8#--junitxml=}"; exit 1 ;;
+    "-m pytest -n 2 --dist loadfile --no-loadscope-reorder --junitxml"*" tests/app/test_live_one.py")
+        echo "pytest live" >>"$LOG" ;;
     "-m pytest"*) echo "$*" >>"$LOG" ;;
     "tests/suite.py") exec "$REAL_PYTHON" "$@" ;;
 esac
@@ -74,6 +76,7 @@ class Tree:
         self.log.touch()
         (self.root / "tests/app").mkdir(parents=True)
         (self.root / "tests/app/test_marked.py").write_text("@pytest.mark.nojit")
+        (self.root / "tests/app/test_live_one.py").touch()
         (self.root / "tests/app/test_other.py").touch()
         for name in ("phd", "pyproject.toml", "constraints.txt", "tests/suite.py"):
             shutil.copy(ROOT / name, self.root / name)
@@ -265,7 +268,7 @@ def test_the_suite_names_each_failed_part_and_ends_with_the_counts(tree: Tree, t
     assert done.returncode == 1
     failed = "pytest" if tool == "none" else f"{tool}, pytest"
     assert done.stdout.splitlines()[-2:] == [f"failed: {failed}", "5 passed, 3 failed"]
-    assert tree.calls("pytest") == ["pytest whole", "pytest nojit 1"]
+    assert tree.calls("pytest") == ["pytest whole", "pytest live", "pytest nojit 1"]
 
 
 def test_a_failure_without_the_jit_fails_the_suite(tree: Tree) -> None:
