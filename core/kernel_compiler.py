@@ -241,12 +241,12 @@ class PartCache(EntryCache):
 
     def _save_overload(self, signature: Any, result: Any) -> None:
         names = {part: name for name, part in self.part.called().items()}
-        callees = []
+        callees: list[tuple] = []
         for library in result.library._linking_libraries:
             if isinstance(library, PartLibrary):
                 callees.append((names[library.part], library.argument_types))
             else:  # what numba compiles for itself
-                callees.append((library.name, library._get_module_for_linking().as_bitcode()))
+                callees.append((None, (library.name, library._get_module_for_linking().as_bitcode())))
         code = result.library.name, result.library._final_module.as_bitcode()
         described = result.fndesc, result.environment, result.signature
         self._impl.locator.ensure_cache_path()
@@ -263,11 +263,11 @@ class PartCache(EntryCache):
         library = PartLibrary.from_code(target.codegen(), *code)
         called = self.part.called()
         for name, callee in callees:
-            if name in called:
+            if name is not None:
                 called[name].compile(callee)
                 library.add_linking_library(called[name].overloads[callee].library)
             else:
-                library.add_linking_library(PartLibrary.from_code(target.codegen(), name, callee))
+                library.add_linking_library(PartLibrary.from_code(target.codegen(), *callee))
         library.finalize()
         return compiler.compile_result(
             typing_context=self.part.typingctx, target_context=target, library=library, environment=environment,

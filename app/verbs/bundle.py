@@ -77,6 +77,9 @@ def add(verbs) -> None:
 def bundle_verb(args: argparse.Namespace) -> int:
     if args.folder.exists() and (not args.folder.is_dir() or any(args.folder.iterdir())):
         raise InputError(f"{args.folder}: is not empty; name a new folder")
+    inside = [name for name in PROGRAM if ROOT / name in args.folder.resolve().parents]
+    if inside:
+        raise InputError(f"{args.folder}: lies in {inside[0]}, which goes into the bundle; name a folder elsewhere")
     made = not args.folder.exists()
     try:
         with Progress("copying") as bar:

@@ -53,6 +53,12 @@ def test_a_folder_that_holds_something_is_refused_and_left_as_it_is(tmp_path, ca
     assert [file.name for file in tmp_path.iterdir()] == ["mine.txt"]
 
 
+def test_a_folder_in_what_is_copied_is_refused(capsys) -> None:
+    folder = bundle.ROOT / "docs" / "bundle"
+    assert main(["bundle", str(folder)]) == 2
+    assert "lies in docs" in capsys.readouterr().err and not folder.exists()
+
+
 @pytest.mark.parametrize("there", [False, True])
 def test_a_bundle_that_fails_leaves_nothing_half_done(tmp_path, monkeypatch, there) -> None:
     def fail(folder) -> None:
