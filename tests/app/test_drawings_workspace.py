@@ -393,6 +393,7 @@ def test_the_buttons_are_whole_in_a_small_window(qtbot) -> None:
 
 def test_a_path_that_the_arms_do_not_reach_is_still_shown(qtbot) -> None:
     workspace = shown(qtbot, Workspace((FOUR,), PATHS))
+    workspace.buttons[DIRECTIONS].setChecked(True)
     workspace.show_trial(FOUR, Segment((-0.1, 0.4), (0.1, 0.4)), (0.0, 1.2))
     workspace.view.grab()
     assert workspace.view.instant.joints == {}

@@ -1,11 +1,12 @@
 """Both windows on a fake bench, for tests: what they are told, what they show, what is done to them."""
 
 import os
+import threading
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 import numpy as np
 import pytest
-from fake_client import FakeClient
+from fake_client import FakeClient, before, opened
 from PySide6.QtCore import QEvent, QPointF, Qt
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtTest import QTest
@@ -30,6 +31,7 @@ class Screens:
         with pytest.MonkeyPatch.context() as patch:  # the page Home is made by the tests that ask for it
             patch.setattr("app.window.main_window.HOME", RUN)
             self.windows = Windows(self.client)
+        self.windows._warm_up = threading.current_thread()  # nothing is loaded beside
         self.main: MainWindow = self.windows.main
         self.participant: ParticipantWindow = self.windows.participant
         self.main.resize(width, height)
@@ -57,6 +59,26 @@ class Screens:
         QTest.qWaitForWindowActive(top)
         QTest.keyClick(window or self.main, key, modifier)
         return self.client.sent[before:]
+
+    @property
+    def closed(self) -> bool:
+        """Whether a test has closed the windows."""
+        return self.windows._over
+
+    def begin_anew(self) -> None:
+        """As after the start of another session server, with nothing open."""
+        self.windows._timer.stop()
+        self.participant.hide()
+        while self.main.cards.leave() or self.run.cancel():
+            pass
+        self.client = self.windows.client = FakeClient()
+        self.windows._dead, self.windows._hand_back_until_s = False, 0.0
+        self.main.show_client(self.client, None)
+        self.hear(opened(""), before())
+        self.main.show_page(RUN)
+        self.main.resize(1280, 720)
+        self.main.setFocus()
+        self.client.sent.clear()
 
     def close(self) -> None:
         """The end, whatever is open."""
