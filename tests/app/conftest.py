@@ -6,6 +6,17 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from screens import Screens
 
+from app.window.painting import theme
+
+
+@pytest.fixture(scope="session", autouse=True)
+def dressed(application: QApplication) -> Iterator[None]:
+    """The typeface and the colours, once; and no window loads what later pages need beside the tests."""
+    theme.dress(application)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("app.window.windows.load_statistics", lambda: None)
+        yield
+
 
 @pytest.fixture(scope="module")
 def kept() -> Iterator[list[Screens]]:

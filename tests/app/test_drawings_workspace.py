@@ -2,17 +2,13 @@
 
 import itertools
 import math
-import os
 
 import numpy as np
 import pytest
 from fake_ticks import ACROSS, ALONG, TIP, quiet, trial
-
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QImage
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
 
 from app.window.painting import theme
 from app.window.painting.force_view import TRAIL
@@ -73,7 +69,6 @@ LINE = build_path(ALONG, "path")
 
 
 def shown(qtbot, widget, width: int = 760, height: int = 620):
-    theme.dress(QApplication.instance())
     qtbot.addWidget(widget)
     widget.resize(width, height)
     widget.show()

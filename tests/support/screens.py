@@ -1,9 +1,6 @@
 """Both windows on a fake bench, for tests: what they are told, what they show, what is done to them."""
 
-import os
-import threading
 
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 import numpy as np
 import pytest
 from fake_client import FakeClient, before, opened
@@ -14,7 +11,6 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QLabel, QWidget
 
 from app.window.main_window import MainWindow
 from app.window.page import RUN
-from app.window.painting import theme
 from app.window.painting.labels import OneLine
 from app.window.participant_window import ParticipantWindow
 from app.window.run_page import RunPage
@@ -25,13 +21,11 @@ class Screens:
     """The app without processes."""
 
     def __init__(self, width: int = 1280, height: int = 720) -> None:
-        theme.dress(QApplication.instance())  # type: ignore[arg-type]
         QApplication.setCursorFlashTime(0)  # pictures are compared, whenever they are taken
         self.client = FakeClient()
         with pytest.MonkeyPatch.context() as patch:  # the page Home is made by the tests that ask for it
             patch.setattr("app.window.main_window.HOME", RUN)
             self.windows = Windows(self.client)
-        self.windows._warm_up = threading.current_thread()  # nothing is loaded beside
         self.main: MainWindow = self.windows.main
         self.participant: ParticipantWindow = self.windows.participant
         self.main.resize(width, height)
