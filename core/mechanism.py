@@ -1,8 +1,8 @@
 """The constants of one five-bar and its brakes, as the kernels read them (SI units, radians).
 
-Joint order everywhere: A, E, B, C. Arm 1 is A-E-D, arm 2 is B-C-D, D is the tip. A brake or stop acts on the rate of one
-of seven places: A, E, B, C; D, the angle between the distal links, which has a stop but no brake; and the elbows E and C
-once more, for their stops, where the brake of a coupling has their place.
+Joint order everywhere: A, E, B, C. Arm 1 is A-E-D, arm 2 is B-C-D, D is the tip. A brake or stop acts on the rate of
+one of seven places: A, E, B, C; D, the angle between the distal links, which has a stop but no brake; and the elbows E
+and C once more, for their stops, where the brake of a coupling has their place.
 """
 
 from typing import NamedTuple

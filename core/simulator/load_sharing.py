@@ -32,7 +32,12 @@ def share_at_rest(state, fx, fy):
             return
         if pattern == _NO_SPLIT:
             break
-    for pattern in range(3**PLACES):
+    patterns, place = 1, 1
+    for i in range(PLACES):
+        place *= 3
+        if state.active[i] != 0:
+            patterns = place
+    for pattern in range(patterns):
         if _split(state, fx, fy, pattern) == _BEST:
             return
     # at the bound to rounding: no set of clamps balances the force exactly; take the split without any, cut to limits
@@ -53,8 +58,10 @@ def _split(state, fx, fy, pattern):
     code = pattern
     for i in range(PLACES):
         state.torque[i] = 0.0
-        clamp = code % 3
-        code //= 3
+        clamp = 0
+        if code > 0:
+            clamp = code % 3
+            code //= 3
         if state.active[i] == 0:
             if clamp > 0:
                 return _NO_SPLIT
@@ -80,8 +87,10 @@ def _split(state, fx, fy, pattern):
     zx, zy = (syy * rx - sxy * ry) / det, (sxx * ry - sxy * rx) / det
     code, place, change = pattern, 1, 0
     for i in range(PLACES):
-        clamp = code % 3
-        code //= 3
+        clamp = 0
+        if code > 0:
+            clamp = code % 3
+            code //= 3
         if state.active[i] != 0:
             middle, half = reach_of(state, i)
             share = half * (state.g[i, 0] * zx + state.g[i, 1] * zy)

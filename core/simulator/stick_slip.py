@@ -8,9 +8,9 @@ the resting joints' torques, the motion is
 strictly convex in two unknowns. The same problem over velocities (costs times the step) is the implicit time step.
 
 Two cases are all there is. At rest (v = 0) every r_i is g_i . a, the problem is homogeneous, and its minimiser lies on
-one of at most fourteen rays (one joint held), inside one of the sectors between them (none held), or at 0 (all held): each
-candidate is a closed formula and the lowest objective is the answer. Moving, only joints with parallel rows can rest
-at once, and the problem is one soft threshold.
+one of at most fourteen rays (one joint held), inside one of the sectors between them (none held), or at 0 (all held):
+each candidate is a closed formula and the lowest objective is the answer. Moving, only joints with parallel rows can
+rest at once, and the problem is one soft threshold.
 
 Joints here are all places of core/mechanism.py: A, E, B, C, then D and elbows that have a stop but no brake.
 """
@@ -31,27 +31,11 @@ def same_line(i, j, lines):
 
 
 @kernel
-def ray_excess(g, active, cost_plus, cost_minus, lines, j, tx, ty, fx, fy):
-    """How much the force f pushes along the ray t (on which joint j rests) beyond what the other joints hold.
-
-    f . t - sum of costs; above 0 the tip starts to move along t. -inf where a stop forbids the ray.
-    """
-    excess = fx * tx + fy * ty
-    for i in range(PLACES):
-        if active[i] != 0 and not same_line(i, j, lines):
-            rate = g[i, 0] * tx + g[i, 1] * ty
-            if rate > 0.0:
-                excess -= cost_plus[i] * rate
-            elif rate < 0.0:
-                excess += cost_minus[i] * rate
-    return excess
-
-
-@kernel
 def largest_excess(g, active, cost_plus, cost_minus, lines, fx, fy):
-    """Largest `ray_excess` over all rays, per unit length: at most 0 exactly when all joints hold the force f.
+    """How far the force f pushes beyond what the joints hold, along the ray where that is most; at most 0: all hold.
 
-    With symmetric costs this is the facet test of the zonotope sum of [-y_i, y_i] g_i. -inf without any joint.
+    Along the ray t on which joint j rests: (f . t - sum of the costs of the other joints' rates) / |t|. With symmetric
+    costs this is the facet test of the zonotope sum of [-y_i, y_i] g_i. -inf without any joint.
     """
     largest = -math.inf
     for j in range(PLACES):
@@ -92,28 +76,30 @@ def solve_at_rest(mxx, mxy, myy, g, active, cost_plus, cost_minus, lines, fx, fy
         any_active = True
         for side in (1.0, -1.0):
             tx, ty = -g[j, 1] * side, g[j, 0] * side
-            excess = ray_excess(g, active, cost_plus, cost_minus, lines, j, tx, ty, fx, fy)
+            px, py = -ty, tx
+            excess = fx * tx + fy * ty  # what the force pushes along the ray beyond what the other joints hold
+            rx, ry = fx, fy  # what it leaves in the sector just counter-clockwise of the ray
+            possible = True
+            for i in range(PLACES):
+                if active[i] != 0:
+                    rate = g[i, 0] * tx + g[i, 1] * ty
+                    rests = same_line(i, j, lines) or rate == 0.0
+                    if rests:  # just counter-clockwise of the ray it turns: there every rate has one sign
+                        rate = g[i, 0] * px + g[i, 1] * py
+                    resistance = cost_plus[i] if rate > 0.0 else -cost_minus[i]
+                    if not rests:
+                        excess -= resistance * rate
+                    if math.isinf(resistance):
+                        possible = False
+                    else:
+                        rx -= resistance * g[i, 0]
+                        ry -= resistance * g[i, 1]
             if excess > 0.0:
                 stiffness = mxx * tx * tx + 2.0 * mxy * tx * ty + myy * ty * ty
                 objective = -0.5 * excess * excess / stiffness
                 if objective < best:
                     best, held = objective, j
                     ax, ay = tx * excess / stiffness, ty * excess / stiffness
-            # the sector just counter-clockwise of this ray: every rate has one sign in it
-            px, py = -ty, tx
-            rx, ry = fx, fy
-            possible = True
-            for i in range(PLACES):
-                if active[i] != 0:
-                    rate = g[i, 0] * tx + g[i, 1] * ty
-                    if same_line(i, j, lines) or rate == 0.0:
-                        rate = g[i, 0] * px + g[i, 1] * py
-                    resistance = cost_plus[i] if rate > 0.0 else -cost_minus[i]
-                    if math.isinf(resistance):
-                        possible = False
-                    else:
-                        rx -= resistance * g[i, 0]
-                        ry -= resistance * g[i, 1]
             if not possible:
                 continue
             sx, sy = solve_mass(mxx, mxy, myy, rx, ry)
@@ -127,6 +113,7 @@ def solve_at_rest(mxx, mxy, myy, g, active, cost_plus, cost_minus, lines, fx, fy
                             rate = g[i, 0] * px + g[i, 1] * py
                         if rate * (g[i, 0] * sx + g[i, 1] * sy) < 0.0:
                             inside = False
+                            break
                 if inside:
                     best, held, ax, ay = objective, FREE, sx, sy
     if not any_active:
