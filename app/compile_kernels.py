@@ -4,14 +4,13 @@ Two processes share the work: each finds on disk the parts of kernels that the o
 `core.kernel_compiler`).
 """
 
-import os
 import subprocess
 import sys
 
 import numpy as np
 
-from app.ipc.process import spare_scipy
 from app.progress import watch_compiling
+from core.kernel import INTERPRETED
 
 
 def compile_trials() -> None:
@@ -42,9 +41,8 @@ def compile_scene_and_loop() -> None:
 
 def main() -> int:
     """Compile all of it and keep it on disk; a bar shows how far it is. Exit code 1 where the second process failed."""
-    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+    if INTERPRETED:
         return 0
-    spare_scipy()
     if sys.argv[1:] == ["scene-and-loop"]:
         compile_scene_and_loop()
         return 0

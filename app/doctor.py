@@ -18,7 +18,7 @@ from app.progress import SCREENS_CODE
 from app.session_server.lost_time import stolen_share
 from app.session_server.preflight import check_disk
 from core.files import InputError
-from core.kernel import CACHE_FOLDER, is_compiled
+from core.kernel import cache_folder, is_compiled
 from hardware.discovery import BoardFound, SerialPort, ask_board, hid_devices, serial_ports
 
 #: Text is laid out for these; a smaller screen would clip it.
@@ -154,9 +154,9 @@ def load() -> Check:
 def kernels() -> Check:
     """Whether the kernels of a trial are compiled."""
     if is_compiled("run_ticks"):
-        return check("kernels", f"compiled, in {CACHE_FOLDER}")
+        return check("kernels", f"compiled, in {cache_folder()}")
     advice = "The first trial or study compiles them, a quarter of a minute; nothing to do."
-    return check("kernels", f"not compiled yet ({CACHE_FOLDER})", advice)
+    return check("kernels", f"not compiled yet ({cache_folder()})", advice)
 
 
 # ------------------------------------------------------------------------------------- what is attached, and our rights

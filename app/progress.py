@@ -80,7 +80,7 @@ class Compiling:
         self.seconds, self._began, self._bar = 0.0, None, Progress("compiling kernels")
 
     def __call__(self, number: int, of: int, name: str) -> None:
-        """As `kernel_compiler.watchers` are called: before each kernel of an entry, and after the last with no name."""
+        """As `kernel.watchers` are called: before each kernel of an entry, and after the last with no name."""
         if self._began is None:
             self._began = time.perf_counter()
         if name:
@@ -92,7 +92,7 @@ class Compiling:
 
 def watch_compiling() -> Compiling:
     """From here on a bar shows each compilation of kernels."""
-    from core.kernel_compiler import watchers
+    from core.kernel import watchers
 
     watchers[:] = [Compiling()]
     return watchers[0]

@@ -1,27 +1,54 @@
-"""What phd.cmd runs: sets the tree up on first use, then becomes the command `phd`, as the script `phd` does on Linux.
+"""What the launchers `phd` and `phd.cmd` run: sets the tree up on first use, then becomes the command `phd`.
 
-The .venv's Python starts the command, or ends with NOT_READY. The system's Python then sets up and needs nothing but
-itself. A stamp inside .venv, written last, says what was installed where. No stamp: a set-up was killed or never ran,
-it is redone from the start. Another stamp: pyproject.toml or constraints.txt changed, pip updates the .venv.
+The .venv's Python becomes the command, where all is installed as asked; the system's Python, which needs nothing but
+itself, sets up and then starts the other. A stamp inside .venv, written last, says what was installed where. No
+stamp: a set-up was killed or never ran, it is redone from the start. Another stamp: pyproject.toml or constraints.txt
+changed, pip updates the .venv. Messages go to stderr.
 """
 
 import contextlib
+import ctypes
 import hashlib
+import importlib.util
 import os
 import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NoReturn
 
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
-PYTHON = VENV / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
+WINDOWS = sys.platform == "win32"
+PYTHON = VENV / ("Scripts/python.exe" if WINDOWS else "bin/python")
 PINS = ("pyproject.toml", "constraints.txt")
-NOT_READY = 75
-FAILED = 1
+DONE, FAILED, TO_INSTALL = 0, 1, 2
+NOT_READY = 75  # to phd.cmd: the system's Python must set up, while no Python of the .venv runs
+
+#: What compiling the kernels imports: installed first, the rest while they are compiled.
+KERNEL_PACKAGES = "numpy numba msgspec scipy pyarrow fastcrc corncobs pyserial filelock joblib".split()
+
+#: Shared library and Debian package: what Qt loads for any window, then what it loads on X.
+QT_LIBRARIES = {
+    "libEGL.so.1": "libegl1",
+    "libGL.so.1": "libgl1",
+    "libglib-2.0.so.0": "libglib2.0-0",
+    "libfontconfig.so.1": "libfontconfig1",
+    "libxkbcommon.so.0": "libxkbcommon0",
+    "libdbus-1.so.3": "libdbus-1-3",
+    "libxcb-cursor.so.0": "libxcb-cursor0",
+    "libxkbcommon-x11.so.0": "libxkbcommon-x11-0",
+    "libxcb-icccm.so.4": "libxcb-icccm4",
+    "libxcb-keysyms.so.1": "libxcb-keysyms1",
+    "libxcb-shape.so.0": "libxcb-shape0",
+}
+TEST_PROGRAMS = (
+    (("Xvfb", "xdotool"), ("xvfb", "xdotool"), "a screen", "tests that need a screen"),
+    (("cc",), ("gcc", "libc6-dev"), "a C compiler", "tests of the board in C"),
+)
+APT_GET = "apt-get install -y --no-install-recommends"
 
 
 def main() -> int:
@@ -29,18 +56,35 @@ def main() -> int:
     arguments = sys.argv[1:]
     tests = arguments[:1] == ["test"]
     kind = "test" if tests else "run"
+    if sys.platform == "linux" and opens_window(arguments):
+        install_qt_libraries()
     if Path(sys.prefix).resolve() != VENV:
         set_up(kind)
-        return 0
+        return DONE if WINDOWS else become(PYTHON, __file__, *arguments)
     if not is_ready(kind):
-        return NOT_READY
-    if not tests:
-        sys.path[0] = str(ROOT)
-        from app.cli import main as command
+        return NOT_READY if WINDOWS else become(sys._base_executable, __file__, *arguments)
+    if tests:
+        if sys.platform == "linux":
+            install_test_programs()
+        os.chdir(ROOT)
+        os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+        os.environ["PYTHONUTF8"] = "1"
+        return become(PYTHON, *(["-m", "pytest", *arguments[1:]] if arguments[1:] else ["tests/suite.py"]))
+    sys.path[0] = str(ROOT)
+    from app.cli import main as command
 
-        return command()
-    what = ["-m", "pytest", *arguments[1:]] if arguments[1:] else ["tests/suite.py"]
-    return subprocess.call([PYTHON, *what], cwd=ROOT, env=os.environ | {"PYTHONUTF8": "1"})
+    return command()
+
+
+def become(python: str | Path, *arguments: str) -> int:
+    """Go on as another Python; on Windows it runs below this one. The exit code."""
+    command = [str(python), *arguments]
+    if WINDOWS:
+        return subprocess.call(command)
+    os.execv(command[0], command)
+
+
+# ----------------------------------------------------------------------------------------------------------- the .venv
 
 
 def is_ready(kind: str) -> bool:
@@ -60,7 +104,7 @@ def place() -> str:
     with contextlib.suppress(OSError):
         settings = dict(line.split(" = ", 1) for line in (VENV / "pyvenv.cfg").read_text(encoding="utf-8").splitlines())
         if Path(settings["home"]).exists():
-            return f"{ROOT} {settings['home']}"
+            return f"{ROOT} {settings['home']} {PYTHON.resolve()}"
     return ""
 
 
@@ -72,26 +116,24 @@ def set_up(kind: str) -> None:
         stamp = VENV / "stamp-run"
         known = stamp.read_text(encoding="utf-8").splitlines()[0] if stamp.exists() else ""
         update = bool(known) and known == place() and PYTHON.exists()
-        say("bringing .venv up to date" if update else "first use: setting up, a minute or two")
+        say("bringing .venv up to date" if update else "first use: setting up, about a minute")
         for old in VENV.glob("stamp-*"):
             old.unlink()
         if not update:
             make_venv()
-        extras = "[test]" if kind == "test" else ""
-        pip = "-m pip install --quiet --disable-pip-version-check --progress-bar off -c constraints.txt -e".split()
-        if run(*pip, f".{extras}") != 0:
+        if not fill(kind):
             if update:
                 stamp.write_text(f"{known}\n", encoding="utf-8")  # not killed: next time update again
             stop("the set-up failed: pip could not install what constraints.txt pins (see above). Run it again.")
         for done in dict.fromkeys((kind, "run")):
             (VENV / f"stamp-{done}").write_text(stamp_now(), encoding="utf-8")
-        if run("-m", "app.compile_kernels") != 0:
-            say("the kernels could not be compiled now: each verb compiles its own on first use")
         say("set-up done")
 
 
 def make_venv() -> None:
     """A new .venv in place of the one there is."""
+    if importlib.util.find_spec("ensurepip") is None:
+        install("venv for Python", [f"python3.{sys.version_info.minor}-venv"])
     if VENV.exists():
         try:
             shutil.rmtree(VENV)
@@ -101,28 +143,116 @@ def make_venv() -> None:
         stop("no .venv: python -m venv failed (see above)")
 
 
-def run(*arguments: str) -> int:
-    """The exit code of the .venv's Python."""
-    return subprocess.call([PYTHON, *arguments], cwd=ROOT, stdin=subprocess.DEVNULL, stdout=sys.stderr)
+def fill(kind: str) -> bool:
+    """Install what is pinned, and compile the kernels beside; whether pip succeeded."""
+    extras = "[test]" if kind == "test" else ""
+    if not pip_install(*KERNEL_PACKAGES):
+        return False
+    compiling = subprocess.Popen([PYTHON, "-m", "app.compile_kernels"], cwd=ROOT, **QUIET)
+    installed = pip_install("-e", f".{extras}")
+    if compiling.wait() != 0:
+        say("the kernels could not be compiled now: each verb compiles its own on first use")
+    return installed
+
+
+#: Of a process of the set-up: nothing to read, its messages to stderr, and the lock held while it lives.
+QUIET = {"stdin": subprocess.DEVNULL, "stdout": sys.stderr, "close_fds": False}
+
+
+def pip_install(*what: str) -> bool:
+    """As pinned; whether it succeeded. Not byte-compiled: Python does that with what it imports, a third of it."""
+    options = "--quiet --disable-pip-version-check --progress-bar off --no-compile -c constraints.txt".split()
+    return subprocess.call([PYTHON, "-m", "pip", "install", *options, *what], cwd=ROOT, **QUIET) == 0
 
 
 @contextlib.contextmanager
 def one_at_a_time() -> Iterator[None]:
-    """A process that comes second waits, and finds the set-up done."""
-    import msvcrt
-
+    """A process that comes second waits, and finds the set-up done. A pip whose set-up was killed is waited for too."""
     with open(ROOT / ".venv.lock", "w", encoding="utf-8") as lock:
+        os.set_inheritable(lock.fileno(), not WINDOWS)
         waiting = False
-        while True:
-            try:
-                msvcrt.locking(lock.fileno(), msvcrt.LK_NBLCK, 1)
-                break
-            except OSError:
-                if not waiting:
-                    say("another set-up is running, waiting for it")
-                waiting = True
-                time.sleep(0.2)
+        while not is_locked(lock.fileno()):
+            if not waiting:
+                say("another set-up is running, waiting for it")
+            waiting = True
+            time.sleep(0.2)
         yield  # the lock goes with the file
+
+
+def is_locked(lock: int) -> bool:
+    """Try to lock this open file; whether it is ours now."""
+    try:
+        if WINDOWS:
+            import msvcrt
+
+            msvcrt.locking(lock, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+# ---------------------------------------------------------------------------------------------------- system packages
+
+
+def install_qt_libraries() -> None:
+    """What a window needs of the system."""
+    if missing := [package for library, package in QT_LIBRARIES.items() if not is_there(library)]:
+        install("system libraries for the window", missing)
+
+
+def install_test_programs() -> None:
+    """A screen and a compiler; without them, the tests that need them are skipped."""
+    for programs, packages, what, skipped in TEST_PROGRAMS:
+        if not all(map(shutil.which, programs)):
+            try:
+                install(f"{what} for the tests", packages)
+            except SystemExit:
+                say(f"going on: {skipped} are skipped")
+
+
+def opens_window(arguments: Sequence[str]) -> bool:
+    """Whether a command with these arguments shows a window."""
+    if {"-h", "--help", "--version", "--print-plan"} & set(arguments):
+        return False
+    verb = arguments[0] if arguments else ""
+    if verb == "replay":  # any option: no window
+        return not any(word.startswith("--") for word in arguments)
+    return verb in ("", "run", "test") or verb.startswith("-")
+
+
+def is_there(library: str) -> bool:
+    """Whether a shared library can be loaded."""
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def install(purpose: str, packages: Sequence[str]) -> None:
+    """Install Debian packages where allowed, else end with the exact command to type."""
+    names = " ".join(packages)
+    if shutil.which("apt-get") is None:
+        stop(f"{purpose}: missing here, and there is no apt-get. The Debian packages are: {names}", TO_INSTALL)
+    become_root: list[str] = []
+    if os.geteuid() != 0:
+        become_root = ["sudo", "-n"]
+        if shutil.which("sudo") is None or subprocess.call(["sudo", "-n", "true"], stderr=subprocess.DEVNULL) != 0:
+            stop(f"{purpose}: missing on this system. Type: sudo apt-get update && sudo {APT_GET} {names}", TO_INSTALL)
+    say(f"{purpose}: installing {names}")
+    apt_get = [*become_root, "env", "DEBIAN_FRONTEND=noninteractive", "apt-get", "-qq"]
+    apt_get += ["-o", "DPkg::Lock::Timeout=300", "-o", "Dpkg::Use-Pty=0"]
+    for step in (["update"], ["install", "-y", "--no-install-recommends", *packages]):
+        done = subprocess.run(
+            [*apt_get, *step], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        if done.returncode != 0:
+            print(done.stdout, file=sys.stderr)
+            stop(f"{purpose}: apt-get failed (see above). Type: {APT_GET} {names}", TO_INSTALL)
 
 
 def say(sentence: str) -> None:
@@ -130,10 +260,10 @@ def say(sentence: str) -> None:
     print("phd:", sentence, file=sys.stderr, flush=True)
 
 
-def stop(sentence: str) -> NoReturn:
+def stop(sentence: str, code: int = FAILED) -> NoReturn:
     """End with a sentence."""
     say(sentence)
-    sys.exit(FAILED)
+    sys.exit(code)
 
 
 if __name__ == "__main__":

@@ -6,22 +6,26 @@ file that holds a kernel and of all that these import from this project. Folders
 megabyte each, in the user's cache.
 """
 
+import functools
 import getpass
 import hashlib
 import os
 import re
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numba
-
-from core.kernel_compiler import Kernel
+if TYPE_CHECKING:
+    from core.kernel_compiler import Entry
 
 _ROOT = Path(__file__).resolve().parent.parent
 _PACKAGES = ("core", "experiments", "hardware", "app")
 _OURS = rf"(?:{'|'.join(_PACKAGES)})[.\w]*"
 _IMPORT = re.compile(rf"^\s*from ({_OURS}) import (.+)|^\s*import ({_OURS})", re.M)
+
+#: Called before each kernel that is compiled with its number, of how many and its name; at the end with an empty name.
+watchers: list[Callable[[int, int, str], None]] = []
 
 _DECORATED = re.compile(r"^\s*@(?:kernel|inlined|native|intrinsic)$", re.M)
 
@@ -64,13 +68,15 @@ def _cache_home() -> Path:
     return Path(tempfile.gettempdir()) / f"phd-kernels-{getpass.getuser()}"
 
 
-CACHE_FOLDER = _cache_home() / source_hash()
-numba.config.CACHE_DIR = str(CACHE_FOLDER)
+@functools.cache
+def cache_folder() -> Path:
+    """Where the kernels compiled from these sources are kept."""
+    return _cache_home() / source_hash()
 
 
 def is_compiled(name: str) -> bool:
     """Whether a kernel that Python calls is on disk, compiled from these sources; if not, the next call compiles it."""
-    return any(CACHE_FOLDER.rglob(f"*.{name}-*.kernel"))
+    return any(cache_folder().rglob(f"*.{name}-*.kernel"))
 
 
 #: Without the interpreter lock, division by zero gives inf (no hidden branch). No flag that assumes finite numbers.
@@ -79,9 +85,31 @@ def is_compiled(name: str) -> bool:
 _OPTIONS = dict(nopython=True, boundscheck=None, nogil=True, error_model="numpy", _nrt=False)
 
 
+#: Left to Python without the jit.
+INTERPRETED = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+
+
+class Kernel:
+    """A function that is compiled when it is first called; numba is imported then, not with the module of a kernel."""
+
+    def __init__(self, function: Callable, options: dict[str, Any]) -> None:
+        functools.update_wrapper(self, function)
+        self.function, self.options = function, options
+
+    @functools.cached_property
+    def entry(self) -> "Entry":
+        """What numba calls."""
+        from core.kernel_compiler import Entry
+
+        return Entry(self.function, self.options)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.entry(*arguments)
+
+
 def kernel(function: Any) -> Any:
-    """Compile a function: once for each types of its arguments, kept on disk. Left to Python without the jit."""
-    return function if numba.config.DISABLE_JIT else Kernel(function, _OPTIONS)
+    """Compile a function: once for each types of its arguments, kept on disk."""
+    return function if INTERPRETED else Kernel(function, _OPTIONS)
 
 
 def inlined(function: Any) -> Any:
@@ -90,4 +118,4 @@ def inlined(function: Any) -> Any:
     A call costs more than most of them do; the compiler by itself leaves them out of line and a step takes half as
     long again.
     """
-    return function if numba.config.DISABLE_JIT else Kernel(function, {**_OPTIONS, "forceinline": True})
+    return function if INTERPRETED else Kernel(function, {**_OPTIONS, "forceinline": True})

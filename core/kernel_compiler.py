@@ -12,13 +12,15 @@ import contextlib
 import gc
 import hashlib
 import pickle
+import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numba
 from llvmlite import binding
-from numba.core import compiler, typed_passes, untyped_passes
+from numba.core import compiler, typed_passes, types, untyped_passes
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_machinery import PassManager
@@ -26,6 +28,11 @@ from numba.core.registry import CPUDispatcher
 from numba.core.types.functions import BaseFunction
 from numba.core.types.misc import unliteral
 from numba.core.types.npytypes import Record
+from numba.extending import typeof_impl
+
+from core.kernel import Kernel, cache_folder, watchers
+
+numba.config.CACHE_DIR = str(cache_folder())
 
 #: Passes of numba for what no kernel has: closures, `with`, literals that steer the typing, inlined Python, array
 #: expressions. numba refuses a kernel that has them; branches never taken are LLVM's to drop.
@@ -45,9 +52,6 @@ NOT_NEEDED = (
     typed_passes.DumpParforDiagnostics,
 )
 
-#: Called before each kernel that is compiled with its number, of how many and its name; at the end with an empty name.
-watchers: list[Callable[[int, int, str], None]] = []
-
 
 class _Count:
     """How far the compilation of an entry is."""
@@ -59,6 +63,23 @@ class _Count:
         cls.done = cls.done + 1 if name else cls.of
         for watcher in watchers:
             watcher(min(cls.done, cls.of), cls.of, name)
+
+
+def spare_scipy() -> None:
+    """A fifth of a second less: numba imports scipy only to see whether there is a BLAS, and our kernels need none."""
+    if "scipy.linalg" in sys.modules:
+        return
+    scipy = sys.modules.get("scipy")
+    sys.modules["scipy"] = None  # type: ignore[assignment]
+    try:
+        import numba.np.arraymath  # noqa: F401  (it asks once)
+    finally:
+        del sys.modules["scipy"]  # to be imported afterwards as ever
+        if scipy is not None:
+            sys.modules["scipy"] = scipy
+
+
+spare_scipy()
 
 
 def remember_call_types() -> None:
@@ -183,7 +204,7 @@ class PartCompiler(compiler.Compiler):
 def identity(function: Callable) -> str:
     """What tells a kernel from all others in every process: its place, its code, and what is in its closure."""
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
-    parts = [identity(cell.py_func) if isinstance(cell, Kernel) else repr(cell) for cell in cells]
+    parts = [identity(cell.function) if isinstance(cell, Kernel) else repr(cell) for cell in cells]
     known = function.__module__, function.__qualname__, function.__code__.co_code.hex(), *parts
     return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
 
@@ -296,7 +317,7 @@ class Part(CPUDispatcher):
         used = {name: function.__globals__.get(name) for name in function.__code__.co_names}
         cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
         used.update((name, cell.cell_contents) for name, cell in cells)
-        return {name: kernel.part for name, kernel in used.items() if isinstance(kernel, Kernel)}
+        return {name: kernel.entry.part for name, kernel in used.items() if isinstance(kernel, Kernel)}
 
     def to_compile(self) -> set["Part"]:
         """This part and those of all that it calls, however indirectly, that are not compiled for any types yet."""
@@ -344,7 +365,7 @@ class EntryCompiler:
         return result
 
 
-class Kernel(CPUDispatcher):
+class Entry(CPUDispatcher):
     """A kernel: called by Python it is an entry, kept on disk; called by another kernel it is a part."""
 
     def __init__(self, function: Callable, options: dict) -> None:
@@ -361,3 +382,9 @@ class Kernel(CPUDispatcher):
     def get_overload(self, signature: Any) -> Any:
         """What numba asks for the call's code."""
         return self.part.get_overload(signature)
+
+
+@typeof_impl.register(Kernel)
+def _type_of_kernel(kernel: Kernel, _context: Any) -> types.Dispatcher:
+    """What numba asks where a kernel names another."""
+    return types.Dispatcher(kernel.entry)

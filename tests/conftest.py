@@ -39,11 +39,11 @@ def own_settings(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def application() -> Iterator[object]:
+def application() -> object:
     """Qt takes its scale from the environment once: before any test changes it, whichever test comes first."""
     from PySide6.QtWidgets import QApplication
 
-    yield QApplication.instance() or QApplication([])
+    return QApplication.instance() or QApplication([])
 
 
 @pytest.fixture(autouse=True)

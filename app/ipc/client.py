@@ -5,6 +5,7 @@ the memory that the control loop reads.
 """
 
 import time
+from collections.abc import Callable
 from subprocess import DEVNULL
 
 import numpy as np
@@ -30,6 +31,7 @@ class Client:
         self.setup = setup
         self._data_dir, self._refused, self._left_core = setup.data_dir, "", False
         self._received: list = []  # by `refused`, for `receive`
+        self._answered = False
         try:
             self._ring = Ring(width=tick_log.BENCH_WIDTH if setup.link else tick_log.WIDTH)
         except OSError as error:
@@ -49,12 +51,13 @@ class Client:
         """Whether the session server lives, as far as was received, and has not refused to serve."""
         return not (self._refused or self._server.closed)
 
-    def refused(self) -> str:
-        """Wait until the session server serves: ""; or say why it does not."""
+    def refused(self, meanwhile: Callable[[], object] = lambda: None) -> str:
+        """Wait until the session server serves: ""; or say why it does not. meanwhile: called again and again."""
         deadline = time.perf_counter() + START_S
-        while not self._received and self.alive and time.perf_counter() < deadline:
+        while not self._answered and self.alive and time.perf_counter() < deadline:
             self._received += self._take(LOOK_S)
-        if not self._received and not self._refused:
+            meanwhile()
+        if not self._answered and not self._refused:
             what = "ended while it started" if self._server.closed else "does not answer"
             self._refused = f"{self._data_dir}: the session server {what}"
         return self._refused
@@ -73,6 +76,7 @@ class Client:
 
     def _take(self, wait_s: float = 0.0) -> list:
         messages = self._server.receive(wait_s)
+        self._answered |= bool(messages)
         for at, message in enumerate(messages):
             if isinstance(message, Refused):
                 self._refused = message.why

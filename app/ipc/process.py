@@ -25,20 +25,3 @@ def start_python(
     if sys.platform == "win32":  # neither a console window of its own nor the Ctrl-C of ours
         options["creationflags"] = subprocess.CREATE_NO_WINDOW
     return subprocess.Popen(command, env=os.environ | found | (environment or {}), **options)
-
-
-def spare_scipy() -> None:
-    """Before the first kernel runs: a fifth of a second less. scipy can be imported afterwards as ever.
-
-    numba imports scipy only to see whether there is a BLAS, and our kernels need none.
-    """
-    if "scipy.linalg" in sys.modules:
-        return
-    scipy = sys.modules.get("scipy")
-    sys.modules["scipy"] = None  # type: ignore[assignment]
-    try:
-        import numba.np.arraymath  # noqa: F401  (it asks once)
-    finally:
-        del sys.modules["scipy"]
-        if scipy is not None:
-            sys.modules["scipy"] = scipy

@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 
 from app.ipc import messages as m
-from app.ipc.process import spare_scipy
 from app.ipc.ring import CONTROL, Ring
 from app.ipc.scheduling import take_scheduling
 from app.loop.clock import NATIVE, new_timer, timer_words
@@ -303,7 +302,6 @@ def main() -> None:
         signal.signal(number, signal.SIG_IGN)  # the server ends what runs, and then us
     jobs, answers = sys.stdin.buffer, sys.stdout.buffer
     sys.stdout = sys.stderr
-    spare_scipy()
     ring, real_time, port = Ring(sys.argv[1]), sys.argv[2] == m.REAL_TIME, sys.argv[3]
     with contextlib.suppress(BrokenPipeError):
         loop = Loop(ring, port, answers)

@@ -155,7 +155,6 @@ def take_folder(setup: Setup, left: contextlib.ExitStack) -> "Protocol":
 
     InputError or OSError if it cannot be served.
     """
-    from app.ipc.process import spare_scipy
     from experiments.session.files import LOCK, hold_lock
 
     data_dir = setup.data_dir
@@ -163,7 +162,6 @@ def take_folder(setup: Setup, left: contextlib.ExitStack) -> "Protocol":
     left.callback(_remove_empty, data_dir, new, set(data_dir.glob("sub-*")))
     data_dir.mkdir(parents=True, exist_ok=True)
     left.callback(hold_lock(data_dir, LOCK_S).release)
-    spare_scipy()
     return read_protocol(setup)
 
 

@@ -84,8 +84,6 @@ def run(args: argparse.Namespace) -> int:
         display.check()
         windows.make_ready()
         windows.compile_kernels()
-        if refused := client.refused():
-            raise InputError(refused)
     except BaseException:
         client.stop("no window was opened")
         raise

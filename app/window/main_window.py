@@ -103,7 +103,7 @@ class MainWindow(QWidget):
         self.opened: m.Opened | None = None
         self.snapshot = m.Snapshot(m.PREPARING)
         self._then: object = None  # a command for the session server, once it serves
-        self.dead = self._closing = False
+        self.dead = self._closing = self._participant_answers = False
         self.pages: dict[str, Page] = {}
         self.shown = ""  # the page at the front
         self.preflight, self.footer, self._stack = Preflight(), Footer(), QStackedWidget()
@@ -176,6 +176,7 @@ class MainWindow(QWidget):
             page.setup_asked.connect(self.restart_asked)
             self.pages[name] = page
             self._stack.addWidget(page)
+            page.participant_answers = self._participant_answers
             page.show_setup(self.client.setup)
             if self.opened is not None:
                 page.show_opened(self.opened)
@@ -192,6 +193,13 @@ class MainWindow(QWidget):
             tab.setChecked(other == name)
         self._stack.setCurrentWidget(page)
         page.begin(what)
+
+    def ask_participant(self, seen: bool) -> None:
+        """Whether the participant's window is seen: questions are then answered there."""
+        self._participant_answers = seen
+        for page in self.pages.values():
+            page.participant_answers = seen
+            page.show_snapshot(self.snapshot)
 
     def do(self, action: str) -> None:
         """What a key asks for: a question's answer first, else the page's."""

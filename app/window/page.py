@@ -28,6 +28,7 @@ class Page(QWidget):
         self.send = send
         self.opened: m.Opened | None = None
         self.snapshot = m.Snapshot(m.PREPARING)
+        self.participant_answers = False  # the questions stand on the participant's own window
 
     def show_setup(self, setup: m.Setup) -> None:
         """With what the session server was started."""

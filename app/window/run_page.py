@@ -52,7 +52,6 @@ class RunPage(Page):
         self.panel, self.centre = SessionPanel(), Centre()
         self.traces, self.energy, self.timing = Traces(), EnergyPanel(), TimingStrip()
         self.card, self.questions = TrialCard(), Questionnaire()
-        self.participant_answers = False  # the questions stand on the participant's own window
         self._shown: PlannedTrial | None = None  # the trial that the workspace is set up for
         self._waiting: list[np.ndarray] = []  # ticks that the panels have not had yet
         self._ticks: list[np.ndarray] = []  # of the running trial, for its card

@@ -5,6 +5,7 @@ import signal
 import sys
 import threading
 import time
+from importlib import import_module
 
 from PySide6.QtCore import QCoreApplication, QEvent, QEventLoop, QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication, QScreen
@@ -13,16 +14,14 @@ from PySide6.QtWidgets import QApplication, QProgressBar, QProgressDialog
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
-from app.ipc.process import spare_scipy
 from app.window import words
 from app.window.keys import bind
 from app.window.main_window import LARGEST, MainWindow
-from app.window.page import RUN
 from app.window.painting import theme
 from app.window.painting.theme import show_whole
 from app.window.participant_window import ParticipantWindow
-from app.window.run_page import RunPage
 from app.window.work import Verb
+from core.files import InputError
 from core.kernel import is_compiled
 
 FRAME_S = 1.0 / 60.0
@@ -39,7 +38,7 @@ class Windows(QObject):
         self.client = client
         self.main = MainWindow(client)
         self.participant = ParticipantWindow()
-        self._dead = self._over = False
+        self._dead = self.over = False
         self._warm_up: threading.Thread | None = None
         self._ending: threading.Thread | None = None  # ends a session server, after which the next is started
         self._next: tuple[Setup, object] = client.setup, None
@@ -123,7 +122,7 @@ class Windows(QObject):
             self.main.activateWindow()
         else:
             self._show_participant()
-        self._show_questions_where()
+        self.main.ask_participant(self.participant.isVisible())
 
     def _show_participant(self) -> None:
         other = self._other_screen()
@@ -136,14 +135,7 @@ class Windows(QObject):
         else:
             self._hand_back_until_s = time.perf_counter() + HAND_BACK_S
         self.participant.show_snapshot(self.main.snapshot)
-        self._show_questions_where()
-
-    def _show_questions_where(self) -> None:
-        """The participant answers on the window that is seen."""
-        run = self.main.page(RUN)
-        assert isinstance(run, RunPage)
-        run.participant_answers = self.participant.isVisible()
-        run.show_snapshot(self.main.snapshot)
+        self.main.ask_participant(self.participant.isVisible())
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Where both windows are seen the keyboard is the experimenter's: some window systems give it to the newest."""
@@ -209,9 +201,9 @@ class Windows(QObject):
 
     def close(self, reason: str = "the window was closed") -> None:
         """End the session server, whatever it does, and both windows."""
-        if self._over:
+        if self.over:
             return
-        self._over = True
+        self.over = True
         self._timer.stop()
         self.participant.leaving = True
         self.participant.close()
@@ -223,8 +215,9 @@ class Windows(QObject):
 
 
 def load_statistics() -> None:
-    """The statistics of the results take a second and a half to import."""
-    import app.window.analyse_page  # noqa: F401
+    """What the other pages need: kernels, plots and statistics take a second and a half to import."""
+    import_module("core.kernel_compiler")  # first: while it is imported, scipy is not (see its `spare_scipy`)
+    import_module("app.window.analyse_page")
 
     gc.collect()
     gc.freeze()  # else looking through all that was imported holds a frame for 50 ms now and then
@@ -232,7 +225,6 @@ def load_statistics() -> None:
 
 def make_ready() -> QApplication:
     """What need not wait for the server: the application."""
-    spare_scipy()
     application = QApplication.instance() or QApplication(sys.argv[:1])
     assert isinstance(application, QApplication)
     application.setOrganizationName("phd")  # where the user's settings are
@@ -260,7 +252,10 @@ def compile_kernels() -> None:
 
 
 def run(client: Client) -> int:
-    """Open the app, which has been made ready, on a session server and stay until it closes; the exit code."""
+    """Open the app, which has been made ready, on a session server and stay until it closes; the exit code.
+
+    InputError if the session server cannot serve; the window is then closed at once.
+    """
     application = QApplication.instance()
     assert isinstance(application, QApplication)
     code = 0
@@ -278,6 +273,10 @@ def run(client: Client) -> int:
             signal.signal(number, leave)
         show_whole(windows.main, *LARGEST)
         windows.show()
+        refused = client.refused(meanwhile=application.processEvents)
+        if refused and not windows.over:
+            windows.close()
+            raise InputError(refused)
         application.exec()
     except BaseException:
         client.stop("the window failed")

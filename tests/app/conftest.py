@@ -6,11 +6,35 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from screens import Screens
 
+from app.window.painting import theme
+
+
+@pytest.fixture(scope="session", autouse=True)
+def dressed(application: QApplication) -> Iterator[None]:
+    """The typeface and the colours, once; and no window loads what later pages need beside the tests."""
+    theme.dress(application)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("app.window.windows.load_statistics", lambda: None)
+        yield
+
+
+@pytest.fixture(scope="module")
+def kept() -> Iterator[list[Screens]]:
+    """The windows of a file's tests; nothing is left of them at the end."""
+    windows: list[Screens] = []
+    yield windows
+    while windows:
+        windows.pop().close()
+    assert not [top for top in QApplication.topLevelWidgets() if top.isVisible()]
+
 
 @pytest.fixture
-def screens(qtbot) -> Iterator[Screens]:
-    """Both windows, without processes; nothing is left of them at the end."""
-    screens = Screens()
-    yield screens
-    screens.close()
-    assert screens.client.stopped and not [top for top in QApplication.topLevelWidgets() if top.isVisible()]
+def screens(qtbot, kept: list[Screens]) -> Screens:
+    """Both windows, without processes: the same for all tests of a file until one closes them."""
+    if kept and kept[0].closed:
+        kept.pop().close()
+    if kept:
+        kept[0].begin_anew()
+    else:
+        kept.append(Screens())
+    return kept[0]

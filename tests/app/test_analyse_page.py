@@ -1,6 +1,5 @@
 """The page Analyse: points that can be read and opened, filters, timeouts above the scale, an export that is whole."""
 
-import os
 import pickle
 from dataclasses import replace
 from itertools import pairwise
@@ -9,8 +8,6 @@ from pathlib import Path
 import fake_client
 import numpy as np
 import pytest
-
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from protocols import short
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtGui import QFontMetricsF
@@ -64,7 +61,6 @@ def data(tmp_path: Path) -> Path:
 
 
 def page_on(qtbot, data: Path) -> AnalysePage:
-    theme.dress(QApplication.instance())
     page = AnalysePage(lambda command: None)
     qtbot.addWidget(page)
     page.resize(1280, 640)
@@ -98,7 +94,6 @@ def test_a_data_folder_of_180_trials_shows_them_all(qtbot, data: Path) -> None:
 def test_without_a_folder_it_shows_that_of_the_open_session_and_follows_it(qtbot, data: Path) -> None:
     rows = read_table(table_of(data, "02"))
     write_table(table_of(data, "02"), rows[:-1], replacing=True)
-    theme.dress(QApplication.instance())
     page = AnalysePage(lambda command: None)
     qtbot.addWidget(page)
     page.show()

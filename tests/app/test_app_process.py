@@ -9,14 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from live import LONG_S
 from processes import children, gone
 from protocols import PAPER, changed
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
 from screens import point
 from synthetic_hand import SyntheticHand
 
@@ -25,7 +22,6 @@ from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
 from app.window.page import RUN
-from app.window.painting import theme
 from app.window.trial_card import NO_FLAGS
 from app.window.windows import Windows
 from core import tick_log
@@ -45,7 +41,6 @@ def wait_until(what, seconds: float = LONG_S) -> None:
 @pytest.fixture
 def windows(qtbot, tmp_path: Path):
     """Both windows on a real bench, a session open, ready."""
-    theme.dress(QApplication.instance())  # type: ignore[arg-type]
     protocol = tmp_path / "patient.toml"  # as the paper's, for a hand whose machine shows it few pictures
     protocol.write_text(changed(PAPER.text, time_out_s="200.0"), encoding="utf-8")
     windows = Windows(Client(Setup(tmp_path / "data", str(protocol), sync=False)))

@@ -1,22 +1,17 @@
 """The device page: what it shows of a device on the bench, what is wrong, and the steps that make it ready."""
 
 import math
-import os
 from itertools import product
 
 import pytest
-
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from fake_client import DEVICES, PRESETS, opened, paper, ready, running
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
 from screens import cut_texts, settle, visible_texts
 from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status
 
 from app.ipc import messages as m
 from app.window.device_page import RECENT_S, SIMULATED, DevicePage, Recent, counters_of, quantisation, worth_a_look
-from app.window.painting import theme
 
 LEFT = Qt.MouseButton.LeftButton
 DEVICE = next(device for device in DEVICES if device.name == "four-brake")
@@ -24,7 +19,6 @@ DEVICE = next(device for device in DEVICES if device.name == "four-brake")
 
 @pytest.fixture
 def page(qtbot):
-    theme.dress(QApplication.instance())  # type: ignore[arg-type]
     made = DevicePage()
     qtbot.addWidget(made)
     made.resize(1256, 620)

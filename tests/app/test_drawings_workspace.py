@@ -2,17 +2,13 @@
 
 import itertools
 import math
-import os
 
 import numpy as np
 import pytest
 from fake_ticks import ACROSS, ALONG, TIP, quiet, trial
-
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QImage
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
 
 from app.window.painting import theme
 from app.window.painting.force_view import TRAIL
@@ -73,7 +69,6 @@ LINE = build_path(ALONG, "path")
 
 
 def shown(qtbot, widget, width: int = 760, height: int = 620):
-    theme.dress(QApplication.instance())
     qtbot.addWidget(widget)
     widget.resize(width, height)
     widget.show()
@@ -395,6 +390,7 @@ def test_the_buttons_are_whole_in_a_small_window(qtbot) -> None:
 
 def test_a_path_that_the_arms_do_not_reach_is_still_shown(qtbot) -> None:
     workspace = shown(qtbot, Workspace((FOUR,), PATHS))
+    workspace.buttons[DIRECTIONS].setChecked(True)
     workspace.show_trial(FOUR, Segment((-0.1, 0.4), (0.1, 0.4)), (0.0, 1.2))
     workspace.view.grab()
     assert workspace.view.instant.joints == {}

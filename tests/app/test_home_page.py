@@ -1,13 +1,10 @@
 """Home: choices that take effect when a session starts, what keeps it from starting, and the data that are there."""
 
-import os
 from itertools import product
 from pathlib import Path
 
 import pytest
 from fake_client import GREEN, RED, before, opened, ready
-
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
@@ -19,7 +16,6 @@ from app.ipc import messages as m
 from app.window.data_panel import Recent
 from app.window.home_page import BOARD, SIMULATED, HomePage
 from app.window.page import ANALYSE, RUN, TRY
-from app.window.painting import theme
 from experiments.inputs import OPERATOR
 from experiments.protocol import PAPER, load_protocol
 from experiments.session.overview import DataOverview, SessionOverview
@@ -34,7 +30,6 @@ class Shown:
     """A home page, what it sent and what it asked for."""
 
     def __init__(self, qtbot, folder: Path) -> None:
-        theme.dress(QApplication.instance())  # type: ignore[arg-type]
         self.qtbot, self.sent, self.setups, self.pages = qtbot, [], [], []
         self.page = HomePage(self.sent.append)
         qtbot.addWidget(self.page)

@@ -1,7 +1,7 @@
-"""The launcher `phd`: set up once, redone when killed or outdated, nothing of its own on stdout.
+"""The launchers `phd` and `phd.cmd`: set up once, redone when killed or outdated, nothing of their own on stdout.
 
-It runs here in a small tree with stand-ins for python3, pip, apt-get and the rest on a PATH of their own; each
-stand-in writes its call into a log.
+They run here in a small tree. In place of venv, pip and pytest are modules that write their call into a log; programs
+of the system are stand-ins on a PATH of their own.
 """
 
 import os
@@ -19,50 +19,52 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from app import set_up
+
 ROOT = Path(__file__).resolve().parents[2]
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="a shell script; on Windows phd.cmd has its place")
-REAL_TOOLS = "sh env cat readlink cksum flock rm mv mkdir cp chmod mktemp sleep".split()
+WINDOWS = sys.platform == "win32"
+linux = pytest.mark.skipif(sys.platform != "linux", reason="of Debian")
+shell = pytest.mark.skipif(WINDOWS, reason="its tools are shell scripts here, its kills are signals")
 
-# The system's python3: -c answers what the launcher asks of it, -m venv makes a folder with a stand-in inside.
-SYSTEM_PYTHON = """#!/bin/sh
-case "$*" in
-    *ensurepip*) [ -z "${NO_VENV-}" ]; exit ;;
-    *ctypes*) exit 1 ;;
-    "-m venv "*) echo "venv" >>"$LOG"; mkdir -p "$3/bin"; cp "$STAND_INS/venv-python" "$3/bin/python" ;;
-esac
+# Modules that `python -m` finds before its own, and those of the tree.
+LOG = "import os, pathlib, sys, time\nlog = open(os.environ['LOG'], 'a')\n"
+VENV = """
+print("venv", file=log)
+sys.path.remove(os.environ["PYTHONPATH"])
+import venv
+venv.create(sys.argv[1], with_pip=False, symlinks=os.name == "posix")
 """
-
-# The .venv's python: pip makes the command, after a while where asked; pytest leaves results behind.
-VENV_PYTHON = """#!/bin/sh
-here=${0%/*}
-case "$*" in
-    "-m pip"*)
-        echo "pip $*" >>"$LOG"
-        echo "pip talks"
-        left=3000 # an abandoned one ends by itself
-        while [ -n "${PIP_WAITS_FOR-}" ] && [ ! -e "$PIP_WAITS_FOR" ] && [ $left -gt 0 ]; do
-            sleep 0.01 || exit 1
-            left=$((left - 1))
-        done
-        [ -z "${PIP_FAILS-}" ] || exit 1
-        for tool in ruff mypy lint-imports; do
-            printf '#!/bin/sh\\n[ "$FAILING_TOOL" != %s ]\\n' $tool >"$here/$tool"
-        done
-        printf '#!/bin/sh\\necho "phd was given:" "$@"\\n' >"$here/phd"
-        chmod +x "$here"/* ;;
-    "-m app.compile_kernels") echo "compile" >>"$LOG"; [ -z "${COMPILING_FAILS-}" ] ;;
-    "-m pytest -n 2 --dist loadfile --no-loadscope-reorder --junitxml"*" -m nojit tests/app/test_marked.py")
-        echo "pytest nojit $NUMBA_DISABLE_JIT" >>"$LOG"; exit "${NOJIT_CODE-0}" ;;
-    "-m pytest -n 2 --dist loadfile --no-loadscope-reorder --junitxml"*" --ignore-glob=*/test_live_*.py")
-        echo "pytest whole" >>"$LOG"
-        echo '<a><testsuite tests="9" skipped="1" errors="1" failures="2"/></a>' >"${8#--junitxml=}"; exit 1 ;;
-    "-m pytest -n 2 --dist loadfile --no-loadscope-reorder --junitxml"*" tests/app/test_live_one.py")
-        echo "pytest live" >>"$LOG" ;;
-    "-m pytest"*) echo "$*" >>"$LOG" ;;
-    "tests/suite.py") exec "$REAL_PYTHON" "$@" ;;
-esac
+PIP = """
+print("pip", *sys.argv[1:], file=log, flush=True)
+print("pip talks")
+left = 3000  # an abandoned one ends by itself
+while (gate := os.environ.get("PIP_WAITS_FOR")) and not os.path.exists(gate) and left:
+    time.sleep(0.01)
+    left -= 1
+for tool in ("ruff", "mypy", "lint-imports"):
+    file = pathlib.Path(sys.prefix, "bin", tool)
+    if file.parent.exists():
+        file.write_text(f'#!/bin/sh\\n[ "$FAILING_TOOL" != {tool} ]\\n')
+        file.chmod(0o755)
+sys.exit(bool(os.environ.get("PIP_FAILS")))
 """
-
+PYTEST = """
+interpreted = "NUMBA_DISABLE_JIT" in os.environ
+words = [word for word in sys.argv[1:] if not word.startswith("--junitxml=")]
+print("pytest", *words, *["interpreted"] * interpreted, file=log)
+for word in sys.argv:
+    if word.startswith("--junitxml=") and "--ignore-glob=*/test_live_*.py" in words:
+        pathlib.Path(word[11:]).write_text('<a><testsuite tests="9" skipped="1" errors="1" failures="2"/></a>')
+        sys.exit(1)
+sys.exit(interpreted and int(os.environ.get("INTERPRETED_CODE", 0)))
+"""
+COMPILE = "print('compile', file=log)\nsys.exit(bool(os.environ.get('COMPILING_FAILS')))\n"
+COMMAND = """
+import sys
+def main():
+    print("phd was given:", *sys.argv[1:])
+    return 7 if "fails" in sys.argv else 0
+"""
 LOGGING = '#!/bin/sh\necho "${0##*/} $*" >>"$LOG"\n'
 
 
@@ -70,49 +72,42 @@ class Tree:
     """A tree with the launcher in it, and what it finds on its PATH."""
 
     def __init__(self, folder: Path) -> None:
-        self.root, self.path, self.log = folder / "tree", folder / "path", folder / "log"
-        self.root.mkdir(parents=True)
-        self.path.mkdir()
+        self.root, self.path, self.modules = folder / "a tree", folder / "path", folder / "modules"
+        self.log = folder / "log"
         self.log.touch()
-        (self.root / "tests/app").mkdir(parents=True)
+        for one in (self.path, self.modules, self.root / "app", self.root / "tests/app"):
+            one.mkdir(parents=True)
+        for name in ("phd", "phd.cmd", "app/set_up.py", "pyproject.toml", "constraints.txt", "tests/suite.py"):
+            shutil.copy(ROOT / name, self.root / name)
+        for name, code in {"venv": VENV, "pip": PIP, "pytest": PYTEST}.items():
+            (self.modules / f"{name}.py").write_text(LOG + code)
+        (self.root / "app/cli.py").write_text(COMMAND)
+        (self.root / "app/compile_kernels.py").write_text(LOG + COMPILE)
         (self.root / "tests/app/test_marked.py").write_text("@pytest.mark.nojit")
         (self.root / "tests/app/test_live_one.py").touch()
-        (self.root / "tests/app/test_other.py").touch()
-        for name in ("phd", "pyproject.toml", "constraints.txt", "tests/suite.py"):
-            shutil.copy(ROOT / name, self.root / name)
-        for tool in REAL_TOOLS:
+        self.environment = {**os.environ, "PATH": str(self.path), "LOG": str(self.log), "FAILING_TOOL": "none"}
+        self.environment |= {"PYTHONPATH": str(self.modules), "PYTHONDONTWRITEBYTECODE": "1"}
+        self.environment.pop("NUMBA_DISABLE_JIT", None)
+        if WINDOWS:
+            (self.path / "py.cmd").write_text(f'@"{sys.executable}" %2 %3 %4 %5 %6 %7\n')
+            self.environment["PATH"] += f";{os.environ['SystemRoot']}/system32"
+            return
+        for tool in ("sh", "readlink", "env"):
             found = shutil.which(tool)
             assert found, f"{tool} is needed by the launcher and not on this system"
             (self.path / tool).symlink_to(found)
-        self.stand_in("python3", SYSTEM_PYTHON)
-        self.stand_in("venv-python", VENV_PYTHON)
-        self.stand_in("apt-get", LOGGING)
-        self.stand_in("sudo", "#!/bin/sh\nexit 1\n")
-        self.stand_in("Xvfb", LOGGING)
-        self.stand_in("xdotool", LOGGING)
-        self.stand_in("cc", LOGGING)
-        self.user(0)
-        self.libraries("all")
-        self.environment = {"PATH": str(self.path), "STAND_INS": str(self.path), "LOG": str(self.log)}
-        self.environment |= {"REAL_PYTHON": sys.executable, "FAILING_TOOL": "none"}
+        self.stand_in("python3", f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+        for name in ("apt-get", "Xvfb", "xdotool", "cc"):
+            self.stand_in(name, LOGGING)
 
     def stand_in(self, name: str, script: str) -> None:
         (self.path / name).write_text(script)
         (self.path / name).chmod(0o755)
 
-    def user(self, number: int) -> None:
-        self.stand_in("id", f"#!/bin/sh\necho {number}\n")
-
-    def libraries(self, which: str) -> None:
-        """Let the system have all of Qt's libraries or none."""
-        words = (self.root / "phd").read_text().split("qt_libraries='")[1].split("'")[0].split()
-        assert len(words) == 11
-        lines = [f"\t{word.split('=')[0]} (libc6,x86-64) => /somewhere" for word in words if which == "all"]
-        self.stand_in("ldconfig", "#!/bin/sh\ncat <<END\n" + "\n".join(lines) + "\nEND\n")
-
     def start(self, *arguments: str, **environment: str) -> subprocess.Popen:
+        command = ["cmd.exe", "/c", self.root / "phd.cmd"] if WINDOWS else [self.root / "phd"]
         return subprocess.Popen(
-            [self.root / "phd", *arguments], env=self.environment | environment, text=True, start_new_session=True,
+            [*command, *arguments], env=self.environment | environment, text=True, start_new_session=True,
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         )  # fmt: skip
 
@@ -136,40 +131,37 @@ def tree(tmp_path: Path) -> Tree:
     return Tree(tmp_path)
 
 
-def test_first_use_sets_up_and_hands_every_argument_on(tree: Tree) -> None:
+def test_first_use_sets_up_once_and_hands_arguments_and_exit_codes_on(tree: Tree) -> None:
     done = tree.run("study", "two words", "--seed", "1")
-    assert (done.returncode, done.stdout) == (0, "phd was given: study two words --seed 1\n")
+    assert (done.returncode, done.stdout) == (0, "phd was given: study two words --seed 1\n"), done.stderr
     assert "first use" in done.stderr and "pip talks" in done.stderr
     first, second = tree.calls("pip")
     assert all("-c constraints.txt" in call for call in (first, second))
     assert " numba " in first and "-e ." not in first and second.endswith("-e .")
-
-
-def test_the_set_up_compiles_the_kernels_once_and_stands_where_that_fails(tree: Tree) -> None:
-    done = tree.run("devices", COMPILING_FAILS="yes")
-    assert (done.returncode, tree.calls("compile")) == (0, ["compile"])
-    assert "could not be compiled now" in done.stderr
-    tree.run("devices")
-    assert len(tree.calls("compile")) == 1
-
-
-def test_later_uses_call_neither_python_nor_pip(tree: Tree) -> None:
-    tree.run("devices")
+    assert tree.calls("compile") == ["compile"]
     before = tree.log.read_text()
-    tree.stand_in("python3", LOGGING)
-    again = tree.run("devices")
-    assert (again.stdout, again.stderr, tree.log.read_text()) == ("phd was given: devices\n", "", before)
+    again = tree.run("devices", "fails")
+    assert (again.returncode, again.stdout, again.stderr) == (7, "phd was given: devices fails\n", "")
+    assert tree.log.read_text() == before
 
 
-@pytest.mark.parametrize("name", ["constraints.txt", "pyproject.toml"])
-def test_changed_pins_bring_the_environment_up_to_date(tree: Tree, name: str) -> None:
-    tree.run("devices")
-    (tree.root / name).write_text((tree.root / name).read_text() + "# changed\n")
-    assert tree.run("devices").returncode == 0
-    assert (len(tree.calls("pip")), len(tree.calls("venv"))) == (4, 1)
+def test_the_set_up_stands_where_the_kernels_cannot_be_compiled(tree: Tree) -> None:
+    done = tree.run("devices", COMPILING_FAILS="yes")
+    assert done.returncode == 0 and "could not be compiled now" in done.stderr
     assert tree.run("devices").stderr == ""
 
 
+def test_changed_pins_bring_the_environment_up_to_date(tree: Tree) -> None:
+    tree.run("devices")
+    for number, name in enumerate(("constraints.txt", "pyproject.toml"), start=2):
+        (tree.root / name).write_text((tree.root / name).read_text() + "# changed\n")
+        done = tree.run("devices")
+        assert done.returncode == 0 and "bringing .venv up to date" in done.stderr
+        assert (len(tree.calls("pip")), len(tree.calls("venv"))) == (2 * number, 1)
+    assert tree.run("devices").stderr == ""
+
+
+@shell
 @pytest.mark.parametrize("update", [False, True])
 def test_a_killed_set_up_or_update_is_redone_from_the_start(tree: Tree, tmp_path: Path, update: bool) -> None:
     if update:
@@ -198,6 +190,19 @@ def test_two_first_uses_at_once_set_up_once_and_both_succeed(tree: Tree, tmp_pat
     assert (len(tree.calls("venv")), len(tree.calls("pip"))) == (1, 2)
 
 
+@shell
+def test_the_pip_of_a_set_up_that_was_killed_alone_is_waited_for(tree: Tree, tmp_path: Path) -> None:
+    gate = tmp_path / "gate"
+    first = tree.start("devices", PIP_WAITS_FOR=str(gate))
+    tree.wait_for_pip()
+    os.kill(first.pid, signal.SIGKILL)
+    second = tree.start("devices")
+    assert second.stderr is not None and "waiting" in second.stderr.readline()
+    gate.touch()
+    assert second.communicate(timeout=120)[0] == "phd was given: devices\n"
+    first.communicate()
+
+
 @pytest.mark.parametrize("update", [False, True])
 def test_a_failed_set_up_is_redone_and_a_failed_update_keeps_the_environment(tree: Tree, update: bool) -> None:
     if update:
@@ -209,70 +214,135 @@ def test_a_failed_set_up_is_redone_and_a_failed_update_keeps_the_environment(tre
     assert len(tree.calls("venv")) == (1 if update else 2)
 
 
-def test_a_moved_tree_is_set_up_anew(tree: Tree) -> None:
+def test_a_moved_tree_or_another_python_is_set_up_anew(tree: Tree) -> None:
     tree.run("devices")
     tree.root = tree.root.rename(tree.root.with_name("moved"))
-    assert tree.run("devices").returncode == 0
-    assert len(tree.calls("venv")) == 2
+    assert tree.run("devices").returncode == 0 and len(tree.calls("venv")) == 2
+    settings = tree.root / ".venv/pyvenv.cfg"
+    settings.write_text(re.sub("home = .*", f"home = {tree.path}", settings.read_text()))
+    assert tree.run("devices").returncode == 0 and len(tree.calls("venv")) == 3
 
 
-def test_without_venv_root_gets_it_installed_and_others_the_command_to_type(tree: Tree) -> None:
-    tree.user(1000)
-    refused = tree.run("devices", NO_VENV="1")
-    assert (refused.returncode, refused.stdout) == (2, "")
-    assert "sudo apt-get install -y --no-install-recommends python3-venv" in refused.stderr
-    assert not (tree.root / ".venv").exists()
-    tree.user(0)
-    assert tree.run("devices", NO_VENV="1").returncode == 0
-    assert any(call.endswith("--no-install-recommends python3-venv") for call in tree.calls("apt-get"))
+def test_without_python_the_launcher_says_what_to_type(tree: Tree) -> None:
+    for name in ("python3", "py.cmd"):
+        (tree.path / name).unlink(missing_ok=True)
+    done = tree.run("devices")
+    assert (done.returncode, done.stdout) == (2, "")
+    what = "winget install Python.Python.3.13" if WINDOWS else "apt-get install -y --no-install-recommends python3"
+    assert what in done.stderr
 
 
-@pytest.mark.parametrize("verb", ["", "run", "run --device d.toml", "--device d.toml", "replay a", "test x"])
-def test_a_verb_with_a_window_needs_the_system_libraries(tree: Tree, verb: str) -> None:
-    tree.libraries("none")
-    tree.user(1000)
-    refused = tree.run(*verb.split())
-    assert (refused.returncode, refused.stdout) == (2, "")
-    assert "Type: sudo apt-get update && sudo apt-get install" in refused.stderr and "libegl1" in refused.stderr
-    tree.user(0)
-    assert tree.run(*verb.split()).returncode == 0
-    assert "libxcb-shape0" in tree.calls("apt-get")[-1]
-    tree.libraries("all")
-    tree.user(1000)
-    assert tree.run(*verb.split()).returncode == 0
+def test_both_launchers_take_the_same_pythons() -> None:
+    unix, windows = (ROOT / "phd").read_text("utf-8"), (ROOT / "phd.cmd").read_text("utf-8")
+    assert tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["requires-python"] == ">=3.11,<3.14"
+    assert all("(3, 11) <= sys.version_info < (3, 14)" in text for text in (unix, windows))
+    versions = {"3.11", "3.12", "3.13"}
+    assert set(re.findall(r"python(3\.\d+)", unix)) == set(re.findall(r'"py -(3\.\d+)"', windows)) == versions
+    assert f'"%errorlevel%"=="{set_up.NOT_READY}"' in windows
 
 
-WITHOUT_WINDOW = [
-    "study --out d", "replay a --out b", "replay a --json", "replay a --controller 2", "run --print-plan", "run --help",
-    "--help",
-]  # fmt: skip
+# ---------------------------------------------------------------------------------------------------- system packages
 
 
-@pytest.mark.parametrize("verb", WITHOUT_WINDOW)
-def test_a_verb_without_a_window_needs_no_system_library(tree: Tree, verb: str) -> None:
-    tree.libraries("none")
-    tree.user(1000)
-    assert tree.run(*verb.split()).returncode == 0
+class Debian:
+    """What the set-up finds of the system, and what it runs there."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.user, self.libraries, self.code = 0, True, 0
+        self.programs, self.ran = {"apt-get"}, []
+        monkeypatch.setattr(os, "geteuid", lambda: self.user)
+        monkeypatch.setattr(set_up, "is_there", lambda library: self.libraries)
+        monkeypatch.setattr(shutil, "which", lambda program: program if program in self.programs else None)
+        monkeypatch.setattr(subprocess, "run", self.run)
+
+    def run(self, command: list[str], **_: object) -> subprocess.CompletedProcess:
+        self.ran.append(" ".join(command))
+        return subprocess.CompletedProcess(command, self.code, "E: no network")
 
 
-def test_test_with_arguments_is_pytest_with_these_arguments(tree: Tree) -> None:
-    assert tree.run("test", "tests/test_x.py", "-k", "a b").returncode == 0
-    assert tree.calls("-m") == ["-m pytest tests/test_x.py -k a b"]
-    assert tree.calls("pip")[-1].endswith("-e .[test]")
-    assert tree.run("devices").stderr == ""
+@pytest.fixture
+def debian(monkeypatch: pytest.MonkeyPatch) -> Debian:
+    return Debian(monkeypatch)
 
 
-@pytest.mark.parametrize("tool", ["none", "ruff", "mypy", "lint-imports"])
+@linux
+def test_libraries_of_qt_are_installed_for_root_and_others_get_the_command_to_type(debian: Debian, capsys) -> None:
+    set_up.install_qt_libraries()
+    assert debian.ran == []
+    debian.libraries = False
+    set_up.install_qt_libraries()
+    assert debian.ran[-1].endswith("libxcb-shape0") and "install -y --no-install-recommends libegl1" in debian.ran[-1]
+    debian.user = 1000
+    with pytest.raises(SystemExit, match="2"):
+        set_up.install_qt_libraries()
+    assert "Type: sudo apt-get update && sudo apt-get install" in capsys.readouterr().err
+    debian.programs.clear()
+    with pytest.raises(SystemExit, match="2"):
+        set_up.install_qt_libraries()
+    assert "there is no apt-get. The Debian packages are: libegl1" in capsys.readouterr().err
+    assert len(debian.ran) == 2
+
+
+@linux
+def test_apt_get_that_fails_is_shown_with_the_command_to_type(debian: Debian, capsys) -> None:
+    debian.code = 100
+    with pytest.raises(SystemExit, match="2"):
+        set_up.install("venv for Python", ["python3.11-venv"])
+    shown = capsys.readouterr().err
+    assert "E: no network" in shown and "Type: apt-get install -y --no-install-recommends python3.11-venv" in shown
+
+
+@linux
+def test_tests_go_on_without_a_screen_or_a_compiler(debian: Debian, capsys) -> None:
+    debian.user = 1000
+    set_up.install_test_programs()
+    shown = capsys.readouterr().err
+    assert "going on: tests that need a screen are skipped" in shown and "going on: tests of the board in C" in shown
+    debian.programs |= {"Xvfb", "xdotool", "cc"}
+    set_up.install_test_programs()
+    assert capsys.readouterr().err == "" and debian.ran == []
+
+
+@pytest.mark.parametrize("words", ["", "run", "run --device d.toml", "--device d.toml", "replay a", "test x"])
+def test_a_verb_with_a_window_needs_the_libraries(words: str) -> None:
+    assert set_up.opens_window(words.split())
+
+
+@pytest.mark.parametrize(
+    "words", ["study --out d", "replay a --out b", "replay a --json", "run --print-plan", "run --help", "--help"]
+)
+def test_a_verb_without_a_window_needs_none(words: str) -> None:
+    assert not set_up.opens_window(words.split())
+
+
+# ----------------------------------------------------------------------------------------------------------- phd test
+
+
+@shell
+@pytest.mark.parametrize("tool", ["none", "mypy"])
 def test_the_suite_names_each_failed_part_and_ends_with_the_counts(tree: Tree, tool: str) -> None:
     done = tree.run("test", FAILING_TOOL=tool)
     assert done.returncode == 1
     failed = "pytest" if tool == "none" else f"{tool}, pytest"
     assert done.stdout.splitlines()[-2:] == [f"failed: {failed}", "5 passed, 3 failed"]
-    assert tree.calls("pytest") == ["pytest whole", "pytest live", "pytest nojit 1"]
+    whole, live, marked = tree.calls("pytest")
+    assert "--ignore-glob" in whole and live.endswith("test_live_one.py")
+    assert marked.endswith("-m nojit tests/app/test_marked.py interpreted")
+    assert tree.calls("pip")[-1].endswith("-e .[test]")
 
 
+def test_test_with_arguments_is_pytest_with_these_arguments(tree: Tree) -> None:
+    assert tree.run("test", "tests/test_x.py", "-k", "a b").returncode == 0
+    assert tree.calls("pytest") == ["pytest tests/test_x.py -k a b"]
+    assert tree.run("devices").stderr == ""
+
+
+@shell
 def test_a_failure_without_the_jit_fails_the_suite(tree: Tree) -> None:
-    assert "failed: pytest, pytest without the jit\n" in tree.run("test", NOJIT_CODE="1").stdout
+    assert "failed: pytest, pytest without the jit\n" in tree.run("test", INTERPRETED_CODE="1").stdout
+
+
+# --------------------------------------------------------------------------------------------------------------- pins
 
 
 def pins() -> dict[str, str]:
@@ -287,7 +357,7 @@ def pins() -> dict[str, str]:
 def test_the_pins_are_plain_names_and_versions_and_name_no_address() -> None:
     assert len(pins()) > 20
     address = re.compile(r"https?:|--(extra-)?index-url|find-links|--hash|trusted-host")
-    for name in ("constraints.txt", "pyproject.toml", "phd", ".ci/run"):
+    for name in ("constraints.txt", "pyproject.toml", "phd", "phd.cmd", "app/set_up.py", ".ci/run"):
         assert not address.search((ROOT / name).read_text()), name
 
 
@@ -314,9 +384,7 @@ def test_everything_the_project_needs_is_pinned_and_installed_as_pinned() -> Non
 
 def test_the_kernels_can_be_compiled_with_what_the_set_up_installs_first() -> None:
     """Everything else cannot be imported here."""
-    first = re.search(r"^kernel_packages='(.+)'", (ROOT / "phd").read_text(), re.M)
-    assert first
-    waiting, there = first[1].split(), {"phd"}
+    waiting, there = list(set_up.KERNEL_PACKAGES), {"phd"}
     while waiting:
         name = canonicalize_name(waiting.pop())
         if name not in there:

@@ -12,13 +12,12 @@ from processes import children, gone
 from protocols import PAPER
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
 from app.window.page import ANALYSE, RUN
-from app.window.painting import theme
 from app.window.windows import Windows
 from experiments.analysis.trials_table import read_table
 from experiments.inputs import OPERATOR
@@ -77,7 +76,6 @@ def run_trial(windows: Windows) -> None:
 
 
 def test_a_whole_session_of_an_experimenter(qtbot, setup: Setup, tmp_path: Path) -> None:
-    theme.dress(QApplication.instance())  # type: ignore[arg-type]
     windows = opened_windows(setup, resume=False)
     main, run = windows.main, windows.main.page(RUN)
     pids = [windows.client.pid, *children(windows.client.pid)]

@@ -1,12 +1,9 @@
 """Live plots and energy ledger: what they show of ticks, and that nothing of a tick is lost."""
 
-import os
 
 import numpy as np
 import pytest
 from fake_ticks import quiet, trial
-
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from PySide6.QtCore import QPointF
 from PySide6.QtWidgets import QApplication
 
@@ -21,7 +18,6 @@ THREE, FOUR = load_device("three-brake"), load_device("four-brake")
 
 
 def shown(qtbot, widget, width: int = 360, height: int = 480):
-    theme.dress(QApplication.instance())
     qtbot.addWidget(widget)
     widget.resize(width, height)
     widget.show()

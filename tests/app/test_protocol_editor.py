@@ -1,17 +1,13 @@
 """The protocol editor: what is typed and drawn is read as it is changed, and saved as a file that can be run."""
 
-import os
 from pathlib import Path
 
 import pytest
-
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QLineEdit, QWidget
 from screens import settle
 
-from app.window.painting import theme
 from app.window.protocol_editor import ProtocolEditor, form_of, form_text
 from core.path import Arc, Polyline, Segment
 from experiments.protocol import load_protocol
@@ -23,7 +19,6 @@ class Editing:
     """An editor, open on the paper's protocol."""
 
     def __init__(self, qtbot) -> None:
-        theme.dress(QApplication.instance())  # type: ignore[arg-type]
         self.qtbot, self.holder = qtbot, QWidget()
         self.editor = ProtocolEditor()
         self.editor.setParent(self.holder)

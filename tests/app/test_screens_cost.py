@@ -11,7 +11,6 @@ from PySide6.QtWidgets import QApplication
 from screens import Screens, settle
 
 from app.ipc import messages as m
-from app.window.painting import theme
 from app.window.plots import Plot
 from core import tick_log
 from tests.benchmarks.pointer_lag import Moves
@@ -22,7 +21,6 @@ from tests.benchmarks.synthetic_bench import TRIAL_S, SyntheticBench
 
 @pytest.mark.parametrize("both", [False, True])
 def test_the_cost_of_drawing_is_measured_and_leaves_nothing_behind(qtbot, both: bool) -> None:
-    theme.dress(QApplication.instance())
     before, frozen = set(QApplication.topLevelWidgets()), gc.get_freeze_count()
     cost = measure(0.3, 1280, 720, both)
     assert (cost.width, cost.height) == (1280, 720) and cost.platform == "offscreen"

@@ -13,7 +13,6 @@ from screens import Screens, settle
 
 from app.ipc import messages as m
 from app.window.energy_panel import Ledger
-from app.window.painting import theme
 from app.window.painting.layers import joints_at
 from app.window.painting.linkage_view import WHOLE, Workspace
 from app.window.run_page import PANELS_EVERY
@@ -136,7 +135,6 @@ def test_arms_keep_their_lengths_and_end_at_the_tip_or_are_not_there() -> None:
 
 def test_labels_stand_where_they_were_asked_to_be_painted(qtbot) -> None:
     """Resized between two ticks, the boxes of the labels are those of the new size."""
-    theme.dress(QApplication.instance())
     workspace = Workspace((FOUR,), {1: ALONG})
     workspace.buttons[WHOLE].setChecked(True)
     qtbot.addWidget(workspace)

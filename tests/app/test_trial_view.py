@@ -1,21 +1,17 @@
 """A recorded trial on the screen: any moment of it looks as if it had been played; a click goes where it was made."""
 
-import os
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 from fake_ticks import ALONG, trial
-from sessions import new_session, run_trials
-
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from protocols import short
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
+from sessions import new_session, run_trials
 
-from app.window.painting import theme
 from app.window.trial_view import SPEEDS, STRIDE, TrialView, TrialWindow
 from core import tick_log
 from core.device import load_device
@@ -45,7 +41,6 @@ def rows() -> np.ndarray:
 
 @pytest.fixture
 def window(qtbot, tmp_path: Path, rows: np.ndarray) -> TrialWindow:
-    theme.dress(QApplication.instance())
     window = TrialWindow(recorded(tmp_path / "run-007.arrows", rows))
     qtbot.addWidget(window)
     window.show()
@@ -168,7 +163,6 @@ def test_the_same_hand_through_another_controller_stands_beside(qtbot, tmp_path:
     session = new_session(tmp_path / "data", protocol=short())
     run_trials(session, 1)
     session.close()
-    theme.dress(QApplication.instance())
     window = TrialWindow(session.folder / session.rows[0].recording)
     qtbot.addWidget(window)
     window.show()

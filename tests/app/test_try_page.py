@@ -9,7 +9,6 @@ from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import point
 
 from app.ipc import messages as m
-from app.window.painting import theme
 from app.window.painting.marks import arrow_of
 from app.window.try_page import BACK, DIALS, TryPage
 from core import tick_log
@@ -37,7 +36,6 @@ class Held:
     """The page, and what it has sent."""
 
     def __init__(self, qtbot) -> None:
-        theme.dress(QApplication.instance())
         self.sent: list = []
         self.page = TryPage(self.sent.append)
         qtbot.addWidget(self.page)

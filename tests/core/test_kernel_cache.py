@@ -80,7 +80,7 @@ def test_a_changed_kernel_file_or_constant_never_serves_stale_code(tmp_path):
 def test_a_watcher_is_told_which_of_how_many_kernels_is_compiled(tmp_path):
     tree = small_tree(tmp_path)
     code = (
-        "from core.kernel_compiler import watchers\n"
+        "from core.kernel import watchers\n"
         "watchers.append(lambda number, of, name: print(number, of, name))\n"
         "from core.caller import outer\nouter(1.0)"
     )
@@ -91,6 +91,6 @@ def test_a_watcher_is_told_which_of_how_many_kernels_is_compiled(tmp_path):
 def test_a_process_finds_the_parts_that_another_compiled(tmp_path):
     tree = small_tree(tmp_path)
     (tree / "core" / "caller.py").write_text(CALLER + "\n\n@kernel\ndef beside(x):\n    return 3.0 * inner(x)\n")
-    watching = "from core import kernel_compiler\nkernel_compiler.watchers.append(lambda done, of, name: print(name))\n"
+    watching = "from core import kernel\nkernel.watchers.append(lambda done, of, name: print(name))\n"
     assert run(tree, watching + "from core.caller import outer\nprint(outer(1.0))") == "outer\ninner\n\n11.0\n"
     assert run(tree, watching + "from core.caller import beside\nprint(beside(1.0))") == "beside\n\n33.0\n"

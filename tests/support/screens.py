@@ -1,11 +1,9 @@
 """Both windows on a fake bench, for tests: what they are told, what they show, what is done to them."""
 
-import os
 
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 import numpy as np
 import pytest
-from fake_client import FakeClient
+from fake_client import FakeClient, before, opened
 from PySide6.QtCore import QEvent, QPointF, Qt
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtTest import QTest
@@ -13,7 +11,6 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QLabel, QWidget
 
 from app.window.main_window import MainWindow
 from app.window.page import RUN
-from app.window.painting import theme
 from app.window.painting.labels import OneLine
 from app.window.participant_window import ParticipantWindow
 from app.window.run_page import RunPage
@@ -24,7 +21,6 @@ class Screens:
     """The app without processes."""
 
     def __init__(self, width: int = 1280, height: int = 720) -> None:
-        theme.dress(QApplication.instance())  # type: ignore[arg-type]
         QApplication.setCursorFlashTime(0)  # pictures are compared, whenever they are taken
         self.client = FakeClient()
         with pytest.MonkeyPatch.context() as patch:  # the page Home is made by the tests that ask for it
@@ -57,6 +53,26 @@ class Screens:
         QTest.qWaitForWindowActive(top)
         QTest.keyClick(window or self.main, key, modifier)
         return self.client.sent[before:]
+
+    @property
+    def closed(self) -> bool:
+        """Whether a test has closed the windows."""
+        return self.windows._over
+
+    def begin_anew(self) -> None:
+        """As after the start of another session server, with nothing open."""
+        self.windows._timer.stop()
+        self.participant.hide()
+        while self.main.cards.leave() or self.run.cancel():
+            pass
+        self.client = self.windows.client = FakeClient()
+        self.windows._dead, self.windows._hand_back_until_s = False, 0.0
+        self.main.show_client(self.client, None)
+        self.hear(opened(""), before())
+        self.main.show_page(RUN)
+        self.main.resize(1280, 720)
+        self.main.setFocus()
+        self.client.sent.clear()
 
     def close(self) -> None:
         """The end, whatever is open."""

@@ -105,7 +105,7 @@ class LinkageView(ForceView):
         marks, (at, _) = self.marks(), self._joints()
         lines = [(at[a], at[b]) for a, b in ARMS] if at else []
         places = [(marks[joint], JOINT_PX) for joint in self.device.braked if joint in marks]
-        if DIRECTIONS in self.shown and self._field is not None:
+        if at and DIRECTIONS in self.shown and self._field is not None:
             handle = self.to_screen(self.instant.tip)
             for one in directions(self.device, self.instant.g, self._field):
                 reach = QPointF(one.p_x, -one.p_y) * LETTER_PX
@@ -135,7 +135,7 @@ class LinkageView(ForceView):
         if REACHABLE in self.shown and (wedge := self.instant.reachable()) is not None:
             paint_wedge(painter, handle, wedge)
         paint_arms(painter, at, ARM_PX, 2.0)
-        if DIRECTIONS in self.shown and self._field is not None:
+        if at and DIRECTIONS in self.shown and self._field is not None:
             found = directions(self.device, self.instant.g, self._field)
             paint_directions(painter, handle, found, self._field, self.device.labels)
         paint_joints(painter, rings, self.device.labels, self.labels.doing, self.blind)
