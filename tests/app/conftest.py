@@ -31,7 +31,7 @@ def kept() -> Iterator[list[Screens]]:
 @pytest.fixture
 def screens(qtbot, kept: list[Screens]) -> Screens:
     """Both windows, without processes: the same for all tests of a file until one closes them."""
-    if kept and kept[0].closed:
+    if kept and kept[0].windows.over:
         kept.pop().close()
     if kept:
         kept[0].begin_anew()

@@ -1,7 +1,7 @@
 """The shape of the tree: who may import whom, and where each of the paper's equations is.
 
 An equation is named in a docstring as "Eq. (2)", several as "Eqs. (9) and (10)", "Eqs. (9), (10)", "Eqs. (9, 10)"
-or "Eqs. (7)-(11)". The README's section "## Equations" has one row for each, such as
+or "Eqs. (7)-(11)". docs/equations.md has one row for each, such as
 `| (2) | ... | core/brake.py torque_gain |` (several places: by commas or semicolons; a method as `Class.method`).
 """
 
@@ -49,12 +49,9 @@ def docstrings(file: Path) -> dict[str, str]:
     return found
 
 
-def readme_rows() -> dict[int, str]:
-    """Equation number -> last cell of its row in the README's section "## Equations"."""
-    readme = (ROOT / "README.md").read_text()
-    section = re.search(r"^## Equations\n(.*?)(?=^## |\Z)", readme, re.MULTILINE | re.DOTALL)
-    assert section, "README.md has no section '## Equations'"
-    rows = ROW.findall(section[1])
+def rows_of_equations() -> dict[int, str]:
+    """Equation number -> last cell of its row in docs/equations.md."""
+    rows = ROW.findall((ROOT / "docs/equations.md").read_text())
     assert len(rows) == len({number for number, _ in rows}), "an equation has two rows"
     return {int(number): cell for number, cell in rows}
 
@@ -82,8 +79,8 @@ def test_each_equation_of_the_paper_is_named_in_a_docstring(number: int) -> None
 
 
 @pytest.mark.parametrize("number", EQUATIONS)
-def test_the_readme_leads_from_each_equation_to_code_that_names_it(number: int) -> None:
-    cell = readme_rows().get(number)
+def test_the_page_of_equations_leads_from_each_to_code_that_names_it(number: int) -> None:
+    cell = rows_of_equations().get(number)
     assert cell is not None, f"no row for ({number})"
     places = PLACE.findall(cell)
     assert places, f"row ({number}) names no place such as `core/brake.py torque_gain`: {cell.strip()}"

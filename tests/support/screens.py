@@ -54,11 +54,6 @@ class Screens:
         QTest.keyClick(window or self.main, key, modifier)
         return self.client.sent[before:]
 
-    @property
-    def closed(self) -> bool:
-        """Whether a test has closed the windows."""
-        return self.windows._over
-
     def begin_anew(self) -> None:
         """As after the start of another session server, with nothing open."""
         self.windows._timer.stop()
