@@ -46,8 +46,8 @@ def draw_scooter() -> Figure:
     text = (
         f"Assumed parameters: {cobot.name} ({cobot.mass_kg:g} kg, {cobot.inertia_kg_m2:g} kg m², servos of at most "
         f"{cobot.steering_rate_max_rad_s:g} rad/s) and all of the scenes, {SECONDS:g} s from rest. Simulation only. "
-        f"Triangle: the body every {SHOWN_EVERY_M:g} m; strokes: its castors; line: its centre of mass, which is what is "
-        "kept from the wall; arrow: the hand's force there (free castors: with a torque of 0.3 N m)."
+        f"Triangle: the body every {SHOWN_EVERY_M:g} m; strokes: its castors; line: its centre of mass, which is "
+        "what is kept from the wall; arrow: the hand's force there (free castors: with a torque of 0.3 N m)."
     )
     figure, [panels] = sheet(text, (10.0, 2.75), (0.65, 0.2, 0.5, 0.4), 1, 3, (0.35, 0.0), sharey=True)
     for axes, (words, scene) in zip(panels, scenes().items(), strict=True):
