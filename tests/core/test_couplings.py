@@ -89,12 +89,6 @@ def test_pter_coupled_directly_is_a_brake_at_an_elbow():
 
 
 @coupled
-def test_a_locked_device_does_not_creep(bar):
-    _, rows = pushed(bar, (10.0, 0.0), yields(bar, 5.6), 1.0)
-    assert np.all(rows[:, 1:5] == [*START, 0.0, 0.0])
-
-
-@coupled
 @pytest.mark.parametrize("integrator", ["event", "stepping"])
 @pytest.mark.parametrize("fidelity", ["ideal", "static", "mr"])
 def test_couplings_only_dissipate_and_the_ledger_closes(bar, integrator, fidelity):
