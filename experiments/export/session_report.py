@@ -22,21 +22,8 @@ from experiments.analysis.trials_table import STATUSES, TrialRow, to_compare
 from experiments.export.results import Results, read_results
 from experiments.recording.atomic_files import write_new_file
 from experiments.recording.reader import read_recording
+from experiments.session import journal
 from experiments.session.files import read_stored
-from experiments.session.journal import (
-    BRAKES_OFF,
-    EXCLUDED,
-    LOOP_LOST,
-    NOTE,
-    PAUSED,
-    PUT_IN_ORDER,
-    REDONE,
-    SKIPPED,
-    UNBLINDED,
-    WINDOW_LOST,
-    Entry,
-    read_events,
-)
 
 PAGE = 8.27, 11.69  # inches: A4
 MARGIN, LINE = 0.8, 0.19  # inches
@@ -49,15 +36,15 @@ LOOKS = {
 }
 #: What is listed under "Faults and decisions", as a sentence over the fields of the event.
 LISTED = {
-    BRAKES_OFF.name: "brakes off: {cause}",
-    LOOP_LOST.name: "run {run}: the control loop ended: {reason}",
-    WINDOW_LOST.name: "the window ended while the session was open",
-    PUT_IN_ORDER.name: "the files were put in order after a crash",
-    SKIPPED.name: "run {run} skipped: {reason}",
-    REDONE.name: "run {run} repeated: {reason}",
-    EXCLUDED.name: "run {run} excluded: {reason}",
-    PAUSED.name: "paused",
-    UNBLINDED.name: "the key was opened by {who}",
+    journal.BRAKES_OFF.name: "brakes off: {cause}",
+    journal.LOOP_LOST.name: "run {run}: the control loop ended: {reason}",
+    journal.WINDOW_LOST.name: "the window ended while the session was open",
+    journal.PUT_IN_ORDER.name: "the files were put in order after a crash",
+    journal.SKIPPED.name: "run {run} skipped: {reason}",
+    journal.REDONE.name: "run {run} repeated: {reason}",
+    journal.EXCLUDED.name: "run {run} excluded: {reason}",
+    journal.PAUSED.name: "paused",
+    journal.UNBLINDED.name: "the key was opened by {who}",
 }
 
 
@@ -81,7 +68,7 @@ def write_session_report(session: Path, out: Path) -> None:
 
 def session_lines(session: Path) -> list[tuple[str, str]]:
     """The report's text in lines, each with its kind: one of `LOOKS`. InputError if the session cannot be read."""
-    stored, results, events = read_stored(session), read_results(session), read_events(session)
+    stored, results, events = read_stored(session), read_results(session), journal.read_events(session)
     return [
         ("title", f"Session of participant {stored.participant}"),
         *_who_and_when(stored.about, results, events),
@@ -91,7 +78,7 @@ def session_lines(session: Path) -> list[tuple[str, str]]:
     ]
 
 
-def _who_and_when(about: dict, results: Results, events: Sequence[Entry]) -> Iterator[tuple[str, str]]:
+def _who_and_when(about: dict, results: Results, events: Sequence[journal.Entry]) -> Iterator[tuple[str, str]]:
     versions = about["versions"]
     count = Counter(row.status for row in results.rows)
     yield "text", f"Begun {about['created']}, last entry {events[-1].time if events else 'none'} (UTC)."
@@ -166,14 +153,14 @@ def whose_fault(timings: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def _marks(events: Sequence[Entry]) -> Iterator[tuple[str, str]]:
+def _marks(events: Sequence[journal.Entry]) -> Iterator[tuple[str, str]]:
     yield "head", "Faults and decisions"
     marks = [entry for entry in events if entry.event.name in LISTED]
     for entry in marks:
         yield "text", f"{entry.time[11:19]}  {LISTED[entry.event.name].format(**entry.about)}"
     if not marks:
         yield "text", "None."
-    if notes := [entry for entry in events if entry.event is NOTE]:
+    if notes := [entry for entry in events if entry.event is journal.NOTE]:
         yield "head", "Notes"
         for entry in notes:
             yield "text", f"{entry.time[11:19]}  {entry.about['text']}"

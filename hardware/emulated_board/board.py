@@ -1,7 +1,7 @@
-"""The board's state machine as a pure object: bytes in, bytes out, and the time is told to it.
+"""The board's state machine as a pure object: bytes in, bytes out, and the time is an argument.
 
 It knows no port and no clock, so every state, limit and fault can be tested in simulated time; the emulated board puts
-a simulated device behind it. docs/protocol.md says the same in words for who writes the firmware.
+a simulated device behind it. docs/protocol.md describes it in words for authors of firmware.
 """
 
 from collections import deque
@@ -90,8 +90,7 @@ class Watch:
     def _too_fast(self, i: int, most: int) -> bool:
         if most == 0 or len(self._past) <= SPEED_TICKS:
             return False
-        turned = (self._past[-1][i] - self._past[0][i] + (1 << 31)) % (1 << 32) - (1 << 31)  # counts go round
-        return abs(turned) * m.SAMPLE_HZ > most * SPEED_TICKS
+        return abs(_int32(self._past[-1][i] - self._past[0][i])) * m.SAMPLE_HZ > most * SPEED_TICKS
 
 
 LATE_US = 50_000  # us; a command that took this much longer than the quickest of late is not obeyed
@@ -432,7 +431,7 @@ def _event_of(message: tuple | None) -> Event | None:
 
 
 def _int32(value: int) -> int:
-    """Counters go round as the board's do."""
+    """A count, or a difference of counts, that goes round as the board's 32-bit counters do."""
     return (value + (1 << 31)) % (1 << 32) - (1 << 31)
 
 

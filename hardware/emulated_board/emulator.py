@@ -19,7 +19,7 @@ from core.files import InputError
 from hardware.emulated_board.board import ZERO, Board
 from hardware.emulated_board.device import TICK_S, EmulatedDevice, EmulatedHand
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault
-from hardware.emulated_board.plug import CONTROL, FOLDER, LOOPBACK, Plug, TcpPort, Terminal
+from hardware.emulated_board.plug import CONTROL, FOLDER, LOOPBACK, TcpPort, Terminal
 from hardware.emulated_board.sensors import EMULATED, capability_of
 from hardware.wire import messages as m
 from hardware.wire.frames import encode_frame
@@ -59,7 +59,7 @@ class Emulator:
         self._folder = tempfile.TemporaryDirectory(prefix=FOLDER)
         (Path(self._folder.name) / CONTROL).write_text(str(self.control))
         self._tcp = tcp
-        self._plug: Plug | None = None
+        self._plug: Terminal | TcpPort | None = None
         try:
             self._plug = self._plug_in()
         except InputError:
@@ -69,7 +69,7 @@ class Emulator:
         self._tick()  # kernels are compiled, or loaded, before time runs
         self._zero = time.perf_counter() - self.ticks * TICK_S
 
-    def _plug_in(self) -> Plug:
+    def _plug_in(self) -> Terminal | TcpPort:
         if self._tcp is None:
             return Terminal(Path(self._folder.name))
         plug = TcpPort(Path(self._folder.name), self._tcp)

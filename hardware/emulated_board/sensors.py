@@ -30,7 +30,7 @@ TURN = 2.0 * math.pi
 
 
 def sensing_of(device: Device) -> tuple[Encoders, ForceSensor | None]:
-    """The encoders and the force sensor of a device; the usual ones where its file says nothing of sensors."""
+    """The encoders and the force sensor of a device; the usual ones where its file has no [sensing]."""
     sensing = device.sensing or USUAL
     return sensing.encoders or USUAL.encoders or Encoders(), sensing.force
 
@@ -76,7 +76,7 @@ class EmulatedSensors:
         self.theta = np.zeros(4)  # rad, without jumps
         joint_angles(self._mechanisms[0], *tip, self.theta)
         self._at_power_up = self.theta.copy()
-        self._last: Readings | None = None
+        self._last = Readings()
         self.draw_anew(seed)
 
     def power_up(self) -> None:
@@ -108,7 +108,7 @@ class EmulatedSensors:
         )  # fmt: skip
         counts = self._counts.tolist()
         for i in stuck:
-            counts[i] = self._last.counts[i] if self._last else 0
+            counts[i] = self._last.counts[i]
         channels = self._channels.tolist() if self._force else []
         if saturated and channels:
             channels[0] = FORCE_FULL_SCALE
@@ -116,14 +116,13 @@ class EmulatedSensors:
             round((self._over[i] if i in over else current_mA[i]) + noise[6 + i]) if self._brakes >> i & 1 else 0
             for i in range(4)
         )
-        readings = Readings(
+        self._last = Readings(
             (counts[0], counts[1], counts[2], counts[3]),
             tuple(channels),
             (a, e, b, c),
             (0 not in bad, 1 not in bad, 2 not in bad, 3 not in bad),
         )
-        self._last = readings
-        return readings
+        return self._last
 
     def _draw(self) -> np.ndarray:
         """The noise of one tick: six loads (N, N m), four currents (mA)."""
