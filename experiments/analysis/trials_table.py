@@ -145,7 +145,7 @@ def table_bytes(rows: Iterable[TrialRow]) -> bytes:
     """The rows as they stand in the file: a later measure has a column where some trial has it."""
     rows = list(rows)
     columns = _columns_of(rows)
-    return _lines([columns]) + _lines(_cells(row, columns) for row in rows)
+    return csv_bytes([columns, *(_cells(row, columns) for row in rows)])
 
 
 def _columns_of(rows: Sequence[TrialRow]) -> tuple[str, ...]:
@@ -159,9 +159,10 @@ def _cells(row: TrialRow, columns: Sequence[str]) -> list[str]:
     return [_cell(column, getattr(row, column)) for column in columns]
 
 
-def _lines(cells: Iterable[Sequence[str]]) -> bytes:
+def csv_bytes(lines: Iterable[Sequence[object]], delimiter: str = ",") -> bytes:
+    """Lines of cells as a table's file holds them."""
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(cells)
+    csv.writer(text, delimiter=delimiter, lineterminator="\n").writerows(lines)
     return text.getvalue().encode()
 
 
@@ -184,7 +185,7 @@ def append_row(path: str | Path, row: TrialRow, known: bytes = b"", sync: bool =
     there = path.read_bytes() if path.exists() else b""
     columns = there.partition(b"\n")[0].decode(errors="replace").split(",")
     if there and there == known and set(_columns_of([row])) <= set(columns):
-        data = there + _lines([_cells(row, columns)])
+        data = there + csv_bytes([_cells(row, columns)])
     else:
         before = read_table(path) if there else []
         if before and there != table_bytes(before):

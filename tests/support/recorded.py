@@ -1,5 +1,7 @@
 """Recordings for tests: plausible ticks, and the promised names of their columns."""
 
+from contextlib import closing
+
 import numpy as np
 import pyarrow as pa
 
@@ -33,7 +35,7 @@ def ticks(n, seed=0):
 
 def record(path, rows, braked="AEB", outcome=None, pieces=1, flush=False):
     """A closed stream of these rows; flush: a batch a piece."""
-    with RecordingWriter(path, braked, {"participant": "01"}, sync=False) as writer:
+    with closing(RecordingWriter(path, braked, {"participant": "01"}, sync=False)) as writer:
         for piece in np.array_split(rows, pieces):
             writer.write(piece)
             if flush:
