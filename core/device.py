@@ -119,9 +119,6 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
             raise InputError(f"{where}: brakes.{joint}: the brake file {reference!r} is missing")
         brakes[joint] = parse_brake(brake_texts[reference], f"brake file {reference}")
     units = {brake.command_unit for brake in brakes.values()}
-    g = file.geometry
-    if file.coupled and math.dist(g.base_A_m, g.base_B_m) > COAXIAL_WITHIN:
-        raise InputError(f"{where}: couplings: the bases are apart, and a coupling's brake sits on one axis with both")
     if len(units) > 1:
         raise InputError(f"{where}: brakes: all must be commanded in one unit, not in {' and '.join(sorted(units))}")
     mechanism = build_mechanism(file)

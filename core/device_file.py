@@ -244,7 +244,7 @@ class Coupling(Table, frozen=True):
 
 
 class Couplings(Table, frozen=True):
-    """Brakes on the bases' axis that take the place of those at the elbows."""
+    """Brakes at the bases that take the place of those at the elbows."""
 
     E: Coupling | None = None
     C: Coupling | None = None

@@ -78,7 +78,7 @@ FAULTS = {
         "the disk could not keep up: it took nothing for {seconds} s", "Free the disk of other work."
     ),
     "recording-failed": Fault(
-        "the recording failed: {why}", "Make room on the disk or choose another one, and resume the session."
+        "the recording failed: {why}", "Make room on the disk: what is missing is then written by itself."
     ),
     "loop-died": Fault("the control loop ended unexpectedly", "Nothing has to be done: it is started again."),
     "loop-hung": Fault("the control loop hung and was ended", "Nothing has to be done: it is started again."),

@@ -1,6 +1,8 @@
 """The constants of one five-bar and its brakes, as the kernels read them (SI units, radians).
 
-Joint order everywhere: A, E, B, C. Arm 1 is A-E-D, arm 2 is B-C-D, D is the tip.
+Joint order everywhere: A, E, B, C. Arm 1 is A-E-D, arm 2 is B-C-D, D is the tip. A brake or stop acts on the rate of
+one of seven places: A, E, B, C; D, the angle between the distal links, which has a stop but no brake; and the elbows E
+and C once more, for their stops, where the brake of a coupling has their place.
 """
 
 from typing import NamedTuple
@@ -8,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 JOINTS = "AEBC"
-A, E, B, C = range(4)
+A, E, B, C, D, STOP_E, STOP_C = range(7)
+PLACES = 7
 
 
 class Arm(NamedTuple):
@@ -43,17 +46,17 @@ class Mechanism(NamedTuple):
     coupled: int  # bit i: brake i acts on a combination of the base rates instead of its joint
     combination: np.ndarray  # (4, 2) that combination of the rates of A and B; else 0
     coupling: float  # kg m2, by their rotors: kinetic energy coupling omega_A omega_B beside that of the arms
-    lines: int  # bit 5 i + j: the rows of joints i and j (order A, E, B, C, D) are parallel at every tip
+    lines: int  # bit PLACES i + j: the rows of places i and j are parallel at every tip
 
 
 def parallel_rows(combination: np.ndarray, coupled: int, coaxial: bool) -> int:
     """`Mechanism.lines` for combinations (4, 2) of the base rates.
 
-    Combinations with one ratio are parallel. On coaxial bases E, C and D depend on the distance from base to tip
+    Combinations with one ratio are parallel. On coaxial bases elbows and D depend on the distance from base to tip
     alone, and so does a combination that a turn of the whole linkage leaves as it is: A + B = 0.
     """
-    rows: list[tuple[float, float] | None] = []  # each as a combination; E, C and D are none where bases are apart
-    for i in range(5):
+    rows: list[tuple[float, float] | None] = []  # each as a combination; elbows and D are none where bases are apart
+    for i in range(PLACES):
         if i < 4 and coupled >> i & 1:
             rows.append((float(combination[i, 0]), float(combination[i, 1])))
         else:
@@ -62,7 +65,7 @@ def parallel_rows(combination: np.ndarray, coupled: int, coaxial: bool) -> int:
     for i, one in enumerate(rows):
         for j, other in enumerate(rows):
             if i != j and one and other and one[0] * other[1] == one[1] * other[0]:
-                found |= 1 << (5 * i + j)
+                found |= 1 << (PLACES * i + j)
     return found
 
 

@@ -8,22 +8,24 @@ import math
 
 from core.kernel import kernel
 from core.linkage import joint_angles, links
+from core.mechanism import PLACES, STOP_C, STOP_E, C, E
 
 
 @kernel
 def stop_gap(mechanism, distal_side, x, y, theta, gap, contact_side):
-    """Distance to the nearest stop of each joint A, E, B, C, D: gap (5,), negative beyond it; +1e9 where it has none.
+    """Distance to the nearest stop of each place: gap (PLACES,), negative beyond it; +1e9 where it has none.
 
-    In rad for theta stops, in units of sine for the margins. contact_side (5,): +1 where that stop limits + motion.
-    theta (4,) is work space. On a device with couplings the stops of both elbows and of D count in D's place, on the
-    rate of joint E (`stick_slip_mode.store`): all depend on the distance from base to tip alone.
+    In rad for theta stops, in units of sine for the margins. contact_side: +1 where that stop limits + motion.
+    theta (4,) is work space.
     """
     a1x, a1y, a2x, a2y, s1 = links(mechanism.arm_1, x, y)
     b1x, b1y, b2x, b2y, s2 = links(mechanism.arm_2, x, y)
-    for j in range(5):
+    for j in range(PLACES):
         gap[j], contact_side[j] = 1e9, 1.0
-    elbow_stop(mechanism.arm_1, mechanism.margin, a1x * a2x + a1y * a2y, s1, 1, gap, contact_side)
-    elbow_stop(mechanism.arm_2, mechanism.margin, b1x * b2x + b1y * b2y, s2, 3, gap, contact_side)
+    e = STOP_E if mechanism.coupled >> E & 1 != 0 else E
+    c = STOP_C if mechanism.coupled >> C & 1 != 0 else C
+    elbow_stop(mechanism.arm_1, mechanism.margin, a1x * a2x + a1y * a2y, s1, e, gap, contact_side)
+    elbow_stop(mechanism.arm_2, mechanism.margin, b1x * b2x + b1y * b2y, s2, c, gap, contact_side)
     across = a2x * b2y - a2y * b2x
     along = a2x * b2x + a2y * b2y
     size = math.sqrt(across * across + along * along)
@@ -42,20 +44,11 @@ def stop_gap(mechanism, distal_side, x, y, theta, gap, contact_side):
             middle = 0.5 * (mechanism.theta_low[j] + mechanism.theta_high[j])
             theta[j] -= 2.0 * math.pi * math.floor((theta[j] - middle) / (2.0 * math.pi) + 0.5)
             low, high = theta[j] - mechanism.theta_low[j], mechanism.theta_high[j] - theta[j]
-            if low < gap[j]:
-                gap[j], contact_side[j] = low, -1.0
-            if high < gap[j]:
-                gap[j], contact_side[j] = high, 1.0
-    if mechanism.coupled != 0:
-        rx, ry = a1x + a2x, a1y + a2y
-        # while the tip moves outwards: rate of E -r^2 / s1, of C -r^2 / s2, of D (a1 / s1 - b1 / s2) . r
-        contact_side[3] *= mechanism.arm_1.side * mechanism.arm_2.side
-        if s1 * (s2 * (a1x * rx + a1y * ry) - s1 * (b1x * rx + b1y * ry)) * s1 * s2 > 0.0:
-            contact_side[4] = -contact_side[4]
-        for j in (1, 3):
-            if gap[j] < gap[4]:
-                gap[4], contact_side[4] = gap[j], contact_side[j]
-            gap[j], contact_side[j] = 1e9, 1.0
+            place = e if j == E else (c if j == C else j)
+            if low < gap[place]:
+                gap[place], contact_side[place] = low, -1.0
+            if high < gap[place]:
+                gap[place], contact_side[place] = high, 1.0
 
 
 @kernel

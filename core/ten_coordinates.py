@@ -19,7 +19,7 @@ from core.device import Device, centre_and_inertia
 from core.device_file import DeviceFile
 from core.files import parse_toml
 from core.linkage import joint_angles
-from core.mechanism import JOINTS, A, B
+from core.mechanism import JOINTS, PLACES, A, B
 from core.simulator.state import pack_mechanism
 
 THETA_AE, THETA_BC, ED, CD, HANDLE = 0, 1, 2, 5, 8  # ED and CD: x, then y, then theta
@@ -182,7 +182,7 @@ def solve(
     force = generalised_forces(bodies, hand_force, given)
     mass, closure = mass_matrix(bodies), constraint_matrix(bodies, q)
     # two independent stuck brakes hold the tip and with it all others
-    leading = [j for j in stuck if not any(bodies.lines >> (5 * i + j) & 1 for i in stuck if i < j)][:2]
+    leading = [j for j in stuck if not any(bodies.lines >> (PLACES * i + j) & 1 for i in stuck if i < j)][:2]
     rows = np.vstack([closure, bodies.rates[leading]])
     right = np.concatenate([force, -constraint_bias(bodies, q, rate), np.zeros(len(leading))])
     n = len(rows)

@@ -17,6 +17,7 @@ class Input(NamedTuple):
     meaning: str  # in exports
     simulated: bool = True  # it moves a simulated device: one can choose it
     by_pointer: bool = False  # the pointer over the path is the hand
+    person: bool = True  # a person moves it, who can be asked, blinded and given a break
 
 
 MOUSE, HID, OPERATOR, SENSOR = "mouse", "hid", "operator", "force sensor"
@@ -33,7 +34,7 @@ INPUTS = {
         ),
         Input(
             OPERATOR, "Simulated operator", "no person is needed", "the simulated device and a simulated operator",
-            "simulated operator: no person took part",
+            "simulated operator: no person took part", person=False,
         ),
         Input(
             SENSOR, "Hand", "measured by the force sensor", "a device on the bench",
@@ -41,5 +42,12 @@ INPUTS = {
         ),
     )
 }  # fmt: skip
+
+
+def is_person(hand: str) -> bool:
+    """Whether a person moves the handle; a kind of hand that is not in the table counts as one."""
+    return hand not in INPUTS or INPUTS[hand].person
+
+
 #: Those that one can choose.
 CHOICES = tuple(one.name for one in INPUTS.values() if one.simulated)

@@ -41,7 +41,6 @@ from experiments.language import ENGLISH, Language, language_text, read_language
 from experiments.slave import Slave
 
 REFLECT = "reflect"
-STEERED = ("none", "sdof")  # the controllers that a device with a castor in place of brakes can have
 PROPORTIONAL, GAIN = "proportional", "gain_N_s_m"  # whose least gain `--low-gain` sets
 NUMBER, TEXT = "number", "text"  # what a field of the form takes where it lists no choices
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "protocols"
@@ -417,7 +416,7 @@ def _checked(
             encoder_counts(device)
     for preset in controllers.values():
         for named, device in devices:
-            if device.castor and preset.kind not in STEERED:
+            if device.castor and not ALGORITHMS[preset.kind].steers:
                 raise InputError(f"{where}: controller {preset.name}: needs brakes, and {named} has a castor")
         if preset.kind == REFLECT and not (file.slave or preset.value(WALL_N_M.name)):
             raise InputError(f"{where}: controller {preset.name}: needs a [slave] or wall_N_m, it has no force to show")

@@ -225,6 +225,7 @@ class Card(NamedTuple):
     go_on: str = "Go on"  # the button that sends Confirm; "": it is being done, or the participant does it
     device_page: bool = False  # the device page helps
     wait_s: float = 0.0  # whole seconds that the step lasts at least from now on
+    participant: str = ""  # what the participant reads meanwhile; "": the sentence of the stage
 
 
 class Refused(NamedTuple):

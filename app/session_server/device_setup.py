@@ -18,7 +18,7 @@ from app.session_server.preflight import check_device, check_hand, check_real, c
 from core.device import Device
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
-from experiments.inputs import HID, OPERATOR, SENSOR
+from experiments.inputs import HID, SENSOR, is_person
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol, home_of
 from experiments.recording.schema import Sensors
@@ -259,7 +259,7 @@ def same(one: Device, other: Device) -> bool:
 
 def person_at(setup: Setup, protocol: Protocol, participant: str) -> Person | None:
     """The simulated operator that has this participant's place, if one moves the handle."""
-    if setup.hand != OPERATOR:
+    if is_person(setup.hand):
         return None
     seeds = np.random.SeedSequence([protocol.seed, participant_index(participant)])
     return load_population().draw(np.random.default_rng(seeds))

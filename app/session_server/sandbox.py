@@ -34,12 +34,12 @@ from core.tick_log import APPROACH, PHASE
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import Metrics, tip_acceleration, trial_metrics
 from experiments.assumptions import SENSINGS, Assumptions
-from experiments.inputs import INPUTS, OPERATOR
+from experiments.inputs import INPUTS, is_person
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
 from experiments.protocol_writer import save_variant
 from experiments.recording.schema import recording_of
-from experiments.trial.encoder_sensing import decision_noise, new_sensing
+from experiments.trial.encoder_sensing import decision_noise, new_sensing, sensed_age
 from experiments.trial.trial import Trial
 
 MOST_PASSES = 500  # in the table; the oldest go
@@ -275,7 +275,7 @@ class Sandbox:
         tip = old.tip if old is not None else (path.x1, path.y1)  # there is a way to go
         if not tip_is_free(device.mechanism, *tip):
             tip, self._taken = (path.x1, path.y1), False
-        hand = p.mouse.hand() if self._setup.hand != OPERATOR else None
+        hand = p.mouse.hand() if is_person(self._setup.hand) else None
         return SimulatedDevice(device, tip, hand, p.assumptions.simulated_fidelity)
 
     def _file(self, name: str) -> Device:
@@ -286,7 +286,7 @@ class Sandbox:
     def _controller(self, s: SandboxSettings, device: Device, noise: float = 0.0) -> Controller:
         """As the settings have it; noise: of the velocity that it sees, m/s. InputError for numbers that cannot be."""
         force = device.force_normalised_N * s.brake_strength
-        around = make_around(self._protocol.trial.around, device.brakes)
+        around = make_around(self._protocol.trial.around, device.brakes, sensed_age(self._assumed(s)))
         return make_controller(self._preset(s), force, s.rules, s.blend_width_m, noise, around)
 
     def _assumed(self, s: SandboxSettings) -> Assumptions:

@@ -23,7 +23,7 @@ from app.ipc.ring import Ring
 from app.session_server.loop_process import LoopProcess
 from core import tick_log
 from core.files import InputError
-from experiments.inputs import OPERATOR
+from experiments.inputs import is_person
 
 if TYPE_CHECKING:
     from app.session_server.lsl import Outlets
@@ -95,7 +95,7 @@ class SessionServer:
         run = self._state.runner.run
         if run is None:
             self.end = WINDOW_GONE
-        elif self._state.setup.hand != OPERATOR and self._waits_for_start():
+        elif is_person(self._state.setup.hand) and self._waits_for_start():
             run.stop(WINDOW_GONE)
 
     def _waits_for_start(self) -> bool:
@@ -196,7 +196,7 @@ def read_protocol(setup: Setup) -> "Protocol":
             files.read_stored(folder)  # InputError if it is damaged
         else:
             files.refuse_existing(setup.data_dir, setup.participant)
-            if setup.hand != OPERATOR:
+            if is_person(setup.hand):
                 protocol.refuse_stranger(setup.participant)
     return protocol
 

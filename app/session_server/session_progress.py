@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow
-from experiments.inputs import OPERATOR
+from experiments.inputs import is_person
 from experiments.plan import PlannedTrial, break_after
 from experiments.session.files import cell, open_trials
 from experiments.session.journal import (
@@ -131,7 +131,7 @@ class SessionProgress:
     def _to_ask(self) -> Asked | None:
         """The first finished block or controller whose questions wait; none where all was skipped."""
         session, asks = self.session, self.session.protocol.questionnaire
-        if not asks.on or session.hand == OPERATOR:  # there is no person to answer
+        if not asks.on or not is_person(session.hand):  # there is no person to answer
             return None
 
         def part(trial: PlannedTrial | TrialRow) -> Asked:

@@ -17,7 +17,7 @@ from app.session_server.session_progress import SessionProgress
 from app.session_server.steps import due_step, stage_of
 from app.session_server.storage import Storage
 from app.session_server.trial_runner import TrialRun, TrialRunner
-from experiments.inputs import OPERATOR
+from experiments.inputs import is_person
 from experiments.protocol import Protocol
 from experiments.session.journal import BRAKES_ALLOWED, BRAKES_OFF, WINDOW_LOST
 from experiments.session.session import Session
@@ -82,7 +82,7 @@ class State:
             folder=str(session.folder if session else self.setup.data_dir),
             real_device=self.device.real,
             hand=self.device.hand,
-            blind=protocol.blind and self.setup.hand != OPERATOR,
+            blind=protocol.blind and is_person(self.setup.hand),
         )
 
     def snapshot(self) -> m.Snapshot:

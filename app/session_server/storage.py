@@ -13,6 +13,7 @@ from typing import Any
 from app.session_server.preflight import with_advice
 from app.session_server.session_progress import SessionProgress
 from app.session_server.trial_runner import TrialRun, TrialRunner
+from core.faults import FAULTS, cause_of
 from core.files import InputError
 from experiments.analysis.trials_table import SETTLED
 from experiments.recording.reader import STREAM_SUFFIX
@@ -97,9 +98,12 @@ class Storage:
 
     def fail(self, what: str, error: Exception) -> None:
         """The disk took no more."""
-        reason = (getattr(error, "strerror", None) or str(error)).rstrip(".")
+        reason = getattr(error, "strerror", None) or cause_of(error)
         self._failed, self._tried_s = what, time.perf_counter()
-        self.undone = f"{what}: {reason}. What was recorded is kept; it is tried again every {AGAIN_S:.0f} s"
+        self.undone = (
+            f"{what}: {reason.rstrip('.')}. What was recorded is kept; it is tried again every {AGAIN_S:.0f} s. "
+            f"{FAULTS['recording-failed'].advice if isinstance(error, OSError) else ''}"
+        ).rstrip(". ")
         self._say(f"{self.undone}.", bad=True)
 
     def keep(self, run: TrialRun) -> None:

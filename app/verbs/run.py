@@ -7,7 +7,10 @@ from pathlib import Path
 from app.progress import Display, import_screen, watch_compiling
 from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole_number_of
 from core.files import InputError
-from experiments.inputs import CHOICES, MOUSE, OPERATOR
+from experiments.inputs import CHOICES, INPUTS, MOUSE, is_person
+
+#: for --help: mouse (pulls the handle by a spring)
+HANDS = [f"{name} ({INPUTS[name].does})" for name in CHOICES]
 
 
 def add(verbs) -> None:
@@ -24,7 +27,7 @@ def add(verbs) -> None:
     option("--device", **{**DEVICES, "help": "devices in place of the protocol's, by shipped name or path"})
     option(
         "--input", choices=CHOICES, default=MOUSE,
-        help="where the hand force comes from: the mouse (default), a six-axis device, or a simulated operator",
+        help=f"whose hand moves the simulated device: {'; '.join(HANDS)} (default: {MOUSE})",
     )  # fmt: skip
     option(
         "--link", default="sim", metavar="sim|serial:PORT",
@@ -71,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
         args.data_dir.absolute(), whole(args.protocol), devices, args.rules, args.low_gain, args.seed, args.input,
         args.participant or "", link, lsl=args.lsl,
     )  # fmt: skip
-    if setup.hand == OPERATOR:
+    if not is_person(setup.hand):
         from app.session_server.preflight import done_without
 
         if without := done_without(setup, protocol_of(args)):
@@ -131,7 +134,7 @@ def print_plan(args: argparse.Namespace) -> int:
 
     protocol = protocol_of(args)
     participant = args.participant or free_participant(args.data_dir, protocol.participants)
-    if args.input != OPERATOR:
+    if is_person(args.input):
         protocol.refuse_stranger(participant)
     print(print_plan(protocol, participant), end="")
     return 0

@@ -69,6 +69,8 @@ def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = Fal
     language = language_of(opened)
     if snapshot.stage in STAGES or snapshot.card is not None or snapshot.paused:
         stage = snapshot.stage if snapshot.stage in STAGES else m.BREAK if snapshot.card is None else m.RERIG
+        if snapshot.card is not None and snapshot.card.participant:
+            return Shown(snapshot.card.participant)
         large, small = STAGES[stage]
         first = feedback(snapshot, opened) if stage in (m.RERIG, m.BREAK, m.FINISHED) else ""
         return Shown(language[large], " · ".join(filter(None, (first, language.get(small, "")))))

@@ -13,6 +13,7 @@ import numpy as np
 from core.brake import current_for_torque
 from core.control.rule_sets import Rules
 from core.kernel import kernel
+from core.mechanism import JOINTS
 
 
 class Parameter(NamedTuple):
@@ -30,9 +31,16 @@ class Algorithm(NamedTuple):
 
     kind: str  # its word
     parameters: tuple[Parameter, ...]
-    own: tuple[str, ...]  # decisions of its own, each for every joint J: codes OWN + 4 n + joint index
+    own: tuple[str, ...]  # words of its own decisions; one with {J} stands for four, one for each joint
     #: kernel (controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current): writes current (4,) A; the decision
     decide: Callable[..., int]
+    steers: bool = False  # it can steer a castor in place of brakes
+
+    @property
+    def decisions(self) -> tuple[str, ...]:
+        """Its own decisions, in the order of the codes from OWN on by which its kernel answers."""
+        of = {words: JOINTS if "{J}" in words else JOINTS[:1] for words in self.own}
+        return tuple(words.format(J=joint) for words, joints in of.items() for joint in joints)
 
 
 class Controller(NamedTuple):
@@ -103,6 +111,14 @@ def lock(brakes, current):
     """Full current on every brake; current (4,) A."""
     for i in range(4):
         current[i] = brakes.current_max[i] if brakes.present[i] != 0.0 else 0.0
+
+
+@kernel
+def limit(brakes, current):
+    """What each brake may have at most of what was asked for: 0 .. its largest, 0 without a brake; current (4,) A."""
+    for i in range(4):
+        most = brakes.current_max[i] if brakes.present[i] != 0.0 else 0.0
+        current[i] = min(current[i], most) if current[i] > 0.0 else 0.0
 
 
 @kernel

@@ -25,6 +25,7 @@ from core.control.algorithm import (
     SHARED,
     Algorithm,
     Controller,
+    limit,
     release,
 )
 from core.control.guard import NOTHING, keep_out, make_around
@@ -32,7 +33,7 @@ from core.control.rule_sets import rule_set
 from core.control.velocity_field import BLEND_WIDTH, NO_FIELD, field_at, field_round
 from core.files import InputError
 from core.kernel import kernel
-from core.mechanism import JOINTS, no_brakes
+from core.mechanism import no_brakes
 from core.obstacles import nearest_obstacle
 
 
@@ -46,7 +47,7 @@ def no_control(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, curre
 ALGORITHMS: dict[str, Algorithm] = {
     one.kind: one
     for one in (
-        Algorithm("none", (), (), no_control),
+        Algorithm("none", (), (), no_control, steers=True),
         sdof.ALGORITHM,
         proportional.ALGORITHM,
         reflect.ALGORITHM,
@@ -62,7 +63,7 @@ PARAMETERS = {parameter.name: parameter for one in ALGORITHMS.values() for param
 #: Code -> words. Those that all algorithms share come first, then each algorithm's own.
 DECISIONS: tuple[str, ...] = (
     *SHARED,
-    *(words.format(J=joint) for one in ALGORITHMS.values() for words in one.own for joint in JOINTS),
+    *(words for one in ALGORITHMS.values() for words in one.decisions),
 )
 
 _MOST = max(len(one.parameters) for one in ALGORITHMS.values())
@@ -161,11 +162,19 @@ def _any_of(algorithms: Iterable[Algorithm]) -> Callable[..., int]:
     chain, offset = no_control, 0
     for number, one in enumerate(algorithms):
         chain = _numbered(number, offset, one.decide, chain)
-        offset += len(JOINTS) * len(one.own)
+        offset += len(one.decisions)
     return chain
 
 
 _decide_as_its_algorithm = _any_of(ALGORITHMS.values())
+
+
+@kernel
+def _decide_within_limits(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
+    """As its algorithm decides; no brake gets more than it may have, whatever the algorithm has written."""
+    code = _decide_as_its_algorithm(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current)
+    limit(brakes, current)
+    return code
 
 
 @kernel
@@ -187,7 +196,7 @@ def decide(controller, brakes, path, memory, x, y, vx, vy, fx, fy, g, mass, curr
         if around.guide != 0 and near.distance < controller.blend_width:
             blend, rules = controller.blend_width, controller.rules
             field = field_round(near, field.distance, memory, vx, vy, fx, fy, blend, rules)
-            return _decide_as_its_algorithm(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current), field
+            return _decide_within_limits(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current), field
     if field.distance < controller.gap_m:
         return IN_GAP, field
-    return _decide_as_its_algorithm(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current), field
+    return _decide_within_limits(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current), field

@@ -7,6 +7,9 @@ their lag, Eqs. (1) and (4), at the joint rates of the highest speed that the en
 lag falls with the rate, but less than in proportion, so that the highest speed needs the longest way. Of all directions
 the one in which the brakes take least counts.
 
+Sensed motion is old: the tip by the delay of its samples, the velocity by the mean age of those in its filter besides.
+The tip may have been pushed on since then, against no brake: that way and that speed come first.
+
 The bound is of the pose at hand: mass and rows g are taken as constant on the way, which `MARGIN` is to cover. It does
 not hold for a hand that pushes harder, nor for one that turns the joints back and forth inside their play.
 """
@@ -45,6 +48,8 @@ AROUND = np.dtype(
         ("guard", "i8"),
         ("push", "f8"),  # N, the largest push that is allowed for
         ("keep", "f8"),  # m: stop so far before the edge
+        ("tip_age", "f8"),  # s, of the position that the controller sees
+        ("velocity_age", "f8"),  # s, likewise
         ("let_go_force", "f8"),  # N, a pull away from the obstacle that releases; infinite: none does
         ("full", "f8", (4,)),  # N m, yields at full current
         ("growth", "f8", (4, RATES + 1)),  # share of the missing yield that a step brings, by joint rate
@@ -75,14 +80,15 @@ class Around(Table, frozen=True):
 NOTHING = Around()
 
 
-def make_around(how: Around, brakes: Brakes) -> np.ndarray:
-    """What the kernels read of a trial's obstacles; brakes: of its device."""
+def make_around(how: Around, brakes: Brakes, age: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+    """What the kernels read of a trial's obstacles; brakes: of its device; age: of the sensed tip and velocity, s."""
     around, guard = new_record(AROUND), how.guard
     edges = build_obstacles(how.obstacles)
     around["count"], around["guide"] = len(edges), int(how.guide)
     around["edges"][0, : len(edges)] = edges
     if guard is not None:
         around["guard"], around["push"], around["keep"] = 1, guard.push_N, guard.keep_m
+        around["tip_age"], around["velocity_age"] = age
         around["let_go_force"] = guard.pull_N if guard.release == "pull" else math.inf
         learn_lags(around[0], pack_brakes(brakes, backlash=False)[0])
     return around
@@ -130,7 +136,11 @@ def stopping_distance(around, brakes, g, mass, vx, vy, most):
             around.torque[k, i] = brakes.k[i, 1]
     lightest = least_mass(mass)
     energy = 0.5 * (mass[0] * vx * vx + 2.0 * mass[1] * vx * vy + mass[2] * vy * vy) * (1.0 + MARGIN)
-    way = 0.0
+    way, before = 0.0, 0.0
+    if around.velocity_age > 0.0:
+        speed = math.sqrt(2.0 * energy / lightest) + around.push / lightest * around.velocity_age
+        energy, before = 0.5 * lightest * speed * speed, speed * around.tip_age
+        most -= before
     for _ in range(round(LONGEST_S / STEP_S)):
         if way > most:
             break
@@ -138,7 +148,7 @@ def stopping_distance(around, brakes, g, mass, vx, vy, most):
         slowing = (least_hold(around, brakes, way, speed) - around.push) / lightest
         if speed <= slowing * STEP_S:  # at rest within the step
             way += 0.5 * speed * speed / slowing if speed > 0.0 else 0.0
-            return way if way <= most else math.inf
+            return before + way if way <= most else math.inf
         step = speed * STEP_S - 0.5 * min(slowing, 0.0) * STEP_S * STEP_S  # no shorter than it can be
         energy = max(energy - slowing * lightest * step, 0.0)
         way += step

@@ -76,4 +76,4 @@ def decide(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
     return OWN + i
 
 
-ALGORITHM = Algorithm("sdof", (GAP_M,), ("sdof {J}",), decide)
+ALGORITHM = Algorithm("sdof", (GAP_M,), ("sdof {J}",), decide, steers=True)

@@ -7,6 +7,7 @@ are given to `stepping`, and that is counted.
 """
 
 from core.kernel import kernel
+from core.mechanism import PLACES
 from core.simulator import solver_numbers as limits
 from core.simulator.event_location import (
     LOOSE_MINUS,
@@ -152,7 +153,7 @@ def accept(mechanism, brakes, state, scratch, step, lagged):
                 state.added_by_brakes = -scratch.heat[i]
             if brakes.play[i] > 0.0 and state.sign[i] != 0.0 and state.edge[i] == 0.0:
                 state.play[i] = min(max(state.play[i] + scratch.turned[i], 0.0), brakes.play[i])
-    for i in range(5):
+    for i in range(PLACES):
         state.rate[i], state.bias[i] = scratch.rate[i], scratch.bias[i]
         state.g[i, 0], state.g[i, 1] = scratch.g[i, 0], scratch.g[i, 1]
         if state.contact[i] != 0.0 and state.held != i:
@@ -206,7 +207,7 @@ def comes_to_rest(mechanism, state):
     speed = state.tip[2] * state.tip[2] + state.tip[3] * state.tip[3]
     if speed > limits.REST_SPEED * limits.REST_SPEED:
         return False
-    for i in range(5):
+    for i in range(PLACES):
         if state.active[i] != 0 and abs(state.rate[i]) <= limits.RATE_ROUNDING:
             for j in range(i):
                 at_rest = state.active[j] != 0 and abs(state.rate[j]) <= limits.RATE_ROUNDING
@@ -219,7 +220,7 @@ def comes_to_rest(mechanism, state):
 def stop_moving(state):
     """The tip is at rest: exact zeros from here on."""
     state.tip[2] = state.tip[3] = 0.0
-    for i in range(5):
+    for i in range(PLACES):
         state.rate[i] = state.bias[i] = 0.0
     state.bias_force[0] = state.bias_force[1] = 0.0
 

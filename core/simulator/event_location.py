@@ -13,6 +13,7 @@ below zero in between: two crossings inside one step must not be missed.
 import math
 
 from core.kernel import kernel
+from core.mechanism import PLACES
 from core.simulator.runge_kutta import joint_acceleration, rk4, slip_torques
 from core.simulator.solver_numbers import GRAZING, LOCATED, MAX_LOCATE, ROUNDING, SLID_S
 from core.simulator.stick_slip import same_line
@@ -109,7 +110,7 @@ def held_limits(brakes, mechanism, state, at, yields, lagged):
     j = state.held
     plus, minus = 0.0, 0.0
     square = at.g[j, 0] * at.g[j, 0] + at.g[j, 1] * at.g[j, 1]
-    for i in range(5):
+    for i in range(PLACES):
         if state.active[i] == 0 or not same_line(i, j, mechanism.lines):
             continue
         against_plus, against_minus = state.cost_plus[i], state.cost_minus[i]
@@ -235,7 +236,7 @@ def first_stop(mechanism, state, scratch, step, seen):
         return NONE, 0.0
     kind, first = NONE, math.inf
     stop_gap(mechanism, state.distal_side, scratch.tip[0], scratch.tip[1], scratch.theta, scratch.gap, scratch.gap_side)
-    for j in range(5):
+    for j in range(PLACES):
         if seen >> (STOP + j) & 1:
             continue
         if scratch.gap[j] < -ROUNDING and not (state.held >= 0 and same_line(j, state.held, mechanism.lines)):

@@ -17,6 +17,7 @@ import math
 
 from core.dynamics import motion
 from core.kernel import kernel
+from core.mechanism import PLACES
 from core.simulator.hand import hand_force
 from core.simulator.load_sharing import leave_stops_their_share, reach_of
 from core.simulator.runge_kutta import age_yields, begin, keep_on_line
@@ -34,7 +35,7 @@ def friction(mechanism, state, fx, fy, mxx, mxy, myy):
     sense in which it was pushed, and the rest are solved again.
     """
     g, torque, sign = state.g, state.torque, state.sign
-    for i in range(5):
+    for i in range(PLACES):
         torque[i] = sign[i] = 0.0
         can_hold = state.active[i] != 0 and (state.cost_plus[i] > 0.0 or state.cost_minus[i] > 0.0)
         if state.active[i] == 0 or (can_hold and abs(state.rate[i]) < state.delta_omega):
@@ -47,13 +48,13 @@ def friction(mechanism, state, fx, fy, mxx, mxy, myy):
             torque[i] = -sign[i] * limit
     for _ in range(6):
         rx, ry = fx, fy
-        for i in range(5):
+        for i in range(PLACES):
             if sign[i] != 0.0:
                 rx += g[i, 0] * torque[i]
                 ry += g[i, 1] * torque[i]
         hold(mechanism, state, rx, ry, mxx, mxy, myy)
         worst, most = -1, 1.0 + HELD_ROUNDING
-        for i in range(5):
+        for i in range(PLACES):
             if state.active[i] != 0 and sign[i] == 0.0:
                 limit = state.cost_minus[i] if torque[i] > 0.0 else state.cost_plus[i]
                 if abs(torque[i]) > most * limit:
@@ -65,7 +66,7 @@ def friction(mechanism, state, fx, fy, mxx, mxy, myy):
     if state.held == STILL:
         return 0.0, 0.0
     rx, ry = fx, fy
-    for i in range(5):
+    for i in range(PLACES):
         rx += g[i, 0] * torque[i]
         ry += g[i, 1] * torque[i]
     return solve_mass(mxx, mxy, myy, rx, ry)
@@ -82,7 +83,7 @@ def hold(mechanism, state, rx, ry, mxx, mxy, myy):
     lead, several = -1, False
     sxx = sxy = syy = 0.0
     nx, ny = -rx, -ry  # what the joints must exert together, less the middles of their ranges
-    for i in range(5):
+    for i in range(PLACES):
         if state.active[i] == 0 or state.sign[i] != 0.0:
             continue
         if lead < 0:
@@ -102,7 +103,7 @@ def hold(mechanism, state, rx, ry, mxx, mxy, myy):
     if several and det > PARALLEL_ROWS * sxx * syy:
         state.held = STILL
         zx, zy = (syy * nx - sxy * ny) / det, (sxx * ny - sxy * nx) / det
-        for i in range(5):
+        for i in range(PLACES):
             if state.active[i] != 0 and state.sign[i] == 0.0:
                 middle, half = reach_of(state, i)
                 torque[i] = middle + half * half * (g[i, 0] * zx + g[i, 1] * zy)
@@ -110,13 +111,13 @@ def hold(mechanism, state, rx, ry, mxx, mxy, myy):
     rest = holding_torque(mxx, mxy, myy, g[lead, 0], g[lead, 1], state.bias[lead], rx, ry)
     square = g[lead, 0] * g[lead, 0] + g[lead, 1] * g[lead, 1]
     weight = 0.0
-    for i in range(5):
+    for i in range(PLACES):
         if state.active[i] != 0 and state.sign[i] == 0.0:
             ratio = (g[i, 0] * g[lead, 0] + g[i, 1] * g[lead, 1]) / square
             middle, half = reach_of(state, i)
             rest -= ratio * middle
             weight += ratio * ratio * half * half
-    for i in range(5):
+    for i in range(PLACES):
         if state.active[i] != 0 and state.sign[i] == 0.0:
             ratio = (g[i, 0] * g[lead, 0] + g[i, 1] * g[lead, 1]) / square
             middle, half = reach_of(state, i)
@@ -187,7 +188,7 @@ def advance_karnopp(mechanism, brakes, hand, state, scratch, currents, t, h, lag
             state.added_by_brakes = max(state.added_by_brakes, -scratch.heat[i])
         if brakes.play[i] > 0.0:
             drift_in_backlash(brakes, state, i, scratch.turned[i])
-    for j in range(5):
+    for j in range(PLACES):
         if state.sign[j] != 0.0:
             state.contact[j] = 0.0  # it leaves its stop
         elif state.contact[j] != 0.0:

@@ -9,6 +9,7 @@ that it can, before any brake.
 import math
 
 from core.kernel import kernel
+from core.mechanism import PLACES
 from core.simulator.solver_numbers import SPLIT_ROUNDING, STOP_STRENGTH
 from core.simulator.stick_slip import same_line
 
@@ -18,11 +19,11 @@ _BEST, _NO_SPLIT = -1, -2
 
 @kernel
 def share_at_rest(state, fx, fy):
-    """Fill state.torque (5,) with the split that balances the force f (N) on a resting tip, all joints held.
+    """Fill state.torque (PLACES,) with the split that balances the force f (N) on a resting tip, all joints held.
 
     Joints beyond their limits are clamped, and let go again where that is worse (an active-set search). Convex, so the
     first split that keeps all limits and all optimality conditions is the one; if the search goes round in circles, all
-    243 sets of clamps are tried.
+    sets of clamps are tried.
     """
     pattern = 0
     for _ in range(8):
@@ -31,12 +32,17 @@ def share_at_rest(state, fx, fy):
             return
         if pattern == _NO_SPLIT:
             break
-    for pattern in range(243):
+    patterns, place = 1, 1
+    for i in range(PLACES):
+        place *= 3
+        if state.active[i] != 0:
+            patterns = place
+    for pattern in range(patterns):
         if _split(state, fx, fy, pattern) == _BEST:
             return
     # at the bound to rounding: no set of clamps balances the force exactly; take the split without any, cut to limits
     _split(state, fx, fy, 0)
-    for i in range(5):
+    for i in range(PLACES):
         if state.active[i] != 0:
             state.torque[i] = min(max(state.torque[i], -state.cost_plus[i]), state.cost_minus[i])
 
@@ -50,10 +56,12 @@ def _split(state, fx, fy, pattern):
     rx, ry = -fx, -fy
     sxx = sxy = syy = 0.0
     code = pattern
-    for i in range(5):
+    for i in range(PLACES):
         state.torque[i] = 0.0
-        clamp = code % 3
-        code //= 3
+        clamp = 0
+        if code > 0:
+            clamp = code % 3
+            code //= 3
         if state.active[i] == 0:
             if clamp > 0:
                 return _NO_SPLIT
@@ -78,9 +86,11 @@ def _split(state, fx, fy, pattern):
         return _NO_SPLIT
     zx, zy = (syy * rx - sxy * ry) / det, (sxx * ry - sxy * rx) / det
     code, place, change = pattern, 1, 0
-    for i in range(5):
-        clamp = code % 3
-        code //= 3
+    for i in range(PLACES):
+        clamp = 0
+        if code > 0:
+            clamp = code % 3
+            code //= 3
         if state.active[i] != 0:
             middle, half = reach_of(state, i)
             share = half * (state.g[i, 0] * zx + state.g[i, 1] * zy)
@@ -119,7 +129,7 @@ def share_on_line(state, j, torque, lines):
     clamped = 0
     for _ in range(3):
         rest, weight = torque, 0.0
-        for i in range(5):
+        for i in range(PLACES):
             if state.active[i] != 0 and same_line(i, j, lines):
                 ratio = (state.g[i, 0] * state.g[j, 0] + state.g[i, 1] * state.g[j, 1]) / square
                 if clamped >> i & 1:
@@ -129,7 +139,7 @@ def share_on_line(state, j, torque, lines):
                     rest -= ratio * middle
                     weight += ratio * ratio * half * half
         more = 0
-        for i in range(5):
+        for i in range(PLACES):
             if state.active[i] != 0 and same_line(i, j, lines) and not clamped >> i & 1:
                 ratio = (state.g[i, 0] * state.g[j, 0] + state.g[i, 1] * state.g[j, 1]) / square
                 middle, half = reach_of(state, i)
@@ -148,4 +158,5 @@ def leave_stops_their_share(state):
     for i in range(4):
         if state.contact[i] > 0.0 and state.torque[i] < 0.0 or state.contact[i] < 0.0 and state.torque[i] > 0.0:
             state.torque[i] = 0.0
-    state.torque[4] = 0.0
+    for i in range(4, PLACES):
+        state.torque[i] = 0.0

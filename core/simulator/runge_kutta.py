@@ -13,6 +13,7 @@ from core.brake import begin_lag, lagged_yield, torque_gain
 from core.dynamics import combined, motion
 from core.kernel import inlined, kernel
 from core.linkage import coupled_angle
+from core.mechanism import PLACES, STOP_E, D
 from core.simulator.hand import grip_force, prescribed_force
 from core.simulator.solver_numbers import ENERGY_ERROR, LEAST_ENERGY, NEAR_SINGULAR, REACH, STEP_ERROR
 from core.simulator.state import MOTION
@@ -33,8 +34,8 @@ STEP_SCRATCH = np.dtype(
         ("seen", "i8"),  # bits of the kinds of events that need not be looked for any more
         # work space of the stops
         ("theta", "f8", (4,)),
-        ("gap", "f8", (5,)),
-        ("gap_side", "f8", (5,)),
+        ("gap", "f8", (PLACES,)),
+        ("gap_side", "f8", (PLACES,)),
     ]
 )
 
@@ -111,18 +112,16 @@ def slip_torques(brakes, state, yields, lagged):
 
 @inlined
 def row_of(mechanism, q, j):
-    """Row g and bias gdot . v of joint j (0 .. 4), as `store` has them, in a `Motion`."""
+    """Row g and bias gdot . v of place j, as `store` has them, in a `Motion`."""
     if mechanism.coupled >> j & 1 != 0:
         x, y, _, bias = combined(mechanism, j, q)
         return x, y, bias
-    arm = q.arm_1 if j < 2 else q.arm_2
+    if j == D:
+        return distal_row(q)
+    arm = q.arm_1 if j < 2 or j == STOP_E else q.arm_2
     if j == 0 or j == 2:
         return arm.base_x, arm.base_y, arm.base_bias
-    if j < 4:
-        return arm.elbow_x, arm.elbow_y, arm.elbow_bias
-    if mechanism.coupled != 0:
-        return q.arm_1.elbow_x, q.arm_1.elbow_y, q.arm_1.elbow_bias
-    return distal_row(q)
+    return arm.elbow_x, arm.elbow_y, arm.elbow_bias
 
 
 @inlined

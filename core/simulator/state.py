@@ -2,22 +2,21 @@
 
 import numpy as np
 
-from core.mechanism import Arm, Brakes, Mechanism, no_brakes
+from core.mechanism import PLACES, Arm, Brakes, Mechanism, no_brakes
 from core.simulator.stick_slip import FREE, STILL
 
-#: What a state and a tried step know of the motion. Joints in the order A, E, B, C, and D (the angle between the distal
-#: links) where there are five.
+#: What a state and a tried step know of the motion. Joints in the order of the places of core/mechanism.py.
 MOTION = [
     ("tip", "f8", (4,)),  # m, m/s: x, y, vx, vy
     ("acceleration", "f8", (2,)),  # m/s2
     ("hand_force", "f8", (2,)),  # N, what a sensor between handle and hand reads
     ("mass", "f8", (3,)),  # kg, tip mass matrix xx, xy, yy of the device
     ("bias_force", "f8", (2,)),  # N, velocity terms b
-    ("g", "f8", (5, 2)),  # 1/m, rows of the joints at the tip
-    ("rate", "f8", (5,)),  # rad/s
-    ("bias", "f8", (5,)),  # rad/s2, gdot . v
+    ("g", "f8", (PLACES, 2)),  # 1/m, rows of the joints at the tip
+    ("rate", "f8", (PLACES,)),  # rad/s
+    ("bias", "f8", (PLACES,)),  # rad/s2, gdot . v
     ("held", "i8"),  # STILL, FREE or the joint that is stuck (in a tried step of `stepping` alone)
-    ("sign", "f8", (5,)),  # sense in which each joint slips, 0 while it is held (likewise)
+    ("sign", "f8", (PLACES,)),  # sense in which each joint slips, 0 while it is held (likewise)
     ("line_torque", "f8"),  # N m, what holds the stuck joint on its own rate, brakes and stop together
 ]
 
@@ -27,11 +26,11 @@ STATE = np.dtype(
         ("carry", "f8", (2,)),  # m/s, `stepping`: what the turn of a held joint's path took from the velocity
         # m: centre and radius of the SDOF path while one joint is stuck; if that is no circle, a coupling's angle (rad)
         ("circle", "f8", (3,)),
-        ("contact", "f8", (5,)),  # hard stop: -1 at the low one, +1 at the high one, 0 away from both
+        ("contact", "f8", (PLACES,)),  # hard stop: -1 at the low one, +1 at the high one, 0 away from both
         ("distal_side", "f8"),  # sign of the sine between the distal links, fixed at the start
         ("delta_omega", "f8"),  # rad/s, band of Eq. (6) (`karnopp` only)
         ("tolerance", "f8"),  # share of the error bounds in solver_numbers.py that a step must keep (`event`)
-        ("torque", "f8", (5,)),  # N m, signed, what each brake does
+        ("torque", "f8", (PLACES,)),  # N m, signed, what each brake does
         ("torque_yield", "f8", (4,)),  # N m, what each brake can hold now (outside the backlash)
         ("edge", "f8", (4,)),  # backlash: +1 at the upper edge of the play, -1 at the lower, 0 inside
         ("play", "f8", (4,)),  # rad, position in the backlash
@@ -50,9 +49,9 @@ STATE = np.dtype(
         ("shortened", "i8"),  # steps cut because a stage left the region where the linkage closes
         ("refined", "i8"),  # steps cut because their error estimate was too large
         # work space of a step
-        ("cost_plus", "f8", (5,)),  # N m, what a joint holds against + motion now
-        ("cost_minus", "f8", (5,)),  # N m, against - motion
-        ("active", "i8", (5,)),  # 1: the joint carries a brake or touches a stop
+        ("cost_plus", "f8", (PLACES,)),  # N m, what a joint holds against + motion now
+        ("cost_minus", "f8", (PLACES,)),  # N m, against - motion
+        ("active", "i8", (PLACES,)),  # 1: the joint carries a brake or touches a stop
         ("lag", "f8", (4, 5)),
         ("theta", "f8", (4,)),  # rad
         ("settled", "i8"),  # 1: the last step left pattern, acceleration and torques of a moving tip as they are now

@@ -11,6 +11,7 @@ import math
 from core.brake import lagged_yield
 from core.dynamics import motion
 from core.kernel import kernel
+from core.mechanism import PLACES
 from core.simulator import solver_numbers as limits
 from core.simulator.hand import cap_scale, hand_force, spring_force
 from core.simulator.runge_kutta import begin, keep_on_line, kinetic
@@ -105,7 +106,7 @@ def implicit_velocity(mechanism, brakes, hand, state, scratch, t, h, lagged):
             fy -= h * (grip.stiffness[1] * vx + grip.stiffness[2] * vy)
     px = (mxx + cxx) * vx + (mxy + cxy) * vy + h * (fx - state.bias_force[0])
     py = (mxy + cxy) * vx + (myy + cyy) * vy + h * (fy - state.bias_force[1])
-    for i in range(5):
+    for i in range(PLACES):
         state.cost_plus[i] = h * max(state.cost_plus[i], 0.0)  # below zero only where the lag is on the signed torque
         state.cost_minus[i] = h * max(state.cost_minus[i], 0.0)
     held, ux, uy = solve_at_rest(
@@ -128,7 +129,7 @@ def take(mechanism, brakes, hand, state, scratch, h, lagged):
     for i in range(4):
         if lagged != 0 and brakes.present[i] > 0.0:
             state.torque_yield[i] = lagged_yield(state.lag, i, h)
-    for j in range(5):
+    for j in range(PLACES):
         state.sign[j] = scratch.sign[j]
         for k in range(2):
             scratch.g[j, k] = state.g[j, k]
@@ -167,7 +168,7 @@ def create_nothing(state, before):
         state.tip[2 + i] *= scale
         state.carry[i] *= scale
         state.bias_force[i] *= square
-    for j in range(5):
+    for j in range(PLACES):
         state.rate[j] *= scale
         state.bias[j] *= square
 
@@ -196,13 +197,13 @@ def move(mechanism, state, scratch, h, arm_mass):
     tip[0], tip[1] = x + h * tip[2], y + h * tip[3]
     if state.held >= 0:
         turn(mechanism, state, state.held)
-    for j in range(5):
+    for j in range(PLACES):
         if not (state.held >= 0 and same_line(j, state.held, mechanism.lines)):
             state.contact[j] = 0.0
     stop_on_the_way(mechanism, state, scratch, x, y, h, arm_mass)
     if beyond_a_stop(mechanism, state, scratch, tip[0], tip[1]):
         retreat(mechanism, state, scratch, x, y)
-    for j in range(5):
+    for j in range(PLACES):
         if scratch.gap[j] <= limits.TOUCHING:
             state.contact[j] = scratch.gap_side[j]
 
@@ -253,7 +254,7 @@ def stop_on_the_way(mechanism, state, scratch, x, y, h, arm_mass):
         tip[0], tip[1] = hit_x + rest * tip[2], hit_y + rest * tip[3]
         turn(mechanism, state, struck)
         stop_gap(mechanism, state.distal_side, tip[0], tip[1], scratch.theta, scratch.gap, scratch.gap_side)
-        for j in range(5):
+        for j in range(PLACES):
             if scratch.gap[j] < -limits.TOUCHING and not same_line(j, struck, mechanism.lines):
                 tip[0], tip[1] = hit_x, hit_y  # another stop: what is left of the step is lost
                 tip[2], tip[3] = tip[2] + state.carry[0], tip[3] + state.carry[1]
@@ -266,8 +267,10 @@ def stop_on_the_way(mechanism, state, scratch, x, y, h, arm_mass):
 def beyond_a_stop(mechanism, state, scratch, x, y):
     """True where (x, y) lies beyond any hard stop; fills the scratch's gaps."""
     stop_gap(mechanism, state.distal_side, x, y, scratch.theta, scratch.gap, scratch.gap_side)
-    least = min(min(scratch.gap[0], scratch.gap[1]), min(scratch.gap[2], min(scratch.gap[3], scratch.gap[4])))
-    return least < -limits.TOUCHING
+    for j in range(PLACES):
+        if scratch.gap[j] < -limits.TOUCHING:
+            return True
+    return False
 
 
 @kernel
@@ -291,7 +294,7 @@ def worst_stop(mechanism, state, scratch, x, y):
     """The joint that lies furthest beyond its stop at (x, y), not counting one that the tip slides along; -1: none."""
     stop_gap(mechanism, state.distal_side, x, y, scratch.theta, scratch.gap, scratch.gap_side)
     worst, least = -1, 0.0
-    for j in range(5):
+    for j in range(PLACES):
         if state.contact[j] == 0.0 and scratch.gap[j] < least:
             worst, least = j, scratch.gap[j]
     return worst

@@ -8,16 +8,17 @@ the resting joints' torques, the motion is
 strictly convex in two unknowns. The same problem over velocities (costs times the step) is the implicit time step.
 
 Two cases are all there is. At rest (v = 0) every r_i is g_i . a, the problem is homogeneous, and its minimiser lies on
-one of at most ten rays (one joint held), inside one of the sectors between them (none held), or at 0 (all held): each
-candidate is a closed formula and the lowest objective is the answer. Moving, only joints with parallel rows can rest
-at once, and the problem is one soft threshold.
+one of at most fourteen rays (one joint held), inside one of the sectors between them (none held), or at 0 (all held):
+each candidate is a closed formula and the lowest objective is the answer. Moving, only joints with parallel rows can
+rest at once, and the problem is one soft threshold.
 
-Joints here are A, E, B, C and a fifth, D: the angle between the distal links, which has a stop but no brake.
+Joints here are all places of core/mechanism.py: A, E, B, C, then D and elbows that have a stop but no brake.
 """
 
 import math
 
 from core.kernel import inlined, kernel
+from core.mechanism import PLACES
 
 STILL = -2  # all held: the tip does not move
 FREE = -1  # no joint held; 0 .. 4: that joint is held and the tip moves along its SDOF path
@@ -26,40 +27,24 @@ FREE = -1  # no joint held; 0 .. 4: that joint is held and the tip moves along i
 @kernel
 def same_line(i, j, lines):
     """True where rows i and j are parallel at every tip (`lines` of the mechanism), and for a joint with itself."""
-    return i == j or (lines >> (5 * i + j)) & 1 != 0
-
-
-@kernel
-def ray_excess(g, active, cost_plus, cost_minus, lines, j, tx, ty, fx, fy):
-    """How much the force f pushes along the ray t (on which joint j rests) beyond what the other joints hold.
-
-    f . t - sum of costs; above 0 the tip starts to move along t. -inf where a stop forbids the ray.
-    """
-    excess = fx * tx + fy * ty
-    for i in range(5):
-        if active[i] != 0 and not same_line(i, j, lines):
-            rate = g[i, 0] * tx + g[i, 1] * ty
-            if rate > 0.0:
-                excess -= cost_plus[i] * rate
-            elif rate < 0.0:
-                excess += cost_minus[i] * rate
-    return excess
+    return i == j or (lines >> (PLACES * i + j)) & 1 != 0
 
 
 @kernel
 def largest_excess(g, active, cost_plus, cost_minus, lines, fx, fy):
-    """Largest `ray_excess` over all rays, per unit length: at most 0 exactly when all joints hold the force f.
+    """How far the force f pushes beyond what the joints hold, along the ray where that is most; at most 0: all hold.
 
-    With symmetric costs this is the facet test of the zonotope sum of [-y_i, y_i] g_i. -inf without any joint.
+    Along the ray t on which joint j rests: (f . t - sum of the costs of the other joints' rates) / |t|. With symmetric
+    costs this is the facet test of the zonotope sum of [-y_i, y_i] g_i. -inf without any joint.
     """
     largest = -math.inf
-    for j in range(5):
+    for j in range(PLACES):
         if active[j] == 0:
             continue
         tx, ty = -g[j, 1], g[j, 0]
         there = fx * tx + fy * ty  # along the ray, and the other way
         back = -there
-        for i in range(5):
+        for i in range(PLACES):
             if active[i] != 0 and not same_line(i, j, lines):
                 rate = g[i, 0] * tx + g[i, 1] * ty
                 if rate > 0.0:
@@ -74,64 +59,67 @@ def largest_excess(g, active, cost_plus, cost_minus, lines, fx, fy):
 
 @kernel
 def solve_at_rest(mxx, mxy, myy, g, active, cost_plus, cost_minus, lines, fx, fy, sign):
-    """The motion from rest under the force f = M a_free: returns (held, ax, ay) and fills sign (5,) of each rate.
+    """The motion from rest under the force f = M a_free: returns (held, ax, ay) and fills sign (PLACES,) of each rate.
 
-    held is STILL, FREE, or the joint that stays stuck. g (5, 2); active, costs (5,); lines: of the mechanism.
+    held is STILL, FREE, or the joint that stays stuck. g (PLACES, 2); active, costs (PLACES,); lines: of the mechanism.
     With no active joint the answer is FREE. Exact but for rounding; no tolerance, no iteration.
     """
     best, held, ax, ay = 0.0, STILL, 0.0, 0.0
     if -math.inf < largest_excess(g, active, cost_plus, cost_minus, lines, fx, fy) <= 0.0:
-        for i in range(5):
+        for i in range(PLACES):
             sign[i] = 0.0
         return held, ax, ay
     any_active = False
-    for j in range(5):
+    for j in range(PLACES):
         if active[j] == 0:
             continue
         any_active = True
         for side in (1.0, -1.0):
             tx, ty = -g[j, 1] * side, g[j, 0] * side
-            excess = ray_excess(g, active, cost_plus, cost_minus, lines, j, tx, ty, fx, fy)
+            px, py = -ty, tx
+            excess = fx * tx + fy * ty  # what the force pushes along the ray beyond what the other joints hold
+            rx, ry = fx, fy  # what it leaves in the sector just counter-clockwise of the ray
+            possible = True
+            for i in range(PLACES):
+                if active[i] != 0:
+                    rate = g[i, 0] * tx + g[i, 1] * ty
+                    rests = same_line(i, j, lines) or rate == 0.0
+                    if rests:  # just counter-clockwise of the ray it turns: there every rate has one sign
+                        rate = g[i, 0] * px + g[i, 1] * py
+                    resistance = cost_plus[i] if rate > 0.0 else -cost_minus[i]
+                    if not rests:
+                        excess -= resistance * rate
+                    if math.isinf(resistance):
+                        possible = False
+                    else:
+                        rx -= resistance * g[i, 0]
+                        ry -= resistance * g[i, 1]
             if excess > 0.0:
                 stiffness = mxx * tx * tx + 2.0 * mxy * tx * ty + myy * ty * ty
                 objective = -0.5 * excess * excess / stiffness
                 if objective < best:
                     best, held = objective, j
                     ax, ay = tx * excess / stiffness, ty * excess / stiffness
-            # the sector just counter-clockwise of this ray: every rate has one sign in it
-            px, py = -ty, tx
-            rx, ry = fx, fy
-            possible = True
-            for i in range(5):
-                if active[i] != 0:
-                    rate = g[i, 0] * tx + g[i, 1] * ty
-                    if same_line(i, j, lines) or rate == 0.0:
-                        rate = g[i, 0] * px + g[i, 1] * py
-                    resistance = cost_plus[i] if rate > 0.0 else -cost_minus[i]
-                    if math.isinf(resistance):
-                        possible = False
-                    else:
-                        rx -= resistance * g[i, 0]
-                        ry -= resistance * g[i, 1]
             if not possible:
                 continue
             sx, sy = solve_mass(mxx, mxy, myy, rx, ry)
             objective = -0.5 * (sx * rx + sy * ry)
             if objective < best:
                 inside = True
-                for i in range(5):
+                for i in range(PLACES):
                     if active[i] != 0:
                         rate = g[i, 0] * tx + g[i, 1] * ty
                         if same_line(i, j, lines) or rate == 0.0:
                             rate = g[i, 0] * px + g[i, 1] * py
                         if rate * (g[i, 0] * sx + g[i, 1] * sy) < 0.0:
                             inside = False
+                            break
                 if inside:
                     best, held, ax, ay = objective, FREE, sx, sy
     if not any_active:
         held = FREE
         ax, ay = solve_mass(mxx, mxy, myy, fx, fy)
-    for i in range(5):
+    for i in range(PLACES):
         rate = g[i, 0] * ax + g[i, 1] * ay
         sign[i] = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)
         if held == STILL or (held >= 0 and same_line(i, held, lines)):
@@ -151,7 +139,7 @@ def line_limits(g, active, cost_plus, cost_minus, lines, j):
     """What joint j and all joints on its line hold together, on joint j's own rate: (plus, minus), N m."""
     plus, minus = 0.0, 0.0
     square = g[j, 0] * g[j, 0] + g[j, 1] * g[j, 1]
-    for i in range(5):
+    for i in range(PLACES):
         if active[i] != 0 and same_line(i, j, lines):
             ratio = (g[i, 0] * g[j, 0] + g[i, 1] * g[j, 1]) / square
             if ratio > 0.0:

@@ -9,6 +9,7 @@ import math
 from core.dynamics import combined, motion
 from core.kernel import inlined, kernel
 from core.linkage import coupled_angle, links
+from core.mechanism import PLACES, STOP_E, D
 from core.simulator.hand import hand_force
 from core.simulator.load_sharing import leave_stops_their_share, share_at_rest, share_on_line
 from core.simulator.solver_numbers import HAND_ROUNDING, RATE_ROUNDING
@@ -34,7 +35,7 @@ def look(mechanism, state):
 def store(mechanism, state, q):
     """Copy a `Motion` into the state's arrays; row D is the rate of the angle between the distal links.
 
-    With couplings these have the places of their brakes, and D's place has the rate of E, for the stops.
+    A coupling has the place of its brake, and the elbow there another, for its stops.
     """
     g, rate, bias, p, r = state.g, state.rate, state.bias, q.arm_1, q.arm_2
     g[0, 0], g[0, 1], g[1, 0], g[1, 1] = p.base_x, p.base_y, p.elbow_x, p.elbow_y
@@ -46,9 +47,10 @@ def store(mechanism, state, q):
     state.mass[0], state.mass[1], state.mass[2] = q.mass_xx, q.mass_xy, q.mass_yy
     state.bias_force[0], state.bias_force[1] = q.bias_x, q.bias_y
     if mechanism.coupled != 0:
-        g[4, 0], g[4, 1], rate[4], bias[4] = p.elbow_x, p.elbow_y, p.elbow_rate, p.elbow_bias
         for i in (1, 3):
             if mechanism.coupled >> i & 1 != 0:
+                k = STOP_E + i // 2
+                g[k, 0], g[k, 1], rate[k], bias[k] = g[i, 0], g[i, 1], rate[i], bias[i]
                 g[i, 0], g[i, 1], rate[i], bias[i] = combined(mechanism, i, q)
 
 
@@ -86,9 +88,10 @@ def set_costs(brakes, state):
             changed = True
         state.cost_plus[i], state.cost_minus[i] = plus, minus
         state.active[i] = 1 if brakes.present[i] > 0.0 else 0
-    state.cost_plus[4] = state.cost_minus[4] = 0.0
-    state.active[4] = 0
-    for j in range(5):
+    for j in range(PLACES):
+        if j >= D:
+            state.cost_plus[j] = state.cost_minus[j] = 0.0
+            state.active[j] = 0
         if state.contact[j] > 0.0:
             state.cost_plus[j], state.active[j], changed = math.inf, 1, True
         elif state.contact[j] < 0.0:
@@ -145,7 +148,7 @@ def resolve(mechanism, brakes, hand, state, t):
     else:
         if state.held == STILL:
             state.held = FREE
-        for i in range(5):
+        for i in range(PLACES):
             rate = state.rate[i]
             if state.active[i] == 0 or (state.held >= 0 and same_line(i, state.held, mechanism.lines)):
                 continue
@@ -180,7 +183,7 @@ def meet(mechanism, state, j, fx, fy, arm_mass):
     A soft threshold on its SDOF line; joints on the same line (E and C on coaxial bases) go with it.
     """
     g, mass = state.g, state.mass
-    for i in range(5):
+    for i in range(PLACES):
         if state.active[i] != 0 and abs(state.rate[i]) <= RATE_ROUNDING and not same_line(i, j, mechanism.lines):
             meet_parallel(mechanism, state, j, fx, fy, arm_mass)
             return
@@ -209,7 +212,7 @@ def hold(mechanism, state, j):
     """Joint j and those on its line stick."""
     if state.held != j:
         state.held = j
-        for i in range(5):
+        for i in range(PLACES):
             if same_line(i, j, mechanism.lines):
                 state.sign[i] = 0.0
         enter_line(mechanism, state, j)
@@ -244,7 +247,7 @@ def meet_parallel(mechanism, state, j, fx, fy, arm_mass):
     free, compliance = g[j, 0] * ax + g[j, 1] * ay, g[j, 0] * hx + g[j, 1] * hy
     square = g[j, 0] * g[j, 0] + g[j, 1] * g[j, 1]
     sticks = FREE
-    for k in range(5):
+    for k in range(PLACES):
         if has_no_rate(mechanism, state, k, j):
             left, right = slopes_at_kink(mechanism, state, k, j, free, compliance)
             ratio = (g[k, 0] * g[j, 0] + g[k, 1] * g[j, 1]) / square
@@ -255,7 +258,7 @@ def meet_parallel(mechanism, state, j, fx, fy, arm_mass):
         state.held = FREE
         return
     s = -bias[sticks] * square / (g[sticks, 0] * g[j, 0] + g[sticks, 1] * g[j, 1])
-    for k in range(5):
+    for k in range(PLACES):
         if has_no_rate(mechanism, state, k, j):
             if same_line(k, sticks, mechanism.lines):
                 state.sign[k] = 0.0
@@ -272,7 +275,7 @@ def slopes_at_kink(mechanism, state, k, j, free, compliance):
     square = g[j, 0] * g[j, 0] + g[j, 1] * g[j, 1]
     s = -bias[k] * square / (g[k, 0] * g[j, 0] + g[k, 1] * g[j, 1])
     left = right = (s - free) / compliance
-    for i in range(5):
+    for i in range(PLACES):
         if has_no_rate(mechanism, state, i, j):
             ratio = (g[i, 0] * g[j, 0] + g[i, 1] * g[j, 1]) / square
             above = ratio * state.cost_plus[i] if ratio > 0.0 else -ratio * state.cost_minus[i]
@@ -294,7 +297,7 @@ def release(mechanism, state, j, sense):
     """Joint j starts to slip in `sense` (+1 or -1), the joints on its line with it."""
     state.held = FREE
     g = state.g
-    for i in range(5):
+    for i in range(PLACES):
         if same_line(i, j, mechanism.lines):
             state.sign[i] = sense if g[i, 0] * g[j, 0] + g[i, 1] * g[j, 1] > 0.0 else -sense
 
@@ -306,7 +309,7 @@ def enter_line(mechanism, state, j):
     On a circle the tip turns about an elbow (A, B) or a base (the others).
     """
     x, y = state.tip[0], state.tip[1]
-    arm = mechanism.arm_1 if j < 2 else mechanism.arm_2
+    arm = mechanism.arm_1 if j < 2 or j == STOP_E else mechanism.arm_2
     cx, cy = arm.base_x, arm.base_y
     if j == 0 or j == 2:
         e1x, e1y, _, _, _ = links(arm, x, y)
@@ -388,7 +391,7 @@ def finish(mechanism, state, fx, fy, arm_mass):
         share_at_rest(state, fx, fy)
         leave_stops_their_share(state)
         return
-    for i in range(5):
+    for i in range(PLACES):
         state.torque[i] = slip_torque(state, i) if i < 4 else 0.0
     sx, sy = slipping_force(state, held, mechanism.lines)
     rx, ry = fx + sx - state.bias_force[0], fy + sy - state.bias_force[1]
@@ -420,7 +423,7 @@ def strike(mechanism, state, j, side, arm_mass):
     impulse = (g[j, 0] * tip[2] + g[j, 1] * tip[3]) / (g[j, 0] * hx + g[j, 1] * hy)
     tip[2] -= hx * impulse
     tip[3] -= hy * impulse
-    for i in range(5):
+    for i in range(PLACES):
         if i != j and state.contact[i] * (g[i, 0] * tip[2] + g[i, 1] * tip[3]) > 0.0:
             tip[2] = tip[3] = 0.0  # wedged between two stops
     after = 0.5 * (mxx * tip[2] * tip[2] + 2.0 * mxy * tip[2] * tip[3] + myy * tip[3] * tip[3])
@@ -428,7 +431,7 @@ def strike(mechanism, state, j, side, arm_mass):
     state.work_hand += arm_before - 0.5 * arm_mass * (tip[2] * tip[2] + tip[3] * tip[3])
     look(mechanism, state)
     state.held = STILL if tip[2] == 0.0 and tip[3] == 0.0 else FREE
-    for i in range(5):
+    for i in range(PLACES):
         if same_line(i, j, mechanism.lines):
             state.rate[i] = 0.0  # exactly: `meet` decides how it goes on
         rate = state.rate[i]

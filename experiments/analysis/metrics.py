@@ -325,7 +325,8 @@ METRICS = (
     ),
     Metric(
         "acceleration_dft_sum", "m/s^2", "Acceleration, weighted DFT sum", "acceleration DFT sum",
-        "sum over the frequencies up to 100 Hz of (f / 1 Hz) times the amplitude of the acceleration",
+        "sum over the frequencies up to 100 Hz of (f / 1 Hz) times the amplitude of the acceleration, which comes from "
+        "positions filtered at 20 Hz: it sees little above that",
         lambda m: amplitude_sum(m.weighted),
         shown_unit="m/s²", decimals=1, figure="fig18_acceleration_dft_sum", stands_for="smoothness", compared=True,
     ),

@@ -24,7 +24,7 @@ from experiments.analysis.trials_table import COLUMNS, DICTIONARY, STATUSES, Tri
 from experiments.export.answers import Form, answers_and_notes, forms_of, write_phenotype
 from experiments.export.columns import PHASE_LEVELS, recording_column
 from experiments.export.files import Exported, ExportedTrial, write_columns, write_json, write_rows
-from experiments.inputs import INPUTS, OPERATOR
+from experiments.inputs import INPUTS, is_person
 from experiments.recording.schema import Recording
 from experiments.session.session import version_of
 
@@ -209,7 +209,7 @@ def _about(trial: ExportedTrial, channels: list[_Channel]) -> dict[str, Any]:
         "InstitutionAddress": MISSING,
         "InstitutionalDepartmentName": MISSING,
         "SimulatedDevice": not board or board.startswith(_EMULATED),
-        "SimulatedOperator": trial.about.get("hand") == OPERATOR or board.startswith(_EMULATED),
+        "SimulatedOperator": not is_person(trial.about.get("hand", "")) or board.startswith(_EMULATED),
         "Trial": trial.about,
         "Outcome": trial.outcome,
     }

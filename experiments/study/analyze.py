@@ -20,7 +20,7 @@ from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import side_by_side, warnings, write_report
 from experiments.analysis.sensitivity import of_recording
 from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller, read_table, write_table
-from experiments.inputs import OPERATOR
+from experiments.inputs import is_person
 from experiments.protocol import label
 from experiments.recording.atomic_files import make_empty_folder, write_new_file
 from experiments.recording.reader import read_recording
@@ -151,7 +151,7 @@ def read_one(path: Path, folder: Path, out: Path, journal: JournalSummary, found
     protocol, hand = about.get("note", "protocol not recorded"), f"hand: {about.get('hand', 'not recorded')}"
     found.labels.add(f"{protocol}, {operators.label if operators else hand}")
     found.notes.add(f"{protocol}, {operators.note if operators else hand}")
-    found.simulated |= about.get("hand") == OPERATOR
+    found.simulated |= not is_person(about.get("hand", ""))
     found.protocols.add(str(about.get("protocol", "")))
     if isinstance(row.controller, int) and "preset" in about:
         found.presets[row.controller] = preset_from_json(about["preset"])

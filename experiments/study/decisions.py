@@ -18,7 +18,7 @@ from core.path import Path, point_at
 from core.simulator.state import new_state, pack_brakes, pack_mechanism
 from experiments.assumptions import DEFAULTS, Assumptions
 from experiments.recording.schema import Recording
-from experiments.trial.encoder_sensing import decision_noise, new_sensing
+from experiments.trial.encoder_sensing import REAL_AGE, decision_noise, new_sensing, sensed_age
 from experiments.trial.tick import decide_again
 
 #: What a decision is taken from, in the order in which `decide_again` reads it.
@@ -51,13 +51,14 @@ def check_decisions(
     given = np.column_stack((*map(recording.column, GIVEN), *wanted))
     middle = point_at(path, 0.5 * path.length)[:2]
     if recording.sensors:
-        noise, sensing = velocity_noise(device, middle), new_sensing(device, DEFAULTS)
+        noise, sensing, age = velocity_noise(device, middle), new_sensing(device, DEFAULTS), REAL_AGE
     else:
         device = assumed.applied_to(device)
         noise, sensing = decision_noise(device, middle, assumed), new_sensing(device, assumed)
+        age = sensed_age(assumed)
     controller = make_controller(
         preset, device.force_normalised_N, rules, velocity_noise=noise,
-        around=make_around(around, device.brakes),
+        around=make_around(around, device.brakes, age),
     )  # fmt: skip
     codes, currents = np.zeros(len(given), dtype=np.int64), np.zeros((len(given), 4))
     decide_again(

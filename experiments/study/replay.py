@@ -12,13 +12,13 @@ import pyarrow as pa
 from pyarrow import csv as pa_csv
 
 from core import tick_log
-from core.control.controllers import DECISIONS
+from core.control.controllers import ALGORITHMS, DECISIONS
 from core.device import Device, load_device
 from core.files import InputError
 from core.path import Path as PathAhead
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import along_path, trial_metrics
-from experiments.protocol import STEERED, Protocol, check_reach, load_protocol
+from experiments.protocol import Protocol, check_reach, load_protocol
 from experiments.recording.atomic_files import refuse_existing_files, write_new_file
 from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns, recording_of
 from experiments.study.decisions import Checked, check_decisions
@@ -64,7 +64,7 @@ def replay(
     chosen, number = choose_controller(trial, controller, protocol)
     preset = chosen.controllers[number]
     onto = own if device is None else choose_device(trial, device)
-    if onto.castor and preset.kind not in STEERED:
+    if onto.castor and not ALGORITHMS[preset.kind].steers:
         raise InputError(f"controller {preset.name}: needs brakes, and {onto.name} has a castor")
     kind, moved = choose_hand(trial, hand)
     if out is not None:

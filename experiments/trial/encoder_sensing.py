@@ -65,6 +65,18 @@ def decision_noise(device: Device, tip: tuple[float, float], assumptions: Assump
     return velocity_noise(device, tip, assumptions.filter_samples) if assumptions.sensing == ENCODERS else 0.0
 
 
+def sensed_age(assumptions: Assumptions) -> tuple[float, float]:
+    """How old (s) the tip and the velocity are that the controller of a simulated device sees."""
+    if assumptions.sensing != ENCODERS:
+        return 0.0, 0.0
+    delay = TICK_S * assumptions.delay_samples
+    return delay, delay + 0.5 * TICK_S * (assumptions.filter_samples - 1)
+
+
+#: s; assumed of a real device, whose velocity is filtered alike (hardware/sensing/samples).
+REAL_AGE = sensed_age(Assumptions(sensing=ENCODERS))
+
+
 @kernel
 def see(mechanism, state, sensing, seen):
     """Stage: take a sample of the device; the one that reaches the controller now becomes `seen`."""

@@ -31,6 +31,7 @@ from core.control.algorithm import OFF, release
 from core.control.controllers import decide
 from core.control.velocity_field import NEAREST, NO_FIELD, SIDE, TRAVEL, WANTED
 from core.kernel import inlined, kernel
+from core.mechanism import PLACES
 from core.obstacles import nearest_obstacle
 from core.path import nearest
 from core.simulator.event import advance_event
@@ -115,8 +116,8 @@ RUN = np.dtype(
         ("excess", "f8", (4,)),  # A, mean of what is measured beyond what was asked for
         ("disobeyed_ticks", "i8"),
         ("theta", "f8", (4,)),  # work space
-        ("gap", "f8", (5,)),
-        ("side", "f8", (5,)),
+        ("gap", "f8", (PLACES,)),
+        ("side", "f8", (PLACES,)),
     ]
 )
 
@@ -330,7 +331,7 @@ def guard(mechanism, brakes, state, run, row):
         return
     x, y, vx, vy = state.tip[0], state.tip[1], state.tip[2], state.tip[3]
     stop_gap(mechanism, state.distal_side, x, y, run.theta, run.gap, run.side)
-    for j in range(5):
+    for j in range(PLACES):
         if not run.gap[j] >= -PLACE_SLACK:
             enter(run, END, ABORTED, OUT_OF_PLACE)
             return

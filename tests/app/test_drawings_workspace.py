@@ -287,6 +287,8 @@ def test_the_brakes_of_couplings_are_ringed_in_a_row_at_the_bases(qtbot) -> None
     for joint, colour in (("E", theme.BRAKE_STUCK), ("C", theme.BRAKE_SLIPPING), ("A", theme.BRAKE_OFF)):
         ring = [rings[joint] + QPointF(12.0 * math.cos(a), 12.0 * math.sin(a)) for a in range(7)]
         assert all(is_seen(image, place, colour) for place in ring), joint
+    apart = rings_of({"A": QPointF(40.0, 9.0), "B": QPointF(-110.0, 9.0)}, pter.labels, 12.0)
+    assert [apart[joint].toTuple() for joint in "AECB"] == [(40.0, 9.0), (-10.0, 9.0), (-60.0, 9.0), (-110.0, 9.0)]
 
 
 def test_a_blind_console_shows_neither_states_nor_the_brakes_force(workspace: Workspace) -> None:

@@ -141,6 +141,7 @@ def test_a_table_that_the_disk_does_not_take_stops_the_next_trial_until_it_does(
         patch.setattr("experiments.analysis.trials_table.written_beside", full)
         storage.keep(Ended(session))
         assert session.rows == [] and "Run 1 is not complete: No space left" in storage.undone and said[-1][1]
+        assert said[-1][0].endswith("Make room on the disk: what is missing is then written by itself.")
         assert check_recording("", storage.undone, "", 0).state == BAD
         storage.catch_up()
         assert storage.undone and session.rows == []

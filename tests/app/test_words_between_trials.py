@@ -56,6 +56,11 @@ def test_feedback_and_cue_are_said_whatever_comes_after_the_trial(screens: Scree
         assert ERROR not in screens.participant.view.shown.small, following
 
 
+def test_a_step_says_to_the_participant_what_its_card_has_for_them(screens: Screens) -> None:
+    screens.hear(opened(), ready(3, stage="a text", card=m.Card("Text", "", participant="Think of a line")))
+    assert screens.participant.view.shown.large == screens.run.centre.large.text() == "Think of a line"
+
+
 def test_feedback_is_on_the_page_of_questions_that_covers_everything_else(screens: Screens) -> None:
     console = screens.hear(GIVEN, running(2), ready(3, stage=m.QUESTIONS))
     for page in (screens.run.questions, screens.participant.questions):

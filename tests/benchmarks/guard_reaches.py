@@ -13,9 +13,11 @@ import numpy as np
 from core.control.guard import Around, Guard, least_held, make_around, stopping_distance
 from core.device import load_device, shipped_devices
 from core.kernel import kernel
+from experiments.assumptions import DEFAULTS, ENCODERS, Assumptions
 from tests.support.reaches import guarded, pushed_device, random_task, run_reach
 
 CALLS = 2000
+BY_ENCODERS = Assumptions(sensing=ENCODERS)
 
 
 @kernel
@@ -49,20 +51,25 @@ def main() -> None:
         if not push > 0.0:
             print(f"{name}: a full lock holds {held:.1f} N, too little for a guard")
             continue
+        clear, pull = Guard(push_N=push, release="clear"), Guard(push_N=push)
         tries = (
-            ("without the guard", None, False),
-            ("guard, release: clear", Guard(push_N=push, release="clear"), False),
-            ("guard, release: pull", Guard(push_N=push), False),
-            ("a hand that feigns pulls, release: clear", Guard(push_N=push, release="clear"), True),
-            ("a hand that feigns pulls, release: pull", Guard(push_N=push), True),
+            ("without the guard", None, False, DEFAULTS),
+            ("guard, release: clear", clear, False, DEFAULTS),
+            ("guard, release: pull", pull, False, DEFAULTS),
+            ("a hand that feigns pulls, release: clear", clear, True, DEFAULTS),
+            ("a hand that feigns pulls, release: pull", pull, True, DEFAULTS),
+            ("by encoders, release: clear", clear, False, BY_ENCODERS),
+            ("by encoders, release: pull", pull, False, BY_ENCODERS),
+            ("by encoders, feigned pulls, release: clear", clear, True, BY_ENCODERS),
+            ("by encoders, feigned pulls, release: pull", pull, True, BY_ENCODERS),
         )
         print(f"{name}: holds {held:.1f} N, pushes to {push:g} N; one bound takes {bound_us(name, push):.1f} us")
-        for words, guard, adversary in tries:
+        for words, guard, adversary, assumed in tries:
             rng, least = np.random.default_rng(seed), []
             for _ in range(count):
                 task = random_task(rng, push)
-                controller = guarded(device, task.obstacle, guard)
-                least.append(run_reach(pushed_device(device, task.tip), controller, task.pushes, adversary).least)
+                controller, pushed = guarded(device, task.obstacle, guard, assumed), pushed_device(device, task.tip)
+                least.append(run_reach(pushed, controller, task.pushes, adversary, assumed).least)
             quantiles = 1e3 * np.quantile(least, (0.0, 0.05, 0.5, 0.95))
             print(
                 f"  {words:42s} entered {np.count_nonzero(np.array(least) < 0.0):4d} of {count}; least distance "

@@ -128,6 +128,20 @@ def test_currents_are_those_that_the_decision_names_and_never_beyond_the_brake(s
 
 
 @nojit
+def test_a_decision_of_all_brakes_has_one_code_and_one_of_a_brake_has_four():
+    one = algorithm.Algorithm("mine", (), ("all brakes on", "mine {J}"), lambda *_: algorithm.OWN)
+    assert one.decisions == ("all brakes on", "mine A", "mine E", "mine B", "mine C")
+
+
+@nojit
+def test_no_brake_gets_more_than_it_may_have_whatever_an_algorithm_writes():
+    brakes = brakes_on("AEB")
+    current = np.array([1e3, math.nan, -1.0, 0.5])
+    algorithm.limit(brakes, current)
+    assert current.tolist() == [CURRENT_MAX, 0.0, 0.0, 0.0]  # C has no brake
+
+
+@nojit
 @given(seed)
 def test_controller_1_never_asks_for_current(seed):
     rng = np.random.default_rng(seed)

@@ -1,11 +1,11 @@
-"""Couplings: brakes on the axis of coaxial bases that act on a combination of the base rates. PTER, and others."""
+"""Couplings: brakes that act on a combination of the base rates, on one axis (PTER) or on bases that are apart."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices import COUPLED, PTER, S1, S4, UNEQUAL, stops_of, switching, yields
+from devices import APART, COUPLED, PTER, S1, S4, UNEQUAL, stops_of, switching, yields
 
 from core.mechanism import JOINTS
 from core.simulator.hand import new_hand, wave_hand
@@ -33,7 +33,8 @@ def angles(bar, joint: str, tips) -> np.ndarray:
 
 @pytest.mark.parametrize(
     "bar, scene",
-    [(PTER, "E locked"), (PTER, "C locked"), (PTER, "switching"), (UNEQUAL, "E locked"), (UNEQUAL, "C locked")],
+    [(PTER, "E locked"), (PTER, "C locked"), (PTER, "switching"), (UNEQUAL, "E locked"), (UNEQUAL, "C locked"),
+     (APART, "E locked"), (APART, "C locked"), (APART, "switching")],
     ids=lambda value: getattr(value, "name", value),
 )
 def test_motion_equals_the_independent_solution_on_the_ten_coordinates(bar, scene):

@@ -73,7 +73,6 @@ BAD_COUPLINGS = {
     "nothing": ("E = {}", "", r"couplings.E: .*not both 0, not 0 and 0"),
     "base": ("A = {A = 1.0, B = 1.0}", "", "unknown key couplings.A"),
     "elbow": ("E = {A = 1.0, C = 1.0}", "", "unknown key couplings.E.C"),
-    "apart": ("E = {A = 1.0, B = 1.0}", "", "couplings: the bases are apart"),
     "gears": ("E = {A = 40.0}", "", "couplings.E.A must be at most 12"),
 }
 

@@ -12,6 +12,8 @@ from core.device import Device, load_device
 from core.obstacles import ObstacleFile
 from core.path import line
 from core.simulator.simulated_device import SimulatedDevice
+from experiments.assumptions import DEFAULTS, ENCODERS, Assumptions
+from experiments.trial.encoder_sensing import sensed_age
 from tests.support.reaches import guarded, pushed_device, random_task, run_reach
 
 FOUR, THREE = load_device("four-brake"), load_device("three-brake")
@@ -35,6 +37,50 @@ def test_no_hand_within_the_push_gets_into_an_obstacle_and_without_the_guard_mos
     assert min(least) > 0.0
     assert entered > 40
     assert np.median(least) < 0.03, "the guard stops far from what it guards"
+
+
+def test_a_hand_seen_late_by_encoders_stays_out_too_and_only_because_the_guard_knows_the_delay() -> None:
+    """A long filter and delay; push and speed of a hand that the guard sees 40 ms ago."""
+    late, guard = Assumptions(sensing=ENCODERS, filter_samples=61, delay_samples=10), Guard(push_N=15.0)
+    rng, least = np.random.default_rng(15), []
+    for _ in range(60):
+        task = random_task(rng, 15.0)
+        least.append([
+            run_reach(
+                pushed_device(FOUR, task.tip, play=False), guarded(FOUR, task.obstacle, guard, known), task.pushes,
+                assumed=late,
+            ).least
+            for known in (late, DEFAULTS)
+        ])  # fmt: skip
+    known, unknown = np.array(least).T
+    assert known.min() > 0.0
+    assert np.count_nonzero(unknown < 0.0) > 5
+
+
+def test_the_bound_from_what_is_seen_late_is_never_under_the_way_from_there() -> None:
+    """A hand pushes a free device, then all brakes lock: the bound from tip and velocity as they were seen."""
+    late = Assumptions(sensing=ENCODERS, filter_samples=31, delay_samples=5)
+    tip_age, velocity_age = sensed_age(late)
+    rng = np.random.default_rng(16)
+    for _ in range(40):
+        angle, force = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(2.0, 15.0)
+        device = pushed_device(FOUR, (rng.uniform(-0.05, 0.05), rng.uniform(0.37, 0.43)), play=bool(rng.integers(2)))
+        device.hand.grips["held"][0] = force * math.cos(angle), force * math.sin(angle)
+        device.settle(np.zeros(4), 0.0)
+        course = [device.state["tip"][0].copy()]
+        for n in range(rng.integers(40, 120)):
+            device.move(np.zeros(4), 1e-3 * n, 1e-3)
+            course.append(device.state["tip"][0].copy())
+        window = np.array(course[-round(1e3 * (2.0 * velocity_age - tip_age)) - 1 :])
+        ticks = np.arange(len(window) - round(1e3 * tip_age)) * 1e-3
+        vx, vy = (np.polyfit(ticks, window[: len(ticks), axis], 1)[0] for axis in (0, 1))
+        around = make_around(Around(guard=Guard(push_N=force)), FOUR.brakes, (tip_age, velocity_age))[0]
+        bound = stopping_distance(around, device.brakes[0], device.state["g"][0], device.state["mass"][0], vx, vy, 1.0)
+        start, furthest = window[len(ticks) - 1, :2], 0.0
+        for n in range(400):
+            device.move(device.brakes["current_max"][0], 1e-3 * n, 1e-3)
+            furthest = max(furthest, math.dist(start, device.tip))
+        assert furthest <= bound, f"{1e3 * furthest:.1f} mm, bound {1e3 * bound:.1f} mm"
 
 
 def test_a_push_beyond_what_is_allowed_for_gets_in() -> None:

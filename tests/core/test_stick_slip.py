@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize
 
+from core.mechanism import PLACES
 from core.simulator.hand import new_hand
 from core.simulator.load_sharing import share_at_rest
 from core.simulator.simulation import Simulation
@@ -59,33 +60,34 @@ def problem(seed: int, kind: str):
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(2, 2))
     mass = root @ root.T + rng.uniform(0.05, 2.0) * np.eye(2)
-    g = rng.normal(size=(5, 2)) * rng.uniform(1.0, 10.0, (5, 1))
+    g = rng.normal(size=(PLACES, 2)) * rng.uniform(1.0, 10.0, (PLACES, 1))
     lines = 0
     if kind == "coaxial":
         lines = THREE.device.mechanism.lines
-        g[3], g[4] = rng.normal() * g[1], rng.normal() * g[1]
+        for j in (3, 4, 5, 6):
+            g[j] = rng.normal() * g[1]
     elif kind == "coupled":  # rows of any two groups, as couplings give them
-        group = rng.integers(0, 3, 5)
-        for i, j in itertools.combinations(range(5), 2):
+        group = rng.integers(0, 3, PLACES)
+        for i, j in itertools.combinations(range(PLACES), 2):
             if group[i] == group[j]:
                 g[j] = rng.choice([-2.0, -1.0, 1.0, 3.0]) * g[i] * rng.uniform(0.5, 2.0)
-                lines |= 1 << (5 * i + j) | 1 << (5 * j + i)
-    active = (rng.uniform(size=5) < 0.8).astype(np.int64)
-    plus = rng.uniform(0.0, 5.0, 5)
-    minus = plus.copy() if kind == "symmetric" else rng.uniform(0.0, 5.0, 5)
+                lines |= 1 << (PLACES * i + j) | 1 << (PLACES * j + i)
+    active = (rng.uniform(size=PLACES) < 0.8).astype(np.int64)
+    plus = rng.uniform(0.0, 5.0, PLACES)
+    minus = plus.copy() if kind == "symmetric" else rng.uniform(0.0, 5.0, PLACES)
     if kind == "zero":
-        plus[rng.integers(5)] = minus[rng.integers(5)] = 0.0
-        both = rng.integers(5)
+        plus[rng.integers(PLACES)] = minus[rng.integers(PLACES)] = 0.0
+        both = rng.integers(PLACES)
         plus[both] = minus[both] = 0.0
     if kind in ("stop", "coaxial", "coupled"):
-        for j in rng.integers(0, 5, rng.integers(1, 3)):
+        for j in rng.integers(0, PLACES, rng.integers(1, 3)):
             (plus if rng.uniform() < 0.5 else minus)[j] = math.inf
     f = rng.normal(size=2) * 10.0 ** rng.uniform(-0.5, 2.0)
     return mass, f, g, active, plus, minus, lines
 
 
 def solve(mass, f, g, active, plus, minus, lines):
-    sign = np.zeros(5)
+    sign = np.zeros(PLACES)
     held, ax, ay = solve_at_rest(
         mass[0, 0], mass[0, 1], mass[1, 1], g, active, plus, minus, lines, f[0], f[1], sign
     )  # fmt: skip
@@ -115,7 +117,7 @@ def test_motion_from_rest_is_the_best_of_all_stick_and_slip_modes(seed, kind):
 @pytest.mark.nojit
 def test_without_brakes_a_resting_tip_is_free():
     mass, f, g, _, plus, minus, _ = problem(1, "symmetric")
-    held, a, _ = solve(mass, f, g, np.zeros(5, dtype=np.int64), plus, minus, 0)
+    held, a, _ = solve(mass, f, g, np.zeros(PLACES, dtype=np.int64), plus, minus, 0)
     assert held == FREE
     assert mass @ a == pytest.approx(f)
 
@@ -161,9 +163,10 @@ def test_locked_device_holds_99_hundredths_of_the_zonotope_bound_and_yields_to_1
 
 def test_excess_changes_sign_at_the_zonotope_bound(any_five_bar):
     p, g, yields = locked(any_five_bar, 3)
-    whole = np.vstack([g, np.zeros(2)])
-    active = np.array([*(yields > 0.0).astype(np.int64), 0])
-    cost = np.array([*yields, 0.0])
+    stops = PLACES - 4
+    whole = np.vstack([g, np.zeros((stops, 2))])
+    active = np.array([*(yields > 0.0).astype(np.int64), *[0] * stops])
+    cost = np.array([*yields, *[0.0] * stops])
     lines = any_five_bar.device.mechanism.lines
     for u in DIRECTIONS:
         limit = hold_limit(g, yields, u)

@@ -53,6 +53,39 @@ def test_a_guard_of_a_device_without_brakes_is_refused(tmp_path: Path) -> None:
         load_protocol(free, devices=["unicycle"])
 
 
+def test_a_steered_castor_leads_an_insisting_hand_along_a_wall_that_a_free_one_lets_it_through(tmp_path: Path) -> None:
+    """The operator's path leads through the wall; the guide steers the castor, which nothing else can hold."""
+    wall = tmp_path / "wall.toml"
+    wall.write_text("""
+name = "wall"
+devices = ["unicycle"]
+blocks = 1
+[trial]
+time_out_s = 6.0
+[[obstacle]]
+half_plane_m = [0.0, 0.42, 0.0, -1.0]
+[[path]]
+number = 1
+kind = "polyline"
+points_m = [[-0.10, 0.35], [0.0, 0.48], [0.10, 0.35]]
+[[controller]]
+number = 1
+name = "None"
+kind = "none"
+[[controller]]
+number = 2
+name = "SDOF"
+kind = "sdof"
+""")
+    run_study(tmp_path / "study", 2, load_protocol(wall), load_population())
+    with (tmp_path / "study" / "trials.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        assert (float(row["deepest_entry_m"]) > 0.03) == (row["controller"] == "1")
+    recording = read_recording(tmp_path / "study" / next(row["recording"] for row in rows if row["controller"] == "2"))
+    assert recording.column("hand_fy_N")[recording.in_phase("move")].max() > 10.0, "it pushes at the wall"
+
+
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One operator's study round obstacles, with a guard that acts."""

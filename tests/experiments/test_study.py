@@ -62,7 +62,7 @@ def test_a_study_leaves_the_folders_names_and_columns_that_others_rely_on(study)
     assert sorted(p.name for p in (session / "trials").iterdir()) == [f"run-{k:03d}.parquet" for k in range(1, 21)]
     with (study / "trials.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert list(rows[0]) == TABLE and len(rows) == 20
+    assert list(rows[0])[: len(TABLE)] == TABLE and len(rows) == 20  # a new measure comes after them
     for row in rows:
         assert (study / row["recording"]).is_file()
     three = next(row for row in rows if row["configuration"] == "three-brake")

@@ -246,7 +246,11 @@ UNEQUAL = replace(
 )
 #: one coupling parallel to a base joint, one to the elbows
 PARALLEL = replace(UNEQUAL, couplings=(("E", -2.0, 0.0), ("C", -1.0, 1.0)), name="parallel couplings")
-COUPLED = (PTER, UNEQUAL, PARALLEL)
+#: bases apart: no two rows are parallel, and the stops of elbows and D meet in corners
+APART = replace(
+    UNEQUAL, base_a=(-0.05, 0.0), base_b=(0.06, 0.01), name="couplings on bases apart"
+)
+COUPLED = (PTER, UNEQUAL, PARALLEL, APART)
 FIXED = (THREE, FOUR, BENCH_THREE, BENCH_FOUR)
 
 
@@ -291,8 +295,8 @@ def switching(bar: FiveBar, duration: float, high: float = 5.0, low: float = 0.3
 
 
 def stops_of(device: Device, x: float, y: float) -> np.ndarray:
-    """Distance (5,) of each joint A, E, B, C, D to its nearest hard stop at a tip; negative: the tip is not allowed."""
-    gap, side = np.zeros(5), np.zeros(5)
+    """Distance (7,) of each place to its nearest hard stop at a tip; negative: the tip is not allowed."""
+    gap, side = np.zeros(7), np.zeros(7)
     mechanism = pack_mechanism(device.mechanism)[0]
     sign = math.copysign(1.0, distal_sine(mechanism, x, y))
     stop_gap(mechanism, sign, x, y, np.zeros(4), gap, side)

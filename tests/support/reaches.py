@@ -14,13 +14,17 @@ from core.obstacles import ObstacleFile, nearest_obstacle
 from core.path import Path, line
 from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice, move, settle
+from experiments.assumptions import DEFAULTS, Assumptions
+from experiments.trial.encoder_sensing import new_sensing, see, sensed_age
 
 PATH: Path = line((-0.1, 0.4), (0.1, 0.4))
 TURN_TICKS = 100  # for so long a hand pushes one way
 
 
 @kernel
-def reach(controller, path, mechanisms, brakes, hand, states, scratches, memory, pushes, adversary, current, found):
+def reach(
+    controller, path, mechanisms, brakes, hand, states, scratches, sensing, memory, pushes, adversary, current, found
+):  # fmt: skip
     """Ticks of a hand that pushes with pushes (n, 2), N, for 0.1 s each; found (3,): least and last distance, locks.
 
     adversary: 1: a locked hand pulls away with 3 N until it is let go, then pushes again.
@@ -36,10 +40,14 @@ def reach(controller, path, mechanisms, brakes, hand, states, scratches, memory,
             push_x, push_y = 3.0 * near.n_x, 3.0 * near.n_y
         grip.held[0], grip.held[1] = push_x, push_y
         settle(mechanisms, brakes, hand, states, scratches, current, t, 2, 0)
-        tip = state.tip
+        seen = state
+        if sensing.sensors[0].on != 0:
+            seen = sensing.seen[0]
+            see(mechanisms[0], state, sensing.sensors[0], seen)
+        tip = seen.tip
         decide(
-            controller, brakes[0], path, memory, tip[0], tip[1], tip[2], tip[3], state.hand_force[0],
-            state.hand_force[1], state.g, state.mass, current,
+            controller, brakes[0], path, memory, tip[0], tip[1], tip[2], tip[3], seen.hand_force[0],
+            seen.hand_force[1], seen.g, seen.mass, current,
         )  # fmt: skip
         if memory[LOCKED] > was_locked:
             found[2] += 1.0
@@ -64,18 +72,23 @@ def pushed_device(device: Device, tip: tuple[float, float], play: bool = True) -
     return simulated
 
 
-def guarded(device: Device, obstacle: ObstacleFile, guard: Guard | None) -> Controller:
-    """No control beside the guard."""
-    around = make_around(Around(obstacles=(obstacle,), guard=guard), device.brakes)
+def guarded(
+    device: Device, obstacle: ObstacleFile, guard: Guard | None, assumed: Assumptions = DEFAULTS
+) -> Controller:
+    """No control beside the guard, which knows how old the assumed sensing is."""
+    around = make_around(Around(obstacles=(obstacle,), guard=guard), device.brakes, sensed_age(assumed))
     return make_controller(Preset("", "none"), device.force_normalised_N, around=around)
 
 
-def run_reach(device: SimulatedDevice, controller: Controller, pushes: np.ndarray, adversary: bool = False) -> Reached:
-    """Push the device, 0.1 s for each of pushes (n, 2), N."""
-    found = np.zeros(3)
+def run_reach(
+    device: SimulatedDevice, controller: Controller, pushes: np.ndarray, adversary: bool = False,
+    assumed: Assumptions = DEFAULTS,
+) -> Reached:  # fmt: skip
+    """Push the device, 0.1 s for each of pushes (n, 2), N, with the assumed sensing."""
+    found, sensing = np.zeros(3), new_sensing(device.device, assumed)
     reach(
-        controller, PATH, *device.arguments(), new_memory(), np.ascontiguousarray(pushes, dtype=float), int(adversary),
-        np.zeros(4), found,
+        controller, PATH, *device.arguments(), sensing, new_memory(), np.ascontiguousarray(pushes, dtype=float),
+        int(adversary), np.zeros(4), found,
     )  # fmt: skip
     return Reached(float(found[0]), float(found[1]), int(found[2]))
 

@@ -37,13 +37,18 @@ def paint_arms(painter: QPainter, at: Mapping[str, QPointF], width: float, core_
 
 
 def rings_of(at: Mapping[str, QPointF], labels: Mapping[str, str], radius: float) -> dict[str, QPointF]:
-    """The middles of the joints' rings (px): brakes of coaxial bases, couplings too, stand side by side."""
+    """The middles of the joints' rings (px): brakes of coaxial bases, and couplings, stand in a row at the bases."""
     there = [joint for joint in "AECB" if joint in labels and (joint in "AB" or labels[joint] != joint)]
-    if len(there) < 2 or not at or (at["A"] - at["B"]).manhattanLength() >= 2.0 * radius + 2.0:
+    if len(there) < 2 or not at:
         return dict(at)
+    span, coupled = QLineF(at["A"], at["B"]).length(), any(joint in "EC" for joint in there)
+    if span >= 2.0 * radius + 2.0 and not coupled:
+        return dict(at)
+    way = (at["B"] - at["A"]) / span if span > radius else QPointF(1.0, 0.0)
     wide = any(len(labels[joint]) > 1 for joint in there)  # a coupling's label is wider than its ring
-    middle, apart = 0.5 * (at["A"] + at["B"]), 3.0 * radius if wide else 2.0 * radius + 4.0
-    places = [QPointF((k - 0.5 * (len(there) - 1)) * apart, 0.0) for k in range(len(there))]
+    middle = 0.5 * (at["A"] + at["B"])
+    apart = max(3.0 * radius if wide else 2.0 * radius + 4.0, span / (len(there) - 1))
+    places = [way * ((k - 0.5 * (len(there) - 1)) * apart) for k in range(len(there))]
     return {**at, **{joint: middle + place for joint, place in zip(there, places, strict=True)}}
 
 
