@@ -1,11 +1,12 @@
 """Writing recordings (their content: `schema`): a stream grows while the trial runs and becomes Parquet once closed."""
 
+import contextlib
 import io
 import os
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pyarrow as pa
@@ -48,6 +49,7 @@ SYNC_INTERVAL_S = 0.25  # at most so often to the disk itself: what a power cut 
 class RecordingWriter:
     """Writes the ticks of one trial to a new file, batch by batch; closed, the stream has its end record.
 
+    As a context manager it closes on a normal exit; on an exception it keeps what it has and leaves the end out.
     Disk full or unplugged: OSError from `write`, `flush` or `close`; the file then ends with its last whole batch,
     has no end record, and takes no more. Not for the control loop itself: a call can wait for the disk.
     """
@@ -138,6 +140,16 @@ class RecordingWriter:
             self.flush()
         finally:
             self._release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            self.close()
+        else:
+            with contextlib.suppress(OSError, ValueError):  # the exception that ends the trial is raised, not this one
+                self.abandon()
 
     def _need_open(self) -> None:
         if not self._open:

@@ -1,6 +1,5 @@
 """A recorded trial on the screen: any moment of it looks as if it had been played; a click goes where it was made."""
 
-from contextlib import closing
 from itertools import product
 from pathlib import Path
 
@@ -29,7 +28,7 @@ ABOUT = {
 
 
 def recorded(path: Path, rows: np.ndarray, **about) -> Path:
-    with closing(RecordingWriter(path, "AEB", {**ABOUT, **about}, sync=False)) as writer:
+    with RecordingWriter(path, "AEB", {**ABOUT, **about}, sync=False) as writer:
         writer.write(rows)
         writer.close({"status": "done"})
     return path

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -51,7 +50,7 @@ def mouse_trial(data, hand="mouse"):
     about = dict(participant="p7", run=104, block=1, configuration="my five-bar 2", controller=2, segment=1)
     path = {"kind": "segment", "start_m": [-0.1, 0.4], "end_m": [0.1, 0.4]}
     metadata = {**about, "repetition": 1, "start_m": [-0.1, 0.4], "end_m": [0.1, 0.4], "path": path, "hand": hand}
-    with closing(RecordingWriter(folder / "run-104.arrows", "AEBC", metadata, sync=False)) as writer:
+    with RecordingWriter(folder / "run-104.arrows", "AEBC", metadata, sync=False) as writer:
         writer.write(rows)
         writer.close({"status": "timeout", "reason": "time was up"})
     convert_to_parquet(writer.path, sync=False)

@@ -1,6 +1,5 @@
 """The measures on hand-made movements whose answers are known."""
 
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -256,7 +255,7 @@ def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
     rows[:, tick_log.TIP_AX] = generator.normal(size=3000)
     rows[:, tick_log.DECISION] = generator.integers(0, len(control.DECISIONS), 3000)
     rows[:, tick_log.WANTED_FX] = 10.0
-    with closing(RecordingWriter(tmp_path / "run-001.arrows", "A", {}, sync=False)) as writer:
+    with RecordingWriter(tmp_path / "run-001.arrows", "A", {}, sync=False) as writer:
         writer.write(rows)
     from_file = m.trial_metrics(read_recording(tmp_path / "run-001.arrows"), PATH)
     move = slice(600, 2900)

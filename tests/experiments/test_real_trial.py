@@ -3,7 +3,6 @@
 import json
 import pickle
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -53,7 +52,7 @@ def simulated(device, controller: int, seed: int) -> np.ndarray:
 
 def recorded(rows: np.ndarray, device, outcome: dict, path: Path, sensors: Sensors | None):
     """Written, closed, turned into Parquet and read back."""
-    with closing(RecordingWriter(path, device.braked, {"participant": "01"}, sync=False, sensors=sensors)) as writer:
+    with RecordingWriter(path, device.braked, {"participant": "01"}, sync=False, sensors=sensors) as writer:
         writer.write(rows)
         writer.close(json.loads(json.dumps(outcome)))
     return convert_to_parquet(path, sync=False)

@@ -149,13 +149,13 @@ def test_a_recording_that_cannot_be_described_is_refused_before_a_file_exists(pa
     assert not path.exists()
 
 
-def test_an_abandoned_recording_keeps_its_ticks_without_an_end(path):
+def test_an_exception_in_the_trial_keeps_its_ticks_without_an_end(path):
     rows = ticks(150)
     ring = rows.copy()
-    writer = RecordingWriter(path, "AEB", {})
-    writer.write(ring)
-    ring[:] = np.nan  # what was given was copied
-    writer.abandon()
+    with pytest.raises(ZeroDivisionError), RecordingWriter(path, "AEB", {}) as writer:
+        writer.write(ring)
+        ring[:] = np.nan  # what was given was copied
+        raise ZeroDivisionError
     recording = read_recording(path)
     assert not recording.complete and recording.damaged == []
     assert_holds(recording, rows)

@@ -13,7 +13,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import closing
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -65,7 +64,7 @@ def write(stream: str, acks: str, seed: int) -> None:
 
     rows = written_rows(seed)
     handle = os.open(acks, os.O_WRONLY | os.O_CREAT)
-    with closing(RecordingWriter(stream, "AEB", {"participant": "01"})) as writer:
+    with RecordingWriter(stream, "AEB", {"participant": "01"}) as writer:
         for start in range(0, ROWS, PIECE):
             began = time.perf_counter()
             writer.write(rows[start : start + PIECE])

@@ -1,7 +1,5 @@
 """Recordings for tests: plausible ticks, and the promised names of their columns."""
 
-from contextlib import closing
-
 import numpy as np
 import pyarrow as pa
 
@@ -35,7 +33,7 @@ def ticks(n, seed=0):
 
 def record(path, rows, braked="AEB", outcome=None, pieces=1, flush=False):
     """A closed stream of these rows; flush: a batch a piece."""
-    with closing(RecordingWriter(path, braked, {"participant": "01"}, sync=False)) as writer:
+    with RecordingWriter(path, braked, {"participant": "01"}, sync=False) as writer:
         for piece in np.array_split(rows, pieces):
             writer.write(piece)
             if flush:
