@@ -20,7 +20,7 @@ from hardware.emulated_board.board import ZERO, Board
 from hardware.emulated_board.device import TICK_S, EmulatedDevice, EmulatedHand
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault
 from hardware.emulated_board.plug import CONTROL, FOLDER, LOOPBACK, TcpPort, Terminal
-from hardware.emulated_board.sensors import EMULATED, capability_of
+from hardware.emulated_board.sensors import EMULATED, hello_of
 from hardware.wire import messages as m
 from hardware.wire.frames import encode_frame
 
@@ -78,15 +78,14 @@ class Emulator:
 
     def _wire(self, device: Device, hand: EmulatedHand, tip: tuple[float, float]) -> None:
         """A device behind a board that was just powered up; the handle is at `tip`, m."""
-        board = Board(capability_of(device, f"{EMULATED}{self._seed}"))
-        self.device = EmulatedDevice(device, board.capability, hand, tip, self._seed)
-        self.board, self._home = board, self._homed
+        self.board, self._home = Board(hello_of(device, f"{EMULATED}{self._seed}")), self._homed
+        self.device = EmulatedDevice(device, self.board.hello, hand, tip, self._seed)
 
     def rewire(self, name: str) -> None:
         """As if someone re-rigged the bench: another device, the handle where it was. InputError: it is not here."""
         if name not in self._devices:
             raise InputError(f"only {', '.join(self._devices)} can be emulated here, not {name!r}")
-        if name.encode()[:24] != self.board.capability.device:
+        if name.encode()[:24] != self.board.hello.device:
             self._wire(self._devices[name], self.device.hand, self.device.tip)
             self._powered_s = self.ticks * TICK_S
             self.say(f"wired to {name}")
@@ -142,7 +141,7 @@ class Emulator:
             self._send(self.board.tick(readings, self._board_us(now)), now)
             if self._home and self.board.state != m.State.BOOT:
                 self._home = False
-                home = m.Home(self.board.capability.encoders, self.device.sensors.home_counts())
+                home = m.Home(self.board.hello.encoders, self.device.sensors.home_counts())
                 self.board.receive(encode_frame(m.pack(home)), self._board_us(now))
         self.device.advance(self.board.currents)
         self._tell_changes()

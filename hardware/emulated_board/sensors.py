@@ -15,9 +15,9 @@ from core.kernel import kernel
 from core.linkage import joint_angles
 from core.mechanism import JOINTS
 from core.simulator.state import pack_mechanism
-from hardware.emulated_board.board import Capability, Readings
+from hardware.emulated_board.board import FULL_BOARD, Readings
 from hardware.sensing.samples import sensor_angle
-from hardware.wire.messages import Four
+from hardware.wire.messages import Four, Hello
 
 #: Assumed, for a device file without [sensing]: encoders as on the shipped devices, a sensor on the handle.
 USUAL = Sensing(encoders=Encoders(A=96000, B=96000), force=ForceSensor(on="handle"))
@@ -35,12 +35,12 @@ def sensing_of(device: Device) -> tuple[Encoders, ForceSensor | None]:
     return sensing.encoders or USUAL.encoders or Encoders(), sensing.force
 
 
-def capability_of(device: Device, serial: str = "") -> Capability:
-    """What a board that is wired to this device says of itself."""
+def hello_of(device: Device, serial: str = "") -> Hello:
+    """The Hello of a board that is wired to this device, at its start."""
     encoders, force = sensing_of(device)
     steps = [getattr(encoders, joint) or 0 for joint in JOINTS]
     largest = [round(1000.0 * current) for current in device.brakes.current_max]
-    return Capability(
+    return FULL_BOARD._replace(
         encoders=sum(1 << i for i, step in enumerate(steps) if step),
         brakes=sum(1 << i for i, present in enumerate(device.brakes.present) if present),
         force_channels=6 if force else 0,
@@ -62,7 +62,7 @@ def mounting_of(sensor: ForceSensor) -> np.ndarray:
 class EmulatedSensors:
     """Reads the simulated device at each tick."""
 
-    def __init__(self, device: Device, capability: Capability, tip: tuple[float, float], seed: int) -> None:
+    def __init__(self, device: Device, hello: Hello, tip: tuple[float, float], seed: int) -> None:
         self._mechanisms = pack_mechanism(device.mechanism).view(np.ndarray)
         self._force = sensing_of(device)[1]
         gauges = np.eye(6) if device.calibration is None else np.linalg.inv(device.calibration)
@@ -70,9 +70,9 @@ class EmulatedSensors:
         self.noise = NOISE.copy()
         self._counts, self._channels = np.zeros(4, dtype=np.int64), np.zeros(6, dtype=np.int64)
         self._mounting = np.zeros(6) if self._force is None else mounting_of(self._force)
-        self._steps = np.array(capability.counts_per_rev) / TURN  # counts per rad
-        self._brakes = capability.brakes
-        self._over = [min(2 * most, 32_000) for most in capability.current_max_mA]
+        self._steps = np.array(hello.counts_per_rev) / TURN  # counts per rad
+        self._brakes = hello.brakes
+        self._over = [min(2 * most, 32_000) for most in hello.current_max_mA]
         self.theta = np.zeros(4)  # rad, without jumps
         joint_angles(self._mechanisms[0], *tip, self.theta)
         self._at_power_up = self.theta.copy()

@@ -173,7 +173,7 @@ def test_omega_0_is_assumed_unless_two_speeds_show_the_flat_part(top, noise):
     text = brake_text(found, "mine")
     seen = top > BRAKE.omega_0_rpm
     assert found.omega_0_rpm == min(top, BRAKE.omega_0_rpm)
-    assert found.flat_part_seen == seen == ("omega_0_rpm" not in found.assumed(None))
+    assert found.flat_part_seen == seen == ("omega_0_rpm" not in found.assumed)
     assert found.omega_0_by.startswith("least squares" if seen else "assumed: the highest measured speed")
     (line,) = [line for line in text.splitlines() if line.startswith("omega_0_rpm")]
     assert ("# assumed: the highest measured speed" in line) == (not seen)
@@ -181,19 +181,19 @@ def test_omega_0_is_assumed_unless_two_speeds_show_the_flat_part(top, noise):
 
 
 def test_the_file_calls_assumed_what_steps_do_not_show_and_nothing_else(quiet):
-    found = identify_steps(quiet, "steps.csv")
-    assert found.warnings == []
     for backlash, assumed in ((None, ["current_max_A", "knee_A", "floor_rpm", "backlash_deg"]), (0.5, [])):
-        text = brake_text(found, "mine", backlash)
+        found = identify_steps(quiet, "steps.csv", backlash_deg=backlash)
+        assert found.warnings == []
+        text, numbers = brake_text(found, "mine"), summary(found)
         lines = [line.split(" = ")[0] for line in text.splitlines() if "# assumed: " in line]
         expected = assumed or ["current_max_A", "knee_A", "floor_rpm"]
-        assert sorted(lines) == sorted(expected) == sorted(summary(found, backlash)["assumed"])
+        assert sorted(lines) == sorted(expected) == sorted(numbers["assumed"])
         given = [] if backlash is None else ["backlash_deg"]
         shown = "identified from steps.csv: k, rise, fall, omega_0_rpm" + "; given: backlash_deg" * len(given)
         brake = parse_brake(text, "brake")
         assert brake.provenance == f"{shown}; assumed: {', '.join(expected)}" and brake.assumed
-        assert summary(found, backlash)["given"] == given
-        marked = [*found.identified, *given, *expected, "name", "provenance", "command_unit"]
+        assert numbers["given"] == given
+        marked = [*numbers["identified"], *given, *expected, "name", "provenance", "command_unit"]
         assert sorted(marked) == sorted(BrakeFile.__struct_fields__)
 
 
