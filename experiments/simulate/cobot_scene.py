@@ -1,22 +1,6 @@
 """Scenes of a cobot (`core/cobot.py`): castors steered freely, along a path or along a wall, under a given hand force.
 
-    cobot = "scooter"                 # a shipped cobot (scooter, unicycle), or a path to a cobot file     (required)
-    duration_s = 4.0                  #                                                                    (required)
-    step_s = 1e-3                     #                                                                    (required)
-    output_interval_s = 1e-2          # default: step_s
-    initial_pose = [0.0, 0.0, 0.0]    # m, m, rad: centre of mass and heading, at rest, castors along the body's x axis
-    [force]                           # of the hand, at the centre of mass; no table: none
-    constant = [10.0, 0.0, 0.5]       # N, N, N m; or file = "hand.csv", header t_s,fx_N,fy_N,torque_N_m, linear between
-    [path]                            # steered along it by the velocity field of the controllers; a path of core.path
-    kind = "segment"
-    start_m = [0.0, 0.0]
-    end_m = [1.0, 0.0]
-    heading_rad = 0.0                 # that the body takes, within about `within_m` of way
-    within_m = 0.3
-    [wall]                            # instead of a path: a free caster that never passes it
-    at_m = [0.0, -0.3]
-    normal = [0.0, 1.0]               # to the free side
-    push_max_N = 200.0                # the hand's: beyond it nothing is promised
+The fields of `CobotSceneFile` are its keys; docs/examples holds two such scenes, scooter.toml and scooter-wall.toml.
 """
 
 import math
@@ -47,10 +31,10 @@ Triple = tuple[float, float, float]
 
 
 class HandTable(Table, frozen=True):
-    """What the hand does: a file, or a constant."""
+    """What the hand does at the centre of mass: a file, or a constant."""
 
-    file: str | None = None
-    constant: Triple | None = None
+    file: str | None = None  # with the header t_s,fx_N,fy_N,torque_N_m; linear in between
+    constant: Triple | None = None  # N, N, N m
 
     def __post_init__(self) -> None:
         if self.file is not None and self.constant is not None:
@@ -58,10 +42,10 @@ class HandTable(Table, frozen=True):
 
 
 class WallTable(Table, frozen=True):
-    """A straight wall, and the hand that it holds against."""
+    """A straight wall that a free cobot never passes, as long as the hand pushes no harder than `push_max_N`."""
 
     at_m: Pair
-    normal: Pair
+    normal: Pair  # to the free side
     push_max_N: NotNegative
 
     def __post_init__(self) -> None:
@@ -72,12 +56,14 @@ class WallTable(Table, frozen=True):
 class CobotSceneFile(Table, frozen=True):
     """A scene as it stands in its file."""
 
-    cobot: str
+    cobot: str  # a shipped one, or the path of a cobot file
     duration_s: Positive
     step_s: Positive
-    output_interval_s: Positive | None = None
-    initial_pose: Triple = (0.0, 0.0, 0.0)
+    output_interval_s: Positive | None = None  # None: step_s
+    initial_pose: Triple = (0.0, 0.0, 0.0)  # m, m, rad: at rest, with the castors along the body's x axis
     force: HandTable = HandTable()
+    #: A path of core.path along which the controllers' velocity field steers; with `heading_rad` (0), to which the body
+    #: turns within about `within_m` (0.3) of way.
     path: dict[str, Any] | None = None
     wall: WallTable | None = None
 
