@@ -2,8 +2,8 @@
 
 The rules, fixed before any data, stand in docs/judging.md. A statement is split into claims, a claim into comparisons:
 one for each configuration and each measure of one thing. In a comparison every participant gives one difference, first
-minus second, of the medians of their own trials (for "consistent": of their trials' mean distance from the middle of the
-box). `mean_interval` takes the differences as normal, which few people cannot show: below six the report warns.
+minus second, of the medians of their own trials (for "consistent": of their trials' mean distance from the middle of
+the box). `mean_interval` takes the differences as normal, which few people cannot show: below six the report warns.
 "Uncontrolled median": of the participants' scores without control, in the same configuration (between configurations:
 on the three-brake device). Our choices: the difference within a person, where the paper compares boxes; "SDOF" reduces
 path error if it does without and with gap; "proportional" against "SDOF" overall is the mean of the two gains against

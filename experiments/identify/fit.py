@@ -13,8 +13,7 @@ from scipy import stats
 from scipy.optimize import minimize_scalar
 
 from core.files import InputError
-from experiments.identify.step_response import FALL, REACH, RISE, Measured
-from experiments.identify.steps import Step
+from experiments.identify.step_response import FALL, REACH, RISE, Measured, Step
 
 Array = npt.NDArray[np.float64]
 

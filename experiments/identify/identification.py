@@ -16,8 +16,7 @@ from experiments.identify.fit import (
     fit_torque_gain,
     scatter_by_omega_0,
 )
-from experiments.identify.step_response import FALL, RISE, Measured, measure
-from experiments.identify.steps import Step
+from experiments.identify.step_response import FALL, RISE, Measured, Step, measure
 
 IDENTIFIED, GIVEN = "identified", "given"
 NOT_SEEN_FLAT = "the highest measured speed, no faster step shows where the time constants level off"

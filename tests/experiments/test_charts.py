@@ -24,8 +24,7 @@ from experiments.analysis.charts import (
 )
 from experiments.analysis.trials_table import write_table
 from experiments.export.results import Job, new_folder, read_results
-from experiments.export.results_files import write_results
-from experiments.export.session_report import session_lines, whose_fault
+from experiments.export.results_files import session_lines, whose_fault, write_results
 from experiments.session.playback import read_playback
 
 DEVICES = ("three-brake", "four-brake")

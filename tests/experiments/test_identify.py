@@ -18,8 +18,7 @@ from core.files import InputError
 from experiments.identify.fit import fit_linear, undetermined
 from experiments.identify.identification import identify_steps
 from experiments.identify.identify import brake_text, summary
-from experiments.identify.step_response import steady_torque, time_constant_of_step
-from experiments.identify.steps import Step, mean_step, read_steps
+from experiments.identify.step_response import Step, mean_step, read_steps, steady_torque, time_constant_of_step
 
 BRAKE = parse_brake((SHIPPED_FOLDER / "mrb-2107-3.toml").read_text(), "brake")
 QUIET = BENCH._replace(noise_N_m=0.0, ripple_N_m=0.0)
