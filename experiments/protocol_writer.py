@@ -53,12 +53,9 @@ def save_variant(
     translation are left out: they stand in files beside the other protocol. The controllers are as the protocol's
     assumptions made them.
     """
-    left_out = ("instruction", "device", "brake")
-    content = {key: value for key, value in tomllib.loads(protocol.text).items() if key not in left_out}
+    content = _without_files(protocol)
     applied = {"gap_reading": None, "low_gain": None} | ({} if backlash_deg is None else {"backlash_deg": None})
     content["assumptions"] = msgspec.to_builtins(protocol.assumptions) | applied | {"sensing": sensing}
-    if protocol.language not in shipped_languages():
-        content.pop("language", None)
     paths = {entry.get("number", place): entry for place, entry in enumerate(content["path"], start=1)}
     changed = strength != 1.0 or backlash_deg is not None
     files, variant = {}, device
@@ -78,6 +75,48 @@ def save_variant(
         write_new_files({path.parent / name: made.encode() for name, made in {**files, path.name: text}.items()})
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({reason_of(error)})") from None
+
+
+def whole_text(protocol: Protocol, name: str, about: str) -> str:
+    """The protocol as it is run, as one file of this name that needs no other; about: the comment at its top.
+
+    What was asked for in place of its file stands in it, devices and brakes too. Left out are instructions, a
+    translation, and the calibration of a force sensor: a simulated operator has no use for them.
+    """
+    brakes: dict[str, dict[str, Any]] = {}  # by their text
+    devices = []
+    for device in protocol.devices:
+        content = tomllib.loads(device.text)
+        for joint, reference in content["brakes"].items():
+            text = device.brake_texts[reference]
+            if text not in brakes:
+                brake = tomllib.loads(text)
+                if any(one["name"] == brake["name"] for one in brakes.values()):
+                    brake["name"] += f" {len(brakes) + 1}"
+                brakes[text] = brake
+            content["brakes"][joint] = brakes[text]["name"]
+        if device.calibration_text is not None:
+            del content["sensing"]["force"]["calibration"]
+        devices.append(content)
+    content = _without_files(protocol) | {
+        "name": name,
+        "devices": [device.name for device in protocol.devices],
+        "rules": protocol.rules,
+        "seed": protocol.seed,
+        "assumptions": msgspec.to_builtins(protocol.assumptions),
+        "device": devices,
+        "brake": list(brakes.values()),
+    }
+    return about + toml_text(content)
+
+
+def _without_files(protocol: Protocol) -> dict[str, Any]:
+    """What the protocol's file holds, but for what may stand in other files: devices, instructions, a translation."""
+    left_out = ("instruction", "device", "brake")
+    content = {key: value for key, value in tomllib.loads(protocol.text).items() if key not in left_out}
+    if protocol.language not in shipped_languages():
+        content.pop("language", None)
+    return content
 
 
 def _controller(number: int, preset: Preset) -> dict[str, Any]:

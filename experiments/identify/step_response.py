@@ -1,9 +1,9 @@
 """Measured current steps, from the file that `phd identify` reads to time constants, Eq. (3), and steady torques.
 
-The file has a row a sample, with `COLUMNS` in any order (others are not read). Rows that agree in the two currents, the
-speed and the index are one step; steps that differ in the index alone are repeats. The current changes at t_s = 0 of its
-step; where the clock runs on from step to step (a step whose rows are all later than 0), at the step's first row. Rows
-before the change are not used.
+The file has a row a sample, with `COLUMNS` in any order (others are not read). Rows that agree in the two currents,
+the speed and the index are one step; steps that differ in the index alone are repeats. The current changes at t_s = 0
+of its step; where the clock runs on from step to step (a step whose rows are all later than 0), at the step's first
+row. Rows before the change are not used.
 
 Torque ripple follows the shaft, so the samples of one step are far from independent. Every averaged step therefore
 gives one steady torque and one time constant, and all intervals come from the scatter between steps.

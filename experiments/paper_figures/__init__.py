@@ -25,6 +25,7 @@ from experiments.paper_figures.control import draw_five_forces, draw_sdof_choice
 from experiments.paper_figures.directions import draw_maps, draw_sketch
 from experiments.paper_figures.displays import draw_displays
 from experiments.paper_figures.release import draw_releases
+from experiments.paper_figures.scooter import draw_scooter
 from experiments.paper_figures.stopping import draw_stopping
 from experiments.paper_figures.teleoperation import draw_passive_master
 from experiments.paper_figures.workspace import draw_sdof_paths
@@ -112,6 +113,7 @@ def pictures(devices: Sequence[Device]) -> list[Picture]:
             )
             for device, slug in of_devices
         ),
+        Picture("scooter", "Scooter with free castors, along a path and at a wall", draw_scooter),
     ]
 
 

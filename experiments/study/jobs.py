@@ -78,6 +78,7 @@ def run_work(
     cluster: address of a Dask scheduler, whose workers must have this program; None: the cores of this machine.
     """
     began = time.perf_counter()
+    workers = _connected(cluster)  # before anything is written
     stored, table = out / f"{work.kind}.json", out / f"{work.kind}.csv"
     if not resume:
         make_empty_folder(
@@ -85,7 +86,7 @@ def run_work(
         )
     elif not out.is_dir():
         raise InputError(f"{out}: holds no {work.kind} to resume")
-    with hold_lock(out):
+    with workers, hold_lock(out):
         (_compare if resume else _store)(stored, work)
         parts = {job.number: out / PARTS / f"{job.number:06d}.csv" for job in work.jobs}
         there = {path.name for path in (out / PARTS).glob("*.csv")}
@@ -95,7 +96,7 @@ def run_work(
         if waiting:
             (out / PARTS).mkdir(exist_ok=True)
         with _ending_at_once():
-            for number, (rows, more) in _results(waiting, cluster):
+            for number, (rows, more) in _results(waiting, cluster is not None):
                 with written_beside(parts[number], rows, sync=False) as partial:
                     rename(partial, parts[number])
                 done, ticks = done + 1, ticks + more
@@ -111,25 +112,31 @@ def _a(work: Work) -> str:
 # --------------------------------------------------------------------------------------------------------- the workers
 
 
-def _results(jobs: Sequence[Job], cluster: str | None) -> Iterator[tuple[int, Done]]:
+def _results(jobs: Sequence[Job], on_cluster: bool) -> Iterator[tuple[int, Done]]:
     """The results of the jobs as they come, from all cores or the cluster's workers."""
-    if cluster is None:
+    if not on_cluster:
         if jobs:  # its kernels are compiled here, if they have to be, rather than by every worker at the same time
             yield _run(jobs[0])
         calls = (joblib.delayed(_run_beside_parent)(job, os.getpid()) for job in jobs[1:])
         workers = max(1, min(joblib.cpu_count(), len(jobs) - 1))
         yield from joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(calls)
         return
+    with joblib.parallel_config(backend="dask"):
+        yield from joblib.Parallel(return_as="generator_unordered")(joblib.delayed(_run)(job) for job in jobs)
+
+
+def _connected(cluster: str | None) -> contextlib.AbstractContextManager:
+    """The client of the cluster, which joblib finds by itself. InputError: there is none."""
+    if cluster is None:
+        return contextlib.nullcontext()
     try:
         from dask.distributed import Client
     except ImportError:
         raise InputError("--cluster: needs dask.distributed (pip install -c constraints.txt -e '.[cluster]')") from None
     try:
-        client = Client(cluster, timeout=10)
+        return Client(cluster, timeout=10)
     except (OSError, ValueError) as error:
         raise InputError(f"--cluster: no Dask scheduler answers at {cluster} ({error})") from None
-    with client, joblib.parallel_config(backend="dask"):
-        yield from joblib.Parallel(return_as="generator_unordered")(joblib.delayed(_run)(job) for job in jobs)
 
 
 def _run(job: Job) -> tuple[int, Done]:

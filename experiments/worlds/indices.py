@@ -35,7 +35,7 @@ def indices(ranges: Mapping[str, Range], shares: np.ndarray, holds: np.ndarray) 
     first = np.full((holds.shape[1], shares.shape[1]), np.nan)
     half_width = first.copy()
     for row, verdicts in enumerate(holds.T.astype(float)):
-        if LEAST_EITHER <= verdicts.sum() <= len(verdicts) - LEAST_EITHER:
+        if shares.shape[1] and LEAST_EITHER <= verdicts.sum() <= len(verdicts) - LEAST_EITHER:
             found = rbd_fast.analyze(problem(ranges), shares, verdicts, seed=SEED)
             first[row], half_width[row] = np.maximum(found["S1"], 0.0), found["S1_conf"]
     return Indices(first, half_width)

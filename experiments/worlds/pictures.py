@@ -67,7 +67,7 @@ def overview(
         right.set(yticks=np.arange(len(settled)), yticklabels=[name for name, _ in settled], xlim=(0.0, None))
         right.invert_yaxis()
         right.tick_params(axis="y", labelsize=SMALL, length=0)
-        title(right, "Share of all doubt that knowing it settles")
+        title(right, "Share of all doubt that knowing it settles" if settled else "They differ in their people alone")
         for axes in (left, right):
             plain(axes, grid=False)
             axes.grid(axis="x", color=LINE, linewidth=0.6)
@@ -128,7 +128,7 @@ def _share_against(axes: Axes, one: Range, shares: np.ndarray, holds: np.ndarray
     else:
         axes.fill_between(middles, low, high, color=SHADED, zorder=1)
         axes.plot(middles, p, "o-", color=BLUE, markersize=2.5, linewidth=1.2, zorder=2)
-        axes.set_xticks((0.0, 0.5, 1.0), [f"{float(f'{one.value(share):.3g}'):g}" for share in (0.0, 0.5, 1.0)])
+        axes.set_xticks((0.0, 0.5, 1.0), [f"{float(f'{one.at(share):.3g}'):g}" for share in (0.0, 0.5, 1.0)])
     top = 1.0 if holds.mean() > RARE else 2.0 * RARE
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, top), yticks=(0.0, 0.5 * top, top))
     axes.tick_params(labelsize=SMALL)

@@ -1,8 +1,9 @@
 """Ranges files: what each assumption of a simulated study may be, and the worlds that are drawn from them.
 
 An assumption is a choice or number that a simulated study makes and the paper does not print; a world is one set of
-assumptions. A range is {low, high} (`log = true`: even in the logarithm) or a list of choices, with its source
-("assumed" where nothing stands behind it). The tables of a file, and what their keys are:
+assumptions. A range is {low, high} (`log = true`: even in the logarithm), a list of choices, or one value that all
+worlds have, with its source ("assumed" where nothing stands behind it). Where every range is one value, worlds differ
+in their people alone. The tables of a file, and what their keys are:
 
     [rules] [population]    the range itself: rule sets; populations, shipped or files
     [assumptions.KEY]       a key of the table [assumptions] of protocols
@@ -13,7 +14,7 @@ assumptions. A range is {low, high} (`log = true`: even in the logarithm) or a l
 
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -33,9 +34,10 @@ Value = str | float | int | bool
 
 
 class Range(Table, frozen=True):
-    """What one assumption may be: {low, high} or choices, and where that comes from."""
+    """What one assumption may be: one value, {low, high} or choices, and where that comes from."""
 
     source: Text
+    value: Value | None = None  # the same in all worlds
     low: float | None = None
     high: float | None = None
     log: bool = False
@@ -44,18 +46,23 @@ class Range(Table, frozen=True):
     label: str = ""  # in reports and pictures, with its unit
 
     def __post_init__(self) -> None:
-        if (self.low is None) != (self.high is None) or (self.low is None) == (self.choices is None):
-            raise ValueError("must hold low and high, or choices")
-        if self.choices is not None and (self.log or len(set(self.choices)) < len(self.choices)):
-            raise ValueError("choices must differ, and have no log")
+        given = [key for key in ("value", "low", "high", "choices") if getattr(self, key) is not None]
+        if given not in (["value"], ["low", "high"], ["choices"]):
+            raise ValueError("must hold value, or low and high, or choices")
+        if self.log and self.low is None:
+            raise ValueError("log is for low and high alone")
+        if self.choices is not None and len(set(self.choices)) < len(self.choices):
+            raise ValueError("choices must differ")
         if self.low is not None and self.high is not None:
             if not self.low < self.high:
                 raise ValueError(f"low ({self.low:g}) must be less than high ({self.high:g})")
             if self.log and not self.low > 0.0:
                 raise ValueError(f"low must be greater than 0 where log is true, not {self.low:g}")
 
-    def value(self, share: float) -> Value:
+    def at(self, share: float) -> Value:
         """The value at this share (0 .. 1) of the range."""
+        if self.value is not None:
+            return self.value
         if self.choices is not None:
             return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
         assert self.low is not None and self.high is not None
@@ -66,7 +73,7 @@ class Range(Table, frozen=True):
     @property
     def ends(self) -> tuple[Value, ...]:
         """What must be possible for the whole range to be."""
-        return self.choices if self.choices is not None else (self.value(0.0), self.value(1.0))
+        return self.choices if self.choices is not None else tuple(dict.fromkeys((self.at(0.0), self.at(1.0))))
 
 
 class RangesFile(Table, frozen=True):
@@ -93,6 +100,7 @@ class Ranges:
     operators: int
     populations: Mapping[str, str]  # name in the file -> the population file in full
     ranges: Mapping[str, Range]  # by column: "rules", "assumptions.low_gain", ..
+    fixed: Mapping[str, Range]  # those with one value, by the same names; no columns
 
     @cached_property
     def stored_protocol(self) -> Mapping[str, Any]:
@@ -101,6 +109,8 @@ class Ranges:
 
     def drawn(self, n: int, seed: int) -> np.ndarray:
         """The shares (n, ranges) at which n worlds lie: a Latin hypercube."""
+        if not self.ranges:
+            return np.empty((n, 0))
         from SALib.sample import latin  # here: it takes seconds
 
         return latin.sample(problem(self.ranges), n, seed=seed)
@@ -108,12 +118,12 @@ class Ranges:
     def values(self, shares: Sequence[float]) -> dict[str, Value]:
         """The assumptions of a world at these shares, by column."""
         pairs = zip(self.ranges.items(), shares, strict=True)
-        return {name: one.value(float(share)) for (name, one), share in pairs}
+        return {name: one.at(float(share)) for (name, one), share in pairs}
 
     def study(self, values: Mapping[str, Value], seed: int) -> tuple[Protocol, Population]:
         """What `phd study` would run for a world; columns that are left out are as in the files. InputError if wrong"""
         tables: dict[str, dict[str, Value]] = {}
-        for column, value in values.items():
+        for column, value in ({column: one.at(0.0) for column, one in self.fixed.items()} | dict(values)).items():
             table, _, key = column.partition(".")
             tables.setdefault(table, {})[key] = value
         where = f"world of {self.name}"
@@ -153,14 +163,18 @@ def load_ranges(name_or_path: str | Path) -> Ranges:
         raise InputError(f"unknown ranges {str(name_or_path)!r}: neither shipped ones ({shipped}) nor a file")
     text = read_text(path)
     file = parse_toml(text, RangesFile, str(path))
-    ranges = dict(_by_column(file))
-    if not ranges:
+    given = dict(_by_column(file))
+    if not given:
         raise InputError(f"{path}: holds no range")
-    names = [str(one) for one in file.population.choices or ()] if file.population else ["average"]
+    names = [str(one) for one in file.population.ends] if file.population else ["average"]
     populations = {name: load_population(_beside(path, name)).text for name in names}
-    found = Ranges(file.name, text, load_protocol(_beside(path, file.protocol)), file.operators, populations, ranges)
-    for column, one in ranges.items():
-        _check(found, column, one, str(path))
+    ranges = {column: one for column, one in given.items() if one.value is None}
+    fixed = {column: one for column, one in given.items() if one.value is not None}
+    protocol = load_protocol(_beside(path, file.protocol))
+    found = Ranges(file.name, text, protocol, file.operators, populations, ranges, fixed)
+    for column, one in given.items():
+        _check(replace(found, fixed={}), column, one, str(path))
+    found.study({}, 0)
     return found
 
 
@@ -190,7 +204,7 @@ def _check(ranges: Ranges, column: str, one: Range, where: str) -> None:
     }
     if table in known and not known[table](key):
         raise InputError(f"{where}: {column}: there is no such number of {table.replace('_', ', ')}")
-    if table in ("rules", "population") and one.choices is None:
+    if table in ("rules", "population") and one.low is not None:
         raise InputError(f"{where}: {column}: must hold choices")
     for value in one.ends:
         for population in ranges.populations if table.startswith("operator") else (next(iter(ranges.populations)),):

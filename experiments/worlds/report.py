@@ -3,7 +3,7 @@
 import csv
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,11 +12,13 @@ import numpy as np
 from experiments.analysis.box_findings import LITTLE, SIMILAR, PooledBox, box_findings
 from experiments.analysis.findings import STATEMENTS
 from experiments.analysis.metrics import BY_NAME
+from experiments.protocol_writer import whole_text
 from experiments.worlds.indices import Indices, indices, settled
 from experiments.worlds.pictures import decided_by, label, overview, wilson
-from experiments.worlds.ranges import Ranges
+from experiments.worlds.ranges import Ranges, Value
 
 BANDS = {"half the bands": 0.5, "twice the bands": 2.0}
+NEAREST, PEOPLE = "nearest.toml", "nearest-people.toml"
 DECIDING = 3  # assumptions that the table names for each statement
 
 
@@ -69,6 +71,9 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
         f"{n} worlds of the ranges {ranges.name!r}, seed {seed}: each a study of {ranges.operators} simulated people "
         "under assumptions of its own, judged by pooled boxes. Shares are of the worlds drawn, not of what is likely."
     )
+    if ranges.fixed:
+        values = (f"{label(column, one)} {one.value}" for column, one in ranges.fixed.items())
+        note += f" The same in all: {', '.join(values)}."
     nearest = nearest_world(worlds)
     parts = [
         f"# Worlds: {ranges.name}",
@@ -82,30 +87,51 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
         "the last columns halve and double both.",
         "## Jointly",
         _jointly(holds),
-        "## What decides each",
-        _decided(found, names),
-        "In brackets the half-width of the 95 % interval; bold: above chance. Share of the verdict's variance that "
-        "goes when the assumption alone is known (first-order index, RBD-FAST); the rest is interplay, and which "
-        "people took part.",
-        "![share of worlds against each assumption](decided-by.png)",
-        "## What to measure first",
-        _measure_first(ranges, names, doubt, order, found, holds),
-        "## The nearest world to the paper",
-        _nearest(worlds, nearest, ranges, shares[nearest]),
     ]
-    files = {
+    files: dict[str, bytes] = {}
+    if ranges.ranges:
+        parts += [
+            "## What decides each",
+            _decided(found, names),
+            "In brackets the half-width of the 95 % interval; bold: above chance. Share of the verdict's variance that "
+            "goes when the assumption alone is known (first-order index, RBD-FAST); the rest is interplay, and which "
+            "people took part.",
+            "![share of worlds against each assumption](decided-by.png)",
+            "## What to measure first",
+            _measure_first(ranges, names, doubt, order, found, holds),
+        ]
+        files["decided-by.png"] = decided_by(ranges.ranges, shares, holds, *found, note)
+        files["indices.csv"] = _indices_csv(ranges, found)
+    values = ranges.values(shares[nearest].tolist())
+    parts += ["## The nearest world to the paper", _nearest(worlds, nearest, ranges, values)]
+    files |= nearest_files(ranges, values, nearest + 1, int(worlds.seeds[nearest]))
+    files |= {
         "report.md": ("\n\n".join(parts) + "\n").encode(),
         "overview.png": overview(holds, other, [(names[j], float(doubt[j])) for j in order], note),
-        "decided-by.png": decided_by(ranges.ranges, shares, holds, *found, note),
-        "indices.csv": _indices_csv(ranges, found),
         "jointly.csv": _jointly_csv(holds),
     }
     most = int(holds.sum(axis=1).max())
     return files, {
         "all_hold": f"{holds.all(axis=1).mean():.2%} of the worlds",
         "most_hold": f"{most} of {len(STATEMENTS)} statements, in world {nearest + 1}",
-        "measure_first": names[order[0]],
+        "measure_first": names[order[0]] if names else "nothing: worlds differ in their people alone",
     }
+
+
+def nearest_files(ranges: Ranges, values: Mapping[str, Value], number: int, seed: int) -> dict[str, bytes]:
+    """A world as files that `phd study` runs as they are: its protocol, with its devices, and its population."""
+    protocol, population = ranges.study(values, seed)
+    name = f"{protocol.name}, world {number}"
+    about = f"# World {number} of the ranges {ranges.name!r}, the nearest to the paper:\n#   {_command(ranges)}\n"
+    return {
+        NEAREST: whole_text(protocol, name, about).encode(),
+        PEOPLE: population.text.encode(),
+    }
+
+
+def _command(ranges: Ranges) -> str:
+    """What runs the nearest world again, in the folder of the report."""
+    return f"phd study {NEAREST} --population {PEOPLE} --operators {ranges.operators} --out nearest"
 
 
 def judged_again(worlds: Worlds, ranges: Ranges, bands: float) -> np.ndarray:
@@ -186,8 +212,8 @@ def _measure_first(
     return _table(("assumption", "settles of all doubt", "mainly", "settled by", "what it rests on now"), lines)
 
 
-def _nearest(worlds: Worlds, row: int, ranges: Ranges, shares: np.ndarray) -> str:
-    margins, values = worlds.margins[row], ranges.values(shares.tolist())
+def _nearest(worlds: Worlds, row: int, ranges: Ranges, values: Mapping[str, Value]) -> str:
+    margins = worlds.margins[row]
     held = int(worlds.holds[row].sum())
     missing = [
         f"{s.number} (by {-m:.2f})" if not math.isnan(m) else f"{s.number} (one cannot tell)"
@@ -207,6 +233,7 @@ def _nearest(worlds: Worlds, row: int, ranges: Ranges, shares: np.ndarray) -> st
     return "\n\n".join(
         (
             f"World {row + 1}, seed {int(worlds.seeds[row])}: {held} of {len(STATEMENTS)} statements hold; {missed}.",
+            f"Run it again, in this folder: `{_command(ranges)}`.",
             _table(("assumption", "in this world"), assumed),
             _table(("measure", "device", "controller", "median (quartiles)"), lines),
         )

@@ -280,14 +280,15 @@ def test_the_brakes_of_couplings_are_ringed_in_a_row_at_the_bases(qtbot) -> None
     workspace.show_trial(pter, ALONG, TIP)
     workspace.add(quiet(CURRENT_E=0.8, TORQUE_E=3.9, CURRENT_C=0.3, STUCK=2))
     image, view = workspace.view.grab().toImage(), workspace.view
-    rings = rings_of({j: view.to_screen(p) for j, p in view.instant.joints.items()}, pter.labels, 12.0)
+    rings = rings_of({j: view.to_screen(p) for j, p in view.instant.joints.items()}, pter.labels)
     row = [rings[joint] for joint in "AECB"]
-    assert [round(b.x() - a.x()) for a, b in itertools.pairwise(row)] == [36, 36, 36]
+    assert [round(b.x() - a.x()) for a, b in itertools.pairwise(row)] == [38, 38, 38]
     assert {round(place.y()) for place in row} == {round(view.to_screen((0.0, 0.0)).y())}
     for joint, colour in (("E", theme.BRAKE_STUCK), ("C", theme.BRAKE_SLIPPING), ("A", theme.BRAKE_OFF)):
-        ring = [rings[joint] + QPointF(12.0 * math.cos(a), 12.0 * math.sin(a)) for a in range(7)]
+        radius = 12.0 if joint == "A" else 17.0  # "A-B" and "A+B" need the room
+        ring = [rings[joint] + QPointF(radius * math.cos(a), radius * math.sin(a)) for a in range(7)]
         assert all(is_seen(image, place, colour) for place in ring), joint
-    apart = rings_of({"A": QPointF(40.0, 9.0), "B": QPointF(-110.0, 9.0)}, pter.labels, 12.0)
+    apart = rings_of({"A": QPointF(40.0, 9.0), "B": QPointF(-110.0, 9.0)}, pter.labels)
     assert [apart[joint].toTuple() for joint in "AECB"] == [(40.0, 9.0), (-10.0, 9.0), (-60.0, 9.0), (-110.0, 9.0)]
 
 

@@ -11,6 +11,8 @@ from core.device import load_device
 from core.linkage import joint_angles
 from core.simulator.state import pack_mechanism
 from experiments.study.sweep import load_sweep
+from experiments.worlds.ranges import load_ranges
+from experiments.worlds.worlds import worlds_of
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 
@@ -59,3 +61,13 @@ def test_every_protocol_can_be_run(file):
 def test_every_sweep_can_be_run(file):
     sweep = load_sweep(file)
     assert sweep.jobs[0].run().ticks > 0
+
+
+@pytest.mark.parametrize("file", sorted((EXAMPLES / "ranges").glob("*.toml")), ids=lambda file: file.stem)
+def test_every_ranges_file_gives_worlds_of_three_people(file):
+    ranges = load_ranges(file)
+    world = worlds_of(ranges, 2, 1)[0]
+    protocol, _ = ranges.study(world.values, world.seed)
+    fixed = {name.partition(".")[2]: one.value for name, one in ranges.fixed.items() if name.startswith("assumptions.")}
+    assert ranges.operators == 3
+    assert {name: getattr(protocol.assumptions, name) for name in fixed} == fixed

@@ -12,9 +12,10 @@ from synthetic_hand import SyntheticHand
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
+from core.control.algorithm import LOCK_OBSTACLE
 from experiments.assumptions import Assumptions
 from experiments.inputs import OPERATOR
-from experiments.protocol import load_protocol
+from experiments.protocol import SHIPPED_FOLDER, load_protocol
 
 
 @pytest.fixture
@@ -267,3 +268,29 @@ def test_a_castor_and_a_slave_can_be_tried(tmp_path: Path, device: str, controll
         drive(opened, lambda s, _: len(s.sandbox.passes) == 1)
         (one,) = opened.snapshot.sandbox.passes
         assert one.status == "done" and one.settings.controller == controller and one.path_error_m < 0.01
+
+
+@pytest.mark.parametrize("guarded", [True, False])
+def test_a_pointer_that_pulls_the_handle_at_an_obstacle_gets_in_only_where_no_guard_locks(
+    tmp_path: Path, guarded: bool
+) -> None:
+    """The shipped protocol `obstacles`, without control, a wall 10 cm behind the path and a pull of at most 9 N."""
+    text = (SHIPPED_FOLDER / "obstacles.toml").read_text() + "\n[mouse]\nforce_max_N = 9.0\n"
+    if not guarded:
+        text = text[: text.index("[guard]")] + text[text.index("[[path]]") :]
+    file = tmp_path / "obstacles.toml"
+    file.write_text(text)
+    with local_window(Setup(tmp_path / "data", protocol=str(file), sync=False)) as window:
+        window.until_stage(m.NO_SESSION)
+        window.client.send(m.Sandbox())
+        window.until(lambda s: s.sandbox and s.running)
+        change(window, controller=1)
+        drive(window, moves(20))
+        while not len(window.rows) or np.count_nonzero(window.rows[:, tick_log.PHASE] == tick_log.MOVE) < 2500:
+            window.client.aim(-0.1, 0.7)  # far behind the wall at y = 0.5 m
+            window.look()
+        pulled = window.rows[window.rows[:, tick_log.PHASE] == tick_log.MOVE]
+    nearest = pulled[:, tick_log.OBSTACLE_DISTANCE].min()
+    assert (nearest > 0.0) == guarded and nearest < 0.05
+    assert np.any(pulled[:, tick_log.DECISION] == LOCK_OBSTACLE) == guarded
+    assert pulled[:, tick_log.HAND_FY].max() == pytest.approx(9.0, abs=0.5)

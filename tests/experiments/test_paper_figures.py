@@ -22,7 +22,7 @@ from core.mechanism import JOINTS
 from core.workspace import held_in_any_direction, tip_is_free
 from experiments import paper_figures
 from experiments.analysis.sheet import STYLE, figure_bytes
-from experiments.paper_figures import Drawn, draw_all, pictures
+from experiments.paper_figures import Drawn, draw_all, pictures, scooter
 from experiments.paper_figures.brake import brake_of, step_response, torque_as_worded, torque_with_play
 from experiments.paper_figures.control import clearest_choice, five_forces
 from experiments.paper_figures.directions import (
@@ -37,6 +37,7 @@ from experiments.paper_figures.release import RELEASE_S, places, release
 from experiments.paper_figures.workspace import sdof_family, workspace_of
 from experiments.protocol import load_protocol
 from experiments.recording.atomic_files import write_new_files
+from experiments.simulate.cobot_scene import CobotRun
 
 DEVICES = {bar.name: bar for bar in (THREE, FOUR)}
 devices = pytest.mark.parametrize("bar", DEVICES.values(), ids=DEVICES)
@@ -303,9 +304,16 @@ def test_what_rests_on_assumed_parameters_says_so_and_what_does_not_does_not(fig
     for figure, written in zip(figures.drawn, figures.words, strict=True):
         assert ("Assumed parameters: " in written) == (figure.name not in free), figure.name
     for picture in pictures([build_device(text, measured, "own")]):
-        if picture.name == "displays":  # of the shipped devices, whatever the own ones
+        if picture.name in ("displays", "scooter"):  # of what is shipped, whatever the own devices
             continue
         assert "ssumed" not in words(picture.draw()), picture.name
+
+
+def test_the_picture_of_scooter_shows_it_free_on_its_path_and_in_front_of_its_wall():
+    free, along, wall = (CobotRun(scene).run_chunk(scene.rows) for scene in scooter.scenes().values())
+    assert free[-1, 1] > 2.0 and np.ptp(free[:, 2]) < 0.02 and abs(free[-1, 3] - 0.6) > 0.5, "it turns as it goes"
+    assert abs(along[-1, 2]) < 1e-6 and abs(along[-1, 3]) < 0.02
+    assert wall[:, 2].max() == pytest.approx(scooter.WALL_Y_M, abs=0.02) and wall[:, 2].max() < scooter.WALL_Y_M
 
 
 def test_any_five_bar_can_be_drawn_one_brake_odd_name_theta_stops_and_all():

@@ -1,14 +1,18 @@
 """What is written as a protocol reads back as the same protocol; what cannot be run is not written."""
 
 import math
+import shutil
 import tomllib
 
+import numpy as np
 import pytest
 
-from core.files import InputError
+from core.device import SHIPPED_FOLDER as DEVICES
+from core.device_file import SHIPPED_FOLDER as BRAKES
+from core.files import InputError, toml_text
 from core.path import outline, path_from
 from experiments.protocol import SHIPPED_FOLDER, load_protocol, read_protocol, shipped_protocols
-from experiments.protocol_writer import path_through, points_of, protocol_text, save_protocol
+from experiments.protocol_writer import path_through, points_of, protocol_text, save_protocol, whole_text
 
 
 def shipped(name: str) -> dict:
@@ -34,6 +38,37 @@ def test_any_text_number_and_key_comes_back() -> None:
     back = tomllib.loads(protocol_text(content))
     assert back == {key: value for key, value in content.items() if value is not None}
     assert isinstance(back["whole"], int) and isinstance(back["large"], float)
+
+
+def test_a_protocol_as_one_file_is_the_same_without_the_files_it_came_from(tmp_path) -> None:
+    there = tmp_path / "there"
+    there.mkdir()
+    device = tomllib.loads((DEVICES / "four-brake.toml").read_text())
+    device["brakes"] |= {"A": "weak.toml"}
+    device["sensing"]["force"]["calibration"] = "gauges.csv"
+    weak = tomllib.loads((BRAKES / "mrb-2107-3.toml").read_text())  # by the name of another
+    (there / "weak.toml").write_text(toml_text(weak | {"k": [0.5 * k for k in weak["k"]]}))
+    np.savetxt(there / "gauges.csv", np.eye(6), delimiter=",")
+    (there / "mine.toml").write_text(toml_text(device))
+    about = {"devices": ["three-brake", "mine.toml"], "instruction": [{"text": "Follow the line."}]}
+    (there / "before.toml").write_text(toml_text(shipped("paper") | about | {"assumptions": {"gap_reading": "full"}}))
+    before = load_protocol(there / "before.toml", rules="literal", low_gain=50.0, seed=7)
+    file = tmp_path / "whole.toml"
+    file.write_text(whole_text(before, "whole", "# About it.\n"))
+    shutil.rmtree(there)
+    again = load_protocol(file)
+    assert (again.name, again.rules, again.seed, again.instruction) == ("whole", "literal", 7, ())
+    assert file.read_text().startswith("# About it.\n")
+    for key in ("paths", "controllers", "trial", "assumptions", "blocks"):
+        assert getattr(again, key) == getattr(before, key)
+    for one, other in zip(again.devices, before.devices, strict=True):
+        about, was = tomllib.loads(one.text), tomllib.loads(other.text)
+        assert [about[key] for key in ("name", "geometry", "mass", "limits")] == [
+            was[key] for key in ("name", "geometry", "mass", "limits")
+        ]
+        for mine, its in zip(one.brakes, other.brakes, strict=True):
+            assert np.array_equal(mine, its)
+    assert again.devices[1].brakes.k[0, 0] == 0.5 * again.devices[1].brakes.k[1, 0]
 
 
 def test_a_file_is_replaced_only_where_that_is_asked_for(tmp_path) -> None:

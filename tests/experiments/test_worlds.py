@@ -2,6 +2,12 @@
 
 import csv
 import math
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import joblib
@@ -15,6 +21,7 @@ from experiments.analysis.findings import HOLDS, STATEMENTS
 from experiments.protocol import load_protocol
 from experiments.session.files import write_pooled_table
 from experiments.study.study import run_study
+from experiments.trial.population import load_population
 from experiments.worlds.indices import Indices, indices, settled
 from experiments.worlds.pictures import wilson
 from experiments.worlds.ranges import Range, load_ranges, shipped_ranges
@@ -109,6 +116,75 @@ def test_every_assumption_reaches_the_study(small):
     assert usual.devices[0].text == changed.devices[0].text  # the three-brake device has no mass at C
 
 
+def test_one_value_is_the_same_in_all_worlds_and_no_column_and_people_alone_may_differ(small, tmp_path):
+    folder = small.parent
+    (folder / "alone.toml").write_text(
+        'name = "alone"\nprotocol = "small.toml"\noperators = 1\n'
+        '[population]\nvalue = "steady"\nsource = "x"\n'
+        '[assumptions.lag_factor]\nvalue = 3.0\nsource = "x"\nlabel = "lag"\n'
+        '[operator_factor.skill]\nvalue = 0.5\nsource = "x"\n'
+    )
+    ranges = load_ranges(folder / "alone.toml")
+    assert not ranges.ranges and ranges.drawn(3, 1).shape == (3, 0)
+    protocol, people = ranges.study({}, 3)
+    assert protocol.assumptions.lag_factor == 3.0 and people.name == "steady"
+    usual = load_population("steady").draw(np.random.default_rng(1))
+    assert people.draw(np.random.default_rng(1)) == usual._replace(skill=0.5 * usual.skill)
+    assert ranges.study({"assumptions.lag_factor": 2.0}, 3)[0].assumptions.lag_factor == 2.0
+    summary = run_worlds(ranges, tmp_path / "out", 2)
+    rows = lines(tmp_path / "out")
+    assert list(rows[0])[:3] == ["world", "seed", "share_done"] and rows[0]["seed"] != rows[1]["seed"]
+    report = tmp_path / "out" / "report"
+    page = (report / "report.md").read_text()
+    assert "The same in all: population steady, lag 3.0, skill 0.5." in page and "## What decides each" not in page
+    assert summary["measure_first"].startswith("nothing") and (report / "overview.png").exists()
+    assert not (report / "indices.csv").exists()
+
+
+def test_the_nearest_world_is_left_as_files_that_a_study_runs_to_the_same_verdicts(small, whole, monkeypatch):
+    report, nearest = whole / "report", nearest_world(read_worlds(whole / "worlds.csv"))
+    line = lines(whole)[nearest]
+    command = next(one for one in (report / "nearest.toml").read_text().splitlines() if "phd study" in one)
+    assert command.removeprefix("#   ") in (report / "report.md").read_text()
+    monkeypatch.chdir(report)
+    assert main(command.split()[2:]) == 0
+    rows = write_pooled_table(report / "nearest")
+    boxes = pooled_boxes(rows)
+    assert len(boxes) == 2 * 5 * 3
+    for (measure, device, controller), box in boxes.items():
+        for name, value in box._asdict().items():
+            assert line[f"{measure}:{device}:{controller}:{name}"] == repr(value)
+    for found in box_findings_of(rows):
+        assert line[f"statement_{found.statement.number}"] == found.verdict
+    shutil.rmtree(report / "nearest")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a process group is killed")
+def test_a_killed_run_goes_on_from_the_command_line_to_the_same_table(small, tmp_path):
+    cut, n = tmp_path / "cut", 24
+    arguments = ["worlds", str(small), "--n", str(n), "--out", str(cut)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "app.cli", *arguments], stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    end = time.perf_counter() + 200.0
+    while len(list(cut.glob("parts/0*.csv"))) < 3:
+        assert process.poll() is None and time.perf_counter() < end
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait(60)
+    assert 3 <= len(list(cut.glob("parts/0*.csv"))) < n and not (cut / "worlds.csv").exists()
+    assert main([*arguments, "--resume"]) == 0
+    run_worlds(load_ranges(small), tmp_path / "one", n)
+    assert (cut / "worlds.csv").read_bytes() == (tmp_path / "one" / "worlds.csv").read_bytes()
+    assert (cut / "report" / "report.md").read_bytes() == (tmp_path / "one" / "report" / "report.md").read_bytes()
+
+
+def test_without_a_cluster_to_run_on_nothing_is_written(small, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "dask.distributed", None)
+    assert main(["worlds", str(small), "--n", "2", "--cluster", "tcp://x:1", "--out", str(tmp_path / "out")]) == 2
+    assert "--cluster: needs dask.distributed" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
 def test_a_resumed_run_gives_the_same_table_byte_for_byte_and_runs_only_what_is_missing(small, whole, tmp_path):
     ranges = load_ranges(small)
     cut = tmp_path / "cut"
@@ -141,7 +217,13 @@ WRONG = {
     "no source": (RANGES.replace('source = "Table I"\n', ""), "source"),
     "upside down": (RANGES.replace("low = 5.0", "low = 5000.0"), "low (5000) must be less than high (1000)"),
     "log of zero": (RANGES.replace("low = 5.0", "low = 0.0"), "low must be greater than 0 where log is true"),
-    "half a range": (RANGES.replace("high = 1000.0\n", ""), "must hold low and high, or choices"),
+    "half a range": (RANGES.replace("high = 1000.0\n", ""), "must hold value, or low and high, or choices"),
+    "value and range": (RANGES.replace("high = 1000.0", "high = 9.0\nvalue = 7.0"), "must hold value, or low and"),
+    "log of one value": (RANGES.replace("low = 5.0\nhigh = 1000.0", "value = 5.0"), "log is for low and high alone"),
+    "same choices": (RANGES.replace('"literal"', '"settled"'), "choices must differ"),
+    "value that cannot be": (RANGES.replace("low = 1.0\nhigh = 1.5", "value = -1.0"), "movement_s: -1.0 cannot"),
+    "rules by numbers": (RANGES.replace('choices = ["settled", "literal"]', "low = 0\nhigh = 1"), "must hold choices"),
+    "population by numbers": (RANGES + '[population]\nlow = 0\nhigh = 1\nsource = "x"', "unknown population"),
     "one choice": (RANGES.replace(', "literal"]', "]"), "rules.choices"),
     "unknown rules": (RANGES.replace('"literal"', '"magic"'), "rules: 'magic' cannot be"),
     "unknown assumption": (RANGES.replace("assumptions.low_gain", "assumptions.speed"), "speed: there is no such"),

@@ -18,7 +18,6 @@ from app.window.painting.layers import (
 )
 from app.window.painting.marks import (
     ARMS,
-    JOINT_PX,
     LETTER_PX,
     Labels,
     paint_arms,
@@ -28,6 +27,7 @@ from app.window.painting.marks import (
     paint_wedge,
     points_along,
     points_in,
+    ring_radius,
     rings_of,
 )
 from app.window.painting.plane import AT_DESK, RIGHT, Sizes
@@ -104,7 +104,8 @@ class LinkageView(ForceView):
         """Arms, rings and directions too."""
         marks, (at, _) = self.marks(), self._joints()
         lines = [(at[a], at[b]) for a, b in ARMS] if at else []
-        places = [(marks[joint], JOINT_PX) for joint in self.device.braked if joint in marks]
+        labels = self.device.labels
+        places = [(marks[joint], ring_radius(labels[joint])) for joint in labels if joint in marks]
         if at and DIRECTIONS in self.shown and self._field is not None:
             handle = self.to_screen(self.instant.tip)
             for one in directions(self.device, self.instant.g, self._field):
@@ -157,7 +158,7 @@ class LinkageView(ForceView):
         """Where the joints and their rings are, px; none where the linkage is hidden."""
         shown = self.instant.joints if LINKAGE in self.shown else {}
         at = {joint: self.to_screen(place) for joint, place in shown.items()}
-        return at, rings_of(at, self.device.labels, JOINT_PX)
+        return at, rings_of(at, self.device.labels)
 
 
 #: layer -> its key, what it shows

@@ -26,6 +26,7 @@ HAND, BRAKES = "hand", "brakes"
 SHADE = {OFF: theme.BRAKE_OFF, SLIPPING: theme.BRAKE_SLIPPING, STUCK: theme.BRAKE_STUCK}
 FORCE_SHADE = {HAND: theme.GOOD, BRAKES: theme.BRAKE_SLIPPING}
 JOINT_PX, BARE_PX = 12.0, 5.0  # radius of a brake's ring, and of a joint's without a brake
+LETTER_WIDE_PX = 2.5  # more radius for each further letter in a ring
 
 
 def paint_arms(painter: QPainter, at: Mapping[str, QPointF], width: float, core_width: float) -> None:
@@ -36,18 +37,21 @@ def paint_arms(painter: QPainter, at: Mapping[str, QPointF], width: float, core_
             painter.drawLine(at[one], at[other])
 
 
-def rings_of(at: Mapping[str, QPointF], labels: Mapping[str, str], radius: float) -> dict[str, QPointF]:
+def ring_radius(label: str) -> float:
+    """Of a brake's ring (px): a coupling's label is wider than a letter."""
+    return JOINT_PX + LETTER_WIDE_PX * (len(label) - 1)
+
+
+def rings_of(at: Mapping[str, QPointF], labels: Mapping[str, str]) -> dict[str, QPointF]:
     """The middles of the joints' rings (px): brakes of coaxial bases, and couplings, stand in a row at the bases."""
     there = [joint for joint in "AECB" if joint in labels and (joint in "AB" or labels[joint] != joint)]
     if len(there) < 2 or not at:
         return dict(at)
-    span, coupled = QLineF(at["A"], at["B"]).length(), any(joint in "EC" for joint in there)
-    if span >= 2.0 * radius + 2.0 and not coupled:
+    span, radius = QLineF(at["A"], at["B"]).length(), max(ring_radius(labels[joint]) for joint in there)
+    if span >= 2.0 * radius + 2.0 and there == ["A", "B"]:
         return dict(at)
     way = (at["B"] - at["A"]) / span if span > radius else QPointF(1.0, 0.0)
-    wide = any(len(labels[joint]) > 1 for joint in there)  # a coupling's label is wider than its ring
-    middle = 0.5 * (at["A"] + at["B"])
-    apart = max(3.0 * radius if wide else 2.0 * radius + 4.0, span / (len(there) - 1))
+    middle, apart = 0.5 * (at["A"] + at["B"]), max(2.0 * radius + 4.0, span / (len(there) - 1))
     places = [way * ((k - 0.5 * (len(there) - 1)) * apart) for k in range(len(there))]
     return {**at, **{joint: middle + place for joint, place in zip(there, places, strict=True)}}
 
@@ -74,7 +78,7 @@ def paint_joints(
             paint_ring(painter, rings[joint], BARE_PX, 2.0, theme.BRAKE_OFF)
             continue
         state = doing.get(joint, Doing()).state
-        paint_ring(painter, rings[joint], JOINT_PX, 3.0, SHADE[state])
+        paint_ring(painter, rings[joint], ring_radius(labels[joint]), 3.0, SHADE[state])
         write(painter, rings[joint], labels[joint], theme.SMALL, True, theme.QUIET if blind else theme.JOINT[joint])
 
 

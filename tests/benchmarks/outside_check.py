@@ -1,0 +1,139 @@
+"""The figures of an outside check of docs/findings.md, from files, by one command each.
+
+python -m tests.benchmarks.outside_check idle                     uncontrolled error; how long SDOF with gap is idle
+python -m tests.benchmarks.outside_check triples RANGES.toml [N]  `phd worlds RANGES.toml`, judged as the check did
+python -m tests.benchmarks.outside_check medians SWEEP.toml       `phd study --sweep SWEEP.toml`, beside no control
+python -m tests.benchmarks.outside_check step [OPERATORS]         how far single trials move at a tenth of the step
+
+The files: docs/examples/ranges and docs/examples/sweeps. The rule of the check, on every device: SDOF with gap has the
+smallest box (q3 - q1) of path error of all five; the medians of the four controllers lie within 30 % of the
+uncontrolled median.
+"""
+
+import csv
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from core.control.algorithm import GAP
+from core.control.controllers import PARAMETERS
+from experiments.analysis.box_findings import SIMILAR
+from experiments.analysis.error_bars import STEP
+from experiments.analysis.metrics import BY_NAME, DRAWN, Metric
+from experiments.protocol import load_protocol
+from experiments.study.simulation_errors import simulation_errors
+from experiments.study.sweep import load_sweep, run_sweep
+from experiments.study.unrecorded import person_of, study_trials
+from experiments.trial.population import load_population
+from experiments.worlds.ranges import load_ranges
+from experiments.worlds.report import Worlds, read_worlds
+from experiments.worlds.worlds import run_worlds
+
+OPERATORS, TRIPLES = 30, 100
+CONTROLLED = (2, 3, 4, 5)
+GAP_CONTROLLER = 3
+ERROR = "path_error_m"
+IDLE = Metric("idle_share", "", "Idle", "idle", "share of the ticks in the gap", lambda m: m.share_of_ticks(GAP))
+
+
+def idle() -> None:
+    """Of the paper's study with thirty people, by device."""
+    found: dict[str, tuple[list[float], list[float]]] = {}
+    for one in study_trials(load_protocol(), load_population(), OPERATORS, (BY_NAME[ERROR], IDLE)):
+        errors, shares = found.setdefault(one.planned.configuration, ([], []))
+        if one.planned.controller == 1:
+            errors.append(one.measures[ERROR])
+        if one.planned.controller == GAP_CONTROLLER:
+            shares.append(one.measures[IDLE.name])
+    for device, (errors, shares) in found.items():
+        print(
+            f"{device}: uncontrolled error, median {1e3 * np.median(errors):.2f} mm, mean {1e3 * np.mean(errors):.2f} "
+            f"mm; SDOF with gap is idle in {np.mean(shares):.1%} of the ticks"
+        )
+
+
+def triples(file: str, n: str = f"{TRIPLES}") -> None:
+    """By the values of the file's range, if it has one."""
+    ranges = load_ranges(file)
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "worlds"
+        run_worlds(ranges, out, int(n))
+        worlds = read_worlds(out / "worlds.csv")
+        with (out / "worlds.csv").open(newline="") as stream:
+            lines = list(csv.DictReader(stream))
+    groups: dict[str, list[int]] = {}
+    for i, line in enumerate(lines):
+        groups.setdefault(", ".join(f"{name} {line[name]}" for name in ranges.ranges), []).append(i)
+    devices = [device.name for device in ranges.protocol.devices]
+    for name, rows in sorted(groups.items()):
+        smallest, similar = np.mean([_as_the_check(worlds, i, devices) for i in rows], axis=0)
+        held = ", ".join(f"{k} {share:.0%}" for k, share in enumerate(worlds.holds[rows].mean(axis=0), start=1))
+        print(f"{name or 'all'}: {len(rows)} triples; statements by our rules: {held}")
+        print(f"  by the check's: SDOF with gap smallest spread {smallest:.0%}, all four within 30 % {similar:.0%}")
+        for device in devices:
+            medians = [_medians(worlds, rows, device, k) for k in range(1, 6)]
+            print(f"  {device}, median path error by controller: {', '.join(f'{m:.2f}' for m in medians)} mm")
+
+
+def _as_the_check(worlds: Worlds, row: int, devices: list[str]) -> tuple[bool, bool]:
+    boxes = worlds.boxes(row)
+    smallest = similar = True
+    for device in devices:
+        of_it = {k: boxes[ERROR, device, k] for k in (1, *CONTROLLED)}
+        smallest &= min(of_it, key=lambda k: of_it[k].q3 - of_it[k].q1) == GAP_CONTROLLER
+        medians = [of_it[k].median for k in CONTROLLED]
+        similar &= max(medians) - min(medians) <= SIMILAR * of_it[1].median
+    return smallest, similar
+
+
+def _medians(worlds: Worlds, rows: list[int], device: str, controller: int) -> float:
+    return 1e3 * float(np.median([worlds.boxes(i)[ERROR, device, controller].median for i in rows]))
+
+
+def medians(file: str) -> None:
+    """Of every cell of a sweep, and how much more that is than without control."""
+    sweep = load_sweep(Path(file))
+    with tempfile.TemporaryDirectory() as folder:
+        run_sweep(sweep, Path(folder) / "sweep")
+        with (Path(folder) / "sweep" / "sweep.csv").open(newline="") as stream:
+            rows = [row for row in csv.DictReader(stream) if row["status"] == "done"]
+    cells: dict[tuple[str, ...], dict[str, list[list[float]]]] = {}
+    for row in rows:
+        where = tuple(row[name] for name in ("population", "configuration", *sweep.varied))
+        controller = " ".join((row["kind"], *(row[name] for name in PARAMETERS if float(row[name]))))
+        cells.setdefault(where, {}).setdefault(controller, []).append([float(row[m.name]) for m in DRAWN])
+    for where, of_it in cells.items():
+        none = np.median(of_it["none"], axis=0)
+        for controller, values in of_it.items():
+            numbers = np.median(values, axis=0)
+            shown = (
+                f"{m.short} {m.scale * x:.2f} {m.shown_unit} ({x / was - 1.0:+.1%})"
+                for m, x, was in zip(DRAWN, numbers, none, strict=True)
+            )
+            print(f"{', '.join(where)}, {controller}: {', '.join(shown)}")
+
+
+def step(operators: str = "10") -> None:
+    """The worst trial of each controller; the controller decides once a millisecond as before."""
+    protocol, population = load_protocol(), load_population()
+    worst: dict[tuple[int, str], tuple[float, float]] = {}
+    for number in range(1, int(operators) + 1):
+        for one in simulation_errors(protocol, person_of(population, protocol.seed, number), f"{number:02d}"):
+            if one.change == STEP and one.measure in [m.name for m in DRAWN]:
+                cell = one.controller, one.measure
+                before = worst.get(cell, (0.0, 0.0))
+                worst[cell] = max(before[0], one.worst), max(before[1], one.worst_share or 0.0)
+    for (controller, measure), (largest, share) in sorted(worst.items()):
+        metric = BY_NAME[measure]
+        print(f"controller {controller}, {metric.short}: {metric.scale * largest:.2g} {metric.shown_unit}, {share:.2g}")
+
+
+WHAT: dict[str, Callable[..., None]] = {one.__name__: one for one in (idle, triples, medians, step)}
+
+if __name__ == "__main__":
+    if len(sys.argv) < 2 or sys.argv[1] not in WHAT:
+        sys.exit(__doc__)
+    WHAT[sys.argv[1]](*sys.argv[2:])
