@@ -280,7 +280,7 @@ class Protocol(Settings, frozen=True, kw_only=True):
 
     @property
     def low_gain_controller(self) -> int | None:
-        """Its proportional controller of least gain."""
+        """The number of its proportional controller of least gain; None without any."""
         return _low_gain_controller(self.controllers)
 
     @property

@@ -93,17 +93,18 @@ def box_findings_of(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Bo
 
 
 def _judged(statement: Statement, boxes: Boxes, configurations: Sequence[str], bands: float) -> BoxFinding:
-    compared = []
-    for claim in statement.claims:
-        places = [PAPER_CONFIGURATIONS] if claim.devices else [(one, one) for one in configurations]
-        for measure in (name for name in claim.measures if name in MEASURES):
-            compared += [Compared(claim, measure, at, _margin(claim, measure, at, boxes, bands)) for at in places]
-    missing = [one for one in compared if math.isnan(one.margin)]
-    if missing or not compared:
-        return BoxFinding(
-            statement, CANNOT_TELL, math.nan, _why_missing(missing[0], boxes) if missing else "No trials."
-        )
-    decisive = min(compared, key=lambda one: one.margin)
+    compared = [
+        Compared(claim, measure, at, _margin(claim, measure, at, boxes, bands))
+        for claim in statement.claims
+        for measure in claim.measures
+        if measure in MEASURES
+        for at in ([PAPER_CONFIGURATIONS] if claim.devices else [(one, one) for one in configurations])
+    ]
+    if not compared:
+        return BoxFinding(statement, CANNOT_TELL, math.nan, "No trials.")
+    decisive = min(compared, key=lambda one: (not math.isnan(one.margin), one.margin))
+    if math.isnan(decisive.margin):
+        return BoxFinding(statement, CANNOT_TELL, math.nan, _why_missing(decisive, boxes))
     verdict = HOLDS if decisive.margin >= 0.0 else FAILS
     return BoxFinding(statement, verdict, decisive.margin, _sentence(decisive, boxes, bands))
 

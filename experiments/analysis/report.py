@@ -127,7 +127,7 @@ def _means_csv(rows: Sequence[TrialRow]) -> bytes:
 
 
 def warnings(rows: Sequence[TrialRow], found: Sequence[Finding], simulated: bool) -> list[str]:
-    """What a reader must know before the findings: that people are few, and that they are none."""
+    """What a reader must know before the findings: that the people are too few, or that they are simulated."""
     few = (description_only(found) if found else "") or too_few(len(people_of(rows)))
     return ([few] if few else []) + ([SIMULATED] if simulated else [])
 

@@ -45,7 +45,7 @@ class Note(NamedTuple):
 
 
 class AnswersAndNotes(NamedTuple):
-    """All of it, in the order of the sessions."""
+    """Answers and notes, in the order of the sessions."""
 
     answers: tuple[Answers, ...]
     notes: tuple[Note, ...]

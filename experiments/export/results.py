@@ -36,7 +36,7 @@ class Results(NamedTuple):
     labels: dict[int, str] = {}  # controller -> what stands under its boxes
     configurations: tuple[str, ...] = ()
     lengths: dict[int, float] = {}  # segment -> length of the path, m
-    note: str = ""  # what every figure says
+    note: str = ""  # stands on every figure
     protocol: str = ""  # its name
     problems: tuple[str, ...] = ()  # what could not be read
 
@@ -60,8 +60,8 @@ def conclude(rows: Sequence[TrialRow], controllers: Mapping[int, Preset], timeou
         return Conclusions(refusal, (), (), ())
     found = () if refusal else tuple(findings(rows, timeouts))
     names = {number: preset.name for number, preset in controllers.items()} or CONTROLLER
-    said = sentences([*statistics(rows, timeouts), *sensitivity(rows, timeouts=timeouts)], names)
-    return Conclusions(refusal, found, tuple(said), tuple(warnings(rows, found, simulated=False)))
+    judged = sentences([*statistics(rows, timeouts), *sensitivity(rows, timeouts=timeouts)], names)
+    return Conclusions(refusal, found, tuple(judged), tuple(warnings(rows, found, simulated=False)))
 
 
 def read_results(folder: Path) -> Results:
@@ -122,7 +122,7 @@ def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
 
 
 def _labels(rows: Sequence[TrialRow]) -> dict[int, str]:
-    """Of controllers of which only the number is known."""
+    """Labels of controllers that are known by their number alone."""
     numbers = sorted({row.controller for row in rows if isinstance(row.controller, int)})
     return {number: f"controller\n{number}" for number in numbers}
 
@@ -132,7 +132,7 @@ def _configurations(rows: Sequence[TrialRow]) -> tuple[str, ...]:
 
 
 def _answers(sessions: Sequence[Path]) -> list[Answer]:
-    """After a block, or after a controller, which stands as its code until the session is opened."""
+    """Every answer by itself; its controller stands as the code until the session is opened."""
     keys = {one.parent.name.removeprefix("sub-"): journal_summary(one).key or {} for one in sessions}
     return [
         Answer(

@@ -54,7 +54,7 @@ LISTED = {
 def write_results(job: Job, progress: Callable[[float], None] = lambda share: None) -> int:
     """Write what is seen: the page's figures, the trials, what was answered and noted; how many files.
 
-    The folder appears whole. progress: called with the share done. InputError says why nothing was written.
+    The folder appears whole, or InputError and no folder. progress: called with the share done.
     """
     if job.folder.exists():
         raise InputError(f"{job.folder}: exists already, the results need a new folder")
@@ -173,7 +173,7 @@ def _timing(session: Path, rows: Sequence[TrialRow]) -> Iterator[tuple[str, str]
 
 
 def whose_fault(timings: Sequence[Mapping[str, Any]]) -> str:
-    """Whose fault late ticks are; what one of the recordings does not know is not known of all."""
+    """The sentence on what made ticks late; a number that one recording lacks is "not known" of all."""
 
     def of_all(name: str, total: Callable[[list[float]], float] = sum, unit: str = "") -> str:
         values = [timing.get(name) for timing in timings]

@@ -34,7 +34,7 @@ def reason_of(error: OSError) -> str:
 def patiently(do: Callable[..., Any], *arguments: Any) -> Any:
     """Rename, link or remove files; again while another program has one open, `TRIES` times at most.
 
-    PermissionError, which says so, if it is still open then.
+    PermissionError, with that reason, if it is still open then.
     """
     for left in reversed(range(TRIES)):
         try:

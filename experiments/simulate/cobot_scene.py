@@ -21,7 +21,7 @@ from core.kernel import kernel
 from core.path import Path as PathAhead
 from core.path import build_path, line, path_from
 from core.simulator.state import new_record
-from experiments.simulate.scene import TIME_WITHIN, hand_force, whole_number
+from experiments.simulate.scene import StepLength, hand_force, whole_number
 from experiments.simulate.simulate import new_csv, run_beside
 
 FREE, ALONG_PATH, AT_WALL = range(3)
@@ -58,7 +58,7 @@ class CobotSceneFile(Table, frozen=True):
 
     cobot: str  # a shipped one, or the path of a cobot file
     duration_s: Positive
-    step_s: Positive
+    step_s: StepLength
     output_interval_s: Positive | None = None  # None: step_s
     initial_pose: Triple = (0.0, 0.0, 0.0)  # m, m, rad: at rest, with the castors along the body's x axis
     force: HandTable = HandTable()
@@ -70,8 +70,6 @@ class CobotSceneFile(Table, frozen=True):
     def __post_init__(self) -> None:
         if self.path is not None and self.wall is not None:
             raise ValueError("give either path or wall, not both")
-        if self.step_s <= TIME_WITHIN:
-            raise ValueError(f"step_s must be more than {TIME_WITHIN:g} s")
 
 
 class CobotScene(NamedTuple):

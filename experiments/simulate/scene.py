@@ -91,6 +91,9 @@ WHOLE_WITHIN = 1e-9
 TIME_WITHIN = 1e-9
 
 
+StepLength = Annotated[float, msgspec.Meta(gt=TIME_WITHIN)]
+
+
 class JointValues(Table, frozen=True):
     """One value a joint; joints that are not named are 0."""
 
@@ -124,7 +127,7 @@ class SceneFile(Table, frozen=True):
 
     device: str
     duration_s: Positive
-    step_s: Annotated[float, msgspec.Meta(gt=TIME_WITHIN)]
+    step_s: StepLength
     initial_tip_m: Pair
     output_interval_s: Positive | None = None
     integrator: Annotated[str, choice("event", "stepping", "karnopp")] = "event"

@@ -33,7 +33,7 @@ class EmulatedHand(Protocol):
 
 
 class HeldHand:
-    """A hand that holds the handle on a spring where it is told to, or lets go of it.
+    """A hand that pulls the handle by a spring to where an order sent it, or does not hold it.
 
     Assumed: 400 N/m, 20 N s/m, at most 40 N, an arm of 1 kg.
     """
@@ -49,7 +49,7 @@ class HeldHand:
         """It does nothing by itself."""
 
     def obey(self, order: dict) -> None:
-        """{"target": [x, y]}, m: pull there; {"force": [fx, fy]}, N: push so, until told otherwise."""
+        """{"target": [x, y]}, m: pull there; {"force": [fx, fy]}, N: push so, until the next such order."""
         if unknown := set(order) - {"target", "force"}:
             raise InputError(f"a hand that holds still does not know the order {min(unknown)!r}")
         target = pair(order["target"], "target", WORKSPACE_M) if "target" in order else None

@@ -82,7 +82,7 @@ class Emulator:
         self.device = EmulatedDevice(device, self.board.hello, hand, tip, self._seed)
 
     def rewire(self, name: str) -> None:
-        """As if someone re-rigged the bench: another device, the handle where it was. InputError: it is not here."""
+        """Emulate a re-rig: another device, with the handle where it was. InputError: it cannot be emulated here."""
         if name not in self._devices:
             raise InputError(f"only {', '.join(self._devices)} can be emulated here, not {name!r}")
         if name.encode()[:24] != self.board.hello.device:
@@ -151,7 +151,7 @@ class Emulator:
         return round((now - self._powered_s) * 1e6)
 
     def _hear(self, now: float) -> None:
-        """What the host sent, by way of the wire and its faults, to the board."""
+        """Give the board what the host sent, by way of the wire and its faults."""
         if self._plug and (data := self._plug.read()):
             self.to_board.put(data, now)
         data = self.to_board.take(now)
@@ -159,12 +159,12 @@ class Emulator:
             self._send(self.board.receive(data, self._board_us(now)), now)
 
     def _send(self, frames: bytes, now: float) -> None:
-        """What the board says, onto the wire."""
+        """Put the board's frames onto the wire."""
         for frame in frames.split(b"\0")[:-1]:
             self.to_host.put(frame + b"\0", now)
 
     def _speak(self, now: float) -> None:
-        """What has come to the wire's end, to the host."""
+        """Give the host what has come to its end of the wire."""
         data = self.to_host.take(now)
         if data and self._plug:
             self._plug.write(data)
@@ -209,7 +209,7 @@ class Emulator:
         """An order, a JSON object; answered with the truth."""
         try:
             data, sender = self._orders.recvfrom(ORDER_BYTES)
-        except (BlockingIOError, ConnectionResetError):  # Windows' reset: whoever was answered last has gone
+        except (BlockingIOError, ConnectionResetError):  # Windows' reset: the sender of the last order has gone
             return
         try:
             answer = self._obey(json.loads(data))
@@ -240,7 +240,7 @@ class Emulator:
         return self.truth()
 
     def truth(self) -> dict:
-        """What is really so: SI units, times in s."""
+        """The true state, which a host cannot see: SI units, times in s."""
         device, board = self.device, self.board
         return {
             "t_s": self.now(),
