@@ -116,20 +116,20 @@ class View(NamedTuple):
         return self.timeouts and not has_speed, not has_speed
 
 
-class Answer(NamedTuple):
-    """An answer to a question after a block or a controller."""
+class Answers(NamedTuple):
+    """A participant's answers after one block, or one controller, of a configuration."""
 
     participant: str
     configuration: str
-    controller: int | str  # "": after a block, which had several
     block: int  # 0: after a controller
-    question: str
-    value: float  # 0 to 100
+    controller: int | str  # 0: after a block; a code of a blind session
+    values: dict[str, float]  # question -> 0 to 100
+    time: str  # ISO, UTC
 
 
 #: How the boxes of the first configuration are drawn, of the second, ...; a fifth is as the first.
 LOOKS = ("Filled", "Open", "Hatched", "Dotted")
-Coded = TypeVar("Coded", TrialRow, Answer)
+Coded = TypeVar("Coded", TrialRow, Answers)
 
 
 def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> dict[int | str, str]:
@@ -142,13 +142,11 @@ def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> di
 
 def told_apart(found: Sequence[Coded]) -> list[Coded]:
     """Rows or answers whose codes name their participant, if there are several: each blind session has its own key."""
-
-    def is_coded(one: Coded) -> bool:
-        return isinstance(one.controller, str) and one.controller != ""
-
-    if len({one.participant for one in found if is_coded(one)}) < 2:
+    if len({one.participant for one in found if isinstance(one.controller, str)}) < 2:
         return list(found)
-    codes = [f"P{one.participant} {one.controller}" if is_coded(one) else one.controller for one in found]
+    codes = [
+        f"P{one.participant} {one.controller}" if isinstance(one.controller, str) else one.controller for one in found
+    ]
     return [
         replace(one, controller=code) if isinstance(one, TrialRow) else one._replace(controller=code)
         for one, code in zip(found, codes, strict=True)
@@ -191,7 +189,7 @@ def left_out(rows: Iterable[TrialRow], timeouts: bool = False, crosses: bool = T
     return " ".join(parts)
 
 
-def charts(page: str, rows: Sequence[TrialRow], view: View, answers: Sequence[Answer] = ()) -> list[Chart]:
+def charts(page: str, rows: Sequence[TrialRow], view: View, answers: Sequence[Answers] = ()) -> list[Chart]:
     """A page's charts of these rows, which are those that are chosen."""
     if page == QUESTIONS:
         return [_questionnaire(told_apart(answers), view)] if answers else []
@@ -331,22 +329,23 @@ def _chart(
     )  # fmt: skip
 
 
-def _questionnaire(answers: Sequence[Answer], view: View) -> Chart:
-    answers = [answer for answer in answers if answer.configuration in view.configurations]
-    questions = list(dict.fromkeys(answer.question for answer in answers))
+def _questionnaire(answers: Sequence[Answers], view: View) -> Chart:
+    answers = [one for one in answers if one.configuration in view.configurations]
+    each = [(one, question, value) for one in answers for question, value in one.values.items()]
+    questions = list(dict.fromkeys(question for _, question, _ in each))
     members = sorted(
-        {(answer.configuration, answer.controller) for answer in answers},
+        {(one.configuration, one.controller) for one in answers},
         key=lambda member: (by_controller(member[1]), view.configurations.index(member[0])),
     )
     room = GROUP_SHARE / len(members)
     placed: list[tuple[float, Point]] = []
-    for n, a in enumerate(answers):
-        middle = _middle(questions.index(a.question), members.index((a.configuration, a.controller)), len(members))
+    for n, (a, question, value) in enumerate(each):
+        middle = _middle(questions.index(question), members.index((a.configuration, a.controller)), len(members))
         name = str(view.names.get(a.controller, a.controller)).replace("\n", " ")
         after = f"after block {a.block}" if a.block else f"after {name}"
-        text = f"Participant {a.participant} · {after} on {a.configuration} · {a.value:g}"
+        text = f"Participant {a.participant} · {after} on {a.configuration} · {value:g}"
         x = middle + _beside(n, room)
-        placed.append((middle, Point(x, a.value, a.controller, view.look(a.configuration), text)))
+        placed.append((middle, Point(x, value, a.controller or "", view.look(a.configuration), text)))
     boxes = _boxes(placed, room, LEAST_IN_A_BOX)
     ticks = tuple((float(i), question.replace("_", "\n")) for i, question in enumerate(questions))
     span = (-0.5, len(questions) - 0.5)
