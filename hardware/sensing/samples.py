@@ -190,7 +190,7 @@ def zero_of(taken: Sequence[DeviceSample], before: ZeroRecord) -> ZeroRecord:
     """The zero in samples; before: the one that was taken off their currents. DeviceError: the handle moved."""
     moved = float(np.max(np.ptp(np.array([sample.tip for sample in taken]), axis=0)))
     if not math.isfinite(moved):
-        raise DeviceError("zero: the encoders are not homed, so the handle cannot be seen to be still; home them first")
+        raise DeviceError("zero: the handle cannot be seen to be still; home the encoders first")
     if moved > STILL_M:
         raise DeviceError("zero: the handle moved; let go of it while the zero is taken")
     counts = np.array([sample.force_counts for sample in taken], dtype=float)
