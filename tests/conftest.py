@@ -19,13 +19,18 @@ settings.load_profile("any machine")
 MANY = (*FIXED, *COUPLED, *(random_five_bar(seed) for seed in range(3)))
 
 
-#: files with few tests that take long: other files fill the time that is left beside them
-LONG = ("test_app_process", "test_bench", "test_fault_matrix", "test_kill", "test_paper_figures")
+#: The files that take longest, the longest first: short ones fill the time that is left beside the last of them.
+LONG = (
+    "test_fault_matrix", "test_compile_kernels", "test_bench", "test_kill", "test_app_process", "test_paper_figures",
+    "test_analyse_page", "test_real_trial", "test_hard_cases", "test_wire_clocks", "test_identify", "test_replay_equal",
+    "test_sandbox", "test_cli", "test_emulate", "test_fit_operator", "test_findings", "test_guard",
+)  # fmt: skip
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What takes long comes first."""
-    items.sort(key=lambda item: item.path.stem not in LONG)
+    """The longest files come first, the others in their order."""
+    places = {name: place for place, name in enumerate(LONG)}
+    items.sort(key=lambda item: places.get(item.path.stem, len(LONG)))
 
 
 def _name(bar: FiveBar) -> str:

@@ -277,7 +277,8 @@ def run(client: Client) -> int:
         if refused and not windows.over:
             windows.close()
             raise InputError(refused)
-        application.exec()
+        if not windows.over:  # somebody may have closed them meanwhile
+            application.exec()
     except BaseException:
         client.stop("the window failed")
         raise

@@ -10,6 +10,7 @@ import numpy as np
 
 from core.device import Device
 from core.kernel import kernel
+from core.mechanism import PLACES, STOP_E
 from core.simulator.hand import Hand
 from core.simulator.simulation import MR, Ledger, Simulation, advance, apply
 from core.simulator.state import CARRIED, STATE, pack_brakes
@@ -79,9 +80,9 @@ class SimulatedDevice(Simulation):
 
         state: the device as the trial before left it (yields, backlash, stops, ledger); arm: what of the hand stays.
         """
-        grip = self.hand.grips
+        grip, parts = self.hand.grips, carried_parts(PLACES if self.device.mechanism.coupled else STOP_E)
         return {
-            "state": {name: self.state[name][0].tolist() for name in CARRIED},
+            "state": {name: self.state[name][0][part].tolist() for name, part in parts.items()},
             "arm": {name: grip[name][0].tolist() for name in ("spring", "damping", "mass")},
         }
 
@@ -127,14 +128,21 @@ def ledger_warnings(before: Ledger, after: Ledger) -> list[str]:
 
 def start_again(simulation: Simulation, start: dict[str, Any]) -> None:
     """Bring a device and its hand to a recorded start of this version."""
-    for name in CARRIED:
-        simulation.state[name][0] = start["state"][name]
+    for name, part in carried_parts(len(start["state"]["contact"])).items():
+        simulation.state[name][0, part] = start["state"][name]
     for name in ("spring", "damping", "mass"):
         simulation.hand.grips[name][0] = start["arm"][name]
 
 
 def is_start(start: dict[str, Any]) -> bool:
     """Whether a recorded start is of this version: it holds every field of the device's state, and no other."""
-    return {name: np.shape(value) for name, value in start["state"].items()} == {
-        name: STATE[name].shape for name in CARRIED
-    }
+    shapes = {name: np.shape(value) for name, value in start["state"].items()}
+    return any(
+        shapes == {name: np.empty(STATE[name].shape)[part].shape for name, part in carried_parts(places).items()}
+        for places in (STOP_E, PLACES)
+    )
+
+
+def carried_parts(places: int) -> dict[str, Any]:
+    """What of each carried field belongs to so many places: only a device with couplings has all `PLACES`."""
+    return {name: slice(places) if STATE[name].shape[:1] == (PLACES,) else ... for name in CARRIED}

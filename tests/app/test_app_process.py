@@ -1,4 +1,4 @@
-"""The app as its processes: a whole mouse trial through the windows, the end by Ctrl-C, refusals before any window."""
+"""The app as its processes: a whole mouse trial through the windows, the end by Ctrl-C, refusals."""
 
 import os
 import signal
@@ -14,6 +14,7 @@ from processes import children, gone
 from protocols import PAPER, changed
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
 from screens import point
 from synthetic_hand import SyntheticHand
 
@@ -56,7 +57,7 @@ def windows(qtbot, tmp_path: Path):
     wait_until(lambda: all(map(gone, pids)))
 
 
-def test_a_whole_mouse_trial_is_recorded_measured_and_shown(windows: Windows, tmp_path: Path, monkeypatch) -> None:
+def test_a_mouse_trial_is_measured_and_shown_and_escape_ends_the_next(windows: Windows, tmp_path, monkeypatch) -> None:
     main, run, view = windows.main, windows.main.page(RUN), windows.participant.view
     planned = main.snapshot.coming
     newest: list[np.ndarray] = []
@@ -99,14 +100,11 @@ def test_a_whole_mouse_trial_is_recorded_measured_and_shown(windows: Windows, tm
     assert flags == NO_FLAGS or (flags.count("▲") == 1 and flags.endswith("too late"))
     wait_until(lambda: "1 run of this session recorded and verified" in main.footer.recording.text())
 
-
-def test_escape_ends_a_real_trial_with_its_cause_and_the_next_waits_for_the_brakes(windows: Windows) -> None:
-    main = windows.main
-    QTest.keyClick(windows.participant, Qt.Key.Key_Space)
+    windows.client.send(m.Start())
     wait_until(lambda: main.snapshot.stage == m.RUNNING)
     QTest.keyClick(windows.participant, Qt.Key.Key_Escape)
-    wait_until(lambda: main.snapshot.rows and main.snapshot.brakes_off)
-    assert main.snapshot.rows[0].status == "stopped"
+    wait_until(lambda: len(main.snapshot.rows) == 2 and main.snapshot.brakes_off)
+    assert main.snapshot.rows[1].status == "stopped"
     assert "Esc on the participant's screen" in main.preflight.advice.text()
     start = main.page(RUN).panel.start
     assert not start.isEnabled()
@@ -153,10 +151,11 @@ def test_ctrl_c_closes_windows_and_bench_and_leaves_nothing(tmp_path: Path) -> N
         ("data", [], "data: cannot be written to"),
     ],
 )
-def test_what_cannot_be_recorded_is_refused_before_any_window(
-    tmp_path: Path, monkeypatch, capsys, make, arguments, says
+def test_what_cannot_be_recorded_is_refused_and_no_window_stays(
+    tmp_path: Path, monkeypatch, capsys, qapp, make, arguments, says
 ) -> None:
-    monkeypatch.setattr("app.window.windows.run", lambda *_: pytest.fail("a window was opened"))
+    monkeypatch.setattr(QApplication, "exec", lambda _: pytest.fail("a window stays"))
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
     place = tmp_path / make
     place.parent.mkdir(parents=True, exist_ok=True)
     place.touch()
@@ -164,6 +163,7 @@ def test_what_cannot_be_recorded_is_refused_before_any_window(
     said = capsys.readouterr().err
     assert says in said and said.startswith("phd: ") and said.count("\n") == 1
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [place]
+    assert not any(window.isVisible() for window in qapp.topLevelWidgets())
 
 
 def test_a_screen_that_does_not_answer_is_one_sentence_and_exit_2(tmp_path):

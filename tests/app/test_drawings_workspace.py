@@ -11,7 +11,6 @@ from PySide6.QtGui import QColor, QImage
 from PySide6.QtTest import QTest
 
 from app.window.painting import theme
-from app.window.painting.force_view import TRAIL
 from app.window.painting.layers import (
     OFF,
     SLIPPING,
@@ -28,10 +27,7 @@ from app.window.painting.layers import (
 )
 from app.window.painting.linkage_view import (
     DIRECTIONS,
-    FIELD,
     LAYERS,
-    LINKAGE,
-    REACHABLE,
     WHOLE,
     Workspace,
 )
@@ -395,12 +391,6 @@ def test_a_path_that_the_arms_do_not_reach_is_still_shown(qtbot) -> None:
     workspace.show_trial(FOUR, Segment((-0.1, 0.4), (0.1, 0.4)), (0.0, 1.2))
     workspace.view.grab()
     assert workspace.view.instant.joints == {}
-
-
-def test_layers_have_names_that_say_what_they_are() -> None:
-    assert tuple(LAYERS) == (FIELD, DIRECTIONS, REACHABLE, TRAIL, LINKAGE, WHOLE)
-    keys = [key for key, _ in LAYERS.values()]
-    assert len(set(keys)) == len(keys)
 
 
 def test_the_field_of_a_tick_is_the_one_with_which_the_controller_decided() -> None:

@@ -275,9 +275,9 @@ def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtb
         qtbot.waitUntil(lambda: not data._export.busy and data.bar.isHidden(), timeout=60_000)
         assert says in texts(shown)
 
-    for name in ("data-csv", "data-csv-2"):
-        export(f"Exported to {tmp_path / name}")
-        assert data.show_export.isVisible() and (tmp_path / name / "trials.csv").exists() and shares[-1] == 1.0
+    (tmp_path / "data-csv").mkdir()
+    export(f"Exported to {tmp_path / 'data-csv-2'}")
+    assert data.show_export.isVisible() and (tmp_path / "data-csv-2" / "trials.csv").exists() and shares[-1] == 1.0
     data._folder = tmp_path / "none"
     export("Nothing was exported: ")
     assert "holds no recordings" in texts(shown) and not data.show_export.isVisible()

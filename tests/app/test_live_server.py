@@ -12,6 +12,7 @@ from sessions import unfinished
 from synthetic_hand import SyntheticHand
 
 from app.ipc import messages as m
+from app.ipc.client import Client
 from app.ipc.messages import Setup
 from core import tick_log
 
@@ -120,3 +121,13 @@ def test_a_bench_that_recorded_nothing_leaves_nothing(tmp_path: Path) -> None:
     assert not setup.data_dir.exists()
 
 
+def test_a_second_window_is_refused_and_the_first_one_goes_on(tmp_path: Path) -> None:
+    with live_window(Setup(tmp_path / "data", hand="operator", real_time=False)) as first:
+        first.until_stage(m.NO_SESSION)
+        other = Client(Setup(tmp_path / "data", real_time=False))
+        assert "is in use by a running process" in other.refused()
+        (said,) = other.receive()
+        assert said.stage == m.FAILED and not other.alive
+        other.stop("")
+        first.look()
+        assert first.client.alive

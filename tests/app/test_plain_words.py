@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 import serial
 from fake_client import PLAN, SHORT_BREAK, opened, ready, result
-from screens import Screens, cut_texts, settle
+from screens import Screens
 
 from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus
@@ -24,17 +24,6 @@ from hardware.serial_port import _reason
 IDLE = m.Timing(0.2, 0.4, 1.0, 0, "default")
 DEFAULT = Scheduling(False, False, -1, "default")
 LATE = m.Timing(50.0, 30_947.0, 41_000.0, 2180, "default")
-
-
-def test_aborted_and_skipped_trials_are_not_called_done(screens: Screens) -> None:
-    statuses = ("done", "aborted", "skipped", "timeout")
-    rows = tuple(result(PLAN[i], status) for i, status in enumerate(statuses))
-    console = screens.hear(opened(), ready(4, rows=rows, seconds_left=3600.0))
-    settle(console)
-    assert screens.run.panel.done.text() == "1 of 60 done · 3 without a result"
-    rows = tuple(result(trial, "aborted" if trial.run % 2 else "done") for trial in PLAN[:58])
-    settle(screens.hear(ready(58, rows=rows, seconds_left=3600.0)))
-    assert "29 without" in screens.run.panel.done.text() and cut_texts(console) == []
 
 
 def test_a_trial_is_named_by_its_path_as_the_printed_plan_names_it() -> None:

@@ -1,13 +1,17 @@
-"""What the program asks of each system: one clock for all processes, and a loop that is compiled."""
+"""What the program asks of each system: one clock, a compiled loop, a screen; and what its start does not wait for."""
 
 import re
+import subprocess
 import sys
 import time
 from pathlib import Path
 
 import numba
 import pytest
+from sessions import session_of
 
+from app import progress
+from app.cli import main
 from app.loop import clock
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -63,3 +67,58 @@ def test_without_a_fine_timer_the_loop_looks_at_the_clock_all_the_time(monkeypat
     assert clock.timer_words(timer) == clock.COARSE_TIMER
     deadline = clock.now_ns(timer) + 5_000_000
     assert clock.sleep_until(deadline, timer) >= deadline
+
+
+def run_python(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=200, check=True)
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize("module", ["app.ipc.client", "app.session_server.loop_process"])
+def test_a_process_is_started_before_the_compiler_is_imported(module: str) -> None:
+    """The window starts the session server with the one, the session server starts the loop with the other."""
+    assert run_python(f"import sys, {module}; print('numba' in sys.modules)") == "False"
+
+
+def test_the_windows_import_no_plots_and_no_statistics() -> None:
+    code = "import sys, app.window.windows; print(*{'matplotlib', 'scipy.linalg', 'pyarrow'} & set(sys.modules))"
+    assert run_python(code) == ""
+
+
+def test_a_first_kernel_does_not_import_scipy_which_can_be_imported_afterwards() -> None:
+    code = (
+        "import sys; from core.path import Segment, outline;"
+        "points = outline(Segment((0.0, 0.0), (0.0, 0.1)), 0.05);"
+        "before = 'scipy.linalg' in sys.modules;"
+        "from scipy.linalg import norm; print(before, norm(points[-1]))"
+    )
+    assert run_python(code) == "False 0.1"
+
+
+@pytest.fixture
+def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress.sys, "platform", "linux")
+    for name in progress.PLACES:
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.mark.parametrize("verb", ["run", "replay"])
+def test_a_verb_that_needs_a_screen_says_so_where_there_is_none(no_screen, tmp_path: Path, capsys, verb: str) -> None:
+    with session_of(tmp_path / "recorded", 1):
+        pass
+    before = sorted(tmp_path.rglob("*"))
+    recording = next(tmp_path.glob("recorded/*/*/trials/*.parquet"))
+    arguments = {"run": ["--data-dir", str(tmp_path / "data")], "replay": [str(recording)]}
+    assert main([verb, *arguments[verb]]) == 2
+    said = capsys.readouterr()
+    assert "there is no screen to" in said.err and said.err.count("\n") == 1 and said.out == ""
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_library_that_the_windows_need_and_the_system_lacks_is_one_sentence(monkeypatch) -> None:
+    def missing(name: str):
+        raise ImportError("libEGL.so.1: cannot open shared object file")
+
+    monkeypatch.setattr(progress, "import_module", missing)
+    with pytest.raises(progress.InputError, match=r"a system library is missing: libEGL"):
+        progress.import_screen("windows")

@@ -1,20 +1,28 @@
-"""What cannot be is refused before anything opens: strangers, endless plans; what an operator goes without is said."""
+"""What cannot be is refused before anything opens; what is known of a session before it is opened."""
 
+import contextlib
+import re
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from protocols import PAPER, changed, protocol_of, short
+from sessions import files, new_session, run_trials
+from simulated_loop import local_window
 
 from app.cli import main
 from app.ipc.messages import Setup
 from app.session_server.preflight import done_without
-from app.session_server.server import read_protocol
+from app.session_server.server import in_words, read_protocol, take_folder
 from app.session_server.session_progress import SessionProgress
 from core.files import InputError
 from experiments.inputs import OPERATOR
 from experiments.protocol import MOST_TRIALS
+from experiments.session import files as files_module
+from experiments.session.files import other_protocol, refuse_existing
+from experiments.session.journal import NAME as JOURNAL
 from experiments.session.journal import unmeasured_row
 from experiments.session.session import Session
 from experiments.trial.population import load_population
@@ -84,3 +92,117 @@ def test_no_questionnaire_is_put_to_a_simulated_operator(tmp_path):
         asked[name] = SessionProgress(session).asked
         session.close()
     assert asked["01"] is None and asked["02"] is not None
+
+
+@pytest.mark.parametrize("hand", ["mouse", OPERATOR])
+def test_before_a_session_it_is_known_whether_it_is_blind(tmp_path: Path, hand: str) -> None:
+    data, file = tmp_path / "data", tmp_path / "pilot.toml"
+    file.write_text(changed(PAPER.text, blind="true"), encoding="utf-8")
+    with local_window(Setup(data, str(file), hand=hand, real_time=False)) as bench:
+        bench.until_stage("no session")
+        assert bench.opened is not None and bench.opened.blind == (hand != OPERATOR)
+        snapshot = bench.open("02")
+        assert snapshot.blind == (hand != OPERATOR) and snapshot.said.startswith("Participant 02: 60 trials to run.")
+
+
+def test_a_folder_in_which_every_participant_has_a_session_can_still_be_opened(tmp_path: Path) -> None:
+    file = tmp_path / "pilot.toml"
+    file.write_text(changed(PAPER.text, participants='["01"]'), encoding="utf-8")
+    session = new_session(tmp_path / "data", "01")
+    session.close()
+    with local_window(Setup(tmp_path / "data", str(file), real_time=False)) as bench:
+        assert bench.until_stage("no session").stage == "no session"
+
+
+BAD_PROTOCOL = "name = 3\n"
+
+
+def everything(folder: Path) -> set[str]:
+    """Every file and folder in it, by name."""
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
+
+
+def refuse(setup: Setup) -> str:
+    """What a session server answers that refuses to begin."""
+    with contextlib.ExitStack() as left, pytest.raises((InputError, OSError)) as refusal:
+        take_folder(setup, left)
+    return in_words(refusal.value, setup.data_dir)
+
+
+@pytest.mark.parametrize("there", ["", "data", "data/notes.txt", "data/sub-07/ses-01/session.json"])
+def test_a_refused_bench_leaves_nothing_behind(tmp_path: Path, there: str) -> None:
+    (tmp_path / "bad.toml").write_text(BAD_PROTOCOL)
+    place = tmp_path / there
+    if place.suffix:
+        place.parent.mkdir(parents=True)
+        place.write_text("{}")
+    elif there:
+        place.mkdir()
+    before = everything(tmp_path)
+    data = tmp_path / ("data" if there else "not/yet/data")
+    assert "bad.toml: name must be text" in refuse(Setup(data, str(tmp_path / "bad.toml"), real_time=False))
+    assert everything(tmp_path) == before
+
+
+def test_a_folder_that_cannot_be_made_is_one_sentence_and_nothing_is_left(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert "not a directory" in refuse(Setup(tmp_path / "file" / "data", real_time=False))
+    assert everything(tmp_path) == {"file"}
+
+
+@pytest.mark.parametrize(
+    "step", ["session.write_key", "session.write_new_file", "files.hold_lock", "journal.write_event"]
+)
+def test_a_session_that_the_disk_does_not_take_leaves_no_trace_and_can_be_begun_later(tmp_path, monkeypatch, step):
+    def full(*_args, **_more):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(f"experiments.session.{step}", full)
+        with pytest.raises(OSError, match="No space left"):
+            new_session(tmp_path, blind=True)
+    assert everything(tmp_path) == set()
+    new_session(tmp_path, blind=True).close()
+
+
+@pytest.mark.parametrize("name", ["", "../x", "a b", "é", "01/ses-02", "x\n"])
+def test_a_participant_whose_name_no_folder_could_have_is_refused(tmp_path, name):
+    with pytest.raises(InputError, match="letters and digits"):
+        new_session(tmp_path, name)
+    assert everything(tmp_path) == set()
+
+
+def test_a_session_that_another_process_begins_meanwhile_is_not_touched(tmp_path, monkeypatch):
+    other = new_session(tmp_path)
+    run_trials(other, 1)
+    other.close()
+    before = files(tmp_path)
+    seen = []
+    monkeypatch.setattr(files_module, "refuse_existing", lambda *a: seen and refuse_existing(*a) or seen.append(1))
+    with pytest.raises(InputError, match="exists already"):
+        new_session(tmp_path)
+    assert files(tmp_path) == before and (tmp_path / "sub-01" / "ses-01" / JOURNAL).exists()
+
+
+def test_a_session_by_another_protocol_than_the_one_before_is_noticed(tmp_path):
+    new_session(tmp_path, "01", short()).close()
+    assert other_protocol(tmp_path, "01", PAPER) == ""  # there is no other one
+    assert other_protocol(tmp_path, "02", short()) == ""
+    assert other_protocol(tmp_path, "02", PAPER) == "01"
+    (tmp_path / "sub-03" / "ses-01").mkdir(parents=True)
+    (tmp_path / "sub-03" / "ses-01" / "session.json").write_text("{")
+    assert other_protocol(tmp_path, "02", PAPER) == "01"
+
+
+def test_a_plan_of_one_trial_and_one_of_a_thousand_can_be_begun_and_resumed(tmp_path: Path) -> None:
+    one = re.sub(r"\[\[path\]\]\s*number = 2\n(.+\n)+", "", PAPER.text)
+    one = re.sub(r"\[\[controller\]\]\s*number = [2345]\n(.+\n)+", "", one)
+    for name, text, trials in (("one", changed(one, blocks="1"), 1), ("many", changed(PAPER.text, blocks="50"), 1000)):
+        protocol = replace(protocol_of(text), devices=PAPER.devices[:1]) if name == "one" else protocol_of(text)
+        session = Session(tmp_path / name, "01", protocol, None, sync=False)
+        assert len(session.plan) == trials and session.next_planned() == session.plan[0]
+        session.skip("short of time")
+        session.close()
+        again = Session.resume(tmp_path / name, "01", sync=False)
+        assert again.settled == 1 and again.next_planned() == (session.plan[1] if trials > 1 else None)
+        again.close()

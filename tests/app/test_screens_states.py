@@ -1,9 +1,13 @@
-"""What both windows say and hide in states that are easy to get wrong: start blocked, blind, paused, after a break."""
+"""What both windows say, hide and sound in states that are easy to get wrong: start blocked, blind, between trials."""
+
+import io
+import wave
 
 import numpy as np
 import pytest
-from fake_client import GREEN, LONG_BREAK, PLAN, RED, movement, opened, paper, ready, running
+from fake_client import GREEN, LONG_BREAK, PLAN, RED, movement, opened, paper, pulse, ready, result, running, ticks
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QLabel
 from screens import Screens, cut_texts, settle, visible_texts
 
@@ -13,8 +17,12 @@ from app.window.painting import theme
 from app.window.painting.layers import OFF
 from app.window.painting.linkage_view import REACHABLE
 from app.window.painting.marks import HAND
+from app.window.plan_grid import MARKS
+from app.window.tone import END_HZ, GO_HZ, RATE_HZ, tone
 from core import tick_log
-from experiments.language import ENGLISH_WORDS
+from experiments.analysis.trials_table import STATUSES
+from experiments.language import ENGLISH_WORDS, FOLDER, language_text
+from experiments.protocol import Cues
 
 KEY = Qt.Key
 NOTES = ("13:02 asked to move a little slower", "13:06 break, 2 min")
@@ -152,3 +160,174 @@ def test_all_numbers_in_one_picture_are_of_one_tick(screens: Screens) -> None:
         for joint, doing in labels.doing.items():
             current = read.currents.value.split(joint + " ")[1].split()[0]
             assert (doing.state == OFF) == (current in ("0.00", "–"))
+
+
+def two_controllers() -> tuple[np.ndarray, np.ndarray]:
+    """The same movement of the same hand through two controllers."""
+    one = movement(PLAN[0].segment, "AEB", 0.6)
+    other = one.copy()
+    other[:, tick_log.CURRENT : tick_log.CURRENT + 4] = 0.0
+    other[:, tick_log.TORQUE : tick_log.TORQUE + 4] *= -0.3
+    other[:, tick_log.STUCK] = 0.0
+    other[:, tick_log.ENERGY_BRAKES] += 0.2 * other[:, tick_log.T]
+    return one, other
+
+
+def pictures(screens: Screens, blind: bool) -> list[tuple[QImage, QImage]]:
+    """Console with every layer on and participant's window after the movement through each controller."""
+    found = []
+    for rows in two_controllers():
+        console = screens.hear(opened(), running(1, blind=blind), running(0, blind=blind), pulse())
+        for button in screens.run.centre.workspace.buttons.values():
+            button.setChecked(True)
+        screens.participant.show()
+        settle(console)  # curves are painted piece by piece from the first tick on, both times
+        for begin in range(0, len(rows), 16):
+            screens.tick(rows[begin : begin + 16])
+        settle(console)
+        found.append((console.grab().toImage(), screens.participant.view.grab().toImage()))
+    return found
+
+
+def test_blind_windows_look_the_same_whatever_the_controller_does(screens: Screens) -> None:
+    (console, participant), (other_console, other_participant) = pictures(screens, blind=True)
+    assert console == other_console and participant == other_participant
+
+
+def test_with_the_key_the_console_shows_what_the_controller_does_and_the_participant_does_not_see_it(
+    screens: Screens,
+) -> None:
+    (console, participant), (other_console, other_participant) = pictures(screens, blind=False)
+    assert console != other_console and participant == other_participant
+
+
+def test_every_status_has_its_colour_and_all_but_done_a_mark() -> None:
+    assert set(theme.STATUS) == set(STATUSES) and set(MARKS) == set(STATUSES) - {"done"}
+    assert len(set(MARKS.values())) == len(MARKS)
+
+
+def test_a_trial_that_was_cut_short_is_marked_counts_as_open_and_comes_next(screens: Screens) -> None:
+    rows = (result(PLAN[0]), result(PLAN[1], "stopped"))
+    again = PLAN[1]._replace(run=61)
+    console = screens.hear(opened(), ready(2, rows=rows, coming=again, said="Run 2: the board. It comes again."))
+    grid = screens.run.panel.grid
+    assert grid.statuses[2] == "stopped" and grid.marked == 2 and "1 of 60 done" in screens.run.panel.done.text()
+    assert screens.run.panel.start.isEnabled() and "comes again" in " ".join(visible_texts(console))
+    assert screens.run.centre.large.text() == "Stopped"
+
+
+def test_the_end_of_the_plan_says_how_many_trials_have_no_result(screens: Screens) -> None:
+    rows = [*map(result, PLAN)]
+    console = screens.hear(opened(), m.Snapshot(m.FINISHED, tuple(rows)))
+    assert "no result" not in " ".join(visible_texts(console))
+    screens.hear(opened(), ready(1))
+    rows[3], rows[7] = result(PLAN[3], "aborted"), result(PLAN[7], "skipped")
+    rows += [result(PLAN[7]._replace(run=61), "done")]  # it was done after all
+    console = screens.hear(opened(), m.Snapshot(m.FINISHED, tuple(rows)))
+    assert f"1 of {len(PLAN)} trials have no result" in " ".join(visible_texts(console))
+
+
+@pytest.mark.parametrize(
+    ("status", "offered"), [("done", True), ("aborted", True), ("stopped", False), ("recovered", False)]
+)
+def test_only_a_trial_that_does_not_come_again_by_itself_is_offered_to_be_redone(
+    screens: Screens, status: str, offered: bool
+) -> None:
+    screens.hear(opened(), ready(1, rows=(result(PLAN[0], status),)))
+    assert screens.run.panel.redo.isEnabled() == offered
+
+
+CUES = Cues(too_fast_s=3.0, too_slow_s=6.0)  # the trials of the fake client take 2.4 s
+GIVEN = opened(protocol=paper(feedback="error", cues=CUES))
+ERROR, CUE = "mm from the line on average", ENGLISH_WORDS["slower"]
+
+
+@pytest.mark.parametrize("status", STATUSES)
+def test_after_a_trial_of_any_status_there_is_a_large_line(status: str) -> None:
+    row = result(PLAN[0], status)
+    large = words.between(ready(1, rows=(row,)), opened()).large
+    assert large and (large == ENGLISH_WORDS["done"]) == (status == "done")
+
+
+def test_a_session_that_was_resumed_is_welcomed_back_and_not_praised() -> None:
+    assert words.between(ready(0), opened()).large == ENGLISH_WORDS["welcome"]
+    assert words.between(ready(5, newest=None), opened()).large == ENGLISH_WORDS["welcome_back"]
+    assert words.between(ready(6), opened()).large == ENGLISH_WORDS["done"]
+
+
+def test_after_practice_there_is_how_it_ended_and_no_second_welcome(screens: Screens) -> None:
+    for status in ("done", "stopped", "timeout"):
+        practised = result(PLAN[0]._replace(block=0), status)
+        screens.hear(opened(), running(0, running=PLAN[0]._replace(block=0)), ready(0, newest=practised))
+        assert screens.run.centre.large.text() == ENGLISH_WORDS[status] and not screens.run.card_shown
+
+
+def test_the_participant_reads_the_language_of_the_protocol(screens: Screens) -> None:
+    protocol = paper(language="de", language_text=language_text("de", FOLDER))
+    german = protocol.sentences
+    screens.hear(opened(protocol=protocol), ready(1))
+    assert screens.participant.view.shown.large == screens.run.centre.large.text() == "Gut gemacht"
+    screens.hear(ready(1, stage=m.QUESTIONS))
+    assert german["effort"] in [label.text() for label in screens.participant.questions.findChildren(QLabel)]
+
+
+def test_feedback_and_cue_are_said_whatever_comes_after_the_trial(screens: Screens) -> None:
+    for following in (
+        {}, {"paused": True}, {"stage": m.BREAK, "card": LONG_BREAK}, {"stage": m.RERIG}, {"stage": m.FINISHED}
+    ):  # fmt: skip
+        screens.hear(GIVEN, running(2), ready(3, **following))
+        for said in (screens.participant.view.shown.small, screens.run.centre.small.text()):
+            assert ERROR in said and CUE in said, following
+        screens.hear(opened(), ready(3, **following))
+        assert ERROR not in screens.participant.view.shown.small, following
+
+
+def test_a_step_says_to_the_participant_what_its_card_has_for_them(screens: Screens) -> None:
+    screens.hear(opened(), ready(3, stage="a text", card=m.Card("Text", "", participant="Think of a line")))
+    assert screens.participant.view.shown.large == screens.run.centre.large.text() == "Think of a line"
+
+
+def test_feedback_is_on_the_page_of_questions_that_covers_everything_else(screens: Screens) -> None:
+    console = screens.hear(GIVEN, running(2), ready(3, stage=m.QUESTIONS))
+    for page in (screens.run.questions, screens.participant.questions):
+        assert any(ERROR in label.text() for label in page.findChildren(QLabel))
+    settle(console)
+    assert any(ERROR in text for text in visible_texts(console)) and cut_texts(screens.run.questions) == []
+    screens.hear(opened(), ready(3, stage=m.QUESTIONS))
+    assert not any(ERROR in text for text in visible_texts(console))
+
+
+def test_who_has_the_space_bar_is_told_of_it_beside_the_feedback(screens: Screens) -> None:
+    said = words.between(ready(3), GIVEN, own_start=True).small
+    assert ERROR in said and CUE in said and ENGLISH_WORDS["next_space"] in said
+
+
+@pytest.mark.parametrize("frequency", [GO_HZ, END_HZ])
+def test_a_tone_has_its_frequency_and_no_click_at_its_ends(frequency: float) -> None:
+    with wave.open(io.BytesIO(tone(frequency))) as file:
+        assert file.getframerate() == RATE_HZ and file.getnchannels() == 1
+        samples = np.frombuffer(file.readframes(file.getnframes()), "<i2").astype(float)
+    spectrum = np.abs(np.fft.rfft(samples))
+    assert np.argmax(spectrum) * RATE_HZ / len(samples) == pytest.approx(frequency, abs=RATE_HZ / len(samples))
+    assert abs(samples[[0, -1]]).max() < 0.02 * abs(samples).max()
+
+
+@pytest.mark.parametrize("on", [True, False])
+def test_tones_come_at_go_and_at_the_end_once_each_and_only_where_the_protocol_has_them(
+    screens: Screens, monkeypatch, on: bool
+) -> None:
+    played: list[str] = []
+    monkeypatch.setattr(screens.participant.tones, "play", played.append)
+    screens.hear(opened(protocol=paper(tones=on)), running())
+    screens.participant.show()
+    for phase in (tick_log.APPROACH, tick_log.HOLD, tick_log.MOVE, tick_log.MOVE, tick_log.END, tick_log.END):
+        screens.tick(ticks(phase))
+    assert played == (["go", "end"] if on else [])
+
+
+def test_tones_that_cannot_be_heard_are_named_to_the_experimenter(screens: Screens, monkeypatch) -> None:
+    monkeypatch.setattr("app.window.session_panel.player", lambda: None)
+    screens.hear(opened(protocol=paper(tones=True)), ready(1))
+    assert "no program to play them" in screens.run.panel.notice.text()
+    screens.hear(opened(protocol=paper(tones=False)), ready(1))
+    assert not screens.run.panel.notice.isVisible()

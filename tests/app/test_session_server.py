@@ -170,6 +170,8 @@ def test_a_session_is_left_and_opened_again_in_one_go(tmp_path: Path) -> None:
         for intent in (m.Leave(), m.Open("01", resume=True), m.Note("here again")):
             seen.client.send(intent)
         assert seen.until(lambda s: s.notes).stage == m.READY
+
+
 def test_a_simulated_device_has_no_steps(tmp_path: Path) -> None:
     with local_window(Setup(tmp_path / "data", sync=False)) as seen:
         seen.open()

@@ -197,7 +197,7 @@ def test_the_forces_labels_never_lie_on_each_other_on_an_arrow_on_the_dot_or_out
     for size in ((1000, 490), (1256, 610), (1896, 970)):
         held.page.resize(*size)
         QApplication.processEvents()
-        for _ in range(150):
+        for _ in range(50):
             tip = np.array((0.0, 0.4)) + generator.uniform(-1.0, 1.0, 2) * (0.11, 0.03)
             hand, brakes = generator.normal(scale=8.0, size=2), generator.normal(scale=4.0, size=4)
             canvas.pointer = canvas.to_plane(canvas.to_screen(tip + 0.005 * hand))

@@ -3,7 +3,6 @@ re-rig, an interruption, the key of a blind session, the next participant. One w
 one ended.
 """
 
-import json
 import re
 import shutil
 from collections.abc import Callable
@@ -20,6 +19,7 @@ from app.ipc import messages as m
 from app.ipc.messages import Setup
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
+from experiments.session.files import cell
 from experiments.session.overview import look_into
 from experiments.session.verify import verify
 
@@ -71,15 +71,6 @@ def answer(window: Window) -> m.Snapshot:
     return ask(window, m.Answers({"effort": 35.0}), lambda s: s.stage != m.QUESTIONS)
 
 
-def events(window: Window, name: str) -> list[dict]:
-    lines = (Path(window.opened.folder) / "journal.jsonl").read_text().splitlines()
-    return [event for event in map(json.loads, lines) if event["event"] == name]
-
-
-def cell(trial) -> tuple:
-    return trial.block, trial.configuration, trial.controller, trial.segment
-
-
 def test_a_first_try_is_with_a_controller_that_brakes(window: Window) -> None:
     window.until_stage(m.NO_SESSION)
     assert window.opened.hand == "mouse"
@@ -112,7 +103,7 @@ def test_a_trial_that_is_redone_is_kept_and_its_cell_comes_again_under_a_new_num
     snapshot = run_one(window)
     assert [(row.run, row.status) for row in snapshot.rows] == [(1, "redone"), (9, "done")]
     assert kept.read_bytes() == before and snapshot.coming == window.opened.plan[1]
-    assert [event["reason"] for event in events(window, "redone")] == ["a door slammed"]
+    assert [event["reason"] for event in window.events("redone")] == ["a door slammed"]
 
 
 def test_after_a_block_come_the_questions_and_then_the_break_which_lasts_its_time(window: Window) -> None:
@@ -125,9 +116,9 @@ def test_after_a_block_come_the_questions_and_then_the_break_which_lasts_its_tim
     assert snapshot.stage == m.BREAK and 0.0 <= snapshot.card.wait_s <= LEAST_S
     refused(window, m.Start(), "break")
     wait_until(lambda: ask(window, m.Confirm(), lambda s: s.stage == m.READY or "more" in s.said).stage == m.READY)
-    trial, rest = (events(window, name)[-1]["time"] for name in ("trial ended", "break ended"))
+    trial, rest = (window.events(name)[-1]["time"] for name in ("trial ended", "break ended"))
     assert (datetime.fromisoformat(rest) - datetime.fromisoformat(trial)).total_seconds() > LEAST_S - 0.01
-    (answers,) = events(window, "answers")
+    (answers,) = window.events("answers")
     assert (answers["configuration"], answers["block"], answers["values"]) == ("three-brake", 1, {"effort": 35.0})
 
 
@@ -183,7 +174,7 @@ def test_the_key_of_a_finished_session_is_opened_by_somebody_with_a_name(window:
     snapshot = ask(window, m.Unblind("R. Book"), lambda s: not s.blind)
     assert {trial.controller for trial in window.opened.plan} == {1, 2}
     assert {row.controller for row in snapshot.rows} == {1, 2}
-    assert [event["who"] for event in events(window, "unblinded")] == ["R. Book"]
+    assert [event["who"] for event in window.events("unblinded")] == ["R. Book"]
     pooled = read_table(Path(window.opened.folder).parent.parent / "trials.csv")
     assert {row.controller for row in pooled} == {1, 2} and len(pooled) == len(snapshot.rows)
     settled = [row for row in snapshot.rows if row.status not in ("redone", "recovered")]

@@ -1,15 +1,18 @@
 """Couplings: brakes that act on a combination of the base rates, on one axis (PTER) or on bases that are apart."""
 
+import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices import APART, COUPLED, PTER, S1, S4, UNEQUAL, stops_of, switching, yields
+from devices import APART, COUPLED, PTER, S1, S4, THREE, UNEQUAL, stops_of, switching, yields
 
 from core.mechanism import JOINTS
 from core.simulator.hand import new_hand, wave_hand
+from core.simulator.simulated_device import SimulatedDevice, is_start, start_again
 from core.simulator.simulation import Simulation
+from core.simulator.state import CARRIED
 from experiments.benchmark.reference import reference_tips
 from experiments.benchmark.scenes import START, BenchScene
 
@@ -89,12 +92,6 @@ def test_pter_coupled_directly_is_a_brake_at_an_elbow():
 
 
 @coupled
-def test_a_locked_device_does_not_creep(bar):
-    _, rows = pushed(bar, (10.0, 0.0), yields(bar, 5.6), 1.0)
-    assert np.all(rows[:, 1:5] == [*START, 0.0, 0.0])
-
-
-@coupled
 @pytest.mark.parametrize("integrator", ["event", "stepping"])
 @pytest.mark.parametrize("fidelity", ["ideal", "static", "mr"])
 def test_couplings_only_dissipate_and_the_ledger_closes(bar, integrator, fidelity):
@@ -144,3 +141,17 @@ def test_couplings_without_torque_leave_the_motion_and_the_stops_as_they_are(bar
         assert rows[:, 1:5] == pytest.approx(expected[:, 1:5], abs=1e-7)
     assert rows[:, 1:3] == pytest.approx(expected[:, 1:3], abs=1e-3)
     assert ledger.lost_at_stops == pytest.approx(as_it_is.lost_at_stops, rel=1e-6 if integrator == "event" else 1e-2)
+
+
+@pytest.mark.parametrize("bar, places", [(PTER, 7), (THREE, 5)], ids=lambda value: getattr(value, "name", value))
+def test_the_start_of_a_trial_is_recorded_and_taken_up_again_as_long_as_without_couplings_it_always_was(bar, places):
+    hand = new_hand(forces=np.array([[9.0, -6.0]]))
+    device, again = (SimulatedDevice(bar.device, START, hand) for _ in range(2))
+    for n in range(300):
+        device.move(np.array([0.1, 0.4, 0.1, 0.0]), 1e-3 * n, 1e-3)
+    start = json.loads(json.dumps(device.recorded_start()))
+    assert is_start(start) and len(start["state"]["contact"]) == places
+    assert not is_start({**start, "state": {**start["state"], "contact": [0.0] * 6}})
+    start_again(again, start)
+    for name in CARRIED:
+        assert np.array_equal(device.state[name], again.state[name]), name

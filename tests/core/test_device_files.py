@@ -1,8 +1,7 @@
-"""Device files: what they mean, and that a device which cannot exist is refused in one sentence."""
+"""Device and brake files: what they mean; a device or brake that cannot exist is refused in one sentence."""
 
 import math
 import re
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from hypothesis import strategies as st
 
 from core.device import build_device, load_device, shipped_devices
 from core.device_file import SHIPPED_FOLDER as BRAKE_FOLDER
+from core.device_file import parse_brake
 from core.files import InputError
 from core.mechanism import JOINTS, A, B, C, E
 from core.workspace import free_tips, invertible_mass, tip_is_free
@@ -148,15 +148,6 @@ def test_housings_and_rotors_are_zero_unless_said():
     m = device(("joint_._kg = 1.4", ""), ("rotor_inertia_kg_m2 = 1e-4", "")).mechanism
     assert m.arm_1.rotor == 0.0
     assert m.arm_1.proximal == pytest.approx(1.95e-3 + 0.30 * 0.1397**2 + 0.30 * 0.2794**2)
-
-
-@pytest.mark.parametrize(
-    "elbows, left_1, left_2",
-    [("out", True, False), ("in", False, True), ("left", True, True), ("right", False, False)],
-)
-def test_elbows_lie_on_the_named_sides(elbows, left_1, left_2):
-    m = device(('elbows = "out"', f'elbows = "{elbows}"')).mechanism
-    assert (m.arm_1.side > 0, m.arm_2.side > 0) == (left_1, left_2)
 
 
 def test_a_device_without_a_brake_at_every_joint_keeps_the_joint_order():
@@ -334,11 +325,6 @@ def test_an_unknown_brake_is_named_with_the_file_that_asks(tmp_path: Path):
         load_device(tmp_path / "mine.toml")
 
 
-def test_shipped_files_say_assumed_to_a_reader_as_well():
-    for text in (THREE.text, FOUR.text, BRAKE):
-        assert tomllib.loads(text)["provenance"] == "assumed"
-
-
 def test_a_theta_stop_means_the_same_in_every_turn():
     """A range across pi, and the same range a turn lower, allow the same tips; one just short of pi allows fewer."""
     def stopped(low: float, high: float):
@@ -352,3 +338,67 @@ def test_a_theta_stop_means_the_same_in_every_turn():
     for px, py in list(zip(x[allowed], y[allowed], strict=True))[::25]:
         np.testing.assert_allclose(stops_of(across, px, py), stops_of(lower, px, py), atol=1e-12)
         assert stops_of(across, px, py).min() >= -1e-12
+
+
+
+
+def test_shipped_brake_follows_its_gain_and_time_constants_as_printed_beside_them():
+    brake = parse_brake(BRAKE, "brake")
+    gains = [brake.torque_gain(current) for current in (0.0, 0.2, 0.6, 1.0)]
+    assert gains == pytest.approx([0.35, 1.0, 3.4, 5.3])
+    for w in (-3.0, 0.0, 2.9):
+        for current in (0.0, 0.5, 1.0):
+            square = (w - 3.0) ** 2 * (1.0 + current)
+            assert brake.rise.below_omega_0(current, w) == pytest.approx(0.030 + 0.004 * square)
+            assert brake.fall.below_omega_0(current, w) == pytest.approx(0.020 + 0.002 * square)
+
+
+def test_the_er_brake_rises_with_the_square_of_the_field_and_follows_in_4_ms_at_any_speed():
+    brake = parse_brake((BRAKE_FOLDER / "er-disc.toml").read_text(), "brake")
+    assert [brake.torque_gain(field) for field in (0.0, 1.0, 2.0, 4.0)] == pytest.approx([0.2, 0.5, 1.4, 5.0])
+    assert (brake.command_unit, brake.knee_A) == ("kV/mm", 0.0)
+    for constant in (brake.rise, brake.fall):
+        assert {constant.a_avg_s, constant.below_omega_0(0.0, -3.0), constant.below_omega_0(4.0, 2.9)} == {0.004}
+
+
+BAD_BRAKES = {
+    "negative off torque": ("0.35,", "-0.35,", "k gives a negative torque at zero current"),
+    "falls below the knee": ("k = .3.25", "k = [-1", "must rise with the current"),
+    "falls above the knee": (
+        r"-1\.5625, 7\.25, -0\.3875",
+        "-8.75, 7.25, -0.1",
+        "must rise with the current up to",
+    ),
+    "jumps at the knee": (r"-0\.3875", "-0.3", "jumps from 1 to 1.0875 N m at knee_A"),
+    "negative time": (r"0\.066\]", "-0.066]", r"rise\.a gives a time constant of -"),
+    "dips below zero inside": (r"0\.002, 0\.002, 0\.038", "0.002, 0.002, 0.017", r"fall\.a gives a time constant"),
+    "no time above": ("a_avg_s = 0.030", "a_avg_s = 0", r"rise\.a_avg_s must be greater than 0"),
+    "floor above omega_0": (r"floor_rpm = 0\.125", "floor_rpm = 9", "must not exceed omega_0_rpm"),
+    "no current": ("current_max_A = 1.0", "current_max_A = 0.0", "current_max_A must be greater than 0"),
+    "five coefficients": (r"0\.066\]", "0.066, 1]", r"rise\.a must hold 6 values, not 7"),
+    "no unit": ("knee_A", 'command_unit = ""\nknee_A', "command_unit must be 1 to 12 characters of plain text"),
+    "unknown key": ("knee_A", "knee_mA = 1\nknee_A", "unknown key knee_mA"),
+    "backlash": ("backlash_deg = 0.75", "backlash_deg = -1", "backlash_deg must be at least 0"),
+}
+
+
+@pytest.mark.parametrize("pattern, replacement, says", BAD_BRAKES.values(), ids=BAD_BRAKES)
+def test_a_brake_that_cannot_be_is_refused(pattern, replacement, says):
+    with pytest.raises(InputError, match=says):
+        parse_brake(changed(BRAKE, (pattern, replacement)), "my-brake.toml")
+
+
+@given(st.floats(0.01, 20), st.floats(0, 5), st.floats(-30, 30), st.floats(-30, 30), st.floats(0.05, 0.9))
+def test_an_accepted_brake_has_a_torque_that_rises_all_the_way(k1, k2, k3, k4, knee):
+    k5 = k1 * knee + k2 - (k3 * knee + k4) * knee
+    gain = (r"(?m)^k = .*$", f"k = [{k1}, {k2}, {k3}, {k4}, {k5}]")
+    text = changed(BRAKE, gain, ("knee_A = 0.2", f"knee_A = {knee}"))
+    currents = np.linspace(0.0, 1.0, 201)
+    torque = np.where(currents < knee, k1 * currents + k2, (k3 * currents + k4) * currents + k5)
+    rises = bool(np.all(np.diff(torque) > -1e-9))
+    try:
+        parse_brake(text, "brake")
+        assert rises
+    except InputError:
+        slopes = 2 * k3 * np.array([knee, 1.0]) + k4
+        assert slopes.min() <= 1e-9

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices import BENCH_FOUR, FOUR, THREE, FiveBar, slope
+from devices import BENCH_FOUR, FiveBar, slope
 
 from core.control.algorithm import torque_for_force
 from core.dynamics import motion
@@ -91,15 +91,6 @@ def test_rows_are_the_derivatives_of_the_joint_angles(any_five_bar):
         assert rows_of(any_five_bar, p) == pytest.approx(expected, rel=1e-8, abs=1e-8)
 
 
-def test_virtual_power_of_tip_force_equals_that_of_joint_torques(any_five_bar):
-    """F . v = sum of tau_i omega_i, for any torques and any velocity; omega from differenced joint angles."""
-    rng = np.random.default_rng(3)
-    for p in tips(any_five_bar):
-        torque, v = rng.normal(size=4), rng.normal(size=2)
-        force = torque @ rows_of(any_five_bar, p)
-        assert force @ v == pytest.approx(torque @ slope(any_five_bar.angles, p, v), rel=1e-7, abs=1e-7)
-
-
 def test_base_brakes_push_along_the_distal_links_and_elbow_brakes_along_base_to_tip(any_five_bar):
     for p in tips(any_five_bar):
         a, e, b, c = any_five_bar.angles(p)
@@ -111,14 +102,6 @@ def test_base_brakes_push_along_the_distal_links_and_elbow_brakes_along_base_to_
             (3, p - any_five_bar.base_b),
         ):
             assert g[i, 0] * y - g[i, 1] * x == pytest.approx(0.0, abs=1e-12 * np.linalg.norm(g[i]))
-
-
-def test_elbow_brakes_share_one_line_on_coaxial_bases_and_not_otherwise():
-    for bar, parallel in ((THREE, True), (FOUR, False)):
-        for p in tips(bar):
-            g = rows_of(bar, p)
-            sine = (g[1, 0] * g[3, 1] - g[1, 1] * g[3, 0]) / np.linalg.norm(g[1]) / np.linalg.norm(g[3])
-            assert (abs(sine) < 1e-13) == parallel
 
 
 def test_rates_and_their_bias_are_the_derivatives_of_the_angles_along_a_path(any_five_bar):

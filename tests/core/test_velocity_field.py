@@ -70,12 +70,6 @@ def test_the_angle_of_the_field_grows_linearly_with_distance_to_a_right_angle_at
     assert beta_angle(d, n, t) == pytest.approx(min(d / BLEND_WIDTH, 1.0) * math.pi / 2, abs=1e-12)
 
 
-def test_the_field_on_the_path_is_the_path_and_beyond_the_boundary_straight_to_it():
-    assert desired_direction(0.0, 0.0, -1.0, 1.0, 0.0, BLEND_WIDTH) == (1.0, 0.0)
-    assert desired_direction(BLEND_WIDTH, 0.0, -1.0, 1.0, 0.0, BLEND_WIDTH) == (0.0, -1.0)
-    assert desired_direction(0.3, 0.0, -1.0, 1.0, 0.0, BLEND_WIDTH) == (0.0, -1.0)
-
-
 @given(st.one_of(segments, curves), point, point, angle, st.floats(0.1, 40.0), st.sampled_from([SETTLED, LITERAL]))
 def test_a_small_step_along_the_field_never_leads_away_from_the_path(path, at, v, push, force, rules):
     fx, fy = force * math.cos(push), force * math.sin(push)
@@ -110,13 +104,6 @@ def test_settled_4_the_travel_sense_turns_only_for_a_clear_push_that_the_motion_
     sense = travel_sense(last, f, v, SETTLED)
     turned = abs(f) > 1.0 and f * last < 0.0 and v * last <= 0.005
     assert sense == (-last if turned else last)
-
-
-def test_settled_4_a_hand_that_brakes_the_tip_at_the_end_does_not_turn_the_field_round():
-    path = line((-0.1, 0.4), (0.1, 0.4))
-    for rules, expected in ((SETTLED, 1.0), (LITERAL, -1.0)):
-        field = field_at(path, new_memory(), 0.09, 0.41, 0.1, 0.0, -5.0, 0.0, BLEND_WIDTH, rules)
-        assert field.t_x == expected
 
 
 def test_settled_6_on_the_path_the_last_side_is_kept_and_the_first_is_the_left_of_t():

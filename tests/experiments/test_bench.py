@@ -18,11 +18,11 @@ from experiments.benchmark.reference import brakes_of, reference_tips, time_cons
 from experiments.benchmark.report import table, work_precision
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, bench_devices, bench_scenes
 
-BRIEF_S = 1.0
+BRIEF_S = 0.6
 
 
 def brief_scenes(device):
-    """The first second of each scene."""
+    """The beginning of each scene."""
     for scene in bench_scenes(device):
         begun = scene.times < BRIEF_S
         yield replace(scene, duration_s=BRIEF_S, times=scene.times[begun], torques=scene.torques[begun])
@@ -75,7 +75,7 @@ def test_event_motion_with_lagging_brakes_nears_dop853_on_eq_1_and_eq_5_with_sec
     tips = reference(scene, "mr")
     compared = np.isfinite(tips[:, 0])
     assert compared.all() or scene.name == "S4"  # there the hand throws the device against a hard stop
-    assert np.count_nonzero(compared) > 50
+    assert np.count_nonzero(compared) > 25
     coarse, fine = (
         np.linalg.norm(simulated(scene, "event", "mr", step)[1] - tips, axis=1)[compared].max() for step in (1e-3, 1e-4)
     )

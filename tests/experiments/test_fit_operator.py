@@ -26,7 +26,7 @@ from experiments.trial.operator import Person, new_operator
 from experiments.trial.population import load_population, population_of
 
 AVERAGE = load_population()
-PEOPLE = [("average", 60), ("average", 61), ("from-device", 62)]  # none of them was looked at when allowances were set
+PEOPLE = [("average", 60), ("from-device", 62)]  # neither of them was looked at when allowances were set
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def refusal(capsys, *argv) -> str:
 
 def test_known_people_lie_within_their_intervals(fits):
     within = [one.low <= getattr(person, one.name) <= one.high for person, fitted in fits for one in fitted.numbers]
-    assert len(within) >= 3 * 12 and np.mean(within) >= 0.9
+    assert len(within) >= 2 * 12 and np.mean(within) >= 0.9
 
 
 def test_intervals_are_narrow_enough_to_tell_people_apart(fits):

@@ -189,7 +189,7 @@ def test_a_trend_over_trials_is_found_whatever_differs_between_controllers_and_d
         task = 1.0 * row.controller * (2.0 if row.configuration == "four-brake" else 1.0)
         return task + percent / 1000.0 * row.run * 4.5
 
-    found = only(statistics(study(error=error)), test="trend", measure="path_error_m")
+    found = only(statistics(study(people=6, error=error)), test="trend", measure="path_error_m")
     mean = np.mean([error(row) for row in study(people=1)])
     assert found.value == pytest.approx(4.5 * percent / mean, abs=1e-9)
     assert found.low <= found.value <= found.high
@@ -202,7 +202,7 @@ def test_error_adjusted_for_speed_is_the_same_where_speed_alone_makes_the_differ
     def duration(row):
         return float((2.0 if row.controller == 5 else 1.0) / speeds[97 * row.run + int(row.participant)])
 
-    results = statistics(study(error=lambda row: 5e-3 - 1e-3 * np.log2(row.duration_s), duration=duration))
+    results = statistics(study(6, lambda row: 5e-3 - 1e-3 * np.log2(row.duration_s), duration))
     slope = only(results, statistic="m_per_doubling")
     assert slope.value == pytest.approx(1e-3) and slope.low == pytest.approx(1e-3) and slope.high == pytest.approx(1e-3)
     assert only(results, statistic="correlation").value == pytest.approx(1.0)
@@ -231,9 +231,9 @@ def test_trials_that_ran_out_of_time_say_nothing_about_speed_and_uncounted_ones_
 
 
 def test_pooled_needs_both_devices_of_a_person():
-    rows = study(people=7)
+    rows = study(people=5)
     some = [r for r in rows if not (r.participant == "03" and r.configuration == "four-brake")]
-    assert only(statistics(some), test="mean", measure="path_error_m", configuration=POOLED, first="2").people == 6
+    assert only(statistics(some), test="mean", measure="path_error_m", configuration=POOLED, first="2").people == 4
     one = [r for r in rows if r.configuration == "four-brake"]
     assert {r.configuration for r in statistics(one)} == {"four-brake", "all"}
 

@@ -63,12 +63,12 @@ def test_its_trials_are_replayed_to_the_last_bit_and_its_hand_through_brakes(stu
     assert replay(trials / f"run-{back.run:03d}.parquet", device="unicycle")["after"]["way_made"] > 0.3
 
 
-def pulled(text, target, seconds=1.0):
+def pulled(text, target, seconds=1.0, controller=2):
     """Rows of a movement of a unicycle, from (0, 0.4), by a stiff spring to a target; and the trial's outcome."""
     device = build_device(text, {}, "own")
     hand = spring_hand((500.0, 0.0, 500.0), (10.0, 0.0, 10.0), 60.0, 1.0, (0.0, 0.4))
     path = Segment(start_m=(0.0, 0.4), end_m=(0.1, 0.4))
-    preset = load_protocol("steered").controllers[2]
+    preset = load_protocol("steered").controllers[controller]
     trial = Trial(SimulatedDevice(device, (0.0, 0.4), hand), PLANNED, path, preset, "settled")
     trial.arguments().run["phase"][0] = log.MOVE
     trial.aim(*target)
@@ -86,14 +86,7 @@ def test_a_wheel_that_would_have_to_hold_more_than_its_grip_is_warned_of():
 
 
 def test_the_handle_stands_where_the_linkage_stops_and_the_ledger_knows():
-    free = load_protocol("steered").controllers[1]
-    device = load_device("unicycle")
-    hand = spring_hand((500.0, 0.0, 500.0), (10.0, 0.0, 10.0), 60.0, 1.0, (0.0, 0.4))
-    path = Segment(start_m=(0.0, 0.4), end_m=(0.1, 0.4))
-    trial = Trial(SimulatedDevice(device, (0.0, 0.4), hand), PLANNED, path, free, "settled")
-    trial.aim(0.0, 0.9)
-    rows = np.empty((1500, log.WIDTH))
-    trial.run(rows)
+    rows, _ = pulled(TEXT, (0.0, 0.9), 1.5, controller=1)
     assert 0.45 < rows[-1, log.TIP_Y] < 0.58 and np.isfinite(rows[:, log.TIP_X : log.HAND_FY + 1]).all()
     assert rows[-1, log.ENERGY_STOPS] > 0.1
     left = rows[:, log.ENERGY_KINETIC] + rows[:, log.ENERGY_STOPS] - rows[:, log.ENERGY_HAND]

@@ -1,7 +1,10 @@
 """The study from outside: what it leaves, that it repeats, and what it refuses."""
 
 import csv
+import errno
 import json
+import os
+import sys
 from pathlib import Path
 
 import conclusions
@@ -11,18 +14,24 @@ from exports import rows as csv_rows
 from protocols import PEOPLE, short
 
 from app.cli import main
-from core.device import SHIPPED_FOLDER
 from experiments.analysis.charts import boxes
 from experiments.analysis.error_bars import error_sentence, error_table
 from experiments.analysis.findings import CONTROLLER
-from experiments.analysis.metrics import DRAWN
+from experiments.analysis.metrics import DRAWN, METRICS
 from experiments.analysis.trials_table import read_table
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.recording.reader import read_recording
 from experiments.session.files import read_stored
+from experiments.session.verify import verify
+from experiments.study import study as studies
+from experiments.study.helpers import helpers
 from experiments.study.simulation_errors import simulation_errors
-from experiments.study.study import run_study
+from experiments.study.study import resume_study, run_study
+from experiments.study.unrecorded import study_trials
+from experiments.trial.normals import Normals, normals
 from experiments.trial.operator import Person
+from experiments.trial.population import load_population
+from experiments.trial.trial import NOISE_DRAWS
 
 ALSO_NAMED = [
     "t_s", "phase", "tip_x_m", "tip_y_m", "tip_vx_m_s", "tip_vy_m_s", "tip_ax_m_s2", "tip_ay_m_s2", "hand_fx_N",
@@ -89,13 +98,14 @@ def test_the_same_seed_gives_the_same_table_byte_for_byte_and_another_seed_does_
     assert (tmp_path / "other" / "trials.csv").read_bytes() != table
 
 
-def test_analyze_rebuilds_every_number_and_figure_from_the_recordings_alone(study, concluded, tmp_path, capsys):
+def test_analyze_rebuilds_every_number_and_figure_from_the_recordings_alone(study, tmp_path, capsys):
     before = {p: p.read_bytes() for p in study.rglob("*") if p.is_file() and p.suffix != ".parquet"}
     hidden = {path: path.with_suffix(".hidden") for path in (*study.rglob("trials.csv"), study / "study.json")}
     for path, elsewhere in hidden.items():
         path.rename(elsewhere)
     try:
-        assert main(["analyze", str(study), "--out", str(tmp_path / "out"), "--json"]) == 0
+        with conclusions.error_bars():
+            assert main(["analyze", str(study), "--out", str(tmp_path / "out"), "--json"]) == 0
     finally:
         for path, elsewhere in hidden.items():
             elsewhere.rename(path)
@@ -156,13 +166,71 @@ def test_wrong_input_is_one_sentence_exit_2_and_nothing_written(tmp_path, capsys
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_a_device_that_cannot_follow_the_paths_is_refused_before_anything_is_written(tmp_path, capsys):
-    small = SHIPPED_FOLDER / "four-brake.toml"
-    text = small.read_text()
-    for old, new in (("0.2794", "0.15"), ("0.3048", "0.17"), ("com_m = 0.1397", "com_m = 0.07")):
-        text = text.replace(old, new)
-    (tmp_path / "small.toml").write_text(text)
-    out = tmp_path / "out"
-    assert main(["study", "--device", str(tmp_path / "small.toml"), "--out", str(out)]) == 2
-    error = capsys.readouterr().err
-    assert f"{tmp_path / 'small.toml'}: cannot follow path 1" in error and not out.exists()
+def test_the_table_is_the_one_of_operators_one_after_another(tmp_path):
+    protocol = short(paths=1, seed="6")
+    assert run_study(tmp_path / "study", 3, protocol, PEOPLE)["trials"] == 30
+    rows = read_table(tmp_path / "study" / "trials.csv")
+    alone = list(study_trials(protocol, PEOPLE, 3))
+    assert [row.participant for row in rows] == ["01"] * 10 + ["02"] * 10 + ["03"] * 10
+    assert [{name: getattr(row, name) for name in one.measures} for row, one in zip(rows, alone, strict=True)] == [
+        one.measures for one in alone
+    ]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="where helpers are not forked they do not see the change")
+def test_a_disk_that_is_full_for_one_operator_stops_all_and_the_study_goes_on_later(tmp_path, monkeypatch):
+    real = studies.Run.run_ticks
+
+    def run_ticks(self, trial, writer):
+        if writer.path.parts[-4] == "sub-02":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        real(self, trial, writer)
+
+    with monkeypatch.context() as patch, pytest.raises(OSError, match="participant 02; .* --resume"):
+        patch.setattr(studies.Run, "run_ticks", run_ticks)
+        run_study(tmp_path / "study", 3, short(paths=1, seed="6"), PEOPLE)
+    summary = resume_study(tmp_path / "study", {})
+    done = [row for row in read_table(tmp_path / "study" / "trials.csv") if row.status == "done"]
+    assert len(done) == 30 and summary["recovered"] == 1 and verify(tmp_path / "study")["faults"] == []
+
+
+def test_a_killed_helper_is_an_error_that_says_how_to_go_on():
+    with pytest.raises(OSError, match="--resume"), helpers(1) as beside:
+        beside.pool.submit(os._exit, 1).result()
+
+
+def test_trials_without_recordings_have_the_measures_of_the_studys_table_bit_by_bit(tmp_path):
+    protocol, population = short(seed="7", rules='"literal"'), load_population("tremulous")
+    run_study(tmp_path / "study", 1, protocol, population)
+    (table,) = (tmp_path / "study").glob("sub-*/ses-*/trials.csv")
+    rows = {row.run: row for row in read_table(table)}
+    trials = list(study_trials(protocol, population, 1))
+    assert len(trials) == len(rows) == 20
+    for one in trials:
+        row = rows[one.planned.run]
+        place = row.configuration, row.controller, row.segment, row.repetition, row.status
+        assert place == (*one.planned[2:], one.outcome["status"])
+        assert {name: getattr(row, name) for name in one.measures} == one.measures
+    assert list(trials[0].measures) == [metric.name for metric in METRICS]
+    few = next(study_trials(protocol, population, 1, DRAWN))
+    assert few.measures == {metric.name: trials[0].measures[metric.name] for metric in DRAWN}
+
+
+def test_no_trial_changes_the_draws_that_the_others_take():
+    first = next(study_trials(short(seed="8"), load_population("average"), 1)).planned
+    key = 8, 1, first.segment, first.repetition
+    generator = np.random.default_rng(np.random.SeedSequence(key))
+    kept = normals(*key)
+    assert kept._drawn, "the trial took others"
+    for size in (6, (NOISE_DRAWS, 2)):
+        assert np.array_equal(kept.standard_normal(size), generator.standard_normal(size))
+
+
+def test_kept_draws_are_those_of_the_generator_however_often_they_are_taken():
+    drawn = Normals([3, 1])
+    generator = np.random.default_rng(np.random.SeedSequence([3, 1]))
+    expected = generator.standard_normal(6), generator.standard_normal((100, 2))
+    for _ in range(2):
+        again = drawn.from_the_first()
+        assert np.array_equal(again.standard_normal(6), expected[0])
+        assert np.array_equal(again.standard_normal((100, 2)), expected[1])

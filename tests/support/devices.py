@@ -1,7 +1,7 @@
 """Five-bars for tests of the mechanics, and their physics by a route of its own.
 
 `FiveBar` holds the numbers of a device file. What is written here comes from link geometry (angles by the law of
-cosines, the ten-coordinate form of Eq. (5)), not from the code under test. Joint order A, E, B, C.
+cosines, energies body by body), not from the code under test. Joint order A, E, B, C.
 """
 
 import math
@@ -154,52 +154,6 @@ class FiveBar:
             total += 0.5 * (m1 * c1**2 + i1) * rate**2 + 0.5 * self.elbow_masses[k // 2] * (elbow @ elbow)
             total += 0.5 * m2 * (com @ com) + 0.5 * i2 * (rate + bending) ** 2
         return total
-
-    def acceleration(
-        self, p: np.ndarray, v: np.ndarray, force: np.ndarray, torque: np.ndarray, rigid: tuple[int, ...] = ()
-    ) -> np.ndarray:
-        """Tip acceleration from Eq. (5): ten coordinates, eight constraints, one more for each `rigid` joint.
-
-        Coordinates: theta_AE, theta_BC, ED x, y, theta, CD x, y, theta, handle x, y.
-        """
-        a, e, b, c = self.angles(p)
-        wa, we, wb, wc = self.joint_rows(p) @ v
-        turns = np.zeros((4, 10))  # what each brake acts on
-        turns[0, 0] = turns[2, 1] = turns[1, 4] = turns[3, 7] = 1.0
-        turns[1, 0] = turns[3, 1] = -1.0
-        turns = self.brake_rates(turns)
-        mass, q = turns.T @ (self.rotors[:, None] * turns), torque @ turns
-        lines: list[np.ndarray] = []
-        right: list[float] = []
-        arms = ((0, 2, a, a + e, wa, wa + we, 0), (1, 5, b, b + c, wb, wb + wc, 2))
-        for prox, dist, t1, t2, w1, w2, k in arms:
-            (m1, c1, i1), (m2, c2, i2) = self.links[k], self.links[k + 1]
-            l1, l2, turn = self.lengths[k], self.lengths[k + 1], dist + 2
-            mass[prox, prox] += i1 + m1 * c1**2 + self.elbow_masses[k // 2] * l1**2
-            mass[dist, dist] = mass[dist + 1, dist + 1] = m2
-            mass[turn, turn] += i2
-            for axis in range(2):
-                shift = 0.5 * math.pi * axis  # cos(t - shift): cos for x, sin for y
-                line = np.zeros(10)  # elbow by the proximal link = elbow by the distal one
-                line[prox] = -l1 * math.sin(t1 - shift)
-                line[dist + axis], line[turn] = -1.0, -c2 * math.sin(t2 - shift)
-                lines.append(line)
-                right.append(l1 * w1**2 * math.cos(t1 - shift) + c2 * w2**2 * math.cos(t2 - shift))
-                line = np.zeros(10)  # tip by the distal link = handle
-                line[dist + axis], line[turn], line[8 + axis] = 1.0, -(l2 - c2) * math.sin(t2 - shift), -1.0
-                lines.append(line)
-                right.append((l2 - c2) * w2**2 * math.cos(t2 - shift))
-        mass[8, 8] = mass[9, 9] = self.tip
-        q[8:] = force
-        for j in rigid:
-            lines.append(turns[j])
-            right.append(0.0)
-        n = len(lines)
-        whole = np.zeros((10 + n, 10 + n))
-        whole[:10, :10] = mass
-        whole[10:, :10] = np.array(lines)
-        whole[:10, 10:] = -whole[10:, :10].T
-        return np.linalg.solve(whole, np.concatenate([q, right]))[8:10]
 
 
 def shipped(name: str) -> FiveBar:

@@ -2,6 +2,7 @@
 process, over a board whose time is ours. What the fault matrix is made of."""
 
 import io
+import math
 import pickle
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -274,7 +275,7 @@ class Case:
         if self.fault.ends:
             self.fault.ends(self)
         self.bench.hand.obey({"target": list(START)})
-        self.idle(lambda: not any(fault.acts(self.bench.now()) for fault in self.board.faults))
+        self.idle(lambda: not any(self.bench.now() < fault.end_s < math.inf for fault in self.board.faults))
         self.board.faults.clear()
         self.bench.pass_time(20)
         if self.killed:  # the next loop

@@ -6,6 +6,7 @@ import tempfile
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from random_scenes import INTERVAL_S, STEPS, random_scene, write_scene
 from scene_reference import Reference, solve_scene
 
+from core.device import load_device
 from core.device_file import SHIPPED_FOLDER
 from experiments.simulate.scene import read_scene
 from experiments.simulate.simulate import SceneRun, simulate
@@ -74,7 +76,8 @@ def outcomes(
     name: str, device: dict, scene: dict, tips: np.ndarray, steps=STEPS, integrator="event"
 ) -> Iterator[Outcome]:
     """The simulator's runs of a scene, by way of its file, beside the tips (n, 2) every THINNED INTERVAL_S."""
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setattr("experiments.simulate.scene.load_device", cache(load_device))  # the same at each step
         for step in steps:
             yield _outcome(name, device, scene, tips, step, integrator, Path(folder))
 

@@ -1,0 +1,357 @@
+"""What a protocol file may hold besides its plan: devices, brakes, languages, pictures; what is saved; the wedge."""
+
+import csv
+import math
+import shutil
+import tomllib
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from app.cli import main
+from core.device import SHIPPED_FOLDER as DEVICES
+from core.device import load_device
+from core.device_file import SHIPPED_FOLDER as BRAKES
+from core.files import InputError, toml_text
+from core.path import build_path, outline, path_from, point_at
+from experiments.assumptions import DEFAULTS
+from experiments.language import ENGLISH_WORDS, FOLDER, read_language, shipped_languages
+from experiments.paper_figures.directions import HALF_TURN, force_lines
+from experiments.protocol import (
+    SHIPPED_FOLDER,
+    load_protocol,
+    protocol_from_json,
+    protocol_to_json,
+    read_protocol,
+    shipped_protocols,
+)
+from experiments.protocol_writer import path_through, points_of, protocol_text, save_protocol, save_variant, whole_text
+from experiments.study.sweep import COLUMNS, load_sweep, run_sweep
+from experiments.study.unrecorded import study_trials
+from experiments.trial.population import load_population
+
+DEVICE = tomllib.loads((DEVICES / "four-brake.toml").read_text())
+BRAKE = tomllib.loads((BRAKES / "mrb-2107-3.toml").read_text())
+MINE = {
+    "device": [DEVICE | {"name": "mine", "brakes": DEVICE["brakes"] | {"A": "weak"}}, DEVICE | {"name": "other"}],
+    "brake": [BRAKE | {"name": "weak", "k": [0.5 * k for k in BRAKE["k"]]}],
+}
+
+
+def protocol_file(folder: Path, **changes) -> Path:
+    """The paper's protocol with devices of its own."""
+    content = tomllib.loads((SHIPPED_FOLDER / "paper.toml").read_text())
+    path = folder / "mine.toml"
+    path.write_text(toml_text(content | {"devices": ["mine", "three-brake", "other"]} | MINE | changes))
+    return path
+
+
+def test_devices_and_brakes_may_stand_in_the_protocol_file(tmp_path):
+    protocol = load_protocol(protocol_file(tmp_path))
+    mine, three, other = protocol.devices
+    four = load_device("four-brake")
+    assert (mine.name, three.name, other.name) == ("mine", "three-brake", "other")
+    assert mine.brakes.k[0].tolist() == (0.5 * four.brakes.k[0]).tolist()
+    assert mine.brakes.k[1:].tolist() == other.brakes.k[1:].tolist() == four.brakes.k[1:].tolist()
+    assert other.mechanism.arm_1 == four.mechanism.arm_1
+
+
+def test_they_are_stored_in_full_and_come_back_without_the_file(tmp_path):
+    path = protocol_file(tmp_path)
+    stored = protocol_to_json(load_protocol(path))
+    path.unlink()
+    mine, before = protocol_from_json(stored, "stored").device("mine"), load_device("four-brake")
+    assert mine.brakes.k[0].tolist() == (0.5 * before.brakes.k[0]).tolist()
+    assert protocol_to_json(protocol_from_json(stored, "stored")) == stored
+
+
+def test_the_command_line_may_choose_among_them(tmp_path, capsys):
+    path = protocol_file(tmp_path)
+    assert [one.name for one in load_protocol(path, devices=["other"]).devices] == ["other"]
+    assert main(["run", str(path), "--device", "mine", "--print-plan"]) == 0
+    assert "mine" in capsys.readouterr().out
+
+
+def test_a_variant_of_the_protocol_keeps_its_assumptions_and_applies_none_twice(tmp_path):
+    path = protocol_file(tmp_path, assumptions={"gap_reading": "full", "low_gain": 300.0, "lag_factor": 2.0})
+    protocol = load_protocol(path)
+    assert protocol.controllers[3].value("gap_m") == 0.0025
+    saved = tmp_path / "variant.toml"
+    save_variant(saved, protocol, protocol.devices[0], 1, protocol.controllers, "settled", protocol.mouse)
+    again = load_protocol(saved)
+    assert again.controllers == protocol.controllers
+    assert again.assumptions == msgspec.structs.replace(DEFAULTS, lag_factor=2.0)
+
+
+WRONG = {
+    "unknown key": ({"device": [DEVICE | {"name": "mine", "colour": "red"}]}, "device 1: unknown key colour"),
+    "no geometry": ({"device": [{"name": "mine"}]}, "device 1: the required key geometry is missing"),
+    "brake without name": ({"brake": [{"k": 1.0}]}, "brake 1: "),
+    "brake that cannot be": ({"brake": [BRAKE | {"name": "weak", "knee_A": -1.0}]}, "brake 1: knee_A must be"),
+    "brake missing": ({"brake": []}, "device 1: brakes: unknown brake 'weak'"),
+    "two of one name": ({"device": MINE["device"] * 2}, "device: two have the same name (mine)"),
+    "device missing": ({"devices": ["yours"]}, "unknown device 'yours'"),
+    "no encoders": (
+        {"device": [{k: v for k, v in one.items() if k != "sensing"} for one in MINE["device"]],
+         "assumptions": {"sensing": "encoders"}},
+        "device mine: has no encoders that give its tip",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("changes, says", WRONG.values(), ids=WRONG)
+def test_a_wrong_one_is_refused_in_one_sentence(tmp_path, capsys, changes, says):
+    path = protocol_file(tmp_path, **changes)
+    assert main(["study", str(path), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr()
+    assert says in said.err and said.err.count("\n") == 1 and said.out == ""
+    assert not (tmp_path / "out").exists()
+
+
+SWEEP = {
+    "name": "worlds",
+    "operators": 1,
+    "repetitions": 1,
+    "devices": ["mine"],
+    "assumptions": {"lag_factor": [0.5, 1.0], "gap_reading": ["half", "full"], "sensing": ["encoders"]},
+    "controller": [{"kind": "none"}, {"kind": "sdof", "gap_m": [0.004]}],
+}
+
+
+def sweep_file(folder: Path, **changes) -> Path:
+    path = folder / "sweep.toml"
+    path.write_text(toml_text(SWEEP | MINE | changes))
+    return path
+
+
+def test_a_sweep_varies_assumptions_in_columns_of_their_own(tmp_path):
+    run_sweep(load_sweep(sweep_file(tmp_path)), tmp_path / "out")
+    with (tmp_path / "out" / "sweep.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    names = list(rows[0])
+    assert [name for name in names if name not in COLUMNS] == ["lag_factor", "gap_reading"]
+    assert names.index("lag_factor") == names.index("rules") + 1
+    assert {(row["lag_factor"], row["gap_reading"], row["gap_m"]) for row in rows if row["kind"] == "sdof"} == {
+        ("0.5", "half", "0.004"), ("0.5", "full", "0.002"), ("1.0", "half", "0.004"), ("1.0", "full", "0.002")
+    }  # fmt: skip
+    error = {(row["kind"], row["lag_factor"], row["gap_reading"], row["segment"]): row["path_error_m"] for row in rows}
+    assert error["sdof", "1.0", "half", "1"] != error["sdof", "1.0", "full", "1"]
+    assert error["none", "1.0", "half", "1"] == error["none", "1.0", "full", "1"] == error["none", "0.5", "half", "1"]
+    stored = load_sweep(sweep_file(tmp_path)).texts
+    assert "device mine" in stored and "brake weak of mine" in stored
+
+
+WRONG_SWEEPS = {
+    "no value": ({"lag_factor": []}, "assumptions.lag_factor"),
+    "no list": ({"lag_factor": 2.0}, "assumptions.lag_factor must be a list, not a number"),
+    "a wrong value": ({"fidelity": ["mr", "best"]}, "assumptions.fidelity[1] must be one of ideal, static, mr"),
+    "twice the same": ({"backlash_deg": [1.0, 1.0]}, "assumptions.backlash_deg: the same one stands there twice"),
+    "a gain": ({"low_gain": [5.0]}, "unknown key assumptions.low_gain"),
+}
+
+
+@pytest.mark.parametrize("assumptions, says", WRONG_SWEEPS.values(), ids=WRONG_SWEEPS)
+def test_a_sweep_of_wrong_assumptions_is_refused(tmp_path, assumptions, says):
+    with pytest.raises(InputError) as refusal:
+        load_sweep(sweep_file(tmp_path, assumptions=assumptions))
+    assert says in str(refusal.value) and "\n" not in str(refusal.value)
+
+
+GERMAN = (FOLDER / "de.toml").read_text(encoding="utf-8")
+PAPER = (SHIPPED_FOLDER / "paper.toml").read_text(encoding="utf-8")
+
+
+def with_lines(folder: Path, *lines: str, text: str = PAPER) -> Path:
+    """A protocol file that begins with these lines."""
+    path = folder / "mine.toml"
+    path.write_text("\n".join(lines) + "\n" + text, encoding="utf-8")
+    return path
+
+
+def test_english_and_german_are_shipped_with_the_same_sentences() -> None:
+    assert {"en", "de"} <= set(shipped_languages())
+    assert set(read_language(GERMAN, "de")) == set(ENGLISH_WORDS)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        (GERMAN.replace("hold = ", "hald = "), "hold is missing"),
+        (GERMAN + 'more = "x"\n', "more is no sentence of the screens"),
+        (GERMAN.replace("{seconds} Sekunden", "Sekunden"), "time must be a text"),
+        (GERMAN.replace("{seconds} Sekunden", "{seconds Sekunden"), "time must be a text"),
+        ("hold = 3", "approach is missing"),
+    ],
+)
+def test_a_translation_that_lacks_a_sentence_or_a_placeholder_is_refused(text: str, what: str) -> None:
+    with pytest.raises(InputError, match=what):
+        read_language(text, "mine.toml")
+
+
+def test_a_protocol_takes_a_shipped_language_or_a_file_and_keeps_it_when_the_file_is_gone(tmp_path: Path) -> None:
+    assert load_protocol().sentences["go"] == "Go"
+    assert load_protocol(with_lines(tmp_path, 'language = "de"')).sentences["go"] == "Los"
+    own = tmp_path / "nl.toml"
+    own.write_text(GERMAN.replace('go = "Los"', 'go = "Start"'), encoding="utf-8")
+    stored = protocol_to_json(load_protocol(with_lines(tmp_path, 'language = "nl.toml"')))
+    own.unlink()
+    assert protocol_from_json(stored, "session.json").sentences["go"] == "Start"
+    with pytest.raises(InputError, match="mine.toml: language: unknown language 'nl.toml'"):
+        load_protocol(tmp_path / "mine.toml")
+
+
+def test_instructions_keep_their_pictures_with_the_session(tmp_path: Path) -> None:
+    (tmp_path / "grip.png").write_bytes(b"picture")
+    pages = '\n[[instruction]]\ntext = "Hold the handle."\npicture = "grip.png"\n[[instruction]]\ntext = "Go on."\n'
+    path = with_lines(tmp_path, text=PAPER + pages)
+    stored = protocol_to_json(load_protocol(path))
+    (tmp_path / "grip.png").unlink()
+    assert protocol_from_json(stored, "session.json").pages == (("Hold the handle.", b"picture"), ("Go on.", b""))
+    with pytest.raises(InputError, match="instruction: .*grip.png: no such file"):
+        load_protocol(path)
+
+
+def shipped(name: str) -> dict:
+    return tomllib.loads((SHIPPED_FOLDER / f"{name}.toml").read_text())
+
+
+@pytest.mark.parametrize("name", shipped_protocols())
+def test_a_shipped_protocol_reads_back_the_same(name: str) -> None:
+    text = protocol_text(shipped(name))
+    assert tomllib.loads(text) == shipped(name)
+    again, before = read_protocol(text, SHIPPED_FOLDER, "it"), load_protocol(name)
+    assert (again.paths, again.controllers, again.trial, again.mouse) == (
+        before.paths, before.controllers, before.trial, before.mouse,
+    )  # fmt: skip
+
+
+def test_any_text_number_and_key_comes_back() -> None:
+    content = {
+        "name": 'a "b" \\ c\x7f\n\tü', "tiny": 1e-300, "large": 1e22, "whole": -3, "yes": True,
+        "none": [], "left": None, "pairs": [[0.1, 0.2], [3, 4.0]],
+        "form": {"a key": ["x", "y"], "deep": {"x": [{"y": 1}, {"y": {"z": 2}}]}},
+    }  # fmt: skip
+    back = tomllib.loads(protocol_text(content))
+    assert back == {key: value for key, value in content.items() if value is not None}
+    assert isinstance(back["whole"], int) and isinstance(back["large"], float)
+
+
+def test_a_protocol_as_one_file_is_the_same_without_the_files_it_came_from(tmp_path) -> None:
+    there = tmp_path / "there"
+    there.mkdir()
+    device = tomllib.loads((DEVICES / "four-brake.toml").read_text())
+    device["brakes"] |= {"A": "weak.toml"}
+    device["sensing"]["force"]["calibration"] = "gauges.csv"
+    weak = tomllib.loads((BRAKES / "mrb-2107-3.toml").read_text())  # by the name of another
+    (there / "weak.toml").write_text(toml_text(weak | {"k": [0.5 * k for k in weak["k"]]}))
+    np.savetxt(there / "gauges.csv", np.eye(6), delimiter=",")
+    (there / "mine.toml").write_text(toml_text(device))
+    about = {"devices": ["three-brake", "mine.toml"], "instruction": [{"text": "Follow the line."}]}
+    (there / "before.toml").write_text(toml_text(shipped("paper") | about | {"assumptions": {"gap_reading": "full"}}))
+    before = load_protocol(there / "before.toml", rules="literal", low_gain=50.0, seed=7)
+    file = tmp_path / "whole.toml"
+    file.write_text(whole_text(before, "whole", "# About it.\n"))
+    shutil.rmtree(there)
+    again = load_protocol(file)
+    assert (again.name, again.rules, again.seed, again.instruction) == ("whole", "literal", 7, ())
+    assert file.read_text().startswith("# About it.\n")
+    for key in ("paths", "controllers", "trial", "assumptions", "blocks"):
+        assert getattr(again, key) == getattr(before, key)
+    for one, other in zip(again.devices, before.devices, strict=True):
+        about, was = tomllib.loads(one.text), tomllib.loads(other.text)
+        assert [about[key] for key in ("name", "geometry", "mass", "limits")] == [
+            was[key] for key in ("name", "geometry", "mass", "limits")
+        ]
+        for mine, its in zip(one.brakes, other.brakes, strict=True):
+            assert np.array_equal(mine, its)
+    assert again.devices[1].brakes.k[0, 0] == 0.5 * again.devices[1].brakes.k[1, 0]
+
+
+def test_a_file_is_replaced_only_where_that_is_asked_for(tmp_path) -> None:
+    file = tmp_path / "mine.toml"
+    save_protocol(file, shipped("paper"))
+    first = file.read_bytes()
+    with pytest.raises(InputError, match=r"mine\.toml: exists already"):
+        save_protocol(file, shipped("curves"))
+    assert file.read_bytes() == first
+    save_protocol(file, shipped("curves"), replacing=True)
+    assert load_protocol(file).name == "curves" and [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+
+
+def test_what_cannot_be_run_or_written_leaves_nothing(tmp_path) -> None:
+    with pytest.raises(InputError, match=r"mine\.toml: blocks must be at least 1, not 0"):
+        save_protocol(tmp_path / "mine.toml", {**shipped("paper"), "blocks": 0})
+    with pytest.raises(InputError, match="cannot be written"):
+        save_protocol(tmp_path / "no" / "mine.toml", shipped("paper"))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", shipped_protocols())
+def test_a_path_is_drawn_again_from_its_points(name: str) -> None:
+    for path in shipped(name)["path"]:
+        again = path_through(path["kind"], points_of(path))
+        before, after = (outline(path_from(one, "path"), 0.01) for one in (without_number(path), again))
+        assert after == pytest.approx(before, abs=1e-5)
+
+
+def without_number(path: dict) -> dict:
+    return {key: value for key, value in path.items() if key != "number"}
+
+
+@pytest.mark.parametrize("turn", [30.0, 170.0, 250.0, -30.0, -200.0])
+@pytest.mark.parametrize("first", [-170.0, 0.0, 95.0])
+def test_an_arc_runs_from_its_first_point_by_the_second_to_the_last(first: float, turn: float) -> None:
+    arc = {"kind": "arc", "centre_m": [0.02, 0.3], "radius_m": 0.1, "from_deg": first, "to_deg": first + turn}
+    again = path_through("arc", points_of(arc))
+    assert again["to_deg"] - again["from_deg"] == pytest.approx(turn, abs=0.01)
+    assert math.dist(points_of(again)[1], points_of(arc)[1]) < 1e-5
+
+
+def test_points_without_a_path_are_refused() -> None:
+    with pytest.raises(InputError, match="lie on a line"):
+        path_through("arc", [(0.0, 0.3), (0.05, 0.3), (0.1, 0.3)])
+    with pytest.raises(InputError, match="needs 2 points"):
+        path_through("polyline", [(0.0, 0.3)])
+
+
+def without_valid_brake(device, path_file, side):
+    """Share of a path beside which (side: +1 left, -1 right) no SDOF path lies between tangent and inward normal."""
+    path = build_path(path_file, "path")
+    x, y, tx, ty = np.array([point_at(path, share * path.length) for share in np.linspace(0.0, 1.0, 201)]).T
+    lines = force_lines(device.mechanism, device.braked, x, y) + 0.5 * HALF_TURN  # SDOF paths, Eq. (12)
+    turn = np.mod(-side * (lines - math.atan2(ty[0], tx[0])), HALF_TURN)  # from the tangent towards the path
+    return float(np.mean((turn > 0.5 * HALF_TURN + 1e-9).all(axis=1)))
+
+
+@pytest.mark.parametrize("device", load_protocol("wedge").devices, ids=lambda device: device.name)
+def test_beside_its_paths_no_brake_is_valid_on_most_of_the_way_and_beside_the_papers_nowhere(device):
+    paths = load_protocol("wedge").paths
+    for number, path in paths.items():
+        shares = {side: without_valid_brake(device, path, side) for side in (1, -1)}
+        assert max(shares.values()) > 0.6, (number, shares)
+    if device.name != "er-two-brake":  # which has too few brakes for the paper's second segment
+        for path in load_protocol("paper").paths.values():
+            assert without_valid_brake(device, path, 1) == without_valid_brake(device, path, -1) == 0.0
+
+
+@pytest.mark.parametrize("rules", ["settled", "literal"])
+def test_its_trials_have_the_locks_and_releases_of_the_rules_on_every_device(rules):
+    protocol = replace(load_protocol("wedge"), rules=rules, blocks=1)
+    released, locked = {}, {}
+    for trial in study_trials(protocol, load_population(), 1):
+        cell = trial.planned.configuration, trial.planned.controller
+        for found, measure in ((released, "released_share"), (locked, "locked_share")):
+            found.setdefault(cell, []).append(trial.measures[measure])
+    for (device, controller), shares in released.items():
+        if controller == 1:
+            assert shares == [None, None]
+        elif controller in (2, 5):
+            assert max(shares) > 0.1, (device, controller, shares)
+    devices = {device for device, _ in locked}
+    assert len(devices) == 3
+    assert all(any(locked[device, controller] != [0.0, 0.0] for controller in (2, 4, 5)) for device in devices)
+    if rules == "literal":  # the slightest push away from the path locks
+        assert all(max(locked[device, 2]) > 0.02 for device in devices)
