@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from core.files import InputError
+from experiments.analysis.charts import Answers
 from experiments.analysis.trials_table import Column
 from experiments.export.columns import NOTES, QUESTIONNAIRE, SCALES, scale_column
 from experiments.export.files import write_json, write_rows
@@ -20,22 +21,6 @@ _TOOL = {
 }
 
 
-class Answers(NamedTuple):
-    """A participant's answers after one block, or one controller, of a configuration."""
-
-    participant: str
-    configuration: str
-    block: int  # 0: after a controller
-    controller: int | str  # 0: after a block; a code of a blind session
-    values: dict[str, float]  # scale -> 0 to 100
-    time: str  # ISO, UTC
-
-    @property
-    def after(self) -> str:
-        """What they came after: "block-1", "controller-3"."""
-        return f"block-{self.block}" if self.block else f"controller-{self.controller}"
-
-
 class Note(NamedTuple):
     """What the experimenter wrote down."""
 
@@ -45,7 +30,7 @@ class Note(NamedTuple):
 
 
 class AnswersAndNotes(NamedTuple):
-    """All of it, in the order of the sessions."""
+    """Answers and notes, in the order of the sessions."""
 
     answers: tuple[Answers, ...]
     notes: tuple[Note, ...]
@@ -117,16 +102,17 @@ def write_phenotype(folder: Path, answers: Sequence[Answers]) -> None:
     about: dict[str, dict[str, str]] = {}
     scales = _scales(answers)
     for a in answers:
-        block, after = f"{a.configuration}_{a.after}_", a.after.replace("-", " ")
-        rows.setdefault(f"sub-{a.participant}", {}).update({block + name: str(v) for name, v in a.values.items()})
+        kind, which = ("block", a.block) if a.block else ("controller", a.controller)
+        place = f"{a.configuration}_{kind}-{which}_"
+        rows.setdefault(f"sub-{a.participant}", {}).update({place + name: str(v) for name, v in a.values.items()})
         for scale in scales:
-            meaning = f"{scale_column(scale).meaning}; after {after} on {a.configuration}"
-            about[block + scale] = {"Description": meaning}
+            meaning = f"{scale_column(scale).meaning}; after {kind} {which} on {a.configuration}"
+            about[place + scale] = {"Description": meaning}
     lines = [[person, *(row.get(column, "n/a") for column in about)] for person, row in rows.items()]
-    place = folder / "phenotype"
-    place.mkdir()
-    write_rows(place / "tlxsmoothness.tsv", [["participant_id", *about], *lines])
-    write_json(place / "tlxsmoothness.json", {"MeasurementToolMetadata": _TOOL, **about})
+    phenotype = folder / "phenotype"
+    phenotype.mkdir()
+    write_rows(phenotype / "tlxsmoothness.tsv", [["participant_id", *about], *lines])
+    write_json(phenotype / "tlxsmoothness.json", {"MeasurementToolMetadata": _TOOL, **about})
 
 
 def _scales(answers: Iterable[Answers]) -> list[str]:

@@ -9,11 +9,10 @@ from sessions import files, session_of
 
 from app.ipc import messages as m
 from app.window.questionnaire import ITEMS
-from experiments.analysis.charts import POOLED, View
+from experiments.analysis.charts import POOLED, Answers, View
 from experiments.export.answers import (
     NOTES_CSV,
     QUESTIONNAIRE_CSV,
-    Answers,
     answers_and_notes,
     write_answers_and_notes,
     write_phenotype,
