@@ -10,29 +10,20 @@ from collections.abc import Container
 import numpy as np
 
 from core.device import Device
-from core.device_file import Encoders, ForceSensor, Sensing
+from core.device_file import ForceSensor
 from core.kernel import kernel
 from core.linkage import joint_angles
 from core.mechanism import JOINTS
 from core.simulator.state import pack_mechanism
 from hardware.emulated_board.board import FULL_BOARD, Readings
-from hardware.sensing.samples import sensor_angle
+from hardware.sensing.samples import sensing_of, sensor_angle
 from hardware.wire.messages import Four, Hello
 
-#: Assumed, for a device file without [sensing]: encoders as on the shipped devices, a sensor on the handle.
-USUAL = Sensing(encoders=Encoders(A=96000, B=96000), force=ForceSensor(on="handle"))
-EMULATED = "EMULATED-"  # begins the serial number of an emulated board
 FORCE_UNIT = 1000  # micro-newtons a count
 FORCE_FULL_SCALE = 66_700  # counts: 66.7 N, a force sensor of 15 pounds
 #: Assumed: of three forces (N), three torques (N m), four currents (mA).
 NOISE = np.array([0.02] * 3 + [0.0002] * 3 + [1.0] * 4)
 TURN = 2.0 * math.pi
-
-
-def sensing_of(device: Device) -> tuple[Encoders, ForceSensor | None]:
-    """The encoders and the force sensor of a device; the usual ones where its file has no [sensing]."""
-    sensing = device.sensing or USUAL
-    return sensing.encoders or USUAL.encoders or Encoders(), sensing.force
 
 
 def hello_of(device: Device, serial: str = "") -> Hello:

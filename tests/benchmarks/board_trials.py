@@ -26,7 +26,8 @@ from experiments.trial.operator import Person
 from experiments.trial.trial import Trial
 from hardware.emulated_board.board import TICK_US, Board
 from hardware.emulated_board.device import EmulatedDevice
-from hardware.emulated_board.sensors import hello_of, sensing_of
+from hardware.emulated_board.sensors import hello_of
+from hardware.sensing.samples import sensing_of
 from hardware.sensing.samples import WINDOW, MotionFilter, Vector
 from hardware.serial_device import SerialDevice
 
