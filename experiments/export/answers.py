@@ -29,15 +29,8 @@ class Note(NamedTuple):
     text: str
 
 
-class AnswersAndNotes(NamedTuple):
-    """Answers and notes, in the order of the sessions."""
-
-    answers: tuple[Answers, ...]
-    notes: tuple[Note, ...]
-
-
-def answers_and_notes(sessions: Iterable[Path]) -> AnswersAndNotes:
-    """What the journals of these session folders (.../sub-01/ses-01) hold, as far as they can be read."""
+def answers_and_notes(sessions: Iterable[Path]) -> tuple[list[Answers], list[Note]]:
+    """The answers and notes in the journals of these session folders (.../sub-01/ses-01), in their order."""
     answers, notes = [], []
     for folder in sessions:
         participant = folder.parent.name.removeprefix("sub-")
@@ -49,7 +42,7 @@ def answers_and_notes(sessions: Iterable[Path]) -> AnswersAndNotes:
                 answers.append(Answers(participant, *whose, about["values"], at))
             elif event is NOTE:
                 notes.append(Note(at, participant, about["text"]))
-    return AnswersAndNotes(tuple(answers), tuple(notes))
+    return answers, notes
 
 
 class Form(NamedTuple):
@@ -70,22 +63,24 @@ def forms_of(sessions: Iterable[Path]) -> list[Form]:
     return forms
 
 
-def write_answers_and_notes(folder: Path, found: AnswersAndNotes) -> dict[str, dict[str, Column]]:
+def write_answers_and_notes(
+    folder: Path, answers: Sequence[Answers], notes: Sequence[Note]
+) -> dict[str, dict[str, Column]]:
     """questionnaire.csv and notes.csv into a folder; file -> its columns, of those written."""
     written = {}
-    if found.answers:
-        scales = _scales(found.answers)
-        part = ["block"] + ["controller"] * any(a.controller for a in found.answers)
+    if answers:
+        scales = _scales(answers)
+        part = ["block"] + ["controller"] * any(a.controller for a in answers)
         names = ["participant", "configuration", *part, *scales, "time"]
         lines = [
             [a.participant, a.configuration, *(str(getattr(a, name) or "") for name in part),
              *(str(a.values.get(scale, "")) for scale in scales), a.time]
-            for a in found.answers
+            for a in answers
         ]  # fmt: skip
         write_rows(folder / QUESTIONNAIRE_CSV, [names, *lines], ",")
         written[QUESTIONNAIRE_CSV] = {name: QUESTIONNAIRE.get(name) or scale_column(name) for name in names}
-    if found.notes:
-        write_rows(folder / NOTES_CSV, [Note._fields, *found.notes], ",")
+    if notes:
+        write_rows(folder / NOTES_CSV, [Note._fields, *notes], ",")
         written[NOTES_CSV] = {name: NOTES[name] for name in Note._fields}
     return written
 

@@ -134,7 +134,7 @@ def _configurations(rows: Sequence[TrialRow]) -> tuple[str, ...]:
 def _answers(sessions: Sequence[Path]) -> list[Answers]:
     """All answers; a controller stands as its code until the session is opened."""
     keys = {one.parent.name.removeprefix("sub-"): journal_summary(one).key or {} for one in sessions}
-    answers = answers_and_notes(sessions).answers
+    answers, _ = answers_and_notes(sessions)
     return [a._replace(controller=keys[a.participant].get(a.controller, a.controller)) for a in answers]
 
 

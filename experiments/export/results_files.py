@@ -71,7 +71,7 @@ def write_results(job: Job, progress: Callable[[float], None] = lambda share: No
             shown = charts(job.page, job.rows, job.view, job.answers)
             draw_charts(shown, job.rows, partial, job.note, job.view, progress)
             write_table(partial / TABLE, [row.seen_from(here) for row in job.rows])
-            write_answers_and_notes(partial, answers_and_notes(job.sessions))
+            write_answers_and_notes(partial, *answers_and_notes(job.sessions))
         count = len(list(partial.iterdir()))
         rename(partial, job.folder)
     except OSError as error:

@@ -196,8 +196,6 @@ class Emulator:
     def _tell_changes(self) -> None:
         board = self.board
         state, faults, flows = shown = (board.state, board.faults, board.currents != ZERO)
-        if shown == self._shown:
-            return
         if flows != self._shown[2]:
             self.say("currents flow" if flows else "currents zero")
         if (state, faults) != self._shown[:2]:
