@@ -22,7 +22,16 @@ from core.device_file import (
     parse_brake,
     read_brake_text,
 )
-from core.files import InputError, Pair, from_plain, parse_toml, read_text, toml_text
+from core.files import (
+    InputError,
+    Pair,
+    from_plain,
+    parse_toml,
+    read_text,
+    shipped_names,
+    shipped_or_file,
+    toml_text,
+)
 from core.mechanism import JOINTS, Arm, Brakes, Mechanism, no_brakes, parallel_rows
 from core.workspace import brake_rows, free_tips, why_impossible
 
@@ -57,22 +66,14 @@ class Device:
 
 def shipped_devices() -> list[str]:
     """Names of the devices that come with the product."""
-    return sorted(file.stem for file in SHIPPED_FOLDER.glob("*.toml"))
+    return shipped_names(SHIPPED_FOLDER)
 
 
 def load_device(name_or_path: str | Path, folder: Path | None = None) -> Device:
     """A shipped device by its name, or a device file by its path (relative to `folder` or the current folder)."""
-    if str(name_or_path) in shipped_devices():
-        path = SHIPPED_FOLDER / f"{name_or_path}.toml"
-    elif str(name_or_path) == UNICYCLE:
-        path = COBOT_FOLDER / f"{UNICYCLE}.toml"
-    else:
-        path = (folder or Path()) / name_or_path
-        if not str(name_or_path) or not path.is_file():
-            raise InputError(
-                f"unknown device {str(name_or_path)!r}: neither a shipped device ({', '.join(shipped_devices())}) "
-                "nor a file"
-            )
+    path = COBOT_FOLDER / f"{UNICYCLE}.toml"
+    if str(name_or_path) != UNICYCLE:
+        path = shipped_or_file(name_or_path, SHIPPED_FOLDER, folder or Path(), "unknown device")
     return device_of(read_text(path), path.parent, str(path), {})
 
 

@@ -10,7 +10,6 @@ from typing import Annotated
 import msgspec
 
 from core.files import (
-    InputError,
     NotNegative,
     Pair,
     Positive,
@@ -18,6 +17,8 @@ from core.files import (
     choice,
     parse_toml,
     read_text,
+    shipped_names,
+    shipped_or_file,
     text_of_form,
 )
 from core.mechanism import JOINTS
@@ -132,16 +133,12 @@ class BrakeFile(Table, frozen=True):
 
 def shipped_brakes() -> list[str]:
     """Names of the brake files that come with the product."""
-    return sorted(file.stem for file in SHIPPED_FOLDER.glob("*.toml"))
+    return shipped_names(SHIPPED_FOLDER)
 
 
 def read_brake_text(reference: str, folder: Path, where: str) -> str:
     """A brake file in full: of a shipped name, or of a path relative to the device file's folder (`where`)."""
-    path = SHIPPED_FOLDER / f"{reference}.toml" if reference in shipped_brakes() else folder / reference
-    if not reference or not path.is_file():
-        shipped = ", ".join(shipped_brakes())
-        raise InputError(f"{where}: unknown brake {reference!r}: neither a shipped brake ({shipped}) nor a file")
-    return read_text(path)
+    return read_text(shipped_or_file(reference, SHIPPED_FOLDER, folder, f"{where}: unknown brake"))
 
 
 def parse_brake(text: str, where: str) -> BrakeFile:

@@ -56,6 +56,23 @@ def read_text(path: Path) -> str:
         raise InputError(f"{path}: cannot be read ({(reason or 'unknown reason').lower()})") from None
 
 
+def shipped_names(folder: Path) -> list[str]:
+    """Names of the files that come with the product in a folder."""
+    return sorted(file.stem for file in folder.glob("*.toml"))
+
+
+def shipped_or_file(reference: str | Path, shipped: Path, folder: Path, unknown: str) -> Path:
+    """The shipped file of that name, or the file at that path from `folder`.
+
+    InputError, which `unknown` begins ("unknown device"), if there is neither.
+    """
+    names = shipped_names(shipped)
+    path = shipped / f"{reference}.toml" if str(reference) in names else folder / reference
+    if not str(reference) or not path.is_file():
+        raise InputError(f"{unknown} {str(reference)!r}: neither a shipped one ({', '.join(names)}) nor a file")
+    return path
+
+
 def parse_toml(text: str, kind: type[T], where: str) -> T:
     """`text` as a table of the given kind; `where` names the file in refusals."""
     try:

@@ -41,13 +41,13 @@ class Assumptions(Table, frozen=True):
 
     @property
     def changed(self) -> dict[str, Any]:
-        """Those that are not the defaults."""
+        """The assumptions that are not the defaults."""
         own, usual = msgspec.structs.asdict(self), msgspec.structs.asdict(DEFAULTS)
         return {name: value for name, value in own.items() if value != usual[name]}
 
     @property
     def simulated_fidelity(self) -> str:
-        """What of the brakes the simulator models. A brake without drag that lags nowhere gives what is asked of it."""
+        """The simulator's fidelity: "ideal" brakes are static ones without drag, so they give what is asked of them."""
         return "mr" if self.fidelity == "mr" else "static"
 
     def applied_to(self, device: Device) -> Device:
@@ -67,7 +67,7 @@ class Assumptions(Table, frozen=True):
         return preset.replaced(GAP_M.name, 0.5 * gap) if gap and self.gap_reading == "full" else preset
 
     def words(self) -> str:
-        """Those that are not the defaults, as a figure's note names them; the low gain has a note of its own."""
+        """The assumptions that are not the defaults, for a figure's note, which names the low gain by itself."""
         return ", ".join(
             f"{name.replace('_', ' ')} {value:g}" if isinstance(value, float) else f"{name.replace('_', ' ')} {value}"
             for name, value in self.changed.items()

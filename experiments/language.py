@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 
-from core.files import InputError, read_text
+from core.files import InputError, read_text, shipped_names, shipped_or_file
 
 FOLDER = Path(__file__).resolve().parent / "languages"
 ENGLISH = "en"
@@ -15,18 +15,12 @@ Language = Mapping[str, str]  # key -> sentence
 
 def shipped_languages() -> list[str]:
     """Names of the languages that come with the product."""
-    return sorted(file.stem for file in FOLDER.glob("*.toml"))
+    return shipped_names(FOLDER)
 
 
 def language_text(name_or_path: str, folder: Path) -> str:
     """The text of a shipped language by its name, or of a file by its path from `folder`. InputError: there is none."""
-    if name_or_path in shipped_languages():
-        return read_text(FOLDER / f"{name_or_path}.toml")
-    if not (folder / name_or_path).is_file():
-        raise InputError(
-            f"unknown language {name_or_path!r}: neither a shipped one ({', '.join(shipped_languages())}) nor a file"
-        )
-    return read_text(folder / name_or_path)
+    return read_text(shipped_or_file(name_or_path, FOLDER, folder, "unknown language"))
 
 
 @lru_cache

@@ -19,7 +19,19 @@ from core.control.guard import NOTHING, Around, Guard, least_held
 from core.control.reflect import WALL_N_M
 from core.control.rule_sets import RULE_SETS
 from core.device import Device, build_device, inline_devices, load_device
-from core.files import InputError, NotNegative, Positive, Table, choice, from_plain, parse_toml, read_text, text_of_form
+from core.files import (
+    InputError,
+    NotNegative,
+    Positive,
+    Table,
+    choice,
+    from_plain,
+    parse_toml,
+    read_text,
+    shipped_names,
+    shipped_or_file,
+    text_of_form,
+)
 from core.obstacles import ObstacleFile, build_obstacles, nearest_obstacle
 from core.path import PathFile, build_path, outline, path_from, point_at
 from core.simulator.hand import Hand, spring_hand
@@ -268,7 +280,7 @@ class Protocol(Settings, frozen=True, kw_only=True):
 
     @property
     def low_gain_controller(self) -> int | None:
-        """Its proportional controller of least gain."""
+        """The number of its proportional controller of least gain; None without any."""
         return _low_gain_controller(self.controllers)
 
     @property
@@ -334,7 +346,7 @@ def label(name: str) -> str:
 
 def shipped_protocols() -> list[str]:
     """Names of the protocols that come with the product."""
-    return sorted(file.stem for file in SHIPPED_FOLDER.glob("*.toml"))
+    return shipped_names(SHIPPED_FOLDER)
 
 
 def load_protocol(
@@ -345,14 +357,7 @@ def load_protocol(
     devices: in place of the file's: shipped names, paths from the current folder, or devices. asked: fields of
     `Overrides`; None: not asked for. InputError, one sentence with file and key, for anything that cannot be run.
     """
-    path = Path(name_or_path)
-    if str(name_or_path) in shipped_protocols():
-        path = SHIPPED_FOLDER / f"{name_or_path}.toml"
-    elif not str(name_or_path) or not path.is_file():
-        raise InputError(
-            f"unknown protocol {str(name_or_path)!r}: neither a shipped protocol ({', '.join(shipped_protocols())}) "
-            "nor a file"
-        )
+    path = shipped_or_file(name_or_path, SHIPPED_FOLDER, Path(), "unknown protocol")
     return read_protocol(read_text(path), path.parent, str(path), devices, **asked)
 
 

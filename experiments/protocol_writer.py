@@ -16,7 +16,7 @@ from core.path import Polyline, Segment, path_from
 from experiments.assumptions import IDEAL
 from experiments.language import shipped_languages
 from experiments.protocol import MouseHand, Protocol, read_protocol
-from experiments.recording.atomic_files import reason_of, rename_over, write_new_file, write_new_files, written_beside
+from experiments.recording.atomic_files import reason_of, replace_file, write_new_file, write_new_files
 
 #: kind of path -> how many points draw it; a polyline takes any number from two on
 POINTS = {"segment": 2, "polyline": 2, "arc": 3}
@@ -36,11 +36,8 @@ def save_protocol(path: Path, content: Mapping[str, Any], replacing: bool = Fals
     text = protocol_text(content)
     read_protocol(text, path.parent, str(path))
     try:
-        if replacing:
-            with written_beside(path, text.encode()) as partial:
-                rename_over(partial, path)
-        else:
-            write_new_file(path, text.encode(), sync=True)
+        write = replace_file if replacing else write_new_file
+        write(path, text.encode(), sync=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({reason_of(error)})") from None
 
@@ -58,7 +55,7 @@ def save_variant(
     """
     content = _without_files(protocol)
     applied = {"gap_reading": None, "low_gain": None} | ({} if backlash_deg is None else {"backlash_deg": None})
-    content["assumptions"] = msgspec.to_builtins(protocol.assumptions) | applied
+    content["assumptions"] = msgspec.to_builtins(protocol.assumptions) | applied | {"sensing": sensing}
     paths = {entry.get("number", place): entry for place, entry in enumerate(content["path"], start=1)}
     changed = strength != 1.0 or backlash_deg is not None
     files, variant = {}, device
@@ -72,8 +69,6 @@ def save_variant(
         "controller": [_controller(number, preset) for number, preset in controllers.items()],
         "mouse": msgspec.to_builtins(mouse),
     }
-    if sensing != protocol.assumptions.sensing:
-        content["assumptions"] = {**content.get("assumptions", {}), "sensing": sensing}
     text = protocol_text(content)
     read_protocol(text, path.parent, str(path), devices=[variant])
     try:

@@ -17,7 +17,6 @@ import numpy as np
 from core.control.velocity_field import WANTED
 from core.files import NotNegative, Pair, Positive, Table
 from core.kernel import kernel
-from core.simulator.state import new_record
 
 TICK_S = 1e-3  # of a trial
 LONGEST_DELAY_S = 0.5
@@ -52,12 +51,13 @@ class Slave(Table, frozen=True):
             )
 
 
+#: Of `Slave`, as they stand in its record.
+_NUMBERS = ("force_scale", "mass_kg", "stiffness_N_m", "damping_N_s_m", "wall_stiffness_N_m", "wall_damping_N_s_m")
 SLAVE = np.dtype(
     [
         ("on", "i8"),  # 0: there is no slave
         ("delay_ticks", "i8"),
-        *((name, "f8") for name in ("force_scale", "mass_kg", "stiffness_N_m", "damping_N_s_m")),
-        *((name, "f8") for name in ("wall_stiffness_N_m", "wall_damping_N_s_m")),
+        *((name, "f8") for name in _NUMBERS),
         ("wall", "f8", (4,)),  # m: a place of the wall; its unit normal
         # what changes
         ("place", "f8", (4,)),  # m, m/s
@@ -69,18 +69,10 @@ SLAVE = np.dtype(
 def set_slave(record: np.ndarray, slave: Slave) -> None:
     """Fill the SLAVE record of a trial."""
     record["on"], record["delay_ticks"] = 1, round(slave.delay_s / TICK_S)
-    for name in ("force_scale", "mass_kg", "stiffness_N_m", "damping_N_s_m", "wall_stiffness_N_m"):
+    for name in _NUMBERS:
         record[name] = getattr(slave, name)
-    record["wall_damping_N_s_m"] = slave.wall_damping_N_s_m
     length = math.hypot(*slave.wall_normal)
     record["wall"] = *slave.wall_at_m, slave.wall_normal[0] / length, slave.wall_normal[1] / length
-
-
-def new_slave(slave: Slave) -> np.ndarray:
-    """A SLAVE record by itself."""
-    record = new_record(SLAVE)
-    set_slave(record[0], slave)
-    return record
 
 
 @kernel

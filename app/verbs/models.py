@@ -116,7 +116,7 @@ def identify_verb(args: argparse.Namespace) -> int:
 
     asked = args.steps, args.out, args.name, args.figures, args.omega_0, args.backlash_deg
     found, brake, figures = with_progress("identifying", identify, *asked)
-    fit = summary(found, args.backlash_deg)
+    fit = summary(found)
     lines = [
         f"{args.out}: {brake.name}, {fit['steps']} steps, averaged to {fit['averaged_steps']}",
         f"{'':12}{'value':>12}{'95 % interval':>26}",

@@ -2,19 +2,10 @@
 
 A box holds the trials of everyone (in the paper, three people) with one controller on one device, by the measure of
 Fig. 16, 17 or 18. Statements and their claims are those of `findings`, which judges the same trials within each
-participant. The rules, fixed before any world was run (our choice: the paper draws boxes and states no rule):
-
-- U is the uncontrolled median of the measure on the same device (between devices: on the three-brake one); where the
-  lengths of boxes (q3 - q1) are compared in place of medians, U is the uncontrolled box's length.
-- below:           first is lower than second by at least 15 % of U.
-- clearly below:   below, and neither median lies in the other's box. For the paper's "significantly".
-- at most:         first exceeds second by at most 15 % of U. For "negligible" and "no gain".
-- little change:   first and second differ by at most 15 % of U.
-- similar:         first and second differ by at most 30 % of U.
-- Several controllers on one side: the mean of their medians.
-- Each rule is a margin in units of U, with which it is met (not under 0) or missed. A claim is met if it is on every
-  device. A statement holds if all its claims are met, else it does not hold; its margin is the least of all.
-- One cannot tell where a box is missing, or under 90 % of its trials reached the end of the path.
+participant. The rules stand in docs/judging.md (our choice: the paper draws boxes and states no rule). U is the size of
+the uncontrolled box on the first side's device: its median, or its length (q3 - q1) where lengths are compared. Several
+controllers on one side count by the mean of their medians. A rule's margin, in units of U, is not under 0 where the
+rule is met; a statement's margin is the least of its claims on all devices.
 """
 
 import math
@@ -102,17 +93,18 @@ def box_findings_of(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Bo
 
 
 def _judged(statement: Statement, boxes: Boxes, configurations: Sequence[str], bands: float) -> BoxFinding:
-    compared = []
-    for claim in statement.claims:
-        places = [PAPER_CONFIGURATIONS] if claim.devices else [(one, one) for one in configurations]
-        for measure in (name for name in claim.measures if name in MEASURES):
-            compared += [Compared(claim, measure, at, _margin(claim, measure, at, boxes, bands)) for at in places]
-    missing = [one for one in compared if math.isnan(one.margin)]
-    if missing or not compared:
-        return BoxFinding(
-            statement, CANNOT_TELL, math.nan, _why_missing(missing[0], boxes) if missing else "No trials."
-        )
-    decisive = min(compared, key=lambda one: one.margin)
+    compared = [
+        Compared(claim, measure, at, _margin(claim, measure, at, boxes, bands))
+        for claim in statement.claims
+        for measure in claim.measures
+        if measure in MEASURES
+        for at in ([PAPER_CONFIGURATIONS] if claim.devices else [(one, one) for one in configurations])
+    ]
+    if not compared:
+        return BoxFinding(statement, CANNOT_TELL, math.nan, "No trials.")
+    decisive = min(compared, key=lambda one: (not math.isnan(one.margin), one.margin))
+    if math.isnan(decisive.margin):
+        return BoxFinding(statement, CANNOT_TELL, math.nan, _why_missing(decisive, boxes))
     verdict = HOLDS if decisive.margin >= 0.0 else FAILS
     return BoxFinding(statement, verdict, decisive.margin, _sentence(decisive, boxes, bands))
 

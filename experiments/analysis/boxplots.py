@@ -45,7 +45,6 @@ def draw_boxplots(
     rows: Sequence[TrialRow],
     out_folder: str | Path,
     note: str,
-    configurations: Sequence[str] | None = None,
     metrics: Sequence[Metric] = FIGURES,
     labels: Mapping[int, str] = CONTROLLER_LABELS,
     protocol: str = PAPER,
@@ -55,7 +54,7 @@ def draw_boxplots(
     """Draw every metric as PNG, SVG and PDF, and those of the paper in one wide PNG; returns the paths.
 
     note: what was used, as "settled rules, low gain 5 N s/m, parameters assumed"; it stands on every figure.
-    configurations: drawn as `charts.LOOKS` in this order; by default as the table first names them.
+    Configurations are drawn as `charts.LOOKS` in the order in which the table first names them.
     labels: controller -> what stands under its box; codes of a blind session stand under theirs as they are.
     protocol: its name. Our choice: only the paper's figures bear the numbers of its figures ("fig16_path_error").
     timeouts: trials whose time was up are in the boxes; else they are crosses above them, as the caption explains.
@@ -63,8 +62,8 @@ def draw_boxplots(
     InputError before anything is written if a file exists already or there is nothing to draw.
     """
     folder = Path(out_folder)
-    configurations = tuple(configurations or dict.fromkeys(row.configuration for row in rows))
-    if not configurations:
+    view = View(tuple(dict.fromkeys(row.configuration for row in rows)), labels, timeouts=timeouts)
+    if not rows:
         raise InputError(f"{folder}: there are no trials, no box plots to draw")
     sheets = []
     for metric in metrics:
@@ -75,9 +74,8 @@ def draw_boxplots(
     paths = [path for _, _, of_it in sheets for path in of_it]
     refuse_existing_files(paths)
     calls = [
-        (rows, [metric.name for metric in shown], width, note, configurations, labels, timeouts, formats)
+        (rows, [metric.name for metric in shown], width, note, view, [path.suffix[1:] for path in of_it])
         for shown, width, of_it in sheets
-        for formats in [[path.suffix[1:] for path in of_it]]
     ]
     drawn: dict[Path, bytes] = {}
     for (_, _, of_it), forms in zip(sheets, _drawn(calls, pool), strict=True):
@@ -94,31 +92,24 @@ def _drawn(calls: Sequence[tuple], pool: Executor | None) -> Iterator[list[bytes
         yield mine[i] if i in mine else waiting[i].result() if waiting else _sheet(*call)
 
 
-def _sheet(rows, names, width, note, configurations, labels, timeouts, formats) -> list[bytes]:
+def _sheet(
+    rows: Sequence[TrialRow], names: Sequence[str], width: float, note: str, view: View, formats: Sequence[str]
+) -> list[bytes]:
     """One figure as the bytes of its files; names: of the metrics."""
-    figure = draw(rows, [BY_NAME[name] for name in names], width, note, configurations, labels, timeouts)
+    figure = draw(rows, [BY_NAME[name] for name in names], width, note, view)
     return [figure_bytes(figure, form) for form in formats]
 
 
-def draw(
-    rows: Sequence[TrialRow],
-    metrics: Sequence[Metric],
-    width_in: float,
-    note: str,
-    configurations: Sequence[str],
-    labels: Mapping[int, str],
-    timeouts: bool = False,
-) -> Figure:
+def draw(rows: Sequence[TrialRow], metrics: Sequence[Metric], width_in: float, note: str, view: View) -> Figure:
     """One figure with a panel for each metric; more than five controllers make it wider."""
-    shown = controllers_shown(rows, labels)
+    shown = controllers_shown(rows, view.names)
     names = max((len(name.splitlines()) for name in shown.values()), default=0)
     room = LABEL_IN * max(0, names - 2)  # what names of more than two lines need besides
     width, height = width_in * max(1.0, len(shown) / 5.0), 4.5 + room
     inside = width - LEFT_IN - RIGHT_IN
-    view = View(tuple(configurations), labels, timeouts=timeouts)
     found = [pooled(rows, metric, view) for metric in metrics]
     counts = {placed.box.count for chart in found for placed in chart.boxes}
-    texts = (_method(counts), left_out(rows, timeouts), *note.splitlines())
+    texts = (_method(counts), left_out(rows, view.timeouts), *note.splitlines())
     lines = [line for text in texts for line in textwrap.wrap(text, int(inside * CHARACTERS_PER_INCH))]
     bottom = 0.66 + LINE_IN * len(lines) + room
     each = (inside - BETWEEN_IN * (len(metrics) - 1)) / len(metrics)
@@ -128,9 +119,9 @@ def draw(
             place = (LEFT_IN + i * (each + BETWEEN_IN), bottom, each, height - TOP_IN - bottom)
             axes = figure.add_axes(tuple(np.divide(place, (width, height, width, height))))
             _draw_panel(axes, chart, show_counts=len(counts) > 1)
-        if len(configurations) > 1:
-            handles = [Patch(edgecolor=QUIET, label=name, linewidth=1.2) for name in configurations]
-            for patch, look in zip(handles, map(view.look, configurations), strict=True):
+        if len(view.configurations) > 1:
+            handles = [Patch(edgecolor=QUIET, label=name, linewidth=1.2) for name in view.configurations]
+            for patch, look in zip(handles, map(view.look, view.configurations), strict=True):
                 patch.set(facecolor="white" if look else QUIET, hatch=HATCHES[look])
             legend_at(figure, handles, LEFT_IN, 0.12, handlelength=1.4)
         small_print(figure, lines, LEFT_IN, line_in=LINE_IN)

@@ -8,6 +8,7 @@ boxes; any other that does not count is shown only if its row is among those giv
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -115,20 +116,20 @@ class View(NamedTuple):
         return self.timeouts and not has_speed, not has_speed
 
 
-class Answer(NamedTuple):
-    """An answer to a question after a block or a controller."""
+class Answers(NamedTuple):
+    """A participant's answers after one block, or one controller, of a configuration."""
 
     participant: str
     configuration: str
-    controller: int | str  # "": after a block, which had several
     block: int  # 0: after a controller
-    question: str
-    value: float  # 0 to 100
+    controller: int | str  # 0: after a block; a code of a blind session
+    values: dict[str, float]  # question -> 0 to 100
+    time: str  # ISO, UTC
 
 
 #: How the boxes of the first configuration are drawn, of the second, ...; a fifth is as the first.
 LOOKS = ("Filled", "Open", "Hatched", "Dotted")
-Coded = TypeVar("Coded", TrialRow, Answer)
+Coded = TypeVar("Coded", TrialRow, Answers)
 
 
 def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> dict[int | str, str]:
@@ -141,13 +142,11 @@ def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> di
 
 def told_apart(found: Sequence[Coded]) -> list[Coded]:
     """Rows or answers whose codes name their participant, if there are several: each blind session has its own key."""
-
-    def is_coded(one: Coded) -> bool:
-        return isinstance(one.controller, str) and one.controller != ""
-
-    if len({one.participant for one in found if is_coded(one)}) < 2:
+    if len({one.participant for one in found if isinstance(one.controller, str)}) < 2:
         return list(found)
-    codes = [f"P{one.participant} {one.controller}" if is_coded(one) else one.controller for one in found]
+    codes = [
+        f"P{one.participant} {one.controller}" if isinstance(one.controller, str) else one.controller for one in found
+    ]
     return [
         replace(one, controller=code) if isinstance(one, TrialRow) else one._replace(controller=code)
         for one, code in zip(found, codes, strict=True)
@@ -190,7 +189,7 @@ def left_out(rows: Iterable[TrialRow], timeouts: bool = False, crosses: bool = T
     return " ".join(parts)
 
 
-def charts(page: str, rows: Sequence[TrialRow], view: View, answers: Sequence[Answer] = ()) -> list[Chart]:
+def charts(page: str, rows: Sequence[TrialRow], view: View, answers: Sequence[Answers] = ()) -> list[Chart]:
     """A page's charts of these rows, which are those that are chosen."""
     if page == QUESTIONS:
         return [_questionnaire(told_apart(answers), view)] if answers else []
@@ -215,10 +214,7 @@ def boxes(
 
 def _pooled(rows: Sequence[TrialRow], metric: Metric, view: View, least: int = LEAST_IN_A_BOX) -> Chart:
     groups = controllers_shown(rows, view.names)
-
-    def place(row: TrialRow) -> tuple:
-        return row.controller, row.configuration
-
+    place = attrgetter("controller", "configuration")
     return _boxed(POOLED, rows, metric, view, groups, view.configurations, place, least)
 
 
@@ -250,32 +246,41 @@ def _boxed(
 
     def middle(row: TrialRow) -> float:
         group, member = place(row)
-        return order.index(group) + (members.index(member) - 0.5 * (len(members) - 1)) * room
-
-    def x(row: TrialRow) -> float:
-        return middle(row) + (row.run * GOLDEN % 1.0 - 0.5) * 1.5 * BOX_SHARE * room
+        return _middle(order.index(group), members.index(member), len(members))
 
     rows = [row for row in rows if row.configuration in view.configurations]
-    compared = to_compare(rows, view.timeouts)
-    found: dict[float, list[TrialRow]] = {}
-    for row in compared:
-        if getattr(row, metric.name) is not None:
-            found.setdefault(middle(row), []).append(row)
-    boxes = tuple(
+    chart = _chart(page, rows, metric, view, lambda row: middle(row) + _beside(row.run, room))
+    boxes = _boxes(((middle(point.row), point) for point in chart.points if point.row), room, least)
+    ticks = tuple((float(i), name) for i, name in enumerate(names_along_axis(groups)))
+    return chart._replace(ticks=ticks, span=(-0.5, max(len(order), 1) - 0.5), boxes=boxes)
+
+
+def _middle(group: int, member: int, members: int) -> float:
+    """Where the box of a member stands in its group, one of so many side by side; groups stand 1 apart."""
+    return group + (member - 0.5 * (members - 1)) * (GROUP_SHARE / members)
+
+
+def _beside(number: int, room: float) -> float:
+    """How far from the middle of its box, which has so much room, the point of this number stands."""
+    return (number * GOLDEN % 1.0 - 0.5) * 1.5 * BOX_SHARE * room
+
+
+def _boxes(points: Iterable[tuple[float, Point]], room: float, least: int) -> tuple[PlacedBox, ...]:
+    """The boxes of points, each given with the middle of its box; fewer than `least` have none."""
+    found: dict[float, list[Point]] = {}
+    for middle, point in points:
+        found.setdefault(middle, []).append(point)
+    return tuple(
         PlacedBox(
-            at, BOX_SHARE * room, box_statistics(metric.scale * getattr(row, metric.name) for row in inside),
-            inside[0].controller, inside[0].configuration, view.look(inside[0].configuration),
+            at, BOX_SHARE * room, box_statistics(point.y for point in inside), inside[0].controller,
+            inside[0].row.configuration if inside[0].row else "", inside[0].look,
         )
         for at, inside in found.items() if len(inside) >= least
     )  # fmt: skip
-    ticks = tuple((float(i), name) for i, name in enumerate(names_along_axis(groups)))
-    span = (-0.5, max(len(order), 1) - 0.5)
-    return _chart(page, rows, compared, metric, view, x)._replace(ticks=ticks, span=span, boxes=boxes)
 
 
 def _by_run(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
-    compared = to_compare(rows, view.timeouts)
-    chart = _chart(ORDER, rows, compared, metric, view, lambda row: float(row.run))
+    chart = _chart(ORDER, rows, metric, view, lambda row: float(row.run))
     runs, values = (np.array([getattr(point, axis) for point in chart.points]) for axis in ("x", "y"))
     curve = []
     for run in np.unique(runs):
@@ -294,18 +299,15 @@ def _by_speed(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
         return 1e3 * view.lengths[row.segment] / row.duration_s
 
     speeds = [speed(row) for row in rows] or [1.0]
-    chart = _chart(SPEED, rows, rows, metric, view, speed)
+    chart = _chart(SPEED, rows, metric, view, speed)
     return chart._replace(x_title="Mean speed (mm/s)", span=(0.95 * min(speeds), 1.05 * max(speeds)))
 
 
 def _chart(
-    page: str,
-    rows: Sequence[TrialRow],
-    compared: Sequence[TrialRow],
-    metric: Metric,
-    view: View,
-    x: Callable[[TrialRow], float],
+    page: str, rows: Sequence[TrialRow], metric: Metric, view: View, x: Callable[[TrialRow], float]
 ) -> Chart:
+    """The points of a chart: those that are compared, those whose time was up, and those that do not count."""
+
     def points(chosen: Sequence[TrialRow]) -> tuple[Point, ...]:
         found = []
         for row in chosen:
@@ -318,43 +320,37 @@ def _chart(
                 found.append(Point(x(row), value, row.controller, view.look(row.configuration), text, row))
         return tuple(found)
 
-    inside = {id(row) for row in compared}
-    late = [row for row in rows if row.status == "timeout" and id(row) not in inside]
+    late = [row for row in rows if row.status == "timeout" and not view.timeouts]
     others = [row for row in rows if row.status not in ("done", "timeout")]
     content = metric.figure.partition("_")[2]
     return Chart(
         content if page == POOLED else f"{content}_{page}", metric.title, metric.shown_unit, (), "", (0.0, 1.0),
-        points(compared), points(late), points(others),
+        points(to_compare(rows, view.timeouts)), points(late), points(others),
     )  # fmt: skip
 
 
-def _questionnaire(answers: Sequence[Answer], view: View) -> Chart:
-    answers = [answer for answer in answers if answer.configuration in view.configurations]
-    questions = list(dict.fromkeys(answer.question for answer in answers))
+def _questionnaire(answers: Sequence[Answers], view: View) -> Chart:
+    answers = [one for one in answers if one.configuration in view.configurations]
+    each = [(one, question, value) for one in answers for question, value in one.values.items()]
+    questions = list(dict.fromkeys(question for _, question, _ in each))
     members = sorted(
-        {(answer.configuration, answer.controller) for answer in answers},
+        {(one.configuration, one.controller) for one in answers},
         key=lambda member: (by_controller(member[1]), view.configurations.index(member[0])),
     )
     room = GROUP_SHARE / len(members)
-    points: list[Point] = []
-    found: dict[float, list[Point]] = {}
-    for n, a in enumerate(answers):
-        member = members.index((a.configuration, a.controller))
-        middle = questions.index(a.question) + (member - 0.5 * (len(members) - 1)) * room
-        x = middle + (n * GOLDEN % 1.0 - 0.5) * 1.5 * BOX_SHARE * room
+    placed: list[tuple[float, Point]] = []
+    for n, (a, question, value) in enumerate(each):
+        middle = _middle(questions.index(question), members.index((a.configuration, a.controller)), len(members))
         name = str(view.names.get(a.controller, a.controller)).replace("\n", " ")
         after = f"after block {a.block}" if a.block else f"after {name}"
-        text = f"Participant {a.participant} · {after} on {a.configuration} · {a.value:g}"
-        points.append(Point(x, a.value, a.controller, view.look(a.configuration), text))
-        found.setdefault(middle, []).append(points[-1])
-    boxes = tuple(
-        PlacedBox(at, BOX_SHARE * room, box_statistics(p.y for p in inside), inside[0].controller, "", inside[0].look)
-        for at, inside in found.items()
-        if len(inside) >= LEAST_IN_A_BOX
-    )
+        text = f"Participant {a.participant} · {after} on {a.configuration} · {value:g}"
+        x = middle + _beside(n, room)
+        placed.append((middle, Point(x, value, a.controller or "", view.look(a.configuration), text)))
+    boxes = _boxes(placed, room, LEAST_IN_A_BOX)
     ticks = tuple((float(i), question.replace("_", "\n")) for i, question in enumerate(questions))
     span = (-0.5, len(questions) - 0.5)
-    return Chart(QUESTIONS, "Answers to the questionnaire", "0 to 100", ticks, "", span, tuple(points), boxes=boxes)
+    points = tuple(point for _, point in placed)
+    return Chart(QUESTIONS, "Answers to the questionnaire", "0 to 100", ticks, "", span, points, boxes=boxes)
 
 
 def legend(chart: Chart, view: View) -> list[str]:

@@ -1,24 +1,9 @@
-"""The paper's eleven qualitative statements (Sections V-B and VI), each tested on the trials at hand.
+"""The paper's eleven statements (Sections V-B and VI), each tested within each participant on the trials at hand.
 
-One rule for all, fixed before any data:
-
-- A statement is split into claims, a claim into comparisons: one for each configuration and, where two measures stand
-  for one thing (force over time and over progress; acceleration's weighted DFT sum and weighted rms), one for each.
-- In a comparison every participant gives one difference, first minus second, of the medians of their own trials (for
-  "consistent": of their trials' mean distance from the middle of the box). What counts is the mean participant and
-  the 95 % interval of `mean_interval`, which fewer people only widen: nothing is easier to claim with fewer. It takes
-  the differences as normal, which few people cannot show: below six the report warns. One participant has no
-  interval: unclear.
-- below:   yes if the whole interval is under 0; else no if it is all over 0, or within 15 % of the uncontrolled
-           median either way (no difference to speak of).
-- similar: within 15 % of the uncontrolled median either way. Yes if the whole interval is; no if none of it is.
-- at most: "negligible cost", "gains nothing": at most 15 % of the uncontrolled median more. Yes if the whole interval
-           is; no if none of it is.
-- A comparison is unclear otherwise (the interval is too wide), and when a controller or device was not tried, or when
-  under 90 % of its trials reached the end of the path (what was measured is then how far the tip came).
-- A claim is true or false if all its comparisons are, else unclear: measures or configurations disagree.
-- A statement holds if all its claims are true, does not hold if one is false, and else one cannot tell.
-
+The rules, fixed before any data, stand in docs/judging.md. A statement is split into claims, a claim into comparisons:
+one for each configuration and each measure of one thing. In a comparison every participant gives one difference, first
+minus second, of the medians of their own trials (for "consistent": of their trials' mean distance from the middle of
+the box). `mean_interval` takes the differences as normal, which few people cannot show: below six the report warns.
 "Uncontrolled median": of the participants' scores without control, in the same configuration (between configurations:
 on the three-brake device). Our choices: the difference within a person, where the paper compares boxes; "SDOF" reduces
 path error if it does without and with gap; "proportional" against "SDOF" overall is the mean of the two gains against

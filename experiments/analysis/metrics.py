@@ -178,8 +178,9 @@ class Movement:
         """`weighted_amplitudes` of the acceleration."""
         return weighted_amplitudes(self.acceleration)
 
+    # Measures of `METRICS` that take more than a line; their meaning stands there. None: there is nothing to measure.
+
     def switches_per_second(self) -> float | None:
-        """Ticks at which the set of brakes with current > 0 changes, per second."""
         if self.duration_s <= 0.0 or not self._recording.braked:
             return None
         on = np.zeros(len(self.tip), dtype=np.int8)  # a bit for each brake
@@ -188,11 +189,7 @@ class Movement:
         return int(np.count_nonzero(on[1:] != on[:-1])) / self.duration_s
 
     def unreachable_share(self) -> float | None:
-        """Share of ticks with a felt hand and no valid or selected brake, of all ticks outside the gap.
-
-        None without a controller, and if every tick is in the gap.
-        """
-        outside = ~self._decided(GAP)
+        outside = ~self._decided(GAP)  # of the ticks in the gap no brake is asked
         if not self._controlled or not outside.any():
             return None
         lacking = self._decided(UNREACHABLE) & outside & (self.force > FELT_FORCE_N)
@@ -203,12 +200,10 @@ class Movement:
         return float(np.mean(self._decided(decisions))) if self._controlled else None
 
     def slave_error(self) -> float | None:
-        """Distance between the slave and the handle, mean over time, m; None without a slave."""
         apart = self._may_be_missing("slave_x_m", "slave_y_m") - self.tip
         return None if np.isnan(apart).any() else float(np.mean(np.hypot(*apart.T)))
 
     def force_shown_share(self) -> float | None:
-        """Force of the brakes along the wanted one / the wanted force, both summed over the ticks that want one."""
         wanted, size = self._wanted
         asked = size > FELT_FORCE_N
         if not asked.any():
@@ -218,7 +213,6 @@ class Movement:
         return float(np.sum(along) / np.sum(size[asked]))
 
     def force_unavailable_share(self) -> float | None:
-        """What the nearest force that can be had misses of the wanted one / the wanted one, both summed over ticks."""
         wanted, size = self._wanted
         if not np.any(size > FELT_FORCE_N):
             return None
@@ -228,17 +222,14 @@ class Movement:
         return float(np.sum(missed) / np.sum(size[asked])) if asked.any() else None
 
     def least_clearance(self) -> float | None:
-        """Least distance from the nearest obstacle, m, not under 0; None without one."""
         distance = self._from_obstacle
         return None if distance is None else max(float(distance.min()), 0.0)
 
     def deepest_entry(self) -> float | None:
-        """How deep the handle came into an obstacle, m; 0: it did not."""
         distance = self._from_obstacle
         return None if distance is None else max(-float(distance.min()), 0.0)
 
     def guarded_share(self) -> float | None:
-        """Share of the movement's ticks in which the guard of obstacles had locked all brakes."""
         if self._from_obstacle is None:
             return None
         return float(np.mean(self._decided(frozenset({LOCK_OBSTACLE}))))

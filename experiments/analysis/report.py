@@ -3,8 +3,6 @@
 Plain sentences and tables; the same rows and note give the same bytes.
 """
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -19,7 +17,7 @@ from experiments.analysis.metrics import BY_NAME, DRAWN
 from experiments.analysis.participants import configurations_of, finished_share, people_of, scores, too_few
 from experiments.analysis.sensitivity import Variants, sensitivity, swapped
 from experiments.analysis.statistics import MEASURES, POOLED, Result, least_p_holm, statistics
-from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller, to_compare
+from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller, csv_bytes, to_compare
 from experiments.recording.atomic_files import write_new_files
 
 #: The measures that the report leads with, those of the figures.
@@ -69,11 +67,11 @@ def write_report(
     parts += [f"**{warning}**" for warning in warnings(rows, found, simulated)]
     parts.append("## The paper's findings")
     parts += [refusal] if refusal else [_findings_table(found, by_boxes), READ]
-    texts = {"participant_means.csv": _means_csv(to_compare(rows, timeouts))}
+    files = {"participant_means.csv": _means_csv(to_compare(rows, timeouts))}
     if not coded:
         results = [*statistics(rows, timeouts), *sensitivity(rows, variants, timeouts, none)]
-        texts |= {"findings.csv": _findings_csv(found, by_boxes)} if found else {}
-        texts["statistics.csv"] = _csv(Result._fields, results)
+        files |= {"findings.csv": _findings_csv(found, by_boxes)} if found else {}
+        files["statistics.csv"] = _csv(Result._fields, results)
         bar = [error_sentence(moved)] if moved else []
         for table in (
             _against_none(results, names, none),
@@ -83,25 +81,22 @@ def write_report(
             parts += [*table, *bar] if table else []
         if moved:
             parts += ["## How sure these numbers are", error_table(moved, names), READ_ERRORS]
-            texts["simulation_errors.csv"] = _csv(Moved._fields, moved)
+            files["simulation_errors.csv"] = _csv(Moved._fields, moved)
         parts.append("## What else to know")
         parts.append("\n".join(f"- {sentence}" for sentence in sentences(results, names)))
-    texts["report.md"] = "\n\n".join(parts) + "\n"
-    write_new_files({folder / name: text.encode() for name, text in texts.items()})
-    return [folder / name for name in texts]
+    files["report.md"] = ("\n\n".join(parts) + "\n").encode()
+    write_new_files({folder / name: content for name, content in files.items()})
+    return [folder / name for name in files]
 
 
-def _csv(header: Sequence[str], lines: Iterable[Sequence[object]]) -> str:
+def _csv(header: Sequence[str], lines: Iterable[Sequence[object]]) -> bytes:
     """Lines of cells; a number to nine digits, an empty cell for None."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    for line in lines:
-        writer.writerow([f"{cell:.9g}" if isinstance(cell, float) else "" if cell is None else cell for cell in line])
-    return text.getvalue()
+    return csv_bytes(
+        [header, *([f"{cell:.9g}" if isinstance(cell, float) else cell for cell in line] for line in lines)]
+    )
 
 
-def _findings_csv(found: Sequence[Finding], by_boxes: Sequence[BoxFinding]) -> str:
+def _findings_csv(found: Sequence[Finding], by_boxes: Sequence[BoxFinding]) -> bytes:
     """One line a statement: its number, words, verdict, every number behind it, and the deciding ones in a sentence;
     then the verdict by boxes, its margin (in uncontrolled medians) and its sentence.
     """
@@ -118,7 +113,7 @@ def _findings_csv(found: Sequence[Finding], by_boxes: Sequence[BoxFinding]) -> s
     return _csv(header, lines)
 
 
-def _means_csv(rows: Sequence[TrialRow]) -> str:
+def _means_csv(rows: Sequence[TrialRow]) -> bytes:
     """One line a participant, configuration and controller: the means that the tests are made of."""
     tables = [scores(rows, measure) for measure in MEASURES]
     cells = [
@@ -132,7 +127,7 @@ def _means_csv(rows: Sequence[TrialRow]) -> str:
 
 
 def warnings(rows: Sequence[TrialRow], found: Sequence[Finding], simulated: bool) -> list[str]:
-    """What a reader must know before the findings: that people are few, and that they are none."""
+    """What a reader must know before the findings: that the people are too few, or that they are simulated."""
     few = (description_only(found) if found else "") or too_few(len(people_of(rows)))
     return ([few] if few else []) + ([SIMULATED] if simulated else [])
 

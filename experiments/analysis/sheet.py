@@ -94,7 +94,7 @@ def sheet(
 def small_print(
     figure: Figure, lines: Sequence[str], left_in: float, bottom_in: float = 0.12, line_in: float = LINE_IN
 ) -> None:
-    """Lines of small text, the last so far from the bottom of the figure."""
+    """Lines of small text, one under the other; the last stands `bottom_in` above the bottom of the figure."""
     width, height = figure.get_size_inches()
     for i, line in enumerate(reversed(lines)):
         place = left_in / width, (bottom_in + line_in * i) / height
@@ -115,7 +115,7 @@ def plain(axes: Axes, grid: bool = True) -> None:
 
 
 def legend_at(figure: Figure, handles: Sequence[Any], left_in: float, top_in: float, **more: Any) -> None:
-    """A legend in one row; its upper left corner so far from that of the figure."""
+    """A legend in one row; its upper left corner is `left_in` and `top_in` from that of the figure."""
     width, height = figure.get_size_inches()
     figure.legend(
         handles=handles, loc="upper left", bbox_to_anchor=(left_in / width, 1.0 - top_in / height),

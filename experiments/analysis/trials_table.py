@@ -19,13 +19,7 @@ from core import tick_log
 from core.files import InputError
 from core.path import build_path, path_from
 from experiments.analysis.metrics import METRICS, NO_METRICS, trial_metrics
-from experiments.recording.atomic_files import (
-    give_new_name,
-    refuse_existing_files,
-    refusing,
-    rename_over,
-    written_beside,
-)
+from experiments.recording.atomic_files import replace_file, write_new_file
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
     from experiments.recording.schema import Recording
@@ -151,7 +145,7 @@ def table_bytes(rows: Iterable[TrialRow]) -> bytes:
     """The rows as they stand in the file: a later measure has a column where some trial has it."""
     rows = list(rows)
     columns = _columns_of(rows)
-    return _lines([columns]) + _lines(_cells(row, columns) for row in rows)
+    return csv_bytes([columns, *(_cells(row, columns) for row in rows)])
 
 
 def _columns_of(rows: Sequence[TrialRow]) -> tuple[str, ...]:
@@ -165,9 +159,10 @@ def _cells(row: TrialRow, columns: Sequence[str]) -> list[str]:
     return [_cell(column, getattr(row, column)) for column in columns]
 
 
-def _lines(cells: Iterable[Sequence[str]]) -> bytes:
+def csv_bytes(lines: Iterable[Sequence[object]], delimiter: str = ",") -> bytes:
+    """Lines of cells as a table's file holds them."""
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(cells)
+    csv.writer(text, delimiter=delimiter, lineterminator="\n").writerows(lines)
     return text.getvalue().encode()
 
 
@@ -176,37 +171,27 @@ def write_table(path: str | Path, rows: Iterable[TrialRow], replacing: bool = Fa
 
     InputError if the file exists, unless `replacing`, or cannot be there; OSError if the disk takes no more.
     """
-    path = Path(path)
-    data = table_bytes(rows)
-    if not replacing:
-        refuse_existing_files([path])
-    _put(path, data, replacing)
-
-
-def _put(path: Path, data: bytes, replacing: bool, sync: bool = True) -> None:
-    with refusing(path, "the table cannot be written"), written_beside(path, data, sync) as partial:
-        if replacing:
-            rename_over(partial, path)
-        else:
-            give_new_name(partial, path)
+    write = replace_file if replacing else write_new_file
+    write(Path(path), table_bytes(rows), sync=True)
 
 
 def append_row(path: str | Path, row: TrialRow, known: bytes = b"", sync: bool = True) -> bytes:
     """Add a row at the end, making the table if there is none; the rows before are kept as they are.
 
-    What stands in the file now. known: what the last call said stands there: that need not be looked through again.
+    Returns what the file holds now. known: what the last call returned; a file that still holds it is not read row by
+    row again.
     """
     path = Path(path)
     there = path.read_bytes() if path.exists() else b""
     columns = there.partition(b"\n")[0].decode(errors="replace").split(",")
     if there and there == known and set(_columns_of([row])) <= set(columns):
-        data = there + _lines([_cells(row, columns)])
+        data = there + csv_bytes([_cells(row, columns)])
     else:
         before = read_table(path) if there else []
         if before and there != table_bytes(before):
             raise InputError(f"{path}: was changed by hand or by another version, adding a row would lose something")
         data = table_bytes([*before, row])
-    _put(path, data, replacing=True, sync=sync)
+    replace_file(path, data, sync)
     return data
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from core.files import InputError
+from experiments.analysis.charts import Answers
 from experiments.analysis.trials_table import Column
 from experiments.export.columns import NOTES, QUESTIONNAIRE, SCALES, scale_column
 from experiments.export.files import write_json, write_rows
@@ -20,22 +21,6 @@ _TOOL = {
 }
 
 
-class Answers(NamedTuple):
-    """A participant's answers after one block, or one controller, of a configuration."""
-
-    participant: str
-    configuration: str
-    block: int  # 0: after a controller
-    controller: int | str  # 0: after a block; a code of a blind session
-    values: dict[str, float]  # scale -> 0 to 100
-    time: str  # ISO, UTC
-
-    @property
-    def after(self) -> str:
-        """What they came after: "block-1", "controller-3"."""
-        return f"block-{self.block}" if self.block else f"controller-{self.controller}"
-
-
 class Note(NamedTuple):
     """What the experimenter wrote down."""
 
@@ -44,15 +29,8 @@ class Note(NamedTuple):
     text: str
 
 
-class AnswersAndNotes(NamedTuple):
-    """All of it, in the order of the sessions."""
-
-    answers: tuple[Answers, ...]
-    notes: tuple[Note, ...]
-
-
-def answers_and_notes(sessions: Iterable[Path]) -> AnswersAndNotes:
-    """What the journals of these session folders (.../sub-01/ses-01) hold, as far as they can be read."""
+def answers_and_notes(sessions: Iterable[Path]) -> tuple[list[Answers], list[Note]]:
+    """The answers and notes in the journals of these session folders (.../sub-01/ses-01), in their order."""
     answers, notes = [], []
     for folder in sessions:
         participant = folder.parent.name.removeprefix("sub-")
@@ -64,7 +42,7 @@ def answers_and_notes(sessions: Iterable[Path]) -> AnswersAndNotes:
                 answers.append(Answers(participant, *whose, about["values"], at))
             elif event is NOTE:
                 notes.append(Note(at, participant, about["text"]))
-    return AnswersAndNotes(tuple(answers), tuple(notes))
+    return answers, notes
 
 
 class Form(NamedTuple):
@@ -85,22 +63,24 @@ def forms_of(sessions: Iterable[Path]) -> list[Form]:
     return forms
 
 
-def write_answers_and_notes(folder: Path, found: AnswersAndNotes) -> dict[str, dict[str, Column]]:
+def write_answers_and_notes(
+    folder: Path, answers: Sequence[Answers], notes: Sequence[Note]
+) -> dict[str, dict[str, Column]]:
     """questionnaire.csv and notes.csv into a folder; file -> its columns, of those written."""
     written = {}
-    if found.answers:
-        scales = _scales(found.answers)
-        part = ["block"] + ["controller"] * any(a.controller for a in found.answers)
+    if answers:
+        scales = _scales(answers)
+        part = ["block"] + ["controller"] * any(a.controller for a in answers)
         names = ["participant", "configuration", *part, *scales, "time"]
         lines = [
             [a.participant, a.configuration, *(str(getattr(a, name) or "") for name in part),
              *(str(a.values.get(scale, "")) for scale in scales), a.time]
-            for a in found.answers
+            for a in answers
         ]  # fmt: skip
         write_rows(folder / QUESTIONNAIRE_CSV, [names, *lines], ",")
         written[QUESTIONNAIRE_CSV] = {name: QUESTIONNAIRE.get(name) or scale_column(name) for name in names}
-    if found.notes:
-        write_rows(folder / NOTES_CSV, [Note._fields, *found.notes], ",")
+    if notes:
+        write_rows(folder / NOTES_CSV, [Note._fields, *notes], ",")
         written[NOTES_CSV] = {name: NOTES[name] for name in Note._fields}
     return written
 
@@ -117,16 +97,17 @@ def write_phenotype(folder: Path, answers: Sequence[Answers]) -> None:
     about: dict[str, dict[str, str]] = {}
     scales = _scales(answers)
     for a in answers:
-        block, after = f"{a.configuration}_{a.after}_", a.after.replace("-", " ")
-        rows.setdefault(f"sub-{a.participant}", {}).update({block + name: str(v) for name, v in a.values.items()})
+        kind, which = ("block", a.block) if a.block else ("controller", a.controller)
+        place = f"{a.configuration}_{kind}-{which}_"
+        rows.setdefault(f"sub-{a.participant}", {}).update({place + name: str(v) for name, v in a.values.items()})
         for scale in scales:
-            meaning = f"{scale_column(scale).meaning}; after {after} on {a.configuration}"
-            about[block + scale] = {"Description": meaning}
+            meaning = f"{scale_column(scale).meaning}; after {kind} {which} on {a.configuration}"
+            about[place + scale] = {"Description": meaning}
     lines = [[person, *(row.get(column, "n/a") for column in about)] for person, row in rows.items()]
-    place = folder / "phenotype"
-    place.mkdir()
-    write_rows(place / "tlxsmoothness.tsv", [["participant_id", *about], *lines])
-    write_json(place / "tlxsmoothness.json", {"MeasurementToolMetadata": _TOOL, **about})
+    phenotype = folder / "phenotype"
+    phenotype.mkdir()
+    write_rows(phenotype / "tlxsmoothness.tsv", [["participant_id", *about], *lines])
+    write_json(phenotype / "tlxsmoothness.json", {"MeasurementToolMetadata": _TOOL, **about})
 
 
 def _scales(answers: Iterable[Answers]) -> list[str]:

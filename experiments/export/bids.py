@@ -111,7 +111,7 @@ class BidsDataset:
             *([subject, *(_answer(forms.get(subject), name) for name in header[1:-1]), hand]
               for subject, hand in self._hands.items()),
         ])  # fmt: skip
-        answers = answers_and_notes(exported.sessions).answers
+        answers, _ = answers_and_notes(exported.sessions)
         write_phenotype(self.folder, [a for a in answers if f"sub-{a.participant}" in self._hands])
         levels = {name: one.meaning for name, one in INPUTS.items() if name in self._hands.values()}
         hand = {"Description": "where the force of the hand came from"} | ({"Levels": levels} if levels else {})

@@ -69,7 +69,7 @@ class CsvTables:
         order = sorted((*self._rows, *exported.unrecorded), key=lambda row: (row.participant, row.run))
         write_table(self.folder / "trials.csv", order)
         tables = {"trials.csv": DICTIONARY, "sub-*/ses-*/run-*.csv": self._columns}
-        tables |= write_answers_and_notes(self.folder, answers_and_notes(exported.sessions))
+        tables |= write_answers_and_notes(self.folder, *answers_and_notes(exported.sessions))
         write_json(self.folder / "columns.json", {name: _described(columns) for name, columns in tables.items()})
         (self.folder / "README.md").write_bytes(exported.readme(_README))
 

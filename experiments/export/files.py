@@ -1,7 +1,5 @@
 """What an export holds, each trial as it may be shown, and how columns, tables and objects become text."""
 
-import csv
-import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -11,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow.csv import WriteOptions, write_csv
 
-from experiments.analysis.trials_table import TrialRow
+from experiments.analysis.trials_table import TrialRow, csv_bytes
 from experiments.recording.schema import Recording
 
 #: Columns of the ticks that show what the brakes did, and with it which controller it was.
@@ -80,9 +78,7 @@ def write_columns(
 
 def write_rows(path: Path, lines: Iterable[Sequence[str]], delimiter: str = "\t") -> None:
     """Write a small table of texts, the header first."""
-    text = io.StringIO()
-    csv.writer(text, delimiter=delimiter, lineterminator="\n").writerows(lines)
-    path.write_text(text.getvalue(), encoding="utf-8", newline="\n")
+    path.write_bytes(csv_bytes(lines, delimiter))
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

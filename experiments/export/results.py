@@ -10,7 +10,7 @@ from typing import NamedTuple
 from core.control.controllers import Preset
 from core.files import InputError
 from core.path import build_path
-from experiments.analysis.charts import Answer, View
+from experiments.analysis.charts import Answers, View
 from experiments.analysis.findings import CONTROLLER, Finding, findings, why_no_findings
 from experiments.analysis.report import sentences, warnings
 from experiments.analysis.sensitivity import sensitivity
@@ -30,13 +30,13 @@ class Results(NamedTuple):
     folder: Path
     sessions: tuple[Path, ...] = ()
     rows: tuple[TrialRow, ...] = ()  # recordings are named from the folder
-    answers: tuple[Answer, ...] = ()
+    answers: tuple[Answers, ...] = ()
     planned: dict[str, int] = {}  # participant -> trials of the plan
     controllers: dict[int, Preset] = {}
     labels: dict[int, str] = {}  # controller -> what stands under its boxes
     configurations: tuple[str, ...] = ()
     lengths: dict[int, float] = {}  # segment -> length of the path, m
-    note: str = ""  # what every figure says
+    note: str = ""  # stands on every figure
     protocol: str = ""  # its name
     problems: tuple[str, ...] = ()  # what could not be read
 
@@ -60,8 +60,8 @@ def conclude(rows: Sequence[TrialRow], controllers: Mapping[int, Preset], timeou
         return Conclusions(refusal, (), (), ())
     found = () if refusal else tuple(findings(rows, timeouts))
     names = {number: preset.name for number, preset in controllers.items()} or CONTROLLER
-    said = sentences([*statistics(rows, timeouts), *sensitivity(rows, timeouts=timeouts)], names)
-    return Conclusions(refusal, found, tuple(said), tuple(warnings(rows, found, simulated=False)))
+    judged = sentences([*statistics(rows, timeouts), *sensitivity(rows, timeouts=timeouts)], names)
+    return Conclusions(refusal, found, tuple(judged), tuple(warnings(rows, found, simulated=False)))
 
 
 def read_results(folder: Path) -> Results:
@@ -122,7 +122,7 @@ def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
 
 
 def _labels(rows: Sequence[TrialRow]) -> dict[int, str]:
-    """Of controllers of which only the number is known."""
+    """Labels of controllers that are known by their number alone."""
     numbers = sorted({row.controller for row in rows if isinstance(row.controller, int)})
     return {number: f"controller\n{number}" for number in numbers}
 
@@ -131,16 +131,11 @@ def _configurations(rows: Sequence[TrialRow]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(row.configuration for row in rows))
 
 
-def _answers(sessions: Sequence[Path]) -> list[Answer]:
-    """After a block, or after a controller, which stands as its code until the session is opened."""
+def _answers(sessions: Sequence[Path]) -> list[Answers]:
+    """All answers; a controller stands as its code until the session is opened."""
     keys = {one.parent.name.removeprefix("sub-"): journal_summary(one).key or {} for one in sessions}
-    return [
-        Answer(
-            a.participant, a.configuration, keys[a.participant].get(a.controller, a.controller) or "", a.block, *asked
-        )
-        for a in answers_and_notes(sessions).answers
-        for asked in a.values.items()
-    ]
+    answers, _ = answers_and_notes(sessions)
+    return [a._replace(controller=keys[a.participant].get(a.controller, a.controller)) for a in answers]
 
 
 class Job(NamedTuple):
@@ -148,7 +143,7 @@ class Job(NamedTuple):
 
     page: str  # of `charts`
     rows: tuple[TrialRow, ...]  # their recordings are named from the data folder
-    answers: tuple[Answer, ...]
+    answers: tuple[Answers, ...]
     view: View
     note: str  # stands on every figure
     data_dir: Path

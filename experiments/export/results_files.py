@@ -1,25 +1,60 @@
 """Files of results: figures and tables of what is seen on a page, and reports of sessions; never over others."""
 
+import io
 import os
 import shutil
-from collections.abc import Callable
+import textwrap
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+
+from core import tick_log
 from core.files import InputError
-from experiments.analysis.chart_figures import draw_charts
-from experiments.analysis.charts import charts
-from experiments.analysis.trials_table import write_table
+from experiments.analysis.chart_figures import draw_chart, draw_charts
+from experiments.analysis.charts import ORDER, POOLED, Chart, View, charts, left_out, legend
+from experiments.analysis.metrics import BY_NAME, DRAWN
+from experiments.analysis.sheet import QUIET, STYLE, new_figure
+from experiments.analysis.trials_table import STATUSES, TrialRow, to_compare, write_table
 from experiments.export.answers import answers_and_notes, write_answers_and_notes
-from experiments.export.results import Job
-from experiments.export.session_report import write_session_report
-from experiments.recording.atomic_files import rename
-from experiments.session.files import TABLE
+from experiments.export.results import Job, Results, read_results
+from experiments.recording.atomic_files import rename, write_new_file
+from experiments.recording.reader import read_recording
+from experiments.session import journal
+from experiments.session.files import TABLE, read_stored
+
+PAGE = 8.27, 11.69  # inches: A4
+MARGIN, LINE = 0.8, 0.19  # inches
+CHARACTERS = 92  # of a line of small text
+LOOKS = {
+    "title": {"fontsize": 14.0},
+    "head": {"fontsize": 10.5},
+    "text": {"fontsize": 9.0},
+    "fixed": {"fontsize": 6.2, "family": "DejaVu Sans Mono"},  # a table, in letters of one width
+}
+#: What is listed under "Faults and decisions", as a sentence over the fields of the event.
+LISTED = {
+    journal.BRAKES_OFF.name: "brakes off: {cause}",
+    journal.LOOP_LOST.name: "run {run}: the control loop ended: {reason}",
+    journal.WINDOW_LOST.name: "the window ended while the session was open",
+    journal.PUT_IN_ORDER.name: "the files were put in order after a crash",
+    journal.SKIPPED.name: "run {run} skipped: {reason}",
+    journal.REDONE.name: "run {run} repeated: {reason}",
+    journal.EXCLUDED.name: "run {run} excluded: {reason}",
+    journal.PAUSED.name: "paused",
+    journal.UNBLINDED.name: "the key was opened by {who}",
+}
 
 
 def write_results(job: Job, progress: Callable[[float], None] = lambda share: None) -> int:
     """Write what is seen: the page's figures, the trials, what was answered and noted; how many files.
 
-    The folder appears whole. progress: called with the share done. InputError says why nothing was written.
+    The folder appears whole, or InputError and no folder. progress: called with the share done.
     """
     if job.folder.exists():
         raise InputError(f"{job.folder}: exists already, the results need a new folder")
@@ -36,7 +71,7 @@ def write_results(job: Job, progress: Callable[[float], None] = lambda share: No
             shown = charts(job.page, job.rows, job.view, job.answers)
             draw_charts(shown, job.rows, partial, job.note, job.view, progress)
             write_table(partial / TABLE, [row.seen_from(here) for row in job.rows])
-            write_answers_and_notes(partial, answers_and_notes(job.sessions))
+            write_answers_and_notes(partial, *answers_and_notes(job.sessions))
         count = len(list(partial.iterdir()))
         rename(partial, job.folder)
     except OSError as error:
@@ -44,3 +79,148 @@ def write_results(job: Job, progress: Callable[[float], None] = lambda share: No
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return count
+
+
+def write_session_report(session: Path, out: Path) -> None:
+    """Write the report of a session's folder (.../sub-01/ses-01) into a new PDF.
+
+    InputError if the session cannot be read, or the file exists.
+    """
+    results, lines = read_results(session), session_lines(session)
+    if results.problems:
+        raise InputError("; ".join(results.problems))
+    sink = io.BytesIO()
+    with matplotlib.rc_context(STYLE), PdfPages(sink, metadata={"CreationDate": None, "Producer": None}) as pdf:
+        for figure in _text_pages(lines):
+            pdf.savefig(figure)
+        view = View(results.configurations, results.labels, results.lengths)
+        for title, page in (("Measures by controller", POOLED), ("Measures in the order of the trials", ORDER)):
+            pdf.savefig(_figure_page(title, charts(page, results.rows, view), results, view))
+    write_new_file(out, sink.getvalue())
+
+
+def session_lines(session: Path) -> list[tuple[str, str]]:
+    """The report's text in lines, each with its kind: one of `LOOKS`. InputError if the session cannot be read."""
+    stored, results, events = read_stored(session), read_results(session), journal.read_events(session)
+    return [
+        ("title", f"Session of participant {stored.participant}"),
+        *_who_and_when(stored.about, results, events),
+        *_measures(results),
+        *_timing(session, results.rows),
+        *_marks(events),
+    ]
+
+
+def _who_and_when(about: dict, results: Results, events: Sequence[journal.Entry]) -> Iterator[tuple[str, str]]:
+    versions = about["versions"]
+    count = Counter(row.status for row in results.rows)
+    yield "text", f"Begun {about['created']}, last entry {events[-1].time if events else 'none'} (UTC)."
+    yield "text", f"Protocol {results.protocol}: {results.note}."
+    blind = " The session was begun blind." if about.get("blind") else ""
+    yield "text", f"Hand: {about.get('hand', 'not recorded')}.{blind}"
+    made_by = f"phd {versions['phd']}, Python {versions['python']}"
+    yield "text", f"Seed {about['seed']}; plan {about['plan_sha256'][:12]}; {made_by}."
+    yield "head", "Plan"
+    listed = ", ".join(f"{count[status]} {status}" for status in STATUSES if count[status])
+    yield "text", f"{len(about['plan'])} trials planned; {len(results.rows)} rows: {listed or 'none'}."
+    if text := left_out(results.rows):
+        yield "text", text.replace("crosses above the scale, not in the boxes", "not in the numbers below")
+
+
+def _measures(results: Results) -> Iterator[tuple[str, str]]:
+    yield "head", "Measures (median over trials that reached the end)"
+    shown = (*DRAWN, BY_NAME["duration_s"])
+    for titles in ([metric.short for metric in shown], [metric.shown_unit for metric in shown]):
+        first = ("device", "controller", "trials") if titles[0] == shown[0].short else ("", "", "")
+        yield "fixed", "{:<14}{:<26}{:>7}".format(*first) + "".join(f"{title[:20]:>21}" for title in titles)
+    compared = to_compare(results.rows)
+    cells = dict.fromkeys((row.configuration, row.controller) for row in compared)
+    for configuration, controller in sorted(cells, key=str):
+        rows = [row for row in compared if (row.configuration, row.controller) == (configuration, controller)]
+        cell = ""
+        for metric in shown:
+            values = [v for row in rows if (v := getattr(row, metric.name)) is not None]
+            cell += f"{metric.scale * float(np.median(values)):>21.{metric.decimals}f}" if values else f"{'':>21}"
+        name = " ".join(results.labels.get(controller, str(controller)).split())
+        yield "fixed", f"{configuration[:13]:<14}{name[:25]:<26}{len(rows):>7}{cell}"
+
+
+def _timing(session: Path, rows: Sequence[TrialRow]) -> Iterator[tuple[str, str]]:
+    yield "head", "Timing of the control loop"
+    lateness, warnings, timings = [], [], []
+    for row in rows:
+        if row.recording:
+            recording = read_recording(session / row.recording)
+            if recording.damaged:
+                warnings.append(f"run {row.run}: {'; '.join(recording.damaged)}")
+            warnings += [f"run {row.run}: {warning}" for warning in recording.outcome.get("warnings", ())]
+            if recording.rows:
+                lateness.append(recording.column("lateness_us"))
+                timings.append(recording.outcome.get("timing", {}))
+    late = np.concatenate(lateness) if lateness else np.zeros(1)
+    if not late.any():
+        yield "text", "The trials did not run in real time."
+    else:
+        half, most = np.quantile(late, (0.5, 0.99))
+        missed = int(np.count_nonzero(late >= tick_log.MISSED_US))
+        yield "text", (
+            f"{len(late)} ticks in {len(lateness)} recordings: half of them at most {half:.0f} µs late, 99 % at most "
+            f"{most:.0f} µs, the latest {late.max():.0f} µs; {missed} a millisecond or more."
+        )
+        yield "text", whose_fault(timings)
+    for warning in warnings:
+        yield "text", f"Warning: {warning}."
+
+
+def whose_fault(timings: Sequence[Mapping[str, Any]]) -> str:
+    """The sentence on what made ticks late; a number that one recording lacks is "not known" of all."""
+
+    def of_all(name: str, total: Callable[[list[float]], float] = sum, unit: str = "") -> str:
+        values = [timing.get(name) for timing in timings]
+        return "not known" if None in values else f"{total(values):.0f}{unit}"
+
+    return (
+        f"Time that the host of a virtual machine kept from the loop: {of_all('stolen_ms', unit=' ms')}. Time that the "
+        f"loop waited for a processor core: {of_all('waited_ms', unit=' ms')}; times that its core was taken from it: "
+        f"{of_all('switches')}. The longest tick itself: {of_all('tick_max_us', max, ' µs')}."
+    )
+
+
+def _marks(events: Sequence[journal.Entry]) -> Iterator[tuple[str, str]]:
+    yield "head", "Faults and decisions"
+    marks = [entry for entry in events if entry.event.name in LISTED]
+    for entry in marks:
+        yield "text", f"{entry.time[11:19]}  {LISTED[entry.event.name].format(**entry.about)}"
+    if not marks:
+        yield "text", "None."
+    if notes := [entry for entry in events if entry.event is journal.NOTE]:
+        yield "head", "Notes"
+        for entry in notes:
+            yield "text", f"{entry.time[11:19]}  {entry.about['text']}"
+
+
+def _text_pages(lines: Sequence[tuple[str, str]]) -> Iterator[Figure]:
+    figure, y = None, 0.0
+    for kind, text in lines:
+        for piece in textwrap.wrap(text, CHARACTERS) if kind == "text" else [text]:
+            if figure is None or y < MARGIN:
+                if figure is not None:
+                    yield figure
+                figure, y = new_figure(*PAGE), PAGE[1] - MARGIN
+            y -= LINE if kind == "head" else 0.0
+            figure.text(MARGIN / PAGE[0], y / PAGE[1], piece, **LOOKS[kind])
+            y -= LINE
+    if figure is not None:
+        yield figure
+
+
+def _figure_page(title: str, shown: Sequence[Chart], results: Results, view: View) -> Figure:
+    figure = new_figure(*PAGE)
+    figure.text(MARGIN / PAGE[0], 1.0 - MARGIN / PAGE[1], title, fontsize=12.0)
+    for i, chart in enumerate(shown):
+        axes = figure.add_axes((0.12, 0.68 - 0.29 * i, 0.8, 0.19))
+        draw_chart(axes, chart)
+    foot = " ".join((*legend(shown[0], view), left_out(results.rows)))
+    for i, line in enumerate(reversed(textwrap.wrap(foot, 110))):
+        figure.text(0.12, 0.02 + 0.013 * i, line, fontsize=7.0, color=QUIET)
+    return figure

@@ -78,9 +78,7 @@ def draw_time_constants(found: Identification, direction: str) -> Figure:
     aside = [one for one in found.set_aside if one.direction == direction]
     more = f" Not drawn: {len(aside)} without a clear transient." if aside else ""
     text = f"Dots: time constants of averaged steps, Eq. (3).{more}"
-    figure, axes = _room(found, direction, "measured", [text])
-    points = _grid_means_ms(_with_constant(found, direction))
-    currents, logs = (sorted(set(values)) for values in zip(*points, strict=True))
+    figure, axes, points, currents, logs = _room(found, direction, "measured", [text])
     x, y = np.meshgrid(currents, logs)
     z = np.array([[points.get((c, w), math.nan) for c in currents] for w in logs])  # a hole where nothing is known
     axes.plot_surface(
@@ -101,10 +99,8 @@ def draw_surface(found: Identification, direction: str) -> Figure:
         f"$a_{{avg}}$ {average} (95 %) from $ω_0$ = {found.omega_0_rpm:g} rpm on. Dots: measured, with their distance "
         f"from the fit, small where the torque changes little; rms residual {rms:.2g} ms."
     )
-    figure, axes = _room(found, direction, "Eq. (4)", textwrap.wrap(text, 88))
-    every = _with_constant(found, direction)
-    points = _grid_means_ms(every)
-    currents, logs = (sorted(set(values)) for values in zip(*points, strict=True))
+    figure, axes, _, currents, logs = _room(found, direction, "Eq. (4)", textwrap.wrap(text, 88))
+    every = [*fits.at_surface, *fits.at_average]
     edge = math.log2(found.omega_0_rpm)
     i = np.linspace(currents[0], currents[-1], 11)
     slow, fast = np.linspace(logs[0], edge, 21), np.linspace(edge, max(logs[-1], edge), 7)
@@ -128,7 +124,10 @@ def draw_surface(found: Identification, direction: str) -> Figure:
 
 
 def _room(found: Identification, direction: str, words: str, lines: Sequence[str]):
-    """A figure with three axes: current (A), log2 of the speed shown as rpm, time constant (ms); alike in 7 and 8."""
+    """A figure with three axes: current (A), log2 of the speed shown as rpm, time constant (ms); alike in 7 and 8.
+
+    With its axes, the mean time constants at (current, log2 of speed), the currents and the logs of the speeds.
+    """
     import mpl_toolkits.mplot3d  # noqa: F401  (makes the projection known)
 
     figure = new_figure(5.4, 4.9)
@@ -136,7 +135,8 @@ def _room(found: Identification, direction: str, words: str, lines: Sequence[str
         axes = figure.add_axes((0.05, 0.11, 0.92, 0.88), projection="3d")
     axes.computed_zorder = False  # dots over surfaces, also those just below
     axes.set_box_aspect((4, 4, 3), zoom=0.92)
-    points = _grid_means_ms(_with_constant(found, direction))
+    fits = found.constants[direction]
+    points = _grid_means_ms([*fits.at_surface, *fits.at_average])
     currents, logs = (sorted(set(values)) for values in zip(*points, strict=True))
     axes.set(xlabel="Current stepped to (A)", zlabel="Time constant (ms)", xticks=currents)
     axes.set_ylabel("Speed (rpm)", labelpad=6)
@@ -148,12 +148,7 @@ def _room(found: Identification, direction: str, words: str, lines: Sequence[str
         axis.pane.set_facecolor("white")
         axis.pane.set_edgecolor(LINE)
     _write(figure, 0.06, f"Time constant, {DIRECTION_WORDS[direction]} current, {words}", lines, found)
-    return figure, axes
-
-
-def _with_constant(found: Identification, direction: str) -> list[Measured]:
-    fits = found.constants[direction]
-    return [*fits.at_surface, *fits.at_average]
+    return figure, axes, points, currents, logs
 
 
 def _grid_means_ms(measured: Sequence[Measured]) -> dict[tuple[float, float], float]:

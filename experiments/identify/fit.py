@@ -13,8 +13,7 @@ from scipy import stats
 from scipy.optimize import minimize_scalar
 
 from core.files import InputError
-from experiments.identify.step_response import FALL, REACH, RISE, Measured
-from experiments.identify.steps import Step
+from experiments.identify.step_response import FALL, REACH, RISE, Measured, Step
 
 Array = npt.NDArray[np.float64]
 
@@ -278,7 +277,7 @@ def choose_omega_0(scatter: dict[float, float]) -> float:
 def _measured_at(found: Sequence[Measured], speeds: bool = True) -> str:
     """Where the steps are, for a refusal."""
     if not found:
-        return "no step tells a time constant"
+        return "no step shows a time constant"
     count = f"{len(found)} averaged step{'s' if len(found) > 1 else ''}"
     text = f"{count} to {_numbers(one.step.current_to for one in found)} A"
     return text + (f" at {_numbers(one.step.speed_rpm for one in found)} rpm" if speeds else "") + " only"

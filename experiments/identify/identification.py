@@ -16,8 +16,10 @@ from experiments.identify.fit import (
     fit_torque_gain,
     scatter_by_omega_0,
 )
-from experiments.identify.step_response import FALL, RISE, Measured, measure
-from experiments.identify.steps import Step
+from experiments.identify.step_response import FALL, RISE, Measured, Step, measure
+
+IDENTIFIED, GIVEN = "identified", "given"
+NOT_SEEN_FLAT = "the highest measured speed, no faster step shows where the time constants level off"
 
 
 class Parameter(NamedTuple):
@@ -40,6 +42,7 @@ class Identification:
     constants: dict[str, TimeConstants]  # by direction
     omega_0_rpm: float
     scatter: dict[float, float]  # omega_0 (rpm) -> scatter relative to the least; empty where it was given
+    backlash_deg: float | None  # None where it was not given
 
     @property
     def flat_part_seen(self) -> bool:
@@ -53,7 +56,7 @@ class Identification:
             return "given"
         if self.flat_part_seen:
             return "least squares over the measured speeds"
-        return "assumed: the highest measured speed, no faster step shows where the time constants level off"
+        return f"assumed: {NOT_SEEN_FLAT}"
 
     @property
     def doubtful(self) -> dict[str, str]:
@@ -79,29 +82,25 @@ class Identification:
         assumed = self.scatter and not self.flat_part_seen
         return [*self.doubtful.values()] + [f"omega_0_rpm = {self.omega_0_rpm:g} is {self.omega_0_by}"] * bool(assumed)
 
-    def assumed(self, backlash_deg: float | None) -> dict[str, str]:
-        """Key of the brake file -> why, for each number that the steps do not show. backlash_deg: None: not given."""
-        assumed = {
+    @property
+    def sources(self) -> dict[str, str]:
+        """Key of the brake file -> where its numbers come from: IDENTIFIED, GIVEN, or why they are assumed."""
+        return dict.fromkeys(("k", "rise", "fall"), IDENTIFIED) | {
             "current_max_A": "the largest that was measured",
             "knee_A": "as in the paper",
             "floor_rpm": "Eq. (4) is held below",
+            "omega_0_rpm": GIVEN if not self.scatter else IDENTIFIED if self.flat_part_seen else NOT_SEEN_FLAT,
+            "backlash_deg": "steps do not show it" if self.backlash_deg is None else GIVEN,
         }
-        if self.scatter and not self.flat_part_seen:
-            assumed["omega_0_rpm"] = "the highest measured speed, no faster step shows where time constants level off"
-        if backlash_deg is None:
-            assumed["backlash_deg"] = "steps do not show it"
-        return assumed
 
-    def given(self, backlash_deg: float | None) -> list[str]:
-        """Keys of the brake file whose numbers were given by hand."""
-        omega_0 = [] if self.scatter else ["omega_0_rpm"]
-        return omega_0 + ([] if backlash_deg is None else ["backlash_deg"])
+    def keys(self, source: str) -> list[str]:
+        """Keys of the brake file whose numbers come from `source`, IDENTIFIED or GIVEN."""
+        return [key for key, own in self.sources.items() if own == source]
 
     @property
-    def identified(self) -> list[str]:
-        """Keys of the brake file whose numbers the steps show."""
-        omega_0 = ["omega_0_rpm"] if self.scatter and self.flat_part_seen else []
-        return ["k", "rise", "fall", *omega_0]
+    def assumed(self) -> dict[str, str]:
+        """Key of the brake file -> why, for each number that is assumed."""
+        return {key: why for key, why in self.sources.items() if why not in (IDENTIFIED, GIVEN)}
 
     @property
     def set_aside(self) -> list[Measured]:
@@ -127,7 +126,9 @@ class Identification:
         ]
 
 
-def identify_steps(steps: Iterable[Step], source: str, omega_0_rpm: float | None = None) -> Identification:
+def identify_steps(
+    steps: Iterable[Step], source: str, omega_0_rpm: float | None = None, backlash_deg: float | None = None
+) -> Identification:
     """Fit Eqs. (2), (3) and (4); omega_0 by least squares over the measured speeds unless it is given.
 
     InputError where the steps do not determine a number: it names the number and the reason.
@@ -144,7 +145,7 @@ def identify_steps(steps: Iterable[Step], source: str, omega_0_rpm: float | None
     scatter = {} if omega_0_rpm is not None else scatter_by_omega_0(measured, gain, source)
     omega_0 = choose_omega_0(scatter) if omega_0_rpm is None else omega_0_rpm
     constants = fit_time_constants(measured, gain, omega_0, source)
-    return Identification(source, len(steps), measured, gain, constants, omega_0, scatter)
+    return Identification(source, len(steps), measured, gain, constants, omega_0, scatter, backlash_deg)
 
 
 @dataclass(frozen=True, eq=False)

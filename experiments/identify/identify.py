@@ -18,8 +18,8 @@ import numpy as np
 from core.device_file import BrakeFile, parse_brake
 from core.files import InputError
 from experiments.identify.fit import A_NAMES, K_NAMES, KNEE_A
-from experiments.identify.identification import Identification, identify_steps
-from experiments.identify.steps import read_steps
+from experiments.identify.identification import GIVEN, IDENTIFIED, Identification, identify_steps
+from experiments.identify.step_response import read_steps
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
 #: Our choice: Eq. (4) is extrapolated below the lowest measured speed by this factor, then held.
@@ -46,8 +46,8 @@ def identify(
         raise InputError(f"{out}: cannot be created (its folder does not exist)")
     steps = read_steps(steps_path)
     progress(0.4)
-    found = identify_steps(steps, steps_path.name, omega_0_rpm)
-    text = brake_text(found, out.stem if name is None else name, backlash_deg)
+    found = identify_steps(steps, steps_path.name, omega_0_rpm, backlash_deg)
+    text = brake_text(found, out.stem if name is None else name)
     progress(0.6)
     drawn: dict[Path, bytes] = {}
     if figures is not None:
@@ -58,14 +58,14 @@ def identify(
     return found, parse_brake(text, str(out)), list(drawn)
 
 
-def brake_text(found: Identification, name: str, backlash_deg: float | None = None) -> str:
+def brake_text(found: Identification, name: str) -> str:
     """The brake file, which `core.device_file` reads; InputError where the fit is no brake that can exist."""
     lowest = min(one.step.speed_rpm for one in found.measured)
-    text = _brake_text(found, name, backlash_deg, lowest * BELOW_MEASURED)
+    text = _brake_text(found, name, lowest * BELOW_MEASURED)
     with contextlib.suppress(InputError):
         parse_brake(text, found.source)
         return text
-    text = _brake_text(found, name, backlash_deg, lowest)  # extrapolated, a time constant may turn negative
+    text = _brake_text(found, name, lowest)  # extrapolated, a time constant may turn negative
     try:
         parse_brake(text, f"{found.source}: the fit is no brake that can exist: the brake file")
     except InputError as error:
@@ -73,18 +73,17 @@ def brake_text(found: Identification, name: str, backlash_deg: float | None = No
     return text
 
 
-def _brake_text(found: Identification, name: str, backlash_deg: float | None, floor_rpm: float) -> str:
+def _brake_text(found: Identification, name: str, floor_rpm: float) -> str:
     rows = {row.name: row for row in found.parameters()}
     value = {key: float(f"{row.value:.{DIGITS}g}") for key, row in rows.items()}
     k1, k2, k3, k4 = (value[key] for key in K_NAMES[:4])
     value["k_5"] = round(k1 * KNEE_A + k2 - (k3 * KNEE_A + k4) * KNEE_A, 9)  # continuous, as rounded
-    assumed = found.assumed(backlash_deg)
-    given = found.given(backlash_deg)
+    given = found.keys(GIVEN)
     how = {"omega_0_rpm": "identified: where the time constants scatter least"}
-    how |= dict.fromkeys(given, "given") | {key: f"assumed: {why}" for key, why in assumed.items()}
-    provenance = f"identified from {found.source}: {', '.join(found.identified)}"
+    how |= dict.fromkeys(given, GIVEN) | {key: f"assumed: {why}" for key, why in found.assumed.items()}
+    provenance = f"identified from {found.source}: {', '.join(found.keys(IDENTIFIED))}"
     provenance += f"; given: {', '.join(given)}" if given else ""
-    provenance += f"; assumed: {', '.join(assumed)}"
+    provenance += f"; assumed: {', '.join(found.assumed)}"
     if found.doubtful:
         provenance += f"; doubtful units: {', '.join(found.doubtful)}"
 
@@ -109,7 +108,7 @@ def _brake_text(found: Identification, name: str, backlash_deg: float | None, fl
         number("knee_A", KNEE_A),
         number("omega_0_rpm", found.omega_0_rpm),
         number("floor_rpm", floor_rpm),
-        number("backlash_deg", BACKLASH_DEG if backlash_deg is None else float(backlash_deg)),
+        number("backlash_deg", BACKLASH_DEG if found.backlash_deg is None else float(found.backlash_deg)),
     ]
     for direction in found.constants:
         average = f"{direction}.a_avg"
@@ -124,7 +123,7 @@ def _brake_text(found: Identification, name: str, backlash_deg: float | None, fl
     return "\n".join(lines) + "\n"
 
 
-def summary(found: Identification, backlash_deg: float | None = None) -> dict[str, Any]:
+def summary(found: Identification) -> dict[str, Any]:
     """Everything that was found, for JSON: numbers with intervals, omega_0, what is assumed, residuals by step."""
     residual = {
         one.step.key: float(r)
@@ -143,9 +142,9 @@ def summary(found: Identification, backlash_deg: float | None = None) -> dict[st
         ],
         "omega_0_rpm": found.omega_0_rpm,
         "omega_0_by": found.omega_0_by,
-        "identified": found.identified,
-        "given": found.given(backlash_deg),
-        "assumed": found.assumed(backlash_deg),
+        "identified": found.keys(IDENTIFIED),
+        "given": found.keys(GIVEN),
+        "assumed": found.assumed,
         "warnings": found.warnings,
         "scatter_by_omega_0": [{"omega_0_rpm": key, "scatter": value} for key, value in found.scatter.items()],
         "torque_residual_rms_N_m": float(np.sqrt(np.mean(found.gain.residuals**2))),

@@ -34,7 +34,7 @@ def reason_of(error: OSError) -> str:
 def patiently(do: Callable[..., Any], *arguments: Any) -> Any:
     """Rename, link or remove files; again while another program has one open, `TRIES` times at most.
 
-    PermissionError, which says so, if it is still open then.
+    PermissionError, with that reason, if it is still open then.
     """
     for left in reversed(range(TRIES)):
         try:
@@ -53,11 +53,6 @@ def rename(path: Path, target: Path) -> None:
     Windows.
     """
     patiently(os.rename, path, target)
-
-
-def rename_over(partial: Path, target: Path) -> None:
-    """Name the file `target` in one step, in place of the one of that name."""
-    patiently(os.replace, partial, target)
 
 
 def remove(path: Path) -> None:
@@ -108,6 +103,12 @@ def write_new_file(file: Path, content: bytes, sync: bool = False) -> None:
     refuse_existing_files([file])
     with refusing(file, "cannot be written"), written_beside(file, content, sync) as partial:
         give_new_name(partial, file)
+
+
+def replace_file(file: Path, content: bytes, sync: bool = True) -> None:
+    """Write a file, whole or not at all, in place of the one of that name. InputError if it cannot be there."""
+    with refusing(file, "cannot be written"), written_beside(file, content, sync) as partial:
+        patiently(os.replace, partial, file)
 
 
 def write_new_files(contents: Mapping[Path, bytes]) -> None:

@@ -6,7 +6,7 @@ batches that it touches, and names them.
 
 import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -116,10 +116,8 @@ def _whole_header(data: bytes) -> bytes:
     return header if is_sealed(header, digits) else b""
 
 
-class _Batch(NamedTuple):
-    batch: pa.RecordBatch
-    about: dict[bytes, bytes]  # its custom metadata
-    end: int  # the byte after it
+#: A batch, its custom metadata, and the byte after it.
+_Batch = tuple[pa.RecordBatch, dict[bytes, bytes], int]
 
 
 def _next_whole_batch(header: bytes, data: bytes, at: int) -> _Batch | None:
@@ -143,7 +141,7 @@ def _whole_batch(header: bytes, data: bytes, at: int) -> _Batch | None:
             return None
     except _UNREADABLE:
         return None
-    return _Batch(batch, about, at + len(message))
+    return batch, about, at + len(message)
 
 
 def _is_cut(data: bytes, at: int) -> bool:

@@ -88,7 +88,7 @@ def make_schema(
 
 
 def as_json(about: dict[str, Any], what: str) -> str:
-    """For a recording. InputError for what JSON cannot hold."""
+    """JSON text for a recording. InputError, which names `what`, for what JSON cannot hold."""
     try:
         return json.dumps(about, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:

@@ -19,7 +19,7 @@ from core.files import InputError
 from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, codes
-from experiments.recording.atomic_files import reading_stored, rename_over, written_beside
+from experiments.recording.atomic_files import reading_stored, replace_file
 
 KEY = "key.json"
 #: Measures that reveal a controller by themselves.
@@ -38,8 +38,7 @@ def new_key(controllers: Iterable[int]) -> dict[str, int]:
 def write_key(session: Path, key: Mapping[str, int], sync: bool = True) -> str:
     """Store the key of a session that is being created; its SHA-256. OSError if it cannot be written."""
     data = json.dumps({"controllers": key, "salt": secrets.token_hex(16)}, indent=1).encode() + b"\n"
-    with written_beside(session / KEY, data, sync) as partial:
-        rename_over(partial, session / KEY)  # there is none, or one of a session that a crash left half created
+    replace_file(session / KEY, data, sync)  # there is none, or one of a session that a crash left half created
     return hashlib.sha256(data).hexdigest()
 
 

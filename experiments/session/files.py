@@ -115,7 +115,7 @@ def sessions_in(folder: Path) -> list[Path]:
 
 
 def seen_from(folder: Path, sentence: str) -> str:
-    """The sentence with paths as seen from the folder."""
+    """The sentence with its paths relative to the folder."""
     return sentence.replace(f"{folder}{os.sep}", "")
 
 
@@ -189,7 +189,7 @@ def rows_of(session: Path) -> list[TrialRow]:
 
 
 def cell(trial: PlannedTrial | TrialRow) -> tuple:
-    """What a trial stands for in the plan, whatever its run number."""
+    """The cell of the plan that a trial fills, by whatever run number."""
     return trial.block, trial.configuration, trial.controller, trial.segment, trial.repetition
 
 

@@ -31,7 +31,7 @@ NAME = "journal.jsonl"
 
 
 class Event(NamedTuple):
-    """A kind of event: its name, and what its line says besides the time."""
+    """A kind of event: its name, and the fields of its line besides the time."""
 
     name: str
     fields: dict[str, Any]  # name -> type, or types, as JSON has them
@@ -128,7 +128,7 @@ def read_events(folder: Path) -> list[Entry]:
 
 @dataclass
 class JournalSummary:
-    """What the journal of a session says of its trials."""
+    """What the journal of a session holds of its trials."""
 
     begun: dict[int, dict] = field(default_factory=dict)  # run -> the event
     skipped: dict[int, dict] = field(default_factory=dict)  # run -> the event

@@ -37,7 +37,7 @@ class Playback:
     title: str  # "P03 run 27"
     controller: str  # its name, or its code in a blind session
     about: str  # device, path, block
-    blind: bool  # what would tell the controller must not be seen
+    blind: bool  # what reveals the controller must not be shown
     damaged: bool  # some ticks are missing
     excluded: str  # the reason for which it is in no result; "": it is not excluded
     decisions: tuple[str, ...]  # words of the column
@@ -50,7 +50,7 @@ class Playback:
 
 
 def read_playback(path: Path) -> Playback:
-    """A trial from its recording, with what its session says of it. InputError if there is nothing to look at."""
+    """A trial from its recording and its session. InputError if the recording has no ticks."""
     recording = read_recording(path)
     if not recording.rows:
         raise InputError(f"{path}: there are no ticks to play")

@@ -39,7 +39,7 @@ class Rescue:
 
     @contextmanager
     def rescuing(self, session: Path) -> Iterator[None]:
-        """What turns out to be wrong with one file of a session is kept; the others are rescued all the same."""
+        """An InputError about one file of a session is noted, and the rescue of the others goes on."""
         try:
             yield
         except InputError as error:

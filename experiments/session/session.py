@@ -377,7 +377,7 @@ class Session:
     # ------------------------------------------------------------------------------- what session and recordings store
 
     def _common(self) -> dict[str, Any]:
-        """What both say of the session."""
+        """What session.json and every recording store alike."""
         return {
             "participant": self.participant,
             "operators": self.operators._asdict() if self.operators else None,

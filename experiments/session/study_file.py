@@ -65,7 +65,7 @@ def refuse_other(folder: Path, study: StudyPlan, asked: Mapping[str, object]) ->
 
 
 def _content(thing: object) -> object:
-    """What two things have in common that are the same: the texts of their files, or the plain value."""
+    """What is compared of a thing: the texts of its files, or the plain value."""
     if isinstance(thing, Protocol | Population):
         return thing.text
     return [(device.name, device.text, device.brake_texts) for device in thing] if isinstance(thing, tuple) else thing

@@ -1,26 +1,9 @@
 """Scenes of a cobot (`core/cobot.py`): castors steered freely, along a path or along a wall, under a given hand force.
 
-    cobot = "scooter"                 # a shipped cobot (scooter, unicycle), or a path to a cobot file     (required)
-    duration_s = 4.0                  #                                                                    (required)
-    step_s = 1e-3                     #                                                                    (required)
-    output_interval_s = 1e-2          # default: step_s
-    initial_pose = [0.0, 0.0, 0.0]    # m, m, rad: centre of mass and heading, at rest, castors along the body's x axis
-    [force]                           # of the hand, at the centre of mass; no table: none
-    constant = [10.0, 0.0, 0.5]       # N, N, N m; or file = "hand.csv", header t_s,fx_N,fy_N,torque_N_m, linear between
-    [path]                            # steered along it by the velocity field of the controllers; a path of core.path
-    kind = "segment"
-    start_m = [0.0, 0.0]
-    end_m = [1.0, 0.0]
-    heading_rad = 0.0                 # that the body takes, within about `within_m` of way
-    within_m = 0.3
-    [wall]                            # instead of a path: a free caster that never passes it
-    at_m = [0.0, -0.3]
-    normal = [0.0, 1.0]               # to the free side
-    push_max_N = 200.0                # the hand's: beyond it nothing is promised
+The fields of `CobotSceneFile` are its keys; docs/examples holds two such scenes, scooter.toml and scooter-wall.toml.
 """
 
 import math
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,13 +16,13 @@ from core.cobot import COBOT, CobotFile, advance, advance_at_wall, new_cobot, pa
 from core.control.rule_sets import SETTLED
 from core.control.velocity_field import BLEND_WIDTH, field_at, new_memory
 from core.device import COBOT_FOLDER, UNICYCLE, load_device
-from core.files import InputError, NotNegative, Pair, Positive, Table, parse_toml, read_text
+from core.files import InputError, NotNegative, Pair, Positive, Table, parse_toml, read_text, shipped_or_file
 from core.kernel import kernel
 from core.path import Path as PathAhead
 from core.path import build_path, line, path_from
 from core.simulator.state import new_record
-from experiments.simulate.scene import TIME_WITHIN, read_number_table, whole_number
-from experiments.simulate.simulate import CHUNK_ROWS, CHUNK_STEPS, SURE_WITHIN_M, create_file
+from experiments.simulate.scene import StepLength, hand_force, whole_number
+from experiments.simulate.simulate import new_csv, run_beside
 
 FREE, ALONG_PATH, AT_WALL = range(3)
 #: t, pose (3), velocity (3), angles of the castors (3), limited castors (bits), hand's work, kinetic energy
@@ -48,10 +31,10 @@ Triple = tuple[float, float, float]
 
 
 class HandTable(Table, frozen=True):
-    """What the hand does: a file, or a constant."""
+    """What the hand does at the centre of mass: a file, or a constant."""
 
-    file: str | None = None
-    constant: Triple | None = None
+    file: str | None = None  # with the header t_s,fx_N,fy_N,torque_N_m; linear in between
+    constant: Triple | None = None  # N, N, N m
 
     def __post_init__(self) -> None:
         if self.file is not None and self.constant is not None:
@@ -59,10 +42,10 @@ class HandTable(Table, frozen=True):
 
 
 class WallTable(Table, frozen=True):
-    """A straight wall, and the hand that it holds against."""
+    """A straight wall that a free cobot never passes, as long as the hand pushes no harder than `push_max_N`."""
 
     at_m: Pair
-    normal: Pair
+    normal: Pair  # to the free side
     push_max_N: NotNegative
 
     def __post_init__(self) -> None:
@@ -73,20 +56,20 @@ class WallTable(Table, frozen=True):
 class CobotSceneFile(Table, frozen=True):
     """A scene as it stands in its file."""
 
-    cobot: str
+    cobot: str  # a shipped one, or the path of a cobot file
     duration_s: Positive
-    step_s: Positive
-    output_interval_s: Positive | None = None
-    initial_pose: Triple = (0.0, 0.0, 0.0)
+    step_s: StepLength
+    output_interval_s: Positive | None = None  # None: step_s
+    initial_pose: Triple = (0.0, 0.0, 0.0)  # m, m, rad: at rest, with the castors along the body's x axis
     force: HandTable = HandTable()
+    #: A path of core.path along which the controllers' velocity field steers; with `heading_rad` (0), to which the body
+    #: turns within about `within_m` (0.3) of way.
     path: dict[str, Any] | None = None
     wall: WallTable | None = None
 
     def __post_init__(self) -> None:
         if self.path is not None and self.wall is not None:
             raise ValueError("give either path or wall, not both")
-        if self.step_s <= TIME_WITHIN:
-            raise ValueError(f"step_s must be more than {TIME_WITHIN:g} s")
 
 
 class CobotScene(NamedTuple):
@@ -110,6 +93,10 @@ class CobotScene(NamedTuple):
         """The same at half the step."""
         return self._replace(step_s=0.5 * self.step_s, output_every=2 * self.output_every)
 
+    def row_times(self, first: int, count: int) -> np.ndarray:
+        """Times (s) of output rows first .. first + count - 1."""
+        return np.arange(first, first + count) * self.output_every * self.step_s
+
 
 def is_cobot_scene(path: Path) -> bool:
     """Whether a scene file is one of a cobot: it names one."""
@@ -125,11 +112,7 @@ def load_cobot(reference: str, folder: Path, where: str) -> CobotFile:
             name=device.name, mass_kg=device.mechanism.tip_mass, inertia_kg_m2=1.0, hubs_m=((0.0, 0.0),),
             steering_rate_max_rad_s=device.castor.steering_rate_max_rad_s, provenance="assumed" * device.assumed,
         )  # fmt: skip
-    shipped = sorted(file.stem for file in COBOT_FOLDER.glob("*.toml"))
-    path = COBOT_FOLDER / f"{reference}.toml" if reference in shipped else folder / reference
-    if not reference or not path.is_file():
-        names = ", ".join(shipped)
-        raise InputError(f"{where}: unknown cobot {reference!r}: neither a shipped one ({names}) nor a file")
+    path = shipped_or_file(reference, COBOT_FOLDER, folder, f"{where}: unknown cobot")
     return parse_toml(read_text(path), CobotFile, str(path))
 
 
@@ -154,16 +137,8 @@ def read_cobot_scene(path: Path) -> CobotScene:
         wall = np.array((*file.wall.at_m, nx / math.hypot(nx, ny), ny / math.hypot(nx, ny)))
         if (file.initial_pose[0] - wall[0]) * wall[2] + (file.initial_pose[1] - wall[1]) * wall[3] < 0.0:
             raise InputError(f"{path}: initial_pose: stands behind the wall")
-    times, force = np.zeros(1), np.array([file.force.constant or (0.0, 0.0, 0.0)])
-    if file.force.file is not None:
-        name = path.parent / file.force.file
-        table = read_number_table(name, f"{path}: force.file")
-        if table.columns != ("t_s", "fx_N", "fy_N", "torque_N_m"):
-            raise InputError(f"{name}: line 1: the header must be t_s,fx_N,fy_N,torque_N_m")
-        table.check_times()
-        if table.values[-1, 0] < file.duration_s - TIME_WITHIN:
-            raise InputError(f"{name}: ends at {table.values[-1, 0]:g} s, before the scene ({file.duration_s:g} s)")
-        times, force = table.values[:, 0], table.values[:, 1:]
+    constant, columns = file.force.constant or (0.0, 0.0, 0.0), ("fx_N", "fy_N", "torque_N_m")
+    times, force = hand_force(file.force.file, constant, columns, file.duration_s, path)
     if len(cobot.hubs_m) == 1 and np.any(force[:, 2]):
         raise InputError(f"{path}: force: {cobot.name} has one castor and no heading, its torque must be 0")
     return CobotScene(
@@ -231,45 +206,32 @@ class CobotRun:
 def simulate_cobot(
     scene: CobotScene, out_path: Path, progress: Callable[[float], None] = lambda share: None
 ) -> dict[str, Any]:
-    """Run a scene into a new CSV file; the summary. Nothing is left behind if that fails.
+    """Run a scene into a new CSV file, as `simulate` does; the summary."""
+    wheels = len(scene.cobot.hubs_m)
+    limited_rows, nearest = 0, math.inf
 
-    Beside it runs the same scene at half the step: where they come apart, a warning says so.
-    """
-    file, wheels = create_file(out_path), len(scene.cobot.hubs_m)
-    run, check = CobotRun(scene), CobotRun(scene.finer())
-    apart, done, limited_rows, nearest = 0.0, 0, 0, math.inf
-    start = time.perf_counter()
-    try:
-        with file:
-            file.write((",".join(column_names(wheels)) + "\n").encode())
-            while done < scene.rows:
-                count = min(CHUNK_ROWS, max(CHUNK_STEPS // scene.output_every, 1), scene.rows - done)
-                rows, other = run.run_chunk(count), check.run_chunk(count)
-                if not np.isfinite(rows).all():
-                    raise FloatingPointError("the simulated motion is no longer finite")
-                write_rows(file, rows, wheels)
-                apart = max(apart, float(np.max(np.hypot(*(rows - other)[:, 1:3].T))))
-                limited_rows += int(np.count_nonzero(rows[:, 10]))
-                distance = (rows[:, 1] - scene.wall[0]) * scene.wall[2] + (rows[:, 2] - scene.wall[1]) * scene.wall[3]
-                nearest = min(nearest, float(distance.min()))
-                done += count
-                progress(done / scene.rows)
-    except BaseException:
-        out_path.unlink(missing_ok=True)
-        raise
-    warnings = [f"half the step puts it up to {1e3 * apart:.3g} mm elsewhere; choose a smaller step_s"]
+    def write(times: np.ndarray, rows: np.ndarray) -> None:
+        nonlocal limited_rows, nearest
+        write_rows(file, rows, wheels)
+        limited_rows += int(np.count_nonzero(rows[:, 10]))
+        distance = (rows[:, 1] - scene.wall[0]) * scene.wall[2] + (rows[:, 2] - scene.wall[1]) * scene.wall[3]
+        nearest = min(nearest, float(distance.min()))
+
+    with new_csv(out_path, column_names(wheels)) as file:
+        run = CobotRun(scene)
+        done = run_beside(scene, run, CobotRun(scene.finer()), write, progress)
     record = run.cobots[0]
     return {
         "cobot": scene.cobot.name,
         "assumed": scene.cobot.provenance == "assumed",
         "rows": scene.rows,
-        "wall_s": time.perf_counter() - start,
-        "half_step_differs_m": apart,
+        "wall_s": done.wall_s,
+        "half_step_differs_m": done.differs_m,
         "rows_with_a_servo_at_its_limit": limited_rows,
         "side_force_max_N": float(record["side_force"]),
         "energy_residual_J": 0.5 * float(record["speed"]) ** 2 - float(record["work"]),
         "least_distance_from_wall_m": nearest if scene.mode == AT_WALL else None,
-        "warnings": warnings if apart > SURE_WITHIN_M else [],
+        "warnings": list(done.warnings),
     }
 
 

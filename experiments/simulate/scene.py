@@ -5,6 +5,7 @@
 
 import io
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -90,6 +91,9 @@ WHOLE_WITHIN = 1e-9
 TIME_WITHIN = 1e-9
 
 
+StepLength = Annotated[float, msgspec.Meta(gt=TIME_WITHIN)]
+
+
 class JointValues(Table, frozen=True):
     """One value a joint; joints that are not named are 0."""
 
@@ -123,7 +127,7 @@ class SceneFile(Table, frozen=True):
 
     device: str
     duration_s: Positive
-    step_s: Annotated[float, msgspec.Meta(gt=TIME_WITHIN)]
+    step_s: StepLength
     initial_tip_m: Pair
     output_interval_s: Positive | None = None
     integrator: Annotated[str, choice("event", "stepping", "karnopp")] = "event"
@@ -208,7 +212,8 @@ def read_scene(path: str | Path) -> Scene:
     return Scene(
         device, file.duration_s, file.step_s, intervals * output_every, interval, output_every, file.integrator,
         file.fidelity, np.array(file.initial_tip_m), np.array(file.initial_tip_velocity_m_s),
-        *_schedule(file, device, path), *_force(file, path),
+        *_schedule(file, device, path),
+        *hand_force(file.force.file, file.force.constant_N or (0.0, 0.0), ("fx_N", "fy_N"), file.duration_s, path),
     )  # fmt: skip
 
 
@@ -261,16 +266,18 @@ def _check_commands(values: np.ndarray, device: Device, fidelity: str, where) ->
             raise InputError(f"{place}{reason}, not {value:g}")
 
 
-def _force(file: SceneFile, path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Knots (m,), s, and forces (m, 2), N, of what the hand does."""
-    if file.force.file is None:
-        return np.zeros(1), np.array([file.force.constant_N or (0.0, 0.0)])
-    name = path.parent / file.force.file
+def hand_force(
+    file: str | None, constant: Sequence[float], columns: Sequence[str], duration_s: float, path: Path
+) -> tuple[np.ndarray, np.ndarray]:
+    """Knots (m,), s, and forces (m, columns) of what the hand does: those of the scene's force file, or a constant."""
+    if file is None:
+        return np.zeros(1), np.array([constant])
+    name, header = path.parent / file, ("t_s", *columns)
     table = read_number_table(name, f"{path}: force.file")
-    if table.columns != ("t_s", "fx_N", "fy_N"):
-        raise InputError(f"{name}: line 1: the header must be t_s,fx_N,fy_N, not {','.join(table.columns)}")
+    if table.columns != header:
+        raise InputError(f"{name}: line 1: the header must be {','.join(header)}, not {','.join(table.columns)}")
     table.check_times()
     last = table.values[-1, 0]
-    if last < file.duration_s - TIME_WITHIN:
-        raise InputError(f"{name}: ends at {last:g} s, before the scene does (duration_s = {file.duration_s:g} s)")
+    if last < duration_s - TIME_WITHIN:
+        raise InputError(f"{name}: ends at {last:g} s, before the scene does (duration_s = {duration_s:g} s)")
     return table.values[:, 0].copy(), np.ascontiguousarray(table.values[:, 1:])

@@ -1,16 +1,16 @@
-"""`phd simulate`: run a scene and stream its motion to a CSV file.
+"""`phd simulate`: run a scene and stream its motion to a new CSV file, chunk by chunk, so memory stays flat.
 
-The rows come chunk by chunk, so memory stays flat however long the scene is. The file is created exclusively, and
-removed again if the run does not reach its end. Beside the run goes the same scene at half the step: where the two come
-apart, or the energy ledger contradicts the motion, the summary warns.
+Beside the run goes the same scene at half the step: where the two come apart, or the energy ledger contradicts the
+motion, the summary warns.
 """
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -86,73 +86,82 @@ def simulate(scene: Scene, out_path: str | Path, progress: Callable[[float], Non
     InputError if the file exists or cannot be created; OSError if writing fails; FloatingPointError if the motion
     diverges. In all these cases, and on any other exception, no half-written file is left behind.
     """
-    path = Path(out_path)
-    file = create_file(path)
-    try:
-        with file:
-            run, check = SceneRun(scene), HalfStep(SceneRun(scene.finer()))
-            start, check_s, done = time.perf_counter(), 0.0, 0
-            file.write((",".join(column_names(scene.device.braked)) + "\n").encode())
-            while done < scene.rows:
-                count = min(CHUNK_ROWS, max(CHUNK_STEPS // scene.output_every, 1), scene.rows - done)
-                chunk, times = run.run_chunk(count), scene.row_times(done, count)
-                if not np.isfinite(chunk).all():  # a force or speed beyond all sense
-                    t = times[np.flatnonzero(~np.isfinite(chunk).all(axis=1))[0]]
-                    raise FloatingPointError(f"the simulated motion is no longer finite at t = {t:g} s")
-                write_rows(file, times, chunk, scene.device.braked)
-                began = time.perf_counter()
-                check.compare(chunk)
-                check_s += time.perf_counter() - began
-                done += count
-                progress(done / scene.rows)
-            wall_s = time.perf_counter() - start - check_s
-    except BaseException:
-        path.unlink(missing_ok=True)
-        raise
+    braked = scene.device.braked
+    with new_csv(Path(out_path), column_names(braked)) as file:
+        run, half_step = SceneRun(scene), SceneRun(scene.finer())
+        done = run_beside(scene, run, half_step, lambda *chunk: write_rows(file, *chunk, braked), progress)
     ledger = run.ledger()
     return Summary(
-        scene.rows, scene.steps, wall_s, scene.duration_s, ledger.events, ledger.fallbacks,
-        check.apart_m if math.isfinite(check.apart_m) else None, check_s, ledger.warnings() + check.warnings(scene),
+        scene.rows, scene.steps, done.wall_s, scene.duration_s, ledger.events, ledger.fallbacks,
+        done.differs_m, done.check_s, ledger.warnings() + done.warnings,
     )  # fmt: skip
 
 
-class HalfStep:
-    """The same scene at half the step, compared row by row."""
+@contextmanager
+def new_csv(path: Path, header: Sequence[str]) -> Iterator[BinaryIO]:
+    """A new file with its header, open for writing; it is removed if an exception ends the writing.
 
-    def __init__(self, run: SceneRun) -> None:
-        self.run, self.done, self.apart_m, self.first = run, 0, 0.0, -1
-
-    def compare(self, chunk: np.ndarray) -> None:
-        """Take the run's next rows."""
-        apart = np.hypot(*(chunk - self.run.run_chunk(len(chunk)))[:, X : X + 2].T)
-        apart[~np.isfinite(apart)] = np.inf
-        beyond = np.flatnonzero(apart > SURE_WITHIN_M)
-        if self.first < 0 and len(beyond):
-            self.first = self.done + int(beyond[0])
-        self.apart_m = max(self.apart_m, float(apart.max()))
-        self.done += len(chunk)
-
-    def warnings(self, scene: Scene) -> tuple[str, ...]:
-        """A sentence where the two came apart."""
-        if self.first < 0:
-            return ()
-        t = scene.row_times(self.first, 1)[0]
-        far = f"up to {1e3 * self.apart_m:.3g} mm elsewhere" if math.isfinite(self.apart_m) else "beyond all bounds"
-        return (
-            f"the tip may be wrong by a millimetre or more from t = {t:g} s on: "
-            f"half the step puts it {far}; choose a smaller step_s",
-        )
-
-
-def create_file(path: Path) -> BinaryIO:
-    """A new file, open for writing; an InputError if it exists or cannot be created."""
+    InputError if it exists or cannot be created.
+    """
     try:
-        return open(path, "xb")
+        file = open(path, "xb")
     except FileExistsError:
         raise InputError(f"{path}: exists already and is never overwritten") from None
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or "the path is not valid"
         raise InputError(f"{path}: cannot be created ({reason.lower()})") from None
+    try:
+        with file:
+            file.write((",".join(header) + "\n").encode())
+            yield file
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+
+
+class Comparison(NamedTuple):
+    """A run beside the same scene at half the step."""
+
+    wall_s: float  # of the run alone
+    check_s: float  # of the one at half the step
+    differs_m: float | None  # how far apart their places came; None: without bound
+    warnings: tuple[str, ...]
+
+
+def run_beside(
+    scene: Any, run: Any, half_step: Any, write: Callable[[np.ndarray, np.ndarray], None],
+    progress: Callable[[float], None],
+) -> Comparison:  # fmt: skip
+    """Run a scene (of a device or a cobot) and the same one at half the step, chunk by chunk, and compare the places.
+
+    write: takes the times (n,) and rows (n, columns; the place in columns X and X + 1) of each chunk of the run.
+    FloatingPointError if the motion diverges.
+    """
+    start, check_s, done, differs_m, wrong_from_s = time.perf_counter(), 0.0, 0, 0.0, math.inf
+    while done < scene.rows:
+        count = min(CHUNK_ROWS, max(CHUNK_STEPS // scene.output_every, 1), scene.rows - done)
+        rows, times = run.run_chunk(count), scene.row_times(done, count)
+        if not np.isfinite(rows).all():  # a force or speed beyond all sense
+            t = times[np.flatnonzero(~np.isfinite(rows).all(axis=1))[0]]
+            raise FloatingPointError(f"the simulated motion is no longer finite at t = {t:g} s")
+        write(times, rows)
+        began = time.perf_counter()
+        apart = np.hypot(*(rows - half_step.run_chunk(count))[:, X : X + 2].T)
+        apart[~np.isfinite(apart)] = np.inf
+        differs_m = max(differs_m, float(apart.max()))
+        wrong_from_s = min([wrong_from_s, *times[apart > SURE_WITHIN_M][:1]])
+        check_s += time.perf_counter() - began
+        done += count
+        progress(done / scene.rows)
+    far = f"up to {1e3 * differs_m:.3g} mm elsewhere" if math.isfinite(differs_m) else "beyond all bounds"
+    warning = (
+        f"the motion may be wrong by a millimetre or more from t = {wrong_from_s:g} s on: half the step puts it {far}; "
+        "choose a smaller step_s"
+    )
+    return Comparison(
+        time.perf_counter() - start - check_s, check_s, differs_m if math.isfinite(differs_m) else None,
+        (warning,) if math.isfinite(wrong_from_s) else (),
+    )  # fmt: skip
 
 
 def column_names(braked: str) -> list[str]:

@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple, get_args, get_type_hints
 import msgspec
 import numpy as np
 
-from core.files import InputError, Table, parse_toml, read_text
+from core.files import Table, parse_toml, read_text, shipped_names, shipped_or_file
 from experiments.trial.operator import Person
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "populations"
@@ -140,17 +140,12 @@ class Population:
 
 def shipped_populations() -> list[str]:
     """Names of the populations that come with the product."""
-    return sorted(file.stem for file in SHIPPED_FOLDER.glob("*.toml"))
+    return shipped_names(SHIPPED_FOLDER)
 
 
 def load_population(name_or_path: str | Path = "average") -> Population:
     """A shipped population, or one from a file. InputError names file, key and reason."""
-    shipped = shipped_populations()
-    path = SHIPPED_FOLDER / f"{name_or_path}.toml" if str(name_or_path) in shipped else Path(name_or_path)
-    if not path.is_file():
-        raise InputError(
-            f"unknown population {str(name_or_path)!r}: neither a shipped one ({', '.join(shipped)}) nor a file"
-        )
+    path = shipped_or_file(name_or_path, SHIPPED_FOLDER, Path(), "unknown population")
     return population_of(read_text(path), str(path))
 
 

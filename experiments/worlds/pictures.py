@@ -49,6 +49,7 @@ def overview(
     """
     n = len(holds)
     with matplotlib.rc_context(STYLE):
+        note += " Lines: its 95 % interval."
         figure, ((left, right),) = sheet(note, (11.0, 4.6), (3.1, 0.25, 0.45, 0.35), columns=2, between_in=(2.3, 0.0))
         places = np.arange(len(STATEMENTS))
         p = holds.mean(axis=0)
@@ -67,7 +68,7 @@ def overview(
         right.set(yticks=np.arange(len(settled)), yticklabels=[name for name, _ in settled], xlim=(0.0, None))
         right.invert_yaxis()
         right.tick_params(axis="y", labelsize=SMALL, length=0)
-        title(right, "Share of all doubt that knowing it settles" if settled else "They differ in their people alone")
+        title(right, "Share of all doubt that knowing it settles" if settled else "No assumption alone settles any")
         for axes in (left, right):
             plain(axes, grid=False)
             axes.grid(axis="x", color=LINE, linewidth=0.6)
@@ -80,6 +81,10 @@ def decided_by(
     """PNG: a row for each statement; the share of worlds in which it holds against the assumptions that decide it."""
     rows = [i for i in range(len(STATEMENTS)) if np.isfinite(first[i]).any()]
     columns = min(SHOWN, len(ranges))
+    note += (
+        " Drawn: the share of worlds in which the statement holds, with its 95 % interval; dotted: of all worlds. "
+        "Above: the assumption, its first-order index and half of that one's 95 % interval."
+    )
     with matplotlib.rc_context(STYLE):
         figure, grid = sheet(
             note,
@@ -129,7 +134,7 @@ def _share_against(axes: Axes, one: Range, shares: np.ndarray, holds: np.ndarray
         axes.fill_between(middles, low, high, color=SHADED, zorder=1)
         axes.plot(middles, p, "o-", color=BLUE, markersize=2.5, linewidth=1.2, zorder=2)
         axes.set_xticks((0.0, 0.5, 1.0), [f"{float(f'{one.at(share):.3g}'):g}" for share in (0.0, 0.5, 1.0)])
-    top = 1.0 if holds.mean() > RARE else 2.0 * RARE
+    top = 1.0 if holds.mean() > RARE or p.max() > 2.0 * RARE else 2.0 * RARE
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, top), yticks=(0.0, 0.5 * top, top))
     axes.tick_params(labelsize=SMALL)
     plain(axes)

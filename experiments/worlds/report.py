@@ -10,15 +10,16 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.analysis.box_findings import LITTLE, SIMILAR, PooledBox, box_findings
-from experiments.analysis.findings import STATEMENTS
+from experiments.analysis.findings import CONTROLLER, STATEMENTS
 from experiments.analysis.metrics import BY_NAME
 from experiments.protocol_writer import whole_text
-from experiments.worlds.indices import Indices, indices, settled
+from experiments.worlds.indices import LEAST_EITHER, Indices, indices, settled
 from experiments.worlds.pictures import decided_by, label, overview, wilson
 from experiments.worlds.ranges import Ranges, Value
 
 BANDS = {"half the bands": 0.5, "twice the bands": 2.0}
 NEAREST, PEOPLE = "nearest.toml", "nearest-people.toml"
+NOTHING_FIRST = "no assumption alone stands out from chance (more worlds may show one)"
 DECIDING = 3  # assumptions that the table names for each statement
 
 
@@ -80,6 +81,7 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
         note
         + " The people are simulated: read it as what this model says. A statement of which one cannot tell (too few "
         "trials reached the end) counts as one that does not hold. The rules: docs/judging.md.",
+        _in_short(holds, nearest, [(names[j], float(doubt[j])) for j in order if doubt[j] > 0.0]),
         "![shares of worlds](overview.png)",
         "## In how many worlds each statement holds",
         _shares(worlds, other),
@@ -93,12 +95,13 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
         parts += [
             "## What decides each",
             _decided(found, names),
-            "In brackets the half-width of the 95 % interval; bold: above chance. Share of the verdict's variance that "
-            "goes when the assumption alone is known (first-order index, RBD-FAST); the rest is interplay, and which "
-            "people took part.",
+            "Share of the verdict's variance that goes when the assumption alone is known (first-order index, "
+            "RBD-FAST); in brackets the half-width of its 95 % interval; bold: above chance. The rest is interplay, "
+            f"and which people took part. -: it holds, or does not, in fewer than {LEAST_EITHER} worlds, too "
+            "few for an index.",
             "![share of worlds against each assumption](decided-by.png)",
             "## What to measure first",
-            _measure_first(ranges, names, doubt, order, found, holds),
+            _measure_first(ranges, names, doubt, [j for j in order if doubt[j] > 0.0], found, holds),
         ]
         files["decided-by.png"] = decided_by(ranges.ranges, shares, holds, *found, note)
         files["indices.csv"] = _indices_csv(ranges, found)
@@ -107,14 +110,14 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
     files |= nearest_files(ranges, values, nearest + 1, int(worlds.seeds[nearest]))
     files |= {
         "report.md": ("\n\n".join(parts) + "\n").encode(),
-        "overview.png": overview(holds, other, [(names[j], float(doubt[j])) for j in order], note),
+        "overview.png": overview(holds, other, [(names[j], float(doubt[j])) for j in order if doubt[j] > 0.0], note),
         "jointly.csv": _jointly_csv(holds),
     }
     most = int(holds.sum(axis=1).max())
     return files, {
         "all_hold": f"{holds.all(axis=1).mean():.2%} of the worlds",
         "most_hold": f"{most} of {len(STATEMENTS)} statements, in world {nearest + 1}",
-        "measure_first": names[order[0]] if names else "nothing: worlds differ in their people alone",
+        "measure_first": names[order[0]] if doubt.any() else NOTHING_FIRST,
     }
 
 
@@ -167,9 +170,24 @@ def _shares(worlds: Worlds, other: dict[str, np.ndarray]) -> str:
     return _table(("", "the paper says", "holds in", "cannot tell", *other), lines)
 
 
+def _in_short(holds: np.ndarray, nearest: int, settles: Sequence[tuple[str, float]]) -> str:
+    p = holds.mean(axis=0)
+    often, seldom = (
+        ", ".join(str(one.number) for one, yes in zip(STATEMENTS, which, strict=True) if yes) or "none"
+        for which in (p > 0.5, p < 0.1)
+    )
+    first = ", ".join(f"{name} ({share:.0%})" for name, share in settles[:DECIDING]) or NOTHING_FIRST
+    return (
+        f"**In short.** Statements that hold in more than half of the worlds: {often}; in less than a tenth: {seldom}. "
+        f"All eleven hold in {holds.all(axis=1).mean():.2%}; at most {holds.sum(axis=1).max()} do, in world "
+        f"{nearest + 1}. What to measure first, with the share of all doubt that it settles: {first}."
+    )
+
+
 def _jointly(holds: np.ndarray) -> str:
     count = holds.sum(axis=1)
-    at_least = ", ".join(f"{k} or more {np.mean(count >= k):.1%}" for k in range(len(STATEMENTS), 4, -1))
+    at_least = ", ".join(f"{k} or more {np.mean(count >= k):.1%}" for k in range(int(count.max()), 3, -1))
+    at_least = at_least or "never four"
     but_one = []
     for i, statement in enumerate(STATEMENTS):
         others = np.delete(holds, i, axis=1).all(axis=1)
@@ -193,6 +211,7 @@ def _decided(found: Indices, names: Sequence[str]) -> str:
         for j in order:
             text = f"{names[j]} {found.first[i, j]:.2f} ({found.half_width[i, j]:.2f})"
             cells.append(f"**{text}**" if found.clear[i, j] else text)
+        cells += ["-"] * (DECIDING - len(cells))
         rest = f"{max(1.0 - found.first[i, found.clear[i]].sum(), 0.0):.2f}"
         lines.append((statement.number, statement.text, *cells, rest))
     heads = ["first", "second", "third"][:DECIDING]
@@ -200,8 +219,13 @@ def _decided(found: Indices, names: Sequence[str]) -> str:
 
 
 def _measure_first(
-    ranges: Ranges, names: Sequence[str], doubt: np.ndarray, order: np.ndarray, found: Indices, holds: np.ndarray
+    ranges: Ranges, names: Sequence[str], doubt: np.ndarray, order: Sequence[int], found: Indices, holds: np.ndarray
 ) -> str:
+    """A line for each assumption that settles something; the others in a sentence."""
+    if not order:
+        return f"{NOTHING_FIRST[:1].upper()}{NOTHING_FIRST[1:]}."
+    others = ", ".join(name for j, name in enumerate(names) if j not in order)
+    rest = f"\n\nNo index above chance: {others}." if others else ""
     p = holds.mean(axis=0)
     lines = []
     for j in order:
@@ -209,7 +233,8 @@ def _measure_first(
         main = [f"{STATEMENTS[i].number}" for i in np.argsort(-of_it, kind="stable")[:3] if of_it[i] > 0.0]
         one = list(ranges.ranges.values())[j]
         lines.append((names[j], f"{doubt[j]:.1%}", ", ".join(main), one.settled_by or "-", one.source))
-    return _table(("assumption", "settles of all doubt", "mainly", "settled by", "what it rests on now"), lines)
+    heads = "assumption", "settles of all doubt", "of statements, mainly", "how to settle it", "what it rests on now"
+    return _table(heads, lines) + rest
 
 
 def _nearest(worlds: Worlds, row: int, ranges: Ranges, values: Mapping[str, Value]) -> str:
@@ -226,7 +251,12 @@ def _nearest(worlds: Worlds, row: int, ranges: Ranges, values: Mapping[str, Valu
         metric, box = BY_NAME[measure], boxes.get((measure, device, controller))
         numbers = [f"{metric.scale * q:.2f}" for q in box] if box else ["-"] * 3
         lines.append(
-            (metric.title, device, controller, f"{numbers[1]} ({numbers[0]} to {numbers[2]}) {metric.shown_unit}")
+            (
+                metric.title,
+                device,
+                CONTROLLER[controller],
+                f"{numbers[1]} ({numbers[0]} to {numbers[2]}) {metric.shown_unit}",
+            )
         )
     assumed = [(label(column, one), values[column]) for column, one in ranges.ranges.items()]
     missed = f"missing: {', '.join(missing)}, in units of the uncontrolled median" if missing else "none is missing"

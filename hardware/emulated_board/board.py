@@ -1,7 +1,7 @@
-"""The board's state machine as a pure object: bytes in, bytes out, and the time is told to it.
+"""The board's state machine as a pure object: bytes in, bytes out, and the time is an argument.
 
 It knows no port and no clock, so every state, limit and fault can be tested in simulated time; the emulated board puts
-a simulated device behind it. docs/protocol.md says the same in words for who writes the firmware.
+a simulated device behind it. docs/protocol.md describes it in words for authors of firmware.
 """
 
 from collections import deque
@@ -30,41 +30,22 @@ class Readings(NamedTuple):
     encoder_good: tuple[bool, bool, bool, bool] = (True, True, True, True)
 
 
-@dataclass(frozen=True)
-class Capability:
-    """What a board is made of; its Hello says it."""
-
-    encoders: int = 0b0101  # bits of the joints A, E, B, C
-    brakes: int = 0b1111
-    force_channels: int = 6
-    counts_per_rev: Four = (96000, 0, 96000, 0)
-    current_max_mA: Four = (1000, 1000, 1000, 1000)
-    force_unit: int = 1000
-    force_full_scale: int = 66_700
-    device: bytes = b""
-    serial: bytes = b""
-    firmware: tuple[int, int, int] = (1, 0, 0)
-
-    def layout(self) -> m.SampleLayout:
-        """How its samples look."""
-        return m.SampleLayout(self.encoders.bit_count(), self.force_channels, self.brakes.bit_count())
-
-    def hello(self, state: State, faults: Fault, cause: Fault, starts: int) -> m.Hello:
-        """What it says of itself."""
-        return m.Hello(
-            m.VERSION, state, faults, cause, self.firmware, self.encoders, self.brakes, self.force_channels,
-            m.SAMPLE_HZ, m.WATCHDOG_US // 1000, self.counts_per_rev, self.current_max_mA, self.force_unit,
-            self.force_full_scale, starts, self.device, self.serial,
-        )  # fmt: skip
+#: The Hello of a board with two encoders, four brakes and a force sensor, at its start.
+FULL_BOARD = m.Hello(
+    version=m.VERSION, state=State.BOOT, faults=Fault.NONE, cause=Fault.NONE, firmware=(1, 0, 0), encoders=0b0101,
+    brakes=0b1111, force_channels=6, sample_hz=m.SAMPLE_HZ, watchdog_ms=m.WATCHDOG_US // 1000,
+    counts_per_rev=(96000, 0, 96000, 0), current_max_mA=(1000, 1000, 1000, 1000), force_unit=1000,
+    force_full_scale=66_700, starts=1, device=b"", serial=b"",
+)  # fmt: skip
 
 
 class Watch:
     """Looks at every tick's readings; remembers how long something has been wrong."""
 
-    def __init__(self, capability: Capability) -> None:
-        self._encoders = joints_of(capability.encoders)
-        self._brakes = joints_of(capability.brakes)
-        self._full_scale = capability.force_full_scale
+    def __init__(self, hello: m.Hello) -> None:
+        self._encoders = joints_of(hello.encoders)
+        self._brakes = joints_of(hello.brakes)
+        self._full_scale = hello.force_full_scale
         self._past: deque[Four] = deque(maxlen=SPEED_TICKS + 1)  # counts as read
         self._over_current = [0, 0, 0, 0]  # ticks on end
         self._saturated = 0  # ticks on end
@@ -90,8 +71,7 @@ class Watch:
     def _too_fast(self, i: int, most: int) -> bool:
         if most == 0 or len(self._past) <= SPEED_TICKS:
             return False
-        turned = (self._past[-1][i] - self._past[0][i] + (1 << 31)) % (1 << 32) - (1 << 31)  # counts go round
-        return abs(turned) * m.SAMPLE_HZ > most * SPEED_TICKS
+        return abs(_int32(self._past[-1][i] - self._past[0][i])) * m.SAMPLE_HZ > most * SPEED_TICKS
 
 
 LATE_US = 50_000  # us; a command that took this much longer than the quickest of late is not obeyed
@@ -202,9 +182,12 @@ class BoardCounts:
 
 @dataclass
 class Board:
-    """One board. Times are microseconds of its own clock, which rises from power-up on."""
+    """One board. Times are microseconds of its own clock, which rises from power-up on.
 
-    capability: Capability = field(default_factory=Capability)
+    hello: what it is made of; state, faults, cause and starts are those below.
+    """
+
+    hello: m.Hello = FULL_BOARD
     state: State = State.BOOT
     currents: Four = ZERO  # mA, what the drivers give now
     faults: Fault = Fault.NONE
@@ -215,9 +198,9 @@ class Board:
     seen: dict[tuple[State, Event], int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._layout = self.capability.layout()
-        self._encoders = joints_of(self.capability.encoders)
-        self._brakes = joints_of(self.capability.brakes)
+        self._layout = m.layout_of(self.hello)
+        self._encoders = joints_of(self.hello.encoders)
+        self._brakes = joints_of(self.hello.brakes)
         self._sequence = 0
         self._low_at_start = False
         self._power_up(0)
@@ -229,12 +212,12 @@ class Board:
         self.homed = 0
         self._started_us = now_us
         self._offset = [0, 0, 0, 0]  # added to the counts as read: homing
-        self._inputs = Watch(self.capability)
+        self._inputs = Watch(self.hello)
         self._detail = m.NO_DETAIL
         self._heard_us = now_us
         self._reported = Fault.NONE
         self._standing = False  # a condition of a fault is there now
-        self._readings = Readings(force=(0,) * self.capability.force_channels)
+        self._readings = Readings(force=(0,) * self.hello.force_channels)
         self._disconnect()
 
     def _disconnect(self) -> None:
@@ -323,7 +306,7 @@ class Board:
         """Obey one message; the answers."""
         if isinstance(message, m.Command):
             return self._command(message, event, now_us)
-        if isinstance(message, m.Home) and (message.joints == 0 or message.joints & ~self.capability.encoders):
+        if isinstance(message, m.Home) and (message.joints == 0 or message.joints & ~self.hello.encoders):
             return self._refuse(message, Refusal.BAD_VALUE)
         if event is Event.RESET and self.faults and self._standing:
             self._see(event)
@@ -334,10 +317,10 @@ class Board:
             case m.AskHello(version):
                 self._disconnect()
                 refused = [] if version == m.VERSION else self._refuse(message, Refusal.VERSION)
-                return [self.capability.hello(self.state, self.faults, self.cause, self.starts), *refused]
+                now = {"state": self.state, "faults": self.faults, "cause": self.cause, "starts": self.starts}
+                return [self.hello._replace(**now), *refused]
             case m.SetLimits(current, speed):
-                largest = self.capability.current_max_mA
-                self.limits = m.Limits(_four(map(min, current, largest)), speed)
+                self.limits = m.Limits(_four(map(min, current, self.hello.current_max_mA)), speed)
                 self.streaming = True
                 return [self.limits]
             case m.Home(joints, counts):
@@ -432,7 +415,7 @@ def _event_of(message: tuple | None) -> Event | None:
 
 
 def _int32(value: int) -> int:
-    """Counters go round as the board's do."""
+    """A count, or a difference of counts, that goes round as the board's 32-bit counters do."""
     return (value + (1 << 31)) % (1 << 32) - (1 << 31)
 
 

@@ -10,10 +10,10 @@ from core.files import InputError
 from core.simulator.hand import Hand, new_hand, spring_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.workspace import tip_is_free
-from hardware.emulated_board.board import TICK_US, Capability, Readings
+from hardware.emulated_board.board import TICK_US, Readings
 from hardware.emulated_board.line_faults import SENSED, LineFault
 from hardware.emulated_board.sensors import EmulatedSensors
-from hardware.wire.messages import Four
+from hardware.wire.messages import Four, Hello
 
 TICK_S = TICK_US * 1e-6
 WORKSPACE_M = 2.0  # an order further out than this is a slip of the pen
@@ -33,7 +33,7 @@ class EmulatedHand(Protocol):
 
 
 class HeldHand:
-    """A hand that holds the handle on a spring where it is told to, or lets go of it.
+    """A hand that pulls the handle by a spring to where an order sent it, or does not hold it.
 
     Assumed: 400 N/m, 20 N s/m, at most 40 N, an arm of 1 kg.
     """
@@ -49,7 +49,7 @@ class HeldHand:
         """It does nothing by itself."""
 
     def obey(self, order: dict) -> None:
-        """{"target": [x, y]}, m: pull there; {"force": [fx, fy]}, N: push so, until told otherwise."""
+        """{"target": [x, y]}, m: pull there; {"force": [fx, fy]}, N: push so, until the next such order."""
         if unknown := set(order) - {"target", "force"}:
             raise InputError(f"a hand that holds still does not know the order {min(unknown)!r}")
         target = pair(order["target"], "target", WORKSPACE_M) if "target" in order else None
@@ -73,13 +73,13 @@ class EmulatedDevice:
     """The simulated device at the board's wires, with its sensors and the hand that holds it."""
 
     def __init__(
-        self, device: Device, capability: Capability, hand: EmulatedHand, tip: tuple[float, float], seed: int
+        self, device: Device, hello: Hello, hand: EmulatedHand, tip: tuple[float, float], seed: int
     ) -> None:
         """InputError where the handle cannot be at `tip` (m)."""
         if not bool(tip_is_free(device.mechanism, *tip)):
             raise InputError(f"device {device.name}: the handle cannot be at ({tip[0]:g}, {tip[1]:g}) m")
         self.hand = hand
-        self.sensors = EmulatedSensors(device, capability, tip, seed)
+        self.sensors = EmulatedSensors(device, hello, tip, seed)
         self._simulated = SimulatedDevice(device, tip, hand.hand)
         #: views of the state: tip x, y, vx, vy (m, m/s), acceleration (m/s2), hand force (N)
         self.motion, self.acceleration, self.hand_force = (

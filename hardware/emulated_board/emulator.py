@@ -19,8 +19,8 @@ from core.files import InputError
 from hardware.emulated_board.board import ZERO, Board
 from hardware.emulated_board.device import TICK_S, EmulatedDevice, EmulatedHand
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault
-from hardware.emulated_board.plug import CONTROL, FOLDER, LOOPBACK, Plug, TcpPort, Terminal
-from hardware.emulated_board.sensors import EMULATED, capability_of
+from hardware.emulated_board.plug import CONTROL, FOLDER, LOOPBACK, TcpPort, Terminal
+from hardware.emulated_board.sensors import EMULATED, hello_of
 from hardware.wire import messages as m
 from hardware.wire.frames import encode_frame
 
@@ -59,7 +59,7 @@ class Emulator:
         self._folder = tempfile.TemporaryDirectory(prefix=FOLDER)
         (Path(self._folder.name) / CONTROL).write_text(str(self.control))
         self._tcp = tcp
-        self._plug: Plug | None = None
+        self._plug: Terminal | TcpPort | None = None
         try:
             self._plug = self._plug_in()
         except InputError:
@@ -69,7 +69,7 @@ class Emulator:
         self._tick()  # kernels are compiled, or loaded, before time runs
         self._zero = time.perf_counter() - self.ticks * TICK_S
 
-    def _plug_in(self) -> Plug:
+    def _plug_in(self) -> Terminal | TcpPort:
         if self._tcp is None:
             return Terminal(Path(self._folder.name))
         plug = TcpPort(Path(self._folder.name), self._tcp)
@@ -78,15 +78,14 @@ class Emulator:
 
     def _wire(self, device: Device, hand: EmulatedHand, tip: tuple[float, float]) -> None:
         """A device behind a board that was just powered up; the handle is at `tip`, m."""
-        board = Board(capability_of(device, f"{EMULATED}{self._seed}"))
-        self.device = EmulatedDevice(device, board.capability, hand, tip, self._seed)
-        self.board, self._home = board, self._homed
+        self.board, self._home = Board(hello_of(device, f"{EMULATED}{self._seed}")), self._homed
+        self.device = EmulatedDevice(device, self.board.hello, hand, tip, self._seed)
 
     def rewire(self, name: str) -> None:
-        """As if someone re-rigged the bench: another device, the handle where it was. InputError: it is not here."""
+        """Emulate a re-rig: another device, with the handle where it was. InputError: it cannot be emulated here."""
         if name not in self._devices:
             raise InputError(f"only {', '.join(self._devices)} can be emulated here, not {name!r}")
-        if name.encode()[:24] != self.board.capability.device:
+        if name.encode()[:24] != self.board.hello.device:
             self._wire(self._devices[name], self.device.hand, self.device.tip)
             self._powered_s = self.ticks * TICK_S
             self.say(f"wired to {name}")
@@ -142,7 +141,7 @@ class Emulator:
             self._send(self.board.tick(readings, self._board_us(now)), now)
             if self._home and self.board.state != m.State.BOOT:
                 self._home = False
-                home = m.Home(self.board.capability.encoders, self.device.sensors.home_counts())
+                home = m.Home(self.board.hello.encoders, self.device.sensors.home_counts())
                 self.board.receive(encode_frame(m.pack(home)), self._board_us(now))
         self.device.advance(self.board.currents)
         self._tell_changes()
@@ -152,7 +151,7 @@ class Emulator:
         return round((now - self._powered_s) * 1e6)
 
     def _hear(self, now: float) -> None:
-        """What the host sent, by way of the wire and its faults, to the board."""
+        """Give the board what the host sent, by way of the wire and its faults."""
         if self._plug and (data := self._plug.read()):
             self.to_board.put(data, now)
         data = self.to_board.take(now)
@@ -160,12 +159,12 @@ class Emulator:
             self._send(self.board.receive(data, self._board_us(now)), now)
 
     def _send(self, frames: bytes, now: float) -> None:
-        """What the board says, onto the wire."""
+        """Put the board's frames onto the wire."""
         for frame in frames.split(b"\0")[:-1]:
             self.to_host.put(frame + b"\0", now)
 
     def _speak(self, now: float) -> None:
-        """What has come to the wire's end, to the host."""
+        """Give the host what has come to its end of the wire."""
         data = self.to_host.take(now)
         if data and self._plug:
             self._plug.write(data)
@@ -197,8 +196,6 @@ class Emulator:
     def _tell_changes(self) -> None:
         board = self.board
         state, faults, flows = shown = (board.state, board.faults, board.currents != ZERO)
-        if shown == self._shown:
-            return
         if flows != self._shown[2]:
             self.say("currents flow" if flows else "currents zero")
         if (state, faults) != self._shown[:2]:
@@ -210,7 +207,7 @@ class Emulator:
         """An order, a JSON object; answered with the truth."""
         try:
             data, sender = self._orders.recvfrom(ORDER_BYTES)
-        except (BlockingIOError, ConnectionResetError):  # Windows' reset: whoever was answered last has gone
+        except (BlockingIOError, ConnectionResetError):  # Windows' reset: the sender of the last order has gone
             return
         try:
             answer = self._obey(json.loads(data))
@@ -241,7 +238,7 @@ class Emulator:
         return self.truth()
 
     def truth(self) -> dict:
-        """What is really so: SI units, times in s."""
+        """The true state, which a host cannot see: SI units, times in s."""
         device, board = self.device, self.board
         return {
             "t_s": self.now(),

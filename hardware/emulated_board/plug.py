@@ -10,7 +10,7 @@ import os
 import socket
 import tempfile
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from core.files import InputError
 from hardware.serial_port import like_a_wire
@@ -44,26 +44,8 @@ def _is_taken(orders: int) -> bool:
     return False
 
 
-class Plug(Protocol):
-    """The board's end of the stream."""
-
-    address: str  # the port that a host opens
-
-    def waits_for(self) -> list[Any]:
-        """What `select` waits for: a host has come, has sent something or has left."""
-
-    def read(self) -> bytes:
-        """What the host has sent; empty where it has sent nothing."""
-
-    def write(self, data: bytes) -> None:
-        """To the host; what finds no room is lost, as on a wire that nobody reads."""
-
-    def close(self) -> None:
-        """Unplug."""
-
-
 class Terminal:
-    """A pseudo-terminal; the host opens a link to its other end."""
+    """A pseudo-terminal; the host opens a link to its other end, `address`."""
 
     def __init__(self, folder: Path) -> None:
         import tty  # Windows has none
@@ -75,26 +57,30 @@ class Terminal:
         self._port.symlink_to(os.ttyname(self._other))
 
     def waits_for(self) -> list[Any]:
+        """What `select` waits for: a host has come, has sent something or has left."""
         return [self._master]
 
     def read(self) -> bytes:
+        """What the host has sent; empty where it has sent nothing."""
         try:
             return os.read(self._master, PIECE)
         except BlockingIOError:
             return b""
 
     def write(self, data: bytes) -> None:
+        """Send to the host; what finds no room is lost, as on a wire that no host reads."""
         with contextlib.suppress(BlockingIOError):
             os.write(self._master, data)
 
     def close(self) -> None:
+        """Unplug."""
         self._port.unlink(missing_ok=True)
         os.close(self._master)
         os.close(self._other)
 
 
 class TcpPort:
-    """A TCP port of this computer; a host that comes while another one is there is sent away."""
+    """A TCP port of this computer, with the methods of `Terminal`; a second host at a time is sent away."""
 
     def __init__(self, folder: Path, number: int = 0) -> None:
         """number: 0: a free one. InputError: another program has it."""
@@ -122,10 +108,8 @@ class TcpPort:
 
     def _receive(self) -> bytes:
         """A piece of what has come; a host that has left makes room for the next."""
-        if self._host is None:
-            return b""
         try:
-            piece = self._host.recv(PIECE)
+            piece = self._host.recv(PIECE) if self._host else b""
         except BlockingIOError:
             return b""
         except OSError:

@@ -15,9 +15,9 @@ from core.kernel import kernel
 from core.linkage import joint_angles
 from core.mechanism import JOINTS
 from core.simulator.state import pack_mechanism
-from hardware.emulated_board.board import Capability, Readings
+from hardware.emulated_board.board import FULL_BOARD, Readings
 from hardware.sensing.samples import sensor_angle
-from hardware.wire.messages import Four
+from hardware.wire.messages import Four, Hello
 
 #: Assumed, for a device file without [sensing]: encoders as on the shipped devices, a sensor on the handle.
 USUAL = Sensing(encoders=Encoders(A=96000, B=96000), force=ForceSensor(on="handle"))
@@ -30,17 +30,17 @@ TURN = 2.0 * math.pi
 
 
 def sensing_of(device: Device) -> tuple[Encoders, ForceSensor | None]:
-    """The encoders and the force sensor of a device; the usual ones where its file says nothing of sensors."""
+    """The encoders and the force sensor of a device; the usual ones where its file has no [sensing]."""
     sensing = device.sensing or USUAL
     return sensing.encoders or USUAL.encoders or Encoders(), sensing.force
 
 
-def capability_of(device: Device, serial: str = "") -> Capability:
-    """What a board that is wired to this device says of itself."""
+def hello_of(device: Device, serial: str = "") -> Hello:
+    """The Hello of a board that is wired to this device, at its start."""
     encoders, force = sensing_of(device)
     steps = [getattr(encoders, joint) or 0 for joint in JOINTS]
     largest = [round(1000.0 * current) for current in device.brakes.current_max]
-    return Capability(
+    return FULL_BOARD._replace(
         encoders=sum(1 << i for i, step in enumerate(steps) if step),
         brakes=sum(1 << i for i, present in enumerate(device.brakes.present) if present),
         force_channels=6 if force else 0,
@@ -62,7 +62,7 @@ def mounting_of(sensor: ForceSensor) -> np.ndarray:
 class EmulatedSensors:
     """Reads the simulated device at each tick."""
 
-    def __init__(self, device: Device, capability: Capability, tip: tuple[float, float], seed: int) -> None:
+    def __init__(self, device: Device, hello: Hello, tip: tuple[float, float], seed: int) -> None:
         self._mechanisms = pack_mechanism(device.mechanism).view(np.ndarray)
         self._force = sensing_of(device)[1]
         gauges = np.eye(6) if device.calibration is None else np.linalg.inv(device.calibration)
@@ -70,13 +70,13 @@ class EmulatedSensors:
         self.noise = NOISE.copy()
         self._counts, self._channels = np.zeros(4, dtype=np.int64), np.zeros(6, dtype=np.int64)
         self._mounting = np.zeros(6) if self._force is None else mounting_of(self._force)
-        self._steps = np.array(capability.counts_per_rev) / TURN  # counts per rad
-        self._brakes = capability.brakes
-        self._over = [min(2 * most, 32_000) for most in capability.current_max_mA]
+        self._steps = np.array(hello.counts_per_rev) / TURN  # counts per rad
+        self._brakes = hello.brakes
+        self._over = [min(2 * most, 32_000) for most in hello.current_max_mA]
         self.theta = np.zeros(4)  # rad, without jumps
         joint_angles(self._mechanisms[0], *tip, self.theta)
         self._at_power_up = self.theta.copy()
-        self._last: Readings | None = None
+        self._last = Readings()
         self.draw_anew(seed)
 
     def power_up(self) -> None:
@@ -108,7 +108,7 @@ class EmulatedSensors:
         )  # fmt: skip
         counts = self._counts.tolist()
         for i in stuck:
-            counts[i] = self._last.counts[i] if self._last else 0
+            counts[i] = self._last.counts[i]
         channels = self._channels.tolist() if self._force else []
         if saturated and channels:
             channels[0] = FORCE_FULL_SCALE
@@ -116,14 +116,13 @@ class EmulatedSensors:
             round((self._over[i] if i in over else current_mA[i]) + noise[6 + i]) if self._brakes >> i & 1 else 0
             for i in range(4)
         )
-        readings = Readings(
+        self._last = Readings(
             (counts[0], counts[1], counts[2], counts[3]),
             tuple(channels),
             (a, e, b, c),
             (0 not in bad, 1 not in bad, 2 not in bad, 3 not in bad),
         )
-        self._last = readings
-        return readings
+        return self._last
 
     def _draw(self) -> np.ndarray:
         """The noise of one tick: six loads (N, N m), four currents (mA)."""

@@ -85,11 +85,9 @@ class PoseSensing:
 
     def _direct(self, arm: int, angle: dict[int, float]) -> tuple[float, float]:
         """The tip by both encoders of one arm."""
-        a, base, elbow = self._arms[arm], angle[2 * arm], angle[2 * arm] + angle[2 * arm + 1]
-        return (
-            a.base_x + a.length_1 * math.cos(base) + a.length_2 * math.cos(elbow),
-            a.base_y + a.length_1 * math.sin(base) + a.length_2 * math.sin(elbow),
-        )
+        x, y, radius = self._circle(2 * arm, angle[2 * arm])
+        elbow = angle[2 * arm] + angle[2 * arm + 1]
+        return x + radius * math.cos(elbow), y + radius * math.sin(elbow)
 
     def _circle(self, joint: int, angle: float) -> tuple[float, float, float]:
         """Centre x, y and radius (m) of the circle that the tip lies on."""

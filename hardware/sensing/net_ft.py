@@ -41,12 +41,12 @@ class NetFT:
         except (ImportError, OSError, ValueError) as error:  # ValueError: no host, no port
             raise InputError(f"the force sensor at {where} cannot be read: {error}") from None
         if not self._client.wait_for_first_sample(START_S):
-            said = self._client.health().last_error or "another program may be reading it"
+            reason = self._client.health().last_error or "another program may be reading it"
             self._client.stop()
-            raise InputError(f"the force sensor at {where} sends no records: {said}")
+            raise InputError(f"the force sensor at {where} sends no records: {reason}")
 
     def read(self) -> tuple[int, ...]:
-        """The newest load (CHANNELS,) in counts of COUNT_UN, as the sensor says it."""
+        """The newest load (CHANNELS,) in counts of COUNT_UN."""
         if (sample := self._client.latest_sample()) is not None:
             force, torque = UNITS_N[sample.force_unit.value], UNITS_N_M[sample.torque_unit.value]
             self._counts = tuple(

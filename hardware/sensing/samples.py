@@ -56,7 +56,7 @@ class BoardSensing:
             self.force.zero = np.array(zero.force_counts)
 
     def moved(self) -> None:
-        """The encoders were set anew: nothing before tells where the tip is."""
+        """The encoders were set anew: earlier samples no longer show where the tip is."""
         self.pose.forget()
         self.motion = MotionFilter()
 
@@ -190,9 +190,9 @@ def zero_of(taken: Sequence[DeviceSample], before: ZeroRecord) -> ZeroRecord:
     """The zero in samples; before: the one that was taken off their currents. DeviceError: the handle moved."""
     moved = float(np.max(np.ptp(np.array([sample.tip for sample in taken]), axis=0)))
     if not math.isfinite(moved):
-        raise DeviceError("zero: nobody can tell whether the handle is still; home the encoders first")
+        raise DeviceError("zero: the handle cannot be seen to be still; home the encoders first")
     if moved > STILL_M:
-        raise DeviceError("zero: the handle moved; nobody may touch it meanwhile")
+        raise DeviceError("zero: the handle moved; let go of it while the zero is taken")
     counts = np.array([sample.force_counts for sample in taken], dtype=float)
     a, e, b, c = (np.array([sample.current for sample in taken]).mean(axis=0) + before.current).tolist()
     mean, spread = counts.mean(axis=0).tolist(), counts.std(axis=0).tolist()

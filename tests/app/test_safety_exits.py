@@ -21,7 +21,7 @@ from app.ipc.messages import NotDone, Reset, Run
 from app.ipc.ring import Ring
 from app.loop.loop import Loop
 from core import tick_log
-from hardware.emulated_board.board import Capability
+from hardware.emulated_board.board import FULL_BOARD
 from hardware.emulated_board.device import HeldHand
 from hardware.serial_device import clamped
 from hardware.wire.messages import State
@@ -106,7 +106,7 @@ def test_a_reset_that_finds_another_board_is_told_and_ends_nothing(place: Place)
     esc = Fault("Esc", acts=lambda case: case.ring.switch_off("Esc"))
     case = Case(place, esc, "approach")
     case.idle(lambda: bool(case.loop.sample and case.loop.sample.fault))
-    case.board.board.capability = Capability(device=b"three-brake")
+    case.board.board.hello = FULL_BOARD._replace(device=b"three-brake")
     case.answers.seek(0)
     case.answers.truncate()
     case.loop.do(Reset(case.ring.presses))

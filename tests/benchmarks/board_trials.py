@@ -26,7 +26,7 @@ from experiments.trial.operator import Person
 from experiments.trial.trial import Trial
 from hardware.emulated_board.board import TICK_US, Board
 from hardware.emulated_board.device import EmulatedDevice
-from hardware.emulated_board.sensors import capability_of, sensing_of
+from hardware.emulated_board.sensors import hello_of, sensing_of
 from hardware.sensing.samples import WINDOW, MotionFilter, Vector
 from hardware.serial_device import SerialDevice
 
@@ -92,8 +92,8 @@ class BoardInStep:
 
     def __init__(self, device: Device, operator: EmulatedOperator, tip: tuple[float, float], how: Effects) -> None:
         self.hand, self._operator = operator.hand, operator
-        self.board = Board(capability_of(device, "SIMULATED"))
-        self.device = EmulatedDevice(device, self.board.capability, self, tip, seed=1)
+        self.board = Board(hello_of(device, "SIMULATED"))
+        self.device = EmulatedDevice(device, self.board.hello, self, tip, seed=1)
         if not how.noise:
             self.device.sensors.noise[:] = 0.0
         self._late = how.late

@@ -9,11 +9,10 @@ from sessions import files, session_of
 
 from app.ipc import messages as m
 from app.window.questionnaire import ITEMS
-from experiments.analysis.charts import POOLED, View
+from experiments.analysis.charts import POOLED, Answers, View
 from experiments.export.answers import (
     NOTES_CSV,
     QUESTIONNAIRE_CSV,
-    Answers,
     answers_and_notes,
     write_answers_and_notes,
     write_phenotype,
@@ -119,7 +118,7 @@ def test_where_nothing_was_said_nothing_is_written(silent, tmp_path):
     write_results(job(pooled_rows(silent), silent, tmp_path / "results", silent.glob("sub-*/ses-*")))
     assert not [name for name in files(tmp_path) if any(w in name for w in ("questionnaire", "notes", "phenotype"))]
     described = json.loads((tmp_path / "csv" / "columns.json").read_text())
-    assert QUESTIONNAIRE_CSV not in described and answers_and_notes(silent.glob("sub-*/ses-*")) == ((), ())
+    assert QUESTIONNAIRE_CSV not in described and answers_and_notes(silent.glob("sub-*/ses-*")) == ([], [])
 
 
 def test_answers_after_a_controller_belong_to_it_in_every_export(tmp_path):
@@ -128,12 +127,12 @@ def test_answers_after_a_controller_belong_to_it_in_every_export(tmp_path):
     home = tmp_path / "sub-07" / "ses-01"
     home.mkdir(parents=True)
     write_event(home, CONTROLLER_ANSWERS, False, configuration="four-brake", controller=3, values=FIRST)
-    found = answers_and_notes([home])
-    assert found.answers[0][:5] == ("07", "four-brake", 0, 3, FIRST)
-    described = write_answers_and_notes(tmp_path, found)[QUESTIONNAIRE_CSV]
+    answers, notes = answers_and_notes([home])
+    assert answers[0][:5] == ("07", "four-brake", 0, 3, FIRST)
+    described = write_answers_and_notes(tmp_path, answers, notes)[QUESTIONNAIRE_CSV]
     [row] = rows(tmp_path / QUESTIONNAIRE_CSV)
     assert (row["controller"], row["block"]) == ("3", "") and described.keys() == row.keys()
-    write_phenotype(tmp_path, found.answers)
+    write_phenotype(tmp_path, answers)
     head = (tmp_path / "phenotype" / "tlxsmoothness.tsv").read_text().splitlines()[0]
     assert f"four-brake_controller-3_{next(iter(FIRST))}" in head.split("\t")
 
@@ -146,5 +145,5 @@ def test_the_live_bench_writes_what_the_export_reads(tmp_path):
     values = m.Answers(FIRST).values
     write_event(home, ANSWERS, False, configuration="four-brake", block=3, values=values)
     write_event(home, NOTE, False, text="x")
-    said = answers_and_notes([home])
-    assert said.answers[0][:5] == ("07", "four-brake", 3, 0, FIRST) and said.notes[0][1:] == ("07", "x")
+    [answers], [note] = answers_and_notes([home])
+    assert answers[:5] == ("07", "four-brake", 3, 0, FIRST) and note[1:] == ("07", "x")

@@ -15,7 +15,7 @@ from matplotlib.colors import to_hex
 from core.files import InputError
 from experiments.analysis.boxplots import draw, draw_boxplots
 from experiments.analysis.chart_figures import TIMEOUT_COLOUR
-from experiments.analysis.charts import Box, box_statistics, boxes
+from experiments.analysis.charts import Box, View, box_statistics, boxes
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.trials_table import TrialRow
 from experiments.protocol import label
@@ -130,7 +130,7 @@ def test_only_the_papers_own_figures_have_its_figures_numbers(tmp_path, protocol
 
 def drawn(rows, **more):
     """Path error: the figure, and all that stands under it."""
-    figure = draw(rows, DRAWN[:1], 6.4, NOTE, BOTH, LONG, **more)
+    figure = draw(rows, DRAWN[:1], 6.4, NOTE, View(BOTH, LONG, **more))
     return figure, " ".join(text.get_text() for text in figure.texts)
 
 

@@ -16,7 +16,7 @@ from experiments.analysis.charts import (
     POOLED,
     QUESTIONS,
     SPEED,
-    Answer,
+    Answers,
     View,
     charts,
     left_out,
@@ -24,8 +24,7 @@ from experiments.analysis.charts import (
 )
 from experiments.analysis.trials_table import write_table
 from experiments.export.results import Job, new_folder, read_results
-from experiments.export.results_files import write_results
-from experiments.export.session_report import session_lines, whose_fault
+from experiments.export.results_files import session_lines, whose_fault, write_results
 from experiments.session.playback import read_playback
 
 DEVICES = ("three-brake", "four-brake")
@@ -108,7 +107,7 @@ def test_a_participant_has_as_many_places_as_there_are_codes_in_one_session():
 
 
 def test_a_code_of_one_participant_is_another_controller_than_the_same_code_of_another():
-    answers = [Answer(who, DEVICES[0], "K1", 0, "effort", 50.0) for who in ("01", "02") for _ in range(5)]
+    answers = [Answers(who, DEVICES[0], 0, "K1", {"effort": 50.0}, "") for who in ("01", "02") for _ in range(5)]
     (chart,) = charts(QUESTIONS, study(), VIEW, answers)
     assert len(chart.boxes) == 2
 
@@ -121,8 +120,8 @@ def test_a_curve_over_the_runs_is_the_median_of_those_around_each():
 
 def test_answers_stand_by_question_and_device():
     answers = [
-        Answer(f"{n:02d}", device, "", 1, question, 5.0 * n)
-        for n in range(6) for device in DEVICES for question in ("effort", "mental_demand")
+        Answers(f"{n:02d}", device, 1, 0, {"effort": 5.0 * n, "mental_demand": 5.0 * n}, "")
+        for n in range(6) for device in DEVICES
     ]  # fmt: skip
     (chart,) = charts(QUESTIONS, study(), VIEW, answers)
     assert [text for _, text in chart.ticks] == ["effort", "mental\ndemand"] and len(chart.points) == 24

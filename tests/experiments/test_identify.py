@@ -18,8 +18,7 @@ from core.files import InputError
 from experiments.identify.fit import fit_linear, undetermined
 from experiments.identify.identification import identify_steps
 from experiments.identify.identify import brake_text, summary
-from experiments.identify.step_response import steady_torque, time_constant_of_step
-from experiments.identify.steps import Step, mean_step, read_steps
+from experiments.identify.step_response import Step, mean_step, read_steps, steady_torque, time_constant_of_step
 
 BRAKE = parse_brake((SHIPPED_FOLDER / "mrb-2107-3.toml").read_text(), "brake")
 QUIET = BENCH._replace(noise_N_m=0.0, ripple_N_m=0.0)
@@ -173,7 +172,7 @@ def test_omega_0_is_assumed_unless_two_speeds_show_the_flat_part(top, noise):
     text = brake_text(found, "mine")
     seen = top > BRAKE.omega_0_rpm
     assert found.omega_0_rpm == min(top, BRAKE.omega_0_rpm)
-    assert found.flat_part_seen == seen == ("omega_0_rpm" not in found.assumed(None))
+    assert found.flat_part_seen == seen == ("omega_0_rpm" not in found.assumed)
     assert found.omega_0_by.startswith("least squares" if seen else "assumed: the highest measured speed")
     (line,) = [line for line in text.splitlines() if line.startswith("omega_0_rpm")]
     assert ("# assumed: the highest measured speed" in line) == (not seen)
@@ -181,19 +180,19 @@ def test_omega_0_is_assumed_unless_two_speeds_show_the_flat_part(top, noise):
 
 
 def test_the_file_calls_assumed_what_steps_do_not_show_and_nothing_else(quiet):
-    found = identify_steps(quiet, "steps.csv")
-    assert found.warnings == []
     for backlash, assumed in ((None, ["current_max_A", "knee_A", "floor_rpm", "backlash_deg"]), (0.5, [])):
-        text = brake_text(found, "mine", backlash)
+        found = identify_steps(quiet, "steps.csv", backlash_deg=backlash)
+        assert found.warnings == []
+        text, numbers = brake_text(found, "mine"), summary(found)
         lines = [line.split(" = ")[0] for line in text.splitlines() if "# assumed: " in line]
         expected = assumed or ["current_max_A", "knee_A", "floor_rpm"]
-        assert sorted(lines) == sorted(expected) == sorted(summary(found, backlash)["assumed"])
+        assert sorted(lines) == sorted(expected) == sorted(numbers["assumed"])
         given = [] if backlash is None else ["backlash_deg"]
         shown = "identified from steps.csv: k, rise, fall, omega_0_rpm" + "; given: backlash_deg" * len(given)
         brake = parse_brake(text, "brake")
         assert brake.provenance == f"{shown}; assumed: {', '.join(expected)}" and brake.assumed
-        assert summary(found, backlash)["given"] == given
-        marked = [*found.identified, *given, *expected, "name", "provenance", "command_unit"]
+        assert numbers["given"] == given
+        marked = [*numbers["identified"], *given, *expected, "name", "provenance", "command_unit"]
         assert sorted(marked) == sorted(BrakeFile.__struct_fields__)
 
 

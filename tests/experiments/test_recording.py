@@ -18,7 +18,7 @@ from core.files import InputError
 from experiments.analysis.trials_table import write_table
 from experiments.recording import atomic_files
 from experiments.recording import writer as recording_writer
-from experiments.recording.atomic_files import TRIES, patiently, remove, rename_over, set_aside
+from experiments.recording.atomic_files import TRIES, patiently, remove, replace_file, set_aside
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import same_content
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
@@ -313,7 +313,7 @@ def test_the_tries_are_bounded_and_end_in_one_sentence(waits: list[float], tmp_p
         raise refused(32)
 
     monkeypatch.setattr(atomic_files.os, "replace", never)
-    with pytest.raises(InputError, match=r"^.*trials\.csv: the table cannot be written \(another program has it open"):
+    with pytest.raises(InputError, match=r"^.*trials\.csv: cannot be written \(another program has it open"):
         write_table(tmp_path / "trials.csv", [], replacing=True)
     assert len(tries) == TRIES == len(waits) + 1
     assert not list(tmp_path.iterdir())
@@ -329,13 +329,12 @@ def test_a_file_that_may_not_be_touched_at_all_is_refused_at_once(waits: list[fl
 
 
 def test_files_that_are_open_for_a_moment_are_replaced_set_aside_and_removed(tmp_path: Path) -> None:
-    for what in (rename_over, lambda _, path: set_aside(path, "damaged"), lambda _, path: remove(path)):
-        new, old = tmp_path / "new", tmp_path / "old"
-        new.write_text("new")
+    for what in (lambda path: replace_file(path, b"new"), lambda path: set_aside(path, "damaged"), remove):
+        old = tmp_path / "old"
         old.write_text("old")
         file = old.open()
         threading.Timer(0.3, file.close).start()
-        what(new, old)
+        what(old)
         assert not old.exists() or old.read_text() == "new"
         file.close()
         for path in tmp_path.iterdir():

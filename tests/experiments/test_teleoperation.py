@@ -6,12 +6,13 @@ import pytest
 from core import tick_log as log
 from core.device import load_device
 from core.files import InputError
+from core.simulator.state import new_record
 from experiments.analysis.metrics import trial_metrics
 from experiments.paper_figures.teleoperation import DELAYS_S, contact
 from experiments.paper_figures.workspace import workspace_of
 from experiments.protocol import load_protocol
 from experiments.session.files import session_folder
-from experiments.slave import Slave, follow_master, new_slave
+from experiments.slave import SLAVE, Slave, follow_master, set_slave
 from experiments.study.replay import replay
 from experiments.study.study import run_study
 from experiments.trial.population import load_population
@@ -48,7 +49,8 @@ def test_the_force_arrives_two_delays_after_the_handle_has_gone(contacts):
 
 def test_a_slave_stands_where_the_springs_of_drive_and_wall_balance():
     slave = Slave(wall_at_m=(0.0, 0.4), wall_normal=(0.0, -2.0), delay_s=0.02, force_scale=0.5)
-    record, tip, memory = new_slave(slave), np.array((0.05, 0.415, 0.0, 0.0)), np.full(7, np.nan)
+    record, tip, memory = new_record(SLAVE), np.array((0.05, 0.415, 0.0, 0.0)), np.full(7, np.nan)
+    set_slave(record[0], slave)
     for tick in range(4000):
         follow_master(record.view(np.ndarray)[0], tip, tick, memory)
     depth = 0.015 * slave.stiffness_N_m / (slave.stiffness_N_m + slave.wall_stiffness_N_m)

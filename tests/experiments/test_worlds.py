@@ -137,7 +137,7 @@ def test_one_value_is_the_same_in_all_worlds_and_no_column_and_people_alone_may_
     report = tmp_path / "out" / "report"
     page = (report / "report.md").read_text()
     assert "The same in all: population steady, lag 3.0, skill 0.5." in page and "## What decides each" not in page
-    assert summary["measure_first"].startswith("nothing") and (report / "overview.png").exists()
+    assert summary["measure_first"].startswith("no assumption") and (report / "overview.png").exists()
     assert not (report / "indices.csv").exists()
 
 
@@ -317,6 +317,10 @@ def test_the_table_is_enough_to_judge_again_and_to_write_the_report(small, whole
     assert {path.name: path.read_bytes() for path in (whole / "report").iterdir()} == files
     page = files["report.md"].decode()
     assert page.startswith("# Worlds: small\n\n4 worlds of the ranges 'small', seed 1")
+    often = [str(k) for k in range(1, 12) if worlds.holds[:, k - 1].mean() > 0.5]
+    assert f"**In short.** Statements that hold in more than half of the worlds: {', '.join(often) or 'none'};" in page
+    assert f"at most {worlds.holds.sum(axis=1).max()} do, in world {nearest_world(worlds) + 1}." in page
+    assert "No assumption alone stands out from chance" in page and "| SDOF with gap |" in page
     nearest = nearest_world(worlds)
     assert f"World {nearest + 1}, seed {lines(whole)[nearest]['seed']}:" in page
     assert f"low gain (N s/m) | {float(lines(whole)[nearest]['assumptions.low_gain'])}" in page

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_board import FULL, SimulatedBoard, samples
 
-from hardware.emulated_board.board import OVER_CURRENT_TICKS, SATURATED_TICKS, TICK_US, Age, Capability, Freshness
+from hardware.emulated_board.board import FULL_BOARD, OVER_CURRENT_TICKS, SATURATED_TICKS, TICK_US, Age, Freshness
 from hardware.wire.messages import WATCHDOG_US, Command, Fault, FaultReport, Flag, Refusal, Refused, ResetFault, State
 
 ZERO = (0, 0, 0, 0)
@@ -22,7 +22,7 @@ CONDITIONS = {
 
 @given(four_currents, four_currents, st.integers(0, 15))
 def test_currents_never_exceed_the_limits_of_host_or_board(asked, limit, brakes: int) -> None:
-    bench = SimulatedBoard(Capability(brakes=brakes, current_max_mA=(1000, 800, 600, 400)))
+    bench = SimulatedBoard(FULL_BOARD._replace(brakes=brakes, current_max_mA=(1000, 800, 600, 400)))
     in_force = bench.connect(current=limit).current_mA
     bench.command(*asked)
     for i in range(4):

@@ -9,16 +9,17 @@ from pathlib import Path
 import pytest
 from reference_board import RecordedBoard, board_program, live_alike, needs_compiler
 
-from hardware.emulated_board.board import TICK_US, Board, Capability, Readings
+from hardware.emulated_board.board import FULL_BOARD, TICK_US, Board, Readings
+from hardware.wire.messages import Hello
 
 VECTORS = json.loads((Path(__file__).resolve().parents[2] / "docs" / "protocol-vectors.json").read_text())
 DIALOGUES = VECTORS["dialogues"]
 
 
-def capability() -> Capability:
+def hello() -> Hello:
     """Of the board that the dialogues are with."""
     fields = VECTORS["dialogues_board"]
-    return Capability(**{
+    return FULL_BOARD._replace(**{
         name: tuple(value) if isinstance(value, list) else value.encode() if isinstance(value, str) else value
         for name, value in fields.items()
     })  # fmt: skip
@@ -26,7 +27,7 @@ def capability() -> Capability:
 
 def hold(dialogue: dict, kind: type[Board]) -> Board:
     """A board that goes through a dialogue and does at each step what it says."""
-    board = kind(capability())
+    board = kind(hello())
     if dialogue["after_brown_out"]:
         board.lose_power(0)
     now_us = 0

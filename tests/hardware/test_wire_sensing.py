@@ -11,7 +11,7 @@ from devices import FIXED, FOUR, THREE, FiveBar
 from core.device import load_device
 from core.device_file import Encoders, ForceSensor, Sensing
 from core.files import InputError
-from hardware.emulated_board.sensors import EmulatedSensors, capability_of
+from hardware.emulated_board.sensors import EmulatedSensors, hello_of
 from hardware.sensing.board_clock import ClockModel, fit_line
 from hardware.sensing.encoders import PoseSensing
 from hardware.sensing.samples import WINDOW, ForceSensing, MotionFilter
@@ -124,10 +124,10 @@ def test_the_hand_force_comes_back_through_mounting_calibration_and_mass_beyond(
     sensor = ForceSensor(on=on, rotation_rad=0.7, inertia_beyond_kg=0.2)
     device = replace(SHIPPED, sensing=Sensing(encoders=Encoders(A=96000, B=96000), force=sensor), calibration=matrix)
     tip, force, acceleration = (0.04, 0.41), np.array([12.0, -7.0]), np.array([3.0, 5.0])
-    capability = capability_of(device)
-    emulated = EmulatedSensors(device, capability, tip, seed=1)
+    hello = hello_of(device)
+    emulated = EmulatedSensors(device, hello, tip, seed=1)
     read = [emulated.read(tip, force, acceleration, (0,) * 4, set(), set(), False).force for _ in range(400)]
-    found = ForceSensing(device, capability.force_channels, capability.force_unit)
+    found = ForceSensing(device, hello.force_channels, hello.force_unit)
     found.zero = np.full(6, 50.0)
     mean = np.array(read).mean(axis=0) + 50.0
     theta = tuple(FOUR.angles(np.array(tip)))

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import pytest
 from simulated_board import FULL, NO_LIMIT, SimulatedBoard
 
-from hardware.emulated_board.board import SILENCE_US, TICK_US, Board, Capability, Readings
+from hardware.emulated_board.board import FULL_BOARD, SILENCE_US, TICK_US, Board, Readings
 from hardware.wire import messages
 from hardware.wire.frames import encode_frame
-from hardware.wire.messages import Command, Fault, State, pack
+from hardware.wire.messages import Command, Fault, Hello, State, pack
 
 SOURCES = Path(__file__).resolve().parents[2] / "hardware" / "firmware"
 COMPILER = shutil.which("cc")
@@ -87,7 +87,7 @@ class RecordedBoard(Board):
         self._record(self._power(low=True, now_us=now_us))
 
     def _power(self, low: bool, now_us: int) -> bytes:
-        c = self.capability
+        c = self.hello
         return struct.pack("<cIBQ3B3B", b"P", self.starts, low, now_us, c.encoders, c.brakes, c.force_channels,
                            *c.firmware) + struct.pack("<4I4HIi24s16s", *c.counts_per_rev, *c.current_max_mA,
                            c.force_unit, c.force_full_scale, c.device, c.serial)  # fmt: skip
@@ -128,15 +128,15 @@ def live_alike(program: Path, boards: list[RecordedBoard]) -> list[Did]:
     return did
 
 
-def recorded(capability: Capability | None = None) -> SimulatedBoard:
+def recorded(hello: Hello = FULL_BOARD) -> SimulatedBoard:
     """A simulated board whose life is written down."""
-    bench = SimulatedBoard(capability)
-    bench.board = RecordedBoard(capability or Capability())
+    bench = SimulatedBoard(hello)
+    bench.board = RecordedBoard(hello)
     return bench
 
 
-def random_capability(rng: random.Random) -> Capability:
-    return Capability(
+def random_hello(rng: random.Random) -> Hello:
+    return FULL_BOARD._replace(
         encoders=rng.choice([0b0101, 0b1111, 0b0011, 0b1100]), brakes=rng.randrange(16),
         force_channels=rng.randrange(7), counts_per_rev=tuple(rng.randrange(2**32) for _ in range(4)),
         current_max_mA=tuple(rng.choice([0, 500, 1000, 65535]) for _ in range(4)), force_unit=rng.randrange(2**32),
@@ -150,7 +150,7 @@ class RandomHost:
 
     def __init__(self, seed: int) -> None:
         self.rng = random.Random(seed)
-        self.bench = recorded(random_capability(self.rng))
+        self.bench = recorded(random_hello(self.rng))
         self.sequence = self.rng.choice([0, 2**31 - 20, 2**32 - 20])
         self.zero_us = self.rng.choice([0, 10**9, 2**64 - 5 * 10**6])  # of the host's clock
         self.bad_ticks = 0
@@ -206,8 +206,8 @@ class RandomHost:
                 good = False
         return Readings(
             tuple(c + rng.randint(-step, step) for c in last.counts),
-            tuple(force + k for k in range(self.bench.board.capability.force_channels)) if abs(force) < 2**31 - 1
-            else (force,) * self.bench.board.capability.force_channels,
+            tuple(force + k for k in range(self.bench.board.hello.force_channels)) if abs(force) < 2**31 - 1
+            else (force,) * self.bench.board.hello.force_channels,
             tuple(rng.choice([current, 0, 50]) if current == 0 else current for _ in range(4)),
             tuple(good or rng.random() < 0.5 for _ in range(4)),
         )  # fmt: skip

@@ -4,7 +4,6 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 from core.device import Device, load_device
@@ -14,7 +13,7 @@ from hardware.emulated_board.board import Board
 from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, HeldHand
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault
 from hardware.emulated_board.plug import TcpPort
-from hardware.emulated_board.sensors import capability_of
+from hardware.emulated_board.sensors import hello_of
 from hardware.serial_device import SerialDevice
 from hardware.serial_port import Port
 from hardware.wire.frames import FrameDecoder
@@ -30,11 +29,11 @@ class Bench:
     """A board with a simulated device, and the wires that are plugged into it; each read of a wire takes a tick."""
 
     def __init__(
-        self, behind: Device = DEVICE, hand: EmulatedHand | None = None, board_began_us: int = 0, **capability
+        self, behind: Device = DEVICE, hand: EmulatedHand | None = None, board_began_us: int = 0, **hello
     ) -> None:
-        self.board = Board(replace(capability_of(behind, "TEST"), **capability))
+        self.board = Board(hello_of(behind, "TEST")._replace(**hello))
         self.hand = hand or HeldHand(TIP)
-        self.device = EmulatedDevice(behind, self.board.capability, self.hand, TIP, seed=1)
+        self.device = EmulatedDevice(behind, self.board.hello, self.hand, TIP, seed=1)
         self.faults: list[LineFault] = []
         self.to_host, self.to_board = Line(self.faults, 1, 0), Line(self.faults, 1, 1)
         self.ticks = self.last_current = 0
@@ -60,7 +59,7 @@ class Bench:
         if (data := self.to_board.take(self.now_s)) and self.powered:
             self.send(self.board.receive(data, now_us))
         readings = self.device.sense(self.board.currents, acting)
-        force = readings.force[: self.board.capability.force_channels]
+        force = readings.force[: self.board.hello.force_channels]
         if self.powered:
             self.send(self.board.tick(readings._replace(force=force), now_us))
         self.device.advance(self.board.currents)

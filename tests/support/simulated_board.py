@@ -1,14 +1,16 @@
 """A board in simulated time, for tests: told messages, ticked, and what it says read back."""
 
-from hardware.emulated_board.board import TICK_US, Board, Capability, Readings
+from hardware.emulated_board.board import FULL_BOARD, TICK_US, Board, Readings
 from hardware.wire.frames import FrameDecoder, encode_frame
 from hardware.wire.messages import (
     AskHello,
     Command,
+    Hello,
     Limits,
     Sample,
     SetLimits,
     State,
+    layout_of,
     pack,
     unpack,
 )
@@ -21,9 +23,9 @@ NO_LIMIT = (0, 0, 0, 0)
 class SimulatedBoard:
     """A board, its time, and the host's side of the wire."""
 
-    def __init__(self, capability: Capability | None = None) -> None:
-        self.board = Board(capability or Capability())
-        self.layout = self.board.capability.layout()
+    def __init__(self, hello: Hello = FULL_BOARD) -> None:
+        self.board = Board(hello)
+        self.layout = layout_of(hello)
         self.now_us = 0
         self.readings = STILL
         self.sequence = 0

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from core.device_file import BrakeFile
-from experiments.identify.steps import COLUMNS, Step
+from experiments.identify.step_response import COLUMNS, Step
 
 CURRENTS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # A
 SPEEDS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # rpm
