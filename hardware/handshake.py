@@ -8,8 +8,8 @@ import time
 from core.device import Device
 from core.files import InputError
 from core.mechanism import JOINTS
-from hardware.emulated_board.plug import LOOPBACK, emulated_ports
-from hardware.emulated_board.sensors import EMULATED, sensing_of
+from hardware.emulated_board.plug import EMULATED, LOOPBACK, emulated_ports
+from hardware.sensing.samples import sensing_of
 from hardware.wire.messages import SAMPLE_HZ, VERSION, WATCHDOG_US, Four, Hello, SetLimits, joints_of
 
 #: rad/s, at which a joint is too fast (assumed; 9 m/s at the end of a 0.3 m link)

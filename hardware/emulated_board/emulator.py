@@ -17,10 +17,9 @@ from pathlib import Path
 from core.device import Device
 from core.files import InputError
 from hardware.emulated_board.board import ZERO, Board
-from hardware.emulated_board.device import TICK_S, EmulatedDevice, EmulatedHand
+from hardware.emulated_board.device import TICK_S, EmulatedDevice, EmulatedHand, hello_of
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault
-from hardware.emulated_board.plug import CONTROL, FOLDER, LOOPBACK, TcpPort, Terminal
-from hardware.emulated_board.sensors import EMULATED, hello_of
+from hardware.emulated_board.plug import CONTROL, EMULATED, FOLDER, LOOPBACK, TcpPort, Terminal
 from hardware.wire import messages as m
 from hardware.wire.frames import encode_frame
 

@@ -15,6 +15,7 @@ from typing import Any
 from core.files import InputError
 from hardware.serial_port import like_a_wire
 
+EMULATED = "EMULATED-"  # begins the serial number of an emulated board
 FOLDER = "phd-emulated-"  # begins the temporary folder's name
 PORT = "port"
 CONTROL = "control"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from core.device import Device
-from core.device_file import ForceSensor
+from core.device_file import Encoders, ForceSensor, Sensing
 from core.device_interface import VELOCITY_WINDOW, DeviceError, DeviceSample, ZeroRecord
 from core.faults import cause
 from core.files import InputError
@@ -16,6 +16,8 @@ from hardware.wire.messages import Fault, Hello, Sample, joints_of
 
 Vector = tuple[float, float]
 
+#: Assumed, for a device file without [sensing]: encoders as on the shipped devices, a sensor on the handle.
+USUAL = Sensing(encoders=Encoders(A=96000, B=96000), force=ForceSensor(on="handle"))
 WINDOW = VELOCITY_WINDOW  # samples that the parabola goes through
 TICK_S = 1e-3
 GAP_S = 0.05  # after a longer gap between positions the motion filter begins anew
@@ -31,6 +33,12 @@ FAULT_CODES = {
 ZERO_SAMPLES = 500
 STILL_M = 1e-3  # a handle that moved further was touched
 NO_ZERO = ZeroRecord(0, (), (), (0.0, 0.0, 0.0, 0.0))  # none has been taken
+
+
+def sensing_of(device: Device) -> tuple[Encoders, ForceSensor | None]:
+    """The encoders and the force sensor of a device; the usual ones where its file has no [sensing]."""
+    sensing = device.sensing or USUAL
+    return sensing.encoders or USUAL.encoders or Encoders(), sensing.force
 
 
 class BoardSensing:

@@ -25,9 +25,8 @@ from experiments.recording.schema import recording_of
 from experiments.trial.operator import Person
 from experiments.trial.trial import Trial
 from hardware.emulated_board.board import TICK_US, Board
-from hardware.emulated_board.device import EmulatedDevice
-from hardware.emulated_board.sensors import hello_of, sensing_of
-from hardware.sensing.samples import WINDOW, MotionFilter, Vector
+from hardware.emulated_board.device import EmulatedDevice, hello_of
+from hardware.sensing.samples import WINDOW, MotionFilter, Vector, sensing_of
 from hardware.serial_device import SerialDevice
 
 LONGEST_TICKS = 120_000

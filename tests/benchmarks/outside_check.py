@@ -21,6 +21,7 @@ import numpy as np
 from core.control.algorithm import GAP
 from core.control.controllers import PARAMETERS
 from experiments.analysis.box_findings import SIMILAR
+from experiments.analysis.charts import QUARTILE_METHOD
 from experiments.analysis.error_bars import STEP
 from experiments.analysis.metrics import BY_NAME, DRAWN, Metric
 from experiments.protocol import load_protocol
@@ -116,7 +117,8 @@ def medians(file: str) -> None:
                 f"{m.short} {m.scale * x:.2f} {m.shown_unit} ({x / was - 1.0:+.1%})"
                 for m, x, was in zip(DRAWN, numbers, none, strict=True)
             )
-            print(f"{', '.join(where)}, {controller}: {', '.join(shown)}")
+            q1, q3 = 1e3 * np.quantile([errors[0] for errors in values], (0.25, 0.75), method=QUARTILE_METHOD)
+            print(f"{', '.join(where)}, {controller}: {', '.join(shown)}; box of path error {q3 - q1:.2f} mm long")
 
 
 def step(operators: str = "10") -> None:

@@ -11,7 +11,7 @@ from devices import FIXED, FOUR, THREE, FiveBar
 from core.device import load_device
 from core.device_file import Encoders, ForceSensor, Sensing
 from core.files import InputError
-from hardware.emulated_board.sensors import EmulatedSensors, hello_of
+from hardware.emulated_board.device import EmulatedSensors, hello_of
 from hardware.sensing.board_clock import ClockModel, fit_line
 from hardware.sensing.encoders import PoseSensing
 from hardware.sensing.samples import WINDOW, ForceSensing, MotionFilter

@@ -10,10 +10,9 @@ from core.device import Device, load_device
 from core.device_interface import DeviceError
 from core.faults import cause
 from hardware.emulated_board.board import Board
-from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, HeldHand
+from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, HeldHand, hello_of
 from hardware.emulated_board.line_faults import Line, LineFault, read_fault
 from hardware.emulated_board.plug import TcpPort
-from hardware.emulated_board.sensors import hello_of
 from hardware.serial_device import SerialDevice
 from hardware.serial_port import Port
 from hardware.wire.frames import FrameDecoder
