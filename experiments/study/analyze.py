@@ -111,7 +111,7 @@ def analyze(
         "trials": len(found.rows),
         "coded": found.coded,
         "left_out": found.left_out,
-        "changed": changed_boxes(folder / TABLE, found) if found.left_out else [],
+        "changed": changed_boxes(folder / TABLE, found, timeouts) if found.left_out else [],
         "warnings": warned,
     }
 
@@ -180,8 +180,10 @@ def conclude(folder: Path, out: Path, found: Found, timeouts: bool) -> list[str]
     return [*warnings(found.rows, judged, found.simulated), *unsure]
 
 
-def changed_boxes(table: Path, found: Found) -> list[str]:
+def changed_boxes(table: Path, found: Found, timeouts: bool) -> list[str]:
     """How each box of the figures differs from what `table` gives: its count of trials and its median.
+
+    timeouts: trials whose time was up are in the boxes.
 
     Rows of sessions whose key was opened here are blind in the table: they are compared opened.
     """
@@ -194,7 +196,9 @@ def changed_boxes(table: Path, found: Found) -> list[str]:
     configurations = tuple(dict.fromkeys(row.configuration for row in (*before_rows, *found.rows)))
     changes, names = [], found.controllers
     for metric in DRAWN:
-        before, after = (boxes(told_apart(rows), metric, configurations) for rows in (before_rows, found.rows))
+        before, after = (
+            boxes(told_apart(rows), metric, configurations, timeouts) for rows in (before_rows, found.rows)
+        )
         for key in sorted({*before, *after}, key=lambda cell: (by_controller(cell[0]), cell[1])):
             old, new = before.get(key), after.get(key)
             if old and new and (old.count, old.median) == (new.count, new.median):

@@ -11,12 +11,12 @@ from protocols import PEOPLE, short
 from sessions import crash_in_trial, files, session_of
 
 from app.cli import main
-from experiments.analysis.trials_table import read_table
+from experiments.analysis.trials_table import read_table, write_table
 from experiments.recording.reader import read_recording
 from experiments.session import session as sessions
 from experiments.session.files import cell, write_pooled_table
 from experiments.session.recover import recover
-from experiments.study.analyze import analyze
+from experiments.study.analyze import Found, analyze, changed_boxes
 from experiments.study.study import resume_study, run_study
 
 
@@ -67,6 +67,15 @@ def test_a_box_that_has_lost_all_its_trials_is_said_to_be_gone(study, tmp_path):
             spoil(folder, row.run)
     changed = analyze(folder, tmp_path / "out")["changed"]
     assert len(changed) == 3 and all("2 -> 0 trials, the box is gone" in line for line in changed)
+
+
+def test_boxes_are_compared_with_the_timeouts_that_the_figures_count(study, tmp_path):
+    rows = read_table(study / "trials.csv")
+    late = [replace(row, status="timeout") if row is rows[4] else row for row in rows]
+    table = tmp_path / "trials.csv"
+    write_table(table, rows)
+    with_it, without = (changed_boxes(table, Found(rows=late), timeouts) for timeouts in (True, False))
+    assert with_it == [] and len(without) == 3
 
 
 def test_without_a_table_to_compare_with_that_is_said(study, tmp_path):
