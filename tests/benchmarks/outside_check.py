@@ -70,26 +70,30 @@ def triples(file: str, n: str = f"{TRIPLES}") -> None:
         groups.setdefault(", ".join(f"{name} {line[name]}" for name in ranges.ranges), []).append(i)
     devices = [device.name for device in ranges.protocol.devices]
     for name, rows in sorted(groups.items()):
-        smallest, similar = np.mean([_as_the_check(worlds, i, devices) for i in rows], axis=0)
+        smallest, somewhere, similar = np.mean([_as_the_check(worlds, i, devices) for i in rows], axis=0)
         held = ", ".join(f"{k} {share:.0%}" for k, share in enumerate(worlds.holds[rows].mean(axis=0), start=1))
         print(f"{name or 'all'}: {len(rows)} triples; statements by our rules: {held}")
-        print(f"  by the check's: SDOF with gap smallest spread {smallest:.0%}, all four within 30 % {similar:.0%}")
+        print(
+            f"  by the check's: SDOF with gap smallest spread {smallest:.0%} (on one device at least {somewhere:.0%}), "
+            f"all four within 30 % {similar:.0%}"
+        )
         for device in devices:
             medians = [_medians(worlds, rows, device, k) for k in range(1, 6)]
             print(f"  {device}, median path error by controller: {', '.join(f'{m:.2f}' for m in medians)} mm")
 
 
-def _as_the_check(worlds: Worlds, row: int, devices: list[str]) -> tuple[bool, bool]:
+def _as_the_check(worlds: Worlds, row: int, devices: list[str]) -> tuple[bool, bool, bool]:
+    """SDOF with gap spreads least on every device, and on one at least; all four are similar on every one."""
     boxes = worlds.boxes(row)
     if len(boxes) < len(worlds.cells):  # under 90 % of the trials of one reached the end
-        return False, False
-    smallest = similar = True
+        return False, False, False
+    smallest, similar = [], []
     for device in devices:
         of_it = {k: boxes[ERROR, device, k] for k in (1, *CONTROLLED)}
-        smallest &= min(of_it, key=lambda k: of_it[k].q3 - of_it[k].q1) == GAP_CONTROLLER
+        smallest.append(min(of_it, key=lambda k: of_it[k].q3 - of_it[k].q1) == GAP_CONTROLLER)
         medians = [of_it[k].median for k in CONTROLLED]
-        similar &= max(medians) - min(medians) <= SIMILAR * of_it[1].median
-    return smallest, similar
+        similar.append(max(medians) - min(medians) <= SIMILAR * of_it[1].median)
+    return all(smallest), any(smallest), all(similar)
 
 
 def _medians(worlds: Worlds, rows: list[int], device: str, controller: int) -> float:
