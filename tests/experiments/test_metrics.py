@@ -1,5 +1,8 @@
 """The measures on hand-made movements whose answers are known."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +24,7 @@ from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording, Sensors, recording_of
 from experiments.recording.writer import RecordingWriter
 
+ROOT = Path(__file__).resolve().parents[2]
 USE_SDOF = control.DECISIONS.index("sdof A")
 
 START, END = (-0.1, 0.4), (0.1, 0.4)
@@ -377,6 +381,23 @@ def test_acceleration_filter_halves_the_power_twice_at_20_hz():
     two_differences = -((2 * np.sin(w * step / 2) / step) ** 2) * tip  # exact gain of two central differences
     inside = slice(1000, 7000)
     assert m.tip_acceleration(tip)[inside, 0] == pytest.approx(0.5 * two_differences[inside, 0], abs=1e-3)
+
+
+def test_a_long_trial_has_the_same_digits_whatever_the_threads_of_the_machine():
+    """A sum over more than 10,000 ticks is shared out among threads by OpenBLAS, unless it is kept from it."""
+    code = (
+        "from experiments.analysis.metrics import mean_over_progress; import numpy as np; "
+        "r = np.random.default_rng(1); progress = np.cumsum(r.random(50_000)); "
+        "print([mean_over_progress(r.random(50_000), progress) for _ in range(5)])"
+    )
+    found = {
+        subprocess.run(
+            [sys.executable, "-c", code], env=os.environ | {"OPENBLAS_NUM_THREADS": threads}, cwd=ROOT,
+            capture_output=True, text=True, check=True,
+        ).stdout
+        for threads in ("1", "2", "4")
+    }  # fmt: skip
+    assert len(found) == 1 and found != {""}
 
 
 def test_sparc_agrees_with_monalysa():
