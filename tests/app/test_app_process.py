@@ -156,6 +156,7 @@ def test_what_cannot_be_recorded_is_refused_and_no_window_stays(
 ) -> None:
     monkeypatch.setattr(QApplication, "exec", lambda _: pytest.fail("a window stays"))
     monkeypatch.setattr(signal, "signal", lambda *_: None)
+    monkeypatch.setattr("app.window.windows.make_ready", lambda: qapp)  # that of all tests, which has no settings
     place = tmp_path / make
     place.parent.mkdir(parents=True, exist_ok=True)
     place.touch()
