@@ -80,7 +80,7 @@ class Client:
         for at, message in enumerate(messages):
             if isinstance(message, Refused):
                 self._refused = message.why
-                messages[at] = Snapshot(FAILED, said=message.why, said_bad=True)
+                messages[at] = Snapshot(FAILED, notice=message.why, notice_bad=True)
         return messages
 
     def ticks(self) -> np.ndarray:

@@ -285,8 +285,8 @@ class Snapshot(NamedTuple):
     checks: tuple[Check, ...] = ()
     brakes_off: str = ""  # its cause; "": brakes may act
     notes: tuple[str, ...] = ()  # "13:02 asked to move a little slower"
-    said: str = ""  # to the experimenter: what just happened or what was refused
-    said_bad: bool = False
+    notice: str = ""  # to the experimenter: what just happened or what was refused
+    notice_bad: bool = False
     card: Card | None = None  # what is to be done before the next trial
     sandbox: SandboxState | None = None  # None: Try is not open
     seconds_left: float | None = None  # of the whole session, estimated from the trials so far

@@ -194,9 +194,9 @@ class Loop:
         self.ring.control.loop_beat = self._now_ns()
         known = device is None or device.problem or self.sample is not None
         if known and self._clock() - self._told_s >= TELL_S:
-            self.tell()
+            self.report_device()
 
-    def tell(self) -> None:
+    def report_device(self) -> None:
         """How the device is, to the server."""
         self._told_s = self._clock()
         self._answer(self._status())

@@ -29,12 +29,12 @@ def do(state: State, command: object) -> None:
         state.settle()
         declared.action(state, command)
     except InputError as error:
-        state.say(str(error), bad=True)
+        state.notify(str(error), bad=True)
     except OSError as error:
         if state.session is not None and not isinstance(command, m.Leave):
             state.storage.fail(f"{error.filename or state.session.folder}", error)
         else:
-            state.say(f"{error.filename or state.setup.data_dir}: {error.strerror or error}", bad=True)
+            state.notify(f"{error.filename or state.setup.data_dir}: {error.strerror or error}", bad=True)
 
 
 def refused(state: State, command: "Command") -> str:
@@ -64,16 +64,16 @@ def _open(state: State, command: m.Open) -> None:
         raise
     left, whole = len(session.plan) - session.settled, len(session.plan)
     if not left:
-        said = [f"Participant {name}: all {counted(whole, 'trial')} are done."]
+        notice = [f"Participant {name}: all {counted(whole, 'trial')} are done."]
     elif left == whole:
-        said = [f"Participant {name}: {counted(whole, 'trial')} to run."]
+        notice = [f"Participant {name}: {counted(whole, 'trial')} to run."]
     else:
-        said = [f"Participant {name}: {left} of {counted(whole, 'trial')} left."]
-    said.append(done_without(setup, session.protocol))
+        notice = [f"Participant {name}: {left} of {counted(whole, 'trial')} left."]
+    notice.append(done_without(setup, session.protocol))
     if other := other_protocol(setup.data_dir, name, session.protocol):
-        said.append(f"Their protocol is not the one of participant {other}: file, devices or options have changed.")
-    said.append(wrong := _wrong_hand(state, session))
-    state.say(" ".join(filter(None, said)), bad=bool(other or wrong))
+        notice.append(f"Their protocol is not the one of participant {other}: file, devices or options have changed.")
+    notice.append(wrong := _wrong_hand(state, session))
+    state.notify(" ".join(filter(None, notice)), bad=bool(other or wrong))
 
 
 def _wrong_hand(state: State, session: Session) -> str:
@@ -91,7 +91,7 @@ def _wrong_hand(state: State, session: Session) -> str:
 
 def _leave(state: State, _: m.Leave) -> None:
     state.storage.leave()
-    state.say("")
+    state.notify("")
 
 
 def _start(state: State, _: m.Start) -> None:
@@ -115,7 +115,7 @@ def _run(state: State, session: Session, planned: PlannedTrial) -> None:
         raise InputError(wrong)
     trial, writer = state.device.begin(session, planned)
     state.runner.start(planned, trial, writer, state.lsl.begin(planned.run) if state.lsl else None)
-    state.say("")
+    state.notify("")
 
 
 def _need_no_hindrance(state: State) -> None:

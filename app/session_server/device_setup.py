@@ -198,8 +198,8 @@ class RealSetup:
         """That of the coming trial."""
         return progress.session.protocol.device(progress.coming.configuration)
 
-    def hear(self, answers: list[object], write: Write, say: Callable[..., None]) -> None:
-        """What the loop answers of the device. write: into the journal; say: to the experimenter."""
+    def take_answers(self, answers: list[object], write: Write, notify: Callable[..., None]) -> None:
+        """What the loop answers of the device. write: into the journal; notify: to the experimenter."""
         for answer in answers:
             self._busy &= isinstance(answer, DeviceStatus)
             match answer:
@@ -210,7 +210,7 @@ class RealSetup:
                 case m.Zeroed(record):
                     write(ZEROED, **record._asdict())
                 case m.NotDone(why):
-                    say(f"{why[0].upper()}{why[1:]}.", bad=True)
+                    notify(f"{why[0].upper()}{why[1:]}.", bad=True)
 
     def checks(self, why_off: str) -> tuple[Check, Check]:
         """For the pre-flight row: device and hand."""

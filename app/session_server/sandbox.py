@@ -71,9 +71,9 @@ class Sandbox:
 
     def __init__(
         self, setup: m.Setup, protocol: Protocol, runner: TrialRunner,
-        device: SimulatedSetup | RealSetup, say: Callable[[str, bool], None],
+        device: SimulatedSetup | RealSetup, notify: Callable[[str, bool], None],
     ) -> None:  # fmt: skip
-        self._setup, self._protocol, self._runner, self._device, self._say = setup, protocol, runner, device, say
+        self._setup, self._protocol, self._runner, self._device, self._notify = setup, protocol, runner, device, notify
         self.real = isinstance(device, RealSetup)
         self.on = False
         self.settings = self._initial(protocol.devices[0].name, next(iter(protocol.paths)))
@@ -127,7 +127,7 @@ class Sandbox:
         self._controller(settings, device)
         new_sensing(device, self._assumed(settings))
         self.settings, self.on = settings, True
-        self._say("", False)
+        self._notify("", False)
         places = np.asarray(outline(p.paths[settings.path], SPACING_M))
         self._least_gain = settings.brake_strength * least_gain_felt(device, places)
         self._change()
@@ -149,7 +149,7 @@ class Sandbox:
         backlash = None if self._own_backlash() else s.backlash_deg
         save_variant(path, p, device, s.path, chosen, s.rules, mouse, s.brake_strength, backlash, s.sensing)
         left_out = "" if s.blend_width_m == BLEND_WIDTH else " A protocol has no blend width: it is left out."
-        self._say(f"Saved as {path}.{left_out}", False)
+        self._notify(f"Saved as {path}.{left_out}", False)
 
     def leave(self) -> None:
         """Try is left: the running pass ends."""
@@ -230,7 +230,7 @@ class Sandbox:
         if not run.trial.finished or not self.on:
             return
         if status == "aborted":
-            self._say(with_advice("This pass", reason), True)
+            self._notify(with_advice("This pass", reason), True)
             return
         self._number += 1
         ended = Pass(self._number, self._now, self._changed, status, None, None, None, None)
@@ -240,7 +240,7 @@ class Sandbox:
         try:
             found = measured.result()
         except InputError as error:
-            self._say(f"Pass {ended.number} cannot be measured: {error}.", True)
+            self._notify(f"Pass {ended.number} cannot be measured: {error}.", True)
             return
         self._passes.append(
             ended._replace(
@@ -249,7 +249,7 @@ class Sandbox:
             )
         )  # fmt: skip
         del self._passes[:-MOST_PASSES]
-        self._say("", False)
+        self._notify("", False)
 
     def _begin(self) -> None:
         """The next pass."""

@@ -64,7 +64,7 @@ class SessionServer:
                 if self._alone:
                     self._finish()
                 else:
-                    self._tell()
+                    self._send_state()
         except Exception as error:
             traceback.print_exc()  # into the log
             self.end, failed = f"the session server failed: {type(error).__name__}: {error}", True
@@ -72,7 +72,7 @@ class SessionServer:
             self._state.end(self.end)
             last = self._state.snapshot()
             if failed:
-                last = last._replace(stage=m.FAILED, said=self.end, said_bad=True)
+                last = last._replace(stage=m.FAILED, notice=self.end, notice_bad=True)
             self._window.send(last)
             self._window.flush(CLOSE_S)
             # not closed: that our end goes with the process tells the window that everything is done
@@ -105,7 +105,7 @@ class SessionServer:
         phase = self._ring.last(tick_log.PHASE)
         return phase in (tick_log.APPROACH, tick_log.HOLD)
 
-    def _tell(self) -> None:
+    def _send_state(self) -> None:
         if self._window.behind:  # it hangs; once it reads again it gets the newest state
             return
         for shown in (self._state.opened(), self._state.snapshot()):
@@ -205,9 +205,9 @@ def _close_log(log: Path, early: BinaryIO) -> None:
     """Keep the log only if there is anything in it."""
     early.seek(0)
     with contextlib.suppress(OSError):  # the window has been told of a failing disk
-        if log.exists() and (said := early.read()):
+        if log.exists() and (content := early.read()):
             with log.open("ab") as file:
-                file.write(said)
+                file.write(content)
         if log.exists() and not log.stat().st_size:
             for number in (1, 2):  # Windows removes no file that is open
                 os.dup2(early.fileno(), number)

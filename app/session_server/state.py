@@ -41,11 +41,11 @@ class State:
         self.why_off = ""  # cause of the brakes-off, as the journal has it
         self.presses = 0  # of the brakes-off, as the window has seen them
         self.broken = ""  # why no more trials can be run
-        self.storage = Storage(setup.data_dir, self.runner, self.say)
-        self._said, self._said_bad = "", False
+        self.storage = Storage(setup.data_dir, self.runner, self.notify)
+        self._notice, self._notice_bad = "", False
         self._disk, self._free = check_disk(setup.data_dir)
         self._looked_s = time.perf_counter()
-        self.sandbox = Sandbox(setup, protocol, self.runner, self.device, self.say)
+        self.sandbox = Sandbox(setup, protocol, self.runner, self.device, self.notify)
 
     # ------------------------------------------------------------------------------------- what is
 
@@ -108,8 +108,8 @@ class State:
             ),
             brakes_off=self.why_off,
             notes=tuple(progress.notes) if progress else (),
-            said=self._said,
-            said_bad=self._said_bad,
+            notice=self._notice,
+            notice_bad=self._notice_bad,
             sandbox=self.sandbox.state,
             card=due[1] if due and stage == due[0].name else None,
             seconds_left=progress.seconds_left() if progress else None,
@@ -124,14 +124,14 @@ class State:
 
     # ------------------------------------------------------------------------------------- what happens
 
-    def say(self, sentence: str, bad: bool = False) -> None:
+    def notify(self, sentence: str, bad: bool = False) -> None:
         """Tell the experimenter."""
-        self._said, self._said_bad = sentence, bad
+        self._notice, self._notice_bad = sentence, bad
 
     def settle(self) -> None:
         """A new command is done: what was refused before it is past."""
-        if self._said_bad:
-            self.say("")
+        if self._notice_bad:
+            self.notify("")
 
     def look_at_brakes(self) -> None:
         """Whether currents may flow; what has changed is journalled."""
@@ -153,12 +153,12 @@ class State:
         if self.sandbox.failure is not None:
             raise self.sandbox.failure
         if self.lsl is not None and self.lsl.failure:
-            self.say(self.lsl.failure, bad=True)
+            self.notify(self.lsl.failure, bad=True)
             self.lsl = None
         self.look_at_brakes()
         run, lost = self.runner.watch()
         if isinstance(self.device, RealSetup):
-            self.device.hear(self.runner.told(), self.storage.write, self.say)
+            self.device.take_answers(self.runner.device_answers(), self.storage.write, self.notify)
         if self.runner.ready:
             self.sandbox.loop_ready.set()
         if lost:
@@ -184,7 +184,7 @@ class State:
             self.storage.rescue(run, why)
         else:
             self.sandbox.lost()
-            self.say(with_advice("", why), bad=True)
+            self.notify(with_advice("", why), bad=True)
 
     def end(self, reason: str) -> None:
         """Abort what runs, keep it, let the session go, end the loop."""

@@ -26,9 +26,9 @@ AGAIN_S = 5.0  # between two attempts
 class Storage:
     """One session after the other."""
 
-    def __init__(self, data_dir: Path, runner: TrialRunner, say: Callable[..., None]) -> None:
-        """say: to the experimenter."""
-        self._data_dir, self._runner, self._say = data_dir, runner, say
+    def __init__(self, data_dir: Path, runner: TrialRunner, notify: Callable[..., None]) -> None:
+        """notify: to the experimenter."""
+        self._data_dir, self._runner, self._notify = data_dir, runner, notify
         self.take(None)
 
     def take(self, progress: SessionProgress | None) -> None:
@@ -104,51 +104,51 @@ class Storage:
             f"{what}: {reason.rstrip('.')}. What was recorded is kept; it is tried again every {AGAIN_S:.0f} s. "
             f"{FAULTS['recording-failed'].advice if isinstance(error, OSError) else ''}"
         ).rstrip(". ")
-        self._say(f"{self.undone}.", bad=True)
+        self._notify(f"{self.undone}.", bad=True)
 
     def keep(self, run: TrialRun) -> None:
         """A trial has come to its end."""
         reason = run.trial.outcome()["reason"]
-        said = with_advice(run.name, reason)
+        notice = with_advice(run.name, reason)
         assert self.progress is not None
         try:
             row = run.keep(self.progress.session)
             self.verified = run.name.lower() if row.recording else self.verified
             if row.status == "aborted":  # the experimenter decided so: their reason alone would not tell that
-                said = with_advice(f"{run.name} was aborted", reason)
+                notice = with_advice(f"{run.name} was aborted", reason)
                 if run.again != "never" and row.block:
                     self.progress.session.redo(row.run, reason, at_end=run.again == "end")
-                    said += " It is repeated next." if run.again == "now" else " It is repeated at the end."
+                    notice += " It is repeated next." if run.again == "now" else " It is repeated at the end."
             if row.status == "stopped":
-                said += " It is repeated next; it can be skipped." if row.block else " It is repeated next."
+                notice += " It is repeated next; it can be skipped." if row.block else " It is repeated next."
             if row.recording.endswith(STREAM_SUFFIX):
-                said += f" The disk did not take the Parquet file of {run.name.lower()}: its stream is whole."
+                notice += f" The disk did not take the Parquet file of {run.name.lower()}: its stream is whole."
             self.progress.trial_ended(row)
-            self.changed(said.strip())
+            self.changed(notice.strip())
         except (InputError, OSError) as error:
             run.let_go()
             self.fail(f"{run.name} is not complete", error)
 
     def rescue(self, run: TrialRun, why: str) -> None:
         """The control loop was lost with a trial."""
-        said = with_advice("", why)
+        notice = with_advice("", why)
         assert self.progress is not None
         try:
             run.rescue(self.progress.session)
             self.write(LOOP_LOST, run=run.planned.run, reason=why)
             self.progress.last_end_s = None
-            self.changed(f"{said} {run.name} is recovered and its trial is repeated next.", bad=True)
+            self.changed(f"{notice} {run.name} is recovered and its trial is repeated next.", bad=True)
         except (InputError, OSError) as error:
             self.fail(f"{why}; {run.name.lower()} is not complete", error)
 
-    def changed(self, said: str, bad: bool = False) -> None:
+    def changed(self, notice: str, bad: bool = False) -> None:
         """A row has been added or marked: what comes, the table of all participants, and what to say. OSError."""
         self.progress.look_ahead()
-        self._say(" ".join(filter(None, (said, self.progress.without_valid_trial()))), bad=bad)
+        self._notify(" ".join(filter(None, (notice, self.progress.without_valid_trial()))), bad=bad)
         try:
             write_pooled_table(self._data_dir)
         except InputError as error:  # another session's table cannot be read: this one goes on
-            self._say(f"{said} The table of all participants was not rewritten: {error}.".strip(), bad=True)
+            self._notify(f"{notice} The table of all participants was not rewritten: {error}.".strip(), bad=True)
 
     def catch_up(self) -> None:
         """What the disk has not taken is tried again, now and then; nothing may be running."""
@@ -164,10 +164,10 @@ class Storage:
             if self.undone or self.streams != streams:
                 new = [row for row in session.rows if row.run not in there]
                 runs = ", ".join(f"run {row.run} is {row.status}" for row in new)
-                said = f"The disk has taken everything now{': ' if runs else ''}{runs}."
+                notice = f"The disk has taken everything now{': ' if runs else ''}{runs}."
                 if any(row.status not in SETTLED for row in new):
-                    said += " What was cut off is repeated."
-                self.changed(" ".join([said, *(f"It cannot be rescued: {one}." for one in left)]), bad=bool(left))
+                    notice += " What was cut off is repeated."
+                self.changed(" ".join([notice, *(f"It cannot be rescued: {one}." for one in left)]), bad=bool(left))
         except (InputError, OSError) as error:
             self.fail(self._failed or "Streams are still to be converted", error)
             return

@@ -125,7 +125,7 @@ class TrialRunner:
         self._last: Timing | None = None  # of the last trial
         self.run: TrialRun | None = None
         self.broken = ""  # why no loop can be had
-        self._told: list[object] = []  # what the loop has answered besides
+        self._device_answers: list[object] = []  # what the loop has answered besides
 
     @property
     def ready(self) -> bool:
@@ -151,10 +151,10 @@ class TrialRunner:
         """A job for the loop of a board."""
         self._loop.send(job)
 
-    def told(self) -> list[object]:
+    def device_answers(self) -> list[object]:
         """What the loop has answered of its device since the last call."""
-        told, self._told = self._told, []
-        return told
+        answers, self._device_answers = self._device_answers, []
+        return answers
 
     def watch(self) -> tuple[TrialRun | None, str]:
         """The run that has come to its end or was handed back, if one has, and "" or why the loop was lost with it."""
@@ -174,7 +174,7 @@ class TrialRunner:
                     ended.returned(answer, self.scheduling.words)
                     self._last = ended.recorder.timing(self.scheduling.words)
                 case _:
-                    self._told.append(answer)
+                    self._device_answers.append(answer)
         if ended is None and (self._loop.dead or self._loop.hung):
             return self._replace()
         return ended, ""

@@ -150,22 +150,23 @@ class Verdicts(QScrollArea):
         self.setWidgetResizable(True)
         self.setWidget(self._text)
 
-    def show_conclusions(self, said: Conclusions | None) -> None:
+    def show_conclusions(self, conclusions: Conclusions | None) -> None:
         """None: they are being computed."""
-        self.shown = said
-        if said is None:
+        self.shown = conclusions
+        if conclusions is None:
             self._text.setText("The statistics are being computed …")
             return
-        parts = [f"<p>{coloured(text, theme.CAUTION)}</p>" for text in (*said.warnings, said.refusal) if text]
-        if said.found:
+        warned = filter(None, (*conclusions.warnings, conclusions.refusal))
+        parts = [f"<p>{coloured(text, theme.CAUTION)}</p>" for text in warned]
+        if conclusions.found:
             parts.append("<h3>What these data say of the paper's statements</h3><table cellpadding=6>")
-            for one in said.found:
+            for one in conclusions.found:
                 verdict, why = coloured(one.verdict, VERDICT[one.verdict]), coloured(one.sentence, theme.QUIET)
                 parts.append(f"<tr><td><b>{verdict}</b></td><td>{escape(one.statement.text)}</td><td>{why}</td></tr>")
             parts.append("</table>")
-        if said.sentences:
+        if conclusions.sentences:
             parts.append("<h3>What else to know</h3>")
-        self._text.setText("".join(parts + [f"<p>{escape(sentence)}</p>" for sentence in said.sentences]))
+        self._text.setText("".join(parts + [f"<p>{escape(sentence)}</p>" for sentence in conclusions.sentences]))
 
 
 def coloured(text: str, colour: str) -> str:
@@ -265,8 +266,8 @@ class AnalysePage(Page):
         super().show_snapshot(snapshot)
         if grown and self.isVisible() and self._of_session() in (self._folder, *self._folder.parents):
             self._read(self._folder)
-        if snapshot.said_bad and snapshot.said != before.said and self.side.isVisible():
-            self.side.note_that(snapshot.said, bad=True)
+        if snapshot.notice_bad and snapshot.notice != before.notice and self.side.isVisible():
+            self.side.note_that(snapshot.notice, bad=True)
 
     def begin(self, what: object = None) -> None:
         """What: a data folder, a study's or a session's; or a recording. Without: the open session's data folder."""

@@ -226,7 +226,7 @@ class Cards:
         self._question, self._kind = question, kind
         question.appear()
 
-    def tell(self, title: str, text: str) -> None:
+    def show_message(self, title: str, text: str) -> None:
         """Something that has to be read."""
         self.leave()
         self._question = Card(title, text, [("Close  Enter", self.leave)], self._parent)

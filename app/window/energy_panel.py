@@ -89,7 +89,7 @@ class EnergyPanel(QFrame):
         self._word()
 
     @property
-    def said(self) -> str:
+    def words(self) -> str:
         """All words of the panel, without their colours."""
         return f"{self._balance.text()} {self._proof.text()}"
 

@@ -450,7 +450,8 @@ class HomePage(Page):
         self.standing.setText("" if not label else f"{there.done} of {there.planned} done" if there else "new")
         self.start.setText(text)
         self.start.setEnabled(not why)
-        wrong = self.snapshot.said if self.snapshot.said_bad and self.snapshot.stage in (m.NO_SESSION, m.FAILED) else ""
+        bad = self.snapshot.notice_bad and self.snapshot.stage in (m.NO_SESSION, m.FAILED)
+        wrong = self.snapshot.notice if bad else ""
         self.why.setText(breakable("\n".join(filter(None, (wrong, why)))))
         self.why.setVisible(bool(wrong or why))
         for choice in (self.protocol, self.devices, self.hand, self.link, self.port, self.participant):

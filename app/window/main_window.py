@@ -290,12 +290,12 @@ class MainWindow(QWidget):
         last = self.snapshot
         self.footer.show_dead()
         self.show_snapshot(
-            m.Snapshot(m.FAILED, last.rows, blind=last.blind, notes=last.notes, said=sentence, said_bad=True)
+            m.Snapshot(m.FAILED, last.rows, blind=last.blind, notes=last.notes, notice=sentence, notice_bad=True)
         )
 
     def _refresh(self) -> None:
         failed = self.snapshot.stage == m.FAILED
-        self.banner.setText(breakable(self.snapshot.said) if failed else "")
+        self.banner.setText(breakable(self.snapshot.notice) if failed else "")
         self.banner.setVisible(failed)
         self.preflight.show_session(self.opened, self.snapshot)
 

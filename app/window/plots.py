@@ -351,12 +351,12 @@ class TimingStrip(Trace):
 
     def show_newest(self) -> None:
         now = self.timing
-        self.figures.show_parts((self.said, theme.CAUTION if now is not None and now.missed else theme.QUIET))
+        self.figures.show_parts((self.words, theme.CAUTION if now is not None and now.missed else theme.QUIET))
         if hasattr(self, "foot_figures"):
             self.foot_figures.show_parts((self.foot, theme.QUIET))
 
     @property
-    def said(self) -> str:
+    def words(self) -> str:
         """The line beside the title."""
         now = self.timing
         return NO_TRIAL if now is None else f"p99 {now.p99_us:.0f} · max {now.max_us:.0f} µs · {now.missed} missed"

@@ -124,14 +124,14 @@ class Preflight(QWidget):
 
 def advice(snapshot: m.Snapshot) -> list[str]:
     """A line for each thing that is wrong and keeps trials from starting: what to do about it."""
-    said = []
+    lines = []
     if snapshot.brakes_off:
         cause = sentence(snapshot.brakes_off)
-        said.append(f"Brakes are off: {cause} Ctrl+B or the button lets them act again.")
+        lines.append(f"Brakes are off: {cause} Ctrl+B or the button lets them act again.")
     for check in snapshot.checks:
         if check.state == m.BAD and not (snapshot.brakes_off and check.name == "Device"):
-            said.append(" ".join(filter(None, (f"{check.name}: {sentence(check.text)}", check.advice))))
-    return said
+            lines.append(" ".join(filter(None, (f"{check.name}: {sentence(check.text)}", check.advice))))
+    return lines
 
 
 def sentence(text: str) -> str:

@@ -184,7 +184,7 @@ class RunPage(Page):
     def _show_read(self, trial: "Playback | InputError") -> None:
         if isinstance(trial, InputError):
             self._looked_at = None
-            self.cards.tell("The recording cannot be read", str(trial))
+            self.cards.show_message("The recording cannot be read", str(trial))
             return
         self._ticks = [trial.ticks]
         self._refresh()

@@ -133,12 +133,12 @@ class SessionPanel(QFrame):
 
     def _say(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
         """What happened, and else why no trial can be started, unless the banner says it already."""
-        said, bad = snapshot.said, snapshot.said_bad
-        if not said and snapshot.stage == m.READY and not advice(snapshot):
-            said = snapshot.why_not or (SILENT if opened.protocol.tones and player() is None else "")
+        notice, bad = snapshot.notice, snapshot.notice_bad
+        if not notice and snapshot.stage == m.READY and not advice(snapshot):
+            notice = snapshot.why_not or (SILENT if opened.protocol.tones and player() is None else "")
         theme.name_anew(self.notice, "bad" if bad else "caution")
-        self.notice.setText(breakable(said))
-        self.notice.setVisible(bool(said) and snapshot.stage != m.FAILED)  # there a banner says it
+        self.notice.setText(breakable(notice))
+        self.notice.setVisible(bool(notice) and snapshot.stage != m.FAILED)  # there a banner says it
 
     def _allow(self, snapshot: m.Snapshot) -> None:
         ready = snapshot.stage == m.READY

@@ -366,7 +366,7 @@ class TryPage(Page):
         self.canvas, self.table = Canvas(), PassTable()
         self.large, self.small = word("", size=30, bold=True), line("", "quiet", theme.TITLE)
         self.error, self.time = word("–", size=22, bold=True), word("–", size=22, bold=True)
-        self.said = OneLine("", "quiet", theme.NORMAL)
+        self.notice = OneLine("", "quiet", theme.NORMAL)
         self.start = button("Start a pass  Space", self._start, "main")
         self.clear = button("Clear", self._clear, "small")
         self.save = button("Save as protocol …", self._save, "small")
@@ -395,7 +395,7 @@ class TryPage(Page):
         workspace.foot.addWidget(self.start)
         lower, left = QVBoxLayout(passes), QVBoxLayout()
         lower.setContentsMargins(14, 8, 10, 8)
-        lower.addLayout(row(word("Passes", size=theme.TITLE, bold=True), self.said, self.clear, self.save))
+        lower.addLayout(row(word("Passes", size=theme.TITLE, bold=True), self.notice, self.clear, self.save))
         lower.addWidget(self.table)
         left.setSpacing(theme.GAP)
         left.addWidget(workspace, 3)
@@ -535,8 +535,8 @@ class TryPage(Page):
         if self.opened is None:
             return
         now = snapshot.sandbox
-        self.said.setText(snapshot.said)
-        theme.name_anew(self.said, "bad" if snapshot.said_bad else "quiet")
+        self.notice.setText(snapshot.notice)
+        theme.name_anew(self.notice, "bad" if snapshot.notice_bad else "quiet")
         for part in (self.save, self._controls):
             part.setEnabled(now is not None)
         self.start.setVisible(now is not None and now.by_start)
@@ -546,7 +546,7 @@ class TryPage(Page):
             wait = Shown("One moment", snapshot.why_not or "Everything is being prepared")
             self._say(IN_SESSION if self.opened.participant else wait)
         else:
-            if self.settings is None or now.settings != self._theirs or (snapshot.said_bad and not before.said_bad):
+            if self.settings is None or now.settings != self._theirs or (snapshot.notice_bad and not before.notice_bad):
                 self.settings = now.settings if not self._timer.isActive() else self.settings
             self._theirs = now.settings
             self._show_place(now.settings, snapshot)

@@ -181,7 +181,7 @@ class Windows(QObject):
         if not alive and not self._dead:
             self._dead = True
             last = self.main.snapshot
-            self.main.show_dead(last.said if last.said_bad and last.said else words.SERVER_DIED)
+            self.main.show_dead(last.notice if last.notice_bad and last.notice else words.SERVER_DIED)
             self.participant.show_dead()
         self.framed.emit(rows)
         QCoreApplication.sendPostedEvents(self.participant, QEvent.Type.UpdateRequest)  # first: the hand looks at it

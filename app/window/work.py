@@ -88,12 +88,12 @@ class Verb(Work):
             process.stdin.write(given)
             process.stdin.close()
             for line in process.stderr:
-                said = line.decode(errors="replace")
-                share = said.removeprefix(f"{PROGRESS} ")
-                if share != said:
+                text = line.decode(errors="replace")
+                share = text.removeprefix(f"{PROGRESS} ")
+                if share != text:
                     self.progressed.emit(float(share))
                 else:
-                    trouble = said.strip() or trouble
+                    trouble = text.strip() or trouble
             text = process.stdout.read().decode()
         if not text:
             raise InputError(trouble or "it was ended early")

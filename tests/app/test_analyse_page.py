@@ -291,7 +291,7 @@ def test_a_trial_of_the_open_session_is_excluded_by_the_session_server(qtbot, re
     page.show_opened(fake_client.opened("01", folder=str(session)))
     page.side.exclude.menu().actions()[0].trigger()
     assert sent == [m.Exclude(2, REASONS[1])]
-    page.show_snapshot(fake_client.ready(2, said="A trial is running.", said_bad=True))
+    page.show_snapshot(fake_client.ready(2, notice="A trial is running.", notice_bad=True))
     assert page.side.note.text() == "A trial is running."
 
 

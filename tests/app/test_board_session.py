@@ -74,9 +74,9 @@ def test_the_steps_of_a_real_device_are_led_through_and_the_page_reads_how_it_is
     assert math.dist(window.snapshot.tip, (0.0, 0.4)) < 0.3, "the place of the handle is unknown: its jig is shown"
     assert len(told.counts) == len(told.encoders) == len(told.report["counts_per_rev"])
     on_bench.send(m.Rig(m.HOME))  # without a session there is no journal to keep it
-    on_bench.until(lambda s: s.said_bad and "session" in s.said)
+    on_bench.until(lambda s: s.notice_bad and "session" in s.notice)
     on_bench.send(m.Sandbox(), m.Start())
-    on_bench.until(lambda s: s.said_bad and "Open a session" in s.said)
+    on_bench.until(lambda s: s.notice_bad and "Open a session" in s.notice)
     on_bench.send(m.EndSandbox())
     before = time.time()
     on_bench.open()
@@ -106,7 +106,7 @@ def test_no_trial_starts_while_a_step_is_done_and_none_without_a_zero(on_bench: 
     on_bench.open()
     on_bench.zero()
     on_bench.send(m.Rig(m.CONNECT), m.Start())
-    on_bench.until(lambda s: s.said_bad and "a moment" in s.said)
+    on_bench.until(lambda s: s.notice_bad and "a moment" in s.notice)
     window.until_stage(m.RERIG)
     on_bench.zero()
     on_bench.send(m.Start())

@@ -28,7 +28,7 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession)
     window.client.send(m.Sandbox())
     assert window.until(lambda s: s.sandbox).sandbox.by_start
     window.client.send(m.Start())
-    assert "Open a session" in window.until(lambda s: s.said_bad).said
+    assert "Open a session" in window.until(lambda s: s.notice_bad).notice
     window.client.send(m.EndSandbox())
     window.until(lambda s: s.sandbox is None)
     session.open()
@@ -42,7 +42,7 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession)
 
     # unplugged in the middle of a movement, and plugged in again
     lost = session.cut_short(lambda: emulated.order(fault="unplug"), says="")
-    assert lost.status == "stopped" and window.snapshot.said.startswith(f"Run {lost.run}: ")
+    assert lost.status == "stopped" and window.snapshot.notice.startswith(f"Run {lost.run}: ")
     assert read_recording(session.folder / lost.recording).whole
     wait_until(lambda: not any(emulated.order()["currents_mA"]))  # the board has a watchdog of its own
     assert to_zero_s(emulated.order(), "unplug begins") <= 0.051
@@ -85,13 +85,13 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession)
     settings = tried.sandbox.settings
     assert tried.practice and tried.running.configuration == settings.device == DEVICE
     window.client.send(m.Sandbox(settings._replace(brake_strength=0.5)))
-    assert "brake_strength cannot be changed" in window.until(lambda s: s.said_bad).said
+    assert "brake_strength cannot be changed" in window.until(lambda s: s.notice_bad).notice
     window.client.send(m.Sandbox(settings._replace(gap_m=0.01)))  # for the next pass: this one goes on as it is
     window.ticks.clear()
     window.until_tick(lambda ticks: len(ticks) > 100)
     assert np.allclose(np.diff(window.rows[:, tick_log.T]), 1e-3)
     window.abort("enough")
-    assert window.snapshot.stage == m.NO_SESSION and "enough" in window.snapshot.said
+    assert window.snapshot.stage == m.NO_SESSION and "enough" in window.snapshot.notice
     assert window.snapshot.sandbox.settings.gap_m == 0.01
 
 

@@ -283,7 +283,7 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
         screens.hear()
         assert screens.main.banner.text() == words.SERVER_DIED
     else:
-        screens.hear(ready(3, stage=m.FAILED, said="The disk is full.", said_bad=True))
+        screens.hear(ready(3, stage=m.FAILED, notice="The disk is full.", notice_bad=True))
         assert screens.main.banner.text() == "The disk is full."
     assert screens.main.banner.isVisible()
     screens.press(KEY.Key_Escape)
@@ -336,17 +336,17 @@ def test_closing_between_trials_just_closes(screens: Screens) -> None:
 STATES = {
     "preparing": (m.Snapshot(m.PREPARING),),
     "start": (opened(""), m.Snapshot(m.NO_SESSION, checks=GREEN)),
-    "resume": (opened(""), m.Snapshot(m.NO_SESSION, checks=RED, said="no", said_bad=True)),
+    "resume": (opened(""), m.Snapshot(m.NO_SESSION, checks=RED, notice="no", notice_bad=True)),
     "red": (opened(), ready(12, checks=RED)),
     "running": (opened(), running(37, notes=("13:02 slower", "13:05 a longer note about what happened")), pulse()),
-    "said": (opened(), ready(9, said="Run 9: the participant was distracted by a long sentence that goes on.")),
+    "said": (opened(), ready(9, notice="Run 9: the participant was distracted by a long sentence that goes on.")),
     "paused": (opened(), ready(9, paused=True)),
     "brakes off": (opened(), ready(9, brakes_off="the watchdog of the board")),
     "re-rig": (opened(), ready(30, stage=m.RERIG)),
     "break": (opened(), ready(12, stage=m.BREAK, card=LONG_BREAK)),
     "questions": (opened(), ready(10, stage=m.QUESTIONS)),
     "finished": (opened(), ready(60, stage=m.FINISHED, blind=True)),
-    "failed": (opened(), ready(9, stage=m.FAILED, said="The disk is full: /a/long/path/to/data takes no more.")),
+    "failed": (opened(), ready(9, stage=m.FAILED, notice="The disk is full: /a/long/path/to/data takes no more.")),
 }
 
 

@@ -189,10 +189,10 @@ def test_a_late_tick_is_a_point_in_its_colour(qtbot) -> None:
 def test_timing_is_said_in_words_and_a_missed_tick_is_no_small_print(qtbot) -> None:
     strip = shown(qtbot, TimingStrip(), 360, 120)
     strip.show_timing(Timing(14.2, 31.4, 402.0, 0, "real-time: FIFO 50, core 0"))
-    assert strip.said == "p99 31 · max 402 µs · 0 missed" and strip.foot == "p50 14 µs · real-time: FIFO 50, core 0"
-    assert strip.value == strip.said and strip.figures.parts[0][1] == theme.QUIET
+    assert strip.words == "p99 31 · max 402 µs · 0 missed" and strip.foot == "p50 14 µs · real-time: FIFO 50, core 0"
+    assert strip.value == strip.words and strip.figures.parts[0][1] == theme.QUIET
     strip.show_timing(Timing(14.2, 31.4, 402.0, 1, "real-time: FIFO 50, core 0"))
-    assert strip.said.endswith("1 missed") and strip.figures.parts[0][1] == theme.CAUTION
+    assert strip.words.endswith("1 missed") and strip.figures.parts[0][1] == theme.CAUTION
 
 
 # ------------------------------------------------------------------------------------------------------------ energy
@@ -205,9 +205,9 @@ def test_the_ledger_closes_and_says_that_no_brake_added_energy(qtbot) -> None:
         panel.add(rows[begin : begin + 16])
     ledger = panel.ledger
     assert ledger.hand == pytest.approx(ledger.brakes + ledger.kinetic + ledger.stops) and ledger.brakes > 0.0
-    assert abs(ledger.residual) < 1e-12 and "no brake added energy" in panel.said
+    assert abs(ledger.residual) < 1e-12 and "no brake added energy" in panel.words
     panel.clear()
-    assert panel.ledger.hand == 0.0 and "hand 0.00 J" in panel.said
+    assert panel.ledger.hand == 0.0 and "hand 0.00 J" in panel.words
 
 
 def test_heat_that_falls_is_said_in_red() -> None:
@@ -226,4 +226,4 @@ def test_a_fall_of_heat_is_shown(qtbot) -> None:
     rows = quiet(200)
     rows[100:, tick_log.ENERGY_BRAKES] = -0.003
     panel.add(rows)
-    assert "a brake added 3 mJ" in panel.said and "no brake" not in panel.said
+    assert "a brake added 3 mJ" in panel.words and "no brake" not in panel.words

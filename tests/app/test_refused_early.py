@@ -102,7 +102,7 @@ def test_before_a_session_it_is_known_whether_it_is_blind(tmp_path: Path, hand: 
         bench.until_stage("no session")
         assert bench.opened is not None and bench.opened.blind == (hand != OPERATOR)
         snapshot = bench.open("02")
-        assert snapshot.blind == (hand != OPERATOR) and snapshot.said.startswith("Participant 02: 60 trials to run.")
+        assert snapshot.blind == (hand != OPERATOR) and snapshot.notice.startswith("Participant 02: 60 trials to run.")
 
 
 def test_a_folder_in_which_every_participant_has_a_session_can_still_be_opened(tmp_path: Path) -> None:

@@ -170,14 +170,14 @@ def test_a_simulated_operator_makes_its_passes_alone_and_has_no_spring_to_set(tm
         tried = window.until(lambda s: s.sandbox and s.sandbox.passes).sandbox
         assert tried.passes[0].status == "done" and tried.fixed == ("spring_N_m",)
         change(window, spring_N_m=500.0)
-        assert "spring_N_m cannot be changed" in window.until(lambda s: s.said_bad).said
+        assert "spring_N_m cannot be changed" in window.until(lambda s: s.notice_bad).notice
 
 
 def test_brakes_off_stops_the_pass_and_the_next_waits_until_they_are_allowed(window: LocalWindow) -> None:
     drive(window, moves(100))
     window.client.brakes_off("Esc")
     window.until(lambda s: not s.running)
-    assert not window.within(0.3, lambda s: s.running) and "Esc" in window.snapshot.said
+    assert not window.within(0.3, lambda s: s.running) and "Esc" in window.snapshot.notice
     window.client.send(m.AllowBrakes())
     window.until(lambda s: s.running)
     assert not window.snapshot.sandbox.passes
@@ -189,7 +189,7 @@ def test_leaving_ends_the_pass_and_a_session_can_be_opened(window: LocalWindow) 
     window.until(lambda s: s.stage == m.NO_SESSION and s.sandbox is None)
     window.open()
     window.client.send(m.Sandbox())
-    assert "leave it" in window.until(lambda s: s.said_bad).said and window.snapshot.sandbox is None
+    assert "leave it" in window.until(lambda s: s.notice_bad).notice and window.snapshot.sandbox is None
 
 
 REFUSED = (
@@ -211,7 +211,7 @@ def test_settings_that_cannot_be_are_refused_and_nothing_changes(window: LocalWi
     before = window.snapshot.sandbox.settings
     for what, says in REFUSED:
         change(window, **what)
-        assert says in window.until(lambda s, says=says: s.said_bad and says in s.said).said
+        assert says in window.until(lambda s, says=says: s.notice_bad and says in s.notice).notice
         assert window.snapshot.sandbox.settings == before
 
 
@@ -219,18 +219,18 @@ def test_what_is_tried_can_be_saved_as_a_protocol_that_can_be_run(window: LocalW
     plain, other = tmp_path / "plain.toml", tmp_path / "other.toml"
     change(window, path=2, rules="literal", controller=3, gap_m=0.008, spring_N_m=800.0)
     window.client.send(m.SaveAsProtocol(str(plain)))
-    assert str(plain) in window.until(lambda s: "Saved" in s.said).said
+    assert str(plain) in window.until(lambda s: "Saved" in s.notice).notice
     saved = load_protocol(plain)
     assert (saved.name, saved.rules, list(saved.paths)) == ("plain", "literal", [2])
     assert saved.controllers == {**PAPER.controllers, 3: PAPER.controllers[3].replaced("gap_m", 0.008)}
     assert [device.text for device in saved.devices] == [PAPER.devices[0].text]
     assert (saved.mouse.stiffness_N_m, saved.mouse.damping_N_s_m) == (800.0, 16.0)
     window.client.send(m.SaveAsProtocol(str(plain)))
-    assert "exists already" in window.until(lambda s: s.said_bad).said
+    assert "exists already" in window.until(lambda s: s.notice_bad).notice
     assert saved.assumptions == PAPER.assumptions
     change(window, brake_strength=0.5, backlash_deg=1.5, blend_width_m=0.02, sensing="encoders")
     window.client.send(m.SaveAsProtocol(str(other)))
-    assert "no blend width" in window.until(lambda s: "Saved" in s.said).said
+    assert "no blend width" in window.until(lambda s: "Saved" in s.notice).notice
     assert load_protocol(other).assumptions == Assumptions(sensing="encoders")
     brakes, theirs = load_protocol(other).devices[0].brakes, PAPER.devices[0].brakes
     assert brakes.k == pytest.approx(0.5 * theirs.k)

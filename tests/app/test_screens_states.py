@@ -85,10 +85,10 @@ def test_after_a_break_the_participant_sees_the_path_that_comes(screens: Screens
 
 def test_energy_makes_no_claim_before_there_is_a_tick(screens: Screens) -> None:
     screens.hear(opened(), ready())
-    assert "no brake added energy" not in screens.run.energy.said and "no trial yet" in screens.run.energy.said
+    assert "no brake added energy" not in screens.run.energy.words and "no trial yet" in screens.run.energy.words
     screens.hear(running())
     screens.tick(movement(PLAN[0].segment, "AEB", 0.5))
-    assert "no brake added energy" in screens.run.energy.said and "under 1 nJ" in screens.run.energy.said
+    assert "no brake added energy" in screens.run.energy.words and "under 1 nJ" in screens.run.energy.words
 
 
 def test_a_plan_that_is_done_has_no_time_left(screens: Screens) -> None:
@@ -209,7 +209,7 @@ def test_every_status_has_its_colour_and_all_but_done_a_mark() -> None:
 def test_a_trial_that_was_cut_short_is_marked_counts_as_open_and_comes_next(screens: Screens) -> None:
     rows = (result(PLAN[0]), result(PLAN[1], "stopped"))
     again = PLAN[1]._replace(run=61)
-    console = screens.hear(opened(), ready(2, rows=rows, coming=again, said="Run 2: the board. It comes again."))
+    console = screens.hear(opened(), ready(2, rows=rows, coming=again, notice="Run 2: the board. It comes again."))
     grid = screens.run.panel.grid
     assert grid.statuses[2] == "stopped" and grid.marked == 2 and "1 of 60 done" in screens.run.panel.done.text()
     assert screens.run.panel.start.isEnabled() and "comes again" in " ".join(visible_texts(console))

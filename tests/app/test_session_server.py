@@ -61,7 +61,7 @@ def test_an_aborted_trial_comes_again_when_that_is_asked_for(window: Window, aga
 def test_a_run_that_is_in_no_result_cannot_be_excluded_from_them(window: Window) -> None:
     run = next(row.run for row in window.snapshot.rows if row.status == "aborted")
     window.client.send(m.Exclude(run, "a knock on the door"))
-    assert "does not count" in window.until(lambda s: s.said_bad).said  # an aborted one is in no result anyway
+    assert "does not count" in window.until(lambda s: s.notice_bad).notice  # an aborted one is in no result anyway
 
 
 def test_brakes_off_ends_the_trial_and_no_other_starts_until_they_are_allowed_again(window: Window) -> None:
@@ -72,8 +72,8 @@ def test_brakes_off_ends_the_trial_and_no_other_starts_until_they_are_allowed_ag
     assert snapshot.brakes_off == "Esc on the participant's side"
     assert snapshot.checks[0].state == m.BAD
     window.client.send(m.Start())
-    snapshot = window.until(lambda s: s.said_bad)
-    assert "Esc on the participant's side" in snapshot.said and snapshot.stage == m.READY
+    snapshot = window.until(lambda s: s.notice_bad)
+    assert "Esc on the participant's side" in snapshot.notice and snapshot.stage == m.READY
     stopped = snapshot.rows[-1]
     assert (stopped.run, stopped.status) == (run, "stopped") and cell(snapshot.coming) == cell(stopped)
     window.client.send(m.AllowBrakes())
@@ -92,7 +92,7 @@ def test_a_pause_lets_the_running_trial_end_and_no_other_begin(window: Window) -
     assert snapshot.stage == m.RUNNING and snapshot.notes[-1].endswith("asked to move slower")
     window.abort("enough")
     window.client.send(m.Start())
-    assert "paused" in window.until(lambda s: s.said_bad).said
+    assert "paused" in window.until(lambda s: s.notice_bad).notice
     window.client.send(m.Pause(False))
     window.until(lambda s: not s.paused)
     assert len(window.events("paused")) == 1
@@ -138,7 +138,7 @@ def test_what_cannot_be_is_refused_in_a_sentence(window: Window) -> None:
         (m.Answers({"effort": 3.0}), "A session is open."),
     ):
         window.client.send(intent)
-        window.until(lambda s, says=says: s.said_bad and s.said == says)
+        window.until(lambda s, says=says: s.notice_bad and s.notice == says)
     assert window.snapshot.stage == m.READY
 
 
@@ -148,9 +148,9 @@ def test_trials_with_another_hand_are_not_mixed_into_a_session(tmp_path: Path) -
         seen.until_stage(m.NO_SESSION)
         seen.client.send(m.Open("01", resume=True))
         said = seen.until_stage(m.READY)
-        assert said.said_bad and "a device on the bench" in said.said and "mouse" in said.said
+        assert said.notice_bad and "a device on the bench" in said.notice and "mouse" in said.notice
         seen.client.send(m.Start())
-        seen.until(lambda s: s.said_bad and s.said.startswith("This session was begun with"))
+        seen.until(lambda s: s.notice_bad and s.notice.startswith("This session was begun with"))
         seen.client.send(m.Note("opened by mistake"))
         assert seen.until(lambda s: s.notes).rows == ()
     assert not any((tmp_path / "data").rglob("run-*"))
@@ -161,7 +161,7 @@ def test_a_session_whose_hand_nobody_knows_is_opened_and_not_gone_on_with(tmp_pa
     with local_window(Setup(tmp_path / "data", sync=False)) as seen:
         seen.until_stage(m.NO_SESSION)
         seen.client.send(m.Open("01", resume=True))
-        assert "'a foot'" in seen.until_stage(m.READY).said
+        assert "'a foot'" in seen.until_stage(m.READY).notice
 
 
 def test_a_session_is_left_and_opened_again_in_one_go(tmp_path: Path) -> None:
@@ -176,6 +176,6 @@ def test_a_simulated_device_has_no_steps(tmp_path: Path) -> None:
     with local_window(Setup(tmp_path / "data", sync=False)) as seen:
         seen.open()
         seen.client.send(m.Rig(m.ZERO))
-        seen.until(lambda s: s.said_bad and "simulated" in s.said)
+        seen.until(lambda s: s.notice_bad and "simulated" in s.notice)
         seen.until(lambda s: seen.pulse)
         assert seen.pulse.device is None

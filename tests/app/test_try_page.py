@@ -235,8 +235,8 @@ def test_the_canvas_is_zoomed_to_each_path(held: Held) -> None:
 def test_a_refusal_brings_the_settings_back_and_stands_beside_the_table(held: Held) -> None:
     held.page.dials["brake_strength"].slider.setValue(0)
     assert held.last().brake_strength == 0.05 and held.page.changed.text() == "Changed: brake strength"
-    held.page.show_snapshot(tried()._replace(said="It cannot be.", said_bad=True))
-    assert held.page.settings == INITIAL and held.page.said.text() == "It cannot be."
+    held.page.show_snapshot(tried()._replace(notice="It cannot be.", notice_bad=True))
+    assert held.page.settings == INITIAL and held.page.notice.text() == "It cannot be."
     held.page.dials["backlash_deg"].slider.setValue(0)
     QTest.mouseClick(held.page.reset, Qt.MouseButton.LeftButton)
     assert held.last() == INITIAL and not held.page.changed.text()

@@ -56,7 +56,7 @@ def ask(window: Window, intent: object, what: Callable[[m.Snapshot], object]) ->
 
 
 def refused(window: Window, intent: object, says: str) -> None:
-    assert says in ask(window, intent, lambda s: s.said_bad and says in s.said).said
+    assert says in ask(window, intent, lambda s: s.notice_bad and says in s.notice).notice
 
 
 def run_one(window: Window) -> m.Snapshot:
@@ -115,7 +115,7 @@ def test_after_a_block_come_the_questions_and_then_the_break_which_lasts_its_tim
     snapshot = answer(window)
     assert snapshot.stage == m.BREAK and 0.0 <= snapshot.card.wait_s <= LEAST_S
     refused(window, m.Start(), "break")
-    wait_until(lambda: ask(window, m.Confirm(), lambda s: s.stage == m.READY or "more" in s.said).stage == m.READY)
+    wait_until(lambda: ask(window, m.Confirm(), lambda s: s.stage == m.READY or "more" in s.notice).stage == m.READY)
     trial, rest = (window.events(name)[-1]["time"] for name in ("trial ended", "break ended"))
     assert (datetime.fromisoformat(rest) - datetime.fromisoformat(trial)).total_seconds() > LEAST_S - 0.01
     (answers,) = window.events("answers")
@@ -165,7 +165,7 @@ def test_the_key_of_a_finished_session_is_opened_by_somebody_with_a_name(window:
         elif window.snapshot.stage == m.QUESTIONS:
             answer(window)
         else:
-            ask(window, m.Confirm(), lambda s: s.stage != m.BREAK or "more" in s.said)
+            ask(window, m.Confirm(), lambda s: s.stage != m.BREAK or "more" in s.notice)
     window.client.send(m.Leave())  # the key may wait
     window.until_stage(m.NO_SESSION)
     window.client.send(m.Open("07", resume=True))
@@ -191,7 +191,7 @@ def test_what_somebody_did_to_another_session_stops_nobody(window: Window, setup
     assert damaged == {"x0", "x1", "x2", "x3", "x4"}
     window.client.send(m.Redo(window.snapshot.rows[-1].run, "see what the others do"))
     snapshot = window.until(lambda s: s.stage != m.FINISHED)
-    assert snapshot.said_bad and "was not rewritten" in snapshot.said and "sub-x0" in snapshot.said
+    assert snapshot.notice_bad and "was not rewritten" in snapshot.notice and "sub-x0" in snapshot.notice
     while window.snapshot.stage == m.RERIG:
         ask(window, m.Confirm(), lambda s: s.stage != m.RERIG)
     assert run_one(window).stage == m.FINISHED

@@ -130,7 +130,7 @@ def measure(seconds: float, width: int, height: int) -> PointerLag | str:
             windows.show()
             for stage, then in ((m.NO_SESSION, m.Open("01")), (m.READY, m.Start())):
                 if refused := _until(application, lambda: main.snapshot.stage == stage, READY_S):  # noqa: B023
-                    return f"the bench is not ready: {main.snapshot.said or refused}"
+                    return f"the bench is not ready: {main.snapshot.notice or refused}"
                 bench.send(then)
             participant.setGeometry(0, 0, width, height)
             participant.show()

@@ -131,7 +131,7 @@ class Case:
     def look_now(self):
         """The same, without the 100 ms after which it is told anew."""
         self.idle(lambda: False, 2)
-        self.loop.tell()
+        self.loop.report_device()
         return self.look()
 
     def _answer(self):

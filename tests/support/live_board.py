@@ -131,10 +131,10 @@ class BoardSession:
             run = self.begin()
             act()
             found = self.row(run)
-            if says in self.window.snapshot.said:
+            if says in self.window.snapshot.notice:
                 return found
             self.emulated.order(clear=True)
-        raise AssertionError(f"{self.window.snapshot.said} and never {says}")
+        raise AssertionError(f"{self.window.snapshot.notice} and never {says}")
 
 
 def half(path: Segment) -> Segment:

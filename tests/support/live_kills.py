@@ -48,7 +48,7 @@ class Killing:
             if victim == "server":
                 self._again(pids)
             else:
-                window.until(lambda s: "control loop" in s.said)
+                window.until(lambda s: "control loop" in s.notice)
                 self._look()
                 window.until_stage(m.READY, m.RERIG, m.FINISHED)
         self.seen[victim] += 1

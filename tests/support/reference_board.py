@@ -112,7 +112,7 @@ def lived(program: Path, script: list[bytes]) -> list[Did]:
         at += _HEAD.size
         did.append(Did(
             State(state), Fault(faults), Fault(cause), tuple(rest[:4]), rest[4], rest[5], tuple(rest[6:9]), *rest[9:],
-            said=done.stdout[at : at + n],
+            notice=done.stdout[at : at + n],
         ))  # fmt: skip
         at += n
     return did

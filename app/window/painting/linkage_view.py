@@ -86,7 +86,7 @@ class LinkageView(ForceView):
             self.set_extent(self._extents[shown])
         super().show_layer(layer, shown)
 
-    def say(self, title: str, line: str) -> None:
+    def show_text(self, title: str, line: str) -> None:
         """The line above."""
         self.title, self.line = title, line
         self.update()
@@ -195,12 +195,12 @@ class Workspace(Layered):
         """Between trials: the handle stands at `tip` (m), brakes off; the trail stays to be looked at."""
         self._phase = -1
         self._reading.again()
-        self.say("")
+        self.show_text("")
         self.view.rest(tip)
 
-    def say(self, title: str, line: str = "") -> None:
+    def show_text(self, title: str, line: str = "") -> None:
         """What stands above the workspace while no trial runs."""
-        self.view.say(title, line)
+        self.view.show_text(title, line)
 
     def add(self, rows: np.ndarray, words: bool = True) -> None:
         """Ticks (n, tick_log.WIDTH) since the last frame. words: write the numbers too, ten times a second."""
@@ -222,7 +222,7 @@ class Workspace(Layered):
         if self._phase == tick_log.MOVE:
             says.append(f"error {1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
         says.append(f"{np.hypot(now[tick_log.TIP_VX], now[tick_log.TIP_VY]):.2f} m/s")
-        self.say(PHASE_NAMES[self._phase], " · ".join(says))
+        self.show_text(PHASE_NAMES[self._phase], " · ".join(says))
         self.view.word()
 
     def set_blind(self, blind: bool) -> None:
