@@ -138,7 +138,7 @@ def test_what_was_left_as_a_stream_is_converted_by_recover(storage, session, mon
 
 def test_a_table_that_the_disk_does_not_take_stops_the_next_trial_until_it_does(storage, session, said, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr("experiments.analysis.trials_table.written_beside", full)
+        patch.setattr("experiments.recording.atomic_files.written_beside", full)
         storage.keep(Ended(session))
         assert session.rows == [] and "Run 1 is not complete: No space left" in storage.undone and said[-1][1]
         assert said[-1][0].endswith("Make room on the disk: what is missing is then written by itself.")
