@@ -57,7 +57,7 @@ class Did(NamedTuple):
     old: int
     late: int
     refused: int
-    said: bytes
+    answer: bytes
 
 
 class RecordedBoard(Board):
@@ -70,17 +70,17 @@ class RecordedBoard(Board):
         self._record(self._power(low=False, now_us=0))
 
     def receive(self, data: bytes, now_us: int) -> bytes:
-        said = super().receive(data, now_us)
-        self._record(struct.pack("<cQH", b"R", now_us, len(data)) + data, said)
-        return said
+        answer = super().receive(data, now_us)
+        self._record(struct.pack("<cQH", b"R", now_us, len(data)) + data, answer)
+        return answer
 
     def tick(self, readings: Readings, now_us: int) -> bytes:
-        said = super().tick(readings, now_us)
+        answer = super().tick(readings, now_us)
         force = (*readings.force, 0, 0, 0, 0, 0, 0)[:6]
         good = sum(1 << i for i in range(4) if readings.encoder_good[i])
         told = struct.pack("<cQ4i6i4hB", b"T", now_us, *readings.counts, *force, *readings.current_mA, good)
-        self._record(told, said)
-        return said
+        self._record(told, answer)
+        return answer
 
     def lose_power(self, now_us: int) -> None:
         super().lose_power(now_us)
@@ -92,13 +92,13 @@ class RecordedBoard(Board):
                            *c.firmware) + struct.pack("<4I4HIi24s16s", *c.counts_per_rev, *c.current_max_mA,
                            c.force_unit, c.force_full_scale, c.device, c.serial)  # fmt: skip
 
-    def _record(self, told: bytes, said: bytes = b"") -> None:
+    def _record(self, told: bytes, answer: bytes = b"") -> None:
         frames, counts = self.decoder.counts, self.counts
         self.script.append(told)
         self.did.append(Did(
             self.state, self.faults, self.cause, self.currents, self.homed, frames.good,
             (frames.bad_cobs, frames.bad_crc, frames.too_long), counts.not_understood, counts.old, counts.late,
-            counts.refused, said,
+            counts.refused, answer,
         ))  # fmt: skip
 
 
@@ -112,7 +112,7 @@ def lived(program: Path, script: list[bytes]) -> list[Did]:
         at += _HEAD.size
         did.append(Did(
             State(state), Fault(faults), Fault(cause), tuple(rest[:4]), rest[4], rest[5], tuple(rest[6:9]), *rest[9:],
-            notice=done.stdout[at : at + n],
+            answer=done.stdout[at : at + n],
         ))  # fmt: skip
         at += n
     return did
