@@ -4,6 +4,7 @@ A choice changes nothing by itself: the page keeps the chosen `Setup`, and asks 
 session starts, a board is connected or a data folder is chosen.
 """
 
+import contextlib
 import math
 from pathlib import Path
 from typing import NamedTuple
@@ -38,7 +39,7 @@ from core.files import InputError
 from experiments.inputs import CHOICES, INPUTS, MOUSE, SENSOR
 from experiments.plan import counted, make_plan, plan_summary, print_plan
 from experiments.protocol import NUMBER, Protocol, load_protocol, shipped_protocols
-from experiments.session.files import free_participant, session_folder
+from experiments.session.files import free_participant
 from hardware.discovery import PortFound, look_at_ports
 
 DEVICE = "device"  # what `begin` takes to show the device page
@@ -55,7 +56,7 @@ class Loaded(NamedTuple):
     protocol: Protocol
     summary: str
     trials: int  # of a participant
-    participant: str  # the first without a session; "": none is left
+    participant: str  # that was asked for, else the first without a session; "": none is left
 
 
 def load(setup: m.Setup) -> Loaded:
@@ -65,11 +66,9 @@ def load(setup: m.Setup) -> Loaded:
     )
     protocol.refuse_unsettled()
     participant = setup.participant
-    if not participant or session_folder(setup.data_dir, participant).exists():
-        try:
+    if not participant:
+        with contextlib.suppress(InputError):
             participant = free_participant(setup.data_dir, protocol.participants)
-        except InputError:
-            participant = ""
     return Loaded(protocol, plan_summary(protocol), len(make_plan(protocol, "1")), participant)
 
 
@@ -113,6 +112,7 @@ class HomePage(Page):
         self._ports: tuple[PortFound, ...] = ()
         self._ports_shown: tuple | None = None  # these, and the port that is connected
         self._typed = False  # the participant was typed, and is not proposed anew
+        self._named = ""  # who comes next, as the command line says; "": the first without a session
         self._loading, self._planning, self._looking = Work(), Work(), Work()
         self._loading.done.connect(self._show_loaded)
         self._planning.done.connect(self._show_plan)
@@ -224,7 +224,7 @@ class HomePage(Page):
         self.setup = setup
         self.data.show_folder(setup.data_dir)
         if setup != self.chosen:
-            self._typed = False
+            self._typed, self._named = False, setup.participant
             self.on_board = bool(setup.link)
             self._take(setup)
         self._show_ports(self._ports)
@@ -233,7 +233,7 @@ class HomePage(Page):
         ended = self.opened is not None and self.opened.participant and not opened.participant
         super().show_opened(opened)
         if ended:  # another participant comes next
-            self._typed = False
+            self._typed, self._named = False, ""
             self._load()
         self.show_snapshot(self.snapshot)
 
@@ -302,7 +302,7 @@ class HomePage(Page):
     def _load(self) -> None:
         """Read the chosen protocol."""
         self.loaded = None
-        self._loading.ask(load, self.chosen)
+        self._loading.ask(load, self.chosen._replace(participant=self._named))
         self._refresh()
 
     def _show_loaded(self, loaded: Loaded | InputError) -> None:

@@ -235,6 +235,18 @@ def test_a_session_goes_on_where_it_was_and_a_finished_one_shows_its_results(sho
     assert shown.sent[-1] == m.Open("01", resume=True)
 
 
+def test_who_is_named_is_proposed_session_or_not_and_after_it_the_first_without_one(shown: Shown) -> None:
+    page, folder = shown.page, shown.setup.data_dir
+    (folder / "sub-01" / "ses-01").mkdir(parents=True)
+    page.show_setup(shown.setup._replace(participant="01"))
+    shown.wait()
+    assert page.participant.text() == "01"
+    for participant in ("01", ""):
+        page.show_opened(opened(participant))
+    shown.wait()
+    assert page.participant.text() == "02" and page.setup == page.chosen
+
+
 def test_while_a_session_is_open_nothing_else_is_started(shown: Shown) -> None:
     page, folder = shown.page, shown.setup.data_dir
     page.show_opened(opened("01"))
