@@ -69,11 +69,14 @@ def shipped_devices() -> list[str]:
     return shipped_names(SHIPPED_FOLDER)
 
 
-def load_device(name_or_path: str | Path, folder: Path | None = None) -> Device:
-    """A shipped device by its name, or a device file by its path (relative to `folder` or the current folder)."""
+def load_device(name_or_path: str | Path, folder: Path | None = None, unknown: str = "unknown device") -> Device:
+    """A shipped device by its name, or a device file by its path (relative to `folder` or the current folder).
+
+    InputError, which `unknown` begins where there is neither.
+    """
     path = COBOT_FOLDER / f"{UNICYCLE}.toml"
     if str(name_or_path) != UNICYCLE:
-        path = shipped_or_file(name_or_path, SHIPPED_FOLDER, folder or Path(), "unknown device")
+        path = shipped_or_file(name_or_path, SHIPPED_FOLDER, folder or Path(), unknown)
     return device_of(read_text(path), path.parent, str(path), {})
 
 
@@ -164,9 +167,7 @@ def build_mechanism(file: DeviceFile) -> Mechanism:
     g, m = file.geometry, file.mass
     side_1, side_2 = ELBOWS[g.elbows]
 
-    def arm(
-        base: Pair, lengths: Pair, links: tuple[Link, Link], elbow_mass: float, joints: str, side: float
-    ) -> Arm:
+    def arm(base: Pair, lengths: Pair, links: tuple[Link, Link], elbow_mass: float, joints: str, side: float) -> Arm:
         (length_1, length_2), (link_1, link_2) = lengths, links
         carried = set(file.braked) - set(file.coupled)
         base_rotor, elbow_rotor = (m.rotor_inertia_kg_m2 if j in carried else 0.0 for j in joints)

@@ -388,10 +388,7 @@ def _device(reference: str | Path | Device, folder: Path, where: str) -> tuple[s
     """How a refusal names a device (by its file, where it came from one), and the device."""
     if isinstance(reference, Device):
         return f"device {reference.name}", reference
-    try:
-        device = load_device(reference, folder)
-    except InputError as error:
-        raise InputError(f"{where}: {error}" if str(error).startswith("unknown device") else str(error)) from None
+    device = load_device(reference, folder, f"{where}: unknown device")
     path = folder / reference
     return str(path) if path.is_file() and device.name != str(reference) else f"device {device.name}", device
 
