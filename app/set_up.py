@@ -58,7 +58,7 @@ def main() -> int:
     kind = "test" if tests else "run"
     if sys.platform == "linux" and opens_window(arguments):
         install_qt_libraries()
-    if Path(sys.prefix).resolve() != VENV:
+    if Path(sys.prefix).resolve() != VENV.resolve():  # .venv may be a link to another disk
         set_up(kind)
         return DONE if WINDOWS else become(PYTHON, __file__, *arguments)
     if not is_ready(kind):

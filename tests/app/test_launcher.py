@@ -223,6 +223,15 @@ def test_a_moved_tree_or_another_python_is_set_up_anew(tree: Tree) -> None:
     assert tree.run("devices").returncode == 0 and len(tree.calls("venv")) == 3
 
 
+@shell
+def test_an_environment_that_was_linked_from_elsewhere_is_the_same(tree: Tree) -> None:
+    tree.run("devices")
+    elsewhere = (tree.root / ".venv").rename(tree.root.with_name("elsewhere"))
+    (tree.root / ".venv").symlink_to(elsewhere)
+    done = tree.run("devices")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "phd was given: devices\n", "")
+
+
 def test_without_python_the_launcher_says_what_to_type(tree: Tree) -> None:
     for name in ("python3", "py.cmd"):
         (tree.path / name).unlink(missing_ok=True)

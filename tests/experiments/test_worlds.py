@@ -83,6 +83,20 @@ def lines(out: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
+def is_judged_as(line: dict[str, str], study: Path) -> None:
+    """A study has the boxes, verdicts and margins of a world's row, digit by digit."""
+    rows = write_pooled_table(study)
+    boxes = pooled_boxes(rows)
+    assert len(boxes) == 2 * 5 * 3
+    for (measure, device, controller), box in boxes.items():
+        for name, value in box._asdict().items():
+            assert line[f"{measure}:{device}:{controller}:{name}"] == repr(value)
+    for found in box_findings_of(rows):
+        number = found.statement.number
+        assert line[f"statement_{number}"] == found.verdict
+        assert line[f"margin_{number}"] == ("" if math.isnan(found.margin) else repr(found.margin))
+
+
 def test_a_world_is_the_study_of_the_same_assumptions_and_seed(small, whole, tmp_path):
     ranges = load_ranges(small)
     for world, line in list(zip(worlds_of(ranges, 4, 1), lines(whole), strict=True))[:2]:
@@ -90,16 +104,7 @@ def test_a_world_is_the_study_of_the_same_assumptions_and_seed(small, whole, tmp
         assert protocol.low_gain == world.values["assumptions.low_gain"] and protocol.seed == int(line["seed"])
         assert protocol.rules == line["rules"]
         run_study(tmp_path / f"{world.number}", 1, protocol, population)
-        rows = write_pooled_table(tmp_path / f"{world.number}")
-        boxes = pooled_boxes(rows)
-        assert len(boxes) == 2 * 5 * 3
-        for (measure, device, controller), box in boxes.items():
-            for name, value in box._asdict().items():
-                assert line[f"{measure}:{device}:{controller}:{name}"] == repr(value)
-        for found in box_findings_of(rows):
-            number = found.statement.number
-            assert line[f"statement_{number}"] == found.verdict
-            assert line[f"margin_{number}"] == ("" if math.isnan(found.margin) else repr(found.margin))
+        is_judged_as(line, tmp_path / f"{world.number}")
 
 
 def test_every_assumption_reaches_the_study(small):
@@ -148,14 +153,7 @@ def test_the_nearest_world_is_left_as_files_that_a_study_runs_to_the_same_verdic
     assert command.removeprefix("#   ") in (report / "report.md").read_text()
     monkeypatch.chdir(report)
     assert main(command.split()[2:]) == 0
-    rows = write_pooled_table(report / "nearest")
-    boxes = pooled_boxes(rows)
-    assert len(boxes) == 2 * 5 * 3
-    for (measure, device, controller), box in boxes.items():
-        for name, value in box._asdict().items():
-            assert line[f"{measure}:{device}:{controller}:{name}"] == repr(value)
-    for found in box_findings_of(rows):
-        assert line[f"statement_{found.statement.number}"] == found.verdict
+    is_judged_as(line, report / "nearest")
     shutil.rmtree(report / "nearest")
 
 
