@@ -14,7 +14,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from core.device import Device
 from core.device_interface import DeviceError, DeviceSample, RealDevice, ZeroRecord
@@ -42,7 +42,7 @@ WRAP = 1 << 32
 NOT_CONNECTED = m.Refused(m.TYPES[m.Command], Refusal.WRONG_STATE)
 NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
 
-REFUSAL_WORDS = {
+REFUSAL_WORDS: dict[int, str] = {
     Refusal.WRONG_STATE: "it does not do that in the state it is in",
     Refusal.BAD_VALUE: "it cannot take what it was told",
     Refusal.FAULT_STANDS: "what caused its fault is still there",
@@ -59,29 +59,13 @@ ASKED_WORDS = {
 Answer = TypeVar("Answer")
 
 
-class Wire(Protocol):
-    """What a connection needs of a port; all raise DeviceError where it has died."""
-
-    name: str
-    not_taken: int  # writes that found no room in time
-
-    def read(self) -> bytes:
-        """What has come; waits at most some ms."""
-
-    def write(self, data: bytes) -> None:
-        """Send."""
-
-    def close(self) -> None:
-        """Close; never waits for long."""
-
-
 class Connection:
     """Messages to and from one board, from Hello to Bye."""
 
-    def __init__(self, wire: Wire, clock: Callable[[], float] = time.perf_counter) -> None:
+    def __init__(self, wire: Port, clock: Callable[[], float] = time.perf_counter) -> None:
         self.wire, self._clock = wire, clock
         self._decoder = FrameDecoder()
-        self._layout: m.SampleLayout | None = None
+        self._layout: m.Layout | None = None
         self.not_understood = 0  # whole frames that hold no message of this protocol
 
     @property
@@ -142,8 +126,7 @@ class Connection:
 def refusal(question: tuple, reason: int) -> str:
     """That the board would not do what it was asked, in one sentence."""
     asked = ASKED_WORDS.get(type(question), f"answer {type(question).__name__}")
-    words = {int(known): text for known, text in REFUSAL_WORDS.items()}
-    return f"the board would not {asked}: {words.get(reason, f'its reason, {reason}, is not known here')}"
+    return f"the board would not {asked}: {REFUSAL_WORDS.get(reason, f'its reason, {reason}, is not known here')}"
 
 
 def clamped(currents: Sequence[float], most_mA: Four) -> tuple[Four, bool]:
@@ -152,8 +135,8 @@ def clamped(currents: Sequence[float], most_mA: Four) -> tuple[Four, bool]:
     The last line before the wire.
     """
     asked = [round(1000.0 * min(current, 1e3)) if 0.0 < current < math.inf else 0 for current in currents]
-    a, e, b, c = map(min, most_mA, asked)
-    return (a, e, b, c), asked != [a, e, b, c] or not all(0.0 <= current < math.inf for current in currents)
+    given = tuple(map(min, most_mA, asked))
+    return given, given != tuple(asked) or not all(0.0 <= current < math.inf for current in currents)
 
 
 @dataclass
@@ -209,7 +192,7 @@ class SerialDevice:
 
     def __init__(
         self, device: Device, port: str, net_force: str = "", clock: Callable[[], float] = time.perf_counter,
-        open_port: Callable[[str], Wire] = Port, sleep: Callable[[float], None] = time.sleep,
+        open_port: Callable[[str], Port] = Port, sleep: Callable[[float], None] = time.sleep,
     ) -> None:  # fmt: skip
         """port: its name, or "auto": the only serial port on USB. net_force: a Net F/T, as `NetFT` takes it; "": none.
 

@@ -32,7 +32,7 @@ from core.path import build_path, outline, point_at
 from core.simulator.simulated_device import SimulatedDevice
 from core.tick_log import APPROACH, PHASE
 from core.workspace import tip_is_free
-from experiments.analysis.metrics import Metrics, tip_acceleration, trial_metrics
+from experiments.analysis.metrics import NO_METRICS, Metrics, tip_acceleration, trial_metrics
 from experiments.assumptions import SENSINGS, Assumptions
 from experiments.inputs import INPUTS, is_person
 from experiments.plan import PlannedTrial
@@ -233,7 +233,7 @@ class Sandbox:
             self._notify(with_advice("This pass", reason), True)
             return
         self._number += 1
-        ended = Pass(self._number, self._now, self._changed, status, None, None, None, None)
+        ended = Pass(self._number, self._now, self._changed, status, NO_METRICS)
         self._measured.append((ended, self._measuring.submit(self._ticks.measure, run.trial)))
 
     def _add(self, ended: Pass, measured: "Future[Metrics]") -> None:
@@ -242,12 +242,7 @@ class Sandbox:
         except InputError as error:
             self._notify(f"Pass {ended.number} cannot be measured: {error}.", True)
             return
-        self._passes.append(
-            ended._replace(
-                path_error_m=found.path_error_m, mean_tip_force_N=found.mean_tip_force_N,
-                roughness_m_s2=found.acceleration_weighted_rms_m_s2, duration_s=found.duration_s,
-            )
-        )  # fmt: skip
+        self._passes.append(ended._replace(measures=found))
         del self._passes[:-MOST_PASSES]
         self._notify("", False)
 

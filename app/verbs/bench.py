@@ -9,7 +9,6 @@ from core.files import InputError
 
 
 def add(verbs) -> None:
-    """The verb and its arguments."""
     option = add_verb(
         verbs, "bench", bench, "measure the simulator's speed against its error",
         "Four scenes on two bench devices, steps of 5 to 0.1 ms, each integrator; MuJoCo beside them where it is\n"

@@ -64,7 +64,6 @@ set "PYTHONPATH="
 
 
 def add(verbs) -> None:
-    """The verb and its arguments."""
     verb = add_verb(
         verbs, "bundle", bundle_verb, "put the program, its Python and its libraries into a folder to carry away",
         "For computers of this system that have no Python and no network: copy the folder, double-click phd in it.\n"

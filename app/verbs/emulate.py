@@ -11,7 +11,6 @@ from core.files import InputError
 
 
 def add(verbs) -> None:
-    """The verb and its arguments."""
     option = add_verb(
         verbs, "emulate", emulate, "a board on a pseudo-terminal or a TCP port, with the simulated device behind it",
         "The first line of stdout is its port, for --link serial:PORT; the log goes to stderr. Ctrl-C ends it.\n"
@@ -39,20 +38,13 @@ def add(verbs) -> None:
     option("--fault", action="append", default=[], metavar=fault, help="may be given repeatedly")
     has_terminals = hasattr(os, "openpty")
     option(
-        "--socket", nargs="?", type=port_number, const=0, default=None if has_terminals else 0, metavar="NUMBER",
+        "--socket", metavar="NUMBER",
+        nargs="?", type=whole_number_of(1, 65535), const=0, default=None if has_terminals else 0,
         help="a TCP port of this computer, in place of a pseudo-terminal (default: a free one); its address, "
         "socket://127.0.0.1:NUMBER, stands for a serial port" + ("" if has_terminals else "; always so on this system"),
     )  # fmt: skip
     option("--not-homed", action="store_true", help="as after power-up: the host must home the encoders")
     option("--seed", type=whole_number_of(0), default=1, help="of noise, faults and operator (default: 1)")
-
-
-def port_number(text: str) -> int:
-    """The type of --socket."""
-    number = whole_number_of(1)(text)
-    if number > 65535:
-        raise argparse.ArgumentTypeError(f"must be at most 65535, not {number}")
-    return number
 
 
 def emulate(args: argparse.Namespace) -> int:

@@ -7,7 +7,6 @@ from app.verbs.common import FOLDER, add_verb, answer, with_progress
 
 
 def add(verbs) -> None:
-    """The verb and its arguments."""
     option = add_verb(
         verbs, "fit-operator", fit_operator_verb, "fit simulated operators to the recorded trials of people",
         "Reads the trials that reached the end of a straight path: motion and force of the handle, path and phases,\n"

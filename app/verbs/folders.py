@@ -9,7 +9,6 @@ from core.files import InputError
 
 
 def add(verbs) -> None:
-    """The four verbs and their arguments."""
     option = add_verb(
         verbs, "analyze", analyze_verb, "rebuild every number and figure of a study from its recordings alone",
         "Writes into a new folder; never touches the files of DIR. A recording that is damaged is left out and named,\n"

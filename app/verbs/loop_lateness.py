@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from app.ipc.process import start_python
+from app.ipc.pipe import start_python
 from app.ipc.ring import Ring
 from app.ipc.scheduling import leave_core, program_cores
 from app.session_server.loop_process import LoopProcess

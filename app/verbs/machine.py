@@ -11,7 +11,6 @@ MARKS = {"good": ("ok", "32"), "caution": ("--", "33"), "bad": ("NO", "31")}
 
 
 def add(verbs) -> None:
-    """The two verbs and their arguments."""
     option = add_verb(
         verbs, "devices", devices_verb, "list what is attached: serial ports, boards that answer, six-axis devices",
         "Only ports that are named with --port are asked for a board; a port that is in use is not disturbed.\n"

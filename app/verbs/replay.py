@@ -12,7 +12,6 @@ HEADLESS = ("controller", "device", "protocol", "hand", "out", "json")
 
 
 def add(verbs) -> None:
-    """The verb and its arguments."""
     option = add_verb(
         verbs, "replay", replay_verb,
         "play a recorded trial on the screen, or its hand through another controller or device",

@@ -14,7 +14,6 @@ HANDS = [f"{name} ({INPUTS[name].does})" for name in CHOICES]
 
 
 def add(verbs) -> None:
-    """The verb and its arguments."""
     option = add_verb(
         verbs, "run", run, "open the app and run trials (the same as phd alone)",
         "One window (Home, Try, Run, Analyse), and the participant's view on the second screen (on one screen: F11).\n"

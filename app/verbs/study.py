@@ -15,7 +15,6 @@ IN_SWEEP_FILE = ("protocol", "operators", "population", "device", *OVERRIDES)
 
 
 def add(verbs) -> None:
-    """The verb and its arguments."""
     option = add_verb(
         verbs, "study", study, "run the paper's whole study, or another protocol's, with simulated operators",
         "Per operator, by the paper's protocol: 2 segments x 2 devices x 5 controllers x 3 trials. Leaves recordings,\n"

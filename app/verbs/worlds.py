@@ -7,7 +7,6 @@ from app.verbs.common import add_verb, answer, as_text, whole_number_of, with_pr
 
 
 def add(verbs) -> None:
-    """The verb and its arguments."""
     option = add_verb(
         verbs, "worlds", worlds, "draw sets of assumptions from ranges and ask which produce the paper's findings",
         "Each world is a study of three simulated people by the paper's protocol, without recordings, under\n"

@@ -40,7 +40,7 @@ from experiments.inputs import CHOICES, INPUTS, MOUSE, SENSOR
 from experiments.plan import counted, make_plan, plan_summary, print_plan
 from experiments.protocol import NUMBER, Protocol, load_protocol, shipped_protocols
 from experiments.session.files import free_participant
-from hardware.discovery import PortFound, look_at_ports
+from hardware.discovery import BoardFound, look_at_ports
 
 DEVICE = "device"  # what `begin` takes to show the device page
 LOOK_MS = 2000  # between two looks at the ports
@@ -109,7 +109,7 @@ class HomePage(Page):
         self.setup = self.chosen = m.Setup(Path())  # of the session server, and for the next one
         self.loaded: Loaded | InputError | None = None  # the chosen protocol; None: being read
         self.on_board = False  # whether the board's ports are shown, connected or not
-        self._ports: tuple[PortFound, ...] = ()
+        self._ports: tuple[BoardFound, ...] = ()
         self._ports_shown: tuple | None = None  # these, and the port that is connected
         self._typed = False  # the participant was typed, and is not proposed anew
         self._named = ""  # who comes next, as the command line says; "": the first without a session
@@ -367,7 +367,7 @@ class HomePage(Page):
         self._ports = ()
         self._look_at_ports()
 
-    def _show_ports(self, ports: tuple[PortFound, ...]) -> None:
+    def _show_ports(self, ports: tuple[BoardFound, ...]) -> None:
         self._ports, mine = ports, self.setup.link
         if (ports, mine) == self._ports_shown:
             return

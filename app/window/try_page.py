@@ -277,11 +277,11 @@ class Bars(QStyledItemDelegate):
                 painter.fillRect(QRectF(left, box.center().y() - 3.0, width, 7.0), shade(ground))
 
 
-#: of a Pass: field, head, scale, digits
+#: of a Pass: measure, head, scale, digits
 MEASURES = (
     ("path_error_m", "Error\nmm", 1e3, 2),
     ("mean_tip_force_N", "Force\nN", 1.0, 1),
-    ("roughness_m_s2", "Roughness\nm/s²", 1.0, 1),
+    ("acceleration_weighted_rms_m_s2", "Roughness\nm/s²", 1.0, 1),
     ("duration_s", "Time\ns", 1.0, 1),
 )
 
@@ -333,7 +333,8 @@ class PassTable(QTableWidget):
                 self.setItem(at, column, item)
             self.item(at, 1).setForeground(shade(colour))
             for column, (field, _, scale, digits) in enumerate(MEASURES, start=3):
-                value, most = getattr(one, field), max((getattr(other, field) or 0.0 for other in alike), default=0.0)
+                value = getattr(one.measures, field)
+                most = max((getattr(other.measures, field) or 0.0 for other in alike), default=0.0)
                 item = QTableWidgetItem("–" if value is None else f"{scale * value:.{digits}f}")
                 if one in alike and value is not None and most > 0.0 and field != "duration_s":
                     item.setData(Qt.ItemDataRole.UserRole, (value / most, colour))

@@ -8,7 +8,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from app.ipc.process import start_python
+from app.ipc.pipe import start_python
 from app.progress import PROGRESS
 from core.files import InputError
 

@@ -223,11 +223,11 @@ def test_the_board_follows_the_device_that_a_host_asks_for_and_the_handle_stays(
         patiently(host.open)
         sample, port = run(host, 3)[-1], emulated.port
         found = {one.port: one for one in look_at_ports()}
-        assert (found[port].words, found[port].answers) == ("another program is using it", False)
+        assert found[port].words == found[port].problem == "another program is using it"
         assert port not in {one.port for one in look_at_ports(besides=port)}
         host.close()
         (found,) = (one for one in look_at_ports() if one.port == port)
-        assert (found.words, found.answers) == (f"answers, {name}", True)
+        assert (found.words, found.problem) == (f"answers, {name}", "")
         assert sample.homed and math.dist(sample.tip, before) < 2e-3
         assert ask_board(emulated.port).device == name
 

@@ -19,7 +19,7 @@ from app.window.page import ANALYSE, RUN, TRY
 from experiments.inputs import OPERATOR
 from experiments.protocol import PAPER, load_protocol
 from experiments.session.overview import DataOverview, SessionOverview
-from hardware.discovery import PortFound
+from hardware.discovery import BoardFound
 
 LEFT = Qt.MouseButton.LeftButton
 FORM = '\n[form]\nhandedness = ["right", "left"]\nage = "number"\n'
@@ -181,7 +181,7 @@ def test_what_was_used_last_is_offered_again_by_the_app_alone(shown: Shown, tmp_
 
 def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Shown, monkeypatch) -> None:
     page = shown.page
-    found = (PortFound("/dev/ttyACM0", "answers, three-brake", True), PortFound("/dev/ttyUSB1", "no answer", False))
+    found = (BoardFound("/dev/ttyACM0", device="three-brake"), BoardFound("/dev/ttyUSB1", problem="no answer"))
     monkeypatch.setattr("app.window.home_page.look_at_ports", lambda before, mine: found if not mine else ())
     page.link.choose(BOARD)
     page._link_chosen(BOARD)

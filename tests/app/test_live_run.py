@@ -44,7 +44,7 @@ def answer_of(ring: Ring, process: LoopProcess):
     end = time.perf_counter() + LONG_S
     while not (answers := process.receive()):
         ring.beat()
-        assert time.perf_counter() < end and not process.dead
+        assert time.perf_counter() < end and not process.closed
         time.sleep(0.005)
     return answers[0]
 

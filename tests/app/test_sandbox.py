@@ -267,7 +267,7 @@ def test_a_castor_and_a_slave_can_be_tried(tmp_path: Path, device: str, controll
         change(opened, controller=controller, gap_m=0.002)
         drive(opened, lambda s, _: len(s.sandbox.passes) == 1)
         (one,) = opened.snapshot.sandbox.passes
-        assert one.status == "done" and one.settings.controller == controller and one.path_error_m < 0.01
+        assert one.status == "done" and one.settings.controller == controller and one.measures.path_error_m < 0.01
 
 
 @pytest.mark.parametrize("guarded", [True, False])

@@ -13,6 +13,7 @@ from app.window.painting.marks import arrow_of
 from app.window.try_page import BACK, DIALS, TryPage
 from core import tick_log
 from core.control.controllers import Preset
+from experiments.analysis.metrics import NO_METRICS
 from experiments.assumptions import IDEAL
 
 INITIAL = m.SandboxSettings("three-brake", 1, 2, "settled", 0.0, 10_000.0, 0.05, 200.0, 1.0, 0.75, IDEAL)
@@ -29,7 +30,8 @@ def tried(settings: m.SandboxSettings = INITIAL, *passes: m.Pass, **changes) -> 
 def ended(number: int, controller: int = 2, error: float | None = 0.002, changed: bool = False, **what) -> m.Pass:
     status = what.pop("status", "done")
     settings = INITIAL._replace(controller=controller, **what)
-    return m.Pass(number, settings, changed, status, error, 3.0, 40.0, 2.5)
+    measures = {"path_error_m": error, "mean_tip_force_N": 3.0, "acceleration_weighted_rms_m_s2": 40.0}
+    return m.Pass(number, settings, changed, status, NO_METRICS._replace(**measures, duration_s=2.5))
 
 
 class Held:
