@@ -208,7 +208,7 @@ class Layout:
     """How the fields of one message stand in its payload, after the byte of its type."""
 
     def __init__(self, number: int, kind: type, fields: str) -> None:
-        self._number, self._kind = number, kind
+        self._head, self._kind = bytes([number]), kind
         self._struct = struct.Struct("<" + fields)
         self.bytes = 1 + self._struct.size  # of a payload
         self._places: list[int | slice] = []  # of each field among the values that `struct` reads
@@ -220,32 +220,37 @@ class Layout:
             else:
                 self._places.append(slice(at, at + int(field[:-1])))
                 at = self._places[-1].stop
+        self._wide = [isinstance(place, slice) for place in self._places]
         self._texts = [i for i, field in enumerate(fields.split()) if field[-1] == "s"]
 
     def pack(self, message: tuple) -> bytes:
         """The payload of a message. struct.error where a value does not fit its field."""
         flat: list = []
-        for place, value in zip(self._places, message, strict=True):
-            flat += value if isinstance(place, slice) else [value]
-        return bytes([self._number]) + self._struct.pack(*flat)
+        for wide, value in zip(self._wide, message, strict=True):
+            if wide:
+                flat.extend(value)
+            else:
+                flat.append(value)
+        return self._head + self._struct.pack(*flat)
 
     def unpack(self, payload: bytes) -> tuple | None:
         """The message of a payload; None: of another type, or not as long as its type says."""
-        if len(payload) != self.bytes or payload[0] != self._number:
+        if len(payload) != self.bytes or payload[0] != self._head[0]:
             return None
         flat = self._struct.unpack_from(payload, 1)
         values = [flat[place] for place in self._places]
         for i in self._texts:
             values[i] = values[i].rstrip(b"\0")
-        return self._kind(*values)
+        return self._kind._make(values)
 
 
 _LAYOUTS = {number: Layout(number, kind, fields) for number, (kind, fields) in LAYOUTS.items()}
+_BY_KIND = {kind: _LAYOUTS[number] for kind, number in TYPES.items()}
 
 
 def pack(message: tuple) -> bytes:
     """The payload of any message but a Sample. struct.error where a value does not fit its field."""
-    return _LAYOUTS[TYPES[type(message)]].pack(message)
+    return _BY_KIND[type(message)].pack(message)
 
 
 def unpack(payload: bytes) -> tuple | None:
