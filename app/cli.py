@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         args, unknown = make_parser().parse_known_args(with_verb(argv))
         if unknown:
             raise InputError(f"unrecognized arguments: {' '.join(unknown)} (see phd {args.verb} --help)")
-        code = args.do(args)
+        code = args.do(args) or DONE
         sys.stdout.flush()
         return code
     except SystemExit as end:  # --help and --version

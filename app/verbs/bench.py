@@ -25,7 +25,7 @@ def add(verbs) -> None:
     option("--out", type=Path, metavar="DIR", help="a new folder for bench.json and the work-precision plot")
 
 
-def bench(args: argparse.Namespace) -> int:
+def bench(args: argparse.Namespace) -> None:
     if args.loop is not None:
         return bench_loop(args)
     out = args.out
@@ -44,10 +44,9 @@ def bench(args: argparse.Namespace) -> int:
         (out / "bench.json").write_text(json.dumps(result, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
         for form, data in pictures.items():
             (out / f"work-precision.{form}").write_bytes(data)
-    return 0
 
 
-def bench_loop(args: argparse.Namespace) -> int:
+def bench_loop(args: argparse.Namespace) -> None:
     """How late the control loop's ticks are."""
     if args.out is not None or args.quick:
         raise InputError("--loop: takes neither --out nor --quick")
@@ -55,4 +54,3 @@ def bench_loop(args: argparse.Namespace) -> int:
 
     found = with_progress("measuring", measure_all, args.loop, compiles=True)
     answer(args, found, table(found))
-    return 0

@@ -73,7 +73,7 @@ def add(verbs) -> None:
     verb.add_argument("folder", type=Path, metavar="DIR", help="a new or empty folder")
 
 
-def bundle_verb(args: argparse.Namespace) -> int:
+def bundle_verb(args: argparse.Namespace) -> None:
     if args.folder.exists() and (not args.folder.is_dir() or any(args.folder.iterdir())):
         raise InputError(f"{args.folder}: is not empty; name a new folder")
     inside = [name for name in PROGRAM if ROOT / name in args.folder.resolve().parents]
@@ -90,7 +90,6 @@ def bundle_verb(args: argparse.Namespace) -> int:
         raise
     size = sum(file.stat().st_size for file in args.folder.rglob("*") if file.is_file())
     print(f"{args.folder}: {size / 1e6:.0f} MB; start phd in it")
-    return 0
 
 
 def bundle(folder: Path, progress=lambda share: None) -> None:

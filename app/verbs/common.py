@@ -32,7 +32,7 @@ PORTS: dict[str, Any] = {
     "action": "append", "default": [], "metavar": "PORT", "help": "ask for a board there; may be given repeatedly"
 }  # fmt: skip
 
-Do = Callable[[argparse.Namespace], int]
+Do = Callable[[argparse.Namespace], int | None]
 
 
 # ------------------------------------------------------------------------------------------------------- its arguments
@@ -41,7 +41,7 @@ Do = Callable[[argparse.Namespace], int]
 def add_verb(
     verbs, name: str, do: Do, summary: str, more: str, example: str, prints: str = ""
 ) -> argparse.ArgumentParser:
-    """A new verb. do: runs it, the exit code; prints: what --json prints as JSON (none: the verb has no --json)."""
+    """A new verb. do: runs it, its exit code (None: 0). prints: what --json prints as JSON; "": there is no --json."""
     verb = verbs.add_parser(
         name,
         help=summary,

@@ -47,7 +47,7 @@ def add(verbs) -> None:
     option("--seed", type=whole_number_of(0), default=1, help="of noise, faults and operator (default: 1)")
 
 
-def emulate(args: argparse.Namespace) -> int:
+def emulate(args: argparse.Namespace) -> None:
     from hardware.emulated_board.line_faults import read_fault
 
     faults = [read_fault(text) for text in args.fault]
@@ -83,7 +83,6 @@ def emulate(args: argparse.Namespace) -> int:
         emulator.close()
         for number, handler in before.items():
             signal.signal(number, handler)
-    return 0
 
 
 def prompt() -> str:

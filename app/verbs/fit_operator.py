@@ -21,7 +21,7 @@ def add(verbs) -> None:
     option("--out", type=Path, metavar="FILE.toml", help="a new population file")
 
 
-def fit_operator_verb(args: argparse.Namespace) -> int:
+def fit_operator_verb(args: argparse.Namespace) -> None:
     from experiments.trial.population import load_population
 
     like = load_population(args.like)
@@ -42,4 +42,3 @@ def fit_operator_verb(args: argparse.Namespace) -> int:
     ]
     lines += [str(args.out)] if args.out else []
     answer(args, {"like": like.name, "out": args.out and str(args.out), "people": people}, "\n".join(lines))
-    return 0

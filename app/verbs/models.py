@@ -51,7 +51,7 @@ def add(verbs) -> None:
     option("--out", type=Path, required=True, metavar="DIR", help="the folder for the figures")
 
 
-def simulate_verb(args: argparse.Namespace) -> int:
+def simulate_verb(args: argparse.Namespace) -> None:
     from experiments.simulate.cobot_scene import is_cobot_scene
     from experiments.simulate.scene import read_scene
 
@@ -76,10 +76,9 @@ def simulate_verb(args: argparse.Namespace) -> int:
         f"{done['events']} events, {done['fallbacks']} fallbacks",
         (f"{args.scene}: {warning}" for warning in done["warnings"]),
     )
-    return 0
 
 
-def simulate_cobot_verb(args: argparse.Namespace) -> int:
+def simulate_cobot_verb(args: argparse.Namespace) -> None:
     from experiments.simulate.cobot_scene import read_cobot_scene, simulate_cobot
 
     done = with_progress("simulating", simulate_cobot, read_cobot_scene(args.scene), args.out, compiles=True)
@@ -92,10 +91,9 @@ def simulate_cobot_verb(args: argparse.Namespace) -> int:
         + ("" if wall is None else f", {1e3 * wall:.3g} mm from the wall at least"),
         (f"{args.scene}: {warning}" for warning in done["warnings"]),
     )
-    return 0
 
 
-def identify_verb(args: argparse.Namespace) -> int:
+def identify_verb(args: argparse.Namespace) -> None:
     from experiments.identify.identify import identify, summary
 
     asked = args.steps, args.out, args.name, args.figures, args.omega_0, args.backlash_deg
@@ -119,14 +117,12 @@ def identify_verb(args: argparse.Namespace) -> int:
     files = [str(path) for path in figures]
     result = {"brake": brake.name, "out": str(args.out), "figures": files} | fit
     answer(args, result, "\n".join([*lines, *files]), fit["warnings"])
-    return 0
 
 
-def figures_verb(args: argparse.Namespace) -> int:
+def figures_verb(args: argparse.Namespace) -> None:
     devices = devices_of(args)
     from experiments.paper_figures import draw_all
 
     drawn = with_progress("drawing", draw_all, devices, args.out, compiles=True)
     found = [figure._asdict() | {"files": [str(file) for file in figure.files]} for figure in drawn]
     answer(args, found, "\n".join(f"{file}: {figure.shows}" for figure in drawn for file in figure.files))
-    return 0

@@ -36,7 +36,7 @@ def add(verbs) -> None:
     option("--out", type=Path, metavar="FILE.csv", help="a new file for the replayed ticks")
 
 
-def replay_verb(args: argparse.Namespace) -> int:
+def replay_verb(args: argparse.Namespace) -> int | None:
     if not any(getattr(args, name) for name in HEADLESS):
         return play(args.recording)
     from experiments.study.replay import replay
@@ -44,7 +44,6 @@ def replay_verb(args: argparse.Namespace) -> int:
     asked = args.recording, args.controller, args.device, args.protocol, args.hand, args.out
     summary = with_progress("replaying", replay, *asked, compiles=True)
     answer(args, summary, table(summary), (f"{args.recording}: {warning}" for warning in summary["warnings"]))
-    return 0
 
 
 def play(recording: Path) -> int:

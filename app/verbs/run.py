@@ -56,7 +56,7 @@ def label(text: str) -> str:
     return text
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int | None:
     if args.print_plan:
         return print_plan(args)
     link = link_of(args)
@@ -126,7 +126,7 @@ def protocol_of(args: argparse.Namespace):
     return protocol
 
 
-def print_plan(args: argparse.Namespace) -> int:
+def print_plan(args: argparse.Namespace) -> None:
     """Print every trial of the participant."""
     from experiments.plan import print_plan
     from experiments.session.files import free_participant
@@ -136,7 +136,6 @@ def print_plan(args: argparse.Namespace) -> int:
     if is_person(args.input):
         protocol.refuse_stranger(participant)
     print(print_plan(protocol, participant), end="")
-    return 0
 
 
 def whole(name_or_path: str) -> str:

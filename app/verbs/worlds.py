@@ -24,7 +24,7 @@ def add(verbs) -> None:
     option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
 
 
-def worlds(args: argparse.Namespace) -> int:
+def worlds(args: argparse.Namespace) -> None:
     from experiments.worlds.ranges import load_ranges
     from experiments.worlds.worlds import run_worlds
 
@@ -33,4 +33,3 @@ def worlds(args: argparse.Namespace) -> int:
         "worlds", run_worlds, ranges, args.out, args.n, args.seed, args.resume, args.cluster, compiles=True
     )
     answer(args, summary, as_text(summary))
-    return 0
