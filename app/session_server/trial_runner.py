@@ -61,11 +61,6 @@ class TrialRun:
         """Whether the loop has been asked for it."""
         return int(self._ring.control.stop) == HAND_BACK
 
-    def watch(self) -> None:
-        """End it if its recording takes no more."""
-        if self.recorder.error:
-            self.stop(self.recorder.error)
-
     def returned(self, answer: Done, scheduling: str) -> None:
         """The trial is as the loop left it. After its last tick every tick is with the writer; one that was handed
         back before it is as it was.
@@ -159,8 +154,8 @@ class TrialRunner:
 
     def watch(self) -> tuple[TrialRun | None, str]:
         """The run that has come to its end or was handed back, if one has, and "" or why the loop was lost with it."""
-        if self.run is not None:
-            self.run.watch()
+        if self.run is not None and self.run.recorder.error:
+            self.run.stop(self.run.recorder.error)
         ended = None
         for answer in self._loop.receive(HAND_BACK_S if self.run and self.run.is_handed_back else 0.0):
             match answer:

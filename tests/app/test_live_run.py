@@ -75,9 +75,8 @@ def run_trial(loop: tuple[Ring, LoopProcess], disk: Disk, trial: Trial, ticks: i
     end = time.perf_counter() + LONG_S
     ring.control.server_beat = 1 << 62  # however long this machine holds us up: that is not what is tested
     while not (answers := process.receive()):
-        run.watch()
-        if len(run.recorder.lateness_us) >= ticks:
-            run.stop("enough")
+        if why := run.recorder.error or ("enough" if len(run.recorder.lateness_us) >= ticks else ""):
+            run.stop(why)
         assert time.perf_counter() < end
         time.sleep(0.005)
     disk.free.set()
