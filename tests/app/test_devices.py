@@ -2,6 +2,7 @@
 
 import json
 import os
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from app.doctor import UDEV_RULE, hid_checks, port_checks
 from app.ipc.messages import CAUTION, GOOD
 from core.files import InputError
 from hardware import discovery
+from hardware.emulated_board.plug import LOOPBACK
 
 ROOT = Path(__file__).resolve().parents[2]
 NAVIGATOR = {"path": b"/dev/hidraw77", "vendor_id": 0x046D, "product_id": 0xC626, "usage_page": 1, "usage": 8,
@@ -33,8 +35,13 @@ def nothing(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 @pytest.fixture
 def dead_port() -> Iterator[str]:
-    """A port at which nobody is."""
-    tty = pytest.importorskip("tty", reason="only POSIX systems have pseudo-terminals")
+    """A port at which nobody is: a pseudo-terminal, or where there is none a TCP port."""
+    if not hasattr(os, "openpty"):
+        with socket.create_server((LOOPBACK, 0)) as silent:
+            yield f"socket://{LOOPBACK}:{silent.getsockname()[1]}"
+        return
+    import tty
+
     ours, theirs = os.openpty()
     tty.setraw(theirs)
     yield os.ttyname(theirs)
