@@ -6,11 +6,13 @@ port does, such as that of an emulated board.
 """
 
 import contextlib
+import ctypes
 import errno
 import os
 import re
 import select
 import socket
+import sys
 import threading
 from typing import NamedTuple
 
@@ -59,8 +61,13 @@ def is_address(name: str) -> bool:
 
 
 def is_missing(name: str) -> bool:
-    """Whether a port cannot be there: its name is no address, and no file where ports are files."""
-    return os.name == "posix" and not is_address(name) and not os.path.exists(name)
+    """Whether a port cannot be there: its name is no address and, as the system names devices, none of a device."""
+    if is_address(name):
+        return False
+    if sys.platform == "win32":
+        found = ctypes.create_unicode_buffer(1024)
+        return not ctypes.WinDLL("kernel32").QueryDosDeviceW(name, found, len(found))
+    return not os.path.exists(name)
 
 
 def like_a_wire(end: socket.socket) -> None:
