@@ -2,11 +2,11 @@
 
 
 import numpy as np
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame
 
 from app.window.painting import theme
 from app.window.painting.force_view import Reading
-from app.window.painting.labels import Figures, word
+from app.window.painting.parts import Figures, column, row, word
 from app.window.plots import NO_TRIAL
 from core import tick_log
 
@@ -56,24 +56,18 @@ class Ledger:
 class EnergyPanel(QFrame):
     """What the hand gave is what the brakes took, what moves and what stops took; no brake adds energy."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent, objectName="panel")
+    def __init__(self) -> None:
+        super().__init__(objectName="panel")
         self.ledger, self._reading = Ledger(), Reading()
-        self._bar = QHBoxLayout()
-        self._bar.setSpacing(0)
+        self._bar = row(spacing=0)
         for colour in (BRAKES, KINETIC, STOPS, theme.LINE):  # the last: what the hand gave and is nowhere yet
             part = QFrame()
             part.setFixedHeight(12)
             part.setStyleSheet(f"background: {colour}; border: none")
             self._bar.addWidget(part, 0 if colour != theme.LINE else 1)
         self._balance, self._proof = Figures(), Figures()
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(12, 6, 12, 8)
-        layout.setSpacing(4)
-        layout.addWidget(word("Energy this trial", bold=True))
-        layout.addLayout(self._bar)
-        layout.addWidget(self._balance)
-        layout.addWidget(self._proof)
+        title = word("Energy this trial", bold=True)
+        self.setLayout(column(title, self._bar, self._balance, self._proof, spacing=4, margins=(12, 6, 12, 8)))
         self._word()
 
     def add(self, rows: np.ndarray) -> None:

@@ -35,8 +35,8 @@ LEFT_EARLY_S = 1.5  # the hint that the start was left too early stands at least
 class ParticipantView(Plane):
     """The picture."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(QRectF(-0.15, 0.2, 0.3, 0.25), FROM_AFAR, parent=parent)
+    def __init__(self) -> None:
+        super().__init__(QRectF(-0.15, 0.2, 0.3, 0.25), FROM_AFAR)
         self.shown = Shown("")
         self.held = 0.0  # share of the hold at the start that is over
         self.side = 0  # where the text stands: in the middle, or out of the handle's way, left (-1) or right (1)
@@ -95,7 +95,7 @@ class ParticipantView(Plane):
                 size -= 1
                 chosen.setPixelSize(size)
                 painter.setFont(chosen)
-            painter.setPen(theme.colour(colour))
+            painter.setPen(theme.shade(colour))
             painter.drawText(QRectF(left, (top + down) * height, width, 1.4 * share * height), centre, text)
 
     def paint_under_handle(self, painter: QPainter) -> None:
@@ -136,8 +136,8 @@ class ParticipantWindow(QWidget):
     answered = Signal(dict)
     close_asked = Signal()
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.setWindowTitle("PHD: participant")
         self.setMinimumSize(480, 320)
         self.view = ParticipantView()

@@ -125,11 +125,11 @@ def test_a_step_is_taken_after_a_question_that_says_what_it_needs(page: DevicePa
         page.steps.values(), (m.HOME, m.ZERO, m.CONNECT), (" mm", "Let go", "closed and made again"), strict=True
     ):
         QTest.mouseClick(button, LEFT)
-        assert page.sent == [] and says in page.card.text.text()
-        assert page.leave() and page.card is None and not page.leave()
+        assert page.sent == [] and says in page.cards.question.text.text()
+        assert page.cards.leave() and page.cards.question is None and not page.cards.leave()
         QTest.mouseClick(button, LEFT)
-        QTest.mouseClick(page.card.buttons[0], LEFT)
-        assert page.sent == [m.Rig(step)] and page.card is None
+        QTest.mouseClick(page.cards.question.buttons[0], LEFT)
+        assert page.sent == [m.Rig(step)] and page.cards.question is None
         page.sent.clear()
 
 

@@ -205,13 +205,13 @@ def test_ticks_reach_workspace_traces_and_ledger(screens: Screens) -> None:
                        PATH_DISTANCE=-0.003))  # fmt: skip
     assert screens.run.traces.error.newest == pytest.approx((3.0,))  # mm
     assert screens.run.traces.force.newest == pytest.approx((5.0,))
-    assert screens.run.centre.workspace.view.tip == (0.03, 0.397)
-    assert screens.run.centre.large.text() == "Go"
+    assert screens.run.workspace.view.tip == (0.03, 0.397)
+    assert screens.run.large.text() == "Go"
 
 
 def test_the_pointer_over_the_workspace_is_sent_in_metres(screens: Screens) -> None:
     screens.hear(opened(), running())
-    view = screens.run.centre.workspace.view
+    view = screens.run.workspace.view
     point(view, view.to_screen((0.05, 0.3)))
     assert screens.client.aimed[-1] == pytest.approx((0.05, 0.3), abs=1e-6)
 

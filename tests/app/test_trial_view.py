@@ -68,7 +68,7 @@ def test_it_says_which_trial_it_is(view: TrialView) -> None:
 
 def test_a_click_on_a_curve_goes_to_the_place_of_the_click(view: TrialView) -> None:
     QApplication.processEvents()
-    for trace, share in product(view.traces.all(), (0.1, 0.5, 0.93)):
+    for trace, share in product(view.traces.all, (0.1, 0.5, 0.93)):
         wanted = share * view.trial.t[-1]
         height = 0.4 * trace.item.viewRange()[1][1]
         place = trace.graph.mapFromScene(trace.item.vb.mapViewToScene(QPointF(wanted, height)))
@@ -76,7 +76,7 @@ def test_a_click_on_a_curve_goes_to_the_place_of_the_click(view: TrialView) -> N
         QTest.mouseClick(trace.graph.viewport(), Qt.MouseButton.LeftButton, pos=place)
         pixel = view.trial.t[-1] / trace.item.vb.width()
         assert view.trial.t[view.at] == pytest.approx(wanted, abs=2.0 * pixel)
-        assert {line.cursor.value() for line in view.traces.all()} == {view.trial.t[view.at]}  # one cursor in all
+        assert {line.cursor.value() for line in view.traces.all} == {view.trial.t[view.at]}  # one cursor in all
 
 
 def test_space_and_the_button_play_and_pause(qtbot, window: TrialWindow, view: TrialView) -> None:
@@ -153,7 +153,7 @@ def test_a_current_that_chatters_is_a_band_about_its_mean_and_no_solid_block(vie
 
 def test_zooming_one_curve_zooms_all_and_shows_every_tick(view: TrialView) -> None:
     view.traces.force.item.setXRange(1.0, 1.05, padding=0.0)
-    for trace in view.traces.all():
+    for trace in view.traces.all:
         assert trace.item.viewRange()[0] == pytest.approx([1.0, 1.05])
     seen = view.traces.force.curve.getData()[0]
     assert len(seen) >= 50 and np.diff(seen).max() == pytest.approx(0.001)

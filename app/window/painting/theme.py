@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QApplication, QWidget
 
 from app.window.painting import palette
 
-_OF = palette.chosen()
+_OF = palette.chosen
 GROUND, PANEL, LINE, TEXT, QUIET, CANVAS, FIELD = (
     _OF.ground, _OF.panel, _OF.line, _OF.text, _OF.quiet, _OF.canvas, _OF.field
 )  # fmt: skip
@@ -52,7 +52,10 @@ def font(size: int = NORMAL, bold: bool = False) -> QFont:
 
 
 def scale_text(step: int) -> None:
-    """The next larger (1) or smaller (-1) text size, in every window that is there."""
+    """The next larger (1) or smaller (-1) text size, in every window that is there.
+
+    A widget that has to do more for it has a method `follow_text`.
+    """
     global _text_size
     before = TEXT_SIZES[_text_size]
     _text_size = min(max(_text_size + step, 0), len(TEXT_SIZES) - 1)
@@ -65,6 +68,8 @@ def scale_text(step: int) -> None:
         widget.setProperty("px", size)
         now.setPixelSize(text_px(size))
         widget.setFont(now)
+        if hasattr(widget, "follow_text"):
+            widget.follow_text()
 
 
 def mono(size: int = NORMAL) -> QFont:
@@ -74,7 +79,8 @@ def mono(size: int = NORMAL) -> QFont:
     return chosen
 
 
-def colour(name: str, alpha: float = 1.0) -> QColor:
+@cache
+def shade(name: str, alpha: float = 1.0) -> QColor:
     """A colour of the palette, more or less transparent."""
     chosen = QColor(name)
     chosen.setAlphaF(alpha)
@@ -193,15 +199,9 @@ SHADES = 32  # of the spring
 
 
 @cache
-def shade(name: str, alpha: float = 1.0) -> QColor:
-    """A colour of the palette."""
-    return colour(name, alpha)
-
-
-@cache
 def pen(name: str, width: float, alpha: float = 1.0, round_cap: bool = False) -> QPen:
     """A pen in a colour of the palette. Opaque or at most 1 px wide, with flat ends, is ten times as fast as others."""
-    made = QPen(colour(name, alpha), width)
+    made = QPen(shade(name, alpha), width)
     made.setCapStyle(Qt.PenCapStyle.RoundCap if round_cap else Qt.PenCapStyle.FlatCap)
     made.setJoinStyle(Qt.PenJoinStyle.RoundJoin)
     return made
