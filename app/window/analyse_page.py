@@ -25,7 +25,20 @@ from app.ipc import messages as m
 from app.window.box_plot import ChartPlot, trial_of
 from app.window.page import Page
 from app.window.painting import theme
-from app.window.painting.parts import Flow, OneLine, button, clear, column, holder, line, row, stack, word
+from app.window.painting.parts import (
+    NO_FOCUS,
+    Flow,
+    OneLine,
+    button,
+    clear,
+    column,
+    holder,
+    line,
+    row,
+    stack,
+    toggle,
+    word,
+)
 from app.window.trial_view import TrialView
 from app.window.words import show_folder
 from app.window.work import Verb, Work
@@ -52,14 +65,6 @@ SIDE_SHARE, SIDE_PX = 0.36, (400, 620)  # of the width, and at least and at most
 ROOM_PX = 1100  # a narrower page shows either the charts or the trial
 CANCELLED = "The export was cancelled, nothing was written."
 NO_FOLDER = "No data folder is open: choose one on Home."
-
-
-def toggle(text: str, do: Callable[..., object], on: bool = False) -> QPushButton:
-    """A chip that is lit while it is on."""
-    made = QPushButton(text, objectName="toggle", checkable=True, checked=on)
-    made.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-    made.toggled.connect(do)
-    return made
 
 
 class Chips(QWidget):
@@ -180,7 +185,9 @@ class AnalysePage(Page):
         self._reading, self._opening, self._concluding, self._excluding = Work(), Work(), Work(), Work()
         self.tabs: dict[str, QPushButton] = {}
         self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
-        self.timeouts, self.logarithmic = toggle("Timeouts in the boxes", self._show), toggle("Log scale", self._show)
+        self.timeouts, self.logarithmic = (
+            toggle(text, lambda _: self._show()) for text in ("Timeouts in the boxes", "Log scale")
+        )
         for chips in (self.people, self.devices, self.statuses):
             chips.changed.connect(self._show)
         self.caption = OneLine("", "quiet", dots=Qt.TextElideMode.ElideRight)
@@ -219,8 +226,9 @@ class AnalysePage(Page):
     def _lay_out(self) -> None:
         group = QButtonGroup(self)
         for page, name in PAGES.items():
-            tab = QPushButton(name, objectName="key", checkable=True, checked=page == self.page)
-            tab.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+            tab = QPushButton(
+                name, objectName="key", checkable=True, checked=page == self.page, focusPolicy=NO_FOCUS
+            )
             tab.clicked.connect(lambda _=False, page=page: self.show_page(page))
             group.addButton(tab)
             self.tabs[page] = tab
@@ -331,7 +339,6 @@ class AnalysePage(Page):
 
     @property
     def view(self) -> View:
-        """How they are shown."""
         results = self.results
         devices = tuple(name for name in results.configurations if name in self.devices.chosen)
         on = self.timeouts.isChecked(), self.logarithmic.isChecked()

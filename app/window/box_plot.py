@@ -105,12 +105,10 @@ class ChartPlot(Plot):
         self.item.getAxis("bottom").setTicks([named] if named else None)
 
     def _size_ticks(self) -> None:
-        """Room for the names along the axis."""
         lines = max((SHORT.get(text, text).count("\n") + 1 for _, text in self.chart.ticks), default=0)
         self.item.getAxis("bottom").setHeight(6 + lines * theme.text_px(theme.SMALL + 5) if lines else None)
 
     def show_all(self) -> None:
-        """Zoom out to all of it."""
         if self.chart is None:
             return
         low, high = 0.0, self.chart.highest or 1.0

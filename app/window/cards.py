@@ -11,7 +11,7 @@ from app.ipc import messages as m
 from app.window.keys import Key
 from app.window.page import ANALYSE, HOME, Page
 from app.window.painting import theme
-from app.window.painting.parts import KeyButton, breakable, button, column, line, row, word
+from app.window.painting.parts import NO_FOCUS, KeyButton, breakable, button, column, line, row, word
 from app.window.plan_grid import newest_rows
 from app.window.words import clock
 from experiments.analysis.trials_table import COUNTED
@@ -57,7 +57,6 @@ class Card(QFrame):
             self.take_focus()
 
     def take_focus(self) -> None:
-        """The keyboard goes to the card."""
         if self.buttons:
             self.buttons[0].setFocus()
 
@@ -126,10 +125,9 @@ class Question(Card):
         self.confirm, self.cancel = self.buttons
         self.choices = QButtonGroup(self)
         for name, words in (choices or {}).items():
-            choice = QPushButton(words, objectName="choice", checkable=True)
+            choice = QPushButton(words, objectName="choice", checkable=True, focusPolicy=NO_FOCUS)
             choice.setChecked(not self.choices.buttons())
             choice.setProperty("choice", name)
-            choice.setFocusPolicy(Qt.FocusPolicy.NoFocus)
             self.choices.addButton(choice)
             self.inside.addWidget(choice)
         for number, reason in enumerate(reasons, start=1):
@@ -214,7 +212,6 @@ class Cards:
         self.put(Card(title, text, [("Close  Enter", self.leave)], self._parent))
 
     def show_keys(self, keys: Mapping[str, Key]) -> None:
-        """All keys of the windows."""
         card = Card("Keys", "", [("Close  Enter", self.leave)], self._parent)
         card.wide = KEYS_PX
         grid = QGridLayout()
@@ -229,7 +226,6 @@ class Cards:
         self.put(card)
 
     def ask_to_close(self, close: Callable[[], None]) -> None:
-        """Whether to close while a trial is recorded."""
         card = Card(*CLOSE, [("Go on  Enter", self.leave), ("Abort and close  Alt+C", close)], self._parent)
         card.key("Alt+C", close)
         self.put(card, "abort")

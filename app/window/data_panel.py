@@ -55,7 +55,6 @@ class Recent:
         self.paths: list[str] = [path for path in kept if Path(path).exists()]
 
     def add(self, path: str) -> None:
-        """It was used now."""
         self.paths = [path, *(other for other in self.paths if other != path)][:RECENT_MOST]
         if self._settings:
             self._settings.setValue(self._kind, self.paths)
@@ -146,7 +145,6 @@ class DataPanel(QFrame):
             self._fill()
 
     def _fill(self) -> None:
-        """The rows."""
         overview = self.overview
         if overview is None:
             return
@@ -187,7 +185,6 @@ class DataPanel(QFrame):
         return row((about, 3), (column(done, bar, spacing=3), 3), main, self._more(session, is_open), spacing=6)
 
     def _more(self, session: SessionOverview, is_open: bool) -> QPushButton:
-        """What else can be done with a session."""
         more = QPushButton("…", objectName="small", accessibleName=f"More about {session.participant}")
         more.setMenu(menu := QMenu(more))
         can_open = not is_open and not self._why and not session.problem

@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import datetime
 
 from PySide6.QtCore import Signal
@@ -180,11 +180,11 @@ def at(when: float) -> str:
 class DevicePage(QWidget):
     """What is wrong; board, sensors and link in figures; the steps as buttons."""
 
-    asked = Signal(object)  # a command for the session server
     left = Signal()
 
-    def __init__(self) -> None:
+    def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__()
+        self.send = send
         self._opened: m.Opened | None = None
         self._snapshot = m.Snapshot(m.PREPARING)
         self._status: m.DeviceStatus | None = None
@@ -194,7 +194,7 @@ class DevicePage(QWidget):
         self.why, self.quantised = line("", "quiet"), line("", "quiet")
         self.values = {name: OneLine(NOTHING, size=theme.NORMAL) for name in (*BOARD, *SENSORS, *LINK, *CLOCK)}
         self.steps = {text: button(text, lambda text=text: self._ask(text)) for text in STEPS}
-        self.reset = button("Reset faults  Ctrl+B", lambda: self.asked.emit(m.AllowBrakes()))
+        self.reset = button("Reset faults  Ctrl+B", lambda: self.send(m.AllowBrakes()))
         self._lay_out()
         self._refresh()
 
@@ -292,7 +292,7 @@ class DevicePage(QWidget):
 
         def do() -> None:
             self.cards.leave()
-            self.asked.emit(m.Rig(step))
+            self.send(m.Rig(step))
 
         answers = [("Go on  Enter", do), ("Cancel  Esc", self.cards.leave)]
         self.cards.put(Card(text.removesuffix(" …"), says, answers, self))

@@ -44,7 +44,6 @@ class Ledger:
 
     @property
     def began(self) -> bool:
-        """Whether it has had a tick."""
         return self._first is not None
 
     @property

@@ -25,8 +25,8 @@ from app.window.data_panel import DataPanel, Recent
 from app.window.device_page import DevicePage
 from app.window.page import RUN, TRY, Page
 from app.window.painting import theme
-from app.window.painting.layers import SPACING_M, extent_of_linkages
-from app.window.painting.linkage_view import LINKAGE, LinkageView
+from app.window.painting.layers import SPACING_M
+from app.window.painting.linkage_view import small_view
 from app.window.painting.parts import (
     Choice,
     OneLine,
@@ -104,7 +104,7 @@ class HomePage(Page):
         self._looking.done.connect(self._show_ports)
         self._recent = Recent("protocols")
         self.data = DataPanel()
-        self.device, self.editor = DevicePage(), ProtocolEditor()
+        self.device, self.editor = DevicePage(send), ProtocolEditor()
         self._timer = QTimer(self, interval=LOOK_MS)
         self._timer.timeout.connect(self._look_at_ports)
         self._make_choices()
@@ -115,7 +115,6 @@ class HomePage(Page):
         self.editor.saved.connect(self._take_protocol)
         for inner in (self.editor, self.device):
             inner.left.connect(self._show_columns)
-        self.device.asked.connect(lambda command: self.send(command))
 
     def _make_choices(self) -> None:
         self.protocol, self.devices, self.hand = Choice(), Choice(), Choice()
@@ -289,13 +288,9 @@ class HomePage(Page):
     def _show_device(self, protocol: Protocol) -> None:
         """The device with its handle between start and end: what Try is about."""
         device, path = protocol.devices[0], next(iter(protocol.paths.values()))
-        view = LinkageView((device,), {1: path}, worded=False, sizes=PICTURE)
-        view.shown = {LINKAGE}
-        view.set_extent(extent_of_linkages([device], [path]))
         way = outline(path, SPACING_M).tolist()
-        view.show_trial(device, path, tuple(way[len(way) // 2]))
         clear(self._picture)
-        self._picture.addWidget(view)
+        self._picture.addWidget(small_view(device, path, tuple(way[len(way) // 2]), PICTURE))
 
     def _show_form(self, form: dict[str, tuple[str, ...] | str]) -> None:
         """A field for each thing that the protocol asks of a participant."""

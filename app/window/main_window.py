@@ -19,7 +19,7 @@ from app.window.cards import Cards
 from app.window.keys import KEYS, bind
 from app.window.page import ANALYSE, HOME, RUN, TRY, Page
 from app.window.painting import theme
-from app.window.painting.parts import OneLine, breakable, column, line, row, word
+from app.window.painting.parts import OneLine, breakable, button, column, line, row, word
 from app.window.preflight import Preflight
 from app.window.words import from_home, grouped, show_folder, size
 
@@ -42,8 +42,7 @@ class Footer(QFrame):
         super().__init__(objectName="panel")
         self.folder, self.recording = word("", bold=True), OneLine("Nothing is being recorded")
         self.folder.setMaximumWidth(320)
-        self.open = QPushButton("Open folder", objectName="small")
-        self.open.clicked.connect(lambda: show_folder(self._path))
+        self.open = button("Open folder", lambda: show_folder(self._path), "small")
         self.lamp, self.origin = word("●", size=theme.SMALL), word("", "quiet", theme.SMALL)
         self.keys = QPushButton("Keys  F1", objectName="small")
         self._path = Path()
@@ -67,7 +66,6 @@ class Footer(QFrame):
         self.origin.setToolTip(f"Plan {opened.plan_sha256}\n{note}" if opened.plan_sha256 else note)
 
     def show_pulse(self, pulse: m.Pulse) -> None:
-        """The newest proof of recording."""
         proof, verified = pulse.proof, pulse.verified
         if proof is None:
             self._light(theme.GOOD if verified else theme.BRAKE_OFF)
@@ -82,7 +80,6 @@ class Footer(QFrame):
         self.recording.setText(" · ".join(filter(None, parts)))
 
     def show_dead(self) -> None:
-        """The session server has ended."""
         self._light(theme.BAD)
         self.recording.setText("Not recording")
 
@@ -195,11 +192,9 @@ class MainWindow(QWidget):
             act()
 
     def send(self, command: object) -> None:
-        """Ask the session server for something."""
         self.client.send(command)
 
     def show_keys(self) -> None:
-        """All keys, in a card."""
         self.cards.show_keys(KEYS)
 
     # ------------------------------------------------------------------------------------------- brakes
@@ -252,7 +247,6 @@ class MainWindow(QWidget):
         self._refresh()
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
-        """Where the session is now."""
         self.snapshot = snapshot
         on_bench = self.opened is not None and self.opened.real_device
         if self._then is not None and snapshot.stage == m.NO_SESSION and not snapshot.why_no_session(on_bench):
@@ -263,7 +257,6 @@ class MainWindow(QWidget):
         self._refresh()
 
     def show_pulse(self, pulse: m.Pulse) -> None:
-        """Proof of recording, and timing."""
         self.footer.show_pulse(pulse)
         for page in self.pages.values():
             page.show_pulse(pulse)
@@ -303,6 +296,5 @@ class MainWindow(QWidget):
         self.closed.emit()
 
     def close_anyway(self) -> None:
-        """The question has been answered."""
         self._closing = True
         self.close()

@@ -124,7 +124,6 @@ class TimePlot(Plot):
         self.draw_curves(self.curves, self.t, self.values)
 
     def show_all(self) -> None:
-        """Zoom out."""
         if len(self.t):
             self.item.setXRange(self.t[0], self.t[-1], padding=0.01)
 
@@ -331,7 +330,6 @@ class TimingStrip(Trace):
         super().clear()
 
     def show_timing(self, timing: Timing | None) -> None:
-        """Percentiles, missed ticks, scheduling."""
         self.timing = timing
         self.show_newest()
 

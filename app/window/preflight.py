@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QPushButton, QSizePol
 
 from app.ipc import messages as m
 from app.window.painting import theme
-from app.window.painting.parts import OneLine, breakable, clear, line, row, word
+from app.window.painting.parts import NO_FOCUS, OneLine, breakable, clear, line, row, word
 
 COLOURS = {m.GOOD: theme.GOOD, m.CAUTION: theme.CAUTION, m.BAD: theme.BAD, m.WAITING: theme.BRAKE_OFF}
 #: Said by shape too, not by colour alone.
@@ -52,8 +52,7 @@ class Preflight(QWidget):
         super().__init__()
         self._checks: tuple[m.Check, ...] = ()  # that are shown
         self.pills: list[Pill] = []
-        self.brakes = QPushButton("Brakes off  Esc", objectName="brakes")
-        self.brakes.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.brakes = QPushButton("Brakes off  Esc", objectName="brakes", focusPolicy=NO_FOCUS)
         self.brakes.setFont(theme.font(theme.NORMAL, bold=True))
         self.brakes.setFixedHeight(34)
         self.advice = line("", "banner", theme.NORMAL)

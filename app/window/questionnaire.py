@@ -11,7 +11,7 @@ from app.window.painting import theme
 from app.window.painting.parts import column, line, word
 from app.window.painting.theme import pen
 from experiments.language import ENGLISH_WORDS, Language
-from experiments.protocol import Instruction
+from experiments.protocol import Page
 
 #: item, whose question is the language's sentence of that name, and the keys of what stands at both ends
 ITEMS = (
@@ -139,7 +139,6 @@ class Questionnaire(QWidget):
         self.show_language(ENGLISH_WORDS)
 
     def show_language(self, language: Language) -> None:
-        """The participant's language."""
         self._language = language
         self._title.setText(language["questions_controller"])
         self.done.setText(language["questions_done"])
@@ -183,7 +182,6 @@ class Questionnaire(QWidget):
         self._feedback.setVisible(bool(feedback))
 
     def clear(self) -> None:
-        """No answer yet."""
         for scale in self.scales.values():
             scale.set(None)
 
@@ -208,7 +206,7 @@ class Instructions(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._pages: tuple[Instruction, ...] = ()
+        self._pages: tuple[Page, ...] = ()
         self._language = ENGLISH_WORDS
         self.at = 0
         self.text, self.picture = line("", size=theme.LARGE), QLabel()
@@ -220,10 +218,9 @@ class Instructions(QWidget):
 
     @property
     def over(self) -> bool:
-        """Whether all of them have been read."""
         return self.at >= len(self._pages)
 
-    def show_pages(self, pages: tuple[Instruction, ...], language: Language) -> None:
+    def show_pages(self, pages: tuple[Page, ...], language: Language) -> None:
         """From the first page on."""
         self._pages, self._language, self.at = pages, language, 0
         self._show()

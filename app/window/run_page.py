@@ -175,7 +175,6 @@ class RunPage(Page):
 
     @property
     def card_shown(self) -> bool:
-        """Whether the card of a trial is looked at."""
         return self._right.currentWidget() is self.card
 
     # ------------------------------------------------------------------------------------------- what the server sends

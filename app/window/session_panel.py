@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QFrame, QLineEdit, QPlainTextEdit, QSizePolicy
 
 from app.ipc import messages as m
 from app.window.painting import theme
-from app.window.painting.parts import KeyButton, OneLine, breakable, column, line, row, scrolled, word
+from app.window.painting.parts import NO_FOCUS, KeyButton, OneLine, breakable, column, line, row, scrolled, word
 from app.window.plan_grid import PlanGrid
 from app.window.preflight import advice
 from app.window.tone import player
@@ -39,17 +39,14 @@ class SessionPanel(QFrame):
         self.pause.setCheckable(True)
         self.abort = KeyButton("Abort trial …", "Ctrl+A")
         self.note = NoteLine()
-        self.notes = QPlainTextEdit(readOnly=True)
+        self.notes = QPlainTextEdit(readOnly=True, focusPolicy=NO_FOCUS, minimumHeight=24, maximumHeight=150)
         self.notes.setFont(theme.font(theme.SMALL))
-        self.notes.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.notes.setMinimumHeight(24)
-        self.notes.setMaximumHeight(150)
         self.notes.setStyleSheet("padding: 2px 4px")
         self.notes.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
         self.notes.hide()
         self._scroll = scrolled(self.grid)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._scroll.setFocusPolicy(NO_FOCUS)
         self._scroll.setMinimumHeight(LEAST_PLAN_PX)
         self.setLayout(column(
             self.head, self.done, (self._scroll, 1000), self.left, row(self.coming_head, self.coming, 1), self.cell,
@@ -59,11 +56,9 @@ class SessionPanel(QFrame):
         self.follow_text()
 
     def follow_text(self) -> None:
-        """Wider for larger text."""
         self.setFixedWidth(theme.text_px(WIDTH_PX))
 
     def write_note(self) -> None:
-        """The keyboard is the line for notes."""
         if self.note.isEnabled():
             self.note.setFocus()
 

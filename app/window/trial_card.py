@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QFrame, QGridLayout, QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.box_plot import SHORT, colour_of
 from app.window.painting import theme
-from app.window.painting.parts import Choice, KeyButton, OneLine, column, line, row, word
+from app.window.painting.parts import NO_FOCUS, Choice, KeyButton, OneLine, button, column, line, row, word
 from app.window.plots import Graph, TimePlot, range_for
 from app.window.words import place
 from core import tick_log
@@ -116,16 +116,14 @@ class TrialCard(QFrame):
         self.trace = WholeTrace()
         self.flags = line("", "quiet")
         self.keep = KeyButton("Keep", "Space", "main")
-        self.redo, self.out = QPushButton("Repeat …"), QPushButton("Exclude")
-        self.redo.setToolTip("Ctrl+R")
-        self.out.setToolTip("Ctrl+X; choose a reason first")
+        self.redo = QPushButton("Repeat …", toolTip="Ctrl+R")
+        self.out = button("Exclude", self.exclude, hint="Ctrl+X; choose a reason first")
         self.reason = Choice()
         self.reason.addItems(REASONS)
         self.reason.currentIndexChanged.connect(lambda at: self.out.setEnabled(at > 0))
         self.out.setEnabled(False)
         for widget in (self.redo, self.out, self.reason):
-            widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.out.clicked.connect(self.exclude)
+            widget.setFocusPolicy(NO_FOCUS)
         decide = QGridLayout()
         for at, widget in enumerate((self.keep, self.redo, self.reason, self.out)):
             decide.addWidget(widget, at // 2, at % 2)

@@ -53,7 +53,6 @@ class TrialTrace(TimePlot):
         self.show_value(at)
 
     def show_value(self, at: int) -> None:
-        """The value at a tick, beside the title."""
         self.figures.show_parts((self.figure(self.values[at]), theme.TEXT), (self.unit, theme.QUIET))
 
     def draw(self) -> None:
@@ -136,7 +135,6 @@ class TrialTraces(QWidget):
             trace.item.setXLink(self.error.item)
 
     def show_trial(self, trial: Playback) -> None:
-        """Another trial, all of it."""
         ticks, t = trial.ticks, trial.t
         self.error.show_trial(t, 1e3 * trial.error)
         self.force.show_trial(t, np.hypot(ticks[:, tick_log.HAND_FX], ticks[:, tick_log.HAND_FY]))
@@ -152,6 +150,5 @@ class TrialTraces(QWidget):
         self.force.show_beside(t, np.hypot(ticks[:, tick_log.HAND_FX], ticks[:, tick_log.HAND_FY]))
 
     def show_cursor(self, at: int) -> None:
-        """The cursor stands at a tick."""
         for trace in self.all:
             trace.show_cursor(at)

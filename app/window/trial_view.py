@@ -191,7 +191,6 @@ class TrialView(QFrame):
 
     @property
     def playing(self) -> bool:
-        """Whether time goes on by itself."""
         return self._timer.isActive()
 
     def play_or_pause(self) -> None:

@@ -27,10 +27,10 @@ from app.window import words
 from app.window.page import Page
 from app.window.painting import theme
 from app.window.painting.force_view import FORCES, TRAIL, ForceView, Layered, Reading
-from app.window.painting.layers import extent_of_linkages, extent_of_paths
-from app.window.painting.linkage_view import LINKAGE, LinkageView
+from app.window.painting.layers import extent_of_paths
+from app.window.painting.linkage_view import LINKAGE, LinkageView, small_view
 from app.window.painting.marks import Labels, points_in
-from app.window.painting.parts import OneLine, Segments, button, column, line, panel, row, scrolled, word
+from app.window.painting.parts import NO_FOCUS, OneLine, Segments, button, column, line, panel, row, scrolled, word
 from app.window.painting.plane import Sizes
 from app.window.painting.theme import font, pen, shade, write
 from app.window.words import Shown
@@ -80,13 +80,8 @@ class Canvas(ForceView):
     def show_trial(self, device: Device, path: PathFile, tip: m.Point) -> None:
         if self.inset is not None:
             self.inset.deleteLater()
-        self.inset = LinkageView((device,), {1: path}, False, IN_CORNER)
+        self.inset = small_view(device, path, tip, IN_CORNER)
         self.inset.setParent(self)
-        self.inset.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self.inset.set_extent(extent_of_linkages([device], [path]))
-        self.inset.shown = {LINKAGE}
-        self.inset.show_trail(False)
-        self.inset.show_trial(device, path, tip)
         self.inset.setVisible(LINKAGE in self.shown)
         self._place_inset()
         self.set_extent(extent_of_paths([path], MARGIN_M))
@@ -120,7 +115,6 @@ class Canvas(ForceView):
     def _place_inset(self) -> None:
         wide = int(min(INSET_PX, 0.24 * self.width(), 0.4 * self.height()))
         if self.inset is not None:
-            self.inset.setMinimumSize(0, 0)
             self.inset.setGeometry(self.width() - wide - 10, 10, wide, int(0.9 * wide))
 
     def solid(self) -> np.ndarray:
@@ -185,7 +179,9 @@ class GuideButton(QPushButton):
     """A controller: what it feels like, its name, its key."""
 
     def __init__(self, number: int, name: str, key: str) -> None:
-        super().__init__(objectName="key", checkable=True)
+        super().__init__(
+            objectName="key", checkable=True, accessibleName=name, minimumHeight=30, focusPolicy=NO_FOCUS
+        )
         self.key, self.feel, bar = key, word("", bold=True), QFrame()
         bar.setFixedWidth(5)
         bar.setStyleSheet(f"background: {theme.CONTROLLER.get(number, theme.QUIET)}")
@@ -193,9 +189,6 @@ class GuideButton(QPushButton):
         self.setLayout(row(*parts, margins=(6, 0, 12, 0)))
         for part in self.findChildren(QWidget):
             part.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self.setMinimumHeight(30)
-        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.setAccessibleName(name)
 
 
 class Dial(NamedTuple):
@@ -239,11 +232,9 @@ class DialRow(QWidget):
 
     def __init__(self, dial: Dial) -> None:
         super().__init__(objectName="clear")
-        self.dial, self.slider = dial, QSlider(Qt.Orientation.Horizontal)
-        self.name, self.value = word(dial.label), word("")
+        self.dial, self.name, self.value = dial, word(dial.label), word("")
+        self.slider = QSlider(Qt.Orientation.Horizontal, accessibleName=dial.label, focusPolicy=NO_FOCUS)
         self.slider.setRange(0, dial.place(dial.most))
-        self.slider.setAccessibleName(dial.label)
-        self.slider.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.slider.valueChanged.connect(lambda place: self.moved.emit(dial.name, dial.at(place) / dial.scale))
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.value.setMinimumWidth(92)
@@ -294,7 +285,7 @@ class PassTable(QTableWidget):
         self.setShowGrid(False)
         self.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
         self.setSelectionMode(QTableWidget.SelectionMode.NoSelection)
-        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setFocusPolicy(NO_FOCUS)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         head = self.horizontalHeader()
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft)

@@ -19,12 +19,12 @@ DEVICE = next(device for device in DEVICES if device.name == "four-brake")
 
 @pytest.fixture
 def page(qtbot):
-    made = DevicePage()
+    sent: list = []
+    made = DevicePage(sent.append)
     qtbot.addWidget(made)
     made.resize(1256, 620)
     made.show()
-    made.sent = []  # type: ignore[attr-defined]
-    made.asked.connect(made.sent.append)  # type: ignore[attr-defined]
+    made.sent = sent  # type: ignore[attr-defined]
     made.show_session(opened(**ON_BENCH), ready(3, checks=WELL))
     made.show_status(status())
     return made

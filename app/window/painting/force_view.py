@@ -5,14 +5,14 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
+from PySide6.QtCore import QMarginsF, QPointF, QRectF
 from PySide6.QtGui import QKeySequence, QPainter, QShortcut
 from PySide6.QtWidgets import QFrame, QPushButton
 
 from app.window.painting import theme
 from app.window.painting.layers import Doing, Instant, Point, doing
 from app.window.painting.marks import BRAKES, HAND, Labels, arrow_of, paint_arrow, points_along, points_in
-from app.window.painting.parts import Flow, column, row
+from app.window.painting.parts import Flow, column, row, toggle
 from app.window.painting.plane import AT_DESK, Plane, Sizes
 from core import tick_log
 from core.device import Device
@@ -110,7 +110,6 @@ class ForceView(Plane):
 
     @property
     def labelled(self) -> bool:
-        """Whether labels are shown."""
         return FORCES in self.shown
 
     def marks(self) -> dict[str, QPointF]:
@@ -152,7 +151,6 @@ class ForceView(Plane):
         return QRectF(self.rect()).adjusted(4.0, 36.0, -4.0, -2.0)
 
     def place_labels(self) -> None:
-        """Find each label a place, as things are now."""
         assert self.instant is not None
         self.labels.place(self.instant, self.marks(), self.solid(), self.drawn(), self.room())
 
@@ -184,11 +182,9 @@ class Layered(QFrame):
         self.setLayout(column((view, 1), *([self.foot] if layers else []), spacing=4, margins=(2, 2, 2, 2)))
 
     def _button(self, layer: str, key: str, shows: str) -> QPushButton:
-        button = QPushButton(f"{layer}  {key}", objectName="toggle", checkable=True, checked=layer in self.view.shown)
+        show, on = (lambda shown: self.view.show_layer(layer, shown)), layer in self.view.shown
+        button = toggle(f"{layer}  {key}", show, on, shows)
         button.setMinimumHeight(26)  # half of it holds the round ends
         button.setFont(theme.font(theme.SMALL))
-        button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         QShortcut(QKeySequence(key), self, button.toggle).setAutoRepeat(False)
-        button.setToolTip(shows)
-        button.toggled.connect(lambda shown: self.view.show_layer(layer, shown))
         return button

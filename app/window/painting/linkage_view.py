@@ -159,6 +159,19 @@ class LinkageView(ForceView):
         return at, rings_of(at, self.device.labels)
 
 
+def small_view(device: Device, path: PathFile, tip: Point, sizes: Sizes) -> LinkageView:
+    """The linkage alone on its path, the handle at `tip` (m): a picture that hears neither pointer nor keys."""
+    view = LinkageView((device,), {1: path}, False, sizes)
+    view.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+    view.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    view.setMinimumSize(0, 0)
+    view.shown = {LINKAGE}
+    view.show_trail(False)
+    view.set_extent(extent_of_linkages([device], [path]))
+    view.show_trial(device, path, tip)
+    return view
+
+
 #: layer -> its key, what it shows
 LAYERS = {
     FIELD: ("F", "The desired direction of motion, everywhere"),

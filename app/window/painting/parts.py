@@ -24,6 +24,8 @@ from PySide6.QtWidgets import (
 
 from app.window.painting import theme
 
+NO_FOCUS = Qt.FocusPolicy.NoFocus  # of what never takes the keyboard
+
 
 def breakable(text: str) -> str:
     """The text with places to break inside long paths."""
@@ -131,7 +133,6 @@ class Choice(QComboBox):
         self.setCurrentIndex(self._values.index(value))
 
     def value(self) -> Any:
-        """What is chosen."""
         return self._values[self.currentIndex()]
 
     def paintEvent(self, event: QPaintEvent) -> None:
@@ -148,10 +149,8 @@ class KeyButton(QPushButton):
     """A button that says its key; it never takes the keyboard, so a key always means the same."""
 
     def __init__(self, text: str, key: str, name: str = "key") -> None:
-        super().__init__(text, objectName=name)
-        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        super().__init__(text, objectName=name, focusPolicy=NO_FOCUS, minimumHeight=30)
         self.setFont(theme.font(theme.NORMAL, bold=name == "main"))
-        self.setMinimumHeight(30)
         self.setStyleSheet("text-align: left")
         self._key = word(key, "hint" if name == "main" else "quiet", theme.SMALL)
         self.toggled.connect(lambda on: theme.name_anew(self._key, "hint" if on else "quiet"))
@@ -159,7 +158,6 @@ class KeyButton(QPushButton):
         self.setLayout(row(1, self._key, margins=(12, 0, 10, 0)))
 
     def sizeHint(self) -> QSize:
-        """Room for both words."""
         words = self.fontMetrics().horizontalAdvance(self.text()) + self._key.sizeHint().width()
         return QSize(words + 12 + 10 + 16, max(super().sizeHint().height(), self.minimumHeight()))
 
@@ -169,9 +167,15 @@ class KeyButton(QPushButton):
 
 def button(text: str, do: Callable[[], object], name: str = "", hint: str = "") -> QPushButton:
     """A button that does something. name: "main" or "small"; hint: its tooltip."""
-    made = QPushButton(text, objectName=name)
-    made.setToolTip(hint)
+    made = QPushButton(text, objectName=name, toolTip=hint)
     made.clicked.connect(lambda: do())
+    return made
+
+
+def toggle(text: str, do: Callable[[bool], object], on: bool = False, hint: str = "") -> QPushButton:
+    """A chip that is lit while it is on; it never takes the keyboard."""
+    made = QPushButton(text, objectName="toggle", checkable=True, checked=on, toolTip=hint, focusPolicy=NO_FOCUS)
+    made.toggled.connect(do)
     return made
 
 
@@ -191,7 +195,6 @@ def column(*parts: Part, spacing: int = 6, margins: Margins = (0, 0, 0, 0)) -> Q
 
 
 def fill(layout: QBoxLayout, parts: Sequence[Part], spacing: int, margins: Margins) -> QBoxLayout:
-    """Put the parts into a layout."""
     layout.setSpacing(spacing)
     layout.setContentsMargins(*margins)
     for one in parts:
@@ -267,7 +270,6 @@ class Segments(QWidget):
         return self._values[place] if place >= 0 else None
 
     def choose(self, value: Any) -> None:
-        """Show this as chosen."""
         self._group.button(self._values.index(value)).setChecked(True)
 
 
