@@ -70,7 +70,6 @@ def add(workspace: Workspace, rows: np.ndarray) -> None:
     workspace.word(rows[-1])
 
 
-
 def shown(qtbot, widget, width: int = 760, height: int = 620):
     qtbot.addWidget(widget)
     widget.resize(width, height)
