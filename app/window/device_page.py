@@ -72,7 +72,7 @@ STEPS = {
 }
 
 
-class Recent:
+class Rates:
     """The counters of the last seconds."""
 
     def __init__(self) -> None:
@@ -188,7 +188,7 @@ class DevicePage(QWidget):
         self._opened: m.Opened | None = None
         self._snapshot = m.Snapshot(m.PREPARING)
         self._status: m.DeviceStatus | None = None
-        self._rates, self._recent = {}, Recent()
+        self._rates, self._recent = {}, Rates()
         self.cards = Cards(self)
         self.simulated, self.health = line(SIMULATED, size=theme.TITLE), Checklist()
         self.why, self.quantised = line("", "quiet"), line("", "quiet")
@@ -227,7 +227,7 @@ class DevicePage(QWidget):
         if status is None or status != self._status:
             before, self._status = self._status, status
             if before is None or status is None or status.homed != before.homed:
-                self._recent = Recent()  # what the encoders gave before they were homed means nothing
+                self._recent = Rates()  # what the encoders gave before they were homed means nothing
             self._rates = self._recent.rates(status.told_s, counters_of(status.report)) if status else {}
             self._refresh()
 

@@ -5,7 +5,6 @@ import numpy as np
 from PySide6.QtWidgets import QFrame
 
 from app.window.painting import theme
-from app.window.painting.force_view import Reading
 from app.window.painting.parts import Figures, column, row, word
 from app.window.plots import NO_TRIAL
 from core import tick_log
@@ -57,7 +56,7 @@ class EnergyPanel(QFrame):
 
     def __init__(self) -> None:
         super().__init__(objectName="panel")
-        self.ledger, self._reading = Ledger(), Reading()
+        self.ledger = Ledger()
         self._bar = row(spacing=0)
         for colour in (BRAKES, KINETIC, STOPS, theme.LINE):  # the last: what the hand gave and is nowhere yet
             part = QFrame()
@@ -67,26 +66,24 @@ class EnergyPanel(QFrame):
         self._balance, self._proof = Figures(), Figures()
         title = word("Energy this trial", bold=True)
         self.setLayout(column(title, self._bar, self._balance, self._proof, spacing=4, margins=(12, 6, 12, 8)))
-        self._word()
+        self.word()
 
     def add(self, rows: np.ndarray) -> None:
         """Ticks (n, WIDTH), n > 0, of the running trial."""
         self.ledger.add(rows)
-        now = float(rows[-1, tick_log.T])
-        if self._reading.due(now):
-            self._word()
 
     def clear(self) -> None:
         """A new trial."""
-        self.ledger, self._reading = Ledger(), Reading()
-        self._word()
+        self.ledger = Ledger()
+        self.word()
 
     @property
     def words(self) -> str:
         """All words of the panel, without their colours."""
         return f"{self._balance.text()} {self._proof.text()}"
 
-    def _word(self) -> None:
+    def word(self) -> None:
+        """Bring the words and the bar up to date: a few times a second, for they must be read."""
         ledger = self.ledger
         balance = [
             (f"hand {ledger.hand:.2f} J =", theme.TEXT), (f"brakes {ledger.brakes:.2f}", BRAKES), ("+", theme.TEXT),

@@ -308,12 +308,10 @@ class TimingStrip(Trace):
 
     def __init__(self) -> None:
         self.timing: Timing | None = None
+        self.late, self.foot_figures = pg.ScatterPlotItem(size=5, pen=None), Figures()
         super().__init__("Loop lateness, µs", "", [theme.GOOD], self.DECADES, 0)
-        self.late = pg.ScatterPlotItem(size=5, pen=None)
         self.item.addItem(self.late)
-        self.foot_figures = Figures()
         self.rows.addWidget(self.foot_figures)
-        self.clear()
 
     def add(self, rows: np.ndarray) -> None:  # type: ignore[override]
         """Ticks (n, WIDTH) of the running trial."""
@@ -326,8 +324,7 @@ class TimingStrip(Trace):
         super().add(t, share[None])
 
     def clear(self) -> None:
-        if hasattr(self, "late"):
-            self.late.clear()
+        self.late.clear()
         super().clear()
 
     def show_timing(self, timing: Timing | None) -> None:
@@ -337,8 +334,7 @@ class TimingStrip(Trace):
     def show_newest(self) -> None:
         now = self.timing
         self.figures.show_parts((self.words, theme.CAUTION if now is not None and now.missed else theme.QUIET))
-        if hasattr(self, "foot_figures"):
-            self.foot_figures.show_parts((self.foot, theme.QUIET))
+        self.foot_figures.show_parts((self.foot, theme.QUIET))
 
     @property
     def words(self) -> str:

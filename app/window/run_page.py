@@ -264,6 +264,7 @@ class RunPage(Page):
             if self._numbers.due(float(now)) or self.snapshot.running is None:
                 # one tick for all numbers: the same force beside its arrow and its curve
                 self.traces.word()
+                self.energy.word()
                 if self.snapshot.running is not None:
                     self.workspace.word(rows[-1])
 

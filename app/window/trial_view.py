@@ -80,11 +80,9 @@ class TrialView(QFrame):
         self.play_button, self.clock = button("", self.play_or_pause, hint=keys), word("")
         self.decision = OneLine("", "quiet")
         self.speed, self.beside = Choice(), Choice()
-        for speed in SPEEDS:
-            self.speed.addItem(f"{speed:g} ×", speed)
-        self.speed.setCurrentIndex(SPEEDS.index(1.0))
+        self.speed.fill({speed: f"{speed:g} ×" for speed in SPEEDS}, 1.0)
         self.beside.setToolTip("The recorded hand, simulated through another controller")
-        self.beside.activated.connect(lambda index: self.compare(self.beside.itemData(index)))
+        self.beside.activated.connect(lambda _: self.compare(self.beside.value()))
         self.replay, self._reading = Verb(), Work()
         self.replay.done.connect(self._replayed)
         self._reading.done.connect(self._show_beside)
@@ -151,10 +149,7 @@ class TrialView(QFrame):
         self._put_workspace()
         self.workspace.view.show_beside(np.empty((0, 2)), BESIDE)
         self.traces.show_trial(trial)
-        self.beside.clear()
-        self.beside.addItem(COMPARE, 0)
-        for number, name in ({} if trial.blind else trial.controllers).items():
-            self.beside.addItem(name, number)
+        self.beside.fill({0: COMPARE, **({} if trial.blind else trial.controllers)}, 0)
         self.beside.setEnabled(self.beside.count() > 1)
         self.go_to(0.0)
 
@@ -207,7 +202,7 @@ class TrialView(QFrame):
     def frame(self) -> None:
         """Time goes on: show the ticks until now."""
         now = time.perf_counter()
-        self.go_on(self.speed.currentData() * (now - self._clock_s))
+        self.go_on(self.speed.value() * (now - self._clock_s))
         self._clock_s = now
         if self.at >= len(self.trial.ticks) - 1:
             self._stop()

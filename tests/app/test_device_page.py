@@ -11,7 +11,7 @@ from screens import cut_texts, settle, visible_texts
 from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status
 
 from app.ipc import messages as m
-from app.window.device_page import RECENT_S, SIMULATED, DevicePage, Recent, counters_of, quantisation, worth_a_look
+from app.window.device_page import RECENT_S, SIMULATED, DevicePage, Rates, counters_of, quantisation, worth_a_look
 
 LEFT = Qt.MouseButton.LeftButton
 DEVICE = next(device for device in DEVICES if device.name == "four-brake")
@@ -71,7 +71,7 @@ def test_what_keeps_trials_from_starting_is_the_servers_own_check_with_what_to_d
      ("refused", "refuses")],
 )  # fmt: skip
 def test_a_counter_that_rises_is_worth_a_word_and_an_old_count_is_not(counter: str, says: str) -> None:
-    recent, quiet = Recent(), dict.fromkeys(counters_of(status().report), 0)
+    recent, quiet = Rates(), dict.fromkeys(counters_of(status().report), 0)
     assert recent.rates(0.0, quiet) == {}
     noisy = {**quiet, "samples": 1000, counter: 9}
     (found,) = worth_a_look(status(), recent.rates(1.0, noisy))

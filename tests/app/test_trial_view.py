@@ -127,9 +127,9 @@ def test_keys_step_jump_and_change_the_speed(view: TrialView) -> None:
     for key, at in ((Qt.Key.Key_End, last), (Qt.Key.Key_Home, 0), (Qt.Key.Key_Right, 100)):
         QTest.keyClick(view, key)
         assert view.at == pytest.approx(at, abs=2)
-    speed = view.speed.currentData()
+    speed = view.speed.value()
     QTest.keyClick(view, Qt.Key.Key_Up)
-    assert view.speed.currentData() == SPEEDS[SPEEDS.index(speed) + 1]
+    assert view.speed.value() == SPEEDS[SPEEDS.index(speed) + 1]
 
 
 def test_a_current_that_chatters_is_a_band_about_its_mean_and_no_solid_block(view: TrialView) -> None:
@@ -169,7 +169,7 @@ def test_the_same_hand_through_another_controller_stands_beside(qtbot, tmp_path:
     view = window.view
     row = view.trial.row
     other = 4 if row.controller != 4 else 2  # with the low gain it would come out as without
-    index = view.beside.findData(other)
+    index = view.beside.findText(view.trial.controllers[other])
     view.beside.setCurrentIndex(index)
     view.beside.activated.emit(index)
     assert "is being simulated" in view.note.text()
@@ -178,6 +178,7 @@ def test_the_same_hand_through_another_controller_stands_beside(qtbot, tmp_path:
     assert "would feel the difference" in view.note.text()
     assert view.beside_measures.text().split(" · ")[:3] != view.measures.text().split(" · ")[:3]
     assert np.nanmax(view.traces.error.curve_beside.getData()[1]) > 0.0
+    view.beside.setCurrentIndex(0)
     view.beside.activated.emit(0)
     assert not view.beside_measures.isVisible() and not len(view.traces.error.curve_beside.getData()[1] or [])
 

@@ -34,10 +34,8 @@ def breakable(text: str) -> str:
 
 def line(text: str = "", name: str = "", size: int = theme.NORMAL, bold: bool = False) -> QLabel:
     """A text that breaks into lines where it must. name: quiet, good, caution, bad or banner."""
-    label = QLabel(text, objectName=name)
+    label = QLabel(text, objectName=name, wordWrap=True, textFormat=Qt.TextFormat.PlainText)
     label.setFont(theme.font(size, bold))
-    label.setWordWrap(True)
-    label.setTextFormat(Qt.TextFormat.PlainText)
     return label
 
 
@@ -195,6 +193,7 @@ def column(*parts: Part, spacing: int = 6, margins: Margins = (0, 0, 0, 0)) -> Q
 
 
 def fill(layout: QBoxLayout, parts: Sequence[Part], spacing: int, margins: Margins) -> QBoxLayout:
+    """Put parts into a layout; in a row a widget that takes any width has a share."""
     layout.setSpacing(spacing)
     layout.setContentsMargins(*margins)
     for one in parts:
