@@ -25,9 +25,13 @@ pytest.importorskip("pynetft", reason="pynetft is not installed: ATI sensors can
 PATIENT_S = 60.0  # longer than any machine holds us up
 
 
-@pytest.fixture
-def sensor(monkeypatch: pytest.MonkeyPatch) -> Iterator[PlayedSensor]:
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hardware.sensing.net_ft.START_S", PATIENT_S)
+
+
+@pytest.fixture
+def sensor() -> Iterator[PlayedSensor]:
     played = PlayedSensor()
     yield played
     played.close()
