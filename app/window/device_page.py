@@ -168,7 +168,7 @@ def figures_of(status: m.DeviceStatus, rates: dict[str, float]) -> dict[str, str
             figures["Round trip"] = f"{1e3 * report['round_trip_s']:.1f} ms at best"
         if (clock := report.get("clock")) and clock["blocks"]:
             figures["Clock offset"] = f"{clock['offset_s']:+.4f} s, ± {1e6 * clock['residual_s']:.0f} µs"
-            figures["Clock drift"] = f"{1e6 * clock['drift']:+.0f} ppm" if clock["blocks"] >= 3 else ""
+            figures["Clock drift"] = f"{1e6 * clock['drift']:+z.0f} ppm" if clock["blocks"] >= 3 else ""
     return figures
 
 

@@ -76,6 +76,8 @@ class Graph(pg.PlotWidget):
             axis.setStyle(tickFont=theme.font(theme.SMALL))
             axis.label.setFont(theme.font(theme.SMALL))
         self._axes()[0].setWidth(theme.text_px(AXIS_PX))
+        half = theme.text_px(theme.SMALL) / 2  # of the words at the ends of the axes, which are not to be cut
+        self.getPlotItem().setContentsMargins(0, half, half, half)
 
 
 class Plot(QFrame):
@@ -88,7 +90,6 @@ class Plot(QFrame):
         self.title, self.figures = word(title, bold=True), Figures(self.figures_px, right=True)
         self.graph = Graph()
         self.item = self.graph.getPlotItem()
-        self.item.setContentsMargins(0, 0, 0, 0)
         self.head = QHBoxLayout()
         self.head.setSpacing(8)
         self.head.addWidget(self.title)
@@ -359,12 +360,13 @@ class TimingStrip(Trace):
     def words(self) -> str:
         """The line beside the title."""
         now = self.timing
-        return NO_TRIAL if now is None else f"p99 {now.p99_us:.0f} · max {now.max_us:.0f} µs · {now.missed} missed"
+        return NO_TRIAL if now is None else f"max {now.max_us:.0f} µs · {now.missed} missed"
 
     @property
     def foot(self) -> str:
         """The line under the plot."""
-        return f"p50 {self.timing.p50_us:.0f} µs · {self.timing.scheduling}" if self.timing is not None else ""
+        now = self.timing
+        return "" if now is None else f"p50 {now.p50_us:.0f} · p99 {now.p99_us:.0f} µs · {now.scheduling}"
 
     def read_at(self, place: QPointF) -> str:
         return f"{10.0 ** place.y():.0f} µs"

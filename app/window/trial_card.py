@@ -58,7 +58,7 @@ class Measure(QWidget):
             self._size()
 
     def _size(self) -> None:
-        self.graph.setFixedHeight(22 + theme.text_px(24))
+        self.graph.setFixedHeight(28 + theme.text_px(24))
 
     def show_values(self, now: TrialRow, earlier: Sequence[TrialRow], others: Sequence[TrialRow], colour: str) -> None:
         """This trial, the earlier ones of its controller, and those of other controllers on the same device."""

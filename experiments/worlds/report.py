@@ -15,7 +15,7 @@ from experiments.analysis.metrics import BY_NAME
 from experiments.protocol_writer import whole_text
 from experiments.worlds.indices import LEAST_EITHER, Indices, indices, settled
 from experiments.worlds.pictures import decided_by, label, overview, wilson
-from experiments.worlds.ranges import Ranges, Value
+from experiments.worlds.ranges import Range, Ranges, Value
 
 BANDS = {"half the bands": 0.5, "twice the bands": 2.0}
 NEAREST, PEOPLE = "nearest.toml", "nearest-people.toml"
@@ -94,11 +94,12 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
     if ranges.ranges:
         parts += [
             "## What decides each",
-            _decided(found, names),
-            "Share of the verdict's variance that goes when the assumption alone is known (first-order index, "
-            "RBD-FAST); in brackets the half-width of its 95 % interval; bold: above chance. The rest is interplay, "
-            f"and which people took part. -: it holds, or does not, in fewer than {LEAST_EITHER} worlds, too "
-            "few for an index.",
+            _decided(found, ranges, names, shares, holds),
+            "The number: share of the verdict's variance that goes when the assumption alone is known (first-order "
+            "index, RBD-FAST); in brackets the half-width of its 95 % interval; bold: above chance. The rest is "
+            "interplay, and which people took part. After it: in how many of the worlds with each choice, or with the "
+            "lower and the upper half of the range, the statement holds. -: it holds, or does not, in fewer than "
+            f"{LEAST_EITHER} worlds, too few for an index.",
             "![share of worlds against each assumption](decided-by.png)",
             "## What to measure first",
             _measure_first(ranges, names, doubt, [j for j in order if doubt[j] > 0.0], found, holds),
@@ -200,7 +201,8 @@ def _jointly(holds: np.ndarray) -> str:
     )
 
 
-def _decided(found: Indices, names: Sequence[str]) -> str:
+def _decided(found: Indices, ranges: Ranges, names: Sequence[str], shares: np.ndarray, holds: np.ndarray) -> str:
+    assumed = list(ranges.ranges.values())
     lines = []
     for i, statement in enumerate(STATEMENTS):
         if not np.isfinite(found.first[i]).any():
@@ -210,12 +212,26 @@ def _decided(found: Indices, names: Sequence[str]) -> str:
         cells = []
         for j in order:
             text = f"{names[j]} {found.first[i, j]:.2f} ({found.half_width[i, j]:.2f})"
-            cells.append(f"**{text}**" if found.clear[i, j] else text)
+            text = f"**{text}**" if found.clear[i, j] else text
+            cells.append(f"{text}: {where_it_holds(assumed[j], shares[:, j], holds[:, i])}")
         cells += ["-"] * (DECIDING - len(cells))
         rest = f"{max(1.0 - found.first[i, found.clear[i]].sum(), 0.0):.2f}"
         lines.append((statement.number, statement.text, *cells, rest))
     heads = ["first", "second", "third"][:DECIDING]
     return _table(("", "the paper says", *heads, "all that no one alone explains"), lines)
+
+
+def where_it_holds(one: Range, shares: np.ndarray, holds: np.ndarray) -> str:
+    """In how many worlds a statement holds: with each choice, or in each half of the range."""
+    parts = 2 if one.choices is None else len(one.choices)
+    place = np.minimum((shares * parts).astype(int), parts - 1)
+    words = (f"up to {float(one.at(0.5)):.3g}", "above") if one.choices is None else map(str, one.choices)
+    return ", ".join(f"{word} {_share(holds[place == part])}" for part, word in enumerate(words))
+
+
+def _share(holds: np.ndarray) -> str:
+    p = 100.0 * float(np.mean(holds)) if len(holds) else math.nan
+    return f"{p:.0f} %" if p >= 9.5 else f"{p:.1f} %"
 
 
 def _measure_first(

@@ -189,7 +189,7 @@ def test_a_late_tick_is_a_point_in_its_colour(qtbot) -> None:
 def test_timing_is_said_in_words_and_a_missed_tick_is_no_small_print(qtbot) -> None:
     strip = shown(qtbot, TimingStrip(), 360, 120)
     strip.show_timing(Timing(14.2, 31.4, 402.0, 0, "real-time: FIFO 50, core 0"))
-    assert strip.words == "p99 31 · max 402 µs · 0 missed" and strip.foot == "p50 14 µs · real-time: FIFO 50, core 0"
+    assert strip.words == "max 402 µs · 0 missed" and strip.foot == "p50 14 · p99 31 µs · real-time: FIFO 50, core 0"
     assert strip.value == strip.words and strip.figures.parts[0][1] == theme.QUIET
     strip.show_timing(Timing(14.2, 31.4, 402.0, 1, "real-time: FIFO 50, core 0"))
     assert strip.words.endswith("1 missed") and strip.figures.parts[0][1] == theme.CAUTION

@@ -3,6 +3,7 @@
 python -m tests.benchmarks.outside_check idle                     uncontrolled error; how long SDOF with gap is idle
 python -m tests.benchmarks.outside_check triples RANGES.toml [N]  `phd worlds RANGES.toml`, judged as the check did
 python -m tests.benchmarks.outside_check medians SWEEP.toml       `phd study --sweep SWEEP.toml`, beside no control
+python -m tests.benchmarks.outside_check gap FOLDER               `phd worlds paper`: where SDOF has to act, with gap
 python -m tests.benchmarks.outside_check step [OPERATORS]         how far single trials move at a tenth of the step
 
 The files: docs/examples/ranges and docs/examples/sweeps. The rule of the check, on every device: SDOF with gap has the
@@ -18,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from core.control.algorithm import GAP
+from core.control.algorithm import GAP, GAP_M
 from core.control.controllers import PARAMETERS
 from experiments.analysis.box_findings import SIMILAR
 from experiments.analysis.charts import QUARTILE_METHOD
@@ -101,6 +102,20 @@ def _medians(worlds: Worlds, rows: list[int], device: str, controller: int) -> f
     return 1e3 * float(np.nanmedian(worlds.quartiles[rows, cell, 1]))
 
 
+def gap(folder: str) -> None:
+    """How often each statement holds where the uncontrolled error is above the gap on every device, and where not."""
+    ranges, table = load_ranges("paper"), Path(folder) / "worlds.csv"
+    worlds = read_worlds(table)
+    with table.open(newline="") as stream:
+        readings = np.array([line["assumptions.gap_reading"] for line in csv.DictReader(stream)])
+    half_width = np.where(readings == "full", 0.5, 1.0) * ranges.protocol.controllers[GAP_CONTROLLER].value(GAP_M.name)
+    cells = [worlds.cells.index((ERROR, device.name, 1)) for device in ranges.protocol.devices]
+    above = np.all(worlds.quartiles[:, cells, 1] > half_width[:, np.newaxis], axis=1)
+    print(f"{len(above)} worlds; above the gap on every device: {above.mean():.1%}")
+    for k, holds in enumerate(worlds.holds.T, start=1):
+        print(f"  {k}: holds in {holds[above].mean():.1%} of these, in {holds[~above].mean():.1%} of the others")
+
+
 def medians(file: str) -> None:
     """Of every cell of a sweep, and how much more that is than without control."""
     sweep = load_sweep(Path(file))
@@ -140,7 +155,7 @@ def step(operators: str = "10") -> None:
         print(f"controller {controller}, {metric.short}: {metric.scale * largest:.2g} {metric.shown_unit}, {share:.2g}")
 
 
-WHAT: dict[str, Callable[..., None]] = {one.__name__: one for one in (idle, triples, medians, step)}
+WHAT: dict[str, Callable[..., None]] = {one.__name__: one for one in (idle, triples, gap, medians, step)}
 
 if __name__ == "__main__":
     if len(sys.argv) < 2 or sys.argv[1] not in WHAT:

@@ -24,7 +24,7 @@ from experiments.trial.population import load_population
 from experiments.worlds.indices import Indices, indices, settled
 from experiments.worlds.pictures import wilson
 from experiments.worlds.ranges import Range, load_ranges, shipped_ranges
-from experiments.worlds.report import Worlds, judged_again, nearest_world, read_worlds, report_files
+from experiments.worlds.report import Worlds, judged_again, nearest_world, read_worlds, report_files, where_it_holds
 from experiments.worlds.worlds import columns, run_worlds, worlds_of
 
 RANGES = """
@@ -285,6 +285,14 @@ def test_indices_find_what_decides_and_what_would_settle_most():
     assert np.isnan(indices(ranges, shares, np.column_stack([rare, ~rare])).first).all()
     assert found.clear[0].tolist() == [False, True, False, False] and found.clear[1, [0, 2]].all()
     assert not settled(Indices(found.first * np.nan, found.half_width), np.ones_like(holds)).any()
+
+
+def test_the_report_says_with_which_choice_and_in_which_half_of_a_range_a_statement_holds():
+    shares = np.linspace(0.0, 0.999, 1000)
+    gain = Range(source="made", low=1.0, high=100.0, log=True)
+    assert where_it_holds(gain, shares, shares > 0.75) == "up to 10 0.0 %, above 50 %"
+    rules = Range(source="made", choices=("settled", "literal", "both"))
+    assert where_it_holds(rules, shares, shares < 1.1 / 3.0) == "settled 100 %, literal 10 %, both 0.0 %"
 
 
 def test_the_nearest_world_holds_most_statements_and_misses_the_others_by_least():
