@@ -25,7 +25,7 @@ class Emulated:
         self.port = self.process.stdout.readline().strip()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.connect((LOOPBACK, emulated_ports()[self.port]))
-        self._socket.settimeout(60.0)
+        self._socket.settimeout(200.0)
 
     def order(self, **order) -> dict:
         """An order; the truth."""
@@ -35,7 +35,7 @@ class Emulated:
     def end(self, number: int = signal.SIGTERM) -> int:
         """End it; its exit code."""
         self.process.send_signal(number)
-        code = self.process.wait(60)
+        code = self.process.wait(200)
         self.process.stdout.close()
         self._socket.close()
         return code
