@@ -168,7 +168,7 @@ class HomePage(Page):
                 label = word(name, "quiet")
                 label.setMinimumHeight(min(parts[0].sizeHint().height(), LINE_PX))  # level with what it names
                 grid.addWidget(label, at, 0, Qt.AlignmentFlag.AlignTop)
-            grid.addLayout(self._form if parts == [self._form] else row(*parts), at, 1)
+            grid.addLayout(row(*parts), at, 1)
         grid.setRowStretch(grid.rowCount(), 1)
         self.form = scrolled(holder(grid))
         session = panel("Run a session", (self.form, 1), self.why, self.start)
