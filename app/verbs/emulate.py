@@ -74,10 +74,10 @@ def emulate(args: argparse.Namespace) -> None:
         scheduling = prompt()
         for number in before:
             signal.signal(number, lambda *_: emulator.stop())
-        print(emulator.port, flush=True)
         names = [f"{one.name}{' (assumed)' if one.assumed else ''}" for one in (device, *others)]
         orders = f"orders to UDP port {emulator.control}"
         log(f"device {' or '.join(names)}, hand: {args.hand}; scheduling {scheduling}; {orders}")
+        print(emulator.port, flush=True)
         emulator.run()
     finally:
         emulator.close()
