@@ -6,11 +6,13 @@ port does, such as that of an emulated board.
 """
 
 import contextlib
+import ctypes
 import errno
 import os
 import re
 import select
 import socket
+import sys
 import threading
 from typing import NamedTuple
 
@@ -33,6 +35,8 @@ CLOSE_S = 0.5  # after which a close that hangs is left to itself
 BUFFER = 16_384  # bytes that a TCP connection keeps on their way, so that little is old; fewer are lost. Measured
 _ADDRESS = re.compile(r"socket://[^/?#:@\s]+:(\d{1,5})")
 _UNPLUGGED = (errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF, errno.EPIPE, errno.ECONNRESET)
+#: pyserial's words where Windows does not open a port, with the number that a system's error has
+_WINDOWS_REFUSED = re.compile(r"could not open port .*: \w+\((\d+),")
 #: what pyserial raises when the other end is gone
 _DEAD = (serial.SerialException, OSError, TerminalError)
 
@@ -57,8 +61,13 @@ def is_address(name: str) -> bool:
 
 
 def is_missing(name: str) -> bool:
-    """Whether a port cannot be there: its name is no address, and no file where ports are files."""
-    return os.name == "posix" and not is_address(name) and not os.path.exists(name)
+    """Whether a port cannot be there: its name is no address and, as the system names devices, none of a device."""
+    if is_address(name):
+        return False
+    if sys.platform == "win32":
+        found = ctypes.create_unicode_buffer(1024)
+        return not ctypes.WinDLL("kernel32").QueryDosDeviceW(name, found, len(found))
+    return not os.path.exists(name)
 
 
 def like_a_wire(end: socket.socket) -> None:
@@ -181,17 +190,21 @@ def find_port(wanted: str, identity: Identity | None = None) -> str:
 
 def _reason(error: BaseException, parted: str = "the board was unplugged") -> str:
     """Why a port has died. parted: what it means that the other end is gone."""
+    words = str(error)
     number = getattr(error, "errno", None) or getattr(error.__context__, "errno", None)  # pyserial hides the system's
-    if number in (errno.EAGAIN, errno.EBUSY):
+    if windows := _WINDOWS_REFUSED.match(words):
+        number = int(windows[1])
+    if number in (errno.EAGAIN, errno.EBUSY) or (windows and number == errno.EACCES):  # Windows' ports are open to all
         return "another program is using it"
     if number == errno.EACCES:
         return "permission denied (phd doctor says what to do)"
     if number == errno.ECONNREFUSED:
         return "nothing listens there"
-    # pyserial's words for it
-    if number in _UNPLUGGED or str(error).startswith("device reports readiness") or "disconnected" in str(error):
+    # pyserial's words for it: on Linux, on each system, on Windows
+    gone = words.startswith("device reports readiness") or "disconnected" in words or "failed (" in words
+    if number in _UNPLUGGED or gone:
         return parted
-    text = os.strerror(number) if number else str(error).strip() or "it is gone"
-    if text.startswith("Could not configure port"):  # pyserial's words for what is no terminal at all
+    text = os.strerror(number) if number else words.strip() or "it is gone"
+    if text.startswith(("Could not configure port", "Cannot configure port")):  # likewise, for what is no port at all
         return "it is no serial port"
     return text[0].lower() + text[1:]

@@ -82,10 +82,10 @@ def emulate(args: argparse.Namespace) -> int:
         scheduling = prompt()
         for number in before:
             signal.signal(number, lambda *_: emulator.stop())
-        print(emulator.port, flush=True)
         names = [f"{one.name}{' (assumed)' if one.assumed else ''}" for one in (device, *others)]
         orders = f"orders to UDP port {emulator.control}"
         log(f"device {' or '.join(names)}, hand: {args.hand}; scheduling {scheduling}; {orders}")
+        print(emulator.port, flush=True)
         emulator.run()
     finally:
         emulator.close()
@@ -99,13 +99,13 @@ def prompt() -> str:
     loop here leaves free; the scheduling that it got. Called last: garbage collection never looks at what was made
     before, and is off after it.
     """
-    from app.ipc.scheduling import leave_core, take_scheduling
+    from app.ipc.scheduling import leave_core, program_cores, take_scheduling
 
     got = take_scheduling()
     leave_core(got.core)
     if got.core < 0:
         return got.words
-    cores = " ".join(map(str, sorted(os.sched_getaffinity(0))))
+    cores = " ".join(map(str, sorted(program_cores() - {got.core})))
     return f"{got.means}, core {cores} (a control loop's own is {got.core})"
 
 

@@ -26,7 +26,7 @@ from experiments.trial.operator import Person
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial
 
-SMALL = ROOM + 200  # ticks
+SMALL = ROOM + 5000  # ticks: a disk may fall 5 s behind, and so may this process
 SOMEBODY = load_population().draw(np.random.default_rng(1))
 
 

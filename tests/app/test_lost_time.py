@@ -52,6 +52,7 @@ def test_where_nothing_is_counted_nothing_is_known(files: dict[str, str]) -> Non
     assert lost_time(7, -1, reads(files)) == UNKNOWN
 
 
+@linux
 def test_a_loop_whose_process_is_not_known_is_not_taken_for_another() -> None:
     assert lost_time(0, -1, reads(FILES))[1:] == (None, None)
 

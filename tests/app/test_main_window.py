@@ -393,14 +393,14 @@ def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(
         rows, folder = tuple(session.rows), str(session.folder)
     screens.hear(opened(folder=folder), ready(2, rows=rows))
     screens.run.panel.grid.clicked.emit(rows[0])
-    qtbot.waitUntil(lambda: screens.run.card_shown, timeout=20_000)
+    qtbot.waitUntil(lambda: screens.run.card_shown, timeout=60_000)
     assert screens.run.card.row == rows[0] and screens.run.card.trace.isVisible()
     screens.run.card.reason.setCurrentIndex(2)
     screens.run.card.exclude()
     assert screens.client.sent[-1] == m.Exclude(rows[0].run, screens.run.card.reason.currentText())
     screens.run.panel.grid.clicked.emit(rows[1])
-    qtbot.waitUntil(lambda: screens.run.card_shown and screens.run.card.row == rows[1], timeout=20_000)
-    qtbot.waitUntil(lambda: screens.run.card.ready)
+    qtbot.waitUntil(lambda: screens.run.card_shown and screens.run.card.row == rows[1], timeout=60_000)
+    qtbot.waitUntil(lambda: screens.run.card.ready, timeout=60_000)
     assert screens.press(KEY.Key_Space) == [] and not screens.run.card_shown
     assert screens.press(KEY.Key_Space) == [m.Start()]
 

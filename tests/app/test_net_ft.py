@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -21,13 +22,17 @@ from hardware.serial_device import SerialDevice, device_at
 
 pytest.importorskip("pynetft", reason="pynetft is not installed: ATI sensors cannot be read")
 
-
+NO_BOARD = f"serial:{os.devnull}"  # on every system something that can be opened
 PATIENT_S = 60.0  # longer than any machine holds us up
 
 
-@pytest.fixture
-def sensor(monkeypatch: pytest.MonkeyPatch) -> Iterator[PlayedSensor]:
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hardware.sensing.net_ft.START_S", PATIENT_S)
+
+
+@pytest.fixture
+def sensor() -> Iterator[PlayedSensor]:
     played = PlayedSensor()
     yield played
     played.close()
@@ -181,17 +186,15 @@ def test_a_sensor_that_is_silent_from_the_start_is_one_sentence_before_any_windo
     monkeypatch.setattr("hardware.sensing.net_ft.START_S", 0.3)
     sensor.plugged = False
     where = f"{HOST}:{sensor.rdt_port}:1" if dead else sensor.where
-    port = tmp_path / "port"
-    port.touch()
-    assert main(["run", "--link", f"serial:{port}", "--force", f"netft:{where}", "--data-dir", str(tmp_path)]) == 2
+    assert main(["run", "--link", NO_BOARD, "--force", f"netft:{where}", "--data-dir", str(tmp_path)]) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.startswith(f"phd: the force sensor at {where} sends no records: ") and err.count("\n") == 1
 
 
 @pytest.mark.parametrize(
     ("link", "force", "says"),
-    [("sim", "netft:10.0.0.1", "goes with --link serial:PORT"), ("serial:/dev/null", "ati", "must be netft:HOST"),
-     ("serial:/dev/null", "netft:", "must be netft:HOST"), ("serial:/dev/null", "netft:here:there", "cannot be read")],
+    [("sim", "netft:10.0.0.1", "goes with --link serial:PORT"), (NO_BOARD, "ati", "must be netft:HOST"),
+     (NO_BOARD, "netft:", "must be netft:HOST"), (NO_BOARD, "netft:here:there", "cannot be read")],
 )  # fmt: skip
 def test_a_force_that_cannot_be_is_refused(
     link: str, force: str, says: str, capsys: pytest.CaptureFixture, tmp_path

@@ -63,10 +63,22 @@ def test_without_its_board_a_force_sensor_is_not_ready() -> None:
         ),
         OSError(errno.EIO, "Input/output error"),
         OSError(errno.ENXIO, "No such device or address"),
+        serial.SerialException("ClearCommError failed (PermissionError(13, 'Access is denied.', None, 5))"),
     ],
 )
 def test_a_board_that_was_pulled_out_is_said_to_be(error: Exception) -> None:
     assert _reason(error) == "the board was unplugged"
+
+
+@pytest.mark.parametrize(
+    ("windows", "said"),
+    [
+        ("PermissionError(13, 'Access is denied.', None, 5)", "another program is using it"),
+        ("FileNotFoundError(2, 'File not found.', None, 2)", "no such file or directory"),
+    ],
+)
+def test_a_port_that_windows_does_not_open_is_said_as_on_each_system(windows: str, said: str) -> None:
+    assert _reason(serial.SerialException(f"could not open port 'COM3': {windows}")) == said
 
 
 @pytest.mark.parametrize(

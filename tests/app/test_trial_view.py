@@ -80,6 +80,7 @@ def test_a_click_on_a_curve_goes_to_the_place_of_the_click(view: TrialView) -> N
 
 
 def test_space_and_the_button_play_and_pause(qtbot, window: TrialWindow, view: TrialView) -> None:
+    view.speed.setCurrentIndex(SPEEDS.index(min(SPEEDS)))  # it must not come to its end
     QTest.keyClick(view, Qt.Key.Key_Space)
     assert view.playing and view.play_button.text() == "Pause"
     qtbot.waitUntil(lambda: view.at > 50, timeout=60_000)

@@ -193,9 +193,9 @@ def test_a_folder_with_nothing_to_resume_is_refused_in_one_sentence(interrupted,
     before = files(folder)
     lock = hold_lock(folder) if there == "running" else None
     assert main(["study", "--resume", "--out", str(folder)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1 and files(folder) == before and folder.exists() == (there != "none")
     if lock:
         lock.release()
+    assert capsys.readouterr().err.count("\n") == 1 and files(folder) == before and folder.exists() == (there != "none")
 
 
 def test_a_folder_in_which_a_study_was_hardly_begun_takes_a_new_one(tmp_path):

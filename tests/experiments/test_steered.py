@@ -1,5 +1,6 @@
 """A castor in place of brakes runs the paper's trial: same path, operator and measures; what cannot be is refused."""
 
+import os
 import re
 
 import numpy as np
@@ -120,6 +121,7 @@ def test_controllers_that_need_brakes_are_refused_and_so_is_a_castor_on_a_bench(
                  ["emulate", "--device", "unicycle"]):  # fmt: skip
         assert main(verb) == 2
         assert "unicycle has a castor" in capsys.readouterr().err
-    arguments = ["run", "steered", "--device", "unicycle", "--link", "serial:/dev/null", "--data-dir", str(tmp_path)]
+    real = ["--link", f"serial:{os.devnull}", "--data-dir", str(tmp_path)]
+    arguments = ["run", "steered", "--device", "unicycle", *real]
     assert main(arguments) == 2
     assert "unicycle has a castor, which can only be simulated" in capsys.readouterr().err
