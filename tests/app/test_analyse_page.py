@@ -20,7 +20,7 @@ from app.ipc import messages as m
 from app.window.analyse_page import FINDINGS, PAGES, AnalysePage
 from app.window.box_plot import ChartPlot, colour_of
 from app.window.painting import theme
-from app.window.painting.labels import OneLine
+from app.window.painting.parts import OneLine
 from app.window.trial_card import REASONS
 from experiments.analysis.charts import PERSON, POOLED, QUESTIONS
 from experiments.analysis.findings import FAILS

@@ -79,7 +79,7 @@ def test_a_whole_session_of_an_experimenter(qtbot, setup: Setup, tmp_path: Path)
     windows = opened_windows(setup, resume=False)
     main, run = windows.main, windows.main.page(RUN)
     pids = [windows.client.pid, *children(windows.client.pid)]
-    assert len(main.opened.plan) == 4 and run.centre.large.text() == "Willkommen"
+    assert len(main.opened.plan) == 4 and run.large.text() == "Willkommen"
     run_trial(windows)
     first = main.snapshot.rows[-1]
     run.card.reason.setCurrentIndex(1)
@@ -99,7 +99,7 @@ def test_a_whole_session_of_an_experimenter(qtbot, setup: Setup, tmp_path: Path)
     windows.close()
     windows = opened_windows(setup, resume=True)
     main, run = windows.main, windows.main.page(RUN)
-    assert run.centre.large.text() == "Willkommen zurück" and len(main.snapshot.rows) == 3
+    assert run.large.text() == "Willkommen zurück" and len(main.snapshot.rows) == 3
     while main.snapshot.stage != m.FINISHED:
         run_trial(windows)
     rows = read_table(Path(main.opened.folder) / "trials.csv")

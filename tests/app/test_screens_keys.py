@@ -75,8 +75,8 @@ def test_enter_confirms_what_a_card_asks_after_a_note_was_written_and_after_a_cl
     QTest.keyClicks(screens.run.panel.note, "bolts")
     assert screens.press(KEY.Key_Return, screens.run.panel.note) == [m.Note("bolts")]  # and nothing is confirmed
     assert screens.press(KEY.Key_Return, focus(screens)) == [m.Confirm()]
-    screens.run.centre.workspace.view.setFocus()
-    assert screens.press(KEY.Key_Return, screens.run.centre.workspace.view) == [m.Confirm()]
+    screens.run.workspace.view.setFocus()
+    assert screens.press(KEY.Key_Return, screens.run.workspace.view) == [m.Confirm()]
 
 
 def test_a_notice_that_comes_while_a_note_is_written_takes_none_of_it_for_an_answer(screens: Screens) -> None:
@@ -141,7 +141,7 @@ def test_over_the_console_the_view_says_how_to_get_back_to_it_and_beside_it_does
         screens.hear(snapshot)
         large, small = view_of_participant(screens)
         assert "F11" in small and ("Ctrl+B" in small) == (state == "stopped"), state
-        assert "F11" not in screens.run.centre.small.text(), state
+        assert "F11" not in screens.run.small.text(), state
         screens.participant.own_start = False
         screens.hear(snapshot)
         assert screens.participant.view.shown.large == large and "F11" not in screens.participant.view.shown.small

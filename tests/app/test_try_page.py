@@ -245,7 +245,7 @@ def test_a_refusal_brings_the_settings_back_and_stands_beside_the_table(held: He
 def test_the_controller_sees_the_truth_or_what_encoders_give_of_a_simulated_device(held: Held) -> None:
     sensing = held.page.segments["sensing"]
     ideal, encoders = sensing.findChildren(QPushButton)
-    assert sensing.value() == "Ideal" and "15 ms" in sensing.toolTip()
+    assert sensing.value() == IDEAL and "15 ms" in sensing.toolTip()
     QTest.mouseClick(encoders, Qt.MouseButton.LeftButton)
     assert held.last() == INITIAL._replace(sensing="encoders") and held.page.changed.text() == "Changed: sensing"
     held.page.show_snapshot(tried(fixed=("sensing",), by_start=True))

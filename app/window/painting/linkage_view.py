@@ -3,10 +3,9 @@
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
 from PySide6.QtGui import QPainter
-from PySide6.QtWidgets import QWidget
 
 from app.window.painting import theme
-from app.window.painting.force_view import FORCES, TRAIL, ForceView, Layered, Reading
+from app.window.painting.force_view import FORCES, TRAIL, ForceView, Layered
 from app.window.painting.layers import (
     Point,
     directions,
@@ -49,12 +48,11 @@ class LinkageView(ForceView):
     """The linkage of a device on its path, the forces, and what is laid over them."""
 
     def __init__(
-        self, devices: tuple[Device, ...], paths: dict[int, PathFile], worded: bool = True, sizes: Sizes = AT_DESK,
-        parent: QWidget | None = None,
-    ) -> None:  # fmt: skip
+        self, devices: tuple[Device, ...], paths: dict[int, PathFile], worded: bool = True, sizes: Sizes = AT_DESK
+    ) -> None:
         """worded: with the line above, a grid, and labels; a small view has no room for them."""
         free = QMarginsF(64.0, 66.0, 44.0, 12.0) if worded else QMarginsF(8.0, 8.0, 8.0, 8.0)
-        super().__init__(extent_of_paths(paths.values(), NEAR_M), free, Labels(), sizes, grid=worded, parent=parent)
+        super().__init__(extent_of_paths(paths.values(), NEAR_M), free, Labels(), sizes, grid=worded)
         self._extents = (self._extent, extent_of_linkages(devices, paths.values()))
         self.device = devices[0]
         self._worded_view = worded
@@ -161,6 +159,19 @@ class LinkageView(ForceView):
         return at, rings_of(at, self.device.labels)
 
 
+def small_view(device: Device, path: PathFile, tip: Point, sizes: Sizes) -> LinkageView:
+    """The linkage alone on its path, the handle at `tip` (m): a picture that hears neither pointer nor keys."""
+    view = LinkageView((device,), {1: path}, False, sizes)
+    view.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+    view.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    view.setMinimumSize(0, 0)
+    view.shown = {LINKAGE}
+    view.show_trail(False)
+    view.set_extent(extent_of_linkages([device], [path]))
+    view.show_trial(device, path, tip)
+    return view
+
+
 #: layer -> its key, what it shows
 LAYERS = {
     FIELD: ("F", "The desired direction of motion, everywhere"),
@@ -178,51 +189,37 @@ class Workspace(Layered):
 
     view: LinkageView
 
-    def __init__(
-        self, devices: tuple[Device, ...], paths: dict[int, PathFile], whole: bool = True, parent: QWidget | None = None
-    ) -> None:
+    def __init__(self, devices: tuple[Device, ...], paths: dict[int, PathFile], whole: bool = True) -> None:
         """whole: with the line above, labels and buttons, for which a small one has no room."""
-        super().__init__(LinkageView(devices, paths, whole), LAYERS if whole else {}, parent)
-        self._began_s, self._phase, self._reading = 0.0, -1, Reading()
+        super().__init__(LinkageView(devices, paths, whole), LAYERS if whole else {})
+        self._began_s, self._phase = 0.0, -1
 
     def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
         """The coming or beginning trial: its device and path, the handle at rest at `tip` (m)."""
         self._phase = -1
-        self._reading.again()
         self.view.show_trial(device, path, tip)
 
     def rest(self, tip: Point) -> None:
         """Between trials: the handle stands at `tip` (m), brakes off; the trail stays to be looked at."""
         self._phase = -1
-        self._reading.again()
-        self.show_text("")
+        self.view.show_text("", "")
         self.view.rest(tip)
 
-    def show_text(self, title: str, line: str = "") -> None:
-        """What stands above the workspace while no trial runs."""
-        self.view.show_text(title, line)
-
-    def add(self, rows: np.ndarray, words: bool = True) -> None:
-        """Ticks (n, tick_log.WIDTH) since the last frame. words: write the numbers too, ten times a second."""
-        if not len(rows):
-            return
+    def add(self, rows: np.ndarray) -> None:
+        """Ticks (n, tick_log.WIDTH), n > 0, since the last frame."""
         self.view.add(rows)
-        now = rows[-1]
-        if int(now[tick_log.PHASE]) != self._phase:
-            self._phase = int(now[tick_log.PHASE])
-            first = np.flatnonzero(rows[:, tick_log.PHASE] == self._phase)[0]
-            self._began_s = float(rows[first, tick_log.T])
-            self._reading.again()
-        if words and self._reading.due(float(now[tick_log.T])):
-            self.word(now)
+        phase = int(rows[-1, tick_log.PHASE])
+        if phase != self._phase:
+            self._phase = phase
+            self._began_s = float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
 
     def word(self, now: np.ndarray) -> None:
-        """The numbers of a tick (tick_log.WIDTH,), which was the last one added."""
+        """The numbers of a tick (tick_log.WIDTH,), which was the last one added: a few times a second."""
         says = [f"{now[tick_log.T] - self._began_s:.2f} s"]
         if self._phase == tick_log.MOVE:
             says.append(f"error {1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
         says.append(f"{np.hypot(now[tick_log.TIP_VX], now[tick_log.TIP_VY]):.2f} m/s")
-        self.show_text(PHASE_NAMES[self._phase], " · ".join(says))
+        self.view.show_text(PHASE_NAMES[self._phase], " · ".join(says))
         self.view.word()
 
     def set_blind(self, blind: bool) -> None:
