@@ -33,7 +33,7 @@ from core.path import build_path, outline, point_at
 from core.simulator.simulated_device import SimulatedDevice
 from core.tick_log import APPROACH, PHASE
 from core.workspace import tip_is_free
-from experiments.analysis.metrics import NO_METRICS, Metrics, tip_acceleration, trial_metrics
+from experiments.analysis.metrics import Metrics, tip_acceleration, trial_metrics
 from experiments.assumptions import SENSINGS, Assumptions
 from experiments.inputs import INPUTS, is_person
 from experiments.plan import PlannedTrial
@@ -229,7 +229,7 @@ class Sandbox:
             self._notify(with_advice("This pass", reason), True)
             return
         self._number += 1
-        ended = Pass(self._number, self._now, self._changed, status, NO_METRICS)
+        ended = Pass(self._number, self._now, self._changed, status, {})
         self._measured.append((ended, self._measuring.submit(measures_of_pass, self._pieces, run.trial)))
 
     def _add(self, ended: Pass, measured: "Future[Metrics]") -> None:

@@ -321,8 +321,8 @@ class PassTable(QTableWidget):
                 self.setItem(at, across, item)
             self.item(at, 1).setForeground(shade(colour))
             for across, (field, _, scale, digits) in enumerate(MEASURES, start=3):
-                value = getattr(one.measures, field)
-                most = max((getattr(other.measures, field) or 0.0 for other in alike), default=0.0)
+                value = one.measures[field]
+                most = max((other.measures[field] or 0.0 for other in alike), default=0.0)
                 item = QTableWidgetItem("–" if value is None else f"{scale * value:.{digits}f}")
                 if one in alike and value is not None and most > 0.0 and field != "duration_s":
                     item.setData(Qt.ItemDataRole.UserRole, (value / most, colour))

@@ -27,7 +27,7 @@ class Readings(NamedTuple):
     counts: Four = ZERO
     force: tuple[int, ...] = ()  # counts, one a channel
     current_mA: Four = ZERO  # measured
-    encoder_good: tuple[bool, bool, bool, bool] = (True, True, True, True)
+    encoder_good: tuple[bool, ...] = (True, True, True, True)
 
 
 #: The Hello of a board with two encoders, four brakes and a force sensor, at its start.
@@ -317,8 +317,8 @@ class Board:
             case m.AskHello(version):
                 self._disconnect()
                 refused = [] if version == m.VERSION else self._refuse(message, Refusal.VERSION)
-                now = {"state": self.state, "faults": self.faults, "cause": self.cause, "starts": self.starts}
-                return [self.hello._replace(**now), *refused]
+                hello = self.hello._replace(state=self.state, faults=self.faults, cause=self.cause, starts=self.starts)
+                return [hello, *refused]
             case m.SetLimits(current, speed):
                 self.limits = m.Limits(tuple(map(min, current, self.hello.current_max_mA)), speed)
                 self.streaming = True

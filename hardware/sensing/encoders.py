@@ -51,7 +51,7 @@ class PoseSensing:
         self._theta = np.zeros(4)
         self._last: Pose | None = None
 
-    def counts_at(self, tip: tuple[float, float]) -> tuple[int, int, int, int]:
+    def counts_at(self, tip: tuple[float, float]) -> tuple[int, ...]:
         """What the encoders should stand at with the handle at a tip (m); 0 at joints without one."""
         joint_angles(self._mechanism, tip[0], tip[1], self._theta)
         turns = (self._theta / TURN).tolist()
@@ -73,7 +73,8 @@ class PoseSensing:
             last = self._last or Pose((math.nan, math.nan), (math.nan,) * 4, False, 0.0)
             return last._replace(closed=False, apart_m=apart)
         joint_angles(self._mechanism, tip[0], tip[1], self._theta)
-        self._last = Pose(tip, tuple(self._theta.tolist()), True, apart)
+        a, e, b, c = self._theta.tolist()
+        self._last = Pose(tip, (a, e, b, c), True, apart)
         return self._last
 
     def forget(self) -> None:

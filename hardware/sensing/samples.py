@@ -17,7 +17,8 @@ from hardware.wire.messages import Fault, Hello, Sample, joints_of
 Vector = tuple[float, float]
 
 #: Assumed, for a device file without [sensing]: encoders as on the shipped devices, a sensor on the handle.
-USUAL = Sensing(encoders=Encoders(A=96000, B=96000), force=ForceSensor(on="handle"))
+USUAL_ENCODERS = Encoders(A=96000, B=96000)
+USUAL = Sensing(encoders=USUAL_ENCODERS, force=ForceSensor(on="handle"))
 WINDOW = VELOCITY_WINDOW  # samples that the parabola goes through
 TICK_S = 1e-3
 GAP_S = 0.05  # after a longer gap between positions the motion filter begins anew
@@ -29,7 +30,7 @@ NO_ZERO = ZeroRecord(0, (), (), (0.0, 0.0, 0.0, 0.0))  # none has been taken
 def sensing_of(device: Device) -> tuple[Encoders, ForceSensor | None]:
     """The encoders and the force sensor of a device; the usual ones where its file has no [sensing]."""
     sensing = device.sensing or USUAL
-    return sensing.encoders or USUAL.encoders, sensing.force
+    return sensing.encoders or USUAL_ENCODERS, sensing.force
 
 
 class BoardSensing:
@@ -81,7 +82,7 @@ class BoardSensing:
             velocity=velocity,
             acceleration=acceleration,
             hand_force=self.force.hand_force(sample.force, pose.theta, acceleration),
-            current=tuple(current),
+            current=(current[0], current[1], current[2], current[3]),
             closed=pose.closed,
             homed=sample.flags & encoders == encoders,
             fault=fault_words(sample.cause),

@@ -6,7 +6,7 @@ as long as the board's Hello says. Values are as on the wire: mA, counts, micros
 
 import struct
 from enum import IntEnum, IntFlag
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 VERSION = 1
 WATCHDOG_US = 50_000  # us, after which currents are zero when no fresh command came
@@ -52,7 +52,7 @@ class Flag(IntFlag):
     LATE = 32  # a command that had waited too long was not obeyed since the last sample
 
 
-Four = tuple[int, int, int, int]
+Four = tuple[int, ...]  # for each joint, in the order A, E, B, C
 NO_DETAIL = 255
 
 
@@ -207,7 +207,7 @@ TYPES = {kind: number for number, (kind, _) in LAYOUTS.items()}
 class Layout:
     """How the fields of one message stand in its payload, after the byte of its type."""
 
-    def __init__(self, number: int, kind: type, fields: str) -> None:
+    def __init__(self, number: int, kind: Any, fields: str) -> None:
         self._head, self._kind = bytes([number]), kind
         self._struct = struct.Struct("<" + fields)
         self.bytes = 1 + self._struct.size  # of a payload
@@ -218,8 +218,9 @@ class Layout:
                 self._places.append(at)
                 at += 1
             else:
-                self._places.append(slice(at, at + int(field[:-1])))
-                at = self._places[-1].stop
+                width = int(field[:-1])
+                self._places.append(slice(at, at + width))
+                at += width
         self._wide = [isinstance(place, slice) for place in self._places]
         self._texts = [i for i, field in enumerate(fields.split()) if field[-1] == "s"]
 
@@ -238,7 +239,7 @@ class Layout:
         if len(payload) != self.bytes or payload[0] != self._head[0]:
             return None
         flat = self._struct.unpack_from(payload, 1)
-        values = [flat[place] for place in self._places]
+        values: list[Any] = [flat[place] for place in self._places]
         for i in self._texts:
             values[i] = values[i].rstrip(b"\0")
         return self._kind._make(values)
