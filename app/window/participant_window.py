@@ -89,12 +89,8 @@ class ParticipantView(Plane):
             (self.shown.small, SMALL_SHARE, 1.3 * LARGE_SHARE, False, theme.QUIET),
         ):
             size = round(share * height)
-            chosen = theme.font(size, bold)
-            painter.setFont(chosen)
-            while painter.fontMetrics().horizontalAdvance(text) > width - 16 and size > theme.SMALL:
-                size -= 1
-                chosen.setPixelSize(size)
-                painter.setFont(chosen)
+            fits = min((width - 16) / max(theme.text_width(text, size, bold), 1.0), 1.0)
+            painter.setFont(theme.font(max(int(fits * size), theme.SMALL), bold))
             painter.setPen(theme.shade(colour))
             painter.drawText(QRectF(left, (top + down) * height, width, 1.4 * share * height), centre, text)
 

@@ -4,31 +4,8 @@ import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
 from PySide6.QtGui import QPainter
 
-from app.window.painting import theme
+from app.window.painting import layers, marks, theme
 from app.window.painting.force_view import FORCES, TRAIL, ForceView, Layered
-from app.window.painting.layers import (
-    Point,
-    directions,
-    extent_of_linkages,
-    extent_of_paths,
-    field_at_rest,
-    field_of,
-    needles,
-)
-from app.window.painting.marks import (
-    ARMS,
-    LETTER_PX,
-    Labels,
-    paint_arms,
-    paint_directions,
-    paint_field,
-    paint_joints,
-    paint_wedge,
-    points_along,
-    points_in,
-    ring_radius,
-    rings_of,
-)
 from app.window.painting.plane import AT_DESK, RIGHT, Sizes
 from app.window.painting.theme import font, pen, shade, text_width
 from core import tick_log
@@ -52,8 +29,8 @@ class LinkageView(ForceView):
     ) -> None:
         """worded: with the line above, a grid, and labels; a small view has no room for them."""
         free = QMarginsF(64.0, 66.0, 44.0, 12.0) if worded else QMarginsF(8.0, 8.0, 8.0, 8.0)
-        super().__init__(extent_of_paths(paths.values(), NEAR_M), free, Labels(), sizes, grid=worded)
-        self._extents = (self._extent, extent_of_linkages(devices, paths.values()))
+        super().__init__(layers.extent_of_paths(paths.values(), NEAR_M), free, marks.Labels(), sizes, grid=worded)
+        self._extents = (self._extent, layers.extent_of_linkages(devices, paths.values()))
         self.device = devices[0]
         self._worded_view = worded
         self._path: Path | None = None  # of the trial
@@ -62,18 +39,18 @@ class LinkageView(ForceView):
         self._field: Field | None = None
         self.sense = 1.0  # of travel
 
-    def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
+    def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
         self._path, self.sense = build_path(path, "path"), 1.0
         super().show_trial(device, path, tip)
 
-    def rest(self, tip: Point) -> None:
-        self._field = field_at_rest(self._path, tip, self.sense) if self._path else None
+    def rest(self, tip: layers.Point) -> None:
+        self._field = layers.field_at_rest(self._path, tip, self.sense) if self._path else None
         super().rest(tip)
 
     def add(self, rows: np.ndarray, taken: bool = False) -> None:
         if self._path is not None:
             tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
-            self._field = field_of(rows[-1]) or field_at_rest(self._path, tip, self.sense)
+            self._field = layers.field_of(rows[-1]) or layers.field_at_rest(self._path, tip, self.sense)
             if rows[-1, tick_log.TRAVEL_SENSE] != self.sense:
                 self.sense = float(rows[-1, tick_log.TRAVEL_SENSE])
                 self.repaint_still()
@@ -100,18 +77,18 @@ class LinkageView(ForceView):
 
     def drawn(self) -> np.ndarray:
         """Arms, rings and directions too."""
-        marks, (at, _) = self.marks(), self._joints()
-        lines = [(at[a], at[b]) for a, b in ARMS] if at else []
+        seen, (at, _) = self.marks(), self._joints()
+        lines = [(at[a], at[b]) for a, b in marks.ARMS] if at else []
         labels = self.device.labels
-        places = [(marks[joint], ring_radius(labels[joint])) for joint in labels if joint in marks]
+        places = [(seen[joint], marks.ring_radius(labels[joint])) for joint in labels if joint in seen]
         if at and DIRECTIONS in self.shown and self._field is not None:
             handle = self.to_screen(self.instant.tip)
-            for one in directions(self.device, self.instant.g, self._field):
-                reach = QPointF(one.p_x, -one.p_y) * LETTER_PX
+            for one in layers.directions(self.device, self.instant.g, self._field):
+                reach = QPointF(one.p_x, -one.p_y) * marks.LETTER_PX
                 lines.append((handle - reach, handle + reach))
                 places += [(handle - reach, 9.0), (handle + reach, 9.0)]
-        drawn = [super().drawn(), *(points_along(*line) for line in lines)]
-        drawn += [points_in(QRectF(p.x() - r, p.y() - r, 2.0 * r, 2.0 * r)) for p, r in places]
+        drawn = [super().drawn(), *(marks.points_along(*line) for line in lines)]
+        drawn += [marks.points_in(QRectF(p.x() - r, p.y() - r, 2.0 * r, 2.0 * r)) for p, r in places]
         return np.concatenate(drawn)
 
     # painting
@@ -120,8 +97,8 @@ class LinkageView(ForceView):
         if self._path is not None and FIELD in self.shown:
             step = max(NEEDLE_M, NEEDLE_PX / self.scale)
             low, high = self.to_plane(QPointF(60.0, self.height())), self.to_plane(QPointF(self.width() - 12.0, 40.0))
-            found = needles(self._path, self.sense, self.device, low, high, step)
-            paint_field(painter, self.pixels(found[:, :2]), found[:, 2:] * (1.0, -1.0), step * self.scale)
+            found = layers.needles(self._path, self.sense, self.device, low, high, step)
+            marks.paint_field(painter, self.pixels(found[:, :2]), found[:, 2:] * (1.0, -1.0), step * self.scale)
         if self.device.assumed and self._worded_view:
             painter.setFont(font(theme.SMALL))
             painter.setPen(pen(theme.CAUTION, 1.0, 0.9))
@@ -132,12 +109,12 @@ class LinkageView(ForceView):
             return
         handle, (at, rings) = self.to_screen(self.instant.tip), self._joints()
         if REACHABLE in self.shown and (wedge := self.instant.reachable()) is not None:
-            paint_wedge(painter, handle, wedge)
-        paint_arms(painter, at, ARM_PX, 2.0)
+            marks.paint_wedge(painter, handle, wedge)
+        marks.paint_arms(painter, at, ARM_PX, 2.0)
         if at and DIRECTIONS in self.shown and self._field is not None:
-            found = directions(self.device, self.instant.g, self._field)
-            paint_directions(painter, handle, found, self._field, self.device.labels)
-        paint_joints(painter, rings, self.device.labels, self.labels.doing, self.blind)
+            found = layers.directions(self.device, self.instant.g, self._field)
+            marks.paint_directions(painter, handle, found, self._field, self.device.labels)
+        marks.paint_joints(painter, rings, self.device.labels, self.labels.doing, self.blind)
         self.paint_forces(painter)
 
     def paint_over_handle(self, painter: QPainter) -> None:
@@ -156,10 +133,10 @@ class LinkageView(ForceView):
         """Where the joints and their rings are, px; none where the linkage is hidden."""
         shown = self.instant.joints if LINKAGE in self.shown else {}
         at = {joint: self.to_screen(place) for joint, place in shown.items()}
-        return at, rings_of(at, self.device.labels)
+        return at, marks.rings_of(at, self.device.labels)
 
 
-def small_view(device: Device, path: PathFile, tip: Point, sizes: Sizes) -> LinkageView:
+def small_view(device: Device, path: PathFile, tip: layers.Point, sizes: Sizes) -> LinkageView:
     """The linkage alone on its path, the handle at `tip` (m): a picture that hears neither pointer nor keys."""
     view = LinkageView((device,), {1: path}, False, sizes)
     view.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
@@ -167,7 +144,7 @@ def small_view(device: Device, path: PathFile, tip: Point, sizes: Sizes) -> Link
     view.setMinimumSize(0, 0)
     view.shown = {LINKAGE}
     view.show_trail(False)
-    view.set_extent(extent_of_linkages([device], [path]))
+    view.set_extent(layers.extent_of_linkages([device], [path]))
     view.show_trial(device, path, tip)
     return view
 
@@ -194,12 +171,12 @@ class Workspace(Layered):
         super().__init__(LinkageView(devices, paths, whole), LAYERS if whole else {})
         self._began_s, self._phase = 0.0, -1
 
-    def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
+    def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
         """The coming or beginning trial: its device and path, the handle at rest at `tip` (m)."""
         self._phase = -1
         self.view.show_trial(device, path, tip)
 
-    def rest(self, tip: Point) -> None:
+    def rest(self, tip: layers.Point) -> None:
         """Between trials: the handle stands at `tip` (m), brakes off; the trail stays to be looked at."""
         self._phase = -1
         self.view.show_text("", "")

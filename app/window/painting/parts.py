@@ -87,9 +87,9 @@ class OneLine(QLabel):
 class Figures(QWidget):
     """A line that changes often, in parts with a colour each: painted, so that the window is not laid out anew."""
 
-    def __init__(self, size: int = theme.SMALL, bold: bool = False, right: bool = False) -> None:
+    def __init__(self, size: int = theme.SMALL, right: bool = False) -> None:
         super().__init__()
-        self._size, self._bold, self._right = size, bold, right
+        self._size, self._right = size, right
         self.parts: tuple[tuple[str, str], ...] = ()
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
 
@@ -104,13 +104,13 @@ class Figures(QWidget):
         return " ".join(text for text, _ in self.parts)
 
     def sizeHint(self) -> QSize:
-        return QSize(0, QFontMetrics(theme.font(self._size, self._bold)).height())
+        return QSize(0, QFontMetrics(theme.font(self._size)).height())
 
     def paintEvent(self, event: QPaintEvent) -> None:
         painter = QPainter(self)
-        painter.setFont(theme.font(self._size, self._bold))
-        widths = [theme.text_width(text, self._size, self._bold) for text, _ in self.parts]
-        gap = theme.text_width(" ", self._size, self._bold)
+        painter.setFont(theme.font(self._size))
+        widths = [theme.text_width(text, self._size) for text, _ in self.parts]
+        gap = theme.text_width(" ", self._size)
         x = self.width() - sum(widths) - gap * (len(widths) - 1) if self._right else 0.0
         for (text, colour), width in zip(self.parts, widths, strict=True):
             painter.setPen(theme.shade(colour))

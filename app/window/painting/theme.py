@@ -72,10 +72,10 @@ def scale_text(step: int) -> None:
             widget.follow_text()
 
 
-def mono(size: int = NORMAL) -> QFont:
+def mono() -> QFont:
     """For text in columns."""
     chosen = QFont(["DejaVu Sans Mono", "monospace"])
-    chosen.setPixelSize(size)
+    chosen.setPixelSize(NORMAL)
     return chosen
 
 
