@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+from collections.abc import Callable
 from pathlib import Path
 
 from app.progress import Progress
@@ -63,7 +64,7 @@ set "PYTHONPATH="
 """
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     verb = add_verb(
         verbs, "bundle", bundle_verb, "put the program, its Python and its libraries into a folder to carry away",
         "For computers of this system that have no Python and no network: copy the folder, double-click phd in it.\n"
@@ -92,7 +93,7 @@ def bundle_verb(args: argparse.Namespace) -> None:
     print(f"{args.folder}: {size / 1e6:.0f} MB; start phd in it")
 
 
-def bundle(folder: Path, progress=lambda share: None) -> None:
+def bundle(folder: Path, progress: Callable[[float], None] = lambda share: None) -> None:
     """Copy it all into a folder."""
     (folder / "program").mkdir(parents=True)
     for name in PROGRAM:
@@ -161,7 +162,7 @@ def copy_library(name: str, folder: Path) -> None:
             continue
         target = folder / file
         target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(distribution.locate_file(file), target)
+        shutil.copy2(str(distribution.locate_file(file)), target)
 
 
 def copy_system_libraries(folder: Path) -> None:

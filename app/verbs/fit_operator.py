@@ -6,7 +6,7 @@ from pathlib import Path
 from app.verbs.common import FOLDER, add_verb, answer, with_progress
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "fit-operator", fit_operator_verb, "fit simulated operators to the recorded trials of people",
         "Reads the trials that reached the end of a straight path: motion and force of the handle, path and phases,\n"

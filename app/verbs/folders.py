@@ -8,7 +8,7 @@ from app.verbs.common import FOLDER, add_verb, answer, as_text, with_progress
 from core.files import InputError
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "analyze", analyze_verb, "rebuild every number and figure of a study from its recordings alone",
         "Writes into a new folder; never touches the files of DIR. A recording that is damaged is left out and named,\n"

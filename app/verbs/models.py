@@ -12,7 +12,7 @@ from app.verbs.common import DEVICES, add_verb, answer, devices_of, number_betwe
 KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and diverge; `event` cannot"
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "simulate", simulate_verb, "simulate one scene without an operator",
         "A scene file names a device, a brake schedule and a hand force, or a cobot and a hand force; the motion\n"

@@ -11,7 +11,7 @@ from core.files import InputError
 HEADLESS = ("controller", "device", "protocol", "hand", "out", "json")
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "replay", replay_verb,
         "play a recorded trial on the screen, or its hand through another controller or device",

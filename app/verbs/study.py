@@ -14,7 +14,7 @@ OVERRIDES = ("seed", "rules", "low_gain")
 IN_SWEEP_FILE = ("protocol", "operators", "population", "device", *OVERRIDES)
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "study", study, "run the paper's whole study, or another protocol's, with simulated operators",
         "Per operator, by the paper's protocol: 2 segments x 2 devices x 5 controllers x 3 trials. Leaves recordings,\n"
