@@ -295,7 +295,9 @@ class Snapshot(NamedTuple):
     @property
     def not_now(self) -> str:
         """Why what does not fit the stage is refused."""
-        return NOT_NOW[self.stage] if self.stage in NOT_NOW else f"{self.card.title}: this comes first."
+        if self.card is None or self.stage in NOT_NOW:
+            return NOT_NOW[self.stage]
+        return f"{self.card.title}: this comes first."
 
     @property
     def why_not(self) -> str:

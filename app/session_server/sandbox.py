@@ -244,8 +244,8 @@ class Sandbox:
             return
         self._passes.append(
             ended._replace(
-                path_error_m=found.path_error_m, mean_tip_force_N=found.mean_tip_force_N,
-                roughness_m_s2=found.acceleration_weighted_rms_m_s2, duration_s=found.duration_s,
+                path_error_m=found["path_error_m"], mean_tip_force_N=found["mean_tip_force_N"],
+                roughness_m_s2=found["acceleration_weighted_rms_m_s2"], duration_s=found["duration_s"],
             )
         )  # fmt: skip
         del self._passes[:-MOST_PASSES]

@@ -8,7 +8,7 @@ from app.verbs.common import add_verb, answer, whole_number_of, with_progress
 from core.files import InputError
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     """The verb and its arguments."""
     option = add_verb(
         verbs, "bench", bench, "measure the simulator's speed against its error",

@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+from collections.abc import Callable
 from pathlib import Path
 
 from app.progress import Progress
@@ -63,7 +64,7 @@ set "PYTHONPATH="
 """
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     """The verb and its arguments."""
     verb = add_verb(
         verbs, "bundle", bundle_verb, "put the program, its Python and its libraries into a folder to carry away",
@@ -94,7 +95,7 @@ def bundle_verb(args: argparse.Namespace) -> int:
     return 0
 
 
-def bundle(folder: Path, progress=lambda share: None) -> None:
+def bundle(folder: Path, progress: Callable[[float], None] = lambda share: None) -> None:
     """Copy it all into a folder."""
     (folder / "program").mkdir(parents=True)
     for name in PROGRAM:
@@ -163,7 +164,7 @@ def copy_library(name: str, folder: Path) -> None:
             continue
         target = folder / file
         target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(distribution.locate_file(file), target)
+        shutil.copy2(str(distribution.locate_file(file)), target)
 
 
 def copy_system_libraries(folder: Path) -> None:

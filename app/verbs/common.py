@@ -39,7 +39,7 @@ Do = Callable[[argparse.Namespace], int]
 
 
 def add_verb(
-    verbs, name: str, do: Do, summary: str, more: str, example: str, prints: str = ""
+    verbs: argparse._SubParsersAction, name: str, do: Do, summary: str, more: str, example: str, prints: str = ""
 ) -> argparse.ArgumentParser:
     """A new verb. do: runs it, the exit code; prints: what --json prints as JSON (none: the verb has no --json)."""
     verb = verbs.add_parser(

@@ -10,7 +10,7 @@ from app.verbs.common import DEFAULT_DEVICES, add_verb, whole_number_of
 from core.files import InputError
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     """The verb and its arguments."""
     option = add_verb(
         verbs, "emulate", emulate, "a board on a pseudo-terminal or a TCP port, with the simulated device behind it",

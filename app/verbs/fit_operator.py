@@ -6,7 +6,7 @@ from pathlib import Path
 from app.verbs.common import FOLDER, add_verb, answer, with_progress
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     """The verb and its arguments."""
     option = add_verb(
         verbs, "fit-operator", fit_operator_verb, "fit simulated operators to the recorded trials of people",

@@ -8,7 +8,7 @@ from app.verbs.common import FOLDER, add_verb, answer, as_text, with_progress
 from core.files import InputError
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     """The four verbs and their arguments."""
     option = add_verb(
         verbs, "analyze", analyze_verb, "rebuild every number and figure of a study from its recordings alone",

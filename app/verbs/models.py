@@ -3,6 +3,7 @@
 import argparse
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from app.verbs.common import DEVICES, add_verb, answer, devices_of, with_progres
 KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and diverge; `event` cannot"
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     """The three verbs and their arguments."""
     option = add_verb(
         verbs, "simulate", simulate_verb, "simulate one scene without an operator",
@@ -52,7 +53,7 @@ def add(verbs) -> None:
     option("--out", type=Path, required=True, metavar="DIR", help="the folder for the figures")
 
 
-def number_between(above: float, below: float, reason: str):
+def number_between(above: float, below: float, reason: str) -> Callable[[str], float]:
     """The type of an argument: a number between two others, without them."""
 
     def number(text: str) -> float:

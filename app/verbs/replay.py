@@ -11,7 +11,7 @@ from core.files import InputError
 HEADLESS = ("controller", "device", "protocol", "hand", "out", "json")
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     """The verb and its arguments."""
     option = add_verb(
         verbs, "replay", replay_verb,

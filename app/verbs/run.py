@@ -3,17 +3,21 @@
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.progress import Display, import_screen, watch_compiling
 from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole_number_of
 from core.files import InputError
 from experiments.inputs import CHOICES, INPUTS, MOUSE, is_person
 
+if TYPE_CHECKING:
+    from experiments.protocol import Protocol
+
 #: for --help: mouse (pulls the handle by a spring)
 HANDS = [f"{name} ({INPUTS[name].does})" for name in CHOICES]
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     """The verb and its arguments."""
     option = add_verb(
         verbs, "run", run, "open the app and run trials (the same as phd alone)",
@@ -117,7 +121,7 @@ def link_of(args: argparse.Namespace) -> str:
     return f"{port} {args.force}"
 
 
-def protocol_of(args: argparse.Namespace):
+def protocol_of(args: argparse.Namespace) -> "Protocol":
     """The protocol with what the command line gives in place of its own."""
     from experiments.protocol import load_protocol
 

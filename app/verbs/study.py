@@ -14,7 +14,7 @@ OVERRIDES = ("seed", "rules", "low_gain")
 IN_SWEEP_FILE = ("protocol", "operators", "population", "device", *OVERRIDES)
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     """The verb and its arguments."""
     option = add_verb(
         verbs, "study", study, "run the paper's whole study, or another protocol's, with simulated operators",

@@ -6,7 +6,7 @@ from pathlib import Path
 from app.verbs.common import add_verb, answer, as_text, whole_number_of, with_progress
 
 
-def add(verbs) -> None:
+def add(verbs: argparse._SubParsersAction) -> None:
     """The verb and its arguments."""
     option = add_verb(
         verbs, "worlds", worlds, "draw sets of assumptions from ranges and ask which produce the paper's findings",

@@ -317,8 +317,8 @@ class Board:
             case m.AskHello(version):
                 self._disconnect()
                 refused = [] if version == m.VERSION else self._refuse(message, Refusal.VERSION)
-                now = {"state": self.state, "faults": self.faults, "cause": self.cause, "starts": self.starts}
-                return [self.hello._replace(**now), *refused]
+                hello = self.hello._replace(state=self.state, faults=self.faults, cause=self.cause, starts=self.starts)
+                return [hello, *refused]
             case m.SetLimits(current, speed):
                 self.limits = m.Limits(_four(map(min, current, self.hello.current_max_mA)), speed)
                 self.streaming = True

@@ -114,7 +114,7 @@ def test_a_chip_takes_a_participant_a_device_or_a_status_away(qtbot, data: Path)
     page = page_on(qtbot, data)
     assert len(page.plots[0].points.points()) == 179 and page.statuses.chosen == {"done", "timeout"}
     QTest.mouseClick(page.statuses.chips["excluded"], Qt.MouseButton.LeftButton)
-    assert len(page.plots[0].points.points()) == 180 and sum(b.box.count for b in page.plots[0].chart.boxes) == 179
+    assert len(page.plots[0].points.points()) == 180 and sum(b.box.n for b in page.plots[0].chart.boxes) == 179
     QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
     assert len(page.plots[0].points.points()) == 120 and {row.participant for row in page.rows} == {"01", "03"}
     QTest.mouseClick(page.devices.chips["four-brake"], Qt.MouseButton.LeftButton)
