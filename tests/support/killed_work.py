@@ -1,4 +1,4 @@
-"""`phd ARGS` on many jobs, killed as soon as the third is on the disk, whatever the machine's speed and cores.
+"""`phd ARGS` on many jobs, on two workers, killed as soon as the third job is on the disk: on every machine alike.
 
 python killed_work.py SIGNAL PROCESSES ARGS    PROCESSES: "one", or "group" for all of its process group
 Before that it prints the number of every process that descends from it.
@@ -8,6 +8,7 @@ import os
 import sys
 from pathlib import Path
 
+import joblib
 from processes import children
 
 DONE = 3  # jobs
@@ -37,6 +38,7 @@ def main(number: int, group: bool, arguments: list[str]) -> int:
             (os.killpg if group else os.kill)(0 if group else os.getpid(), number)
 
     jobs.rename = rename_and_die
+    joblib.cpu_count = lambda: 2
     return phd(arguments)
 
 
